@@ -9,7 +9,7 @@ from jaxhb.linear.holzer import holzer_residual
 from jaxhb.linear.modal import AT_REST, natural_frequencies
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import GREY, WITH, WITHOUT, above, bars, figure, line, marks
-from jaxhb.report.figures.layout import neighbours, ways
+from jaxhb.report.figures.layout import joined, ways
 from jaxhb.report.text.linear import shares_in_mode, shown_modes
 from jaxhb.train.chain import span
 
@@ -155,7 +155,7 @@ def train_lines(topology):
     >>> [[topology.disk_names[disk] for disk in way] for way in train_lines(topology)][2:]
     [['idler', 'cam gear', 'camshaft'], ['hub', 'viscous damper']]
     """
-    found = ways(neighbours(topology, range(len(topology.link_ends))), 0)
+    found = ways(joined(topology, range(len(topology.link_ends))), 0)
     return found + [list(topology.link_ends[link]) for link in span(topology).loops.tolist()]
 
 

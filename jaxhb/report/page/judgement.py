@@ -8,7 +8,7 @@ from jaxhb.report.figures.speeds import judged_elements, limit_figure
 from jaxhb.report.page.parts import flowing, table
 from jaxhb.report.text.cases import hardest, worst_misfire
 from jaxhb.report.text.certified import certificate_parts
-from jaxhb.report.text.columns import NONE, Table, plain_number
+from jaxhb.report.text.columns import NONE, Table, from_rows, plain_number
 from jaxhb.report.text.sentences import notes, warnings
 from jaxhb.report.text.strength import AID, LIMITED, Limited, answers_strength, strength_text
 from jaxhb.report.text.sweep_tables import motion_sentences
@@ -33,13 +33,15 @@ def result(report):
 
 
 def _largest(case):
-    """What a case does over the speeds, and the largest number of all elements."""
-    found = [(*hardest(answer), answer) for answer in case.answers]
+    """What a case does over the speeds, and the largest number of all elements, in sentences."""
+    found, said = [(*hardest(answer), answer) for answer in case.answers], " ".join(motion_sentences(case.answers))
     quantity, name, value, answer = max(found, key=lambda row: row[2] if row[1] else -1.0)
-    told = {"title": case.title, "said": " ".join(motion_sentences(case.answers)), "quantity": quantity, "name": name}
-    before = quantity.without([answer], name)[0] if name and any(answer.topology.mesh_backlash) else np.nan
-    told |= {"largest": quantity.factor * value if name else None, "rpm": answer.rpm}
-    return told | {"before": before if np.isfinite(before) else None}
+    if not name:
+        return f"{case.title}: {said} No speed has an answer."
+    before = quantity.without([answer], name)[0] if any(answer.topology.mesh_backlash) else np.nan
+    without = f" ({before:.4g} {quantity.unit} without backlash)" if np.isfinite(before) else ""
+    largest = f"{quantity.title}: {quantity.said(value)} in {name} at {answer.rpm:g} rpm{without}."
+    return f"{case.title}: {said} {largest}"
 
 
 def accuracy(report):
@@ -87,7 +89,7 @@ MOST = 4
 
 
 class Share(NamedTuple):
-    """The largest share of a limit that an element has: its kind (of LIMITED), the case and the speed."""
+    """The largest share of a limit of its kind that an element has, with its case and speed."""
 
     kind: Limited
     name: str
@@ -130,16 +132,15 @@ def judged(cases):
 def shares_table(title, cases):
     """Shares of limits of every element, case by case; cases may be of two designs; None without a limit."""
     columns = [largest_shares([case]) for case in cases]
-    keys = list(dict.fromkeys(key for column in columns for key in column))
-    if not keys:
-        return None
-    kinds = [LIMITED[key] for key, _ in keys]
-    cells = [[name for _, name in keys], [kind.called for kind in kinds], [kind.limit for kind in kinds]]
-    for column in columns:
-        cells.append([f"{column[key].share:.2f}" if key in column else NONE for key in keys])
-        cells.append([f"{column[key].rpm:g}" if key in column else NONE for key in keys])
+    rows = []
+    for key, name in dict.fromkeys(key for column in columns for key in column):
+        rows.append([name, LIMITED[key].called, LIMITED[key].limit])
+        for column in columns:
+            own = column.get((key, name))
+            rows[-1] += [f"{own.share:.2f}", f"{own.rpm:g}"] if own else [NONE, NONE]
     heads = ["element", "judged", "limit", *["share", "at rpm"] * len(cases)]
-    return Table(title, heads, cells, [(case.title, 3 + 2 * i, 4 + 2 * i) for i, case in enumerate(cases)])
+    groups = [(case.title, 3 + 2 * i, 4 + 2 * i) for i, case in enumerate(cases)]
+    return from_rows(title, heads, rows, groups) if rows else None
 
 
 def limits(report):

@@ -14,7 +14,7 @@ from jaxhb.report.page.differences import differences
 from jaxhb.report.page.judgement import judged, shares_table
 from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of
 from jaxhb.report.text.cases import hardest, speed_tables
-from jaxhb.report.text.columns import NONE, Table, alike, ratios, shares
+from jaxhb.report.text.columns import NONE, from_rows, hit, percent, ratio
 from jaxhb.report.text.sentences import status_lines, verdict
 from jaxhb.report.text.sweep_tables import speed_table, turning_table
 
@@ -73,11 +73,11 @@ def _misfires(report):
     for case in report.cases:
         name = quantity.hardest([case])[0]
         values = quantity.of(case.answers, name)
-        known = np.isfinite(values).any()
-        rows.append((case.title, _largest(values), _at(report.rpm, values), name if known else NONE))
-    titles, most, at, names = zip(*rows, strict=True)
+        rows.append(
+            [case.title, _largest(values), _at(report.rpm, values), name if np.isfinite(values).any() else NONE]
+        )
     title = f"Every misfire: {quantity.small_title} over the speeds, {quantity.unit}"
-    return Table(title, ["", quantity.unit, "at rpm", "in"], [titles, *alike(most), at, names])
+    return from_rows(title, ["", (quantity.unit, "number"), "at rpm", "in"], rows)
 
 
 def forces_over_speed(report):
@@ -104,31 +104,25 @@ def swings(report, quantity):
 def maxima(quantity, cases):
     """The largest number of every element over the speeds that have an answer, with and without backlash; of tooth
     forces the worst contact too."""
-    rpm, names = [answer.rpm for answer in cases[0].answers], quantity.names
-    backlash = any(cases[0].answers[0].topology.mesh_backlash)
-    columns, heads = [names], [quantity.element]
+    rpm, backlash = [answer.rpm for answer in cases[0].answers], any(cases[0].answers[0].topology.mesh_backlash)
+    contact = backlash and quantity.called == "tooth force"
+    heads, rows = [quantity.element], [[name] for name in quantity.names]
     for case in cases:
-        values = [quantity.of(case.answers, name) for name in names]
-        before = [quantity.without(case.answers, name) for name in names]
-        # Both columns go over the same speeds: those that have an answer with backlash.
-        before = [np.where(np.isfinite(own), other, np.nan) for own, other in zip(values, before, strict=True)]
-        pair = [_largest(column) for column in values], [_largest(column) for column in before]
-        shown = alike(*pair)
-        columns += [shown[0], [_at(rpm, column) for column in values]]
-        heads += ["with" if backlash else quantity.unit, "at rpm"]
-        if backlash:
-            columns += [shown[1], ratios(*pair)]
-            heads += ["without", "ratio"]
-        if backlash and quantity.called == "tooth force":
-            known = [answer for answer in case.answers if answer.answered]
-            apart = [max((a.contacts[name].separated_fraction for a in known), default=None) for name in names]
-            hits = [max((a.contacts[name].hardest_impact for a in known), default=0.0) for name in names]
-            columns += [shares(apart), [f"{hit:.2f}" if hit > 0 else NONE for hit in hits]]
-            heads += ["apart %", "hit m/s"]
+        heads += [("with" if backlash else quantity.unit, case.title), "at rpm"]
+        heads += [("without", case.title), ("ratio", ratio)] * backlash
+        heads += [("apart %", percent), ("hit m/s", hit)] * contact
+        known = [answer for answer in case.answers if answer.answered]
+        for row, name in zip(rows, quantity.names, strict=True):
+            values = quantity.of(case.answers, name)
+            # Both go over the same speeds: those that have an answer with backlash.
+            before = _largest(np.where(np.isfinite(values), quantity.without(case.answers, name), np.nan))
+            row += [_largest(values), _at(rpm, values), *[before, (_largest(values), before)] * backlash]
+            for field in ("separated_fraction", "hardest_impact") if contact else ():
+                row.append(max((getattr(answer.contacts[name], field) for answer in known), default=np.nan))
     width = (len(heads) - 1) // len(cases)
     groups = [(case.title, 1 + i * width, (i + 1) * width) for i, case in enumerate(cases)]
     said = ", with and without backlash" if backlash else ""
-    return Table(f"{quantity.title} over the speeds, {quantity.unit}{said}", heads, columns, groups)
+    return from_rows(f"{quantity.title} over the speeds, {quantity.unit}{said}", heads, rows, groups)
 
 
 def _at(rpm, values):
