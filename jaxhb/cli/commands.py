@@ -148,7 +148,12 @@ def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet,
     if over and len(rpm) > 1:
         raise output.OutputError(f"--over: it goes over one number at one speed, and --rpm names {len(rpm)}.")
     train, asked = without_cylinders(train, given), Asked.of(given)
-    axis, values = _axis(train, over) if over else (SPEED, rpm)
+    axis, values = SPEED, rpm
+    if over:
+        (name, values), (table, field, _) = over, locate(train.topology, over[0])
+        axis = Axis(name, declared_field(table, field).metadata["range"].unit)
+        for value in values:  # what is refused is refused before anything is computed or written
+            train.replace({name: value})
     files = _SweepFiles(train, given, axis)
     kept = Kept([train], (axis, values, rpm, direction, asked, chunk))
     kept.folder = None if folder else kept.folder
@@ -174,15 +179,6 @@ def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet,
         )
     kept.forget()
     return status(warnings([answer for answers in found.values() for answer in answers]))
-
-
-def _axis(train, over):
-    """What output.changes along the sweep, and its values."""
-    name, values = over
-    table, field, _ = locate(train.topology, name)
-    for value in values:  # what is refused is refused before anything is computed or written
-        train.replace({name: value})
-    return Axis(name, declared_field(table, field).metadata["range"].unit), values
 
 
 class _SweepFiles:

@@ -64,7 +64,10 @@ def campbell_figure(found, count, title):
     """The figure of :func:`plot_campbell`; its title is that of the scene or case."""
     low, high = float(found.rpm[0]), float(found.rpm[-1])
     elastic = found.elastic(count)
-    top, traces = _top_frequency(found, elastic), []
+    # Where modes or orders end, and at least the lowest mode.
+    modes, rays = found.frequencies_hz[:, elastic].max(axis=0), found.orders * high / 60
+    top = max(min(modes.max(initial=0.0), rays.max(initial=0.0)), modes[:1].max(initial=0.0))
+    top, traces = 1.08 * (top or 1.0), []
     for order in found.orders:
         look, own = {"color": GREY, "dash": "dash", "width": 0.8}, [order * low / 60, order * high / 60]
         traces.append(line([low, high], own, f"order {order:g}", look=look, showlegend=False))
@@ -98,27 +101,15 @@ def counting(found):
 
 
 def _mode_names(found, shown, top):
-    """Names of the modes at the right, moved up where they would lie on one another; zero frequencies share one."""
-    names = {}
-    for k in shown:
-        hz = found.frequencies_hz[-1, k]
-        what = f"{hz:.4g} Hz" if found.kinds[k] == ELASTIC else found.kinds[k]
-        names.setdefault(float(hz) if hz > APART * top / 10 else 0.0, []).append(f" mode {k}: {what}")
+    """Names of the modes at the right, moved up where they would lie on one another."""
     style = {"x": 1.0, "xref": "paper", "xanchor": "left", "align": "left", "showarrow": False, "font": {"size": 10}}
     notes, lowest = [], 0.0
-    for hz, said in names.items():
-        place = {"y": max(hz, lowest), "yanchor": "middle" if hz else "bottom"}
-        notes.append(style | place | {"text": "<br>".join(said)})
-        lowest = place["y"] + APART * top * (len(said) + 0.5 * (not hz))
+    for k in shown:
+        hz = float(found.frequencies_hz[-1, k])
+        what = f"{hz:.4g} Hz" if found.kinds[k] == ELASTIC else found.kinds[k]
+        notes.append(style | {"y": max(hz, lowest), "text": f" mode {k}: {what}"})
+        lowest = notes[-1]["y"] + APART * top
     return notes
-
-
-def _top_frequency(found, elastic):
-    """Highest frequency: where modes or orders end, and at least the lowest mode."""
-    modes = found.frequencies_hz[:, elastic].max(axis=0)
-    rays = found.orders * found.rpm[-1] / 60
-    highest = min(modes.max(initial=0.0), rays.max(initial=0.0))
-    return 1.08 * (max(highest, modes[:1].max(initial=0.0)) or 1.0)
 
 
 def _ray_name(order, high, top):
@@ -190,22 +181,17 @@ def shapes_figure(train, modes, chosen, ratios):
     caption += "Dashed: branches, each begins at the disk named in brackets." * (len(lines) > 1)
     panels, more = [("", (-1.15, 1.15))] * len(chosen), {"annotations": notes, "x_range": (-0.5, starts[-1] - 1.5)}
     made = figure(caption, "", panels, traces, height=95, **more)
-    places, said = _places(lines, starts, modes.names)
-    room = round(5.4 * max(map(len, said)))
-    made.layout["xaxis"] |= {"tickvals": places, "ticktext": said, "tickangle": -90, "tickfont": {"size": 9}}
+    said = {}  # of a branch the disk on which it hangs is in brackets
+    for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
+        said |= {start + i: modes.names[disk] for i, disk in enumerate(way)}
+        said |= {start: f"({said[start]})"} if number else {}
+    said = dict(list(said.items())[:: -(-len(said) // NAMES)])
+    room = round(5.4 * max(map(len, said.values())))
+    ticks = {"tickvals": list(said), "ticktext": list(said.values()), "tickangle": -90, "tickfont": {"size": 9}}
+    made.layout["xaxis"] |= ticks
     made.layout["margin"] |= {"t": 22, "b": 16 + room}
     made.layout["height"] += room - 20
     return made
-
-
-def _places(lines, starts, names):
-    """Places and names of the disks that have room; of a branch the disk on which it hangs is in brackets."""
-    found = {}
-    for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
-        for i, disk in enumerate(way):
-            found[start + i] = f"({names[disk]})" if number and i == 0 else names[disk]
-    step = -(-len(found) // NAMES)
-    return list(found)[::step], list(found.values())[::step]
 
 
 def mode_nodes(lines, starts, shape):

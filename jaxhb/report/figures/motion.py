@@ -62,7 +62,7 @@ def plot_motions(*sweeps, mesh=None, branches=(), orbits=None):
     caption = f"{plain(mesh)}: largest tooth force and the kind of motion"
     caption += "; numbers: periods in cycles" * bool(notes)
     made = over_speed(quantity, [mesh], cases, caption, more=more, height=300, annotations=notes)
-    return drawn(made, title=sweeps[0][0].topology.name or "scene")
+    return drawn(made, title=sweeps[0][0].topology.title)
 
 
 def plot_cycle_peaks(*sweeps, mesh=None):
@@ -78,7 +78,7 @@ def plot_cycle_peaks(*sweeps, mesh=None):
         traces += kind_marks(case.answers, points, case.title, hollow=number > 0, size=8 if number else 5)
     panels, axis = [("tooth force, kN", top_of(traces))], speed_range(sweeps[0].rpm)
     made = figure(f"{plain(mesh)}: peak of each cycle", "speed, rpm", panels, traces, x_range=axis, height=300)
-    return drawn(made, title=sweeps[0][0].topology.name or "scene")
+    return drawn(made, title=sweeps[0][0].topology.title)
 
 
 def plot_waterfall(sweep, mesh=None, *, highest=None):
@@ -113,7 +113,7 @@ def plot_waterfall(sweep, mesh=None, *, highest=None):
     panels, note = [("speed, rpm", None)], note | {"text": f"{largest / 1e3:.3g} kN"}
     title, more = "order, per revolution of the reference rotor", {"x_range": (0.0, 1.02 * highest), "height": 420}
     made = figure(f"{plain(mesh)}: orders of the tooth force", title, panels, traces, annotations=[note], **more)
-    return drawn(made, title=sweep[0].topology.name or "scene")
+    return drawn(made, title=sweep[0].topology.title)
 
 
 def hardest_mesh(*sweeps):
@@ -160,7 +160,7 @@ def plot_branch(branch, mesh=None):
     title = f"{branch.parameter.replace('rpm', 'speed')}, {unit}".removesuffix(", ")
     made = figure(f"{plain(mesh)}: a branch and its folds", title, panels, traces + points, height=210)
     made.layout["yaxis2"] |= scale
-    return drawn(made, title=topology.name or "scene")
+    return drawn(made, title=topology.title)
 
 
 def plot_multipliers(rpm, stabilities):

@@ -38,11 +38,6 @@ def plot_sweep(sweeps):
     stresses, tooth torques and heat what comes nearest to the limits that the scene gives, with barred ranges shaded.
     ``sweeps`` are answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
     """
-    return drawn(*sweep_figures(sweeps), title=train_name(next(iter(sweeps.values()))[0].topology))
-
-
-def sweep_figures(sweeps):
-    """The figures of :func:`plot_sweep`, in a list."""
     cases = [Case(WAYS[way] if len(sweeps) > 1 else "", answers) for way, answers in sweeps.items()]
     first = cases[0].answers
     train = first[0].train
@@ -60,7 +55,8 @@ def sweep_figures(sweeps):
         figures = [over_speed(torque, [shaft], cases, caption, more=more)]
     judged = {case.title: answers_strength(case.answers) for case in cases if first[0].axis == SPEED}
     limited = judged_elements(next(iter(judged.values()))) if judged else []
-    return figures + [limit_figure(judged, *chosen) for chosen in limited]
+    figures += [limit_figure(judged, *chosen) for chosen in limited]
+    return drawn(*figures, title=train_name(train.topology))
 
 
 def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
@@ -127,11 +123,6 @@ def plot_forced(response, found, misfires=None, worst=None):
     ``worst`` of them (:func:`jaxhb.report.text.forced.worst_of`) each element has the half peak-to-peak of its worst
     misfire beside it.
     """
-    return drawn(*forced_figures(response, found, misfires, worst), title=train_name(response.topology))
-
-
-def forced_figures(response, found, misfires=None, worst=None):
-    """The figures of :func:`plot_forced`, in a list."""
     certain = np.asarray(response.converged)
     known = [one.at(certain) for one in found] if certain.any() else found
     chosen = known if len(found) <= MOST else hardest_elements(known)
@@ -145,7 +136,7 @@ def forced_figures(response, found, misfires=None, worst=None):
     for kind, name in judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST):
         cases = {title: strength(shown(other)) for title, other in beside(name).items()}
         figures.append(limit_figure({"": judged} | cases, kind, name))
-    return figures
+    return drawn(*figures, title=train_name(response.topology))
 
 
 def orders_figure(response, element, misfires, title=""):
