@@ -17,11 +17,8 @@ from jaxhb.results.record import PERCENT
 
 SAMPLES = 4320
 
-PANEL = 130
-"""Pixels, the height of a panel."""
-
-SPIKES = 3
-"""Cycles up to which every sample is drawn; of longer periods as many points in all."""
+PANEL = 130  # pixels, the height of a panel
+SPIKES = 3  # cycles up to which every sample is drawn; of longer periods as many points in all
 
 
 def plot_cycle(answer, gear=None):

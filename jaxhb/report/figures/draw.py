@@ -7,14 +7,11 @@ import numpy as np
 
 from jaxhb.report.figures.figure import legend_columns
 
-PIXELS = 75
-"""Of the page in an inch of the height, as in its width."""
-POINTS = 0.8
-"""Of a line or marker, for a pixel of the page."""
+PIXELS = 75  # of the page in an inch of the height, as in its width
+POINTS = 0.8  # of a line or marker, for a pixel of the page
 KEYS = {"fontsize": 7.5, "handlelength": 3.8, "handletextpad": 0.6, "columnspacing": 1.3, "labelspacing": 0.3}
 """Sizes of the legend, in which as many names find room as on the page."""
-LETTERS = 112
-"""Of a line of a caption."""
+LETTERS = 112  # of a line of a caption
 DASHES: dict = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":"}
 DASHES |= {"longdash": (0, (9, 2.5)), "longdashdot": (0, (9, 2, 1.5, 2))}
 MARKERS = {"circle": "o", "square": "s", "diamond": "D", "star": "*", "triangle-down": "v", "triangle-up": "^"}

@@ -14,9 +14,7 @@ LEGEND_ROW, LETTER, KEY = 19, 4.9, 46
 
 HEADROOM = 1.08
 DIGITS = 5
-MARKED = 80
-"""Points up to which every one is marked, or with a large mark."""
-
+MARKED = 80  # points up to which every one is marked, or with a large mark
 WITH, WITHOUT, GREY, BAND = "#b3261e", "#1f4e79", "#6f6f6f", "#e3e3e3"
 STYLES = (
     {"color": WITH, "dash": "solid"},

@@ -12,20 +12,14 @@ import numpy as np
 from jaxhb.train.chain import span
 from jaxhb.train.connections import breadth_first, neighbours
 
-DISK, LEAST, MASSLESS = 0.42, 0.12, 0.07
-"""Radius of the largest disk, of the smallest with inertia, and of one without."""
-GEAR, RIM = 1.4, 0.32
-"""Pitch radius of the largest gear, and of any at least beyond its disk."""
-LETTER, LINE = 0.155, 0.3
-"""Width of a letter and height of a line of text."""
-GAP = 0.5
-"""Least length of a shaft that can be seen between two disks."""
-APART = 0.06
-"""Least distance between things that do not touch."""
+DISK, LEAST, MASSLESS = 0.42, 0.12, 0.07  # radius of the largest disk, of the smallest with inertia, and of one without
+GEAR, RIM = 1.4, 0.32  # pitch radius of the largest gear, and of any at least beyond its disk
+LETTER, LINE = 0.155, 0.3  # width of a letter and height of a line of text
+GAP = 0.5  # least length of a shaft that can be seen between two disks
+APART = 0.06  # least distance between things that do not touch
 ANGLES = (-90, 90, 0, 180, -45, -135, -30, -150, -60, -120, -15, -165, -75, -105, 45, 135, 30, 150, 60, 120)
 """Directions from a gear to one in mesh with it, deg, as they are tried."""
-REACH, SLANTS = 12, (0.0, 1.0, -1.0, 2.0, -2.0)
-"""Distances at which a branch is tried, and how far to the side."""
+REACH, SLANTS = 12, (0.0, 1.0, -1.0, 2.0, -2.0)  # distances at which a branch is tried, and how far to the side
 
 
 def joined(topology, links):

@@ -14,12 +14,9 @@ from jaxhb.report.text.linear import shares_in_mode, shown_modes
 from jaxhb.train.chain import span
 
 POINTS = 2000
-COUNTS = 0.1
-"""Modal torque over the largest of the mode from which a critical speed is filled."""
-APART = 0.032
-"""Share of the height between the names of two modes."""
-LINEAR = 1e-3
-"""Residual over its median below which the scale is linear."""
+COUNTS = 0.1  # modal torque over the largest of the mode from which a critical speed is filled
+APART = 0.032  # share of the height between the names of two modes
+LINEAR = 1e-3  # residual over its median below which the scale is linear
 
 
 def plot_holzer(train, tables, natural):
@@ -120,11 +117,8 @@ def _ray_name(order, high, top):
     return style | {"x": high, "y": order * high / 60, "xanchor": "right", "xshift": -4}
 
 
-MOST = 6
-"""Modes in one picture."""
-
-NAMES = 80
-"""Names of disks that have room."""
+MOST = 6  # modes in one picture
+NAMES = 80  # names of disks that have room
 
 
 def modes_of(train, most=None):

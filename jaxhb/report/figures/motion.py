@@ -30,11 +30,8 @@ from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.quantities import forces
 from jaxhb.report.text.tuned import parameter_unit
 
-STEM = 4.0
-"""Height of the largest order of a waterfall, in distances of its speeds."""
-
-SEEN = 0.02
-"""Share of the largest from which the tip of a stem is marked."""
+STEM = 4.0  # height of the largest order of a waterfall, in distances of its speeds
+SEEN = 0.02  # share of the largest from which the tip of a stem is marked
 
 
 def plot_motions(*sweeps, mesh=None, branches=(), orbits=None):
@@ -139,8 +136,7 @@ def _peaks(motion, mesh):
 
 POINTS = {"fold": "diamond", "branch point": "star", "period doubling": "triangle-up", "Neimark-Sacker": "cross"}
 LOST = "fold", "period doubling", "Neimark-Sacker"
-LOWEST = 0.05
-"""Modulus at the bottom of a picture, if none is smaller."""
+LOWEST = 0.05  # modulus at the bottom of a picture, if none is smaller
 STABLE, UNSTABLE = {"color": WITHOUT, "dash": "solid"}, {"color": WITH, "dash": "dash"}
 
 

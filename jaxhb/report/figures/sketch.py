@@ -6,18 +6,13 @@ from jaxhb.report.figures.draw import empty
 from jaxhb.report.figures.figure import BAND
 from jaxhb.report.figures.layout import Layout
 
-MOST = 400
-"""Disks of a sketch."""
-UNIT, WIDEST = 0.42, 18.0
-"""Inches of a unit of the layout, and of a picture, at most."""
+MOST = 400  # disks of a sketch
+UNIT, WIDEST = 0.42, 18.0  # inches of a unit of the layout, and of a picture, at most
 TORQUE = "#8f8f8f"
-LETTERS, SMALLEST = 7.5, 4.0
-"""Points of the names where the unit has its size, and below which they are left out."""
-EDGE = 0.8
-"""Inches kept free at each side, for title and legend."""
+LETTERS, SMALLEST = 7.5, 4.0  # points of the names where the unit has its size, and below which they are left out
+EDGE = 0.8  # inches kept free at each side, for title and legend
 ROUND = np.stack([np.cos(turn := np.linspace(0.0, 2 * np.pi, 73)), np.sin(turn)])
-BOW = 0.9
-"""Units by which a link that closes a loop passes the disks between its ends."""
+BOW = 0.9  # units by which a link that closes a loop passes the disks between its ends
 GROUND = [(0, 0), (1, 1), (np.nan, np.nan)]
 for half, height in ((1, 1), (0.6, 1.4), (0.27, 1.8)):
     GROUND += [(1 - half, height), (1 + half, height), (np.nan, np.nan)]

@@ -24,9 +24,7 @@ from jaxhb.report.quantities import forces, separation, shaft_torques
 from jaxhb.report.selection import NOT_FIRING, hardest_shaft, train_name
 from jaxhb.report.text.strength import LIMITED, answers_strength
 
-BESIDE = 0.006
-"""Share of the axis between the bars of two meshes at one speed."""
-
+BESIDE = 0.006  # share of the axis between the bars of two meshes at one speed
 WAYS = {"up": "upwards", "down": "downwards", "orbit": "periodic solutions"}
 
 
@@ -107,11 +105,8 @@ def _cycles(quantity, names, cases, beside):
     return [bars(*np.transpose(rows), said, look=look, opacity=0.45, hoverinfo="skip")] if rows else []
 
 
-MOST = 4
-"""Elements in one picture."""
-
-SYMBOLS = "circle", "square", "diamond", "triangle-up", "cross", "star"
-"""Of the orders."""
+MOST = 4  # elements in one picture
+SYMBOLS = "circle", "square", "diamond", "triangle-up", "cross", "star"  # of the orders
 
 
 def plot_forced(response, found, misfires=None, worst=None):

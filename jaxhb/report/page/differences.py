@@ -10,10 +10,8 @@ from jaxhb.report.text.columns import NONE, plain_number
 from jaxhb.scene.files import _find, _read_elements
 from jaxhb.scene.writer import changed_scene
 
-WHOLE = {"revolutions_per_cycle": "", "rated_rpm": "rpm"}
-"""Numbers of a scene as a whole, with their units."""
-BESIDE = ("name", "scenarios", "tune")
-"""What of a scene changes no motion."""
+WHOLE = {"revolutions_per_cycle": "", "rated_rpm": "rpm"}  # numbers of a scene as a whole, with their units
+BESIDE = ("name", "scenarios", "tune")  # what of a scene changes no motion
 
 
 def elements_of(scene, values=()):

@@ -14,8 +14,7 @@ from jaxhb.report.text.strength import AID, LIMITED, Limited, answers_strength, 
 from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.train.plausible import plausibility
 
-ROUNDING = 1e-9
-"""Share of the power that is lost by rounding."""
+ROUNDING = 1e-9  # share of the power that is lost by rounding
 
 
 def result(report):
@@ -84,8 +83,7 @@ def notes_of(report):
     return {"blocks": [*said, *own] or ["Nothing to note."]}
 
 
-MOST = 4
-"""Elements whose limits are drawn, of each of two kinds."""
+MOST = 4  # elements whose limits are drawn, of each of two kinds
 
 
 class Share(NamedTuple):

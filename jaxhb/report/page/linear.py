@@ -15,20 +15,11 @@ from jaxhb.report.text.linear import campbell_parts, modes_text, reached, shares
 CAMPBELL_MODES = 6, 12
 """Modes of the Campbell diagram: at least so many, and those that the orders reach up to the second number."""
 
-ONE_SPEED = 0.5
-"""Range of a Campbell diagram around one speed, below and above as a share of it."""
-
-LOWEST = 60
-"""Natural frequencies of a train of many disks."""
-
-TOGETHER = 3
-"""Mode shapes in a figure: what does not fit on a sheet leaves it empty."""
-
-NEGLIGIBLE = 0.01
-"""Modal torque over the largest of the mode below which a critical speed is not in the table."""
-
-SPEEDS = 201
-"""Speeds of the linear forced response at least: it costs little and has sharp peaks."""
+ONE_SPEED = 0.5  # range of a Campbell diagram around one speed, below and above as a share of it
+LOWEST = 60  # natural frequencies of a train of many disks
+TOGETHER = 3  # mode shapes in a figure: what does not fit on a sheet leaves it empty
+NEGLIGIBLE = 0.01  # modal torque over the largest of the mode below which a critical speed is not in the table
+SPEEDS = 201  # speeds of the linear forced response at least: it costs little and has sharp peaks
 
 
 def modes(report):

@@ -18,15 +18,12 @@ from jaxhb.report.text.columns import NONE, from_rows, hit, percent, ratio
 from jaxhb.report.text.sentences import status_lines, verdict
 from jaxhb.report.text.sweep_tables import speed_table, turning_table
 
-MANY = 40
-"""Speeds above which symbols are small."""
-
+MANY = 40  # speeds above which symbols are small
 MOST, MOST_BESIDE = 6, 4
 """Elements of a kind that have a figure, and a figure of two designs, those with the largest numbers; tables tell of
 all."""
 
-MESHES = 3
-"""Meshes of the gear that are drawn over the cycle beside the one with the largest force."""
+MESHES = 3  # meshes of the gear that are drawn over the cycle beside the one with the largest force
 
 
 def motions(report):

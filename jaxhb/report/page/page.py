@@ -38,8 +38,7 @@ PARTS = {
 """Of the parts of the page, by their titles and in its order: the template, and the function of the report that gathers
 its data, nothing where the part does not concern the train."""
 
-ROWS = 150
-"""Rows of a table that are shown."""
+ROWS = 150  # rows of a table that are shown
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ from jaxhb.report.text.cases import worst_misfire
 from jaxhb.report.text.columns import NONE, Table, plain_number
 from jaxhb.train.drivetrain import DriveTrain
 
-FULL = 95
-"""Letters of a line of text that goes on in the next."""
+FULL = 95  # letters of a line of text that goes on in the next
 
 
 @dataclass(frozen=True)

@@ -15,14 +15,9 @@ from jaxhb.report.text.columns import NONE, Table, alike, plain_number
 from jaxhb.report.text.mean_torques import mean_angles_of
 from jaxhb.report.text.scene_check import referred_tables, torque_rows
 
-UNITS = {"m": (1e3, "mm"), "Pa": (1e-5, "bar")}
-"""In which numbers of a scene are told, as engineers read them."""
-
-OWN = ("disk", "firing_angle")
-"""In what cylinders differ that are told together."""
-
-SPEEDS = 8
-"""Speeds of a table, of more those that are spread evenly over them."""
+UNITS = {"m": (1e3, "mm"), "Pa": (1e-5, "bar")}  # in which numbers of a scene are told, as engineers read them
+OWN = ("disk", "firing_angle")  # in what cylinders differ that are told together
+SPEEDS = 8  # speeds of a table, of more those that are spread evenly over them
 
 
 def train_data(report):
