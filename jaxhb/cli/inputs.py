@@ -39,10 +39,14 @@ def scene(scene, quiet, expand, out, referred, plot):
     """Print a scene as TOML or its referred numbers, or write it with the tables it names, or draw the train."""
     _check_files({"scene": scene, "out": out, "plot": plot})
     text, beside = scene_text(scene, expand=expand)
-    try:
-        files = {plot: output.as_picture(plot, _sketch(scene))} if plot else {}
-    except ValueError as error:
-        raise output.OutputError(f"--plot: {error}") from None
+    files = {}
+    if plot:
+        from jaxhb.report.figures.sketch import plot_train  # loads jax, which a scene that is printed does not need
+
+        try:
+            files = {plot: output.as_picture(plot, plot_train(load_scene(scene)))}
+        except ValueError as error:
+            raise output.OutputError(f"--plot: {error}") from None
     if out:
         copies = copies_beside(beside, Path(out).parent, "--out")
         files |= {out: [text.encode()]} | {path: [content] for path, content in copies.items()}
@@ -107,9 +111,3 @@ def _name_tuned(given, options):
             raise output.OutputError(
                 f"--output: {name!r} is there and is not from jaxhb tune. Name the tuned scene yourself."
             )
-
-
-def _sketch(scene):
-    from jaxhb.report.figures.sketch import plot_train  # loads jax, which a scene that is printed does not need
-
-    return plot_train(load_scene(scene))

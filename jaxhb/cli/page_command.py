@@ -177,8 +177,7 @@ def _report_of(given, cases, place, seconds, tuning):
         place=place,
         asked=given.at is not None,
         gear=given.gear,
-        second=seconds[0] if seconds else None,
-        second_misfire=seconds[1] if len(seconds) > 1 else None,
+        seconds=seconds,
         tuning=tuning,
         facts=facts,
         description=scene_description(given.scene),
@@ -191,8 +190,6 @@ def _report_of(given, cases, place, seconds, tuning):
 
 def _file(name):
     """A file by name and the checksum of what is in it and in the tables that it names."""
-    path = _find(name)
-    digest = hashlib.sha256(path.read_bytes())
-    for _, beside in sorted(scene_text(name)[1].items()):
-        digest.update(beside.read_bytes())
+    path, beside = _find(name), sorted(scene_text(name)[1].items())
+    digest = hashlib.sha256(path.read_bytes() + b"".join(table.read_bytes() for _, table in beside))
     return f"{path.name}, SHA-256 {digest.hexdigest()[:32]} (with the tables that it names)"

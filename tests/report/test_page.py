@@ -85,7 +85,7 @@ def test_the_second_design_stands_beside_the_first_with_what_differs(made):
     assert [column[0] for column in differ.columns] == ["Dämpfer.damping", "5", "25", "N m s/rad"]
     assert len(differ.columns[0]) == 1
     assert [title for title, *_ in forces_of_both.groups] == ["first design", "second design (second)"]
-    largest = max(float(answer.force("Kurbel|Räder").peak) for answer in report.second.answers)
+    largest = max(float(answer.force("Kurbel|Räder").peak) for answer in report.seconds[0].answers)
     assert float(forces_of_both.columns[7][0]) == pytest.approx(largest / 1e3, rel=1e-3)
 
 
@@ -107,7 +107,7 @@ def test_the_result_judges_every_case_and_names_limit_element_case_and_speed_the
 def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
     _, report, parts = made
     heat = next(table for table in tables(parts["Second design"]) if table.title.startswith("Heat of dampers"))
-    largest = max(answer.power("Dämpfer") for answer in report.second.answers)
+    largest = max(answer.power("Dämpfer") for answer in report.seconds[0].answers)
     assert float(heat.columns[5][0]) == pytest.approx(largest, rel=1e-3)
     shares = tables(parts["Second design"])[-1]
     titles = [title for title, *_ in shares.groups]
@@ -117,13 +117,13 @@ def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
         "second design (second), two not firing",
     ]
     assert float(shares.columns[5][shares.columns[0].index("Dämpfer")]) == pytest.approx(largest / 500.0, abs=0.006)
-    misfiring = report.second_misfire.answers[0].train
+    misfiring = report.seconds[1].answers[0].train
     assert misfiring.topology.cylinder_fires == (True, False)
     assert misfiring.value("Dämpfer.damping") == 25.0
     assert "was run without a misfire" not in parts["Second design"].html
     told = second_text(report.cases, report.seconds).splitlines()
     force, first = (
-        max(float(a.force("Kurbel|Räder").peak) for a in c.answers) for c in (report.second, report.cases[0])
+        max(float(a.force("Kurbel|Räder").peak) for a in c.answers) for c in (report.seconds[0], report.cases[0])
     )
     assert told[0].startswith(
         f"The second design (second): largest tooth force {force / 1e3:.4g} kN in Kurbel|Räder at "
@@ -133,7 +133,7 @@ def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
 
 def test_a_second_design_without_the_cylinder_is_told_as_run_without_a_misfire(made):
     _, report, _ = made
-    alone = dataclasses.replace(report, second_misfire=None)
+    alone = dataclasses.replace(report, seconds=report.seconds[:1])
     (part,) = parts_of(alone, {"Second design": page.PARTS["Second design"]})
     assert "The second design was run without a misfire: nothing here shows what a misfire does to it." in part.html
 
@@ -224,7 +224,7 @@ def test_a_train_without_a_single_answer_has_a_page_that_says_so(made):
         Case(case.title, [Answer(a.train, dataclasses.replace(a.state, **nothing), a.linear) for a in case.answers])
         for case in (*report.cases, report.cases[1])
     ]
-    alone = dataclasses.replace(report, cases=cases, second=None, second_misfire=None)
+    alone = dataclasses.replace(report, cases=cases, seconds=[])
     parts = {part.title: part for part in parts_of(alone, page.PARTS)}
     assert [title for title, part in parts.items() if part.failed] == []
     assert "No speed has an answer." in parts["Result"].html and "it gains speed" in parts["Notes"].html

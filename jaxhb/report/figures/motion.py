@@ -97,7 +97,7 @@ def plot_waterfall(sweep, mesh=None, *, highest=None):
     stems = {rpm: np.column_stack([signal.orders, scale * signal.amplitudes]) for rpm, signal in signals.items()}
     stems = {rpm: stem[stem[:, 0] <= highest] for rpm, stem in stems.items()}
     tips = {rpm: stem[stem[:, 1] > SEEN * scale * largest] + (0.0, rpm) for rpm, stem in stems.items()}
-    speeds = np.repeat(list(stems), [len(stem) for stem in stems.values()])
+    speeds = np.repeat(list(stems), list(map(len, stems.values())))
     orders, heights = np.concatenate([np.zeros((0, 2)), *stems.values()]).T
     base = np.repeat(sweep.rpm, 3), np.tile([0.0, highest, np.nan], len(sweep.rpm))
     traces = [line(*base[::-1], "", 3, look={"dash": "solid", "width": 0.5}, showlegend=False)]

@@ -150,20 +150,20 @@ def one_speed(report):
 
 def second_design(report):
     """Another design beside the first: what differs, what it does at the same speeds, and its shares of limits."""
-    if report.second is None:
+    if not report.seconds:
         return {}
-    pair = [dataclasses.replace(report.cases[0], title="first design"), report.second]
-    misfiring = []
-    if report.second_misfire is not None:
-        misfire = report.shown[1]
-        misfiring = [dataclasses.replace(misfire, title=f"first design, {misfire.title}"), report.second_misfire]
-    trains, designs = (report.train, report.second.answers[0].train), (report.elements, report.second_elements)
+    title = "first design"
+    pairs = [
+        [dataclasses.replace(first, title=title if first is report.cases[0] else f"{title}, {first.title}"), second]
+        for first, second in zip(report.shown, report.seconds, strict=False)
+    ]
+    trains, designs = (report.train, report.seconds[0].answers[0].train), (report.elements, report.second_elements)
     return {
         "differences": report.tuning or differences(trains, designs),
-        "beside": _beside(pair, drawn=len(report.rpm) > 1),
-        "misfiring": _beside(misfiring, drawn=False),
+        "beside": _beside(pairs[0], drawn=len(report.rpm) > 1),
+        "misfiring": [block for pair in pairs[1:] for block in _beside(pair, drawn=False)],
         "found": judged(report.seconds),
-        "shares": shares_table("Largest shares of the limits that each design gives", pair + misfiring),
+        "shares": shares_table("Largest shares of the limits that each design gives", sum(pairs, [])),
     }
 
 
@@ -171,8 +171,8 @@ def _beside(cases, *, drawn):
     """Tables of what two designs do, and figures of what works hardest."""
     blocks, trains = [], [case.answers[0].train for case in cases]
     told = [quantities.forces, quantities.gear_torques, quantities.shaft_torques]
-    told = told if trains and trains[0].topology.link_names else [quantities.angles]
-    for quantity in (*told, quantities.heat) if cases else ():
+    told = told if trains[0].topology.link_names else [quantities.angles]
+    for quantity in (*told, quantities.heat):
         mine, its = map(quantity, trains)
         mine = dataclasses.replace(mine, names=tuple(name for name in mine.names if name in its.names))
         if mine.names:

@@ -21,7 +21,7 @@ class Report:
     cases : the train as it runs, then with misfires, at the same speeds
     place : number of the speed that is shown in full, which the user may have ``asked`` for
     gear : whose torque is shown over the cycle
-    second, second_misfire : another design at the same speeds as it runs, and with the misfire that is shown
+    seconds : another design at the same speeds as it runs, then with the misfire that is shown, if it can have it
     tuning : words and tables that tell how it was found
     facts : where the page comes from, by what it is: the scene, its changes, the command, versions
     description, scene : what the scene says that it is, and its text as it was read
@@ -33,8 +33,7 @@ class Report:
     place: int = 0
     asked: bool = False
     gear: str | None = None
-    second: Case | None = None
-    second_misfire: Case | None = None
+    seconds: list[Case] = field(default_factory=list)
     tuning: tuple = ()
     facts: dict = field(default_factory=dict)
     description: str = ""
@@ -57,11 +56,6 @@ class Report:
     def rpm(self):
         """Speeds."""
         return [answer.rpm for answer in self.cases[0].answers]
-
-    @property
-    def seconds(self):
-        """All cases of the second design."""
-        return [case for case in (self.second, self.second_misfire) if case is not None]
 
     @property
     def shown(self):
