@@ -24,11 +24,10 @@ SPIKES = 3  # cycles up to which every sample is drawn; of longer periods as man
 def plot_cycle(answer, gear=None):
     """Torque on a gear over the period of the motion, with and without backlash; below it the forces of its meshes.
 
-    Shaded where a mesh of the gear is in the gap; angles in deg of the reference rotor. A motion of several cycles is
-    drawn with all of them. One that never repeats has no cycle to draw: extremes of the torque in each recorded cycle,
-    and below the share of cycles whose largest tooth force stays below a value. An unknown one has its reason in the
-    picture. The gear is by default that of the reference rotor whose torque has the largest half peak-to-peak; a train
-    without gears shows its hardest worked shaft or damper.
+    Shaded where a mesh of the gear is in the gap. A motion of several cycles is drawn with all of them; one that never
+    repeats by the extremes of every recorded cycle, and below by the share of cycles whose largest tooth force stays
+    below a value. The gear is by default that of the reference rotor whose torque swings most; a train without gears
+    shows its hardest worked shaft or damper.
     """
     kind = motion_text(answer) if answer.known else f"unknown: {'; '.join(answer.state.notes)}"
     doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
@@ -129,9 +128,8 @@ def _peaks(answer, names):
 def plot_tuning(objectives, result):
     """What was made small over the speed, before and after, and the history of the tuning below.
 
-    One panel for each objective, with gaps at speeds that are not solved and crosses at those that never were, and one
-    for the history: the objective, 1 at the start but for smoothing, with a line where the smooth maximum was
-    sharpened.
+    A panel for each objective, with crosses at speeds that were never solved; in the history, 1 at the start but for
+    smoothing, a line where the smooth maximum was sharpened.
     """
     figures, axis = [], speed_range(result.rpm)
     for objective in objectives:

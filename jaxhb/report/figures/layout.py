@@ -29,11 +29,8 @@ def joined(topology, links):
 
 
 def ways(near, start, *, through=False):
-    """Ways through the disks that hang on ``start``, on which every link lies once.
-
-    The longest, or the longest from ``start`` if it has to lie on the first; then branches, each from a disk of an
-    earlier way.
-    """
+    """Ways through the disks that hang on ``start``, on which every link lies once: the longest, or the longest from
+    ``start`` if it has to lie on the first; then branches, each from a disk of an earlier way."""
     first = _longest(near, _longest(near, start)[-1])  # in a tree what is farthest from any is an end of a longest way
     if through and start not in first:
         first = _longest(near, start)
@@ -77,15 +74,6 @@ class Layout:
 
     x, y ``(S,)``; disk, pitch ``(S,)``: radii; names: disk -> (x, y, text, whether it is upright), centres of texts;
     touching: links whose pitch circles touch; low, high ``(2,)``: corners
-
-    Examples
-    --------
-    Two gears touch: the distance of their centres is the sum of their pitch radii.
-
-    >>> import jaxhb
-    >>> found = Layout(jaxhb.load_scene("spur_pair"))
-    >>> found.x.round(6).tolist(), bool(np.isclose(np.ptp(found.y), found.pitch.sum()))
-    ([0.0, 0.0], True)
     """
 
     def __init__(self, train, named=True):

@@ -22,8 +22,8 @@ LINEAR = 1e-3  # residual over its median below which the scale is linear
 def plot_holzer(train, tables, natural):
     """Holzer's residual over the frequency, natural frequencies as circles, frequencies asked for as dotted lines.
 
-    Every branch begins with ordinate 1 at its free end; a table of a train with branches is scaled otherwise. The scale
-    is logarithmic on both sides of 0, as the residual grows with a high power of the frequency.
+    The scale is logarithmic on both sides of 0: the residual grows with a high power of the frequency. Every branch
+    begins with ordinate 1 at its free end; a table of a train with branches is scaled otherwise.
 
     tables : list of (int or None, HolzerTable); natural : dict, number of the mode: Hz, of those that strain links
     """
@@ -51,8 +51,7 @@ def plot_holzer(train, tables, natural):
 def plot_campbell(found, count, name):
     """Natural frequencies over the speed, orders as rays, critical speeds as circles.
 
-    Full lines are modes, named with their frequency at the right; dashed rays are orders, named where they leave the
-    picture; dotted lines are rigid modes and those of rings only. ``count`` elastic modes were taken.
+    Full lines are modes, dotted ones those of rigid bodies or rings; ``count`` elastic modes were taken.
     """
     return drawn(campbell_figure(found, count, name))
 
@@ -147,8 +146,8 @@ def train_lines(topology):
 def plot_modes(train, modes, chosen, ratios):
     """Shapes of up to six modes along the train, angles referred to the reference rotor, nodes as crosses.
 
-    chosen : numbers of the modes; ratios : damping ratios of all modes, nan where there is none. Each branch is a line
-    of its own right of the main one; it begins at the disk on which it hangs, named in brackets.
+    chosen : numbers of the modes; ratios : damping ratios of all modes, nan where there is none. Branches stand right
+    of the main line.
     """
     return drawn(shapes_figure(train, modes, chosen[:MOST], ratios), title=train.topology.title)
 

@@ -37,10 +37,9 @@ SEEN = 0.02  # share of the largest from which the tip of a stem is marked
 def plot_motions(*sweeps, mesh=None, branches=(), orbits=None):
     """Largest tooth force of a mesh over the speed, marked with the kind of motion.
 
-    Beside the marker of a subharmonic motion stands its period in cycles; a bar goes over the largest forces of the
-    cycles, from 5 to 95 %, where the motion is irregular; a cross is at the bottom where it is unknown.
-    ``branches`` over the speed are lines that are solid where stable and dashed where not; ``orbits``, a Response of
-    many speeds (:func:`jaxhb.solve_speeds`), are the periodic motions, whether or not they occur.
+    Beside a subharmonic motion stands its period in cycles; a bar goes over 5 to 95 % of the cycles of an irregular
+    one. ``branches`` over the speed are solid where stable, dashed where not; ``orbits``, a Response of many speeds
+    (:func:`jaxhb.solve_speeds`), are the periodic motions, whether or not they occur.
     """
     mesh, cases = mesh or hardest_mesh(*sweeps), _cases(sweeps)
     quantity = dataclasses.replace(forces(sweeps[0][0]), signal=None)
@@ -81,10 +80,8 @@ def plot_cycle_peaks(*sweeps, mesh=None):
 def plot_waterfall(sweep, mesh=None, *, highest=None):
     """Amplitudes of the orders of a tooth force, speed above speed.
 
-    A stem for each order, on a line for each speed, with the symbol of the kind of motion. A subharmonic motion of k
-    cycles has k times as many orders; those of an irregular one are quadratic means over the recorded cycles.
-    ``highest`` is the order up to which is drawn, by default the last with a tenth of the largest amplitude at some
-    speed.
+    Orders of an irregular motion are quadratic means over the recorded cycles. ``highest`` is the order up to which is
+    drawn, by default the last with a tenth of the largest amplitude at some speed.
     """
     mesh, (case,) = mesh or hardest_mesh(sweep), _cases([sweep])
     signals = {answer.rpm: answer.force(mesh) for answer in case.answers if answer.answered}

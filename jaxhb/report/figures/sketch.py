@@ -22,10 +22,9 @@ for half, height in ((1, 1), (0.6, 1.4), (0.27, 1.8)):
 def plot_train(train):
     """Sketch of a train: rotors as horizontal lines, gears in mesh as pitch circles that touch.
 
-    Circles are disks, dark where a torque acts, their radius grows with the fourth root of the inertia (as it stands in
-    the scene, not referred); the smallest ones have none. Dash-dotted are pitch circles, in proportion, with a white
-    dot where teeth with backlash touch, a black one without. Gears in mesh for which no place was free beside each
-    other are joined by a dotted line. Internal meshes touch from outside too, as the legend says.
+    Circles are disks, dark where a torque acts; their radius grows with the fourth root of the inertia, not referred.
+    Dash-dotted are pitch circles, in proportion, with a white dot where teeth with backlash touch, a black one without;
+    a dotted line joins those for which no place was free. Internal meshes touch from outside too.
 
     Raises
     ------

@@ -31,10 +31,9 @@ WAYS = {"up": "upwards", "down": "downwards", "orbit": "periodic solutions"}
 def plot_sweep(sweeps):
     """Largest tooth force and share of the time out of contact, mesh by mesh, over the speed.
 
-    Markers tell the kind of motion; what has no answer, or did not converge, is a gap in the lines and a cross at the
-    bottom. Downwards markers are open. A train without gears shows its hardest worked shaft or damper. Below, of
-    stresses, tooth torques and heat what comes nearest to the limits that the scene gives, with barred ranges shaded.
-    ``sweeps`` are answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
+    Markers tell the kind of motion, open ones downwards; without an answer there is a gap and a cross at the bottom. A
+    train without gears shows its hardest worked shaft or damper. Below stands what comes nearest to the limits of the
+    scene. ``sweeps`` are answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
     """
     cases = [Case(WAYS[way] if len(sweeps) > 1 else "", answers) for way, answers in sweeps.items()]
     first = cases[0].answers
@@ -60,9 +59,8 @@ def plot_sweep(sweeps):
 def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
     """Elements over the speed, case by case, with and without backlash; symbols tell the kind of motion.
 
-    A quantity of no signal is drawn with backlash alone. Of one element every case is a line of its own look; of
-    several every element is, with open symbols in the second case. Cases have the same speeds; a single one may have no
-    title. ``more`` are traces drawn with them, ``layout`` is for :func:`figure`.
+    Of one element every case has a look of its own; of several every element, with open symbols in the second case. A
+    quantity of no signal is drawn with backlash alone. ``more`` are further traces, ``layout`` is for :func:`figure`.
     """
     first, several = cases[0].answers, len(names) > 1
     places = [answer.place for answer in first]
@@ -112,11 +110,9 @@ SYMBOLS = "circle", "square", "diamond", "triangle-up", "cross", "star"  # of th
 def plot_forced(response, found, misfires=None, worst=None):
     """Half peak-to-peak, sum of amplitudes and the largest orders of up to four elements over the speed; limits.
 
-    What the scene gives limits for has panels below: stresses, tooth torques and heat beside their limits, barred
-    ranges shaded; of the elements drawn if few are given, else of each kind what comes nearest to its limit.
-    Of more than four readings ``found`` the shaft and the mesh that swing most are drawn. With ``misfires`` and the
-    ``worst`` of them (:func:`jaxhb.report.text.forced.worst_of`) each element has the half peak-to-peak of its worst
-    misfire beside it.
+    Of more than four readings ``found`` the shaft and the mesh that swing most are drawn. Below stand stresses, tooth
+    torques and heat beside their limits, of the elements drawn or of what comes nearest. ``misfires`` and the ``worst``
+    of them (:func:`jaxhb.report.text.forced.worst_of`) add the half peak-to-peak of the worst misfire.
     """
     certain = np.asarray(response.converged)
     known = [one.at(certain) for one in found] if certain.any() else found

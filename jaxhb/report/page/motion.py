@@ -2,13 +2,12 @@
 second design."""
 
 import dataclasses
-import textwrap
 
 import numpy as np
 
 from jaxhb.report import quantities
 from jaxhb.report.figures.cycle import cycle_figure
-from jaxhb.report.figures.figure import figure, kind_marks, plain, speed_range
+from jaxhb.report.figures.figure import plain
 from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page.differences import differences
 from jaxhb.report.page.judgement import judged, shares_table
@@ -18,50 +17,31 @@ from jaxhb.report.text.columns import NONE, from_rows, hit, percent, ratio
 from jaxhb.report.text.sentences import status_lines, verdict
 from jaxhb.report.text.sweep_tables import speed_table, turning_table
 
-MANY = 40  # speeds above which symbols are small
-MOST, MOST_BESIDE = 6, 4
-"""Elements of a kind that have a figure, and a figure of two designs, those with the largest numbers; tables tell of
-all."""
-
+MOST, MOST_BESIDE = (
+    6,
+    4,
+)  # elements of a kind with a figure, and with one of two designs: those with the largest numbers
 MESHES = 3  # meshes of the gear that are drawn over the cycle beside the one with the largest force
 
 
 def motions(report):
-    """The kind of motion at every speed, the largest number of all elements, a row for every speed, irregularity."""
-    cases, several = report.shown, len(report.rpm) > 1
-    blocks = [_kinds(cases), _overview(cases, quantities.main_quantity(report.train))] if several else []
+    """The largest number of all elements and the kind of motion, a row for every speed, irregularity."""
+    cases = report.shown
+    blocks = [_overview(cases, quantities.main_quantity(report.train))] if len(report.rpm) > 1 else []
     blocks += [_misfires(report)] if len(report.cases) > 2 else []
     blocks += [speed_table(case.answers, f"Speed by speed, {case.title}") for case in cases]
     blocks += [one for case in cases for one in turning_table(case.answers, f", {case.title}")]
     return {"blocks": [*blocks, maxima(quantities.irregularity(report.train), cases)]}
 
 
-def _kinds(cases):
-    """A row of symbols for every case."""
-    traces, rpm = [], [answer.rpm for answer in cases[0].answers]
-    for row, case in enumerate(cases):
-        points = [([answer.rpm], [-row]) for answer in case.answers]
-        traces += kind_marks(case.answers, points, size=8 if len(rpm) <= MANY else 5)
-    for number, trace in enumerate(traces):
-        trace["showlegend"] = trace["name"] not in [other["name"] for other in traces[:number]]
-    panels, height = [("", (0.6 - len(cases), 0.6))], 22 + 22 * len(cases)
-    made = figure(
-        "Kind of motion over the speed", "speed, rpm", panels, traces, x_range=speed_range(rpm), height=height
-    )
-    titles = ["<br>".join(textwrap.wrap(case.title, 22)) for case in cases]
-    made.layout["yaxis"] |= {"tickvals": [-row for row in range(len(cases))], "ticktext": titles, "showgrid": False}
-    made.layout["margin"] |= {"l": 130}
-    return made
-
-
 def _overview(cases, quantity):
-    """The largest number of all elements over the speed, with and without backlash."""
+    """The largest number of all elements over the speed, with and without backlash, and the kind of motion."""
 
     def largest_number(motion, _):
         return max(float(quantity.read(motion, name)) for name in quantity.names)
 
     whole = dataclasses.replace(quantity, names=("",), read=largest_number)
-    return over_speed(whole, whole.names, cases, f"{quantity.title} of all, {quantity.unit}")
+    return over_speed(whole, whole.names, cases, f"{quantity.title} of all, {quantity.unit}, and the kind of motion")
 
 
 def _misfires(report):

@@ -23,8 +23,7 @@ class Report:
     gear : whose torque is shown over the cycle
     seconds : another design at the same speeds as it runs, then with the misfire that is shown, if it can have it
     tuning : words and tables that tell how it was found
-    facts : where the page comes from, by what it is: the scene, its changes, the command, versions
-    description, scene : what the scene says that it is, and its text as it was read
+    facts : where the page comes from; description, scene : what the scene says that it is, and its text
     elements, second_elements : what the scenes say of both designs, see :func:`elements_of`
     files : names of the files that torques and cylinders take their rows from, see :func:`element_files`
     """
