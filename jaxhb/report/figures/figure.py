@@ -183,10 +183,15 @@ def bands(edges, panel=None):
     return [ALONG | {"yref": rows, "x0": float(low), "x1": float(high)} for low, high in edges]
 
 
+def note(text, x, y, *, size=10, **more):
+    """A text at a place."""
+    return {"text": text, "x": x, "y": y, "showarrow": False, "font": {"size": size}} | more
+
+
 def above(text, panel):
     """A text above a panel, at the left."""
-    place = {"xref": "paper", "x": 0.0, "yref": f"{_numbered('y', panel)} domain", "y": 1.0}
-    return place | {"text": text, "showarrow": False, "xanchor": "left", "yanchor": "bottom", "font": {"size": 10}}
+    more = {"xref": "paper", "yref": f"{_numbered('y', panel)} domain", "xanchor": "left", "yanchor": "bottom"}
+    return note(text, 0.0, 1.0, **more)
 
 
 def plain(name):

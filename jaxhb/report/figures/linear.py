@@ -8,7 +8,7 @@ from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.holzer import holzer_residual
 from jaxhb.linear.modal import AT_REST, natural_frequencies
 from jaxhb.report.figures.draw import drawn
-from jaxhb.report.figures.figure import GREY, WITH, WITHOUT, above, bars, figure, line, marks
+from jaxhb.report.figures.figure import GREY, WITH, WITHOUT, above, bars, figure, line, marks, note
 from jaxhb.report.figures.layout import joined, ways
 from jaxhb.report.text.linear import shares_in_mode, shown_modes
 from jaxhb.train.chain import span
@@ -38,8 +38,8 @@ def plot_holzer(train, tables, natural):
     if asked:
         low, high = (np.full(len(asked), end) for end in ends)
         traces.append(bars(asked, low, high, "frequency asked for", look={"color": "black", "dash": "dot"}))
-    style = {"y": 0.0, "xshift": 5, "yshift": 14, "xanchor": "left", "showarrow": False, "font": {"size": 10}}
-    notes = [style | {"x": own, "text": f"mode {mode}<br>{own:.4g} Hz"} for mode, own in zeros.items()]
+    style = {"xshift": 5, "yshift": 14, "xanchor": "left"}
+    notes = [note(f"mode {mode}<br>{own:.4g} Hz", own, 0.0, **style) for mode, own in zeros.items()]
     caption, panels = "Holzer's residual, zero at natural frequencies", [("residual, N m, from ordinates 1", None)]
     more = {"x_range": (0.0, highest), "height": 220, "annotations": notes}
     picture = drawn(figure(caption, "frequency, Hz", panels, traces, **more), title=train.topology.title)
@@ -98,22 +98,21 @@ def counting(found):
 
 def _mode_names(found, shown, top):
     """Names of the modes at the right, moved up where they would lie on one another."""
-    style = {"x": 1.0, "xref": "paper", "xanchor": "left", "align": "left", "showarrow": False, "font": {"size": 10}}
     notes, lowest = [], 0.0
     for k in shown:
         hz = float(found.frequencies_hz[-1, k])
         what = f"{hz:.4g} Hz" if found.kinds[k] == ELASTIC else found.kinds[k]
-        notes.append(style | {"y": max(hz, lowest), "text": f" mode {k}: {what}"})
+        notes.append(note(f" mode {k}: {what}", 1.0, max(hz, lowest), xref="paper", xanchor="left"))
         lowest = notes[-1]["y"] + APART * top
     return notes
 
 
 def _ray_name(order, high, top):
     """The order where its ray leaves the picture."""
-    style = {"text": f"{order:g}", "showarrow": False, "font": {"size": 9}, "bgcolor": "white", "borderpad": 0}
-    if order * high / 60 > top:
-        return style | {"x": 60 * top / order, "y": top, "yanchor": "bottom"}
-    return style | {"x": high, "y": order * high / 60, "xanchor": "right", "xshift": -4}
+    hz, style = order * high / 60, {"size": 9, "bgcolor": "white", "borderpad": 0}
+    if hz > top:
+        return note(f"{order:g}", 60 * top / order, top, yanchor="bottom", **style)
+    return note(f"{order:g}", high, hz, xanchor="right", xshift=-4, **style)
 
 
 MOST = 6  # modes in one picture
@@ -130,15 +129,7 @@ def modes_of(train, most=None):
 
 def train_lines(topology):
     """Ways along the train, lists of disks, on which every link lies once: the longest, then branches from where they
-    leave, then links that close a loop.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> topology = jaxhb.load_scene("engine_with_damper").topology
-    >>> [[topology.disk_names[disk] for disk in way] for way in train_lines(topology)][2:]
-    [['idler', 'cam gear', 'camshaft'], ['hub', 'viscous damper']]
-    """
+    leave, then links that close a loop."""
     found = ways(joined(topology, range(len(topology.link_ends))), 0)
     return found + [list(topology.link_ends[link]) for link in span(topology).loops.tolist()]
 

@@ -1,8 +1,7 @@
 """Pictures of what a train does: kinds of motion over the speed, peaks of cycles, orders; branches and multipliers.
 
-Forces are transmitted tooth forces; a peak is the largest absolute value. ``sweeps`` is one SteadySweep, or two of one
-train, upwards and downwards: the second is drawn hollow. ``mesh`` is by default the one with the largest force; a train
-without meshes is refused with a ValueError.
+``sweeps`` is one SteadySweep, or two of one train, upwards and downwards: the second is drawn hollow. ``mesh`` is by
+default the one with the largest tooth force; a train without meshes is refused with a ValueError.
 """
 
 import dataclasses
@@ -22,6 +21,7 @@ from jaxhb.report.figures.figure import (
     kind_marks,
     line,
     marks,
+    note,
     plain,
     speed_range,
     top_of,
@@ -48,9 +48,8 @@ def plot_motions(*sweeps, mesh=None, branches=(), orbits=None):
         solved = np.asarray(orbits.converged)
         peaks = quantity.factor * np.asarray(orbits.force(mesh).peak)[solved]
         more.append(marks(np.asarray(orbits.rpm)[solved], peaks, "periodic solution", "cross-thin", size=10))
-    style = {"showarrow": False, "font": {"size": 10}}
     notes = [
-        style | {"text": f"{a.state.period}", "x": a.rpm, "y": value, "yshift": -12 if number else 12}
+        note(f"{a.state.period}", a.rpm, value, yshift=-12 if number else 12)
         for number, case in enumerate(cases)
         for a, value in zip(case.answers, quantity.of(case.answers, mesh), strict=True)
         if a.state.kind == "subharmonic"
@@ -103,10 +102,10 @@ def plot_waterfall(sweep, mesh=None, *, highest=None):
     traces += kind_marks(case.answers, places, size=4)
     top = sweep.rpm.max() + scale * largest
     traces.append(bars([highest], [sweep.rpm.max()], [top], "", look={"color": "black"}, showlegend=False))
-    note = {"x": highest, "y": top, "xanchor": "right", "xshift": -6, "showarrow": False, "font": {"size": 11}}
-    panels, note = [("speed, rpm", None)], note | {"text": f"{largest / 1e3:.3g} kN"}
-    title, more = "order, per revolution of the reference rotor", {"x_range": (0.0, 1.02 * highest), "height": 420}
-    made = figure(f"{plain(mesh)}: orders of the tooth force", title, panels, traces, annotations=[note], **more)
+    scaled = note(f"{largest / 1e3:.3g} kN", highest, top, size=11, xanchor="right", xshift=-6)
+    caption, title = f"{plain(mesh)}: orders of the tooth force", "order, per revolution of the reference rotor"
+    more = {"x_range": (0.0, 1.02 * highest), "height": 420, "annotations": [scaled]}
+    made = figure(caption, title, [("speed, rpm", None)], traces, **more)
     return drawn(made, title=sweep[0].topology.title)
 
 

@@ -25,17 +25,7 @@ def plot_train(train):
     Circles are disks, dark where a torque acts; their radius grows with the fourth root of the inertia, not referred.
     Dash-dotted are pitch circles, in proportion, with a white dot where teeth with backlash touch, a black one without;
     a dotted line joins those for which no place was free. Internal meshes touch from outside too.
-
-    Raises
-    ------
-    ValueError
-        For more than 400 disks.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> [text.get_text() for text in plot_train(jaxhb.load_scene("spur_pair")).axes[0].texts][:2]
-    ['gear a', 'gear b']
+    More than 400 disks raise a ValueError.
     """
     topology = train.topology
     if topology.n_disks > MOST:

@@ -80,7 +80,7 @@ def notes_of(report):
     every = [*report.cases, *report.seconds]
     said = [f"{case.title}: {sentence}" for case in every for sentence in warnings(case.answers)]
     own = plausibility(report.train) + notes(*(answer for case in report.cases for answer in case.answers))
-    return {"blocks": [*said, *own] or ["Nothing to note."]}
+    return [*said, *own] or ["Nothing to note."]
 
 
 MOST = 4  # elements whose limits are drawn, of each of two kinds

@@ -29,7 +29,7 @@ def modes(report):
     table = modes_text(found, report.name, kinds, ratios, "teeth in contact" if train.topology.mesh_names else "")
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:MOST]
     shapes = [elastic[i : i + TOGETHER] for i in range(0, len(elastic), TOGETHER)]
-    return {"blocks": [table, *(shapes_figure(train, found, some, ratios) for some in shapes)]}
+    return [table, *(shapes_figure(train, found, some, ratios) for some in shapes)]
 
 
 def campbell(report):

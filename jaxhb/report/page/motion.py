@@ -17,10 +17,7 @@ from jaxhb.report.text.columns import NONE, from_rows, hit, percent, ratio
 from jaxhb.report.text.sentences import status_lines, verdict
 from jaxhb.report.text.sweep_tables import speed_table, turning_table
 
-MOST, MOST_BESIDE = (
-    6,
-    4,
-)  # elements of a kind with a figure, and with one of two designs: those with the largest numbers
+MOST, BESIDE = 6, 4  # elements with a figure, of a kind and of two designs: those with the largest numbers
 MESHES = 3  # meshes of the gear that are drawn over the cycle beside the one with the largest force
 
 
@@ -31,7 +28,7 @@ def motions(report):
     blocks += [_misfires(report)] if len(report.cases) > 2 else []
     blocks += [speed_table(case.answers, f"Speed by speed, {case.title}") for case in cases]
     blocks += [one for case in cases for one in turning_table(case.answers, f", {case.title}")]
-    return {"blocks": [*blocks, maxima(quantities.irregularity(report.train), cases)]}
+    return [*blocks, maxima(quantities.irregularity(report.train), cases)]
 
 
 def _overview(cases, quantity):
@@ -59,23 +56,20 @@ def _misfires(report):
 
 def forces_over_speed(report):
     """Tooth forces and how long teeth are apart."""
-    train, apart = report.train, []
-    if any(train.topology.mesh_backlash) and len(report.rpm) > 1:
+    blocks, apart = swings(quantities.forces(report.train), report.shown), quantities.separation(report.train)
+    if any(report.train.topology.mesh_backlash) and len(report.rpm) > 1:
         for case in report.shown:
             alone, caption = [dataclasses.replace(case, title="")], f"Time out of contact, {case.title}"
-            apart.append(over_speed(quantities.separation(train), train.topology.mesh_names, alone, caption))
-    found = swings(report, quantities.forces(train))
-    return found and found | {"apart": apart}
+            blocks.append(over_speed(apart, apart.names, alone, caption))
+    return blocks
 
 
-def swings(report, quantity):
-    """The largest numbers of all elements in a table, and the hardest worked over the speed."""
-    if not quantity.names:
-        return {}
-    drawn = quantity.hardest(report.shown)[:MOST] if len(report.rpm) > 1 else []
-    figures = [over_speed(quantity, [name], report.shown) for name in drawn]
-    said = {"count": len(quantity.names), "largest": maxima(quantity, report.shown)}
-    return said | {"figures": figures, "apart": []}
+def swings(quantity, cases, most=MOST):
+    """The largest numbers of all elements in a table, and the hardest worked over the speed; a list, empty without."""
+    names = quantity.hardest(cases)[:most] if len(cases[0].answers) > 1 else []
+    said = f"Figures show the {len(names)} with the largest numbers; the table lists all {len(quantity.names)}."
+    blocks = [said] * (0 < len(names) < len(quantity.names)) + [maxima(quantity, cases)] * bool(quantity.names)
+    return blocks + [over_speed(quantity, [name], cases) for name in names]
 
 
 def maxima(quantity, cases):
@@ -140,23 +134,20 @@ def second_design(report):
     trains, designs = (report.train, report.seconds[0].answers[0].train), (report.elements, report.second_elements)
     return {
         "differences": report.tuning or differences(trains, designs),
-        "beside": _beside(pairs[0], drawn=len(report.rpm) > 1),
-        "misfiring": [block for pair in pairs[1:] for block in _beside(pair, drawn=False)],
+        "beside": _beside(pairs[0], BESIDE),
+        "misfiring": [block for pair in pairs[1:] for block in _beside(pair, 0)],
         "found": judged(report.seconds),
         "shares": shares_table("Largest shares of the limits that each design gives", sum(pairs, [])),
     }
 
 
-def _beside(cases, *, drawn):
-    """Tables of what two designs do, and figures of what works hardest."""
-    blocks, trains = [], [case.answers[0].train for case in cases]
+def _beside(cases, most):
+    """What two designs do, element by element that both have."""
+    trains = [case.answers[0].train for case in cases]
     told = [quantities.forces, quantities.gear_torques, quantities.shaft_torques]
-    told = told if trains[0].topology.link_names else [quantities.angles]
-    for quantity in (*told, quantities.heat):
+    blocks = []
+    for quantity in (*(told if trains[0].topology.link_names else [quantities.angles]), quantities.heat):
         mine, its = map(quantity, trains)
-        mine = dataclasses.replace(mine, names=tuple(name for name in mine.names if name in its.names))
-        if mine.names:
-            blocks.append(maxima(mine, cases))
-            chosen = mine.hardest(cases)[:MOST_BESIDE] if drawn and quantity is not quantities.heat else []
-            blocks += [over_speed(mine, [name], cases) for name in chosen]
+        shared = dataclasses.replace(mine, names=tuple(name for name in mine.names if name in its.names))
+        blocks += swings(shared, cases, most)
     return blocks

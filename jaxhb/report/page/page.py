@@ -3,7 +3,7 @@ jinja2."""
 
 import re
 import sys
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from jaxhb.report.figures.figure import Figure
 from jaxhb.report.page.judgement import accuracy, limits, notes_of, result
@@ -14,6 +14,12 @@ from jaxhb.report.page.train import assumptions, train_data
 from jaxhb.report.quantities import angles, gear_torques, heat, shaft_torques
 from jaxhb.report.text.columns import Table
 
+
+def shafts_or_angles(train):
+    """Torques of shafts and dampers, without these angles of disks."""
+    return (shaft_torques if train.topology.link_names else angles)(train)
+
+
 PARTS = {
     "Result": ("result", result),
     "Train and data": ("train", train_data),
@@ -22,13 +28,10 @@ PARTS = {
     "Campbell diagram and critical speeds": ("campbell", campbell),
     "Linear forced response": ("forced", forced),
     "Motion over the speed": ("blocks", motions),
-    "Tooth forces": ("swings", forces_over_speed),
-    "Torques of gears": ("swings", lambda report: swings(report, gear_torques(report.train))),
-    "Torques of shafts and dampers": (
-        "swings",
-        lambda report: swings(report, (shaft_torques if report.train.topology.link_names else angles)(report.train)),
-    ),
-    "Heat of dampers": ("swings", lambda report: swings(report, heat(report.train))),
+    "Tooth forces": ("blocks", forces_over_speed),
+    "Torques of gears": ("blocks", lambda report: swings(gear_torques(report.train), report.shown)),
+    "Torques of shafts and dampers": ("blocks", lambda report: swings(shafts_or_angles(report.train), report.shown)),
+    "Heat of dampers": ("blocks", lambda report: swings(heat(report.train), report.shown)),
     "One speed in full": ("speed", one_speed),
     "Limits": ("limits", limits),
     "Second design": ("second", second_design),
@@ -36,19 +39,18 @@ PARTS = {
     "Notes": ("blocks", notes_of),
 }
 """Of the parts of the page, by their titles and in its order: the template, and the function of the report that gathers
-its data, nothing where the part does not concern the train."""
+its data, a dictionary or a list of blocks, nothing where the part does not concern the train."""
 
 ROWS = 150  # rows of a table that are shown
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """A part of the page: its HTML, and the data that it is made of."""
 
     title: str
     html: str
     data: dict
-    failed: bool = False
+    failed: bool
 
 
 def as_page(report):
@@ -67,13 +69,14 @@ def parts_of(report, sources):
     for title, (name, gather) in sources.items():
         try:
             data, failed = gather(report), False
-            html = environment.get_template(f"{name}.html").render(report=report, **data) if data else ""
+            given = {"blocks": data} if name == "blocks" else data
+            html = environment.get_template(f"{name}.html").render(report=report, **given) if data else ""
         except Exception as error:  # whatever it is, the other parts are of use
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
             said = f"{kind}{error or 'no reason given'}"
             print(f"--html: {title!r} is missing from the page: {said}", file=sys.stderr)
-            data, failed = {"blocks": [f"This part could not be made: {said}"]}, True
-            html = environment.get_template("blocks.html").render(**data)
+            data, failed = [f"This part could not be made: {said}"], True
+            html = environment.get_template("blocks.html").render(blocks=data)
         found += [Part(title, html, data, failed)] if data else []
     return found
 

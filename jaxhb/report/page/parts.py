@@ -89,11 +89,5 @@ def _cell(value, digits):
 
 
 def flowing(text):
-    """A text in which lines that are full are no lines of their own: the page breaks them where it likes.
-
-    Examples
-    --------
-    >>> flowing(f"{'long ' * 20}\\ngoes on\\n  an item").splitlines()[1:]
-    ['  an item']
-    """
+    """A text in which lines that are full are no lines of their own: the page breaks them where it likes."""
     return re.sub(rf"^(?!  )(.{{{FULL},}}?)[ ]*\n(?!  )", r"\1 ", text, flags=re.MULTILINE)
