@@ -150,7 +150,7 @@ def test_the_linear_parts_name_their_case_and_tell_the_misfire_too(made):
     assert float(critical.columns[-2][one]) == pytest.approx(float(critical.columns[-3][one]) / 2, rel=0.01)
     for figure in figures({"": forced}):
         assert "over the speed, all cylinders firing, " in figure.caption
-    worst = blocks(forced.data["worst"]["two not firing"], Table)
+    worst = blocks(forced.data[forced.data.index("Largest values, two not firing") :], Table)
     table = next(table for table in worst if "Welle" in table.columns[0])
     speeds = np.unique([*report.rpm, *np.linspace(1500, 4000, linear.SPEEDS)])
     swings = forced_response(report.cases[1].answers[0].train, rpm=speeds).torque("Welle").half_peak_to_peak
@@ -212,7 +212,7 @@ def test_linear_speeds_without_an_answer_are_gaps_with_a_cross_too(made, monkeyp
         return dataclasses.replace(found, status=status)
 
     monkeypatch.setattr(linear, "forced_response", failing)
-    drawn = linear.forced(report)["figures"][0]
+    drawn = linear.forced(report)[1]
     assert [i for i, y in enumerate(drawn.traces[0]["y"]) if y is None] == [3]
     assert drawn.traces[-1]["name"] == NO_ANSWER and drawn.traces[-1]["x"] == [drawn.traces[0]["x"][3]]
 
@@ -236,7 +236,7 @@ def test_a_part_that_fails_is_a_sentence_leaves_the_others_and_exits_1(made, cap
     def broken(_):
         raise KeyError("no such thing")
 
-    monkeypatch.setattr(page, "PARTS", page.PARTS | {"Limits": ("limits", broken)})
+    monkeypatch.setattr(page, "PARTS", page.PARTS | {"Limits": ("blocks", broken)})
     file = made[0].with_name("part.html")
     assert main(["report", str(made[0].parent / "first.toml"), "--rpm", "1500", "--html", str(file)]) == 1
     text = file.read_text(encoding="utf-8")

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxhb.report.figures.speeds import judged_elements, limit_figure
-from jaxhb.report.page.parts import flowing, table
+from jaxhb.report.page.parts import Heading, flowing, table
 from jaxhb.report.text.cases import hardest, worst_misfire
 from jaxhb.report.text.certified import certificate_parts
 from jaxhb.report.text.columns import NONE, Table, from_rows, plain_number
@@ -53,11 +53,12 @@ def accuracy(report):
     rows = [[case.title, *_accuracy(case.answers)] for case in report.cases]
     chosen = {case.title: case.answers[report.place] for case in report.shown}
     certified = {title: answer for title, answer in chosen.items() if answer.certificate is not None}
-    return {
-        "residuals": table(title, rows, heads),
-        "rpm": report.rpm[report.place],
-        "certified": {title: certificate_parts(answer, answer.certificate) for title, answer in certified.items()},
-    }
+    blocks = [table(title, rows, heads)]
+    for title, answer in certified.items():
+        said, *more = certificate_parts(answer, answer.certificate)
+        blocks += [f"{answer.rpm:g} rpm, {title}. {flowing(said)}", *more]
+    none = "No computed bound was asked for: --certify adds one at the speed that is shown in full."
+    return blocks if certified else [*blocks, none]
 
 
 def _accuracy(answers):
@@ -145,10 +146,11 @@ def limits(report):
     """Stresses, tooth torques and heat against the limits of the scene."""
     strengths = {case.title: answers_strength(case.answers) for case in report.shown}
     first = strengths[report.cases[0].title]
-    cases, told = {}, []
-    for title, found in strengths.items() if first else ():
+    if not first:
+        return ["The scene gives no limits: no diameter of a shaft, no rated_torque of a mesh, no power_limit."]
+    blocks = []
+    for title, found in strengths.items():
         parts = [part if isinstance(part, Table) else flowing(part) for part in strength_text({"": found})]
-        cases[title] = [part for part in parts if part not in told]
-        told += parts
+        blocks += [Heading(f"With {title}"), *(part for part in parts if part not in blocks)]
     chosen = judged_elements(first, each=True)[: 2 * MOST] if len(report.rpm) > 1 else []
-    return {"cases": cases, "figures": [limit_figure(strengths, kind, name) for kind, name in chosen]}
+    return blocks + [limit_figure(strengths, kind, name) for kind, name in chosen]

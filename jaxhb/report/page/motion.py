@@ -11,6 +11,7 @@ from jaxhb.report.figures.figure import plain
 from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page.differences import differences
 from jaxhb.report.page.judgement import judged, shares_table
+from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of
 from jaxhb.report.text.cases import hardest, speed_tables
 from jaxhb.report.text.columns import NONE, from_rows, hit, percent, ratio
@@ -107,19 +108,21 @@ def _largest(values):
 def one_speed(report):
     """One speed in full: verdicts, the cycle, tables of forces and torques, normal and misfiring."""
     answers = {case.title: case.answers[report.place] for case in report.shown}
-    first, cases = report.cases[0].answers[report.place], {}
+    first = report.cases[0].answers[report.place]
+    why = f"the speed of the largest {hardest(first)[0].called} with {report.cases[0].title}"
+    why = "as asked for" if report.asked else why
     gear = report.gear or default_gear(first)
     subject = gear or (hardest_shaft([first]) if first.topology.link_names else None)
     own = meshes_of(first.topology, gear) if gear else ()
     meshes = list(dict.fromkeys([*own[:MESHES], first.worst_mesh or own[0]])) if own else ()
+    blocks = [f"Shown is {first.rpm:g} rpm, {why}."]
     for title, answer in answers.items():
         lines = [f"{said[0].upper()}{said[1:]}." for said in status_lines(answer)]
         caption = f"{answer.rpm:g} rpm, {plain(title)}: torque of {plain(subject or '')}"
         caption += " and tooth forces" * bool(meshes)
-        drawn = [cycle_figure(answer, subject, meshes, caption)] if subject and answer.answered else []
-        cases[title] = {"said": "\n".join([verdict(answer), *lines]), "figures": drawn}
-    tables = speed_tables(report.shown, report.place)
-    return {"rpm": first.rpm, "called": hardest(first)[0].called, "cases": cases, "tables": tables}
+        blocks += [Heading(f"With {title}"), "\n".join([verdict(answer), *lines])]
+        blocks += [cycle_figure(answer, subject, meshes, caption)] if subject and answer.answered else []
+    return blocks + speed_tables(report.shown, report.place)
 
 
 def second_design(report):

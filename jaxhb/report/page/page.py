@@ -9,7 +9,7 @@ from jaxhb.report.figures.figure import Figure
 from jaxhb.report.page.judgement import accuracy, limits, notes_of, result
 from jaxhb.report.page.linear import campbell, forced, modes
 from jaxhb.report.page.motion import forces_over_speed, motions, one_speed, second_design, swings
-from jaxhb.report.page.parts import flowing
+from jaxhb.report.page.parts import Heading
 from jaxhb.report.page.train import assumptions, train_data
 from jaxhb.report.quantities import angles, gear_torques, heat, shaft_torques
 from jaxhb.report.text.columns import Table
@@ -25,17 +25,17 @@ PARTS = {
     "Train and data": ("train", train_data),
     "Assumptions and versions": ("assumptions", assumptions),
     "Natural frequencies": ("blocks", modes),
-    "Campbell diagram and critical speeds": ("campbell", campbell),
-    "Linear forced response": ("forced", forced),
+    "Campbell diagram and critical speeds": ("blocks", campbell),
+    "Linear forced response": ("blocks", forced),
     "Motion over the speed": ("blocks", motions),
     "Tooth forces": ("blocks", forces_over_speed),
     "Torques of gears": ("blocks", lambda report: swings(gear_torques(report.train), report.shown)),
     "Torques of shafts and dampers": ("blocks", lambda report: swings(shafts_or_angles(report.train), report.shown)),
     "Heat of dampers": ("blocks", lambda report: swings(heat(report.train), report.shown)),
-    "One speed in full": ("speed", one_speed),
-    "Limits": ("limits", limits),
+    "One speed in full": ("blocks", one_speed),
+    "Limits": ("blocks", limits),
     "Second design": ("second", second_design),
-    "Accuracy and computed bounds": ("accuracy", accuracy),
+    "Accuracy and computed bounds": ("blocks", accuracy),
     "Notes": ("blocks", notes_of),
 }
 """Of the parts of the page, by their titles and in its order: the template, and the function of the report that gathers
@@ -92,8 +92,9 @@ def _environment():
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    made.filters |= {"words": _words, "css": _css_text, "flowing": flowing}
+    made.filters |= {"words": _words, "css": _css_text}
     made.tests |= {"table": lambda block: isinstance(block, Table), "drawn": lambda block: isinstance(block, Figure)}
+    made.tests |= {"heading": lambda block: isinstance(block, Heading)}
     made.globals |= {"most": ROWS}
     made.policies["json.dumps_kwargs"] = {"allow_nan": False, "ensure_ascii": False}
     return made

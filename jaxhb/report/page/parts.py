@@ -14,6 +14,10 @@ from jaxhb.train.drivetrain import DriveTrain
 FULL = 95  # letters of a line of text that goes on in the next
 
 
+class Heading(str):
+    """A block of a part that stands above others."""
+
+
 @dataclass(frozen=True)
 class Report:
     """What was computed for a page.
