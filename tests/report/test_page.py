@@ -16,6 +16,7 @@ from jaxhb.report.answer import Answer, Case
 from jaxhb.report.figures.figure import NO_ANSWER
 from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page import linear, page
+from jaxhb.report.page.judgement import largest_shares
 from jaxhb.report.page.page import parts_of
 from jaxhb.report.quantities import forces
 from jaxhb.report.text.columns import Table
@@ -91,7 +92,7 @@ def test_the_second_design_stands_beside_the_first_with_what_differs(made):
 
 def test_the_result_judges_every_case_and_names_limit_element_case_and_speed_the_largest_share_first(made):
     _, report, parts = made
-    found = parts["Result"].data["first"]["shares"]
+    found = list(largest_shares(report.cases).values())
     shares = [one.share for one in found]
     assert len(shares) == 3 and shares == sorted(shares, reverse=True)
     reads = {"Dämpfer": lambda a: a.power("Dämpfer") / 500.0}
@@ -150,7 +151,7 @@ def test_the_linear_parts_name_their_case_and_tell_the_misfire_too(made):
     assert float(critical.columns[-2][one]) == pytest.approx(float(critical.columns[-3][one]) / 2, rel=0.01)
     for figure in figures({"": forced}):
         assert "over the speed, all cylinders firing, " in figure.caption
-    worst = blocks(forced.data[forced.data.index("Largest values, two not firing") :], Table)
+    worst = blocks(forced.blocks[forced.blocks.index("Largest values, two not firing") :], Table)
     table = next(table for table in worst if "Welle" in table.columns[0])
     speeds = np.unique([*report.rpm, *np.linspace(1500, 4000, linear.SPEEDS)])
     swings = forced_response(report.cases[1].answers[0].train, rpm=speeds).torque("Welle").half_peak_to_peak
@@ -236,7 +237,7 @@ def test_a_part_that_fails_is_a_sentence_leaves_the_others_and_exits_1(made, cap
     def broken(_):
         raise KeyError("no such thing")
 
-    monkeypatch.setattr(page, "PARTS", page.PARTS | {"Limits": ("blocks", broken)})
+    monkeypatch.setattr(page, "PARTS", page.PARTS | {"Limits": broken})
     file = made[0].with_name("part.html")
     assert main(["report", str(made[0].parent / "first.toml"), "--rpm", "1500", "--html", str(file)]) == 1
     text = file.read_text(encoding="utf-8")

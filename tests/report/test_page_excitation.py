@@ -110,7 +110,7 @@ def test_what_the_assumptions_advise_keeps_the_compression_of_a_cylinder():
         parts += [jaxhb.Cylinder(**row, combustion=jaxhb.Combustion(**given, **{by: much}))]
         train = jaxhb.build(parts, revolutions_per_cycle=2)
         report = Report([Case("", [SimpleNamespace(train=train, orbit=False)])], facts={"date": "today"})
-        (part,) = parts_of(report, {"": ("assumptions", assumptions)})
+        (part,) = parts_of(report, {"": assumptions})
         (key,) = re.findall(r"--set &#34;(.*)=0&#34;", part.html)
         swings = [
             float(jaxhb.forced_response(one, rpm=1000.0).torque("a|b").half_peak_to_peak)

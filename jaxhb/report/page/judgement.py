@@ -19,16 +19,14 @@ ROUNDING = 1e-9  # share of the power that is lost by rounding
 
 def result(report):
     """What an engineer reads first: do the teeth hammer, how hard, and what of it is in doubt."""
-    every = [*report.cases, *report.seconds]
-    missing = {case.title: sum(not answer.answered for answer in case.answers) for case in every}
-    return {
-        "shown": [_largest(case) for case in report.shown],
-        "seconds": [_largest(case) for case in report.seconds],
-        "worst": worst_misfire(report.cases),
-        "first": judged(report.cases),
-        "second": judged(report.seconds),
-        "doubts": {title: count for title, count in missing.items() if count},
-    }
+    blocks, worst = [f"With {_largest(case)}" for case in report.shown], worst_misfire(report.cases)
+    if len(report.cases) > 2 and worst:
+        blocks.append(f"Of all {len(report.cases) - 1} misfires that of {worst['cylinder']} is the worst.")
+    blocks += [f"With the {_largest(case)}" for case in report.seconds]
+    blocks += judged(report.cases, "Against the limits of the scene") + judged(report.seconds, SECOND_LIMITS)
+    missing = {case.title: sum(not a.answered for a in case.answers) for case in [*report.cases, *report.seconds]}
+    doubts = ", ".join(f"{count} of {len(report.rpm)} ({title})" for title, count in missing.items() if count)
+    return blocks + [f"Speeds WITHOUT AN ANSWER, left out of all largest values: {doubts}."] * bool(doubts)
 
 
 def _largest(case):
@@ -84,6 +82,8 @@ def notes_of(report):
     return [*said, *own] or ["Nothing to note."]
 
 
+SHOWN = 6  # shares of limits in a sentence
+SECOND_LIMITS = "Second design, against the limits of its scene"
 MOST = 4  # elements whose limits are drawn, of each of two kinds
 
 
@@ -111,21 +111,35 @@ def largest_shares(cases):
     return dict(sorted(found.items(), key=lambda item: -item[1].share))
 
 
-def judged(cases):
-    """The largest shares of limits over all cases, and the titles of cases, by elements, in which stresses may not even
-    be passed through, or the torque of teeth changes its sign."""
-    shares, transient, reversing = list(largest_shares(cases).values()), {}, {}
-    for case in cases:
-        strength = answers_strength(case.answers)
-        for name, row in strength.stresses.items():
-            if row.transient is not None and np.any(row.stress > row.transient):
-                transient.setdefault(name, []).append(case.title)
-        for name, row in strength.tooth_torques.items():
-            if np.any(row.reverses):
-                reversing.setdefault(name, []).append(case.title)
-    over = sum(one.share > 1 for one in shares)
-    said = {"shares": shares, "over": over, "cases": len(cases), "transient": transient, "reversing": reversing}
-    return said | {"aid": AID}
+def judged(cases, against):
+    """How cases stand against their limits, in sentences: the largest shares, and where stresses may not even be passed
+    through or the torque of teeth changes its sign."""
+    shares = list(largest_shares(cases).values())
+    if not shares:
+        return []
+
+    def where(key, is_so):
+        found = {}
+        for case in cases:
+            for name, row in getattr(answers_strength(case.answers), key).items():
+                if is_so(row):
+                    found.setdefault(name, []).append(case.title)
+        return "; ".join(f"{name} ({', '.join(titles)})" for name, titles in found.items())
+
+    over, count = sum(one.share > 1 for one in shares), "one case" if len(cases) == 1 else f"{len(cases)} cases"
+    how = f"{over} of {len(shares)} ABOVE A LIMIT" if over else "within the limits at all speeds that are judged"
+    limits = {"limit": "its limit", "continuous limit": "the continuous limit"}
+    told = [
+        f"{one.kind.called} of {one.name} {one.share:.2f} of {limits.get(one.kind.limit, one.kind.limit)}"
+        f" ({one.case}, {one.rpm:g} rpm)"
+        for one in shares[:SHOWN]
+    ]
+    told += [f"{len(shares) - SHOWN} more have smaller shares"] * (len(shares) > SHOWN)
+    said = [f"{against} ({AID}), {count}: {how}. Shares, the largest first: {'; '.join(told)}."]
+    above = where("stresses", lambda row: row.transient is not None and np.any(row.stress > row.transient))
+    reversing = where("tooth_torques", lambda row: np.any(row.reverses))
+    said += [f"ABOVE THE TRANSIENT LIMIT of stress: {above}."] * bool(above)
+    return said + [f"Teeth with a rated torque whose torque changes its sign: {reversing}."] * bool(reversing)
 
 
 def shares_table(title, cases):

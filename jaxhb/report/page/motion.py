@@ -10,7 +10,7 @@ from jaxhb.report.figures.cycle import cycle_figure
 from jaxhb.report.figures.figure import plain
 from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page.differences import differences
-from jaxhb.report.page.judgement import judged, shares_table
+from jaxhb.report.page.judgement import SECOND_LIMITS, judged, shares_table
 from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of
 from jaxhb.report.text.cases import hardest, speed_tables
@@ -128,20 +128,21 @@ def one_speed(report):
 def second_design(report):
     """Another design beside the first: what differs, what it does at the same speeds, and its shares of limits."""
     if not report.seconds:
-        return {}
+        return []
     title = "first design"
     pairs = [
         [dataclasses.replace(first, title=title if first is report.cases[0] else f"{title}, {first.title}"), second]
         for first, second in zip(report.shown, report.seconds, strict=False)
     ]
     trains, designs = (report.train, report.seconds[0].answers[0].train), (report.elements, report.second_elements)
-    return {
-        "differences": report.tuning or differences(trains, designs),
-        "beside": _beside(pairs[0], BESIDE),
-        "misfiring": [block for pair in pairs[1:] for block in _beside(pair, 0)],
-        "found": judged(report.seconds),
-        "shares": shares_table("Largest shares of the limits that each design gives", sum(pairs, [])),
-    }
+    blocks = [*(report.tuning or differences(trains, designs)), *_beside(pairs[0], BESIDE)]
+    for pair in pairs[1:]:
+        blocks += [Heading(f"With {report.shown[1].title}"), *_beside(pair, 0)]
+    if len(report.cases) > 1 == len(pairs):
+        blocks.append("The second design was run without a misfire: nothing here shows what a misfire does to it.")
+    shares = shares_table("Largest shares of the limits that each design gives", sum(pairs, []))
+    limits = [Heading("Limits of both designs"), *judged(report.seconds, SECOND_LIMITS), shares]
+    return blocks + limits * (shares is not None)
 
 
 def _beside(cases, most):

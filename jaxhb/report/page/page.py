@@ -9,7 +9,7 @@ from jaxhb.report.figures.figure import Figure
 from jaxhb.report.page.judgement import accuracy, limits, notes_of, result
 from jaxhb.report.page.linear import campbell, forced, modes
 from jaxhb.report.page.motion import forces_over_speed, motions, one_speed, second_design, swings
-from jaxhb.report.page.parts import Heading
+from jaxhb.report.page.parts import Heading, Sketch
 from jaxhb.report.page.train import assumptions, train_data
 from jaxhb.report.quantities import angles, gear_torques, heat, shaft_torques
 from jaxhb.report.text.columns import Table
@@ -21,35 +21,35 @@ def shafts_or_angles(train):
 
 
 PARTS = {
-    "Result": ("result", result),
-    "Train and data": ("train", train_data),
-    "Assumptions and versions": ("assumptions", assumptions),
-    "Natural frequencies": ("blocks", modes),
-    "Campbell diagram and critical speeds": ("blocks", campbell),
-    "Linear forced response": ("blocks", forced),
-    "Motion over the speed": ("blocks", motions),
-    "Tooth forces": ("blocks", forces_over_speed),
-    "Torques of gears": ("blocks", lambda report: swings(gear_torques(report.train), report.shown)),
-    "Torques of shafts and dampers": ("blocks", lambda report: swings(shafts_or_angles(report.train), report.shown)),
-    "Heat of dampers": ("blocks", lambda report: swings(heat(report.train), report.shown)),
-    "One speed in full": ("blocks", one_speed),
-    "Limits": ("blocks", limits),
-    "Second design": ("second", second_design),
-    "Accuracy and computed bounds": ("blocks", accuracy),
-    "Notes": ("blocks", notes_of),
+    "Result": result,
+    "Train and data": train_data,
+    "Assumptions and versions": assumptions,
+    "Natural frequencies": modes,
+    "Campbell diagram and critical speeds": campbell,
+    "Linear forced response": forced,
+    "Motion over the speed": motions,
+    "Tooth forces": forces_over_speed,
+    "Torques of gears": lambda report: swings(gear_torques(report.train), report.shown),
+    "Torques of shafts and dampers": lambda report: swings(shafts_or_angles(report.train), report.shown),
+    "Heat of dampers": lambda report: swings(heat(report.train), report.shown),
+    "One speed in full": one_speed,
+    "Limits": limits,
+    "Second design": second_design,
+    "Accuracy and computed bounds": accuracy,
+    "Notes": notes_of,
 }
-"""Of the parts of the page, by their titles and in its order: the template, and the function of the report that gathers
-its data, a dictionary or a list of blocks, nothing where the part does not concern the train."""
+"""The parts of the page by their titles and in its order: functions of the report to a list of blocks (words, headings,
+tables, figures), an empty one where the part does not concern the train."""
 
 ROWS = 150  # rows of a table that are shown
 
 
 class Part(NamedTuple):
-    """A part of the page: its HTML, and the data that it is made of."""
+    """A part of the page: its HTML, and the blocks that it is made of."""
 
     title: str
     html: str
-    data: dict
+    blocks: list
     failed: bool
 
 
@@ -65,19 +65,18 @@ def as_page(report):
 
 def parts_of(report, sources):
     """All parts that concern the train; what fails is a sentence in the part, and on stderr."""
-    found, environment = [], _environment()
-    for title, (name, gather) in sources.items():
+    found, show = [], _environment().get_template("show.html").module.show
+    for title, gather in sources.items():
         try:
-            data, failed = gather(report), False
-            given = {"blocks": data} if name == "blocks" else data
-            html = environment.get_template(f"{name}.html").render(report=report, **given) if data else ""
+            blocks, failed = gather(report), False
+            html = "".join(map(show, blocks))
         except Exception as error:  # whatever it is, the other parts are of use
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
             said = f"{kind}{error or 'no reason given'}"
             print(f"--html: {title!r} is missing from the page: {said}", file=sys.stderr)
-            data, failed = [f"This part could not be made: {said}"], True
-            html = environment.get_template("blocks.html").render(blocks=data)
-        found += [Part(title, html, data, failed)] if data else []
+            blocks, failed = [f"This part could not be made: {said}"], True
+            html = show(blocks[0])
+        found += [Part(title, html, blocks, failed)] if blocks else []
     return found
 
 
@@ -93,8 +92,8 @@ def _environment():
         undefined=StrictUndefined,
     )
     made.filters |= {"words": _words, "css": _css_text}
-    made.tests |= {"table": lambda block: isinstance(block, Table), "drawn": lambda block: isinstance(block, Figure)}
-    made.tests |= {"heading": lambda block: isinstance(block, Heading)}
+    for name, kind in {"table": Table, "drawn": Figure, "heading": Heading, "sketch": Sketch}.items():
+        made.tests[name] = lambda block, kind=kind: isinstance(block, kind)
     made.globals |= {"most": ROWS}
     made.policies["json.dumps_kwargs"] = {"allow_nan": False, "ensure_ascii": False}
     return made

@@ -18,6 +18,10 @@ class Heading(str):
     """A block of a part that stands above others."""
 
 
+class Sketch(str):
+    """A block of a part: the sketch of the train as SVG."""
+
+
 @dataclass(frozen=True)
 class Report:
     """What was computed for a page.
