@@ -89,8 +89,8 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
 def _checked_page(train, given):
     """The second design where its scene is given; refuses what no page can tell, before anything is computed."""
     if (given.tuned or given.tune) and not given.html:
-        option = "--tune" if given.tune else "--tuned"
-        raise OutputError(f"{option}: the second design appears on the page only. Add --html FILE.html.")
+        told_of = f"--{'tune' if given.tune else 'tuned'}: the second design appears on the page only"
+        raise OutputError(f"{told_of}. Add --html FILE.html.")
     if given.html and (missing := [name for name in NEEDED if importlib.util.find_spec(name) is None]):
         raise OutputError(f'--html: the page needs {", ".join(missing)}. Install it: pip install "jaxhb[report]".')
     if given.tune:
@@ -143,8 +143,7 @@ def _second_designs(train, second, misfire, given):
 def second_text(cases, seconds):
     """What a second design does to the largest tooth force (torque, angle), a line for each of its cases."""
     lines = []
-    for case in seconds:
-        first = cases[0] if case is seconds[0] else next(one for one in cases[1:] if case.title.endswith(one.title))
+    for case, first in zip(seconds, [cases[0], shown_misfire(cases)], strict=False):
         found, before = told.largest_of(case), told.largest_of(first)
         if found is None or before is None:
             lines.append(f"The {case.title}: no largest value, one of the designs has no answer.")

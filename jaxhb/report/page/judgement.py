@@ -66,12 +66,11 @@ def _accuracy(answers):
     if not solved:
         return [count, *[NONE] * 4]
     residual = max(float(answer.response.residual) for answer in solved)
-    worst = max(solved, key=lambda answer: float(answer.response.truncation_error))
-    error = 100 * float(worst.response.truncation_error)
     lost = max(abs(float(answer.response.power_defect)) for answer in solved)
-    at = f"{worst.rpm:g}" if error else NONE
+    error, rpm = max((float(answer.response.truncation_error), answer.rpm) for answer in solved)
+    error, at = plain_number(100 * error, 2), f"{rpm:g}" if error else NONE
     lost = plain_number(100 * lost, 2) if lost > ROUNDING else "0"
-    return [count, f"{residual:.1e}" if residual else "0", plain_number(error, 2), at, lost]
+    return [count, f"{residual:.1e}" if residual else "0", error, at, lost]
 
 
 def notes_of(report):
