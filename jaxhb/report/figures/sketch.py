@@ -84,9 +84,10 @@ def _draw_links(axes, topology, found):
         if link < shafts + dampers:
             damper = {"linewidth": 1.6, "linestyle": (0, (1.5, 1)), "label": "damper"}
             style = damper if link >= shafts else {"linewidth": 2.2, "label": "shaft"}
-            # What closes a loop passes the disks between its ends.
-            bow = np.copysign(BOW, way[0]) * np.sin(np.pi * t) * (-way[1], way[0]) if link in loops else 0.0
-            axes.plot(*(ends[0] + t * (ends[1] - ends[0]) + bow).T, color="black", zorder=2, **style)
+            if link in loops:  # it passes the disks between its ends
+                bow = np.copysign(BOW, way[0]) * np.sin(np.pi * t) * (-way[1], way[0])
+                ends = ends[0] + t * (ends[1] - ends[0]) + bow
+            axes.plot(*ends.T, color="black", zorder=2, **style)
             continue
         ends += np.array([found.pitch[a] * way, -found.pitch[b] * way])
         if link not in found.touching:
