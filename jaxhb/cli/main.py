@@ -37,7 +37,13 @@ torques do not balance is bad input (2). If --set unbalances a scene, it is repo
 
 
 def main(argv=None):
-    """Run the command line on words, by default those of the process; its exit status, as its help tells it."""
+    """Run the command line on words, by default those of the process; its exit status, as its help tells it.
+
+    >>> main(["solve", "spur_pair", "--rpm", "2000"])  # doctest: +ELLIPSIS
+    All teeth stay in contact at 2000 rpm.
+    ...
+    0
+    """
     for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     return guarded(lambda: _run(sys.argv[1:] if argv is None else argv))

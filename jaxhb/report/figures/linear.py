@@ -129,7 +129,13 @@ def modes_of(train, most=None):
 
 def train_lines(topology):
     """Ways along the train, lists of disks, on which every link lies once: the longest, then branches from where they
-    leave, then links that close a loop."""
+    leave, then links that close a loop.
+
+    >>> import jaxhb
+    >>> topology = jaxhb.load_scene("engine_with_damper").topology
+    >>> [[topology.disk_names[disk] for disk in way] for way in train_lines(topology)][2:]
+    [['idler', 'cam gear', 'camshaft'], ['hub', 'viscous damper']]
+    """
     found = ways(joined(topology, range(len(topology.link_ends))), 0)
     return found + [list(topology.link_ends[link]) for link in span(topology).loops.tolist()]
 

@@ -26,6 +26,10 @@ def plot_train(train):
     Dash-dotted are pitch circles, in proportion, with a white dot where teeth with backlash touch, a black one without;
     a dotted line joins those for which no place was free. Internal meshes touch from outside too.
     More than 400 disks raise a ValueError.
+
+    >>> import jaxhb
+    >>> [text.get_text() for text in plot_train(jaxhb.load_scene("spur_pair")).axes[0].texts][:2]
+    ['gear a', 'gear b']
     """
     topology = train.topology
     if topology.n_disks > MOST:

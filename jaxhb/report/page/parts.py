@@ -97,5 +97,9 @@ def _cell(value, digits):
 
 
 def flowing(text):
-    """A text in which lines that are full are no lines of their own: the page breaks them where it likes."""
+    """A text in which lines that are full are no lines of their own: the page breaks them where it likes.
+
+    >>> flowing(f"{'long ' * 20}\\ngoes on\\n  an item").splitlines()[1:]
+    ['  an item']
+    """
     return re.sub(rf"^(?!  )(.{{{FULL},}}?)[ ]*\n(?!  )", r"\1 ", text, flags=re.MULTILINE)
