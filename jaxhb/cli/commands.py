@@ -83,24 +83,22 @@ class _TunedFiles:
         self.copies = copies_beside(beside, Path(given.output).parent)
         output.make_folders(self.copies)
 
-    def left(self):
-        """What a tuning that is stopped leaves, in a sentence; before its first step the scene as far as it is solved,
-        in the file of numbers."""
-        if self.history:
-            return f"the best design so far is {self.given.output!r}"
-        done = 0 if self.start is None else int(self.start.solved.sum())
-        said = f"no design is there yet and no scene is written; {done} of {len(self.rpm)} speeds of the scene as it is"
-        if not done:
-            return f"{said} are solved"
-        record = output.changes(self.given) | start_record(self.train, self.rpm, self.start)
-        output.write_files({self.given.json: output.as_json(record)})
-        return f"{said} are solved, and their numbers are in {self.given.json!r}"
-
     def begin(self, reading):
         """What is known of the scene as it is."""
         self.start = reading
-        done = f"{reading.solved.sum()} of {len(self.rpm)} speeds are solved"
-        self.progress.say(f"solving the scene as it is: {done}")
+        self.progress.say(f"solving the scene as it is: {reading.solved.sum()} of {len(self.rpm)} speeds are solved")
+
+    def left(self):
+        """What a tuning that is stopped leaves, in a sentence; before its first step the speeds that are solved."""
+        if self.history:
+            return f"the best design so far is {self.given.output!r}"
+        done, there = 0 if self.start is None else int(self.start.solved.sum()), ""
+        if done:
+            record = output.changes(self.given) | start_record(self.train, self.rpm, self.start)
+            output.write_files({self.given.json: output.as_json(record)})
+            there = f", and their numbers are in {self.given.json!r}"
+        said = f"no design is there yet and no scene is written; {done} of {len(self.rpm)} speeds of the scene as it is"
+        return f"{said} are solved{there}"
 
     def note(self, step):
         """One step more."""
@@ -115,8 +113,8 @@ class _TunedFiles:
         given = self.given
         values = scene_values(self.train, dict(given.set) | parameters)
         text, _ = changed_scene(given.scene, values, remark=f"{given.scene}, tuned by jaxhb tune.")
-        made = {given.output: [text.encode()], given.json: output.as_json(output.changes(given) | record)}
-        output.write_files({path: [content] for path, content in self.copies.items()} | made)
+        made = {path: [content] for path, content in self.copies.items()} | {given.output: [text.encode()]}
+        output.write_files(made | {given.json: output.as_json(output.changes(given) | record)})
 
 
 def check_files(train, given):
@@ -148,7 +146,12 @@ def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet,
     if over and len(rpm) > 1:
         raise output.OutputError(f"--over: it goes over one number at one speed, and --rpm names {len(rpm)}.")
     train, asked = without_cylinders(train, given), Asked.of(given)
-    axis, values = _axis(train, over) if over else (SPEED, rpm)
+    axis, values = SPEED, rpm
+    if over:
+        (name, values), (table, field, _) = over, locate(train.topology, over[0])
+        axis = Axis(name, declared_field(table, field).metadata["range"].unit)
+        for value in values:  # what is refused is refused before anything is computed or written
+            train.replace({name: value})
     files = _SweepFiles(train, given, axis)
     kept = Kept([train], (axis, values, rpm, direction, asked, chunk))
     kept.folder = None if folder else kept.folder
@@ -176,15 +179,6 @@ def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet,
     return status(warnings([answer for answers in found.values() for answer in answers]))
 
 
-def _axis(train, over):
-    """What output.changes along the sweep, and its values."""
-    name, values = over
-    table, field, _ = locate(train.topology, name)
-    for value in values:  # what is refused is refused before anything is computed or written
-        train.replace({name: value})
-    return Axis(name, declared_field(table, field).metadata["range"].unit), values
-
-
 class _SweepFiles:
     """What was found so far, and the files that hold it."""
 
@@ -196,11 +190,11 @@ class _SweepFiles:
     def note(self, found):
         """Write what is known so far; a JSON file of all orders is too large to be written again and again."""
         self.found = {way: answers for way, answers in found.items() if answers}
-        if self.found:
-            self._write("csv", *([] if self.given.full else ["json"]))
+        self._write("csv", *([] if self.given.full else ["json"]))
 
     def _write(self, *options):
-        names = {option: getattr(self.given, option) for option in options}
+        """Write files that were asked for, as soon as anything is known; their names."""
+        names = {option: getattr(self.given, option) for option in options if self.found}
         names = {option: name for option, name in names.items() if name and name != output.STANDARD_OUTPUT}
         output.write_files({name: getattr(self, option)(self.found) for option, name in names.items()})
         return " and ".join(map(repr, names.values()))
@@ -208,8 +202,7 @@ class _SweepFiles:
     def left(self, total):
         """What a sweep that is stopped leaves, in a sentence."""
         ways = ("up", "down") if self.both else tuple(self.found) or ("",)
-        done = min(len(self.found.get(way, ())) for way in ways)
-        names = self._write("json", "csv", "netcdf") if self.found else ""
+        done, names = min(len(self.found.get(way, ())) for way in ways), self._write("json", "csv", "netcdf")
         counted = "speeds" if self.axis == SPEED else "values"
         return f"{done} of {total} {counted} are done{f' in {names}' if names else ''}"
 

@@ -39,10 +39,14 @@ def scene(scene, quiet, expand, out, referred, plot):
     """Print a scene as TOML or its referred numbers, or write it with the tables it names, or draw the train."""
     _check_files({"scene": scene, "out": out, "plot": plot})
     text, beside = scene_text(scene, expand=expand)
-    try:
-        files = {plot: output.as_picture(plot, _sketch(scene))} if plot else {}
-    except ValueError as error:
-        raise output.OutputError(f"--plot: {error}") from None
+    files = {}
+    if plot:
+        from jaxhb.report.figures.sketch import plot_train  # loads jax, which a scene that is printed does not need
+
+        try:
+            files = {plot: output.as_picture(plot, plot_train(load_scene(scene)))}
+        except ValueError as error:
+            raise output.OutputError(f"--plot: {error}") from None
     if out:
         copies = copies_beside(beside, Path(out).parent, "--out")
         files |= {out: [text.encode()]} | {path: [content] for path, content in copies.items()}
@@ -74,42 +78,31 @@ def read(given, constant_links):
 
 def _check_files(given):
     """Refuse what cannot be written, by the name of the option that was given."""
-    options = {option: f"--{option}" if option.islower() else option for option in FILES}
+    named = {option: f"--{option}" if option.islower() else option for option in FILES}
     if "output" in given:
-        _name_tuned(given, options)
+        _name_tuned(given, named)
     files = {option: given[option] for option in FILES if given.get(option)}
     scenes = [given["scene"], given.get("tuned")] if files else []
     inputs = [path for name in scenes if name is not None for path in scene_files(name)]
     for option, name in files.items():
-        (output.check_picture if option == "plot" else output.check_output)(options[option], name)
-        output.check_inputs(options[option], name, inputs)
+        (output.check_picture if option == "plot" else output.check_output)(named[option], name)
+        output.check_inputs(named[option], name, inputs)
         kind, *endings = ENDINGS.get(option, ("file", Path(name).suffix.lower()))
         if Path(name).suffix.lower() not in endings:
-            told = f"{name!r} is no {kind}. Give a name that ends in {endings[0]}."
-            raise output.OutputError(f"{options[option]}: {told}")
+            raise output.OutputError(f"{named[option]}: {name!r} is no {kind}. Give a name that ends in {endings[0]}.")
     if len({Path(name).resolve() for name in files.values()}) < len(files):
         raise output.OutputError(f"--{' and --'.join(files)} name the same file. Give each its own.")
 
 
-def _name_tuned(given, options):
+def _name_tuned(given, named):
     """Name the files of a tuning that were not given; none of them may hold anything else."""
-    signs = {}
-    if given["output"] is None:
-        given["output"] = f"{Path(given['scene']).stem}_tuned.toml"
-        signs[given["output"]] = b"tuned by jaxhb tune"
-    if given["json"] is None:
-        given["json"], options["json"] = str(Path(given["output"]).with_suffix(".json")), "--output"
-        signs[given["json"]] = b'"history"'
     if given["json"] == output.STANDARD_OUTPUT:
         raise output.OutputError("--json: a tuning writes it again at every step. Give the name of a file.")
-    for name, sign in signs.items():
-        if Path(name).is_file() and sign not in Path(name).read_bytes():
-            raise output.OutputError(
-                f"--output: {name!r} is there and is not from jaxhb tune. Name the tuned scene yourself."
-            )
-
-
-def _sketch(scene):
-    from jaxhb.report.figures.sketch import plot_train  # loads jax, which a scene that is printed does not need
-
-    return plot_train(load_scene(scene))
+    signs, stem = {"output": b"tuned by jaxhb tune", "json": b'"history"'}, f"{Path(given['scene']).stem}_tuned.toml"
+    for option, sign in signs.items():
+        if given[option] is None:
+            name = stem if option == "output" else str(Path(given["output"]).with_suffix(".json"))
+            given[option], named[option] = name, "--output"
+            if Path(name).is_file() and sign not in Path(name).read_bytes():
+                told = f"{name!r} is there and is not from jaxhb tune. Name the tuned scene yourself."
+                raise output.OutputError(f"--output: {told}")

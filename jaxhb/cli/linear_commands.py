@@ -100,44 +100,41 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
 def forced(train, given, rpm, element, orders, netcdf, plot, **_):
     """Linear forced response over the speed, with --misfire each beside it that of every cylinder in turn."""
     check_labelled(given)
-    each, responses = asks_each(train, given), {}
+    each, misfires = asks_each(train, given), None
     if each and netcdf:
         raise OutputError("--netcdf: it holds one train, and --misfire each takes several. Leave one of them out.")
     if each:
         misfires = misfire_each(train, rpm=rpm, solve=forced_response)
-        response, responses = misfires.firing, misfires.responses
+        cases = {"": misfires.firing} | misfires.responses
     else:
-        response = forced_response(without_cylinders(train, given), rpm=rpm)
-    cases = {"": response} | responses
-    failures = [
-        s for name, one in cases.items() for s in told.forced_failures(one, case_title(train, name) if each else "")
-    ]
-    if not any(one.converged.any() for one in responses.values()):
-        cases = {"": response}  # no misfire has an answer to compare with
+        cases = {"": forced_response(without_cylinders(train, given), rpm=rpm)}
+    titles = {name: case_title(train, name) if each else "" for name in cases}
+    failures = [sentence for name, one in cases.items() for sentence in told.forced_failures(one, titles[name])]
+    response, *others = cases.values()
+    if not any(one.converged.any() for one in others):
+        cases, misfires = {"": response}, None  # no misfire has an answer to compare with
     found, judged = told.readings(response, element), {name: strength(shown(one)) for name, one in cases.items()}
-    records = {name: {"strength": strength_record(one)} if one else {} for name, one in judged.items()}
     columns = {name: strength_columns(one) for name, one in judged.items()}
-    if len(cases) == 1:
-        worst, misfires = None, None
-        text = [told.forced_text(response, found, each=bool(element))]
-    else:
-        worst = told.worst_of(misfires, found)
+    worst = misfires and told.worst_of(misfires, found)
+    if misfires:
         text = [told.forced_head(response), told.misfires_text(misfires, found, worst, each=bool(element))]
-        judged = {f"With {case_title(train, name)}": one for name, one in judged.items()}
+    else:
+        text = [told.forced_text(response, found, each=bool(element))]
 
     def record():
-        more = {} if misfires is None else told.misfires_record(misfires, found, worst, orders=orders)
+        limits = {name: {"strength": strength_record(one)} if one else {} for name, one in judged.items()}
+        more = told.misfires_record(misfires, found, worst, orders=orders) if misfires else {}
         for name, one in more.get("misfires", {}).items():
-            one |= records[name]
-        return changes(given) | told.forced_record(response, found, orders=orders) | records[""] | more
+            one |= limits[name]
+        return changes(given) | told.forced_record(response, found, orders=orders) | limits[""] | more
 
     def rows():
         one = told.forced_rows(response, found, columns[""])
-        return one if misfires is None else told.misfires_rows(misfires, found, columns)
+        return told.misfires_rows(misfires, found, columns) if misfires else one
 
     deliver(
         given,
-        "\n\n".join([*text, *strength_text(judged)]),
+        "\n\n".join([*text, *strength_text({f"With {titles[k]}" if misfires else "": j for k, j in judged.items()})]),
         json=lambda: as_json(record()),
         csv=lambda: as_csv(*rows()),
         netcdf=lambda: forced_netcdf(response, orders),

@@ -37,10 +37,8 @@ torques do not balance is bad input (2). If --set unbalances a scene, it is repo
 
 
 def main(argv=None):
-    """Run the command line on words, by default those of the process; its exit status, as its help and pages tell it.
+    """Run the command line on words, by default those of the process; its exit status, as its help tells it.
 
-    Examples
-    --------
     >>> main(["solve", "spur_pair", "--rpm", "2000"])  # doctest: +ELLIPSIS
     All teeth stay in contact at 2000 rpm.
     ...

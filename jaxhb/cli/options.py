@@ -50,13 +50,12 @@ def of_elements(*tables):
     return names
 
 
-NEW_OBJECTS = 50_000  # between collections of garbage: with Python's 700 or so they take a third of the time of tracing
 OWN_LINKS = "check", "modes", "holzer", "campbell"  # see to --links-at themselves, at speeds of their own
 MODULES = dict.fromkeys(("new", "scenes", "scene"), "inputs") | dict.fromkeys(("solve", "sweep", "tune"), "commands")
 MODULES |= {"report": "page_command"}  # where the work is; of the others in linear_commands.py
-MORE = " ...]"  # ends how an option is spelled that takes one or more values: ``--mode K [K ...]``
 SPEEDS = "--rpm", "--speed", "--speeds"
 NO_SPEED = "Natural frequencies do not depend on the speed; --at R takes the teeth as under the mean load of R rpm."
+MORE = " ...]"  # ends how an option is spelled that takes one or more values: ``--mode K [K ...]``
 
 
 class Command(click.Command):
@@ -80,7 +79,8 @@ class Command(click.Command):
         from jaxhb._store import user_folder
 
         keep_programs(user_folder())
-        gc.set_threshold(NEW_OBJECTS)
+        # With Python's 700 or so new objects between collections these take a third of the time of tracing.
+        gc.set_threshold(50_000)
         function = getattr(importlib.import_module(f"jaxhb.cli.{module}"), self.name)
         return function(train, SimpleNamespace(**given), **given)
 

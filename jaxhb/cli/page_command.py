@@ -22,6 +22,7 @@ from jaxhb.report.files.labelled import netcdf
 from jaxhb.report.files.output import NOT_ANSWERED, OutputError, as_json, as_picture, changed_text, changes, deliver
 from jaxhb.report.files.record import cases_record, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv
+from jaxhb.report.page.differences import elements_of
 from jaxhb.report.page.parts import Report, shown_misfire
 from jaxhb.report.selection import NOT_FIRING, asks_each, case_title, misfire_trains
 from jaxhb.report.text import cases as told
@@ -30,6 +31,7 @@ from jaxhb.report.text.tuned import tuned_parts
 from jaxhb.scene.files import _find, load_scene, scene_description
 from jaxhb.scene.writer import element_files, scene_text
 from jaxhb.solutions.misfires import same_factor
+from jaxhb.train.changes import scene_values
 
 SECOND, TUNED = "second design", "tuned design"
 NEEDED = "jinja2", "plotly", "matplotlib"
@@ -87,8 +89,8 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
 def _checked_page(train, given):
     """The second design where its scene is given; refuses what no page can tell, before anything is computed."""
     if (given.tuned or given.tune) and not given.html:
-        option = "--tune" if given.tune else "--tuned"
-        raise OutputError(f"{option}: the second design appears on the page only. Add --html FILE.html.")
+        told_of = f"--{'tune' if given.tune else 'tuned'}: the second design appears on the page only"
+        raise OutputError(f"{told_of}. Add --html FILE.html.")
     if given.html and (missing := [name for name in NEEDED if importlib.util.find_spec(name) is None]):
         raise OutputError(f'--html: the page needs {", ".join(missing)}. Install it: pip install "jaxhb[report]".')
     if given.tune:
@@ -141,8 +143,7 @@ def _second_designs(train, second, misfire, given):
 def second_text(cases, seconds):
     """What a second design does to the largest tooth force (torque, angle), a line for each of its cases."""
     lines = []
-    for case in seconds:
-        first = cases[0] if case is seconds[0] else next(one for one in cases[1:] if case.title.endswith(one.title))
+    for case, first in zip(seconds, [cases[0], shown_misfire(cases)], strict=False):
         found, before = told.largest_of(case), told.largest_of(first)
         if found is None or before is None:
             lines.append(f"The {case.title}: no largest value, one of the designs has no answer.")
@@ -168,25 +169,26 @@ def _report_of(given, cases, place, seconds, tuning):
         "accuracy": accuracy,
         "versions": f"jaxhb {__version__}, Python {platform.python_version()}, {packages}, {platform.platform()}",
     }
+    train = cases[0].answers[0].train
+    settings = train.scenarios.get(given.scenario, {}) | dict(given.set)
     return Report(
         cases,
         place=place,
         asked=given.at is not None,
         gear=given.gear,
-        second=seconds[0] if seconds else None,
-        second_misfire=seconds[1] if len(seconds) > 1 else None,
+        seconds=seconds,
         tuning=tuning,
         facts=facts,
         description=scene_description(given.scene),
         scene=scene_text(given.scene)[0],
+        elements=elements_of(given.scene, scene_values(train, settings)),
+        second_elements=elements_of(given.tuned) if given.tuned else {},
         files=element_files(given.scene),
     )
 
 
 def _file(name):
     """A file by name and the checksum of what is in it and in the tables that it names."""
-    path = _find(name)
-    digest = hashlib.sha256(path.read_bytes())
-    for _, beside in sorted(scene_text(name)[1].items()):
-        digest.update(beside.read_bytes())
+    path, beside = _find(name), sorted(scene_text(name)[1].items())
+    digest = hashlib.sha256(path.read_bytes() + b"".join(table.read_bytes() for _, table in beside))
     return f"{path.name}, SHA-256 {digest.hexdigest()[:32]} (with the tables that it names)"

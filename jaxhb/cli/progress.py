@@ -13,20 +13,19 @@ class Progress:
 
     def __init__(self, total=1, stream=None, quiet=False):
         self.total, self.done, self.text, self.width = total, 0, "", 0
-        self.stream = sys.stderr if stream is None else stream
-        self.visible = not quiet and self.stream is not None
-        self.terminal = self.visible and self.stream.isatty()
+        self.stream = None if quiet else stream or sys.stderr
+        self.terminal = self.stream is not None and self.stream.isatty()
         self.begin, self.ended = time.monotonic(), threading.Event()
         self.thread = threading.Thread(target=self._tick, daemon=True)
 
     def __enter__(self):
-        if self.visible:
+        if self.stream is not None:
             self.thread.start()
         return self
 
     def __exit__(self, *_):
         self.ended.set()
-        if self.visible:
+        if self.stream is not None:
             self.thread.join()
         if self.terminal:
             self._write(f"\r{'':<{self.width}}\r")

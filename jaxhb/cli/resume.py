@@ -1,13 +1,13 @@
 """Motions of a command under way, kept in the folder of programs until it is done: stopped, it goes on there."""
 
 import contextlib
+import shutil
 import time
 
 import jax
 
-from jaxhb._files import PART
 from jaxhb._store import blake2, package_hash, user_folder
-from jaxhb.steady.checkpoint import MANIFEST, CheckpointError, hash_of
+from jaxhb.steady.checkpoint import CheckpointError, hash_of
 
 FOLDER = "under_way"  # in the folder of programs
 FORGOTTEN_AFTER = 30  # days, then what a stopped command left is removed
@@ -26,7 +26,7 @@ class Kept:
         for old in (base / FOLDER).glob("[0-9a-f]" * 32) if base else []:
             with contextlib.suppress(OSError):  # another process may remove it too
                 if old.stat().st_mtime < time.time() - 86400 * FORGOTTEN_AFTER:
-                    _remove(old)
+                    shutil.rmtree(old, ignore_errors=True)
 
     def run(self, compute, left):
         """``compute(folder)``, without a folder where it cannot be used; ``left()`` tells what it leaves if stopped."""
@@ -45,14 +45,4 @@ class Kept:
     def forget(self):
         """Remove it: the command is done."""
         if self.folder:
-            _remove(self.folder)
-
-
-def _remove(folder):
-    """Remove the files of checkpoints below a folder, nobody else's, and the folders that are empty then."""
-    for path in [*sorted(folder.rglob("*"), reverse=True), folder]:  # what is in a folder before it
-        with contextlib.suppress(OSError):
-            if path.is_dir() and not path.is_symlink():
-                path.rmdir()
-            elif path.name == MANIFEST or path.suffix in (".npz", PART):
-                path.unlink()
+            shutil.rmtree(self.folder, ignore_errors=True)

@@ -1,6 +1,5 @@
 """Standard output and error as they are found, full, closed or of another encoding, and the signals that end a run."""
 
-import codecs
 import contextlib
 import os
 import signal
@@ -19,7 +18,9 @@ class Ended(KeyboardInterrupt):
 
 def guarded(run):
     """The exit status of ``run()``, which prints; what is wrong with standard output is told in a sentence."""
-    escaped = _any_name()
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure") and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")  # any name can be written, whatever the encoding lacks
     with _ending_by_signals():
         try:
             status = run()
@@ -32,8 +33,6 @@ def guarded(run):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             why = "was closed before all of it was written" if closed else f"cannot be written: {error.strerror}"
             tell(f"standard output {why}.")
-    if escaped:
-        tell(f"Some names were written with \\: {sys.stdout.encoding} has no {escaped[0]!a}. PYTHONUTF8=1 helps.")
     return status
 
 
@@ -42,21 +41,6 @@ def tell(sentence):
     with contextlib.suppress(OSError, AttributeError, ValueError):
         print(sentence, file=sys.stderr)
         sys.stderr.flush()
-
-
-def _any_name():
-    """Let both streams write any name, what their encoding lacks with a backslash: a list that holds what it lacked."""
-    lacking = []
-
-    def escape(error):
-        lacking.append(error.object[error.start : error.end])
-        return codecs.backslashreplace_errors(error)
-
-    codecs.register_error("jaxhb.escape", escape)
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure") and stream.errors == "strict":
-            stream.reconfigure(errors="jaxhb.escape")
-    return lacking
 
 
 @contextlib.contextmanager

@@ -56,21 +56,18 @@ document.body.dataset.wide = wide.map(one => one.textContent.trim().slice(0, 60)
 
 
 def blocks(data, kind):
-    """Blocks of a kind in what a part was made of, in its order."""
-    if isinstance(data, kind):
-        return [data]
-    inside = data.values() if isinstance(data, dict) else data if isinstance(data, list | tuple) else ()
-    return [block for one in inside for block in blocks(one, kind)]
+    """Blocks of a kind, in their order."""
+    return [block for block in data if isinstance(block, kind)]
 
 
 def figures(parts):
     """Every figure, in the order of the page."""
-    return [block for part in parts.values() for block in blocks(part.data, Figure)]
+    return [block for part in parts.values() for block in blocks(part.blocks, Figure)]
 
 
 def tables(part):
     """Tables of a part."""
-    return blocks(part.data, Table)
+    return blocks(part.blocks, Table)
 
 
 def without_an_answer(answer):

@@ -8,8 +8,9 @@ from limited_line import SCENE, strength_of, written
 
 import jaxhb
 from jaxhb.report.compute import Asked, answer_speeds
+from jaxhb.report.figures import speeds
 from jaxhb.report.figures.figure import DIGITS
-from jaxhb.report.figures.speeds import forced_figures, judged_elements, plot_forced, sweep_figures
+from jaxhb.report.figures.speeds import judged_elements, plot_forced, plot_sweep
 from jaxhb.report.text.forced import readings, worst_of
 
 ENGINE = """
@@ -36,6 +37,13 @@ def wanted(scene):
     return strength_of(scene)
 
 
+def figures_of(plot, *given):
+    """Specifications of the figures of a picture."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(speeds, "drawn", lambda *figures, title: figures)
+        return plot(*given)
+
+
 def told(figure, name, wanted):
     """Whether a line of a figure has the values, to the digits of its numbers."""
     (values,) = [trace["y"] for trace in figure.traces if trace["name"] == name]
@@ -51,7 +59,7 @@ def test_a_misfire_stands_beside_normal_running_in_the_panels_of_limits(tmp_path
     misfires = jaxhb.misfire_each(jaxhb.load_scene(tmp_path / "e.toml"), rpm=rpm, solve=jaxhb.forced_response)
     found = readings(misfires.firing)
     worst = worst_of(misfires, found)
-    stress = forced_figures(misfires.firing, found, misfires, worst)[2]
+    stress = figures_of(plot_forced, misfires.firing, found, misfires, worst)[2]
     cylinder = worst["line shaft"].cylinder
     wanted = jaxhb.strength(misfires.responses[cylinder]).stresses["line shaft"].stress
     assert told(stress, f"stress, {cylinder} not firing", 1e-6 * wanted)
@@ -59,7 +67,7 @@ def test_a_misfire_stands_beside_normal_running_in_the_panels_of_limits(tmp_path
 
 def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shades_barred_ranges(scene, wanted):
     response = jaxhb.forced_response(jaxhb.load_scene(scene), rpm=wanted.rpm)
-    found = forced_figures(response, readings(response))
+    found = figures_of(plot_forced, response, readings(response))
     stress, tooth, heat = found[-3:]
     row, rated = wanted.stresses["line shaft"], wanted.tooth_torques["pinion|wheel"]
     assert told(stress, "stress", 1e-6 * row.stress)
@@ -72,7 +80,7 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
     assert told(heat, "heat", wanted.heat["ring"].power)
     # Of more elements than have room: those with limits.
     for names in (["coupling"], ["coupling", "engine", "pinion", "wheel", "propeller"]):
-        response_of, limit_of = forced_figures(response, readings(response, names))
+        response_of, limit_of = figures_of(plot_forced, response, readings(response, names))
         assert response_of.caption.startswith("coupling: linear") and limit_of.caption.startswith("coupling: heat")
     axes = plot_forced(response, readings(response)).axes
     assert [one.get_ylabel() for one in axes[-3:]] == ["stress, MPa", "vibratory torque, N m", "heat, W"]
@@ -81,7 +89,7 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
 
 def test_the_picture_of_a_sweep_has_the_limits_of_the_motion(scene):
     train, rpm = jaxhb.load_scene(scene), [360.0, 420.0, 480.0]
-    figures = sweep_figures(answer_speeds(train, rpm, Asked()))
+    figures = figures_of(plot_sweep, answer_speeds(train, rpm, Asked()))
     found = jaxhb.strength(jaxhb.solve_speeds(train, rpm=rpm)).stresses["line shaft"].stress
     assert told(figures[2], "stress", 1e-6 * np.asarray(found))
     assert len(figures) == 5 and figures[2].layout["shapes"]

@@ -16,6 +16,7 @@ from jaxhb.report.answer import Answer, Case
 from jaxhb.report.figures.figure import NO_ANSWER
 from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page import linear, page
+from jaxhb.report.page.judgement import largest_shares
 from jaxhb.report.page.page import parts_of
 from jaxhb.report.quantities import forces
 from jaxhb.report.text.columns import Table
@@ -85,13 +86,13 @@ def test_the_second_design_stands_beside_the_first_with_what_differs(made):
     assert [column[0] for column in differ.columns] == ["Dämpfer.damping", "5", "25", "N m s/rad"]
     assert len(differ.columns[0]) == 1
     assert [title for title, *_ in forces_of_both.groups] == ["first design", "second design (second)"]
-    largest = max(float(answer.force("Kurbel|Räder").peak) for answer in report.second.answers)
+    largest = max(float(answer.force("Kurbel|Räder").peak) for answer in report.seconds[0].answers)
     assert float(forces_of_both.columns[7][0]) == pytest.approx(largest / 1e3, rel=1e-3)
 
 
 def test_the_result_judges_every_case_and_names_limit_element_case_and_speed_the_largest_share_first(made):
     _, report, parts = made
-    found = parts["Result"].data["first"]["shares"]
+    found = list(largest_shares(report.cases).values())
     shares = [one.share for one in found]
     assert len(shares) == 3 and shares == sorted(shares, reverse=True)
     reads = {"Dämpfer": lambda a: a.power("Dämpfer") / 500.0}
@@ -107,7 +108,7 @@ def test_the_result_judges_every_case_and_names_limit_element_case_and_speed_the
 def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
     _, report, parts = made
     heat = next(table for table in tables(parts["Second design"]) if table.title.startswith("Heat of dampers"))
-    largest = max(answer.power("Dämpfer") for answer in report.second.answers)
+    largest = max(answer.power("Dämpfer") for answer in report.seconds[0].answers)
     assert float(heat.columns[5][0]) == pytest.approx(largest, rel=1e-3)
     shares = tables(parts["Second design"])[-1]
     titles = [title for title, *_ in shares.groups]
@@ -117,13 +118,13 @@ def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
         "second design (second), two not firing",
     ]
     assert float(shares.columns[5][shares.columns[0].index("Dämpfer")]) == pytest.approx(largest / 500.0, abs=0.006)
-    misfiring = report.second_misfire.answers[0].train
+    misfiring = report.seconds[1].answers[0].train
     assert misfiring.topology.cylinder_fires == (True, False)
     assert misfiring.value("Dämpfer.damping") == 25.0
     assert "was run without a misfire" not in parts["Second design"].html
     told = second_text(report.cases, report.seconds).splitlines()
     force, first = (
-        max(float(a.force("Kurbel|Räder").peak) for a in c.answers) for c in (report.second, report.cases[0])
+        max(float(a.force("Kurbel|Räder").peak) for a in c.answers) for c in (report.seconds[0], report.cases[0])
     )
     assert told[0].startswith(
         f"The second design (second): largest tooth force {force / 1e3:.4g} kN in Kurbel|Räder at "
@@ -133,7 +134,7 @@ def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
 
 def test_a_second_design_without_the_cylinder_is_told_as_run_without_a_misfire(made):
     _, report, _ = made
-    alone = dataclasses.replace(report, second_misfire=None)
+    alone = dataclasses.replace(report, seconds=report.seconds[:1])
     (part,) = parts_of(alone, {"Second design": page.PARTS["Second design"]})
     assert "The second design was run without a misfire: nothing here shows what a misfire does to it." in part.html
 
@@ -150,7 +151,7 @@ def test_the_linear_parts_name_their_case_and_tell_the_misfire_too(made):
     assert float(critical.columns[-2][one]) == pytest.approx(float(critical.columns[-3][one]) / 2, rel=0.01)
     for figure in figures({"": forced}):
         assert "over the speed, all cylinders firing, " in figure.caption
-    worst = blocks(forced.data["worst"]["two not firing"], Table)
+    worst = blocks(forced.blocks[forced.blocks.index("Largest values, two not firing") :], Table)
     table = next(table for table in worst if "Welle" in table.columns[0])
     speeds = np.unique([*report.rpm, *np.linspace(1500, 4000, linear.SPEEDS)])
     swings = forced_response(report.cases[1].answers[0].train, rpm=speeds).torque("Welle").half_peak_to_peak
@@ -212,7 +213,7 @@ def test_linear_speeds_without_an_answer_are_gaps_with_a_cross_too(made, monkeyp
         return dataclasses.replace(found, status=status)
 
     monkeypatch.setattr(linear, "forced_response", failing)
-    drawn = linear.forced(report)["figures"][0]
+    drawn = linear.forced(report)[1]
     assert [i for i, y in enumerate(drawn.traces[0]["y"]) if y is None] == [3]
     assert drawn.traces[-1]["name"] == NO_ANSWER and drawn.traces[-1]["x"] == [drawn.traces[0]["x"][3]]
 
@@ -224,7 +225,7 @@ def test_a_train_without_a_single_answer_has_a_page_that_says_so(made):
         Case(case.title, [Answer(a.train, dataclasses.replace(a.state, **nothing), a.linear) for a in case.answers])
         for case in (*report.cases, report.cases[1])
     ]
-    alone = dataclasses.replace(report, cases=cases, second=None, second_misfire=None)
+    alone = dataclasses.replace(report, cases=cases, seconds=[])
     parts = {part.title: part for part in parts_of(alone, page.PARTS)}
     assert [title for title, part in parts.items() if part.failed] == []
     assert "No speed has an answer." in parts["Result"].html and "it gains speed" in parts["Notes"].html
@@ -236,7 +237,7 @@ def test_a_part_that_fails_is_a_sentence_leaves_the_others_and_exits_1(made, cap
     def broken(_):
         raise KeyError("no such thing")
 
-    monkeypatch.setattr(page, "PARTS", page.PARTS | {"Limits": ("limits", broken)})
+    monkeypatch.setattr(page, "PARTS", page.PARTS | {"Limits": broken})
     file = made[0].with_name("part.html")
     assert main(["report", str(made[0].parent / "first.toml"), "--rpm", "1500", "--html", str(file)]) == 1
     text = file.read_text(encoding="utf-8")

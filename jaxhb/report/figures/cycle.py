@@ -17,39 +17,29 @@ from jaxhb.results.record import PERCENT
 
 SAMPLES = 4320
 
-PANEL = 130
-"""Pixels, the height of a panel."""
-
-SPIKES = 3
-"""Cycles up to which every sample is drawn; of longer periods as many points in all."""
+PANEL = 130  # pixels, the height of a panel
+SPIKES = 3  # cycles up to which every sample is drawn; of longer periods as many points in all
 
 
 def plot_cycle(answer, gear=None):
     """Torque on a gear over the period of the motion, with and without backlash; below it the forces of its meshes.
 
-    Shaded where a mesh of the gear is in the gap; angles in deg of the reference rotor. A motion of several cycles is
-    drawn with all of them. One that never repeats has no cycle to draw: extremes of the torque in each recorded cycle,
-    and below the share of cycles whose largest tooth force stays below a value. An unknown one has its reason in the
-    picture. The gear is by default that of the reference rotor whose torque has the largest half peak-to-peak; a train
-    without gears shows its hardest worked shaft or damper.
+    Shaded where a mesh of the gear is in the gap. A motion of several cycles is drawn with all of them; one that never
+    repeats by the extremes of every recorded cycle, and below by the share of cycles whose largest tooth force stays
+    below a value. The gear is by default that of the reference rotor whose torque swings most; a train without gears
+    shows its hardest worked shaft or damper.
     """
     kind = motion_text(answer) if answer.known else f"unknown: {'; '.join(answer.state.notes)}"
     doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
-    title = f"{train_name(answer.topology)}, {answer.rpm:g} rpm: {doubt}{kind}"
-    return drawn(*cycle_figures(answer, gear), title=title)
-
-
-def cycle_figures(answer, gear=None):
-    """The figures of :func:`plot_cycle`, in a list."""
     gear = gear or default_gear(answer)
-    subject = gear or hardest_shaft([answer])
-    meshes = meshes_of(answer.topology, gear) if gear else ()
+    subject, meshes = (gear, meshes_of(answer.topology, gear)) if gear else (hardest_shaft([answer]), ())
     torque = _torque_of(answer.train, subject)
     swings = [f"{float(torque.read(motion, subject)):.0f}" for motion in (answer, answer.linear)]
     said = f" {swings[0]} N m" if answer.known else ""
     said += f" (without backlash {swings[1]}), and tooth forces" if gear else ","
     figures = [cycle_figure(answer, subject, meshes, f"Torque of {plain(subject)}, half peak-to-peak{said}")]
-    return [*figures, _peaks(answer, meshes)] if gear and _recorded(answer) else figures
+    figures += [_peaks(answer, meshes)] if gear and _recorded(answer) else []
+    return drawn(*figures, title=f"{train_name(answer.topology)}, {answer.rpm:g} rpm: {doubt}{kind}")
 
 
 def _recorded(answer):
@@ -72,64 +62,52 @@ def cycle_figure(answer, subject, meshes, caption):
     notes = [above(plain(name), panel) for panel, (_, name) in enumerate(rows)]
     made = figure(f"{caption}{said}", title, panels, traces, annotations=notes, **more)
     made.layout["legend"] |= {"x": 1, "xanchor": "right"}  # beside the name of the first panel
-    if periods_of(answer) > 1 and not _recorded(answer):
+    if not _recorded(answer) and _periods(answer) > 1:
         made.layout["xaxis"] |= {"dtick": answer.cycle_deg, "gridcolor": "black"}
-    elif answer.cycle_deg % 90 == 0 and not _recorded(answer):
+    elif not _recorded(answer) and answer.cycle_deg % 90 == 0:
         made.layout["xaxis"] |= {"dtick": 90}
     return made
 
 
 def _period(answer, rows):
     """Signals over the period of the motion, with and without backlash; grey where the teeth are apart."""
-    backlash, traces, shapes = any(answer.topology.mesh_backlash), [], []
+    backlash, traces, shapes, periods = any(answer.topology.mesh_backlash), [], [], _periods(answer)
+    step, end = max(1, periods // SPIKES), answer.cycle_deg * periods
     for panel, (quantity, name) in enumerate(rows):
         motions = [("with backlash" if backlash else plain(name), answer, 0)] * answer.known
         motions += [("without backlash", answer.linear, 1)] * (backlash or not answer.known)
         for said, motion, style in motions:
-            values = quantity.factor * closed(answer, quantity.signal(motion, name))
-            traces.append(_sampled(answer, values, said, style, panel=panel, showlegend=backlash and not panel))
+            values = quantity.factor * _closed(answer, quantity.signal(motion, name))[::step]
+            more = {"panel": panel, "showlegend": backlash and not panel, "look": {"width": 1.1}}
+            # Equal steps: a start and a step in place of all angles keep the page small.
+            traces.append(line([], values, said, style, x0=0.0, dx=end / (SAMPLES * periods) * step, **more))
+            del traces[-1]["x"]
         meshes = {"gear": meshes_of, "mesh": lambda _, mesh: (mesh,)}.get(quantity.element, lambda *_: ())
-        apart = [in_the_gap(answer, mesh, count_of(answer)) for mesh in meshes(answer.topology, name) if answer.known]
+        own = meshes(answer.topology, name) if answer.known else ()
+        apart = [in_the_gap(answer, mesh, SAMPLES * periods) for mesh in own]
         if apart:
             steps = np.flatnonzero(np.diff(np.pad(np.any(apart, axis=0).astype(int), 1)))
             shapes += bands(steps.reshape(-1, 2) * answer.cycle_deg / SAMPLES, panel)
     zero = " (0: firing top dead centre of a cylinder with firing angle 0)" if answer.topology.cylinder_names else ""
     said = " over the period" + ("" if answer.known else ", without backlash alone")
     said += "; grey: its teeth are apart" if shapes else ""
-    title = f"angle of the reference rotor, deg{zero}"
-    return said, title, answer.cycle_deg * periods_of(answer), traces, shapes
-
-
-def _sampled(answer, values, name, style, **more):
-    """A line over the whole period."""
-    step = max(1, periods_of(answer) // SPIKES)
-    trace = line([], values[::step], name, style, look={"width": 1.1}, **more)
-    # Equal steps: a start and a step in place of all angles keep the page small.
-    del trace["x"]
-    return trace | {"x0": 0.0, "dx": answer.cycle_deg * periods_of(answer) / count_of(answer) * step}
+    return said, f"angle of the reference rotor, deg{zero}", end, traces, shapes
 
 
 def _record(answer, rows):
     """A motion that never repeats: extremes of every recorded cycle, and those without backlash."""
     traces = []
     for panel, (quantity, name) in enumerate(rows):
-        after, before = quantity.signal(answer, name), quantity.signal(answer.linear, name)
-        cycles = np.arange(1, len(after.highest) + 1)
-        points = ("largest", after.highest, "triangle-up"), ("smallest", after.lowest, "triangle-down-open")
-        more = {"panel": panel, "showlegend": not panel, "size": 5}
-        traces += [
-            marks(cycles, quantity.factor * values, f"{said} of a cycle", symbol, **more)
-            for said, values, symbol in points
-        ]
-        shares = [f"{share} % of the cycles" for share in PERCENT]
-        levels = [pair for extremes in after.per_cycle for pair in zip(extremes, shares, strict=True)]
-        levels += [(before.max, ""), (before.min, "")]
-        for number, (value, said) in enumerate(levels):
-            more = {"style": int(not said), "panel": panel, "look": {"width": 0.8} if said else {}}
-            more["showlegend"] = not panel and number == len(levels) - 1
-            level = [quantity.factor * float(value)] * 2
-            traces.append(line(cycles[[0, -1]], level, said or "extremes without backlash", **more))
-    said = ", extremes of every recorded cycle (lines: 5, 50, 95 % of them); the motion never repeats"
+        after, before, factor = quantity.signal(answer, name), quantity.signal(answer.linear, name), quantity.factor
+        cycles, more = np.arange(1, len(after.highest) + 1), {"panel": panel, "showlegend": not panel}
+        traces.append(marks(cycles, factor * after.highest, "largest of a cycle", "triangle-up", size=5, **more))
+        traces.append(marks(cycles, factor * after.lowest, "smallest of a cycle", "triangle-down-open", size=5, **more))
+        of_cycles = f"{', '.join(map(str, PERCENT))} % of the cycles"
+        levels = (of_cycles, np.ravel(after.per_cycle), 0.8), ("without backlash", (before.max, before.min), 1.6)
+        for style, (said, values, width) in enumerate(levels):
+            x, y = np.tile([1, len(cycles), np.nan], len(values)), np.repeat(factor * np.array(values, float), 3)
+            traces.append(line(x, y, said, style, look={"width": width}, **more))
+    said = ", extremes of every recorded cycle; the motion never repeats"
     return said, "recorded cycle", len(cycles) + 1.0, traces, ()
 
 
@@ -150,9 +128,8 @@ def _peaks(answer, names):
 def plot_tuning(objectives, result):
     """What was made small over the speed, before and after, and the history of the tuning below.
 
-    One panel for each objective, with gaps at speeds that are not solved and crosses at those that never were, and one
-    for the history: the objective, 1 at the start but for smoothing, with a line where the smooth maximum was
-    sharpened.
+    A panel for each objective, with crosses at speeds that were never solved; in the history, 1 at the start but for
+    smoothing, a line where the smooth maximum was sharpened.
     """
     figures, axis = [], speed_range(result.rpm)
     for objective in objectives:
@@ -181,19 +158,14 @@ def in_the_gap(answer, mesh, count):
     return np.asarray(apart)[answer.topology.mesh_names.index(mesh)]
 
 
-def periods_of(answer):
+def _periods(answer):
     """Cycles that are drawn."""
     return max(answer.state.period, 1)
 
 
-def count_of(answer):
-    """Time samples of the period."""
-    return SAMPLES * periods_of(answer)
-
-
-def closed(answer, signal):
+def _closed(answer, signal):
     """Samples of the whole period, its first time sample again at the end; a cycle comes as often as there is room."""
     turns = signal.revolutions_per_cycle / answer.topology.revolutions_per_cycle
-    times = round(periods_of(answer) / turns)
-    values = np.tile(np.asarray(fourier.sample(signal.coefficients, count_of(answer) // times)), times)
+    times = round(_periods(answer) / turns)
+    values = np.tile(np.asarray(fourier.sample(signal.coefficients, SAMPLES * _periods(answer) // times)), times)
     return np.append(values, values[0])

@@ -7,14 +7,11 @@ import numpy as np
 
 from jaxhb.report.figures.figure import legend_columns
 
-PIXELS = 75
-"""Of the page in an inch of the height, as in its width."""
-POINTS = 0.8
-"""Of a line or marker, for a pixel of the page."""
+PIXELS = 75  # of the page in an inch of the height, as in its width
+POINTS = 0.8  # of a line or marker, for a pixel of the page
 KEYS = {"fontsize": 7.5, "handlelength": 3.8, "handletextpad": 0.6, "columnspacing": 1.3, "labelspacing": 0.3}
 """Sizes of the legend, in which as many names find room as on the page."""
-LETTERS = 112
-"""Of a line of a caption."""
+LETTERS = 112  # of a line of a caption
 DASHES: dict = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":"}
 DASHES |= {"longdash": (0, (9, 2.5)), "longdashdot": (0, (9, 2, 1.5, 2))}
 MARKERS = {"circle": "o", "square": "s", "diamond": "D", "star": "*", "triangle-down": "v", "triangle-up": "^"}
@@ -29,36 +26,15 @@ def empty(width, height, **more):
 
 
 def drawn(*figures, title=""):
-    """A matplotlib figure of specifications one below the other, with axes for every panel from the top.
-
-    Panels stand over one axis as long as its title is the same; a legend that stands above is not repeated.
-    """
-    layouts = [figure.layout for figure in figures]
-    inside = sum(layout["height"] - layout["margin"]["b"] for layout in layouts)
-    picture = empty(9.0, (inside + layouts[-1]["margin"]["b"]) / PIXELS, layout="constrained")
+    """A matplotlib figure of specifications one below the other, with axes for every panel from the top."""
+    height = sum(figure.layout["height"] for figure in figures)
+    picture = empty(9.0, height / PIXELS, layout="constrained")
     picture.suptitle(_wrapped(title), fontsize="medium")
-    rows = [_panels(layout) for layout in layouts]
-    heights = [height for panels in rows for height in panels.values()]
-    every = iter(picture.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
-    first, last, keys = None, None, set()
-    for figure, panels in zip(figures, rows, strict=True):
-        own = {name: next(every) for name in panels}
-        top, x = next(iter(own.values())), figure.layout["xaxis"]
-        if last is None or last.get_xlabel() != x["title"]["text"]:
-            first = top
-            _draw_axis(first, "x", x)
-        else:
-            last.tick_params(labelbottom=False)
-            last.set_xlabel("")
-        for axes in own.values():
-            if axes is not first:
-                axes.sharex(first)
-            axes.tick_params("x", labelbottom=False)
-        last = axes
-        last.tick_params("x", labelbottom=True, labelrotation=-x.get("tickangle", 0))
-        last.set_xlabel(x["title"]["text"])
-        _draw(figure, own)
-        keys |= _draw_legend(top, figure, keys)
+    axes = [(figure, name) for figure in figures for name in figure.layout if name.startswith("yaxis")]
+    rows = [np.ptp(figure.layout[name]["domain"]) * _inside(figure.layout) for figure, name in axes]
+    every = iter(picture.subplots(len(rows), 1, squeeze=False, height_ratios=rows)[:, 0])
+    for figure in figures:
+        _draw(figure, {name.replace("axis", ""): next(every) for own, name in axes if own is figure})
     return picture
 
 
@@ -66,15 +42,21 @@ def _wrapped(text):
     return "\n".join(textwrap.fill(one, LETTERS) for one in text.split("\n"))
 
 
-def _panels(layout):
-    """Heights of the panels in pixels, by the names of their axes."""
-    inside = layout["height"] - layout["margin"]["t"] - layout["margin"]["b"]
-    axes = {key.replace("axis", ""): axis for key, axis in layout.items() if key.startswith("yaxis")}
-    return {name: (axis["domain"][1] - axis["domain"][0]) * inside for name, axis in axes.items()}
+def _inside(layout):
+    """Pixels between the margins."""
+    return layout["height"] - layout["margin"]["t"] - layout["margin"]["b"]
 
 
 def _draw(figure, panels):
-    """Everything that stands in the panels of one figure."""
+    """Everything of one figure, by the names of its axes."""
+    x, top = figure.layout["xaxis"], next(iter(panels.values()))
+    _draw_axis(top, "x", x)
+    for name, axes in panels.items():
+        if axes is not top:
+            axes.sharex(top)
+        axes.tick_params("x", labelbottom=name == x["anchor"], labelrotation=-x.get("tickangle", 0))
+        axes.set_ylabel(figure.layout[name.replace("y", "yaxis")]["title"]["text"])
+    panels[x["anchor"]].set_xlabel(x["title"]["text"])
     for trace in figure.traces:
         _draw_trace(panels[trace["yaxis"]], trace)
     for shape in figure.layout["shapes"]:
@@ -84,13 +66,13 @@ def _draw(figure, panels):
     for name, axes in panels.items():
         axis = figure.layout[name.replace("y", "yaxis")]
         _draw_axis(axes, "y", axis)
-        axes.set_ylabel(axis["title"]["text"])
-        axes.grid(axis="x", color=figure.layout["xaxis"]["gridcolor"], linewidth=0.6)
+        axes.grid(axis="x", color=x["gridcolor"], linewidth=0.6)
         low, high = axes.get_ylim()
         if low < 0 < high:
             axes.axhline(0.0, color=axis["zerolinecolor"], linewidth=0.8, zorder=0.6)
     for note in figure.layout["annotations"]:
         _draw_note(panels, note)
+    _draw_legend(top, figure)
 
 
 def _draw_axis(axes, which, axis):
@@ -167,18 +149,16 @@ def _draw_note(panels, note):
     )
 
 
-def _draw_legend(axes, figure, known):
-    """Caption and legend above a panel, without keys if all are known; their names and looks."""
+def _draw_legend(axes, figure):
+    """Caption and legend above a panel."""
     from matplotlib.lines import Line2D
     from matplotlib.transforms import ScaledTranslation
 
     shown = [trace for trace in figure.traces if trace.get("showlegend", True)] * figure.layout["showlegend"]
-    keys = [Line2D([], [], label=trace["name"], **_look(trace, np.ravel(_symbol(trace))[0])) for trace in shown]
-    own = {(key.get_label(), str(key.get_linestyle()), str(key.get_marker()), key.get_color()) for key in keys}
     # Texts above a panel stand between it and the caption.
     room = 13 if any(note.get("yanchor") == "bottom" for note in figure.layout["annotations"]) else 3
     axes.legend(
-        handles=[] if own <= known else keys,
+        handles=[Line2D([], [], label=trace["name"], **_look(trace, np.ravel(_symbol(trace))[0])) for trace in shown],
         ncols=legend_columns(figure.traces),
         title=_wrapped(figure.caption),
         title_fontsize=9,
@@ -191,4 +171,3 @@ def _draw_legend(axes, figure, known):
         frameon=False,
         **KEYS,
     )
-    return own

@@ -14,9 +14,7 @@ LEGEND_ROW, LETTER, KEY = 19, 4.9, 46
 
 HEADROOM = 1.08
 DIGITS = 5
-MARKED = 80
-"""Points up to which every one is marked, or with a large mark."""
-
+MARKED = 80  # points up to which every one is marked, or with a large mark
 WITH, WITHOUT, GREY, BAND = "#b3261e", "#1f4e79", "#6f6f6f", "#e3e3e3"
 STYLES = (
     {"color": WITH, "dash": "solid"},
@@ -53,7 +51,8 @@ class Figure:
 
 def figure(caption, x_title, panels, traces, *, x_range=None, height=PANEL, shapes=(), annotations=()):
     """A :class:`Figure` of panels above one another, each a (title, range or None) from the top, over one axis."""
-    rows = _legend_rows(traces)
+    keys = sum(trace.get("showlegend", True) for trace in traces)
+    rows = -(-keys // legend_columns(traces)) if keys > 1 else 0  # one name needs no legend
     above, gap = 12 + LEGEND_ROW * rows, 26
     inside = height * len(panels) + gap * (len(panels) - 1)
     axis = {"showline": True, "mirror": True, "linecolor": "black", "ticks": "outside", "gridcolor": "#e4e4e4"}
@@ -72,26 +71,17 @@ def figure(caption, x_title, panels, traces, *, x_range=None, height=PANEL, shap
         "shapes": list(shapes),
         "annotations": list(annotations),
     }
-    made["xaxis"] |= _range(x_range)
-    for panel, (title, limits) in enumerate(panels):
+    for panel, (title, _) in enumerate(panels):
         top = inside - panel * (height + gap)
         own = {"title": {"text": title}, "domain": [max(0.0, (top - height) / inside), top / inside]}
-        made[_numbered("yaxis", panel)] = axis | own | {"zerolinecolor": "#9a9a9a"} | _range(limits)
+        made[_numbered("yaxis", panel)] = axis | own | {"zerolinecolor": "#9a9a9a"}
+    for name, limits in [("xaxis", x_range), *((_numbered("yaxis", k), own) for k, (_, own) in enumerate(panels))]:
+        made[name] |= {} if limits is None else {"range": [float(limit) for limit in limits]}
     return Figure(caption, traces, made)
 
 
 def _numbered(name, panel):
     return f"{name}{panel + 1}" if panel else name
-
-
-def _range(limits):
-    return {} if limits is None else {"range": [float(limit) for limit in limits]}
-
-
-def _legend_rows(traces):
-    """Rows that the legend takes; one name needs none."""
-    count = sum(trace.get("showlegend", True) for trace in traces)
-    return -(-count // legend_columns(traces)) if count > 1 else 0
 
 
 def legend_columns(traces):
@@ -143,8 +133,8 @@ def motion_line(answers, values, name, style=0, *, hollow=False):
     """A line over the speed with the symbol of the kind of motion at every speed; a gap where there is no answer."""
     kinds = [kind_of(answer) for answer in answers]
     symbols = [(MOTIONS[kind][0] if kind else "circle") + "-open" * hollow for kind in kinds]
-    said, hover = [MOTIONS[kind][1] for kind in kinds], f"%{{x}} {answers[0].axis.unit}: %{{y}}, %{{text}}"
-    more = {"mode": "lines+markers", "text": said, "hovertemplate": hover}
+    more = {"mode": "lines+markers", "text": [MOTIONS[kind][1] for kind in kinds]}
+    more["hovertemplate"] = f"%{{x}} {answers[0].axis.unit}: %{{y}}, %{{text}}"
     more["marker"] = {"symbol": symbols, "size": (6 if len(answers) <= MARKED else 4) + 3 * hollow}
     return line([answer.place for answer in answers], values, name, style, **more)
 
@@ -152,15 +142,13 @@ def motion_line(answers, values, name, style=0, *, hollow=False):
 def kind_marks(answers, points, title="", *, hollow=False, **more):
     """Points of answers, each with arrays x and y, in traces by their kinds of motion."""
     found, kinds = [], [kind_of(answer) for answer in answers]
-    for kind in (kind for kind in MOTIONS if kind in kinds):
+    for kind, (symbol, said) in MOTIONS.items():
         own = [point for point, other in zip(points, kinds, strict=True) if other == kind]
-        symbol, said = MOTIONS[kind]
-        hover = {"hovertemplate": f"%{{x}} {answers[0].axis.unit}: {said}<extra></extra>"}
-        name = f"{said}, {title}".removesuffix(", ")
-        symbol += "-open" * (hollow and kind is not None)
-        found.append(
-            marks(*(np.concatenate(column) for column in zip(*own, strict=True)), name, symbol, **hover, **more)
-        )
+        if own:
+            places = [np.concatenate(column) for column in zip(*own, strict=True)]
+            hover = {"hovertemplate": f"%{{x}} {answers[0].axis.unit}: {said}<extra></extra>"}
+            name, symbol = f"{said}, {title}".removesuffix(", "), symbol + "-open" * (hollow and kind is not None)
+            found.append(marks(*places, name, symbol, **hover, **more))
     return found
 
 
@@ -195,10 +183,15 @@ def bands(edges, panel=None):
     return [ALONG | {"yref": rows, "x0": float(low), "x1": float(high)} for low, high in edges]
 
 
+def note(text, x, y, *, size=10, **more):
+    """A text at a place."""
+    return {"text": text, "x": x, "y": y, "showarrow": False, "font": {"size": size}} | more
+
+
 def above(text, panel):
     """A text above a panel, at the left."""
-    place = {"xref": "paper", "x": 0.0, "yref": f"{_numbered('y', panel)} domain", "y": 1.0}
-    return place | {"text": text, "showarrow": False, "xanchor": "left", "yanchor": "bottom", "font": {"size": 10}}
+    more = {"xref": "paper", "yref": f"{_numbered('y', panel)} domain", "xanchor": "left", "yanchor": "bottom"}
+    return note(text, 0.0, 1.0, **more)
 
 
 def plain(name):

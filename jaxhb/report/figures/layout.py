@@ -10,39 +10,27 @@ import itertools
 import numpy as np
 
 from jaxhb.train.chain import span
+from jaxhb.train.connections import breadth_first, neighbours
 
-DISK, LEAST, MASSLESS = 0.42, 0.12, 0.07
-"""Radius of the largest disk, of the smallest with inertia, and of one without."""
-GEAR, RIM = 1.4, 0.32
-"""Pitch radius of the largest gear, and of any at least beyond its disk."""
-LETTER, LINE = 0.155, 0.3
-"""Width of a letter and height of a line of text."""
-GAP = 0.5
-"""Least length of a shaft that can be seen between two disks."""
-APART = 0.06
-"""Least distance between things that do not touch."""
+DISK, LEAST, MASSLESS = 0.42, 0.12, 0.07  # radius of the largest disk, of the smallest with inertia, and of one without
+GEAR, RIM = 1.4, 0.32  # pitch radius of the largest gear, and of any at least beyond its disk
+LETTER, LINE = 0.155, 0.3  # width of a letter and height of a line of text
+GAP = 0.5  # least length of a shaft that can be seen between two disks
+APART = 0.06  # least distance between things that do not touch
 ANGLES = (-90, 90, 0, 180, -45, -135, -30, -150, -60, -120, -15, -165, -75, -105, 45, 135, 30, 150, 60, 120)
 """Directions from a gear to one in mesh with it, deg, as they are tried."""
-REACH, SLANTS = 12, (0.0, 1.0, -1.0, 2.0, -2.0)
-"""Distances at which a branch is tried, and how far to the side."""
+REACH, SLANTS = 12, (0.0, 1.0, -1.0, 2.0, -2.0)  # distances at which a branch is tried, and how far to the side
 
 
-def neighbours(topology, links):
-    """Neighbours of every disk by some links of the train, without those that close a loop."""
-    near = [[] for _ in range(topology.n_disks)]
-    for link in np.setdiff1d(links, span(topology).loops).tolist():
-        a, b = topology.link_ends[link]
-        near[a].append(b)
-        near[b].append(a)
-    return near
+def joined(topology, links):
+    """Neighbours of every disk by some links of the train, without those that close a loop: (other, link)."""
+    every = range(len(topology.link_ends))
+    return neighbours(topology.link_ends, topology.n_disks, {*every} - {*links} | {*span(topology).loops.tolist()})
 
 
 def ways(near, start, *, through=False):
-    """Ways through the disks that hang on ``start``, on which every link lies once.
-
-    The longest, or the longest from ``start`` if it has to lie on the first; then branches, each from a disk of an
-    earlier way.
-    """
+    """Ways through the disks that hang on ``start``, on which every link lies once: the longest, or the longest from
+    ``start`` if it has to lie on the first; then branches, each from a disk of an earlier way."""
     first = _longest(near, _longest(near, start)[-1])  # in a tree what is farthest from any is an end of a longest way
     if through and start not in first:
         first = _longest(near, start)
@@ -51,7 +39,7 @@ def ways(near, start, *, through=False):
     placed = set(first)
     for way in found:
         for disk in way:
-            while branches := [_longest(near, other, placed) for other in near[disk] if other not in placed]:
+            while branches := [_longest(near, other, placed) for other, _ in near[disk] if other not in placed]:
                 found.append([disk, *max(branches, key=len)])
                 placed.update(found[-1])
     return found
@@ -59,16 +47,11 @@ def ways(near, start, *, through=False):
 
 def _longest(near, start, taken=()):
     """Disks from ``start`` to the one farthest from it, without those taken."""
-    above = {start: None}
-    queue = [start]
-    for disk in queue:
-        for other in near[disk]:
-            if other not in above and other not in taken:
-                above[other] = disk
-                queue.append(other)
-    path = [queue[-1]]
-    while above[path[-1]] is not None:
-        path.append(above[path[-1]])
+    free = [[pair for pair in pairs if pair[0] not in taken] for pairs in near]
+    outward = breadth_first(free, start)
+    before, path = {disk: other for disk, other, _ in outward}, [outward[-1][0]]
+    while path[-1] != start:
+        path.append(before[path[-1]])
     return path[::-1]
 
 
@@ -91,15 +74,6 @@ class Layout:
 
     x, y ``(S,)``; disk, pitch ``(S,)``: radii; names: disk -> (x, y, text, whether it is upright), centres of texts;
     touching: links whose pitch circles touch; low, high ``(2,)``: corners
-
-    Examples
-    --------
-    Two gears touch: the distance of their centres is the sum of their pitch radii.
-
-    >>> import jaxhb
-    >>> found = Layout(jaxhb.load_scene("spur_pair"))
-    >>> found.x.round(6).tolist(), bool(np.isclose(np.ptp(found.y), found.pitch.sum()))
-    ([0.0, 0.0], True)
     """
 
     def __init__(self, train, named=True):
@@ -115,9 +89,8 @@ class Layout:
     def _place(self):
         """Rotor by rotor from the reference rotor on."""
         topology = self.topology
-        meshes = range(len(topology.link_names) - len(topology.mesh_names), len(topology.link_names))
-        shafts, mates = neighbours(topology, range(meshes.start)), neighbours(topology, meshes)
-        link_of = {frozenset(topology.link_ends[link]): link for link in meshes}
+        elastic = len(topology.link_names) - len(topology.mesh_names)
+        shafts, mates = joined(topology, range(elastic)), joined(topology, range(elastic, len(topology.link_names)))
         first = ways(shafts, topology.rotor.index(topology.reference_rotor))
         self._take(first[0], self._line(first[0], 0, (0.0, 0.0), 1, 1))
         rotors = [first]
@@ -125,11 +98,11 @@ class Layout:
             for disk, *branch in rotor[1:]:
                 self._branch(disk, branch)
             for gear in [disk for number, way in enumerate(rotor) for disk in way[number > 0 :]]:
-                for other in mates[gear]:
+                for other, link in mates[gear]:
                     if np.isnan(self.x[other]):
                         rotors.append(ways(shafts, other, through=True))
                         if self._mesh(gear, other, rotors[-1][0]):
-                            self.touching.add(link_of[frozenset((gear, other))])
+                            self.touching.add(link)
 
     def _line(self, way, anchor, at, direction, side):
         """A line of disks, that with the number ``anchor`` at a place: the others' x, the line's y, names, and circles,
@@ -157,22 +130,12 @@ class Layout:
         self.names |= names
         self.circles = np.concatenate([self.circles, circles])
 
-    def _free(self, circles, touching=None):
-        """Whether circles hit nothing that is placed; ``touching``: numbers of one of them and of one that it may."""
-        distance = np.hypot(*(circles[:, None, :2] - self.circles[:, :2]).transpose(2, 0, 1))
-        gaps = distance - circles[:, None, 2] - self.circles[:, 2]
-        if touching is not None:
-            gaps[touching] = np.inf
-        return bool((gaps > APART).all())
-
     def _branch(self, disk, way):
         """Put a branch of shafts below or above its disk, straight or slanting, as near as it goes."""
-        start = np.array([self.x[disk], self.y[disk]])
-        own, first = max(self.disk[disk], self.pitch[disk]), max(self.disk[way[0]], self.pitch[way[0]])
-        places = []
+        start, both, places = np.array([self.x[disk], self.y[disk]]), np.maximum(self.disk, self.pitch), []
         for away, side, slant in itertools.product(range(REACH), (-1, 1), SLANTS):
-            link = np.array([slant, side * (own + first + GAP + 0.5 * away)])
-            places.append((start + link, side, _row(start + link * (own + 0.2) / np.hypot(*link), start + link)))
+            link = np.array([slant, side * (both[disk] + both[way[0]] + GAP + 0.5 * away)])
+            places.append((start + link, side, _row(start + link * (both[disk] + 0.2) / np.hypot(*link), start + link)))
         self._put(way, 0, places)
 
     def _mesh(self, gear, other, way):
@@ -185,11 +148,15 @@ class Layout:
 
     def _put(self, way, anchor, places, touching=None):
         """Put a line of disks at the first of some places, each with a side for names and the circles of a link to it,
-        where it hits nothing, else below everything; whether one was free."""
+        where it hits nothing but the circle that it may touch, else below everything; whether one was free."""
         for (at, side, link), direction in itertools.product(places, (1, -1)):
             *line, circles = self._line(way, anchor, at, direction, side)
             circles = np.concatenate([circles, link])
-            if self._free(circles, touching):
+            gaps = np.hypot(*(circles[:, None, :2] - self.circles[:, :2]).transpose(2, 0, 1))
+            gaps -= circles[:, None, 2] + self.circles[:, 2]
+            if touching is not None:
+                gaps[touching] = np.inf
+            if (gaps > APART).all():
                 self._take(way, (*line, circles))
                 return True
         below = (self.circles[:, 1] - self.circles[:, 2]).min() - 0.6 - max(*self.disk[way], *self.pitch[way])

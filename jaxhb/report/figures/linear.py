@@ -8,25 +8,22 @@ from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.holzer import holzer_residual
 from jaxhb.linear.modal import AT_REST, natural_frequencies
 from jaxhb.report.figures.draw import drawn
-from jaxhb.report.figures.figure import GREY, WITH, WITHOUT, above, bars, figure, line, marks
-from jaxhb.report.figures.layout import neighbours, ways
+from jaxhb.report.figures.figure import GREY, WITH, WITHOUT, above, bars, figure, line, marks, note
+from jaxhb.report.figures.layout import joined, ways
 from jaxhb.report.text.linear import shares_in_mode, shown_modes
 from jaxhb.train.chain import span
 
 POINTS = 2000
-COUNTS = 0.1
-"""Modal torque over the largest of the mode from which a critical speed is filled."""
-APART = 0.032
-"""Share of the height between the names of two modes."""
-LINEAR = 1e-3
-"""Residual over its median below which the scale is linear."""
+COUNTS = 0.1  # modal torque over the largest of the mode from which a critical speed is filled
+APART = 0.032  # share of the height between the names of two modes
+LINEAR = 1e-3  # residual over its median below which the scale is linear
 
 
 def plot_holzer(train, tables, natural):
     """Holzer's residual over the frequency, natural frequencies as circles, frequencies asked for as dotted lines.
 
-    Every branch begins with ordinate 1 at its free end; a table of a train with branches is scaled otherwise. The scale
-    is logarithmic on both sides of 0, as the residual grows with a high power of the frequency.
+    The scale is logarithmic on both sides of 0: the residual grows with a high power of the frequency. Every branch
+    begins with ordinate 1 at its free end; a table of a train with branches is scaled otherwise.
 
     tables : list of (int or None, HolzerTable); natural : dict, number of the mode: Hz, of those that strain links
     """
@@ -41,8 +38,8 @@ def plot_holzer(train, tables, natural):
     if asked:
         low, high = (np.full(len(asked), end) for end in ends)
         traces.append(bars(asked, low, high, "frequency asked for", look={"color": "black", "dash": "dot"}))
-    style = {"y": 0.0, "xshift": 5, "yshift": 14, "xanchor": "left", "showarrow": False, "font": {"size": 10}}
-    notes = [style | {"x": own, "text": f"mode {mode}<br>{own:.4g} Hz"} for mode, own in zeros.items()]
+    style = {"xshift": 5, "yshift": 14, "xanchor": "left"}
+    notes = [note(f"mode {mode}<br>{own:.4g} Hz", own, 0.0, **style) for mode, own in zeros.items()]
     caption, panels = "Holzer's residual, zero at natural frequencies", [("residual, N m, from ordinates 1", None)]
     more = {"x_range": (0.0, highest), "height": 220, "annotations": notes}
     picture = drawn(figure(caption, "frequency, Hz", panels, traces, **more), title=train.topology.title)
@@ -54,8 +51,7 @@ def plot_holzer(train, tables, natural):
 def plot_campbell(found, count, name):
     """Natural frequencies over the speed, orders as rays, critical speeds as circles.
 
-    Full lines are modes, named with their frequency at the right; dashed rays are orders, named where they leave the
-    picture; dotted lines are rigid modes and those of rings only. ``count`` elastic modes were taken.
+    Full lines are modes, dotted ones those of rigid bodies or rings; ``count`` elastic modes were taken.
     """
     return drawn(campbell_figure(found, count, name))
 
@@ -64,7 +60,10 @@ def campbell_figure(found, count, title):
     """The figure of :func:`plot_campbell`; its title is that of the scene or case."""
     low, high = float(found.rpm[0]), float(found.rpm[-1])
     elastic = found.elastic(count)
-    top, traces = _top_frequency(found, elastic), []
+    # Where modes or orders end, and at least the lowest mode.
+    modes, rays = found.frequencies_hz[:, elastic].max(axis=0), found.orders * high / 60
+    top = max(min(modes.max(initial=0.0), rays.max(initial=0.0)), modes[:1].max(initial=0.0))
+    top, traces = 1.08 * (top or 1.0), []
     for order in found.orders:
         look, own = {"color": GREY, "dash": "dash", "width": 0.8}, [order * low / 60, order * high / 60]
         traces.append(line([low, high], own, f"order {order:g}", look=look, showlegend=False))
@@ -98,42 +97,26 @@ def counting(found):
 
 
 def _mode_names(found, shown, top):
-    """Names of the modes at the right, moved up where they would lie on one another; zero frequencies share one."""
-    names = {}
-    for k in shown:
-        hz = found.frequencies_hz[-1, k]
-        what = f"{hz:.4g} Hz" if found.kinds[k] == ELASTIC else found.kinds[k]
-        names.setdefault(float(hz) if hz > APART * top / 10 else 0.0, []).append(f" mode {k}: {what}")
-    style = {"x": 1.0, "xref": "paper", "xanchor": "left", "align": "left", "showarrow": False, "font": {"size": 10}}
+    """Names of the modes at the right, moved up where they would lie on one another."""
     notes, lowest = [], 0.0
-    for hz, said in names.items():
-        place = {"y": max(hz, lowest), "yanchor": "middle" if hz else "bottom"}
-        notes.append(style | place | {"text": "<br>".join(said)})
-        lowest = place["y"] + APART * top * (len(said) + 0.5 * (not hz))
+    for k in shown:
+        hz = float(found.frequencies_hz[-1, k])
+        what = f"{hz:.4g} Hz" if found.kinds[k] == ELASTIC else found.kinds[k]
+        notes.append(note(f" mode {k}: {what}", 1.0, max(hz, lowest), xref="paper", xanchor="left"))
+        lowest = notes[-1]["y"] + APART * top
     return notes
-
-
-def _top_frequency(found, elastic):
-    """Highest frequency: where modes or orders end, and at least the lowest mode."""
-    modes = found.frequencies_hz[:, elastic].max(axis=0)
-    rays = found.orders * found.rpm[-1] / 60
-    highest = min(modes.max(initial=0.0), rays.max(initial=0.0))
-    return 1.08 * (max(highest, modes[:1].max(initial=0.0)) or 1.0)
 
 
 def _ray_name(order, high, top):
     """The order where its ray leaves the picture."""
-    style = {"text": f"{order:g}", "showarrow": False, "font": {"size": 9}, "bgcolor": "white", "borderpad": 0}
-    if order * high / 60 > top:
-        return style | {"x": 60 * top / order, "y": top, "yanchor": "bottom"}
-    return style | {"x": high, "y": order * high / 60, "xanchor": "right", "xshift": -4}
+    hz, style = order * high / 60, {"size": 9, "bgcolor": "white", "borderpad": 0}
+    if hz > top:
+        return note(f"{order:g}", 60 * top / order, top, yanchor="bottom", **style)
+    return note(f"{order:g}", high, hz, xanchor="right", xshift=-4, **style)
 
 
-MOST = 6
-"""Modes in one picture."""
-
-NAMES = 80
-"""Names of disks that have room."""
+MOST = 6  # modes in one picture
+NAMES = 80  # names of disks that have room
 
 
 def modes_of(train, most=None):
@@ -148,22 +131,20 @@ def train_lines(topology):
     """Ways along the train, lists of disks, on which every link lies once: the longest, then branches from where they
     leave, then links that close a loop.
 
-    Examples
-    --------
     >>> import jaxhb
     >>> topology = jaxhb.load_scene("engine_with_damper").topology
     >>> [[topology.disk_names[disk] for disk in way] for way in train_lines(topology)][2:]
     [['idler', 'cam gear', 'camshaft'], ['hub', 'viscous damper']]
     """
-    found = ways(neighbours(topology, range(len(topology.link_ends))), 0)
+    found = ways(joined(topology, range(len(topology.link_ends))), 0)
     return found + [list(topology.link_ends[link]) for link in span(topology).loops.tolist()]
 
 
 def plot_modes(train, modes, chosen, ratios):
     """Shapes of up to six modes along the train, angles referred to the reference rotor, nodes as crosses.
 
-    chosen : numbers of the modes; ratios : damping ratios of all modes, nan where there is none. Each branch is a line
-    of its own right of the main one; it begins at the disk on which it hangs, named in brackets.
+    chosen : numbers of the modes; ratios : damping ratios of all modes, nan where there is none. Branches stand right
+    of the main line.
     """
     return drawn(shapes_figure(train, modes, chosen[:MOST], ratios), title=train.topology.title)
 
@@ -190,22 +171,17 @@ def shapes_figure(train, modes, chosen, ratios):
     caption += "Dashed: branches, each begins at the disk named in brackets." * (len(lines) > 1)
     panels, more = [("", (-1.15, 1.15))] * len(chosen), {"annotations": notes, "x_range": (-0.5, starts[-1] - 1.5)}
     made = figure(caption, "", panels, traces, height=95, **more)
-    places, said = _places(lines, starts, modes.names)
-    room = round(5.4 * max(map(len, said)))
-    made.layout["xaxis"] |= {"tickvals": places, "ticktext": said, "tickangle": -90, "tickfont": {"size": 9}}
+    said = {}  # of a branch the disk on which it hangs is in brackets
+    for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
+        said |= {start + i: modes.names[disk] for i, disk in enumerate(way)}
+        said |= {start: f"({said[start]})"} if number else {}
+    said = dict(list(said.items())[:: -(-len(said) // NAMES)])
+    room = round(5.4 * max(map(len, said.values())))
+    ticks = {"tickvals": list(said), "ticktext": list(said.values()), "tickangle": -90, "tickfont": {"size": 9}}
+    made.layout["xaxis"] |= ticks
     made.layout["margin"] |= {"t": 22, "b": 16 + room}
     made.layout["height"] += room - 20
     return made
-
-
-def _places(lines, starts, names):
-    """Places and names of the disks that have room; of a branch the disk on which it hangs is in brackets."""
-    found = {}
-    for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
-        for i, disk in enumerate(way):
-            found[start + i] = f"({names[disk]})" if number and i == 0 else names[disk]
-    step = -(-len(found) // NAMES)
-    return list(found)[::step], list(found.values())[::step]
 
 
 def mode_nodes(lines, starts, shape):

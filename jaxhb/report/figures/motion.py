@@ -1,8 +1,7 @@
 """Pictures of what a train does: kinds of motion over the speed, peaks of cycles, orders; branches and multipliers.
 
-Forces are transmitted tooth forces; a peak is the largest absolute value. ``sweeps`` is one SteadySweep, or two of one
-train, upwards and downwards: the second is drawn hollow. ``mesh`` is by default the one with the largest force; a train
-without meshes is refused with a ValueError.
+``sweeps`` is one SteadySweep, or two of one train, upwards and downwards: the second is drawn hollow. ``mesh`` is by
+default the one with the largest tooth force; a train without meshes is refused with a ValueError.
 """
 
 import dataclasses
@@ -22,6 +21,7 @@ from jaxhb.report.figures.figure import (
     kind_marks,
     line,
     marks,
+    note,
     plain,
     speed_range,
     top_of,
@@ -30,20 +30,16 @@ from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.quantities import forces
 from jaxhb.report.text.tuned import parameter_unit
 
-STEM = 4.0
-"""Height of the largest order of a waterfall, in distances of its speeds."""
-
-SEEN = 0.02
-"""Share of the largest from which the tip of a stem is marked."""
+STEM = 4.0  # height of the largest order of a waterfall, in distances of its speeds
+SEEN = 0.02  # share of the largest from which the tip of a stem is marked
 
 
 def plot_motions(*sweeps, mesh=None, branches=(), orbits=None):
     """Largest tooth force of a mesh over the speed, marked with the kind of motion.
 
-    Beside the marker of a subharmonic motion stands its period in cycles; a bar goes over the largest forces of the
-    cycles, from 5 to 95 %, where the motion is irregular; a cross is at the bottom where it is unknown.
-    ``branches`` over the speed are lines that are solid where stable and dashed where not; ``orbits``, a Response of
-    many speeds (:func:`jaxhb.solve_speeds`), are the periodic motions, whether or not they occur.
+    Beside a subharmonic motion stands its period in cycles; a bar goes over 5 to 95 % of the cycles of an irregular
+    one. ``branches`` over the speed are solid where stable, dashed where not; ``orbits``, a Response of many speeds
+    (:func:`jaxhb.solve_speeds`), are the periodic motions, whether or not they occur.
     """
     mesh, cases = mesh or hardest_mesh(*sweeps), _cases(sweeps)
     quantity = dataclasses.replace(forces(sweeps[0][0]), signal=None)
@@ -52,9 +48,8 @@ def plot_motions(*sweeps, mesh=None, branches=(), orbits=None):
         solved = np.asarray(orbits.converged)
         peaks = quantity.factor * np.asarray(orbits.force(mesh).peak)[solved]
         more.append(marks(np.asarray(orbits.rpm)[solved], peaks, "periodic solution", "cross-thin", size=10))
-    style = {"showarrow": False, "font": {"size": 10}}
     notes = [
-        style | {"text": f"{a.state.period}", "x": a.rpm, "y": value, "yshift": -12 if number else 12}
+        note(f"{a.state.period}", a.rpm, value, yshift=-12 if number else 12)
         for number, case in enumerate(cases)
         for a, value in zip(case.answers, quantity.of(case.answers, mesh), strict=True)
         if a.state.kind == "subharmonic"
@@ -62,7 +57,7 @@ def plot_motions(*sweeps, mesh=None, branches=(), orbits=None):
     caption = f"{plain(mesh)}: largest tooth force and the kind of motion"
     caption += "; numbers: periods in cycles" * bool(notes)
     made = over_speed(quantity, [mesh], cases, caption, more=more, height=300, annotations=notes)
-    return drawn(made, title=sweeps[0][0].topology.name or "scene")
+    return drawn(made, title=sweeps[0][0].topology.title)
 
 
 def plot_cycle_peaks(*sweeps, mesh=None):
@@ -78,16 +73,14 @@ def plot_cycle_peaks(*sweeps, mesh=None):
         traces += kind_marks(case.answers, points, case.title, hollow=number > 0, size=8 if number else 5)
     panels, axis = [("tooth force, kN", top_of(traces))], speed_range(sweeps[0].rpm)
     made = figure(f"{plain(mesh)}: peak of each cycle", "speed, rpm", panels, traces, x_range=axis, height=300)
-    return drawn(made, title=sweeps[0][0].topology.name or "scene")
+    return drawn(made, title=sweeps[0][0].topology.title)
 
 
 def plot_waterfall(sweep, mesh=None, *, highest=None):
     """Amplitudes of the orders of a tooth force, speed above speed.
 
-    A stem for each order, on a line for each speed, with the symbol of the kind of motion. A subharmonic motion of k
-    cycles has k times as many orders; those of an irregular one are quadratic means over the recorded cycles.
-    ``highest`` is the order up to which is drawn, by default the last with a tenth of the largest amplitude at some
-    speed.
+    Orders of an irregular motion are quadratic means over the recorded cycles. ``highest`` is the order up to which is
+    drawn, by default the last with a tenth of the largest amplitude at some speed.
     """
     mesh, (case,) = mesh or hardest_mesh(sweep), _cases([sweep])
     signals = {answer.rpm: answer.force(mesh) for answer in case.answers if answer.answered}
@@ -100,7 +93,7 @@ def plot_waterfall(sweep, mesh=None, *, highest=None):
     stems = {rpm: np.column_stack([signal.orders, scale * signal.amplitudes]) for rpm, signal in signals.items()}
     stems = {rpm: stem[stem[:, 0] <= highest] for rpm, stem in stems.items()}
     tips = {rpm: stem[stem[:, 1] > SEEN * scale * largest] + (0.0, rpm) for rpm, stem in stems.items()}
-    speeds = np.repeat(list(stems), [len(stem) for stem in stems.values()])
+    speeds = np.repeat(list(stems), list(map(len, stems.values())))
     orders, heights = np.concatenate([np.zeros((0, 2)), *stems.values()]).T
     base = np.repeat(sweep.rpm, 3), np.tile([0.0, highest, np.nan], len(sweep.rpm))
     traces = [line(*base[::-1], "", 3, look={"dash": "solid", "width": 0.5}, showlegend=False)]
@@ -109,11 +102,11 @@ def plot_waterfall(sweep, mesh=None, *, highest=None):
     traces += kind_marks(case.answers, places, size=4)
     top = sweep.rpm.max() + scale * largest
     traces.append(bars([highest], [sweep.rpm.max()], [top], "", look={"color": "black"}, showlegend=False))
-    note = {"x": highest, "y": top, "xanchor": "right", "xshift": -6, "showarrow": False, "font": {"size": 11}}
-    panels, note = [("speed, rpm", None)], note | {"text": f"{largest / 1e3:.3g} kN"}
-    title, more = "order, per revolution of the reference rotor", {"x_range": (0.0, 1.02 * highest), "height": 420}
-    made = figure(f"{plain(mesh)}: orders of the tooth force", title, panels, traces, annotations=[note], **more)
-    return drawn(made, title=sweep[0].topology.name or "scene")
+    scaled = note(f"{largest / 1e3:.3g} kN", highest, top, size=11, xanchor="right", xshift=-6)
+    caption, title = f"{plain(mesh)}: orders of the tooth force", "order, per revolution of the reference rotor"
+    more = {"x_range": (0.0, 1.02 * highest), "height": 420, "annotations": [scaled]}
+    made = figure(caption, title, [("speed, rpm", None)], traces, **more)
+    return drawn(made, title=sweep[0].topology.title)
 
 
 def hardest_mesh(*sweeps):
@@ -139,8 +132,7 @@ def _peaks(motion, mesh):
 
 POINTS = {"fold": "diamond", "branch point": "star", "period doubling": "triangle-up", "Neimark-Sacker": "cross"}
 LOST = "fold", "period doubling", "Neimark-Sacker"
-LOWEST = 0.05
-"""Modulus at the bottom of a picture, if none is smaller."""
+LOWEST = 0.05  # modulus at the bottom of a picture, if none is smaller
 STABLE, UNSTABLE = {"color": WITHOUT, "dash": "solid"}, {"color": WITH, "dash": "dash"}
 
 
@@ -160,7 +152,7 @@ def plot_branch(branch, mesh=None):
     title = f"{branch.parameter.replace('rpm', 'speed')}, {unit}".removesuffix(", ")
     made = figure(f"{plain(mesh)}: a branch and its folds", title, panels, traces + points, height=210)
     made.layout["yaxis2"] |= scale
-    return drawn(made, title=topology.name or "scene")
+    return drawn(made, title=topology.title)
 
 
 def plot_multipliers(rpm, stabilities):

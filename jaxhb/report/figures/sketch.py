@@ -5,40 +5,28 @@ import numpy as np
 from jaxhb.report.figures.draw import empty
 from jaxhb.report.figures.figure import BAND
 from jaxhb.report.figures.layout import Layout
+from jaxhb.train.chain import span
 
-MOST = 400
-"""Disks of a sketch."""
-UNIT, WIDEST = 0.42, 18.0
-"""Inches of a unit of the layout, and of a picture, at most."""
+MOST = 400  # disks of a sketch
+UNIT, WIDEST = 0.42, 18.0  # inches of a unit of the layout, and of a picture, at most
 TORQUE = "#8f8f8f"
-LETTERS, SMALLEST = 7.5, 4.0
-"""Points of the names where the unit has its size, and below which they are left out."""
-EDGE = 0.8
-"""Inches kept free at each side, for title and legend."""
+LETTERS, SMALLEST = 7.5, 4.0  # points of the names where the unit has its size, and below which they are left out
+EDGE = 0.8  # inches kept free at each side, for title and legend
 ROUND = np.stack([np.cos(turn := np.linspace(0.0, 2 * np.pi, 73)), np.sin(turn)])
-BOW = 0.9
-"""Units by which a link that closes a loop passes the disks between its ends."""
-GROUND = [(0, 0), (1, 1), (np.nan, np.nan)]
+BOW = 0.9  # units by which a link that closes a loop passes the disks between its ends
+GROUND = [(0, 0), (1, 1), (np.nan, np.nan)]  # sign of the ground, from the disk that is held, in units of 0.15
 for half, height in ((1, 1), (0.6, 1.4), (0.27, 1.8)):
     GROUND += [(1 - half, height), (1 + half, height), (np.nan, np.nan)]
-"""The sign of the ground, from the disk that is held, in units of 0.15."""
 
 
 def plot_train(train):
     """Sketch of a train: rotors as horizontal lines, gears in mesh as pitch circles that touch.
 
-    Circles are disks, dark where a torque acts, their radius grows with the fourth root of the inertia (as it stands in
-    the scene, not referred); the smallest ones have none. Dash-dotted are pitch circles, in proportion, with a white
-    dot where teeth with backlash touch, a black one without. Gears in mesh for which no place was free beside each
-    other are joined by a dotted line. Internal meshes touch from outside too, as the legend says.
+    Circles are disks, dark where a torque acts; their radius grows with the fourth root of the inertia, not referred.
+    Dash-dotted are pitch circles, in proportion, with a white dot where teeth with backlash touch, a black one without;
+    a dotted line joins those for which no place was free. Internal meshes touch from outside too.
+    More than 400 disks raise a ValueError.
 
-    Raises
-    ------
-    ValueError
-        For more than 400 disks.
-
-    Examples
-    --------
     >>> import jaxhb
     >>> [text.get_text() for text in plot_train(jaxhb.load_scene("spur_pair")).axes[0].texts][:2]
     ['gear a', 'gear b']
@@ -93,14 +81,18 @@ def _draw_disks(axes, topology, found):
 def _draw_links(axes, topology, found):
     """Shafts, links of dampers and meshes."""
     shafts, dampers = len(topology.shaft_names), len(topology.damper_names)
+    loops, t = set(span(topology).loops.tolist()), np.linspace(0.0, 1.0, 41)[:, None]
     for link, (a, b) in enumerate(topology.link_ends):
         ends = np.array([[found.x[a], found.y[a]], [found.x[b], found.y[b]]])
+        way = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
         if link < shafts + dampers:
             damper = {"linewidth": 1.6, "linestyle": (0, (1.5, 1)), "label": "damper"}
             style = damper if link >= shafts else {"linewidth": 2.2, "label": "shaft"}
-            axes.plot(*_clear(ends, found, (a, b)).T, color="black", zorder=2, **style)
+            if link in loops:  # it passes the disks between its ends
+                bow = np.copysign(BOW, way[0]) * np.sin(np.pi * t) * (-way[1], way[0])
+                ends = ends[0] + t * (ends[1] - ends[0]) + bow
+            axes.plot(*ends.T, color="black", zorder=2, **style)
             continue
-        way = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
         ends += np.array([found.pitch[a] * way, -found.pitch[b] * way])
         if link not in found.touching:
             axes.plot(*ends.T, color="black", linewidth=1.2, linestyle=":", zorder=2)
@@ -108,19 +100,6 @@ def _draw_links(axes, topology, found):
         kind = "internal mesh" if topology.mesh_internal[link - shafts - dampers] else "mesh"
         style = {"color": "black", "markersize": 5, "markerfacecolor": "white" if gap else "black", "zorder": 7}
         axes.plot(*ends.mean(axis=0), "o", linestyle="", label=kind + " with backlash" * bool(gap), **style)
-
-
-def _clear(ends, found, own):
-    """The line ``(n, 2)`` of a link between its ends: bowed where it closes a loop through other disks."""
-    way, t = ends[1] - ends[0], np.linspace(0.0, 1.0, 41)[:, None]
-    others = np.setdiff1d(np.arange(len(found.x)), own)
-    centres = np.stack([found.x, found.y], axis=1)[others]
-    along = np.clip((centres - ends[0]) @ way / (way @ way), 0.0, 1.0)[:, None]
-    apart = np.hypot(*(centres - ends[0] - along * way).T)
-    if not (apart < found.disk[others]).any():
-        return ends
-    across = np.array([-way[1], way[0]]) / np.hypot(*way) * (1.0 if way[0] >= 0 else -1.0)
-    return ends[0] + t * way + 4 * t * (1 - t) * BOW * across
 
 
 def _draw_supports(axes, topology, found):

@@ -24,25 +24,17 @@ from jaxhb.report.quantities import forces, separation, shaft_torques
 from jaxhb.report.selection import NOT_FIRING, hardest_shaft, train_name
 from jaxhb.report.text.strength import LIMITED, answers_strength
 
-BESIDE = 0.006
-"""Share of the axis between the bars of two meshes at one speed."""
-
+BESIDE = 0.006  # share of the axis between the bars of two meshes at one speed
 WAYS = {"up": "upwards", "down": "downwards", "orbit": "periodic solutions"}
 
 
 def plot_sweep(sweeps):
     """Largest tooth force and share of the time out of contact, mesh by mesh, over the speed.
 
-    Markers tell the kind of motion; what has no answer, or did not converge, is a gap in the lines and a cross at the
-    bottom. Downwards markers are open. A train without gears shows its hardest worked shaft or damper. Below, of
-    stresses, tooth torques and heat what comes nearest to the limits that the scene gives, with barred ranges shaded.
-    ``sweeps`` are answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
+    Markers tell the kind of motion, open ones downwards; without an answer there is a gap and a cross at the bottom. A
+    train without gears shows its hardest worked shaft or damper. Below stands what comes nearest to the limits of the
+    scene. ``sweeps`` are answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
     """
-    return drawn(*sweep_figures(sweeps), title=train_name(next(iter(sweeps.values()))[0].topology))
-
-
-def sweep_figures(sweeps):
-    """The figures of :func:`plot_sweep`, in a list."""
     cases = [Case(WAYS[way] if len(sweeps) > 1 else "", answers) for way, answers in sweeps.items()]
     first = cases[0].answers
     train = first[0].train
@@ -60,15 +52,15 @@ def sweep_figures(sweeps):
         figures = [over_speed(torque, [shaft], cases, caption, more=more)]
     judged = {case.title: answers_strength(case.answers) for case in cases if first[0].axis == SPEED}
     limited = judged_elements(next(iter(judged.values()))) if judged else []
-    return figures + [limit_figure(judged, *chosen) for chosen in limited]
+    figures += [limit_figure(judged, *chosen) for chosen in limited]
+    return drawn(*figures, title=train_name(train.topology))
 
 
 def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
     """Elements over the speed, case by case, with and without backlash; symbols tell the kind of motion.
 
-    A quantity of no signal is drawn with backlash alone. Of one element every case is a line of its own look; of
-    several every element is, with open symbols in the second case. Cases have the same speeds; a single one may have no
-    title. ``more`` are traces drawn with them, ``layout`` is for :func:`figure`.
+    Of one element every case has a look of its own; of several every element, with open symbols in the second case. A
+    quantity of no signal is drawn with backlash alone. ``more`` are further traces, ``layout`` is for :func:`figure`.
     """
     first, several = cases[0].answers, len(names) > 1
     places = [answer.place for answer in first]
@@ -111,27 +103,17 @@ def _cycles(quantity, names, cases, beside):
     return [bars(*np.transpose(rows), said, look=look, opacity=0.45, hoverinfo="skip")] if rows else []
 
 
-MOST = 4
-"""Elements in one picture."""
-
-SYMBOLS = "circle", "square", "diamond", "triangle-up", "cross", "star"
-"""Of the orders."""
+MOST = 4  # elements in one picture
+SYMBOLS = "circle", "square", "diamond", "triangle-up", "cross", "star"  # of the orders
 
 
 def plot_forced(response, found, misfires=None, worst=None):
     """Half peak-to-peak, sum of amplitudes and the largest orders of up to four elements over the speed; limits.
 
-    What the scene gives limits for has panels below: stresses, tooth torques and heat beside their limits, barred
-    ranges shaded; of the elements drawn if few are given, else of each kind what comes nearest to its limit.
-    Of more than four readings ``found`` the shaft and the mesh that swing most are drawn. With ``misfires`` and the
-    ``worst`` of them (:func:`jaxhb.report.text.forced.worst_of`) each element has the half peak-to-peak of its worst
-    misfire beside it.
+    Of more than four readings ``found`` the shaft and the mesh that swing most are drawn. Below stand stresses, tooth
+    torques and heat beside their limits, of the elements drawn or of what comes nearest. ``misfires`` and the ``worst``
+    of them (:func:`jaxhb.report.text.forced.worst_of`) add the half peak-to-peak of the worst misfire.
     """
-    return drawn(*forced_figures(response, found, misfires, worst), title=train_name(response.topology))
-
-
-def forced_figures(response, found, misfires=None, worst=None):
-    """The figures of :func:`plot_forced`, in a list."""
     certain = np.asarray(response.converged)
     known = [one.at(certain) for one in found] if certain.any() else found
     chosen = known if len(found) <= MOST else hardest_elements(known)
@@ -145,7 +127,7 @@ def forced_figures(response, found, misfires=None, worst=None):
     for kind, name in judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST):
         cases = {title: strength(shown(other)) for title, other in beside(name).items()}
         figures.append(limit_figure({"": judged} | cases, kind, name))
-    return figures
+    return drawn(*figures, title=train_name(response.topology))
 
 
 def orders_figure(response, element, misfires, title=""):

@@ -5,41 +5,40 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxhb.report.figures.speeds import judged_elements, limit_figure
-from jaxhb.report.page.parts import flowing, table
+from jaxhb.report.page.parts import Heading, flowing, table
 from jaxhb.report.text.cases import hardest, worst_misfire
 from jaxhb.report.text.certified import certificate_parts
-from jaxhb.report.text.columns import NONE, Table, plain_number
+from jaxhb.report.text.columns import NONE, Table, from_rows, plain_number
 from jaxhb.report.text.sentences import notes, warnings
 from jaxhb.report.text.strength import AID, LIMITED, Limited, answers_strength, strength_text
 from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.train.plausible import plausibility
 
-ROUNDING = 1e-9
-"""Share of the power that is lost by rounding."""
+ROUNDING = 1e-9  # share of the power that is lost by rounding
 
 
 def result(report):
     """What an engineer reads first: do the teeth hammer, how hard, and what of it is in doubt."""
-    every = [*report.cases, *report.seconds]
-    missing = {case.title: sum(not answer.answered for answer in case.answers) for case in every}
-    return {
-        "shown": [_largest(case) for case in report.shown],
-        "seconds": [_largest(case) for case in report.seconds],
-        "worst": worst_misfire(report.cases),
-        "first": judged(report.cases),
-        "second": judged(report.seconds),
-        "doubts": {title: count for title, count in missing.items() if count},
-    }
+    blocks, worst = [f"With {_largest(case)}" for case in report.shown], worst_misfire(report.cases)
+    if len(report.cases) > 2 and worst:
+        blocks.append(f"Of all {len(report.cases) - 1} misfires that of {worst['cylinder']} is the worst.")
+    blocks += [f"With the {_largest(case)}" for case in report.seconds]
+    blocks += judged(report.cases, "Against the limits of the scene") + judged(report.seconds, SECOND_LIMITS)
+    missing = {case.title: sum(not a.answered for a in case.answers) for case in [*report.cases, *report.seconds]}
+    doubts = ", ".join(f"{count} of {len(report.rpm)} ({title})" for title, count in missing.items() if count)
+    return blocks + [f"Speeds WITHOUT AN ANSWER, left out of all largest values: {doubts}."] * bool(doubts)
 
 
 def _largest(case):
-    """What a case does over the speeds, and the largest number of all elements."""
-    found = [(*hardest(answer), answer) for answer in case.answers]
+    """What a case does over the speeds, and the largest number of all elements, in sentences."""
+    found, said = [(*hardest(answer), answer) for answer in case.answers], " ".join(motion_sentences(case.answers))
     quantity, name, value, answer = max(found, key=lambda row: row[2] if row[1] else -1.0)
-    told = {"title": case.title, "said": " ".join(motion_sentences(case.answers)), "quantity": quantity, "name": name}
-    before = quantity.without([answer], name)[0] if name and any(answer.topology.mesh_backlash) else np.nan
-    told |= {"largest": quantity.factor * value if name else None, "rpm": answer.rpm}
-    return told | {"before": before if np.isfinite(before) else None}
+    if not name:
+        return f"{case.title}: {said} No speed has an answer."
+    before = quantity.without([answer], name)[0] if any(answer.topology.mesh_backlash) else np.nan
+    without = f" ({before:.4g} {quantity.unit} without backlash)" if np.isfinite(before) else ""
+    largest = f"{quantity.title}: {quantity.said(value)} in {name} at {answer.rpm:g} rpm{without}."
+    return f"{case.title}: {said} {largest}"
 
 
 def accuracy(report):
@@ -52,11 +51,12 @@ def accuracy(report):
     rows = [[case.title, *_accuracy(case.answers)] for case in report.cases]
     chosen = {case.title: case.answers[report.place] for case in report.shown}
     certified = {title: answer for title, answer in chosen.items() if answer.certificate is not None}
-    return {
-        "residuals": table(title, rows, heads),
-        "rpm": report.rpm[report.place],
-        "certified": {title: certificate_parts(answer, answer.certificate) for title, answer in certified.items()},
-    }
+    blocks = [table(title, rows, heads)]
+    for title, answer in certified.items():
+        said, *more = certificate_parts(answer, answer.certificate)
+        blocks += [f"{answer.rpm:g} rpm, {title}. {flowing(said)}", *more]
+    none = "No computed bound was asked for: --certify adds one at the speed that is shown in full."
+    return blocks if certified else [*blocks, none]
 
 
 def _accuracy(answers):
@@ -66,12 +66,11 @@ def _accuracy(answers):
     if not solved:
         return [count, *[NONE] * 4]
     residual = max(float(answer.response.residual) for answer in solved)
-    worst = max(solved, key=lambda answer: float(answer.response.truncation_error))
-    error = 100 * float(worst.response.truncation_error)
     lost = max(abs(float(answer.response.power_defect)) for answer in solved)
-    at = f"{worst.rpm:g}" if error else NONE
+    error, rpm = max((float(answer.response.truncation_error), answer.rpm) for answer in solved)
+    error, at = plain_number(100 * error, 2), f"{rpm:g}" if error else NONE
     lost = plain_number(100 * lost, 2) if lost > ROUNDING else "0"
-    return [count, f"{residual:.1e}" if residual else "0", plain_number(error, 2), at, lost]
+    return [count, f"{residual:.1e}" if residual else "0", error, at, lost]
 
 
 def notes_of(report):
@@ -79,15 +78,16 @@ def notes_of(report):
     every = [*report.cases, *report.seconds]
     said = [f"{case.title}: {sentence}" for case in every for sentence in warnings(case.answers)]
     own = plausibility(report.train) + notes(*(answer for case in report.cases for answer in case.answers))
-    return {"blocks": [*said, *own] or ["Nothing to note."]}
+    return [*said, *own] or ["Nothing to note."]
 
 
-MOST = 4
-"""Elements whose limits are drawn, of each of two kinds."""
+SHOWN = 6  # shares of limits in a sentence
+SECOND_LIMITS = "Second design, against the limits of its scene"
+MOST = 4  # elements whose limits are drawn, of each of two kinds
 
 
 class Share(NamedTuple):
-    """The largest share of a limit that an element has: its kind (of LIMITED), the case and the speed."""
+    """The largest share of a limit of its kind that an element has, with its case and speed."""
 
     kind: Limited
     name: str
@@ -110,46 +110,60 @@ def largest_shares(cases):
     return dict(sorted(found.items(), key=lambda item: -item[1].share))
 
 
-def judged(cases):
-    """The largest shares of limits over all cases, and the titles of cases, by elements, in which stresses may not even
-    be passed through, or the torque of teeth changes its sign."""
-    shares, transient, reversing = list(largest_shares(cases).values()), {}, {}
-    for case in cases:
-        strength = answers_strength(case.answers)
-        for name, row in strength.stresses.items():
-            if row.transient is not None and np.any(row.stress > row.transient):
-                transient.setdefault(name, []).append(case.title)
-        for name, row in strength.tooth_torques.items():
-            if np.any(row.reverses):
-                reversing.setdefault(name, []).append(case.title)
-    over = sum(one.share > 1 for one in shares)
-    said = {"shares": shares, "over": over, "cases": len(cases), "transient": transient, "reversing": reversing}
-    return said | {"aid": AID}
+def judged(cases, against):
+    """How cases stand against their limits, in sentences: the largest shares, and where stresses may not even be passed
+    through or the torque of teeth changes its sign."""
+    shares = list(largest_shares(cases).values())
+    if not shares:
+        return []
+
+    def where(key, is_so):
+        found = {}
+        for case in cases:
+            for name, row in getattr(answers_strength(case.answers), key).items():
+                if is_so(row):
+                    found.setdefault(name, []).append(case.title)
+        return "; ".join(f"{name} ({', '.join(titles)})" for name, titles in found.items())
+
+    over, count = sum(one.share > 1 for one in shares), "one case" if len(cases) == 1 else f"{len(cases)} cases"
+    how = f"{over} of {len(shares)} ABOVE A LIMIT" if over else "within the limits at all speeds that are judged"
+    limits = {"limit": "its limit", "continuous limit": "the continuous limit"}
+    told = [
+        f"{one.kind.called} of {one.name} {one.share:.2f} of {limits.get(one.kind.limit, one.kind.limit)}"
+        f" ({one.case}, {one.rpm:g} rpm)"
+        for one in shares[:SHOWN]
+    ]
+    told += [f"{len(shares) - SHOWN} more have smaller shares"] * (len(shares) > SHOWN)
+    said = [f"{against} ({AID}), {count}: {how}. Shares, the largest first: {'; '.join(told)}."]
+    above = where("stresses", lambda row: row.transient is not None and np.any(row.stress > row.transient))
+    reversing = where("tooth_torques", lambda row: np.any(row.reverses))
+    said += [f"ABOVE THE TRANSIENT LIMIT of stress: {above}."] * bool(above)
+    return said + [f"Teeth with a rated torque whose torque changes its sign: {reversing}."] * bool(reversing)
 
 
 def shares_table(title, cases):
     """Shares of limits of every element, case by case; cases may be of two designs; None without a limit."""
     columns = [largest_shares([case]) for case in cases]
-    keys = list(dict.fromkeys(key for column in columns for key in column))
-    if not keys:
-        return None
-    kinds = [LIMITED[key] for key, _ in keys]
-    cells = [[name for _, name in keys], [kind.called for kind in kinds], [kind.limit for kind in kinds]]
-    for column in columns:
-        cells.append([f"{column[key].share:.2f}" if key in column else NONE for key in keys])
-        cells.append([f"{column[key].rpm:g}" if key in column else NONE for key in keys])
+    rows = []
+    for key, name in dict.fromkeys(key for column in columns for key in column):
+        rows.append([name, LIMITED[key].called, LIMITED[key].limit])
+        for column in columns:
+            own = column.get((key, name))
+            rows[-1] += [f"{own.share:.2f}", f"{own.rpm:g}"] if own else [NONE, NONE]
     heads = ["element", "judged", "limit", *["share", "at rpm"] * len(cases)]
-    return Table(title, heads, cells, [(case.title, 3 + 2 * i, 4 + 2 * i) for i, case in enumerate(cases)])
+    groups = [(case.title, 3 + 2 * i, 4 + 2 * i) for i, case in enumerate(cases)]
+    return from_rows(title, heads, rows, groups) if rows else None
 
 
 def limits(report):
     """Stresses, tooth torques and heat against the limits of the scene."""
     strengths = {case.title: answers_strength(case.answers) for case in report.shown}
     first = strengths[report.cases[0].title]
-    cases, told = {}, []
-    for title, found in strengths.items() if first else ():
+    if not first:
+        return ["The scene gives no limits: no diameter of a shaft, no rated_torque of a mesh, no power_limit."]
+    blocks = []
+    for title, found in strengths.items():
         parts = [part if isinstance(part, Table) else flowing(part) for part in strength_text({"": found})]
-        cases[title] = [part for part in parts if part not in told]
-        told += parts
+        blocks += [Heading(f"With {title}"), *(part for part in parts if part not in blocks)]
     chosen = judged_elements(first, each=True)[: 2 * MOST] if len(report.rpm) > 1 else []
-    return {"cases": cases, "figures": [limit_figure(strengths, kind, name) for kind, name in chosen]}
+    return blocks + [limit_figure(strengths, kind, name) for kind, name in chosen]

@@ -8,6 +8,7 @@ from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orde
 from jaxhb.linear.forced import forced_response
 from jaxhb.report.figures.linear import MOST, campbell_figure, modes_of, shapes_figure
 from jaxhb.report.figures.speeds import hardest_elements, orders_figure
+from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.forced import forced_failures, readings, worst_tables
 from jaxhb.report.text.linear import campbell_parts, modes_text, reached, shares_in_mode
@@ -15,20 +16,11 @@ from jaxhb.report.text.linear import campbell_parts, modes_text, reached, shares
 CAMPBELL_MODES = 6, 12
 """Modes of the Campbell diagram: at least so many, and those that the orders reach up to the second number."""
 
-ONE_SPEED = 0.5
-"""Range of a Campbell diagram around one speed, below and above as a share of it."""
-
-LOWEST = 60
-"""Natural frequencies of a train of many disks."""
-
-TOGETHER = 3
-"""Mode shapes in a figure: what does not fit on a sheet leaves it empty."""
-
-NEGLIGIBLE = 0.01
-"""Modal torque over the largest of the mode below which a critical speed is not in the table."""
-
-SPEEDS = 201
-"""Speeds of the linear forced response at least: it costs little and has sharp peaks."""
+ONE_SPEED = 0.5  # range of a Campbell diagram around one speed, below and above as a share of it
+LOWEST = 60  # natural frequencies of a train of many disks
+TOGETHER = 3  # mode shapes in a figure: what does not fit on a sheet leaves it empty
+NEGLIGIBLE = 0.01  # modal torque over the largest of the mode below which a critical speed is not in the table
+SPEEDS = 201  # speeds of the linear forced response at least: it costs little and has sharp peaks
 
 
 def modes(report):
@@ -38,7 +30,7 @@ def modes(report):
     table = modes_text(found, report.name, kinds, ratios, "teeth in contact" if train.topology.mesh_names else "")
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:MOST]
     shapes = [elastic[i : i + TOGETHER] for i in range(0, len(elastic), TOGETHER)]
-    return {"blocks": [table, *(shapes_figure(train, found, some, ratios) for some in shapes)]}
+    return [table, *(shapes_figure(train, found, some, ratios) for some in shapes)]
 
 
 def campbell(report):
@@ -55,12 +47,9 @@ def campbell(report):
     chosen = [place for place, share in enumerate(shares_in_mode(found[0].critical, torques)) if share >= NEGLIGIBLE]
     main, *others = (dataclasses.replace(one, critical=tuple(one.critical[place] for place in chosen)) for one in found)
     misfires = dict(zip(list(trains)[1:], others, strict=True))
-    return {
-        "diagram": campbell_figure(found[0], count, report.cases[0].title),
-        "tables": campbell_parts(main, count, misfires),
-        "left": len(torques) - len(chosen),
-        "negligible": NEGLIGIBLE,
-    }
+    blocks, left = campbell_parts(main, count, misfires), len(torques) - len(chosen)
+    said = f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of the largest of their mode"
+    return [campbell_figure(found[0], count, report.cases[0].title), *blocks, *[f"{said}: left out here."] * bool(left)]
 
 
 def forced(report):
@@ -72,8 +61,10 @@ def forced(report):
     found, good = readings(first), np.asarray(first.converged)
     chosen = hardest_elements([one.at(good) for one in found]) if len(speeds) > 1 and good.any() else []
     misfires = {other: response for other, response in responses.items() if NOT_FIRING in other}
-    worst = {title: [*worst_tables(first, found), *forced_failures(first)]}
-    for other, response in misfires.items():
-        worst[other] = [*worst_tables(response, readings(response)), *forced_failures(response, other)]
-    figures = [orders_figure(first, one, misfires, title) for one in chosen]
-    return {"speeds": len(speeds), "figures": figures, "worst": worst}
+    said = f"Linear, teeth in contact, at {len(speeds)} speeds. Sums and orders in the figures: {title}."
+    said += " Lines of a misfire are its half peak-to-peak." if misfires else ""
+    blocks = [said, *(orders_figure(first, one, misfires, title) for one in chosen)]
+    for other, response in responses.items():
+        blocks += [Heading(f"Largest values, {other}"), *worst_tables(response, readings(response))]
+        blocks += forced_failures(response, other if other in misfires else "")
+    return blocks

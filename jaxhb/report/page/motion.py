@@ -2,69 +2,44 @@
 second design."""
 
 import dataclasses
-import textwrap
 
 import numpy as np
 
 from jaxhb.report import quantities
 from jaxhb.report.figures.cycle import cycle_figure
-from jaxhb.report.figures.figure import figure, kind_marks, plain, speed_range
+from jaxhb.report.figures.figure import plain
 from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page.differences import differences
-from jaxhb.report.page.judgement import judged, shares_table
+from jaxhb.report.page.judgement import SECOND_LIMITS, judged, shares_table
+from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of
 from jaxhb.report.text.cases import hardest, speed_tables
-from jaxhb.report.text.columns import NONE, Table, alike, ratios, shares
+from jaxhb.report.text.columns import NONE, from_rows, hit, percent, ratio
 from jaxhb.report.text.sentences import status_lines, verdict
 from jaxhb.report.text.sweep_tables import speed_table, turning_table
 
-MANY = 40
-"""Speeds above which symbols are small."""
-
-MOST, MOST_BESIDE = 6, 4
-"""Elements of a kind that have a figure, and a figure of two designs, those with the largest numbers; tables tell of
-all."""
-
-MESHES = 3
-"""Meshes of the gear that are drawn over the cycle beside the one with the largest force."""
+MOST, BESIDE = 6, 4  # elements with a figure, of a kind and of two designs: those with the largest numbers
+MESHES = 3  # meshes of the gear that are drawn over the cycle beside the one with the largest force
 
 
 def motions(report):
-    """The kind of motion at every speed, the largest number of all elements, a row for every speed, irregularity."""
-    cases, several = report.shown, len(report.rpm) > 1
-    blocks = [_kinds(cases), _overview(cases, quantities.main_quantity(report.train))] if several else []
+    """The largest number of all elements and the kind of motion, a row for every speed, irregularity."""
+    cases = report.shown
+    blocks = [_overview(cases, quantities.main_quantity(report.train))] if len(report.rpm) > 1 else []
     blocks += [_misfires(report)] if len(report.cases) > 2 else []
     blocks += [speed_table(case.answers, f"Speed by speed, {case.title}") for case in cases]
     blocks += [one for case in cases for one in turning_table(case.answers, f", {case.title}")]
-    return {"blocks": [*blocks, maxima(quantities.irregularity(report.train), cases)]}
-
-
-def _kinds(cases):
-    """A row of symbols for every case."""
-    traces, rpm = [], [answer.rpm for answer in cases[0].answers]
-    for row, case in enumerate(cases):
-        points = [([answer.rpm], [-row]) for answer in case.answers]
-        traces += kind_marks(case.answers, points, size=8 if len(rpm) <= MANY else 5)
-    for number, trace in enumerate(traces):
-        trace["showlegend"] = trace["name"] not in [other["name"] for other in traces[:number]]
-    panels, height = [("", (0.6 - len(cases), 0.6))], 22 + 22 * len(cases)
-    made = figure(
-        "Kind of motion over the speed", "speed, rpm", panels, traces, x_range=speed_range(rpm), height=height
-    )
-    titles = ["<br>".join(textwrap.wrap(case.title, 22)) for case in cases]
-    made.layout["yaxis"] |= {"tickvals": [-row for row in range(len(cases))], "ticktext": titles, "showgrid": False}
-    made.layout["margin"] |= {"l": 130}
-    return made
+    return [*blocks, maxima(quantities.irregularity(report.train), cases)]
 
 
 def _overview(cases, quantity):
-    """The largest number of all elements over the speed, with and without backlash."""
+    """The largest number of all elements over the speed, with and without backlash, and the kind of motion."""
 
     def largest_number(motion, _):
         return max(float(quantity.read(motion, name)) for name in quantity.names)
 
     whole = dataclasses.replace(quantity, names=("",), read=largest_number)
-    return over_speed(whole, whole.names, cases, f"{quantity.title} of all, {quantity.unit}")
+    return over_speed(whole, whole.names, cases, f"{quantity.title} of all, {quantity.unit}, and the kind of motion")
 
 
 def _misfires(report):
@@ -73,62 +48,53 @@ def _misfires(report):
     for case in report.cases:
         name = quantity.hardest([case])[0]
         values = quantity.of(case.answers, name)
-        known = np.isfinite(values).any()
-        rows.append((case.title, _largest(values), _at(report.rpm, values), name if known else NONE))
-    titles, most, at, names = zip(*rows, strict=True)
+        rows.append(
+            [case.title, _largest(values), _at(report.rpm, values), name if np.isfinite(values).any() else NONE]
+        )
     title = f"Every misfire: {quantity.small_title} over the speeds, {quantity.unit}"
-    return Table(title, ["", quantity.unit, "at rpm", "in"], [titles, *alike(most), at, names])
+    return from_rows(title, ["", (quantity.unit, "number"), "at rpm", "in"], rows)
 
 
 def forces_over_speed(report):
     """Tooth forces and how long teeth are apart."""
-    train, apart = report.train, []
-    if any(train.topology.mesh_backlash) and len(report.rpm) > 1:
+    blocks, apart = swings(quantities.forces(report.train), report.shown), quantities.separation(report.train)
+    if any(report.train.topology.mesh_backlash) and len(report.rpm) > 1:
         for case in report.shown:
             alone, caption = [dataclasses.replace(case, title="")], f"Time out of contact, {case.title}"
-            apart.append(over_speed(quantities.separation(train), train.topology.mesh_names, alone, caption))
-    found = swings(report, quantities.forces(train))
-    return found and found | {"apart": apart}
+            blocks.append(over_speed(apart, apart.names, alone, caption))
+    return blocks
 
 
-def swings(report, quantity):
-    """The largest numbers of all elements in a table, and the hardest worked over the speed."""
-    if not quantity.names:
-        return {}
-    drawn = quantity.hardest(report.shown)[:MOST] if len(report.rpm) > 1 else []
-    figures = [over_speed(quantity, [name], report.shown) for name in drawn]
-    said = {"count": len(quantity.names), "largest": maxima(quantity, report.shown)}
-    return said | {"figures": figures, "apart": []}
+def swings(quantity, cases, most=MOST):
+    """The largest numbers of all elements in a table, and the hardest worked over the speed; a list, empty without."""
+    names = quantity.hardest(cases)[:most] if len(cases[0].answers) > 1 else []
+    said = f"Figures show the {len(names)} with the largest numbers; the table lists all {len(quantity.names)}."
+    blocks = [said] * (0 < len(names) < len(quantity.names)) + [maxima(quantity, cases)] * bool(quantity.names)
+    return blocks + [over_speed(quantity, [name], cases) for name in names]
 
 
 def maxima(quantity, cases):
     """The largest number of every element over the speeds that have an answer, with and without backlash; of tooth
     forces the worst contact too."""
-    rpm, names = [answer.rpm for answer in cases[0].answers], quantity.names
-    backlash = any(cases[0].answers[0].topology.mesh_backlash)
-    columns, heads = [names], [quantity.element]
+    rpm, backlash = [answer.rpm for answer in cases[0].answers], any(cases[0].answers[0].topology.mesh_backlash)
+    contact = backlash and quantity.called == "tooth force"
+    heads, rows = [quantity.element], [[name] for name in quantity.names]
     for case in cases:
-        values = [quantity.of(case.answers, name) for name in names]
-        before = [quantity.without(case.answers, name) for name in names]
-        # Both columns go over the same speeds: those that have an answer with backlash.
-        before = [np.where(np.isfinite(own), other, np.nan) for own, other in zip(values, before, strict=True)]
-        pair = [_largest(column) for column in values], [_largest(column) for column in before]
-        shown = alike(*pair)
-        columns += [shown[0], [_at(rpm, column) for column in values]]
-        heads += ["with" if backlash else quantity.unit, "at rpm"]
-        if backlash:
-            columns += [shown[1], ratios(*pair)]
-            heads += ["without", "ratio"]
-        if backlash and quantity.called == "tooth force":
-            known = [answer for answer in case.answers if answer.answered]
-            apart = [max((a.contacts[name].separated_fraction for a in known), default=None) for name in names]
-            hits = [max((a.contacts[name].hardest_impact for a in known), default=0.0) for name in names]
-            columns += [shares(apart), [f"{hit:.2f}" if hit > 0 else NONE for hit in hits]]
-            heads += ["apart %", "hit m/s"]
+        heads += [("with" if backlash else quantity.unit, case.title), "at rpm"]
+        heads += [("without", case.title), ("ratio", ratio)] * backlash
+        heads += [("apart %", percent), ("hit m/s", hit)] * contact
+        known = [answer for answer in case.answers if answer.answered]
+        for row, name in zip(rows, quantity.names, strict=True):
+            values = quantity.of(case.answers, name)
+            # Both go over the same speeds: those that have an answer with backlash.
+            before = _largest(np.where(np.isfinite(values), quantity.without(case.answers, name), np.nan))
+            row += [_largest(values), _at(rpm, values), *[before, (_largest(values), before)] * backlash]
+            for field in ("separated_fraction", "hardest_impact") if contact else ():
+                row.append(max((getattr(answer.contacts[name], field) for answer in known), default=np.nan))
     width = (len(heads) - 1) // len(cases)
     groups = [(case.title, 1 + i * width, (i + 1) * width) for i, case in enumerate(cases)]
     said = ", with and without backlash" if backlash else ""
-    return Table(f"{quantity.title} over the speeds, {quantity.unit}{said}", heads, columns, groups)
+    return from_rows(f"{quantity.title} over the speeds, {quantity.unit}{said}", heads, rows, groups)
 
 
 def _at(rpm, values):
@@ -142,49 +108,50 @@ def _largest(values):
 def one_speed(report):
     """One speed in full: verdicts, the cycle, tables of forces and torques, normal and misfiring."""
     answers = {case.title: case.answers[report.place] for case in report.shown}
-    first, cases = report.cases[0].answers[report.place], {}
+    first = report.cases[0].answers[report.place]
+    why = f"the speed of the largest {hardest(first)[0].called} with {report.cases[0].title}"
+    why = "as asked for" if report.asked else why
     gear = report.gear or default_gear(first)
     subject = gear or (hardest_shaft([first]) if first.topology.link_names else None)
     own = meshes_of(first.topology, gear) if gear else ()
     meshes = list(dict.fromkeys([*own[:MESHES], first.worst_mesh or own[0]])) if own else ()
+    blocks = [f"Shown is {first.rpm:g} rpm, {why}."]
     for title, answer in answers.items():
         lines = [f"{said[0].upper()}{said[1:]}." for said in status_lines(answer)]
         caption = f"{answer.rpm:g} rpm, {plain(title)}: torque of {plain(subject or '')}"
         caption += " and tooth forces" * bool(meshes)
-        drawn = [cycle_figure(answer, subject, meshes, caption)] if subject and answer.answered else []
-        cases[title] = {"said": "\n".join([verdict(answer), *lines]), "figures": drawn}
-    tables = speed_tables(report.shown, report.place)
-    return {"rpm": first.rpm, "called": hardest(first)[0].called, "cases": cases, "tables": tables}
+        blocks += [Heading(f"With {title}"), "\n".join([verdict(answer), *lines])]
+        blocks += [cycle_figure(answer, subject, meshes, caption)] if subject and answer.answered else []
+    return blocks + speed_tables(report.shown, report.place)
 
 
 def second_design(report):
     """Another design beside the first: what differs, what it does at the same speeds, and its shares of limits."""
-    if report.second is None:
-        return {}
-    pair = [dataclasses.replace(report.cases[0], title="first design"), report.second]
-    misfiring = []
-    if report.second_misfire is not None:
-        misfire = report.shown[1]
-        misfiring = [dataclasses.replace(misfire, title=f"first design, {misfire.title}"), report.second_misfire]
-    return {
-        "differences": report.tuning or differences(report.train, report.second.answers[0].train),
-        "beside": _beside(pair, drawn=len(report.rpm) > 1),
-        "misfiring": _beside(misfiring, drawn=False),
-        "found": judged(report.seconds),
-        "shares": shares_table("Largest shares of the limits that each design gives", pair + misfiring),
-    }
+    if not report.seconds:
+        return []
+    title = "first design"
+    pairs = [
+        [dataclasses.replace(first, title=title if first is report.cases[0] else f"{title}, {first.title}"), second]
+        for first, second in zip(report.shown, report.seconds, strict=False)
+    ]
+    trains, designs = (report.train, report.seconds[0].answers[0].train), (report.elements, report.second_elements)
+    blocks = [*(report.tuning or differences(trains, designs)), *_beside(pairs[0], BESIDE)]
+    for pair in pairs[1:]:
+        blocks += [Heading(f"With {report.shown[1].title}"), *_beside(pair, 0)]
+    if len(report.cases) > 1 == len(pairs):
+        blocks.append("The second design was run without a misfire: nothing here shows what a misfire does to it.")
+    shares = shares_table("Largest shares of the limits that each design gives", sum(pairs, []))
+    limits = [Heading("Limits of both designs"), *judged(report.seconds, SECOND_LIMITS), shares]
+    return blocks + limits * (shares is not None)
 
 
-def _beside(cases, *, drawn):
-    """Tables of what two designs do, and figures of what works hardest."""
-    blocks, trains = [], [case.answers[0].train for case in cases]
+def _beside(cases, most):
+    """What two designs do, element by element that both have."""
+    trains = [case.answers[0].train for case in cases]
     told = [quantities.forces, quantities.gear_torques, quantities.shaft_torques]
-    told = told if trains and trains[0].topology.link_names else [quantities.angles]
-    for quantity in (*told, quantities.heat) if cases else ():
+    blocks = []
+    for quantity in (*(told if trains[0].topology.link_names else [quantities.angles]), quantities.heat):
         mine, its = map(quantity, trains)
-        mine = dataclasses.replace(mine, names=tuple(name for name in mine.names if name in its.names))
-        if mine.names:
-            blocks.append(maxima(mine, cases))
-            chosen = mine.hardest(cases)[:MOST_BESIDE] if drawn and quantity is not quantities.heat else []
-            blocks += [over_speed(mine, [name], cases) for name in chosen]
+        shared = dataclasses.replace(mine, names=tuple(name for name in mine.names if name in its.names))
+        blocks += swings(shared, cases, most)
     return blocks

@@ -3,53 +3,54 @@ jinja2."""
 
 import re
 import sys
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from jaxhb.report.figures.figure import Figure
 from jaxhb.report.page.judgement import accuracy, limits, notes_of, result
 from jaxhb.report.page.linear import campbell, forced, modes
 from jaxhb.report.page.motion import forces_over_speed, motions, one_speed, second_design, swings
-from jaxhb.report.page.parts import flowing
+from jaxhb.report.page.parts import Heading, Sketch
 from jaxhb.report.page.train import assumptions, train_data
 from jaxhb.report.quantities import angles, gear_torques, heat, shaft_torques
 from jaxhb.report.text.columns import Table
 
+
+def shafts_or_angles(train):
+    """Torques of shafts and dampers, without these angles of disks."""
+    return (shaft_torques if train.topology.link_names else angles)(train)
+
+
 PARTS = {
-    "Result": ("result", result),
-    "Train and data": ("train", train_data),
-    "Assumptions and versions": ("assumptions", assumptions),
-    "Natural frequencies": ("blocks", modes),
-    "Campbell diagram and critical speeds": ("campbell", campbell),
-    "Linear forced response": ("forced", forced),
-    "Motion over the speed": ("blocks", motions),
-    "Tooth forces": ("swings", forces_over_speed),
-    "Torques of gears": ("swings", lambda report: swings(report, gear_torques(report.train))),
-    "Torques of shafts and dampers": (
-        "swings",
-        lambda report: swings(report, (shaft_torques if report.train.topology.link_names else angles)(report.train)),
-    ),
-    "Heat of dampers": ("swings", lambda report: swings(report, heat(report.train))),
-    "One speed in full": ("speed", one_speed),
-    "Limits": ("limits", limits),
-    "Second design": ("second", second_design),
-    "Accuracy and computed bounds": ("accuracy", accuracy),
-    "Notes": ("blocks", notes_of),
+    "Result": result,
+    "Train and data": train_data,
+    "Assumptions and versions": assumptions,
+    "Natural frequencies": modes,
+    "Campbell diagram and critical speeds": campbell,
+    "Linear forced response": forced,
+    "Motion over the speed": motions,
+    "Tooth forces": forces_over_speed,
+    "Torques of gears": lambda report: swings(gear_torques(report.train), report.shown),
+    "Torques of shafts and dampers": lambda report: swings(shafts_or_angles(report.train), report.shown),
+    "Heat of dampers": lambda report: swings(heat(report.train), report.shown),
+    "One speed in full": one_speed,
+    "Limits": limits,
+    "Second design": second_design,
+    "Accuracy and computed bounds": accuracy,
+    "Notes": notes_of,
 }
-"""Of the parts of the page, by their titles and in its order: the template, and the function of the report that gathers
-its data, nothing where the part does not concern the train."""
+"""The parts of the page by their titles and in its order: functions of the report to a list of blocks (words, headings,
+tables, figures), an empty one where the part does not concern the train."""
 
-ROWS = 150
-"""Rows of a table that are shown."""
+ROWS = 150  # rows of a table that are shown
 
 
-@dataclass(frozen=True)
-class Part:
-    """A part of the page: its HTML, and the data that it is made of."""
+class Part(NamedTuple):
+    """A part of the page: its HTML, and the blocks that it is made of."""
 
     title: str
     html: str
-    data: dict
-    failed: bool = False
+    blocks: list
+    failed: bool
 
 
 def as_page(report):
@@ -64,18 +65,18 @@ def as_page(report):
 
 def parts_of(report, sources):
     """All parts that concern the train; what fails is a sentence in the part, and on stderr."""
-    found, environment = [], _environment()
-    for title, (name, gather) in sources.items():
+    found, show = [], _environment().get_template("show.html").module.show
+    for title, gather in sources.items():
         try:
-            data, failed = gather(report), False
-            html = environment.get_template(f"{name}.html").render(report=report, **data) if data else ""
+            blocks, failed = gather(report), False
+            html = "".join(map(show, blocks))
         except Exception as error:  # whatever it is, the other parts are of use
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
             said = f"{kind}{error or 'no reason given'}"
             print(f"--html: {title!r} is missing from the page: {said}", file=sys.stderr)
-            data, failed = {"blocks": [f"This part could not be made: {said}"]}, True
-            html = environment.get_template("blocks.html").render(**data)
-        found += [Part(title, html, data, failed)] if data else []
+            blocks, failed = [f"This part could not be made: {said}"], True
+            html = show(blocks[0])
+        found += [Part(title, html, blocks, failed)] if blocks else []
     return found
 
 
@@ -90,8 +91,9 @@ def _environment():
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    made.filters |= {"words": _words, "css": _css_text, "flowing": flowing}
-    made.tests |= {"table": lambda block: isinstance(block, Table), "drawn": lambda block: isinstance(block, Figure)}
+    made.filters |= {"words": _words, "css": _css_text}
+    for name, kind in {"table": Table, "drawn": Figure, "heading": Heading, "sketch": Sketch}.items():
+        made.tests[name] = lambda block, kind=kind: isinstance(block, kind)
     made.globals |= {"most": ROWS}
     made.policies["json.dumps_kwargs"] = {"allow_nan": False, "ensure_ascii": False}
     return made

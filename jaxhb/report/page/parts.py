@@ -11,8 +11,15 @@ from jaxhb.report.text.cases import worst_misfire
 from jaxhb.report.text.columns import NONE, Table, plain_number
 from jaxhb.train.drivetrain import DriveTrain
 
-FULL = 95
-"""Letters of a line of text that goes on in the next."""
+FULL = 95  # letters of a line of text that goes on in the next
+
+
+class Heading(str):
+    """A block of a part that stands above others."""
+
+
+class Sketch(str):
+    """A block of a part: the sketch of the train as SVG."""
 
 
 @dataclass(frozen=True)
@@ -22,10 +29,10 @@ class Report:
     cases : the train as it runs, then with misfires, at the same speeds
     place : number of the speed that is shown in full, which the user may have ``asked`` for
     gear : whose torque is shown over the cycle
-    second, second_misfire : another design at the same speeds as it runs, and with the misfire that is shown
+    seconds : another design at the same speeds as it runs, then with the misfire that is shown, if it can have it
     tuning : words and tables that tell how it was found
-    facts : where the page comes from, by what it is: the scene, its changes, the command, versions
-    description, scene : what the scene says that it is, and its text as it was read
+    facts : where the page comes from; description, scene : what the scene says that it is, and its text
+    elements, second_elements : what the scenes say of both designs, see :func:`elements_of`
     files : names of the files that torques and cylinders take their rows from, see :func:`element_files`
     """
 
@@ -33,12 +40,13 @@ class Report:
     place: int = 0
     asked: bool = False
     gear: str | None = None
-    second: Case | None = None
-    second_misfire: Case | None = None
+    seconds: list[Case] = field(default_factory=list)
     tuning: tuple = ()
     facts: dict = field(default_factory=dict)
     description: str = ""
     scene: str = ""
+    elements: dict = field(default_factory=dict)
+    second_elements: dict = field(default_factory=dict)
     files: dict = field(default_factory=dict)
 
     @property
@@ -55,11 +63,6 @@ class Report:
     def rpm(self):
         """Speeds."""
         return [answer.rpm for answer in self.cases[0].answers]
-
-    @property
-    def seconds(self):
-        """All cases of the second design."""
-        return [case for case in (self.second, self.second_misfire) if case is not None]
 
     @property
     def shown(self):
@@ -96,8 +99,6 @@ def _cell(value, digits):
 def flowing(text):
     """A text in which lines that are full are no lines of their own: the page breaks them where it likes.
 
-    Examples
-    --------
     >>> flowing(f"{'long ' * 20}\\ngoes on\\n  an item").splitlines()[1:]
     ['  an item']
     """
