@@ -187,6 +187,7 @@ def test_a_massless_gear_with_backlash_is_unknown_with_its_reason():
         state.force("crank gear", "cam gear")
 
 
+@pytest.mark.oracle
 def test_loss_factors_are_damping_in_the_march_and_themselves_in_the_answer():
     def lossy(part):
         return dataclasses.replace(part, loss_factor=0.03, damping=0.0) if isinstance(part, jaxhb.Shaft) else part
@@ -253,6 +254,7 @@ def test_a_motion_of_one_cycle_that_is_approached_in_turns_is_no_subharmonic_one
     )
 
 
+@pytest.mark.oracle
 def test_a_motion_that_repels_is_not_what_the_train_does():
     """A march passes near it for long, and harmonic balance solves it: its multiplier is -1.1."""
     train = jaxhb.load_scene("gear_train_30")
