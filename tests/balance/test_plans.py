@@ -247,12 +247,12 @@ def test_a_sweep_is_its_single_solves_and_has_at_most_four_large_programs(pair):
     sweep = jaxhb.solve_speeds(pair, rpm=rpm)
     assert executables(solve_problem) + executables(program._solve_all) - before <= 4
     assert sweep.converged.all() and len(sweep) == 9
-    hammers = np.flatnonzero(sweep.mesh("gear a", "gear b").separated_fraction > 0)
+    hammers = np.flatnonzero([one.mesh("gear a", "gear b").separated_fraction > 0 for one in sweep])
     assert 0 < len(hammers) < 9
     for place in (0, hammers[0]):
         alone = jaxhb.solve(pair, rpm=rpm[place], harmonics=int(sweep.highest_harmonic[place]))
         largest = sweep[place].force("gear a", "gear b").max
-        np.testing.assert_allclose(largest, alone.force("gear a", "gear b").max, rtol=1e-8)
+        np.testing.assert_allclose(largest, alone.force("gear a", "gear b").max, rtol=1e-7)
 
 
 def test_a_planned_sweep_may_take_as_many_newton_steps_as_a_planned_solve(pair, plan, monkeypatch):
