@@ -1,7 +1,7 @@
 """Systems made for the tests of time integration."""
 
 import numpy as np
-from reference_data import DATA, reference
+from reference_data import DATA
 
 from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.equations.backlash import Law, MeshParameters, backlash_meshes
@@ -58,8 +58,3 @@ def pair(*, damping_law="contact", pinion=0.0, ground=True, backlash=2e-4, extra
         *extra,
     ]
     return build(parts, revolutions_per_cycle=1, reference="flywheel", name="pair")
-
-
-def method_case(name):
-    """One entry of method_cases.json."""
-    return next(case for case in reference("method_cases")["cases"] if case["id"] == name)

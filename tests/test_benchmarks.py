@@ -138,24 +138,6 @@ def test_a_peer_solves_the_same_chain():
     assert deviation(found, full_sweep(3, SWEEP[:2])) < ALLOWED
 
 
-def test_exponents_are_those_of_a_power_law():
-    from records import exponent
-
-    assert np.isclose(exponent([1, 10, 30], [2.0, 2 * 10**1.3, 2 * 30**1.3]), 1.3)
-    assert np.isnan(exponent([1], [2.0]))
-
-
-def test_the_peak_of_memory_forgets_what_was_before():
-    from records import forget_peak, peak_memory
-
-    forget_peak()
-    before = peak_memory()
-    np.ones(2**25).sum()  # 256 MiB
-    assert 250 < peak_memory() - before < 350
-    forget_peak()
-    assert peak_memory() - before < 100
-
-
 def _row(method, setting, seconds, error, status="settled", rpm=1833.0):
     row = {"benchmark": "work-precision", "method": method, "setting": setting, "disks": 27, "damping_percent": 6}
     return row | {"rpm": rpm, "seconds": seconds, "error": error, "status": status}
@@ -172,16 +154,6 @@ def test_a_curve_has_medians_over_speeds_and_no_setting_that_another_beats():
         _row("jaxhb", "tolerance 0.01", None, None),
     ]
     assert curves(rows) == {"rk4": [(2.0, 0.2, 3), (4.0, 0.01, 3)]}
-
-
-def test_methods_are_compared_at_the_speeds_that_all_rivals_solved():
-    from figures import compared
-
-    rows = [_row("jaxhb", "tolerance 0.01", 1.0, 1e-3, rpm=r) for r in (1, 2, 3)]
-    assert compared(rows) == {1, 2, 3}
-    rows += [_row("rk4", "steps 10", 1.0, error, rpm=r) for r, error in ((1, 0.9), (2, 1e-3))]
-    rows += [_row("rk4", "steps 10", 1.0, 1e-3, "never settles", rpm=3), _row("chain", "harmonics 64", 1.0, 0.5, rpm=1)]
-    assert compared(rows) == {2} and compared(rows[-1:]) == {1}
 
 
 def test_the_stored_rows_are_drawn(tmp_path):

@@ -89,7 +89,6 @@ PRINTED = {
     "the command line keeps BLAS to one thread": (FROM_TERMINAL + "print(os.environ['OPENBLAS_NUM_THREADS'])", "1"),
     "double precision if jax comes first": ("import jax, jaxhb; print(jax.numpy.ones(1).dtype)", "float64"),
     "double precision if jax comes later": ("import jaxhb; import jax; print(jax.numpy.ones(1).dtype)", "float64"),
-    "double precision after a use": (SOLVES + "import jax; print(jax.numpy.ones(1).dtype)", "float64"),
 }
 
 

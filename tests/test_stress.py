@@ -5,7 +5,6 @@ import json
 import sys
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ import random_trains
 import stress
 from records import run_cases
 
-import jaxhb
 from jaxhb.linear import mesh_modes
 from jaxhb.solutions import planning
 
@@ -26,12 +24,6 @@ pytestmark = pytest.mark.oracle
 CASES = [((3, 1, 0), index) for index in (0, *range(2, 10))] + [((6, 1, 1), index) for index in (0, 2, 3)]
 MODES_AT, HARMONICS = 30, 128
 """Harmonic of the highest mesh mode, by choice of the speed, and of all solves: the cases share a few programs."""
-
-
-def hammering_response():
-    """What a judge looks at: a train with backlash, its speed and harmonics."""
-    train, rpm, _ = random_trains.random_case(np.random.default_rng([7, 0]), (3, 1, 0))
-    return SimpleNamespace(train=train, topology=train.topology, rpm=rpm, harmonics=HARMONICS)
 
 
 @cache
@@ -61,31 +53,6 @@ def test_an_estimate_that_misses_a_faint_mode_of_the_meshes_is_trusted_less():
     loud, faint = mesh_modes.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     assert 200 < loud < 230 and 950 < faint < 1000
     assert planning.tolerance_share(384, faint) == 0.1 and planning.tolerance_share(768, faint) == 1.0
-
-
-def corrections(monkeypatch, *found):
-    """Let shooting find these (error, settled) one after another; returns the steps that were asked for."""
-    asked, left = [], iter(found)
-
-    def shoot(response, steps):
-        error, settled = next(left)
-        asked.append(steps)
-        orbit = SimpleNamespace(settled=settled, periodicity_error=1.0 - settled)
-        return SimpleNamespace(error=error, orbit=orbit)
-
-    monkeypatch.setattr(jaxhb, "shooting_correction", shoot)
-    return asked
-
-
-def test_a_referee_that_does_not_close_is_asked_with_shorter_steps(monkeypatch):
-    response, record = hammering_response(), {"status": "CONVERGED", "truncation_error": 1e-3}
-    asked = corrections(monkeypatch, (0.5, False), (0.2, True), (0.2, True))
-    assert stress.judge(record.copy(), response)["wrong"] and sorted(asked) == asked and len(set(asked)) == 3
-    corrections(monkeypatch, (0.5, False), (0.001, True))
-    judged = stress.judge(record.copy(), response)
-    assert judged["referee"] == "closed" and not judged["wrong"]
-    corrections(monkeypatch, *[(0.5, False)] * 3)
-    assert stress.judge(record.copy(), response)["referee"] == "open"
 
 
 def test_skeletons_fix_what_is_compiled_and_seeds_what_is_drawn():

@@ -79,15 +79,6 @@ def test_case_a4_harmonics_of_the_exact_galerkin_solution(harmonics):
     np.testing.assert_allclose(iterate.x[0], complex_numbers(expected["x"]), rtol=0, atol=ALGEBRAIC)
 
 
-def test_case_a6_power_of_the_force_is_lost_in_the_damper():
-    params, (_, expected) = parameters(), method_case("A6_power_balance")
-    x = np.asarray(solution(4).x[0])
-    n = np.arange(5)
-    supplied = -params["q1"] * x[1].imag
-    lost = params["b"] * 2 * (n**2 * np.abs(x) ** 2).sum()
-    np.testing.assert_allclose([supplied, lost], float(expected["power"]), rtol=10 * ALGEBRAIC)
-
-
 def test_sixteen_samples_a_harmonic_err_less_than_the_truncation():
     harmonics, samples = 8, 128
     x = solve_by_hand(harmonics, samples).x[0]

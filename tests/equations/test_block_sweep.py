@@ -3,7 +3,6 @@
 import jax
 import numpy as np
 import pytest
-from fridman_numbering import parents_from_fridman
 from reference_data import complex_numbers, method_case, numbers
 from tolerances import ALGEBRAIC
 
@@ -110,6 +109,15 @@ def test_case_a1_soft_ground_costs_no_digits_of_displacements_and_forces():
     tension = numbers(expected["f"])  # of x_{s+1} - x_s: the opposite sign
     np.testing.assert_allclose(force[:3, 0, 0], -tension[:3], rtol=ALGEBRAIC)
     np.testing.assert_allclose(-c[-1] * x[-1, 0, 0], tension[3], rtol=ALGEBRAIC)
+
+
+def parents_from_fridman(places, image):
+    """Fridman's numbering of a tree as a chain with fictitious nodes, whose places and images count from 1: place of
+    every physical node in order of elimination, and position of its parent, S at the root."""
+    physical = [place for place in range(1, places + 1) if place not in image]
+    position = {place: s for s, place in enumerate([*physical, places + 1])}
+    above = [image.get(place + 1, place + 1) for place in physical]
+    return np.array(physical), np.array([position[place] for place in above], dtype=np.int32)
 
 
 def tree_case(parent, slots, harmonics):

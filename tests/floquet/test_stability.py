@@ -51,11 +51,11 @@ def test_moduli_and_labels_of_the_sharp_dead_zone_up_and_down():
     rows = reference("backlash_one_mass_exact")["kahraman_singh_form"]["rows"]
     train = one_mass(m=1.0, b=0.1, c=1.0, eps=0.0, h=2.0, q0=0.1, q1=0.05)
     train = train.replace({"a|b.transition": 0.01})
-    response, compared = None, 0
+    response, compared = "march", 0
     for row in rows:
         swing = 0.05 * row["Omega"] ** 2  # a sine: a quarter of a cycle later
         here = train.replace({"a:torque.harmonics": [[0.0, -swing]], "b:torque.harmonics": [[0.0, swing]]})
-        for begin in ("linear" if response is None else response, "march"):
+        for begin in (response, "march"):
             response = jaxhb.solve(here, rpm=row["Omega"] * ONE_RADIAN_PER_SECOND, harmonics=64, start=begin)
             if response.status <= 1:
                 break
@@ -67,8 +67,7 @@ def test_moduli_and_labels_of_the_sharp_dead_zone_up_and_down():
     assert compared == len(rows) == 26
 
 
-SCENES = [("gear_train_30", 600.0), ("gear_train_30", 1800.0), ("spur_pair", 3000.0)]
-SCENES += [("engine_with_damper", 1500.0), ("six_cylinder_diesel", 1500.0)]
+SCENES = [("gear_train_30", 1800.0), ("spur_pair", 3000.0), ("six_cylinder_diesel", 1500.0)]
 
 
 @cache

@@ -5,7 +5,8 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
-from integrated_trains import method_case, one_mass, posed
+from integrated_trains import one_mass, posed
+from reference_data import method_case
 
 import jaxhb
 from jaxhb import Disk, Ground, Mesh, Shaft, Torque
@@ -27,8 +28,8 @@ def in_displacements(matrix, space):
 @cache
 def mathieu(steps):
     """Error of the monodromy matrix of ``x'' + b x' + (c0 + a cos 2t) x = 0``, slope of a law in its smooth zone."""
-    case = method_case("A7_damped_mathieu_monodromy")
-    b, c0, a = (float(case["params"][k]) for k in ("b", "c0", "a"))
+    params, wanted = method_case("A7_damped_mathieu_monodromy")
+    b, c0, a = (float(params[k]) for k in ("b", "c0", "a"))
     contact, gap = 3.0, 0.3
     mass = one_mass(mass=1, damping=b, stiffness=contact, epsilon=gap / contact, transition=0.2, backlash=1.0)
     middle, swing = 0.4 + 0.2 * (c0 - gap) / (contact - gap), 0.2 * a / (contact - gap)
@@ -36,7 +37,7 @@ def mathieu(steps):
     space = jax.tree.map(np.asarray, space_of(*mass, 1.0, parts=partition(*mass)))
     found = variational.monodromy(space, mass[1], deflection, 1.0, np.arange(steps) / steps)
     assert abs(found.log_determinant + 2 * np.pi * b) < 1e-6
-    expected = np.array(case["expected"]["Phi"], dtype=float)
+    expected = np.array(wanted["Phi"], dtype=float)
     return np.abs(in_displacements(found.matrix, space) - expected).max()
 
 

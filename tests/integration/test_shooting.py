@@ -49,7 +49,7 @@ def test_room_for_more_steps_changes_nothing():
     tight = dataclasses.replace(roomy, linear=roomy.linear[: 2 * steps], count=None)
     nodes = shooting.beginnings(tight, tight.flank_state)
     for motion in (shooting.motion, lambda stepper, nodes: cycle(stepper, nodes[0])[1]):
-        found, wanted = motion(roomy, nodes), motion(tight, nodes)
+        found, wanted = (jax.jit(motion)(stepper, nodes) for stepper in (roomy, tight))
         np.testing.assert_array_equal(found.deflection[:, steps:], 0.0)
         np.testing.assert_allclose(found.deflection[:, :steps], wanted.deflection, rtol=PATHS, atol=0.0)
         np.testing.assert_allclose(

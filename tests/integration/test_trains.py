@@ -16,7 +16,7 @@ from jaxhb.equations import fourier
 from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
 from jaxhb.excitation.torques import highest_harmonic, listed_harmonic
 from jaxhb.integration import reference
-from jaxhb.integration.reference import integrate, reference_orbit, resolving_steps
+from jaxhb.integration.reference import integrate, resolving_steps
 from jaxhb.integration.shooting import monodromy, shoot
 from jaxhb.integration.step import cycle, discretize, march as march_on
 from jaxhb.scene.files import load_scene
@@ -114,42 +114,12 @@ def test_a_floating_train_is_the_limit_of_a_soft_ground():
     assert multipliers[2] < 0.999
 
 
-def test_the_monodromy_matrix_is_the_derivative_of_the_cycle():
-    stepper = stepper_of(posed(pair(), HAMMERING_RPM), 3000)
-    state, _ = run(stepper, stepper.flank_state, 5)
-    matrix, end = map(np.asarray, jax.jit(monodromy)(stepper, state))
-    direction = np.random.default_rng(0).normal(size=state.size)
-    step = 1e-6 * np.linalg.norm(state)
-    ends = np.array([jax.jit(cycle)(stepper, state + s * step * direction)[0] for s in (1, -1)])
-    difference = (ends[0] - ends[1]) / (2 * step)
-    assert np.linalg.norm(matrix @ direction - difference) < 1e-5 * np.linalg.norm(difference)
-    np.testing.assert_allclose(end, ends.mean(axis=0), atol=1e-9 * np.abs(end).max())  # the step squared
-
-
 def test_a_march_ends_where_a_cycle_closes_or_after_so_many():
     stepper = stepper_of(posed(pair(), HAMMERING_RPM), 1000)
     _, trace, done = march(stepper, stepper.flank_state, tolerance=1e-6, max_cycles=3)
     assert done == 3 and trace.periodicity_error > 1e-6
     _, trace, done = march(stepper, stepper.flank_state, tolerance=1e-6, max_cycles=300)
     assert done < 300 and trace.periodicity_error <= 1e-6
-
-
-def test_a_harmonic_solution_is_confirmed_by_the_reference_integration():
-    posed_train = system, meshes, frequency, load = posed(pair(), HAMMERING_RPM)
-    samples = 16384
-    orbit = reference_orbit(*posed_train, cycles=30, steps=samples)
-    stepper = orbit.stepper
-    _, trace = jax.jit(cycle)(stepper, correct(stepper, orbit.state)[0])
-    force = jax.jit(jax.vmap(stepper.nonlinear_force_at, in_axes=1, out_axes=1))
-    phi = force(np.concatenate([trace.deflection, trace.rate]))
-    harmonics = 400
-    columns = system.incidence(np.asarray(meshes.link))
-    whole = fourier.resize(jnp.asarray(load), harmonics) - columns @ fourier.analyze(phi, harmonics)
-    x = dense_linear_motion(jax.tree.map(jnp.asarray, system), frequency, whole)
-    checked = reference_orbit(*posed_train, x, steps=samples)
-    assert checked.settled
-    assert checked.newton_steps <= 3
-    assert np.abs(checked.deflection - trace.deflection).max() < 1e-6 * np.abs(trace.deflection).max()
 
 
 def massless_pair(inertia, damping, grounded=True):

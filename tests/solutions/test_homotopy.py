@@ -35,10 +35,10 @@ def hammering():
 
 
 def attempted(train, rpm):
-    """The response of the start strategies before shooting, where the one after it begins."""
+    """The response of the march that comes first, and of the curve from there."""
     (plan,) = planning.plan_speeds(train, np.array([rpm]), Request())
     case = starts.Case(train, rpm, Request(), plan, effort=starts.LONG)
-    return starts.first_solved(case, (starts.short_march, starts.long_march, starts.from_linear_law)).response
+    return starts.first_solved(case, (starts.short_march, starts.from_linear_law)).response
 
 
 def homotopies(response):
