@@ -98,6 +98,20 @@ def gradient(theta, gated):
     return jax.value_and_grad(objective)(theta, gated)
 
 
+def test_sampling_comes_near_with_its_order():
+    """Elastic forces have a continuous slope: order 3 in the number of samples; damping in contact: order 2."""
+    counts = np.array([2**8, 2**10, 2**12])
+    for gated, order in ((False, 3), (True, 2)):
+        apart = np.zeros((6, len(counts)))
+        for seed in range(6):  # one motion's error depends on where its knots fall among the samples
+            wanted = coefficients(*motion(seed)[:2], gated, motion(seed)[2])
+            for i, count in enumerate(counts):
+                sampled = coefficients(*motion(seed)[:2], gated, motion(seed)[2], samples=int(count))
+                apart[seed, i] = np.linalg.norm(sampled - wanted)
+        slope = np.polyfit(np.log(counts), np.log(np.sqrt((apart**2).mean(0))), 1)[0]
+        assert abs(slope + order) < 0.4
+
+
 def one_gradient(theta):
     """Value and gradient, damped in contact, in a batch as large as that of the differences: one program."""
     return [found[0] for found in gradient(np.tile(theta, (4 * len(theta), 1)), True)]

@@ -5,6 +5,7 @@ import json
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from integrated_trains import REFERENCE, one_mass
 from reference_data import method_case
 
@@ -26,17 +27,22 @@ def state_of(stepper, x, v):
     return stepper.space.coordinates @ jnp.stack([x, v]) - stepper.linear_state
 
 
-def test_the_exact_periodic_motion_and_its_multipliers_are_found():
-    """x(0), x'(0), trace and determinant of the monodromy matrix of the case of docs/theory A7."""
+def exact(steps):
+    """Errors of x(0), x'(0), trace and determinant of the monodromy matrix of the case of docs/theory A7."""
     case = one_mass(mass=1, damping=0.2, stiffness=4, epsilon=0.05, transition=0.2, backlash=0.2)
-    stepper = stepper_of(case, 1.0, [0.3, 0.5], 4096)
+    stepper = stepper_of(case, 1.0, [0.3, 0.5], steps)
     state, periodicity_error, _ = correct(stepper, jax.jit(march)(stepper, stepper.flank_state)[0])
     assert periodicity_error < 1e-11
     (_, trace), (matrix, _) = run(stepper, state), multiply(stepper, state)
     found = [trace.deflection[0, 0], trace.rate[0, 0], jnp.trace(matrix), jnp.linalg.det(matrix)]
     expected = method_case("A7_true_periodic_one_mass")[1]
-    errors = np.abs(np.array(found) - [float(expected[k]) for k in ("x0", "v0", "monodromy_trace", "monodromy_det")])
+    return np.abs(np.array(found) - [float(expected[k]) for k in ("x0", "v0", "monodromy_trace", "monodromy_det")])
+
+
+def test_the_exact_periodic_motion_and_its_multipliers_are_found_with_order_three():
+    errors = exact(4096)
     assert errors[:2].max() < 2e-9 and errors[2] < 1e-5 and errors[3] < 1e-11
+    assert np.log2(exact(256)[:2] / errors[:2]).min() / 4 > 2.7
 
 
 def test_sharp_dead_zone_solutions_are_approached_quadratically_in_the_transition():
@@ -58,3 +64,23 @@ def test_sharp_dead_zone_solutions_are_approached_quadratically_in_the_transitio
         assert abs(values.max() - row["max"]) < 3 * transition**2
     assert max(errors[0.01]) < 3e-4
     assert max(errors[0.001]) < 3e-6
+
+
+@pytest.fixture(scope="module")
+def coexisting():
+    """Periodic motions of the case of docs/theory A4.2 (ii), from a grid of starts."""
+    case = one_mass(mass=1, damping=0.05, stiffness=2, epsilon=0.05, transition=0.2, backlash=1)
+    stepper = stepper_of(case, 1.0, [0.1, 0.1], 512)
+    x, v = (g.ravel() for g in np.meshgrid(np.linspace(-1.5, 1.5, 5), np.linspace(-1, 1, 3)))
+    starts = jax.jit(jax.vmap(lambda a, b: state_of(stepper, a, b)))(x, v)
+    states, periodicity_errors, _ = jax.jit(jax.vmap(lambda z: shoot(stepper, z)))(starts)
+    found = {}
+    for state in states[np.asarray(periodicity_errors) < 1e-10]:
+        key = tuple(np.round(np.asarray(state), 6) + 0.0)
+        found[key] = np.abs(np.linalg.eigvals(multiply(stepper, state)[0])).max()
+    return found
+
+
+def test_shooting_finds_one_stable_and_two_unstable_motions(coexisting):
+    assert len(coexisting) == 3
+    assert sum(radius > 1 for radius in coexisting.values()) == 2

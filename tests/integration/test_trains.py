@@ -241,3 +241,15 @@ def test_steps_follow_the_highest_mesh_mode():
     system, meshes, frequency, _ = posed(load_scene("gear_train_30"), 1800.0)
     steps = resolving_steps(system, meshes, frequency)
     assert abs(steps - 40 * 4333.1 / 15) < 0.01 * steps
+
+
+def test_the_monodromy_matrix_is_the_derivative_of_the_cycle():
+    stepper = stepper_of(posed(pair(), HAMMERING_RPM), 3000)
+    state, _ = run(stepper, stepper.flank_state, 5)
+    matrix, end = map(np.asarray, jax.jit(monodromy)(stepper, state))
+    direction = np.random.default_rng(0).normal(size=state.size)
+    step = 1e-6 * np.linalg.norm(state)
+    ends = np.array([jax.jit(cycle)(stepper, state + s * step * direction)[0] for s in (1, -1)])
+    difference = (ends[0] - ends[1]) / (2 * step)
+    assert np.linalg.norm(matrix @ direction - difference) < 1e-5 * np.linalg.norm(difference)
+    np.testing.assert_allclose(end, ends.mean(axis=0), atol=1e-9 * np.abs(end).max())  # the step squared
