@@ -26,12 +26,14 @@ FORCING, LEVEL_FORCING = 0.03, 0.01
 
 
 class Iterate(NamedTuple):
-    """Unknowns, residual norm, linear solves, and whether no step leads closer."""
+    """Unknowns, residual norm, linear solves, whether no step leads closer, and the size of the step that led here, inf
+    unless it was a whole one."""
 
     x: jax.Array
     error: jax.Array
     steps: jax.Array
     stalled: jax.Array
+    step: jax.Array
 
 
 class _State(NamedTuple):
@@ -81,6 +83,7 @@ def _solve(evaluate, direction, norm, state):
         jnp.where(good, error, iterate.error),
         iterate.steps + 1,
         ~good & (length < iterations.SHORTEST),
+        jnp.where(good & (length == 1), size, jnp.where(good, jnp.inf, iterate.step)),
     )
     return _State(
         following,
@@ -96,18 +99,20 @@ def _solve(evaluate, direction, norm, state):
     )
 
 
-def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, renew_above=0):
+def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, renew_above=0, step_tolerance=0.0):
     """Solve ``evaluate(x) = 0`` from ``start``, which is accepted as it is if it already solves: the last Iterate,
     finite if the start was, and what was prepared last.
 
-    norm : of a residual or correction, on which ``tolerance`` is; prepare : x -> whatever ``direction`` needs and is
-    worth keeping for several steps; direction : (prepared, x, residual, forcing) -> (correction, work), solves
-    ``J(x) correction = residual`` to a share of the residual, or exactly; max_steps : linear solves; renew_above :
-    work of a step above which the next is prepared anew, as is a step after one that found no descent.
+    norm : of a residual or correction, on which ``tolerance`` and ``step_tolerance``, of a whole step, are; prepare :
+    x -> whatever ``direction`` needs and is worth keeping for several steps; direction : (prepared, x, residual,
+    forcing) -> (correction, work), solves ``J(x) correction = residual`` to a share of the residual, or exactly;
+    max_steps : linear solves; renew_above : work of a step above which the next is prepared anew, as is a step after
+    one that found no descent.
     """
 
     def unsolved(iterate):
-        return (iterate.error > tolerance) & (iterate.steps < max_steps)
+        unknown = (iterate.error > tolerance) & ~(iterate.step < step_tolerance)
+        return unknown & (iterate.steps < max_steps)
 
     def fresh(state):
         """Solves with what is prepared at the iterate; a step that stalled with an older one begins again."""
@@ -132,7 +137,7 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, r
         return (age < 0) | unsolved(iterate) & ~(iterate.stalled & (age == 0))
 
     value = evaluate(start)
-    first = Iterate(start, norm(value), jnp.array(0), jnp.array(False))
+    first = Iterate(start, norm(value), jnp.array(0), jnp.array(False), jnp.array(jnp.inf))
     empty = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(prepare, start))
     one, no = jnp.array(1.0), jnp.array(False)
     nothing, zero = jnp.zeros_like(start), jnp.array(0)
@@ -149,7 +154,7 @@ def relative_residual(reduced, value):
     return jnp.max(size / scale)
 
 
-def solve_reduced(reduced, model, start, *, samples, time_steps, tolerance, max_steps):
+def solve_reduced(reduced, model, start, *, samples, time_steps, tolerance, max_steps, step_tolerance=0.0):
     """Newton on the condensed equation from deflections ``(G, N+1)`` of the active meshes: Iterate, PeriodicOperator.
 
     model : ReducedOrderModel, for the preconditioner of ``time_steps``; samples : of the law, a multiple of 2 N.
@@ -165,7 +170,8 @@ def solve_reduced(reduced, model, start, *, samples, time_steps, tolerance, max_
     def evaluate(deflection):
         return reduced.residual(deflection, samples)
 
-    norm, goal = partial(relative_residual, reduced), {"tolerance": tolerance, "max_steps": max_steps}
+    norm = partial(relative_residual, reduced)
+    goal = {"tolerance": tolerance, "max_steps": max_steps, "step_tolerance": step_tolerance}
     return newton(evaluate, prepare, direction, norm, start, **goal, renew_above=RENEW_ABOVE)
 
 

@@ -18,9 +18,10 @@ from jaxhb.train import chain
 # Harmonics of the cycle at most, by method: work and memory grow with N, for the chain with N^3 and N^2.
 MOST_HARMONICS = {"reduced": 4096, "chain": 128}
 DEFAULT_TOLERANCE = 0.01  # truncation error of the elastic tooth force, as a share of the largest tooth force
-# Residual (:class:`Plan`) of equations that count as solved exactly, as derivatives want them; and the residual that
-# will do otherwise, as a share of the tolerance. Of the largest tooth force it leaves a hundredth of the tolerance.
-RESIDUAL, RESIDUAL_SHARE = 1e-10, 1e-4
+RESIDUAL = 1e-10  # of equations that count as solved exactly, as derivatives want them (:class:`Plan`)
+# Whole step of Newton's method after which values are known, as a share of the tolerance: what is left of the motion is
+# a thirtieth of it (``newton.FORCING``). A residual would not do: near resonances 3e-8 of it hides 3 % of the force.
+STEP_SHARE = 1e-2
 # Cycles of time integration before Newton's method, which then takes 2 to 5 steps on ``gear_train_30``.
 MARCH_CYCLES = 3
 # Numbers of time steps per cycle that are offered, multiples of 32: blocks of the preconditioner and segments of a
@@ -54,9 +55,9 @@ class Request:
     few_levels: bool = False
 
     @property
-    def residual_tolerance(self) -> float:
-        """At which Newton's method ends: far below what the tolerance leaves, exact where harmonics are asked for."""
-        return RESIDUAL if self.harmonics else max(RESIDUAL, RESIDUAL_SHARE * self.tolerance)
+    def step_tolerance(self) -> float:
+        """Of the :class:`Plan`: exact where harmonics are asked for."""
+        return 0.0 if self.harmonics else STEP_SHARE * self.tolerance
 
     @classmethod
     def of(cls, train, harmonics=None, tolerance=None, method=None, integrals=None, few_levels=False):
@@ -103,6 +104,7 @@ class Plan:
     integrals : of the tooth law over the cycle, "sampled" at 16 N times or "exact" between the switching times
     residual_tolerance : float, dimensionless, at which Newton's method ends: root mean square of what the equation of a
         mesh leaves, over that of its linear deflection and backlash
+    step_tolerance : float, size of a whole step at which it ends, too, measured likewise; 0 for derivatives
     max_steps : int, linear solves of Newton's method at most
     estimated : bool, whether the truncation error is; without, it counts as 0
     compare_starts : bool, whether a given start is compared with a marched one
@@ -122,6 +124,7 @@ class Plan:
     excited: int = 0
     integrals: str = "sampled"
     residual_tolerance: float = RESIDUAL
+    step_tolerance: float = 0.0
     max_steps: int = 24
     estimated: bool = True
     compare_starts: bool = False
@@ -144,16 +147,16 @@ class Plan:
 
     @property
     def goals(self) -> np.ndarray:
-        """Largest estimate of the truncation error, and residual, that count as converged: an array, which programs
-        are given."""
-        return np.array([self.tolerance_share * self.tolerance, self.residual_tolerance])
+        """Largest estimate of the truncation error, residual and Newton step that count as converged: an array, which
+        programs are given."""
+        return np.array([self.tolerance_share * self.tolerance, self.residual_tolerance, self.step_tolerance])
 
     @property
     def static(self) -> Plan:
         """What a program is compiled for: the plan without what programs are given as arrays."""
         start, excited = "march" if self.marches else "linear", self.excited or self.harmonics
         plan = dataclasses.replace(self, active=(), flank=(), cycles=0, tolerance=0.0, tolerance_share=0.0)
-        return dataclasses.replace(plan, start=start, excited=excited, residual_tolerance=0.0)
+        return dataclasses.replace(plan, start=start, excited=excited, residual_tolerance=0.0, step_tolerance=0.0)
 
     @property
     def active_meshes(self) -> ActiveMeshes:

@@ -89,14 +89,14 @@ def differentiable(problem, active_meshes, found, plan):
 
 def find(problem, active_meshes, start, goals, plan):
     """The Outcome without derivatives, what :func:`derivative.attach` needs of its motion, whether it solves."""
-    harmonics, none, (limit, solved_at) = plan.harmonics, len(active_meshes.mask) == 0, goals
+    harmonics, none, (limit, tolerance, step_tolerance) = plan.harmonics, len(active_meshes.mask) == 0, goals
     # The estimate of the truncation error asks for receptances of 2 N harmonics: made once, cut for the solve.
     reach = 2 * harmonics if plan.estimated and not none else harmonics
     fine, condensed = reduced_equation(problem, reach, active_meshes)
     reduced = dataclasses.replace(condensation.truncate(fine, harmonics), integrals=plan.integrals)
     periodicity_error, error, truncation = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
     operator = None
-    steps, stalled = jnp.array(0), jnp.array(False)
+    steps, stalled, known = jnp.array(0), jnp.array(False), jnp.array(False)
     deflection = reduced.linear
     if not none:
         model = model_of(problem, active_meshes, plan.time_steps)
@@ -107,9 +107,9 @@ def find(problem, active_meshes, start, goals, plan):
             operator = correction.prepare(reduced, model, deflection, **numbers)
             error = relative_residual(reduced, reduced.residual(deflection, plan.samples))
         else:
-            goal = {"tolerance": solved_at, "max_steps": plan.max_steps}
+            goal = {"tolerance": tolerance, "step_tolerance": step_tolerance, "max_steps": plan.max_steps}
             iterate, operator = solve_reduced(reduced, model, first, **numbers, **goal)
-            deflection, error = iterate.x, iterate.error
+            deflection, error, known = iterate.x, iterate.error, iterate.step < step_tolerance
         if plan.estimated:
             truncation = truncation_error(fine, operator, deflection, plan.samples)
         steps, stalled = iterate.steps, iterate.stalled
@@ -120,7 +120,8 @@ def find(problem, active_meshes, start, goals, plan):
     if plan.integrals == "exact":
         every = exact_integrals.find_crossings(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
         crossings = reduced.crossings, every
-    newton = jnp.where(error <= solved_at, Status.CONVERGED, jnp.where(stalled, Status.STALLED, Status.MAX_STEPS))
+    newton = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
+    newton = jnp.where((error <= tolerance) | known, Status.CONVERGED, newton)
     newton = jnp.where(jnp.isfinite(error), newton, Status.NONFINITE)
     failure = _failure(problem, active_meshes, reduced, condensed, found, newton, crossings, plan.samples)
     solved = failure == Status.CONVERGED

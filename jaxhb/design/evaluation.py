@@ -486,7 +486,7 @@ def read_lanes(numbers, held, rpm, start, active_meshes, *, form, asked, sizes):
 
     def lane(numbers, speed, start):
         train, problem = train_and_problem(form, numbers, held)
-        found = find(problem, active_meshes, start, (1.0, RESIDUAL), sizes)
+        found = find(problem, active_meshes, start, (1.0, RESIDUAL, 0.0), sizes)
         response = respond(train, speed, problem, found[0], sizes)
         exact = [QUANTITIES[quantity].exact_value(response, of, order) for quantity, of, order in asked]
         outcome = jnp.asarray(response.status), found[0].periodicity_error, response.deflections, jnp.stack(exact)

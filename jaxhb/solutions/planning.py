@@ -101,7 +101,7 @@ def contact_plan(train, request):
         tolerance=request.tolerance,
         excited=listed_harmonic(train.topology),
         integrals=request.integrals,
-        residual_tolerance=request.residual_tolerance,
+        step_tolerance=request.step_tolerance,
     )
 
 

@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from jaxhb._jax import Number, concrete, staged, traced
-from jaxhb.balance.plan import RESIDUAL, Plan, Request, check_harmonics, excited_harmonic
+from jaxhb.balance.plan import Plan, Request, check_harmonics, excited_harmonic
 from jaxhb.balance.program import solve_planned
 from jaxhb.certificate import certificate
 from jaxhb.results.response import Response
@@ -186,7 +186,7 @@ def plan(
 
 def _exact(plan):
     """The plan whose solutions have derivatives."""
-    return dataclasses.replace(plan, residual_tolerance=RESIDUAL)
+    return dataclasses.replace(plan, step_tolerance=0.0)
 
 
 def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = None) -> Response:
