@@ -1,6 +1,7 @@
 """What is told of one speed, as every report reads it: the motion of the train, beside it that without backlash."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,7 +22,7 @@ from jaxhb.train.drivetrain import DriveTrain
 @dataclass(frozen=True)
 class Growth:
     """Growth of a disturbance over one period of a motion: modulus of the largest Floquet multiplier, whether it dies
-    away, how stability is lost, and why there is no multiplier; None and "" where that is not known."""
+    away, how stability is lost, and why there is no multiplier."""
 
     multiplier: float | None = None
     stable: bool | None = None
@@ -59,14 +60,14 @@ def growth_text(growth, period=1):
 
 
 class NoSignal(Summarized):
-    """The signal of a motion that is not known: numbers that are none, which tables show as dashes."""
+    """The signal of a motion that is not known."""
 
-    mean = min = max = rms = peak = half_peak_to_peak = sum_of_amplitudes = float("nan")
+    mean = min = max = rms = peak = half_peak_to_peak = sum_of_amplitudes = math.nan
     per_cycle = PerCycle(np.full(3, np.nan), np.full(3, np.nan))
     elastic = property(lambda self: self)
 
     def spectrum(self):
-        """As :meth:`jaxhb.Signal.spectrum`."""
+        """No orders."""
         return []
 
 
@@ -74,8 +75,7 @@ UNCONFIRMED = "not confirmed by harmonic balance"
 """What is said of a motion that returns in time integration and that no harmonic solution repeats."""
 
 NO_SIGNAL = NoSignal()
-NAN = float("nan")
-NO_CONTACT = SteadyContact(NAN, NAN, NAN, NAN, 0)
+NO_CONTACT = SteadyContact(math.nan, math.nan, math.nan, math.nan, 0)
 
 
 @dataclass(frozen=True)
@@ -118,10 +118,9 @@ class Answer(Motion):
     """One speed: what the train does there, or with ``--orbit`` a periodic solution, stable or not; read by name as any
     motion, nan where nothing is known.
 
-    state : SteadyState; of an orbit what the train would do if the orbit were stable; linear : Response of the same
-    train with all teeth in contact; orbit : whether the state is a periodic solution which the train need not run in;
-    certificate : Certificate, or why there is none, or None: not asked for; axis, value : along which a sweep goes, and
-    where on it the answer is, None for the speed
+    state : SteadyState, of an orbit what the train would do if it were stable; linear : Response with all teeth in
+    contact; certificate : Certificate, or why there is none, or None: not asked for; axis, value : along which a sweep
+    goes, and where on it the answer is, None for the speed
     """
 
     train: DriveTrain
@@ -137,7 +136,7 @@ class Answer(Motion):
         # Recorded cycles have no accelerations.
         if self.known and (quantity != "acceleration" or self.response is not None):
             return self.state._read(quantity, index, sense)
-        return {"contact": NO_CONTACT, "power": NAN}.get(quantity, NO_SIGNAL)
+        return {"contact": NO_CONTACT, "power": math.nan}.get(quantity, NO_SIGNAL)
 
     @property
     def topology(self):
@@ -188,8 +187,7 @@ class Answer(Motion):
 
     @property
     def answered(self):
-        """Whether the speed has its answer, for the exit status and every table: the kind of motion is known, and its
-        numbers are those of recorded cycles or of a harmonic solution within its limits."""
+        """Whether the kind of motion is known, with numbers of recorded cycles or of a solution within its limits."""
         return self.known and self.converged is not False
 
     @property
@@ -251,27 +249,24 @@ class Case:
     answers: list[Answer]
 
 
-_SHOWN = (*(f.name for f in dataclasses.fields(Fields)), "disk_power", "link_power")
-
-
 def shown(response):
     """A response of one or several speeds whose motion is nan where the equations have no answer."""
     failed = np.asarray(response.status) != Status.CONVERGED
     if not failed.any():
         return response
-    given = {name: np.asarray(getattr(response, name)) for name in _SHOWN if hasattr(response, name)}
-    axes = {name: failed.reshape(failed.shape + (1,) * (a.ndim - failed.ndim)) for name, a in given.items()}
-    return dataclasses.replace(response, **{name: np.where(axes[name], np.nan, a) for name, a in given.items()})
+    names = *(field.name for field in dataclasses.fields(Fields)), "disk_power", "link_power"
+    given = {name: np.array(getattr(response, name)) for name in names if hasattr(response, name)}
+    for values in given.values():
+        values[failed] = np.nan
+    return dataclasses.replace(response, **given)
 
 
 def orbit_state(response):
     """A periodic solution as the steady state that it would be; "unknown" where it solves no equations."""
-    status, topology, notes = Status(int(response.status)), response.topology, ()
-    contacts = {}
-    if status <= Status.TOLERANCE_NOT_MET:
-        contacts = response.contacts()
-        kind = "periodic" if any(contact.separated_fraction for contact in contacts.values()) else "contact"
-    else:
+    status, kind, notes = Status(int(response.status)), "contact", ()
+    if status > Status.TOLERANCE_NOT_MET:
         kind, notes = "unknown", (status.sentence,)
+    elif any(contact.separated_fraction for contact in response.contacts().values()):
+        kind = "periodic"
     period = int(kind != "unknown")
-    return SteadyState(float(response.rpm), kind, period, response, None, 0, notes, None, topology)
+    return SteadyState(float(response.rpm), kind, period, response, None, 0, notes, None, response.topology)

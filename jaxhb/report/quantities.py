@@ -59,12 +59,9 @@ def _parts(variable):
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of every element of a kind.
-
-    element : what the elements are, the head of their column; called : in sentences and files; title : of tables and
-    figures; names : of the elements; read : function of (Answer or Response, name) to the number in SI; signal : the
-    same to the Signal that the number is of, None where it is of none; variable : of data sets
-    """
+    """One number of every element of a kind: ``element`` heads their column, ``called`` is for sentences and files,
+    ``title`` for tables and figures; ``read`` is a function of (Answer or Response, name) to the number in SI,
+    ``signal`` the same to the Signal that it is of, None where it is of none; ``variable`` is that of data sets."""
 
     element: str
     called: str

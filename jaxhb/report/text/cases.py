@@ -1,11 +1,18 @@
 """Normal running beside one cylinder misfiring, or each in turn, over several speeds: what ``jaxhb report`` tells."""
 
-from operator import itemgetter
-
-from jaxhb.report.quantities import IRREGULARITY, WITHOUT, angles, forces, gear_torques, main_quantity, shaft_torques
-from jaxhb.report.selection import NOT_FIRING, shafts_of, turning_disks
+from jaxhb.report.quantities import (
+    WITHOUT,
+    angles,
+    forces,
+    gear_torques,
+    heat,
+    irregularity,
+    main_quantity,
+    shaft_torques,
+)
+from jaxhb.report.selection import NOT_FIRING, shafts_of
 from jaxhb.report.text.certified import certificate_text
-from jaxhb.report.text.columns import NONE, Column, Table, alike, hit, irregular, percent, ratio, specified
+from jaxhb.report.text.columns import NONE, from_rows, hit, irregular, percent, ratio
 from jaxhb.report.text.mean_torques import balance_line
 from jaxhb.report.text.sentences import misfire_text, motion_word, status_lines, verdict
 from jaxhb.report.text.strength import answers_strength, strength_text
@@ -37,40 +44,31 @@ def _below(cases):
 
 
 def speed_tables(cases, number):
-    """Of one speed the tooth forces, torques of gears, shafts and dampers (without links: angles), irregularity."""
+    """Of one speed the tooth forces, torques of gears and links (without links: angles), irregularity, heat."""
     answers = [case.answers[number] for case in cases]
     train, titles = answers[0].train, [_titled(case.title, case.answers[number]) for case in cases]
 
     def table(title, quantity, specs):
         width = len(specs)
         groups = [(said, 1 + i * width, (i + 1) * width) for i, said in enumerate(titles)]
-        return element_table(title, quantity.element, quantity.names, specs, *answers, groups=groups)
+        return element_table(title, quantity.element, specs, *answers, names=quantity.names, groups=groups)
 
     def swings(quantity):
         variable = quantity.variable
         specs = ("with", variable), ("without", f"{variable}{WITHOUT}"), ("ratio", against(variable), ratio)
         return table(f"{quantity.title}, {quantity.unit}", quantity, specs)
 
-    tables = []
+    tables, links = [], shafts_of(train.topology)
     if train.topology.mesh_names:
         title = "Largest tooth force, kN, with and without backlash; share of the time apart and on the reverse flank"
         tables.append(table(title, forces(train), FORCES))
         tables += [text for case in cases for text in peak_table(case.answers[number], f"With {case.title}: l")]
         tables.append(swings(gear_torques(train)))
-    if shafts_of(train.topology) or not tables:
-        tables.append(swings((shaft_torques if shafts_of(train.topology) else angles)(train)))
-    return [*tables, _turning_table(train, titles, answers)]
-
-
-def _turning_table(train, titles, answers):
-    """Irregularity of the disks that :func:`turning_disks` names, and heat of the dampers."""
-    disks, dampers = turning_disks(train), train.topology.damper_names
-    rows = [*(f"irregularity of {disk}, %" for disk in disks), *(f"heat of {name}, W" for name in dampers)]
-    columns = [
-        [irregular(answer.irregularity(disk)) for disk in disks] + alike([answer.power(name) for name in dampers])[0]
-        for answer in answers
-    ]
-    return Table(f"{IRREGULARITY}, and dampers", ["", *titles], [rows, *columns])
+    if links or not tables:
+        tables.append(swings((shaft_torques if links else angles)(train)))
+    turning, heats = irregularity(train), heat(train)
+    tables.append(table(turning.title, turning, [("%", turning.variable, irregular)]))
+    return [*tables, *[table(heats.title, heats, [("W", heats.variable)]) for _ in heats.names[:1]]]
 
 
 def _heading(cases, number):
@@ -100,8 +98,7 @@ def _hardest_of(cases):
 
 
 def largest_of(case):
-    """What is hit hardest over the speeds of a case: what it is called, its value, and value, element and speed in
-    words; None without an answer."""
+    """What is hit hardest over the speeds of a case: what it is called, its value, and all in words; None without."""
     found = _hardest_of([case])
     if found is None:
         return None
@@ -135,17 +132,13 @@ def misfires_text(cases):
 
 
 def _speed_table(cases, number):
-    answers = [case.answers[number] for case in cases]
-    quantity, rows = main_quantity(answers[0].train), []
+    answers, rows = [case.answers[number] for case in cases], []
+    quantity = main_quantity(answers[0].train)
     for case, answer in zip(cases, answers, strict=True):
         _, name, value = hardest(answer)
-        rows.append([case.title, quantity.factor * value, name or NONE, motion_word(answer)])
-    columns = [
-        Column("", itemgetter(0)),
-        Column(quantity.unit, itemgetter(1), "number"),
-        Column("ratio", lambda row: (row[1], rows[0][1]), ratio),
-        Column("in", itemgetter(2)),
-        *[Column("motion", itemgetter(3))] * (quantity.element == "mesh"),
-    ]
+        value *= quantity.factor
+        firing = rows[0][1] if rows else value
+        rows.append([case.title, value, (value, firing), name or NONE, motion_word(answer)])
+    heads = ["", (quantity.unit, "number"), ("ratio", ratio), "in", *["motion"] * (quantity.element == "mesh")]
     title = f"{quantity.title} at {answers[0].rpm:g} rpm, {quantity.unit}"
-    return specified(title, rows, columns, left=(3, 4))
+    return from_rows(title, heads, rows, left=(3, 4))

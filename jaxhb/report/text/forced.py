@@ -34,7 +34,7 @@ ADVICE = {
 
 @dataclass(frozen=True)
 class Reading:
-    """One element of a :class:`jaxhb.ForcedResponse` of several speeds."""
+    """One element of a :class:`jaxhb.ForcedResponse` of several speeds: what vibrates, its unit, and the heat."""
 
     response: Response
     name: str
@@ -67,17 +67,13 @@ class Reading:
         """Factor from the SI unit, and the unit for people."""
         return shown_unit(self.unit)
 
-    @cached_property
-    def swing(self):
-        """Half peak-to-peak ``(n,)``, nan at speeds without an answer."""
-        return np.where(self.response.converged, self.signal.half_peak_to_peak, np.nan)
-
     def most(self):
         """The largest half peak-to-peak over the speeds that have an answer, and its speed; nan without."""
-        if not np.isfinite(self.swing).any():
+        swing = np.where(self.response.converged, self.signal.half_peak_to_peak, np.nan)
+        if not np.isfinite(swing).any():
             return np.nan, np.nan
-        place = np.nanargmax(self.swing)
-        return self.swing[place], self.response.rpm[place]
+        place = np.nanargmax(swing)
+        return swing[place], self.response.rpm[place]
 
     def of(self, response):
         """The same element of another response."""
@@ -99,21 +95,12 @@ class Reading:
 
 
 def readings(response, names=()):
-    """A :class:`Reading` of each element named, or of every disk, shaft, damper and mesh.
-
-    Of a damper its link is read, among the disks its ring. Names of nothing that vibrates raise a ``SceneError``.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> sweep = jaxhb.forced_response(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1500.0])
-    >>> [(r.name, r.kind) for r in readings(sweep, ["pulley", "cyl6|flywheel"])]
-    [('pulley', 'disks'), ('cyl6|flywheel', 'shafts')]
-    """
+    """A :class:`Reading` of each element named (of a damper its link), or of every disk, shaft, damper and mesh; names
+    of nothing that vibrates raise a ``SceneError``."""
     topology = response.topology
     chosen = [(name, kind) for kind, signal in KINDS.items() for name in ELEMENTS[SIGNALS[signal][1]](topology)]
     if names:
-        kinds, where = dict(chosen), topology.name or "scene"  # a damper stands there twice, last as a link
+        kinds, where = dict(chosen), topology.title  # a damper stands there twice, last as a link
         errors = [
             f"{where}: --element: there is no disk, shaft, damper or mesh {name!r}.{suggestion(name, kinds)}"
             for name in names

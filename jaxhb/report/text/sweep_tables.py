@@ -21,10 +21,8 @@ APART = 0.02
 
 
 def sweep_text(sweeps):
-    """One row per speed: the mesh with the largest tooth force, or the shaft with the largest torque.
-
-    ``sweeps`` has the answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
-    """
+    """One row per speed: the mesh with the largest tooth force, or the shaft with the largest torque; ``sweeps`` are
+    answers by direction."""
     parts, several = [], len(sweeps) > 1
     for way, answers in sweeps.items():
         head = f"{BLOCKS[way]}: " * several
@@ -106,17 +104,13 @@ MOTION = (
 def _swings(quantity):
     """Columns of a train without teeth: the shaft or damper with the largest torque, or the disk that moves most."""
 
-    def name_of(answer):
-        return quantity.largest(answer) if answer.known else None
-
     def read(what):
-        return lambda answer: (
-            quantity.factor * getattr(quantity.signal(answer, name_of(answer) or quantity.names[0]), what)
-        )
+        name_of = quantity.largest  # of a motion that is not known every element has the same: nan
+        return lambda one: quantity.factor * getattr(quantity.signal(one, name_of(one) or quantity.names[0]), what)
 
     what = "largest shaft torque" if quantity.element == "shaft" else f"largest {quantity.called}"
     return (
-        Column(what, lambda answer: name_of(answer) or NONE),
+        Column(what, lambda answer: quantity.largest(answer) or NONE),
         Column(f"half p-p {quantity.unit}", read("half_peak_to_peak"), "swing"),
         Column(f"sum of amplitudes {quantity.unit}", read("sum_of_amplitudes"), "swing"),
     )
@@ -138,13 +132,19 @@ def _verdict(answers):
         some = f"{len(answered)} of {axis.span(places)}" if doubt else f"all {axis.span(places)}"
         return f"All teeth stay in contact at {some}{doubt}."
     between = f"between {min(places):g} and {max(places):g} {axis.unit}".rstrip()
-    where = axis.said(ranges(places, hammering, axis.to))
-    return f"Teeth separate at {len(hammering)} of {len(places)} {axis.counted} {between}: {where}{doubt}."
+    many = f"{len(hammering)} of {len(places)} {axis.counted} {between}"
+    return f"Teeth separate at {many}: {_where(answers, hammering)}{doubt}."
+
+
+def _where(answers, chosen):
+    """Places on the axis, in ranges of those that follow each other."""
+    axis = answers[0].axis
+    return axis.said(ranges([answer.place for answer in answers], chosen, axis.to))
 
 
 def _kinds(answers):
     """A line for each kind of motion other than contact and one stable cycle, and for each status but converged."""
-    axis, places, alike_in = answers[0].axis, [answer.place for answer in answers], {}
+    alike_in = {}
     for answer in answers:
         if answer.growth.unstable:
             alike_in.setdefault("UNSTABLE, the train does not run in these motions,", []).append(answer.place)
@@ -160,25 +160,23 @@ def _kinds(answers):
             said = f"{said or 'The motion has a period of one cycle'}, {doubt},"
         if said:
             alike_in.setdefault(said, []).append(answer.place)
-    return [f"{said} at {axis.said(ranges(places, chosen, axis.to))}." for said, chosen in alike_in.items()]
+    return [f"{said} at {_where(answers, chosen)}." for said, chosen in alike_in.items()]
 
 
 def _hysteresis(sweeps):
     """Where the train does something else downwards than upwards."""
     if len(sweeps) < 2:
         return []
-    up, axis = sweeps["up"], sweeps["up"][0].axis
+    up = sweeps["up"]
     found = [one.place for one, other in zip(up, sweeps["down"], strict=True) if _differ(one, other)]
     if not found:
         return ["Upwards and downwards the train does the same."]
-    where = axis.said(ranges([answer.place for answer in up], found, axis.to))
-    return [f"Upwards and downwards differ at {where}: the motion depends on what came before."]
+    return [f"Upwards and downwards differ at {_where(up, found)}: the motion depends on what came before."]
 
 
 def _differ(one, other):
     """Whether two answers are different motions: another kind, period or largest tooth force."""
     if (one.state.kind, one.state.period) != (other.state.kind, other.state.period):
         return True
-    peaks = [[float(a.force(name).peak) for name in a.topology.mesh_names] for a in (one, other)]
-    highest = [max(values, default=0.0) for values in peaks]
-    return bool(abs(highest[0] - highest[1]) > APART * max(highest))
+    before, after = (max((a.force(name).peak for name in a.topology.mesh_names), default=0.0) for a in (one, other))
+    return abs(before - after) > APART * max(before, after)

@@ -3,8 +3,8 @@
 import textwrap
 from functools import partial
 
-from jaxhb.report.quantities import WITHOUT, number, shown_unit, unit_of
-from jaxhb.report.selection import gears, shafts_of, train_name
+from jaxhb.report.quantities import ELEMENTS, WITHOUT, number, shown_unit, unit_of
+from jaxhb.report.selection import shafts_of, train_name
 from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import NONE, Column, count, hit, irregular, percent, ratio, specified
 from jaxhb.report.text.mean_torques import balance_line, mean_angles_of
@@ -70,21 +70,20 @@ HEAT = ("heat W", "heat", "W")
 the decimals of the others, in the unit for people."""
 
 
-def element_table(title, element, names, specs, *answers, groups=()):
-    """A row for every element, the columns of ``specs`` for every answer."""
+def element_table(title, element, specs, *answers, names=None, groups=()):
+    """A row for every element of a kind or of those ``names``, the columns of ``specs`` for every answer."""
     columns = [Column(element, str)]
     for place, answer in enumerate(answers):
-        for head, read, *write in specs:
+        for head, variable, *write in specs:
             way = write[0] if write else "number"
-            columns.append(Column(head, _reader(read, answer, way), way if callable(way) else (place, way)))
-    return specified(title, names, columns, groups)
+            read = partial(variable if callable(variable) else _reader(variable, way), answer)
+            columns.append(Column(head, read, way if callable(way) else (place, way)))
+    return specified(title, names or ELEMENTS[element](answers[0].topology), columns, groups)
 
 
-def _reader(read, answer, way):
-    if callable(read):
-        return partial(read, answer)
-    factor = 1.0 if callable(way) else shown_unit(unit_of(read))[0]
-    return lambda name: factor * number(answer, read, name)
+def _reader(variable, way):
+    factor = 1.0 if callable(way) else shown_unit(unit_of(variable))[0]
+    return lambda answer, name: factor * number(answer, variable, name)
 
 
 def solve_text(answer):
@@ -100,25 +99,24 @@ def solve_text(answer):
 
 def _tables(answer):
     topology, pair = answer.topology, [("with backlash", 1, 3), ("without", 4, 5)]
-    meshes, links, disks = topology.mesh_names, shafts_of(topology), topology.disk_names
-    if meshes:
+    if topology.mesh_names:
         title = "Tooth force, kN (elastic and damping; positive: the first gear drives the second)"
-        yield element_table(title, "mesh", meshes, FORCES, answer, groups=pair)
+        yield element_table(title, "mesh", FORCES, answer, groups=pair)
         yield from peak_table(answer)
         title = "Contact, % of the time (apart: in the gap; reverse: on the flank that does not drive), impacts a cycle"
-        yield element_table(title, "mesh", meshes, CONTACT, answer)
+        yield element_table(title, "mesh", CONTACT, answer)
         title = "Torque that a gear passes to its mates, N m"
-        yield element_table(title, "gear", gears(topology), _swings("gear_torque"), answer, groups=pair)
-    if links:
+        yield element_table(title, "gear", _swings("gear_torque"), answer, groups=pair)
+    if shafts_of(topology):
         backlash = any(topology.mesh_backlash)
         specs = _swings("torque") if backlash else (("mean", "torque_mean"), *_linear_swings("torque"))
         title = "Torque of shafts and dampers, N m"
-        yield element_table(title, "shaft", links, (*specs, HEAT), answer, groups=pair if backlash else ())
+        yield element_table(title, "shaft", (*specs, HEAT), answer, groups=pair if backlash else ())
     if not topology.link_names:
-        yield element_table("Vibratory angle of disks, deg", "disk", disks, _linear_swings("angle"), answer)
+        yield element_table("Vibratory angle of disks, deg", "disk", _linear_swings("angle"), answer)
     if answer.known and answer.response is not None:
         title = "Speed of disks, rpm; cyclic irregularity: (largest - smallest) / mean; acceleration, rad/s2, half p-p"
-        yield element_table(title, "disk", disks, SPEEDS, answer)
+        yield element_table(title, "disk", SPEEDS, answer)
 
 
 def peak_table(answer, begin="L"):
@@ -130,7 +128,7 @@ def peak_table(answer, begin="L"):
         for i, percent in enumerate(PERCENT)
     ]
     title = f"{begin}argest tooth force of a cycle, kN: 5, 50 and 95 % of the recorded cycles stay below"
-    return [element_table(title, "mesh", answer.topology.mesh_names, specs, answer)]
+    return [element_table(title, "mesh", specs, answer)]
 
 
 def notes_text(*answers):
