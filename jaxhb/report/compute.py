@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from jaxhb.certificate.certificate import certify
-from jaxhb.design.quantities import label, unit_of
+from jaxhb.design.quantities import label
 from jaxhb.linear.strength import strength
 from jaxhb.report.answer import UNCONFIRMED, Answer, Case, growth_of, orbit_state, shown
-from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import plain_number
+from jaxhb.report.text.tuned import shown_value
 from jaxhb.results.status import NotConverged, Status
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.steady.checkpoint import CHUNK, Checkpoint
@@ -215,12 +214,8 @@ def _difference(state, pairs):
         "unknown": f"is not known ({'; '.join(state.notes)})",
     }.get(state.kind, "")
 
-    def said(chosen, value):
-        factor, unit = shown_unit(unit_of(chosen.quantity))
-        return f"{plain_number(factor * value, digits=3)} {unit}".strip()
-
     apart = [
-        f"{label(chosen)} {said(chosen, own)} instead of {said(chosen, tuned)}"
+        f"{label(chosen)} {shown_value(chosen, own)} instead of {shown_value(chosen, tuned)}"
         for chosen, (own, tuned) in pairs.items()
         if abs(own - tuned) > SAME_MOTION * max(abs(own), abs(tuned))
     ]
