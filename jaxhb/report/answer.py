@@ -39,24 +39,10 @@ def growth_of(state):
     """The :class:`Growth` of the motion of a steady state or orbit."""
     if state.response is None or not state.known:
         return Growth()
-    found, refused = state.stability, ""
-    if found is None:
-        _, found, refused = attracts(state.response)
+    _, found, refused = (True, state.stability, "") if state.stability is not None else attracts(state.response)
     if found is not None:
         return Growth(found.largest, found.stable, found.loses_by or "")
     return Growth(refused="" if state.kind == "contact" else refused)  # teeth in contact are a linear train
-
-
-def growth_text(growth, period=1):
-    """What a Growth says of a motion of ``period`` cycles; "" where nothing is known."""
-    span = "a cycle" if period <= 1 else f"{period} cycles"
-    size = growth.multiplier
-    if size is None:
-        return f"stability not decided: {growth.refused}" if growth.refused else ""
-    if growth.unstable:
-        how = f" ({growth.loses_by})" if growth.loses_by else ""
-        return f"UNSTABLE{how}: a disturbance grows {size:.3g} times in {span}; the train does not run in it"
-    return f"stable: a disturbance falls to {size:.2g} of its size in {span}"
 
 
 class NoSignal(Summarized):
@@ -95,14 +81,9 @@ class Axis:
         """What there are many of."""
         return "speeds" if self == SPEED else f"values of {self.name}"
 
-    def span(self, values):
+    def span(self, values, word="from", to="to"):
         """``8 speeds from 700 to 2450 rpm``, or ``5 values of NAME.FIELD from 100 to 400 N m s/rad``."""
-        return f"{len(values)} {self.counted} from {min(values):g} to {max(values):g} {self.unit}".rstrip()
-
-    @property
-    def to(self):
-        """What stands between the ends of a range."""
-        return "-" if self == SPEED else " to "
+        return f"{len(values)} {self.counted} {word} {min(values):g} {to} {max(values):g} {self.unit}".rstrip()
 
     def said(self, values):
         """Values as text: ``600, 1200 rpm``, or ``NAME.FIELD = 100, 300 N m s/rad``."""
@@ -138,15 +119,10 @@ class Answer(Motion):
             return self.state._read(quantity, index, sense)
         return {"contact": NO_CONTACT, "power": math.nan}.get(quantity, NO_SIGNAL)
 
-    @property
-    def topology(self):
-        """Names and connections."""
-        return self.train.topology
-
-    @property
-    def rpm(self):
-        """Speed of the reference rotor."""
-        return self.state.rpm
+    topology = property(lambda self: self.train.topology)
+    rpm = property(lambda self: self.state.rpm)
+    known = property(lambda self: self.state.known, doc="Whether the kind of motion is known, so that it has numbers.")
+    response = property(lambda self: self.state.response, doc="The harmonic solution; None where there is none.")
 
     @property
     def place(self):
@@ -157,16 +133,6 @@ class Answer(Motion):
     def at(self):
         """The same in words."""
         return self.axis.said(f"{self.place:g}")
-
-    @property
-    def known(self):
-        """Whether the kind of motion is known, so that there are numbers."""
-        return self.state.known
-
-    @property
-    def response(self):
-        """The harmonic solution; None where there is none."""
-        return self.state.response
 
     @property
     def status(self):

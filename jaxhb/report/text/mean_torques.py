@@ -19,14 +19,12 @@ def mean_angles_of(topology):
 
 def load_torques(response):
     """Mean torque of every load on its disk by name, N m: negative where it takes power."""
-    names = response.topology.load_names
-    return dict(zip(names, np.asarray(response.load_torque, dtype=float).tolist(), strict=True))
+    return dict(zip(response.topology.load_names, np.asarray(response.load_torque, float).tolist(), strict=True))
 
 
 def ground_reactions(response):
     """Mean torque that every ground takes from its disk by name, N m."""
-    names = response.topology.ground_names
-    return dict(zip(names, np.asarray(response.ground_reaction, dtype=float).tolist(), strict=True))
+    return dict(zip(response.topology.ground_names, np.asarray(response.ground_reaction, float).tolist(), strict=True))
 
 
 def _largest_mean_torque(response):
@@ -60,12 +58,10 @@ def balance_line(response):
 
 def ground_notes(responses, speed_of):
     """A sentence per ground that takes more than 1 % of the largest mean torque, at the speed of the largest."""
-    found = []
-    loads = np.array([np.abs(np.asarray(r.load_torque)).max(initial=0.0) for r in responses])
+    found, rounding = [], _rounding(responses[0])
     for name in responses[0].topology.ground_names:
         reactions = np.abs([ground_reactions(response)[name] for response in responses])
-        # The largest mean torque is at least that of the loads: most trains need no further look.
-        suspects = np.flatnonzero(reactions > np.maximum(NOTED_SHARE * loads, _rounding(responses[0])))
+        suspects = np.flatnonzero(reactions > rounding)  # most trains need no further look
         wrong = [i for i in suspects if reactions[i] > NOTED_SHARE * _largest_mean_torque(responses[i])]
         if wrong:
             worst = max(wrong, key=lambda i: reactions[i])

@@ -131,15 +131,14 @@ def _verdict(answers):
     if not hammering:
         some = f"{len(answered)} of {axis.span(places)}" if doubt else f"all {axis.span(places)}"
         return f"All teeth stay in contact at {some}{doubt}."
-    between = f"between {min(places):g} and {max(places):g} {axis.unit}".rstrip()
-    many = f"{len(hammering)} of {len(places)} {axis.counted} {between}"
-    return f"Teeth separate at {many}: {_where(answers, hammering)}{doubt}."
+    some = f"{len(hammering)} of {axis.span(places, 'between', 'and')}"
+    return f"Teeth separate at {some}: {_where(answers, hammering)}{doubt}."
 
 
 def _where(answers, chosen):
     """Places on the axis, in ranges of those that follow each other."""
     axis = answers[0].axis
-    return axis.said(ranges([answer.place for answer in answers], chosen, axis.to))
+    return axis.said(ranges([answer.place for answer in answers], chosen, "-" if axis == SPEED else " to "))
 
 
 def _kinds(answers):
