@@ -21,7 +21,7 @@ NEGLIGIBLE = 1e-12
 """Amplitude of an order over the largest of its element from which it is not listed."""
 
 KINDS = {"disks": "angle", "shafts": "torque", "meshes": "tooth_force"}
-"""What vibrates, of :data:`jaxhb.results.dataset.SIGNALS`."""
+"""What vibrates, of :data:`jaxhb.results.dataset.SIGNALS`; meshes tell most of a train, then shafts, then disks."""
 
 TITLES = {"disks": "Vibratory angle of disks", "shafts": "Vibratory torque of shafts and dampers"}
 TITLES |= {"meshes": "Vibratory tooth force"}
@@ -40,6 +40,10 @@ class Reading:
     name: str
     kind: str
 
+    called = property(lambda self: KINDS[self.kind].replace("_", " "), doc="What vibrates, in words.")
+    unit = property(lambda self: SIGNALS[KINDS[self.kind]][2], doc="SI unit of the signal.")
+    shown = property(lambda self: shown_unit(self.unit), doc="Factor from the SI unit, and the unit for people.")
+
     @cached_property
     def signal(self):
         """What vibrates."""
@@ -51,21 +55,6 @@ class Reading:
         # The name of a ring is that of its damper, whose row has the heat of the link.
         ring = self.kind == "disks" and self.name in self.response.topology.damper_names
         return np.zeros(len(self.response)) if ring else np.asarray(self.response.power(self.name))
-
-    @property
-    def called(self):
-        """What vibrates, in words."""
-        return KINDS[self.kind].replace("_", " ")
-
-    @property
-    def unit(self):
-        """SI unit of the signal."""
-        return SIGNALS[KINDS[self.kind]][2]
-
-    @property
-    def shown(self):
-        """Factor from the SI unit, and the unit for people."""
-        return shown_unit(self.unit)
 
     def most(self):
         """The largest half peak-to-peak over the speeds that have an answer, and its speed; nan without."""
@@ -132,8 +121,7 @@ def forced_head(response):
 
 
 def _speed_table(one, good):
-    signal, places = one.signal, one.at(good).main() if good.any() else []
-    factor, unit = one.shown
+    signal, places, (factor, unit) = one.signal, one.at(good).main() if good.any() else [], one.shown
     sizes = [signal.half_peak_to_peak, signal.sum_of_amplitudes, *signal.amplitudes[:, places].T]
     columns = [np.where(good, values, np.nan) for values in (*(factor * size for size in sizes), one.power)]
     heads = ["half p-p", "sum", *(f"order {order:g}" for order in signal.orders[places])]
@@ -159,13 +147,12 @@ def _worst_table(found):
     """The largest half peak-to-peak, sum and amplitude of each element, and where they are."""
     factor, rows = found[0].shown[0], []
     for one in found:
-        amplitudes, rpm = one.signal.amplitudes, one.response.rpm
-        speed, order = np.unravel_index(amplitudes.argmax(), amplitudes.shape)
-        moves = amplitudes[speed, order] > 0
-        row = [one.name]
-        for values in (one.signal.half_peak_to_peak, one.signal.sum_of_amplitudes):
+        signal, rpm = one.signal, one.response.rpm
+        speed, order = np.unravel_index(signal.amplitudes.argmax(), signal.amplitudes.shape)
+        moves, row = signal.amplitudes[speed, order] > 0, [one.name]
+        for values in (signal.half_peak_to_peak, signal.sum_of_amplitudes):
             row += [factor * values.max(), f"{rpm[values.argmax()]:g}" if moves else NONE]
-        row += [f"{one.signal.orders[order]:g}" if moves else NONE, factor * amplitudes[speed, order]]
+        row += [f"{signal.orders[order]:g}" if moves else NONE, factor * signal.amplitudes[speed, order]]
         rows.append([*row, f"{rpm[speed]:g}" if moves else NONE, one.power.max()])
     heads = [("half p-p", "size"), "at rpm", ("sum", "size"), "at rpm", "order", ("amplitude", "size"), "at rpm"]
     groups = [("synthesis", 1, 2), ("sum of amplitudes", 3, 4), ("largest order", 5, 7)]
@@ -188,11 +175,8 @@ def forced_record(response, found, *, orders=None):
         return {name: getattr(signal, name) for name in ("mean", "half_peak_to_peak", "sum_of_amplitudes")}
 
     def of_element(one):
-        record = summary(one.signal) | {
-            "amplitudes": one.signal.amplitudes[:, kept],
-            "phases_deg": one.signal.phases_deg[:, kept],
-            "power_W": one.power,
-        }
+        amplitudes, phases = one.signal.amplitudes[:, kept], one.signal.phases_deg[:, kept]
+        record = summary(one.signal) | {"amplitudes": amplitudes, "phases_deg": phases, "power_W": one.power}
         return record if one.kind == "disks" else record | {"elastic": summary(one.signal.elastic)}
 
     return {
@@ -225,10 +209,9 @@ def forced_rows(response, found, more=None):
 
 def forced_failures(response, case=""):
     """A sentence for each status other than converged, with its speeds; ``case`` says how the train runs."""
-    name, rpm, found = response.topology.name or "scene", response.rpm.tolist(), []
-    for value in sorted(set(response.status.tolist()) - {0}):
-        status = Status(value)
-        speeds = ranges(rpm, [speed for speed, s in zip(rpm, response.status, strict=True) if s == value])
+    name, rpm, found = response.topology.title, response.rpm, []
+    for status in map(Status, sorted(set(response.status.tolist()) - {0})):
+        speeds = ranges(rpm.tolist(), rpm[response.status == status].tolist())
         said = f"{status.name}: {ADVICE.get(status, status.sentence)}."
         found.append(f"{f'{name}, {case},' if case else name} at {speeds} rpm: {said}")
     return found
@@ -242,9 +225,7 @@ def worst_of(misfires, found):
 
 def hardest_of(found, worst):
     """The element that swings most under a misfire: of the meshes, without any of the shafts, else of the disks."""
-    kinds = [one.kind for one in found]
-    kind = next(kind for kind in ("meshes", "shafts", "disks") if kind in kinds)
-    return max((one for one in found if one.kind == kind), key=lambda one: worst[one.name].value)
+    return max(by_kind(found)[-1], key=lambda one: worst[one.name].value)
 
 
 def misfires_text(misfires, found, worst, *, each):
@@ -253,18 +234,15 @@ def misfires_text(misfires, found, worst, *, each):
     chosen, title = found if each else [hardest_of(found, worst)], case_title(misfires.firing.train)
     parts = ["\n".join(misfire_text(_worst_record(one, worst), title, " half peak-to-peak") for one in chosen)]
     parts += [_cylinder_table(misfires, one) for one in chosen]
-    if not each:
-        parts += [_element_table(own, worst, title) for own in by_kind(found)]
-    return "\n\n".join(parts)
+    return "\n\n".join([*parts, *([] if each else [_element_table(own, worst, title) for own in by_kind(found)])])
 
 
 def _cylinder_table(misfires, element):
-    factor, unit = element.shown
-    rows, firing = [], factor * element.most()[0]
+    (factor, unit), rows = element.shown, []
     for cylinder, response in ({"": misfires.firing} | misfires.responses).items():
         value, rpm = element.of(response).most()
-        title = case_title(misfires.firing.train, cylinder)
-        rows.append([title, factor * value, f"{rpm:g}" if value > 0 else NONE, (factor * value, firing)])
+        cells = [factor * value, f"{rpm:g}" if value > 0 else NONE, (value, element.most()[0])]
+        rows.append([case_title(misfires.firing.train, cylinder), *cells])
     title = f"{element.name}, {unit}: largest half peak-to-peak over the speeds"
     return from_rows(title, ["", ("half p-p", "size"), "at rpm", ("ratio", ratio)], rows)
 
@@ -272,9 +250,9 @@ def _cylinder_table(misfires, element):
 def _element_table(found, worst, firing):
     factor, rows = found[0].shown[0], []
     for one in found:
-        own, largest = worst[one.name], factor * one.most()[0]
+        own, (largest, _) = worst[one.name], one.most()
         where = (f"{own.rpm:g}", own.cylinder) if own.value else (NONE, NONE)
-        rows.append([one.name, largest, factor * own.value, (factor * own.value, largest), *where])
+        rows.append([one.name, factor * largest, factor * own.value, (own.value, largest), *where])
     heads = [(firing, "size"), ("worst misfire", "size"), ("ratio", ratio), "at rpm", "that of"]
     return _over_speeds(found, "largest half peak-to-peak over the speeds", heads, rows, left=(5,))
 
