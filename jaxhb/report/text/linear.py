@@ -156,9 +156,8 @@ def campbell_parts(found, count, misfires=()):
     parts = [_modes(found, count), *_left_out(found, count), _critical(found, misfires)]
     if found.critical and misfires:
         cylinder, torque, at = _worst_misfire(found, misfires)
-        where = f"order {at.order:g} at {at.rpm:.1f} rpm, mode {at.mode}"
-        said = f"{torque:.4g} N m of {where}, {at.torque:.4g} N m without it."
-        parts.append(f"The worst misfire is that of {cylinder}: {said}")
+        said = f"{torque:.4g} N m of order {at.order:g} at {at.rpm:.1f} rpm, mode {at.mode}"
+        parts.append(f"The worst misfire is that of {cylinder}: {said}, {at.torque:.4g} N m without it.")
     return parts
 
 
@@ -179,15 +178,13 @@ def _left_out(found, count):
     shown, every, crossed = len(found.elastic(count)), len(found.elastic(len(found.kinds))), reached(found)
     if shown == every:
         return []
-    highest, rpm = max(found.orders, default=0.0), float(found.rpm[-1])
-    top = f"order {highest:g} at {rpm:g} rpm is {highest * rpm / 60:.4g} Hz"
+    highest, low, high = max(found.orders, default=0.0), float(found.rpm[0]), float(found.rpm[-1])
+    top = f"order {highest:g} at {high:g} rpm is {highest * high / 60:.4g} Hz"
     first = f"These are the {shown} lowest of {every} modes that strain links"
     if crossed <= shown:
         return [f"{first}. The orders reach {crossed} of them, all shown: {top}."]
-    return [
-        f"{first}; the orders reach {crossed} of them ({top}). jaxhb campbell SCENE --rpm"
-        f" {found.rpm[0]:g}:{rpm:g} --modes {crossed} lists all."
-    ]
+    call = f"jaxhb campbell SCENE --rpm {low:g}:{high:g} --modes {crossed} lists all."
+    return [f"{first}; the orders reach {crossed} of them ({top}). {call}"]
 
 
 def shares_in_mode(critical, torques):
@@ -238,23 +235,23 @@ def _critical(found, misfires):
 def campbell_record(found, count, name, misfires=()):
     """What ``campbell --json`` writes, see ``docs/how_to/linear.md``; with ``misfires`` by cylinder the modal torques
     when it does not fire, and as ``worst_misfire`` the largest of these with its critical speed."""
-    speeds = [
-        {"rpm": c.rpm, "order": c.order, "mode": c.mode, "hz": c.hz, "modal_torque": c.torque}
-        | ({"misfires": {name: one.critical[k].torque for name, one in misfires.items()}} if misfires else {})
-        for k, c in enumerate(found.critical)
-    ]
+    speeds = [_critical_record(c) for c in found.critical]
+    for place, speed in enumerate(speeds if misfires else ()):
+        speed["misfires"] = {cylinder: one.critical[place].torque for cylinder, one in misfires.items()}
     modes = [
         {"mode": k, "kind": found.kinds[k], "frequencies_hz": found.frequencies_hz[:, k]}
         for k in shown_modes(found, count)
     ]
     record = {"scene": name, "rpm": found.rpm, "orders": found.orders, "modes": modes, "critical_speeds": speeds}
-    if misfires and found.critical:
-        cylinder, torque, c = _worst_misfire(found, misfires)
-        worst = {"cylinder": cylinder, "rpm": c.rpm, "order": c.order, "mode": c.mode, "hz": c.hz}
-        record["worst_misfire"] = worst | {"modal_torque": torque, "firing": c.torque}
-    elif misfires:
-        record["worst_misfire"] = None
+    if misfires:
+        cylinder, torque, c = _worst_misfire(found, misfires) or [None] * 3
+        worst = {"modal_torque": torque, "firing": c and c.torque}
+        record["worst_misfire"] = c and {"cylinder": cylinder} | _critical_record(c) | worst
     return record
+
+
+def _critical_record(c):
+    return {"rpm": c.rpm, "order": c.order, "mode": c.mode, "hz": c.hz, "modal_torque": c.torque}
 
 
 def campbell_rows(found, misfires=()):

@@ -34,25 +34,10 @@ class Limited:
     heads: dict
     limits: dict
 
-    @property
-    def field(self):
-        """Field of the number that is judged."""
-        return next(iter(self.heads))
-
-    @property
-    def called(self):
-        """What is judged, in words."""
-        return self.heads[self.field][1]
-
-    @property
-    def limit(self):
-        """What the first limit is called."""
-        return next(iter(self.limits.values()))
-
-    @property
-    def shown(self):
-        """Factor from the SI unit, and the unit for people."""
-        return shown_unit(self.si_unit)
+    field = property(lambda self: next(iter(self.heads)), doc="Field of the number that is judged.")
+    called = property(lambda self: self.heads[self.field][1], doc="What is judged, in words.")
+    limit = property(lambda self: next(iter(self.limits.values())), doc="What the first limit is called.")
+    shown = property(lambda self: shown_unit(self.si_unit), doc="Factor from the SI unit, and the unit for people.")
 
     def shares(self, row):
         """Shares of the first limit over the speeds, nan where there is none or nothing is known."""
@@ -61,33 +46,17 @@ class Limited:
         return np.asarray(getattr(row, self.field), float) / np.where(np.isfinite(limit), limit, np.nan)
 
 
+_STRESS = f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})"
+_TORQUE = f"Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of the rated torque ({AID})"
 _CONTINUOUS = {"continuous": "continuous limit", "transient": "transient limit"}
+_OF_STRESS = {"stress": ("stress", "stress")} | {field: (called, called) for field, called in _CONTINUOUS.items()}
+_OF_TORQUE = {"vibratory": ("vibratory", "vibratory torque"), "limit": ("limit", "limit of vibratory torque")}
+_OF_TORQUE |= {"mean": ("mean", "mean torque")}
+_OF_HEAT = {"power": ("heat", "heat"), "limit": ("limit", "limit of heat")}
 LIMITED = {
-    "stresses": Limited(
-        f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})",
-        "shaft",
-        "Pa",
-        {"stress": ("stress", "stress")} | {field: (called, called) for field, called in _CONTINUOUS.items()},
-        _CONTINUOUS,
-    ),
-    "tooth_torques": Limited(
-        f"Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of the rated torque ({AID})",
-        "mesh",
-        "N m",
-        {
-            "vibratory": ("vibratory", "vibratory torque"),
-            "limit": ("limit", "limit of vibratory torque"),
-            "mean": ("mean", "mean torque"),
-        },
-        {"limit": "a third of the rated torque"},
-    ),
-    "heat": Limited(
-        f"Heat of shafts and dampers, W ({AID})",
-        "shaft or damper",
-        "W",
-        {"power": ("heat", "heat"), "limit": ("limit", "limit of heat")},
-        {"limit": "limit"},
-    ),
+    "stresses": Limited(_STRESS, "shaft", "Pa", _OF_STRESS, _CONTINUOUS),
+    "tooth_torques": Limited(_TORQUE, "mesh", "N m", _OF_TORQUE, {"limit": "a third of the rated torque"}),
+    "heat": Limited(f"Heat of shafts and dampers, W ({AID})", "shaft or damper", "W", _OF_HEAT, {"limit": "limit"}),
 }
 """By the fields of a :class:`jaxhb.Strength`."""
 
@@ -195,34 +164,29 @@ def _range_text(name, one, rated):
     return f"{said}, {'within the transient limit' if one.passable else beyond}{late}"
 
 
-def strength_record(found):
+def strength_record(found, *, one_speed=False):
     """What the JSON holds of a :class:`jaxhb.Strength`, see ``docs/how_to/data_and_files.md``: SI units, lists over the
-    speeds, None where there is no limit; empty where the scene gives no numbers."""
+    speeds (of ``one_speed`` numbers, and no ranges), None where there is no limit; empty without any in the scene."""
     if not found:
         return {}
     record = {"note": AID, "rated_rpm": found.rated_rpm}
     for kind, limited in LIMITED.items():
         ends = dict.fromkeys(limited.heads, f"_{limited.si_unit.replace(' ', '')}")
         record[kind] = {
-            name: {field + ends.get(field, ""): values for field, values in row._asdict().items()}
+            name: {
+                field + ends.get(field, ""): values[0] if one_speed and np.ndim(values) else values
+                for field, values in row._asdict().items()
+            }
             for name, row in getattr(found, kind).items()
         }
-    for name, ranges_of in found.barred.items():
+    for name, ranges_of in () if one_speed else found.barred.items():
         record["stresses"][name]["barred"] = [vars(one) | {"passable": one.passable} for one in ranges_of]
     return record
 
 
-def strength_entry(found, *, one_speed=False):
-    """``{"strength": ...}``, of ``one_speed`` with numbers instead of lists; empty where the scene gives no limits."""
-    record = strength_record(found)
-    return {"strength": _single(record) if one_speed else record} if found else {}
-
-
-def _single(value):
-    """A record of one speed: numbers instead of arrays, and no ranges."""
-    if isinstance(value, dict):
-        return {key: _single(item) for key, item in value.items() if key != "barred"}
-    return value[0] if np.ndim(value) else value
+def strength_entry(found, **how):
+    """``{"strength": ...}`` of a :func:`strength_record`; empty where the scene gives no limits."""
+    return {"strength": strength_record(found, **how)} if found else {}
 
 
 def strength_columns(found):
