@@ -119,20 +119,19 @@ class Answer(Motion):
             return self.state._read(quantity, index, sense)
         return {"contact": NO_CONTACT, "power": math.nan}.get(quantity, NO_SIGNAL)
 
+    # What is read of its parts, and where it stands.
     topology = property(lambda self: self.train.topology)
     rpm = property(lambda self: self.state.rpm)
     known = property(lambda self: self.state.known, doc="Whether the kind of motion is known, so that it has numbers.")
     response = property(lambda self: self.state.response, doc="The harmonic solution; None where there is none.")
+    balance = property(lambda self: self.linear if self.response is None else self.response, doc="Of mean torques.")
+    cycle_deg = property(lambda self: 360.0 * self.topology.revolutions_per_cycle, doc="Of the reference rotor, deg.")
+    at = property(lambda self: self.axis.said(f"{self.place:g}"), doc="Where it stands in a sweep, in words.")
 
     @property
     def place(self):
         """Where it stands in a sweep: the speed, or the number that changes."""
         return self.rpm if self.value is None else self.value
-
-    @property
-    def at(self):
-        """The same in words."""
-        return self.axis.said(f"{self.place:g}")
 
     @property
     def status(self):
@@ -167,16 +166,6 @@ class Answer(Motion):
         if self.unconfirmed:
             return "not confirmed"
         return "not converged" if self.known and not self.answered else ""
-
-    @property
-    def cycle_deg(self):
-        """Angle of the reference rotor in one cycle of the excitation, deg."""
-        return 360.0 * self.topology.revolutions_per_cycle
-
-    @property
-    def balance(self):
-        """The response that tells what loads and grounds take: mean torques balance in every motion."""
-        return self.linear if self.response is None else self.response
 
     @cached_property
     def without_backlash(self):

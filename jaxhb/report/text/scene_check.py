@@ -9,8 +9,8 @@ from jaxhb.elements.elements import SceneError
 from jaxhb.equations.kinematics import referred, tooth_damping_ratios
 from jaxhb.excitation.mean_torques import mean_torques
 from jaxhb.report.text.columns import NONE, Table, from_rows
-from jaxhb.report.text.mean_torques import ground_notes, ground_reactions, load_notes, load_torques
-from jaxhb.report.text.sentences import once_alike, speed_of
+from jaxhb.report.text.mean_torques import ground_reactions, load_torques, torque_notes
+from jaxhb.report.text.sentences import once_alike
 from jaxhb.train import connections
 from jaxhb.train.plausible import plausibility
 
@@ -93,7 +93,7 @@ def own_speeds(train):
 def scene_notes(responses):
     """All notes on a scene, of its mean motion at some speeds."""
     train = responses[0].train
-    found = plausibility(train) + load_notes(responses, speed_of) + ground_notes(responses, speed_of)
+    found = plausibility(train) + torque_notes(responses)
     speeds = [float(response.rpm) for response in responses]
     return found + once_alike((rpm, note) for rpm in speeds for note in train.outside_traces(rpm))
 

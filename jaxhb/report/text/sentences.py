@@ -9,7 +9,7 @@ from jaxhb.report.answer import SPEED, UNCONFIRMED
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import most_apart
 from jaxhb.report.text.columns import plain_number
-from jaxhb.report.text.mean_torques import ground_notes, load_notes
+from jaxhb.report.text.mean_torques import speed_of, torque_notes
 from jaxhb.results.status import Homotopy, Shooting, Status
 
 LOST = 1e-3
@@ -143,7 +143,7 @@ def _places(places, axis):
 
 def notes(*answers):
     """Sentences on what to be careful about in answers of one train, at least one."""
-    balances, axis, found = [answer.balance for answer in answers], answers[0].axis, []
+    axis, found = answers[0].axis, []
     unstable = [answer for answer in answers if answer.growth.unstable]
     if unstable:
         worst = max(unstable, key=lambda answer: answer.growth.multiplier)
@@ -169,8 +169,11 @@ def notes(*answers):
             "does)."
         )
     found += once_alike(((a.place, note) for a in answers for note in a.train.outside_traces(a.rpm)), axis)
-    found += ground_notes(balances, speed_of) + load_notes(balances, speed_of)
-    return found + _tooth_notes([answer for answer in answers if answer.known])
+    return (
+        found
+        + torque_notes([a.balance for a in answers])
+        + _tooth_notes([answer for answer in answers if answer.known])
+    )
 
 
 def _tooth_notes(known):
@@ -221,12 +224,6 @@ def misfire_text(worst, firing, swing=""):
         f"The worst misfire is that of {worst['cylinder']}: {worst['quantity']} of {value}{swing} in {worst['of']} at"
         f" {worst['rpm']:g} rpm, {normal} with {firing}."
     )
-
-
-def speed_of(told, number):
-    """`` at 1800 rpm``, of one of several responses or answers."""
-    one = told[number]
-    return f" at {one.at if hasattr(one, 'at') else f'{float(one.rpm):g} rpm'}" if len(told) > 1 else ""
 
 
 def _kN(force):
