@@ -21,8 +21,7 @@ from jaxhb.train.drivetrain import DriveTrain
 
 @dataclass(frozen=True)
 class Growth:
-    """Growth of a disturbance over one period of a motion: modulus of the largest Floquet multiplier, whether it dies
-    away, how stability is lost, and why there is no multiplier."""
+    """Growth of a disturbance in a period: largest Floquet multiplier, how stability is lost, why it is not known."""
 
     multiplier: float | None = None
     stable: bool | None = None

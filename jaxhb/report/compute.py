@@ -1,5 +1,4 @@
-"""The answers of the command line: what a train does at one speed, at many, for many values of a number, with misfires,
-in the designs of a tuning; periodic solutions of --orbit, and computed bounds."""
+"""The answers of the command line: at one speed, at many, over values of a number, with misfires, of tuned designs."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -57,8 +56,7 @@ def _steady_number(design, state, chosen):
 
 @dataclass(frozen=True)
 class Asked:
-    """What was asked of every speed: the steady state or a periodic solution (``orbit``), how exactly, and whether
-    with a computed bound."""
+    """What was asked of every speed: a steady state or a periodic solution, how exactly, and whether with a bound."""
 
     orbit: bool = False
     harmonics: int | None = None
@@ -132,8 +130,7 @@ def _linear(train, rpm):
 
 
 def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None, progress=None, told=None):
-    """As :func:`answer_speeds` at one speed for many ``values`` of the number of an :class:`Axis`, each from the motion
-    of its neighbour."""
+    """Answers at one speed for many ``values`` of an :class:`Axis`, each from the motion of its neighbour."""
     order, found = np.argsort(values, kind="stable"), {}
 
     def in_order():
@@ -155,8 +152,7 @@ def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None,
 
 
 def solve_cases(trains, speeds, asked, *, folder=None, say=lambda text: None, advance=lambda count: None):
-    """A :class:`Case` of every train of ``{title: train}``, answered at every speed upwards as a sweep does; states are
-    kept in a ``folder`` as they are found, and read from there."""
+    """A :class:`Case` of every train of ``{title: train}`` at every speed upwards; states are kept in a ``folder``."""
     cases = []
     for place, (title, train) in enumerate(trains.items()):
         how = {"kept": {"out": folder / str(place), "chunk": 1}} if folder else {}

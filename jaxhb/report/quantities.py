@@ -37,10 +37,7 @@ def unit_of(variable):
 
 
 def number(motion, variable, name):
-    """A number of one element by the name of its variable in data sets, as ``tooth_force_max``, SI; nan: not known.
-
-    motion : Answer, or any Motion where the variable is neither of contact nor one ``_without_backlash``
-    """
+    """A number of one element in SI by its variable in data sets; those of contact are known of Answers only."""
     if variable.endswith(WITHOUT):
         return number(motion.linear, variable.removesuffix(WITHOUT), name)
     signal, statistic = _parts(variable)

@@ -150,8 +150,7 @@ def changed_text(arguments):
 
 
 def deliver(arguments, text, **makers):
-    """Make all that was asked for, then write it, then print, unless a file is standard output: what fails on the way
-    leaves no file."""
+    """Make all that was asked for, then write it, then print, unless a file is standard output; all or nothing."""
     given = vars(arguments)
     files = {given[option]: make() for option, make in makers.items() if given.get(option)}
     silent = arguments.quiet or STANDARD_OUTPUT in files

@@ -15,8 +15,7 @@ NO_ORDERS = 0.0
 
 
 def answer_record(answer, *, orders=None):
-    """Everything that is reported of one speed, in SI units; ``solve --json`` writes it. Amplitudes are listed to the
-    order ``orders``, or to the last that is not below 1e-12 of the largest."""
+    """All that is reported of one speed, in SI units; amplitudes up to the order ``orders``, by default that count."""
 
     def of_each(element, record):
         return {name: record(name) for name in ELEMENTS[element](answer.topology)}

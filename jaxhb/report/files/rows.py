@@ -16,8 +16,7 @@ TRACED = 720
 
 
 def answer_row(answer, **first):
-    """One answer as a row of a CSV file, by its heading, ``first`` behind the speed; without an answer no numbers: what
-    is not certain does not look like a result."""
+    """One answer as a row of a CSV file by heads, ``first`` behind the speed; no numbers where nothing is certain."""
     solved = answer.response
     about = {
         "rpm": answer.rpm,

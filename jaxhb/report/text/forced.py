@@ -84,8 +84,7 @@ class Reading:
 
 
 def readings(response, names=()):
-    """A :class:`Reading` of each element named (of a damper its link), or of every disk, shaft, damper and mesh; names
-    of nothing that vibrates raise a ``SceneError``."""
+    """A :class:`Reading` of each element named (of a damper its link) or of all; ``SceneError`` of other names."""
     topology = response.topology
     chosen = [(name, kind) for kind, signal in KINDS.items() for name in ELEMENTS[SIGNALS[signal][1]](topology)]
     if names:
@@ -218,8 +217,7 @@ def forced_failures(response, case=""):
 
 
 def worst_of(misfires, found):
-    """The :class:`jaxhb.solutions.misfires.Worst` of each element by name, of the half peak-to-peak in SI units; a
-    ``ValueError`` if no speed has an answer. ``found`` are the readings with all cylinders firing."""
+    """The :class:`jaxhb.solutions.misfires.Worst` half peak-to-peak of each element; ``ValueError`` without."""
     return {one.name: misfires.worst(lambda r, one=one: one.of(r).signal.half_peak_to_peak) for one in found}
 
 
@@ -229,8 +227,7 @@ def hardest_of(found, worst):
 
 
 def misfires_text(misfires, found, worst, *, each):
-    """The worst misfire, every misfire for the element that swings most, and the worst misfire of every element; with
-    ``each`` every misfire for each element, which were asked for by name."""
+    """The worst misfire and every misfire, of what swings most or of ``each`` element, and the worst misfire of all."""
     chosen, title = found if each else [hardest_of(found, worst)], case_title(misfires.firing.train)
     parts = ["\n".join(misfire_text(_worst_record(one, worst), title, " half peak-to-peak") for one in chosen)]
     parts += [_cylinder_table(misfires, one) for one in chosen]
@@ -264,8 +261,7 @@ def _worst_record(one, worst):
 
 
 def misfires_record(misfires, found, worst, *, orders=None):
-    """What ``forced --misfire each --json`` writes beside normal running, see ``docs/reference/command_line.md``:
-    records by the cylinder that does not fire, the worst misfire of every element, and of that which swings most."""
+    """What ``forced --misfire each --json`` writes beside normal running, see ``docs/reference/command_line.md``."""
     rows = {one.name: _worst_record(one, worst) for one in found}
     records = {
         cylinder: forced_record(response, [one.of(response) for one in found], orders=orders)
@@ -277,8 +273,7 @@ def misfires_record(misfires, found, worst, *, orders=None):
 
 
 def misfires_rows(misfires, found, more):
-    """Heads and rows of the CSV file: those of normal running, then those of every misfire, named in the first column;
-    ``more`` columns of every response by the cylinder that does not fire, "" for none."""
+    """Heads and rows of the CSV file of all misfires, named in the first column; ``more`` columns by the cylinder."""
     heads, rows = {}, []
     for cylinder, response in ({"": misfires.firing} | misfires.responses).items():
         own, cells = forced_rows(response, [one.of(response) for one in found], more[cylinder])

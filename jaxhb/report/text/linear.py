@@ -1,5 +1,4 @@
-"""The linear train as text, plain numbers and rows: natural frequencies, teeth at a mean load, Holzer's tables, the
-Campbell diagram."""
+"""The linear train as text, plain numbers and rows: modes, mean load, Holzer's tables, the Campbell diagram."""
 
 import dataclasses
 
@@ -20,8 +19,7 @@ SCALE = (
 
 
 def modes_text(modes, name, kinds, ratios, teeth=""):
-    """Natural frequencies of a scene, nodes, damping ratios of Lehr (nan: none), the share of teeth in their energy,
-    what moves most; ``teeth`` says how stiff they are, "" without any."""
+    """Natural frequencies, nodes, damping ratios (nan: none), what moves; ``teeth`` says how stiff they are."""
     rows, loose = [], sum(kind == RIGID for kind in kinds)
     for k, hz in enumerate(modes.frequencies_hz):
         shape = modes.shape(k)
@@ -43,8 +41,7 @@ def modes_text(modes, name, kinds, ratios, teeth=""):
 
 
 def energies_text(modes, kinds):
-    """Where the energies of the first elastic modes lie, in disks and links, in a list of tables; Holzer's table has
-    them of trees."""
+    """Where the energies of the first elastic modes lie, in tables; Holzer's table has them of trees."""
     shown = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:FIRST]
     kinetic, strain = ("disk", modes.names, modes.kinetic_share), ("link", modes.link_names, modes.strain_share)
     heads = [f"mode {k}" for k in shown]
@@ -56,8 +53,7 @@ def energies_text(modes, kinds):
 
 
 def modes_record(modes, kinds, ratios):
-    """What ``modes --json`` writes: lists over the modes, those of disks and links by name; shares of energies are
-    between 0 and 1, damping ratios those of Lehr (None: none is known), masses in kg m2 for a largest angle of 1."""
+    """What ``modes --json`` writes: lists over the modes, by name of disks and links; the largest angle is 1."""
     listed = ("frequencies_hz", "mesh_energy_share", "node_count", "generalised_mass")
     return {name: getattr(modes, name) for name in listed} | {
         "kinds": kinds,
@@ -79,8 +75,7 @@ def mean_load_text(load, rpm):
 
 
 def mean_load_record(load, rpm):
-    """What ``modes --at --json`` adds: ``at_rpm`` and ``mean_load``, by mesh with backlash ``force`` (N, elastic),
-    ``stiffness`` (N/m, tangent) and ``engagement`` (0 in the gap, 1 in contact)."""
+    """What ``modes --at --json`` adds by mesh with backlash: elastic force, tangent stiffness, engagement 0 to 1."""
     keys = "force", "stiffness", "engagement"
     rows = {name: {key: getattr(load, key)[i] for key in keys} for i, name in enumerate(load.names)}
     return {"at_rpm": rpm, "mean_load": rows}
@@ -91,8 +86,7 @@ HOLZER = ("inertia", "ordinate", "torque", "torque_sum", "stiffness", "twist", "
 
 
 def chosen_modes(kinds, name, asked=None):
-    """Numbers of the modes of Holzer's tables: those asked for, or the first ones that strain links. A mode that is not
-    there or strains no link of the scene ``name`` raises a ``SceneError``."""
+    """Numbers of the modes asked for, or the first that strain links; a ``SceneError`` of those that do not."""
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
     if not elastic:
         raise SceneError(f"{name}: no mode strains a link. Give a frequency with --hz.")
@@ -133,8 +127,7 @@ def _holzer_table(mode, table):
 
 
 def holzer_record(tables, name):
-    """What ``holzer --json`` writes: of every table ``hz``, ``mode`` (None where a frequency was given), ``residual``
-    in N m, lists over the rows of :class:`jaxhb.HolzerTable`, SI units, energies in J at the ordinates of the table."""
+    """What ``holzer --json`` writes: lists over the rows of every table, SI units; mode None: of a given frequency."""
     rows = [
         {"hz": table.hz, "mode": mode, "residual": table.residual, "disks": table.names, "links": table.links}
         | {field: getattr(table, field) for field in HOLZER}
@@ -144,8 +137,7 @@ def holzer_record(tables, name):
 
 
 def campbell_text(found, count, name, misfires=(), *, teeth=""):
-    """Modes and critical speeds of a Campbell diagram of which ``count`` elastic modes were taken; ``misfires`` are
-    those of the same speeds and orders by the cylinder that does not fire."""
+    """Modes and critical speeds of a Campbell diagram of ``count`` elastic modes; ``misfires`` by cylinder."""
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     head = f"{name}: Campbell diagram from {found.rpm[0]:g} to {found.rpm[-1]:g} rpm, {stiff}"
     return "\n\n".join([head, *campbell_parts(found, count, misfires)])
@@ -233,8 +225,7 @@ def _critical(found, misfires):
 
 
 def campbell_record(found, count, name, misfires=()):
-    """What ``campbell --json`` writes, see ``docs/how_to/linear.md``; with ``misfires`` by cylinder the modal torques
-    when it does not fire, and as ``worst_misfire`` the largest of these with its critical speed."""
+    """What ``campbell --json`` writes, see ``docs/how_to/linear.md``."""
     speeds = [_critical_record(c) for c in found.critical]
     for place, speed in enumerate(speeds if misfires else ()):
         speed["misfires"] = {cylinder: one.critical[place].torque for cylinder, one in misfires.items()}

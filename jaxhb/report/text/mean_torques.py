@@ -73,8 +73,7 @@ def _noted(responses, read):
 
 
 def torque_notes(responses):
-    """A sentence per ground that takes more than 1 % of the largest mean torque, and per load that drives the train
-    though other torques should, at the speed of the largest."""
+    """A sentence per ground that takes much, and per load that drives though others should, at its worst speed."""
     topology, found = responses[0].topology, []
     for name in topology.ground_names:
         if said := _noted(responses, lambda one, name=name: abs(ground_reactions(one)[name])):

@@ -1,5 +1,4 @@
-"""What a scene comes to before anything vibrates: mean torques, tooth forces, tooth damping, notes on it, and numbers
-referred to the reference rotor."""
+"""What a scene comes to before anything vibrates: mean torques, tooth forces, damping, notes, referred numbers."""
 
 import numpy as np
 
@@ -19,8 +18,7 @@ ANY_SPEED = 1000.0
 
 
 def referred_tables(train):
-    """Inertias, stiffnesses and dampings, actual and referred, with the factor between them, in a list of tables; and
-    of what the train has loss factors, order-tuned dampers and the rows of links that vary."""
+    """Inertias, stiffnesses and dampings, actual and referred to the reference rotor; what the train has, in tables."""
     found, topology = referred(train), train.topology
     damping, stiffness = np.zeros((2, len(found.factor)))
     damping[: len(train.disks.damping)] = train.disks.damping
@@ -111,8 +109,7 @@ def tune_notes(train):
 
 
 def check_text(train, responses, speeds, notes):
-    """Head, mean torques and teeth as paragraphs; ``responses`` are linear at every speed, of which the mean is told;
-    ``speeds`` None where no torque depends on them."""
+    """Head, mean torques and teeth of linear ``responses``; ``speeds`` None where no torque depends on them."""
     topology = train.topology
     heads = [(f"at {rpm:g} rpm", "mean") for rpm in speeds] if speeds else [("at any speed", "mean")]
     verdict = f"{len(notes)} note{'s' * (len(notes) != 1)} below" if notes else "nothing to note"
@@ -137,8 +134,7 @@ def check_text(train, responses, speeds, notes):
 
 
 def check_record(train, responses, notes):
-    """What ``check --json`` writes but for the modes, in SI units, lists over the speeds; damping ratios are those of
-    the two gears alone, None where a gear has no inertia."""
+    """What ``check --json`` writes but for the modes, SI units, lists over the speeds; ratios of two gears alone."""
     ratios = tooth_damping_ratios(train)
     meshes = {
         name: {"mean_force": _means(responses, name), "damping_ratio": ratios[i]}

@@ -81,8 +81,7 @@ def answers_strength(answers):
 
 
 def strength_text(judged):
-    """Tables for people in a list: of several speeds the worst of each element; empty where scenes give no numbers.
-    ``judged`` has one :class:`jaxhb.Strength` or more by headings, "" without one."""
+    """Tables of the worst of each element, of one :class:`jaxhb.Strength` or more by headings ("" without one)."""
     parts, limited = [], ""
     for title, found in judged.items():
         own = [_table(found, kind) for kind in LIMITED if getattr(found, kind)]

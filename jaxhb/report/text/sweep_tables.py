@@ -21,8 +21,7 @@ APART = 0.02
 
 
 def sweep_text(sweeps):
-    """One row per speed: the mesh with the largest tooth force, or the shaft with the largest torque; ``sweeps`` are
-    answers by direction."""
+    """One row per speed: the mesh with the largest tooth force, or the shaft with the largest torque; by direction."""
     parts, several = [], len(sweeps) > 1
     for way, answers in sweeps.items():
         head = f"{BLOCKS[way]}: " * several

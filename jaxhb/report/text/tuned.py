@@ -26,9 +26,7 @@ EXCESS = 0.01
 
 
 def tuned_record(train, asked, result):
-    """What ``tune --json`` writes, in SI units; ``train`` is as it was, ``asked`` as of
-    :func:`jaxhb.design.table.read_table`. Readings by label are lists over the speeds (None where one is not solved),
-    or one number of the train alone."""
+    """What ``tune --json`` writes, in SI units: of the ``train`` as it was, ``asked`` as its table, and a Tuning."""
     before, after = result.before, result.after
     return progress_record(train, asked["rpm"], result.history) | {
         "stopped": result.stopped,
