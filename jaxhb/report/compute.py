@@ -82,7 +82,7 @@ def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=Non
     if asked.orbit:
         say(f"{rpm:g} rpm: solving for a periodic motion")
         (state,) = _orbits(train, [rpm], asked, kept or {})
-    elif _unbalanced(linear):
+    elif linear.status == Status.UNBALANCED:
         state = _no_state(linear)
     else:
         say(f"{rpm:g} rpm: marching until the motion settles")
@@ -192,12 +192,11 @@ def check_designs(train, asked, result, say=lambda text: None):
             for c in compared
         }
         pairs = [{c: (told[c][i], float(tuned.readings[label(c)][i])) for c in compared} for i in range(len(states))]
-        said = filter(None, map(_difference, states, pairs))
         found[when] = {
             "kind": [state.kind for state in states],
             "period": [state.period for state in states],
             "readings": {label(chosen): values for chosen, values in told.items()},
-            "differences": [f"The {which} design {one}" for one in said],
+            "differences": [f"The {which} design {one}" for one in filter(None, map(_difference, states, pairs))],
         }
     return found
 
@@ -209,7 +208,6 @@ def _difference(state, pairs):
         "irregular": "is irregular",
         "unknown": f"is not known ({'; '.join(state.notes)})",
     }.get(state.kind, "")
-
     apart = [
         f"{label(chosen)} {shown_value(chosen, own)} instead of {shown_value(chosen, tuned)}"
         for chosen, (own, tuned) in pairs.items()
@@ -247,7 +245,7 @@ def _orbits(train, rpm, asked, kept, progress=None, tell=lambda states, way: Non
 
 def _swept(train, rpm, linear, asked, direction, kept, progress, tell):
     """Steady states by direction."""
-    if _unbalanced(linear[0]):
+    if linear[0].status == Status.UNBALANCED:
         return {way: [_no_state(linear[i]) for i in range(len(rpm))] for way in _ways(direction)}
     given = {**asked.accuracy, **kept, "progress": progress, "on_states": tell}
     found = steady_state(train, rpm=rpm, direction=direction, **given)
@@ -259,11 +257,6 @@ def _ways(direction):
     return ("up", "down") if direction == "both" else (direction,)
 
 
-def _unbalanced(linear):
-    """A train that gains speed has no steady motion, whatever its vibration."""
-    return int(linear.status) == Status.UNBALANCED
-
-
 def _no_state(linear):
-    """The steady state of a train whose linear motion tells that there is none."""
+    """Of a train that gains speed, whatever its vibration: its linear motion tells that there is no steady one."""
     return dataclasses.replace(orbit_state(linear), response=None)

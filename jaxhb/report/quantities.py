@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +19,8 @@ SHOWN_UNITS = {
 }
 """Factor from an SI unit, and the unit in which people read it; other units are read as they are."""
 
-READERS = {name: reader for name, (reader, *_) in SIGNALS.items()} | {"heat": "power", "mesh_heat": "power"}
+READERS = {name: reader for name, (reader, *_) in SIGNALS.items()}
+READERS |= {"heat": "power", "mesh_heat": "power", "irregularity": "irregularity"}
 """What reads a variable of a data set that is not one of contact."""
 
 WITHOUT = "_without_backlash"
@@ -36,15 +38,15 @@ def unit_of(variable):
     return (SIGNALS | OF_ELEMENTS)[signal][-2]
 
 
-def number(motion, variable, name):
+def number(motion, name, variable):
     """A number of one element in SI by its variable in data sets; those of contact are known of Answers only."""
     if variable.endswith(WITHOUT):
-        return number(motion.linear, variable.removesuffix(WITHOUT), name)
+        return number(motion.linear, name, variable.removesuffix(WITHOUT))
     signal, statistic = _parts(variable)
     if statistic:
         return float(getattr(getattr(motion, READERS[signal])(name), statistic))
-    if signal in READERS or signal == "irregularity":
-        return float(getattr(motion, READERS.get(signal, signal))(name))
+    if signal in READERS:
+        return float(getattr(motion, READERS[signal])(name))
     return getattr(motion.contacts[name], signal)
 
 
@@ -69,20 +71,9 @@ class Quantity:
     signal: Callable | None = None
     variable: str = ""
 
-    @property
-    def unit(self):
-        """The unit for people."""
-        return shown_unit(self.si_unit)[1]
-
-    @property
-    def factor(self):
-        """From SI to the unit for people."""
-        return shown_unit(self.si_unit)[0]
-
-    @property
-    def small_title(self):
-        """The title inside a sentence."""
-        return f"{self.title[0].lower()}{self.title[1:]}"
+    unit = property(lambda self: shown_unit(self.si_unit)[1], doc="The unit for people.")
+    factor = property(lambda self: shown_unit(self.si_unit)[0], doc="From SI to the unit for people.")
+    small_title = property(lambda self: f"{self.title[0].lower()}{self.title[1:]}", doc="The title inside a sentence.")
 
     def said(self, value):
         """A number in SI in words for people."""
@@ -124,9 +115,7 @@ ELEMENTS = {
 def _told(element, called, title, variable, names_of=None):
     """The function from a train to a quantity of its elements."""
     signal, statistic = _parts(variable)
-
-    def read(motion, name):
-        return number(motion, variable, name)
+    read = partial(number, variable=variable)
 
     def read_signal(motion, name):
         return getattr(motion, READERS[signal])(name)

@@ -128,7 +128,7 @@ def _mesh_record(answer, name, of_signal):
     return {
         **of_signal(force),
         "elastic": of_signal(force.elastic),
-        **{variable: number(answer, variable, name) for variable in CONTACT},
+        **{variable: number(answer, name, variable) for variable in CONTACT},
         "impacts": impacts,
         "drive_side": answer.contacts[name].drive_side if answer.known else None,
         "gap_spring_force": law.gap_spring_force if law else 0.0,

@@ -78,7 +78,7 @@ def _numbers(answer):
     for element, cells in CELLS.items():
         for name in ELEMENTS[element](answer.topology):
             for head, read in cells.items():
-                row[f"{name} {head}"] = read(answer, name) if callable(read) else number(answer, read, name)
+                row[f"{name} {head}"] = read(answer, name) if callable(read) else number(answer, name, read)
     return row | {head: values[0] for head, values in strength_columns(answers_strength([answer])).items()}
 
 

@@ -1,45 +1,28 @@
-"""Numbers in columns of text, and tables whose columns are specifications over their rows."""
+"""Tables of text: numbers in columns, and how they are written."""
 
 import math
-from collections.abc import Callable, Hashable
-from operator import itemgetter
-from typing import NamedTuple
 
 import numpy as np
 
 NONE = "-"
 
 
-class Column(NamedTuple):
-    """A column: its head, what is read of a row, and how it is written: by a function of one value, or with the same
-    decimals as all numbers that have this key."""
-
-    head: str
-    read: Callable
-    write: Callable | Hashable = str
-
-
-def specified(title, rows, columns, groups=(), left=()):
-    """A :class:`Table` with a row for each of ``rows``, whatever they are."""
-    return Table(title, [column.head for column in columns], written(rows, columns), groups, left)
-
-
 def from_rows(title, heads, rows, groups=(), left=()):
-    """A :class:`Table` of rows of values; a head may be (head, write), as of :class:`Column`."""
-    pairs = [(head, str) if isinstance(head, str) else head for head in heads]
-    columns = [Column(head, itemgetter(place), write) for place, (head, write) in enumerate(pairs)]
-    return specified(title, rows, columns, groups, left)
+    """A :class:`Table` of rows of values; a head may be (head, way), as of :func:`written`."""
+    heads, ways = zip(*((head, str) if isinstance(head, str) else head for head in heads), strict=True)
+    columns = [[row[place] for row in rows] for place in range(len(heads))]
+    return Table(title, heads, written(columns, ways), groups, left)
 
 
-def written(rows, columns):
-    """Cells of every column over the rows."""
-    cells = [[column.read(row) for row in rows] for column in columns]
-    ways = [column.write for column in columns]
+def written(columns, ways):
+    """Cells of columns of values, each written in its way: by a function of one value, or, where the way is no
+    function, with the same decimals as all numbers in this way."""
+    cells = list(columns)
     for way in dict.fromkeys(ways):
-        own = [i for i, one in enumerate(ways) if one == way]
-        done = [list(map(way, cells[i])) for i in own] if callable(way) else alike(*(cells[i] for i in own))
-        for i, column in zip(own, done, strict=True):
-            cells[i] = column
+        own = [place for place, one in enumerate(ways) if one == way]
+        done = [map(way, columns[i]) for i in own] if callable(way) else alike(*(columns[i] for i in own))
+        for place, column in zip(own, done, strict=True):
+            cells[place] = list(column)
     return cells
 
 
@@ -50,7 +33,7 @@ class Table(str):
         columns = [[str(cell) for cell in column] for column in columns]
         text = aligned(heads, columns, groups, left)
         made = super().__new__(cls, f"{title}\n{text}" if title else text)
-        made.title, made.heads, made.columns, made.groups, made.left = title, heads, columns, groups, left
+        made.title, made.heads, made.columns, made.groups, made.left = title, list(heads), columns, groups, left
         return made
 
 

@@ -5,7 +5,7 @@ import math
 from jaxhb.report.answer import SPEED, UNCONFIRMED
 from jaxhb.report.quantities import IRREGULARITY, main_quantity
 from jaxhb.report.selection import heaviest, most_apart
-from jaxhb.report.text.columns import NONE, Column, Table, hit, irregular, percent, ranges, written
+from jaxhb.report.text.columns import NONE, Table, hit, irregular, percent, ranges, written
 from jaxhb.report.text.sentences import motion_word, status_word, verdict
 from jaxhb.report.text.strength import answers_strength, strength_text
 from jaxhb.report.text.tables import notes_text
@@ -51,26 +51,25 @@ def turning_table(answers, title=""):
     dampers, disk = answers[0].topology.damper_names, heaviest(answers[0].train)
     if not dampers:
         return []
-    columns = [Column(disk, lambda answer: answer.irregularity(disk), irregular)]
-    columns += [Column(name, lambda answer, name=name: answer.power(name), "W") for name in dampers]
+    specs = [(disk, lambda answer: answer.irregularity(disk), irregular)]
+    specs += [(name, lambda answer, name=name: answer.power(name), "W") for name in dampers]
     told = "of the heaviest disk (of every disk: --csv)"
-    groups = [("irregularity, %", 1, 1), ("heat, W", 2, len(columns))]
-    return [_over_axis(f"{IRREGULARITY}, {told}, and heat of dampers{title}", answers, columns, groups)]
+    groups = [("irregularity, %", 1, 1), ("heat, W", 2, len(specs))]
+    return [_over_axis(f"{IRREGULARITY}, {told}, and heat of dampers{title}", answers, specs, groups)]
 
 
-def _over_axis(title, answers, columns, groups=()):
+def _over_axis(title, answers, specs, groups=()):
     """A row for every answer; numbers to doubt are marked, and the title explains the mark."""
-    columns = [Column(answers[0].axis.label, lambda answer: f"{answer.place:g}"), *columns]
-    cells = written(answers, columns)
-    for place, column in enumerate(columns):
-        if column.write is not str and column.head != WITHOUT:
+    heads, reads, ways = zip((answers[0].axis.label, lambda answer: f"{answer.place:g}", str), *specs, strict=True)
+    cells = written([list(map(read, answers)) for read in reads], ways)
+    for place, (head, way) in enumerate(zip(heads, ways, strict=True)):
+        if way is not str and head != WITHOUT:
             cells[place] = [
                 f"{cell}{DOUBT}" if answer.doubt and cell[:1].isdigit() else cell
                 for cell, answer in zip(cells[place], answers, strict=True)
             ]
     doubts = " or ".join(dict.fromkeys(answer.doubt for answer in answers if answer.doubt))
-    title = "; ".join(filter(None, [title, doubts and f"{DOUBT}: {doubts}"]))
-    return Table(title, [column.head for column in columns], cells, groups)
+    return Table("; ".join(filter(None, [title, doubts and f"{DOUBT}: {doubts}"])), heads, cells, groups)
 
 
 def _peak(motion, answer):
@@ -78,26 +77,21 @@ def _peak(motion, answer):
     return motion.force(answer.worst_mesh).peak / 1e3 if answer.worst_mesh else math.nan
 
 
-def _longest(answer):
-    name = most_apart(answer)
-    return (answer.contacts[name].separated_fraction if name else 0.0) if answer.known else None
-
-
 WITHOUT = "without kN"
 
 MESHES = (
-    Column("largest tooth force", lambda answer: answer.worst_mesh or NONE),
-    Column("with kN", lambda answer: _peak(answer, answer), "kN"),
-    Column(WITHOUT, lambda answer: _peak(answer.linear, answer), "kN"),
-    Column("longest apart", lambda answer: most_apart(answer) or NONE),
-    Column("apart %", _longest, percent),
-    Column("hardest of all m/s", lambda a: max(one.hardest_impact for one in a.contacts.values()), hit),
+    ("largest tooth force", lambda answer: answer.worst_mesh or NONE, str),
+    ("with kN", lambda answer: _peak(answer, answer), "kN"),
+    (WITHOUT, lambda answer: _peak(answer.linear, answer), "kN"),
+    ("longest apart", lambda answer: most_apart(answer) or NONE, str),
+    ("apart %", lambda a: max(one.separated_fraction for one in a.contacts.values()), percent),
+    ("hardest of all m/s", lambda a: max(one.hardest_impact for one in a.contacts.values()), hit),
 )
 MOTION = (
-    Column("harmonics", lambda answer: NONE if answer.harmonics is None else answer.harmonics),
-    Column("motion", motion_word),
+    ("harmonics", lambda answer: NONE if answer.harmonics is None else answer.harmonics, str),
+    ("motion", motion_word, str),
 )
-"""Columns of the table of a sweep, over its answers."""
+"""Columns of the table of a sweep: head, reader of an answer, and how it is written."""
 
 
 def _swings(quantity):
@@ -109,9 +103,9 @@ def _swings(quantity):
 
     what = "largest shaft torque" if quantity.element == "shaft" else f"largest {quantity.called}"
     return (
-        Column(what, lambda answer: quantity.largest(answer) or NONE),
-        Column(f"half p-p {quantity.unit}", read("half_peak_to_peak"), "swing"),
-        Column(f"sum of amplitudes {quantity.unit}", read("sum_of_amplitudes"), "swing"),
+        (what, lambda answer: quantity.largest(answer) or NONE, str),
+        (f"half p-p {quantity.unit}", read("half_peak_to_peak"), "swing"),
+        (f"sum of amplitudes {quantity.unit}", read("sum_of_amplitudes"), "swing"),
     )
 
 

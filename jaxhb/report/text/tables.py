@@ -1,12 +1,11 @@
 """One speed as text: its verdict, and tables of elements as specifications over the numbers of an answer."""
 
 import textwrap
-from functools import partial
 
 from jaxhb.report.quantities import ELEMENTS, WITHOUT, number, shown_unit, unit_of
 from jaxhb.report.selection import shafts_of, train_name
 from jaxhb.report.text.certified import certificate_text
-from jaxhb.report.text.columns import NONE, Column, count, hit, irregular, percent, ratio, specified
+from jaxhb.report.text.columns import NONE, count, from_rows, hit, irregular, percent, ratio
 from jaxhb.report.text.mean_torques import balance_line, mean_angles_of
 from jaxhb.report.text.sentences import notes, status_lines, verdict
 from jaxhb.report.text.strength import answers_strength, strength_text
@@ -18,7 +17,7 @@ RPM, _ = shown_unit("rad/s")
 
 def against(variable):
     """Reader of a number and of the same without backlash."""
-    return lambda answer, name: (number(answer, variable, name), number(answer.linear, variable, name))
+    return lambda answer, name: (number(answer, name, variable), number(answer.linear, name, variable))
 
 
 def _driver(answer, name):
@@ -60,7 +59,7 @@ CONTACT = (
     ("driven by", _driver, str),
 )
 SPEEDS = (
-    ("mean", lambda answer, name: RPM * number(answer, "speed_mean", name), "{:.6g}".format),
+    ("mean", lambda answer, name: RPM * number(answer, name, "speed_mean"), "{:.6g}".format),
     ("half p-p", "speed_half_peak_to_peak"),
     ("irregularity %", "irregularity", irregular),
     ("acceleration", "acceleration_half_peak_to_peak", "rad/s2"),
@@ -72,18 +71,15 @@ the decimals of the others, in the unit for people."""
 
 def element_table(title, element, specs, *answers, names=None, groups=()):
     """A row for every element of a kind or of those ``names``, the columns of ``specs`` for every answer."""
-    columns = [Column(element, str)]
+    heads, rows = [element], [[name] for name in names or ELEMENTS[element](answers[0].topology)]
     for place, answer in enumerate(answers):
-        for head, variable, *write in specs:
+        for head, read, *write in specs:
             way = write[0] if write else "number"
-            read = partial(variable if callable(variable) else _reader(variable, way), answer)
-            columns.append(Column(head, read, way if callable(way) else (place, way)))
-    return specified(title, names or ELEMENTS[element](answers[0].topology), columns, groups)
-
-
-def _reader(variable, way):
-    factor = 1.0 if callable(way) else shown_unit(unit_of(variable))[0]
-    return lambda answer, name: factor * number(answer, variable, name)
+            heads.append((head, way if callable(way) else (place, way)))
+            factor = 1.0 if callable(read) or callable(way) else shown_unit(unit_of(read))[0]
+            for row in rows:
+                row.append(read(answer, row[0]) if callable(read) else factor * number(answer, row[0], read))
+    return from_rows(title, heads, rows, groups)
 
 
 def solve_text(answer):

@@ -1,25 +1,17 @@
 """What a tuning says: a table for people, a record for programs, and its designs beside their steady states."""
 
 import dataclasses
+import re
 
 import numpy as np
 
 from jaxhb.design.quantities import OF_DESIGN, label, unit_of
 from jaxhb.report.answer import SPEED
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import NONE, Column, count, from_rows, plain_number, specified
+from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
 from jaxhb.report.text.strength import AID
 from jaxhb.report.text.tables import paragraph
 from jaxhb.train.changes import declared_field, locate
-
-JUDGED = (
-    "stress",
-    "stress over continuous limit",
-    "stress over transient limit",
-    "tooth torque over limit",
-    "power over limit",
-)
-"""Quantities of rules: their table says that it is no approval."""
 
 EXCESS = 0.01
 """Share of a limit by which a penalty lets it be exceeded before that is told."""
@@ -61,8 +53,9 @@ def tuned_parts(train, asked, result):
     """Before and after in the words of an engineer: what was won, parameters, quantities at their worst speeds."""
     rpm, last = np.asarray(asked["rpm"]), result.history[-1]
     span = SPEED.span(rpm) if len(rpm) > 1 else f"{rpm[0]:g} rpm"
-    head = [_won(chosen, rpm, before, after) for chosen, _, before, after in _compared(asked, result, limits=False)]
-    head += [
+    compared = list(_compared(asked, result))[: len(asked["objective"])]
+    head = [
+        *(_won(chosen, rpm, before, after) for chosen, _, before, after in compared),
         "",
         f"{train.topology.title} at {span}: {last.number} steps, {last.evaluations} evaluations, "
         f"{last.seconds:.0f} s; {result.stopped}",
@@ -75,8 +68,8 @@ def tuned_parts(train, asked, result):
 
 def _not_solved(rpm, result):
     """A line on the speeds without a solution, which do not count in what was made small."""
-    pairs = (("before", result.before.solved), ("after", result.after.solved))
-    said = [f"{', '.join(f'{x:g}' for x in rpm[~solved])} rpm {when}" for when, solved in pairs if not solved.all()]
+    told = {"before": result.before.solved, "after": result.after.solved}
+    said = [f"{', '.join(f'{x:g}' for x in rpm[~ok])} rpm {when}" for when, ok in told.items() if not ok.all()]
     if not said:
         return []
     both = int((result.before.solved & result.after.solved).sum())
@@ -99,17 +92,17 @@ def _limits_exceeded(asked, rpm, result):
     return [f"NOT within its limits: {'; '.join(said)}."] if said else []
 
 
-def _readings(asked, result, *, limits=True):
+def _readings(asked, result):
     """(Objective or Penalty, label, before, after) of each."""
-    for chosen in (*asked["objective"], *(asked["penalties"] if limits else ())):
+    for chosen in (*asked["objective"], *asked["penalties"]):
         name = label(chosen)
         yield chosen, name, result.before.readings[name], result.after.readings[name]
 
 
-def _compared(asked, result, *, limits=True):
+def _compared(asked, result):
     """The same with NaN at speeds that only one of the designs has solved, unless no speed is solved in both."""
     both = result.before.solved & result.after.solved
-    for chosen, name, *values in _readings(asked, result, limits=limits):
+    for chosen, name, *values in _readings(asked, result):
         masked = (np.where(both, one, np.nan) if np.shape(one) == both.shape and both.any() else one for one in values)
         yield chosen, name, *masked
 
@@ -125,14 +118,13 @@ def _won(chosen, rpm, before, after):
 
 
 def _parameter_table(train, asked, result):
-    columns = [
-        Column("parameter", lambda p: p.name),
-        Column("before", lambda p: result.before.parameters[p.name], plain_number),
-        Column("after", lambda p: result.after.parameters[p.name], plain_number),
-        Column("unit", lambda p: parameter_unit(train, p.name) or NONE),
-        Column("bounds", lambda p: f"{plain_number(p.low)} to {plain_number(p.high)}"),
+    rows = [
+        [p.name, result.before.parameters[p.name], result.after.parameters[p.name]]
+        + [parameter_unit(train, p.name) or NONE, f"{plain_number(p.low)} to {plain_number(p.high)}"]
+        for p in asked["parameters"]
     ]
-    return specified("Parameters", asked["parameters"], columns)
+    heads = ["parameter", ("before", plain_number), ("after", plain_number), "unit", "bounds"]
+    return from_rows("Parameters", heads, rows)
 
 
 def _quantity_table(asked, rpm, result):
@@ -145,7 +137,8 @@ def _quantity_table(asked, rpm, result):
         rows[-1].append(_limit(chosen) or NONE)
     heads = ["quantity, worst over the speeds", "before", "at rpm", "after", "at rpm", "limit"]
     title = "Quantities (forces, torques and angles: half peak-to-peak unless called peak or order)"
-    judged = any(chosen.quantity in JUDGED for chosen, *_ in _readings(asked, result))
+    # Quantities of rules: their table says that it is no approval.
+    judged = any(re.match("stress|.* over limit$", chosen.quantity) for chosen, *_ in _readings(asked, result))
     return from_rows(f"{title} ({AID})" if judged else title, heads, rows)
 
 
