@@ -116,9 +116,13 @@ def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None
     if asked.orbit:
         say("speeds solved for a periodic motion")
         found = {"orbit": _orbits(train, rpm, asked, kept or {}, progress, tell)}
+    elif linear[0].status == Status.UNBALANCED:
+        found = {way: [_no_state(linear[place]) for place in range(len(rpm))] for way in _ways(direction)}
     else:
         say("speeds marched until the motion settles")
-        found = _swept(train, rpm, linear, asked, direction, kept or {}, progress, tell)
+        given = {**asked.accuracy, **(kept or {}), "progress": progress, "on_states": tell}
+        sweeps = steady_state(train, rpm=rpm, direction=direction, **given)
+        found = {one.direction: one.states for one in (sweeps if direction == "both" else [sweeps])}
     say("is each motion stable?")
     return {way: [answer(place, state) for place, state in enumerate(states)] for way, states in found.items()}
 
@@ -241,16 +245,6 @@ def _orbits(train, rpm, asked, kept, progress=None, tell=lambda states, way: Non
         states += keep([speeds], partial(solved, speeds), progress)
         tell(dict(enumerate(states)), "orbit")
     return states
-
-
-def _swept(train, rpm, linear, asked, direction, kept, progress, tell):
-    """Steady states by direction."""
-    if linear[0].status == Status.UNBALANCED:
-        return {way: [_no_state(linear[i]) for i in range(len(rpm))] for way in _ways(direction)}
-    given = {**asked.accuracy, **kept, "progress": progress, "on_states": tell}
-    found = steady_state(train, rpm=rpm, direction=direction, **given)
-    sweeps = found if direction == "both" else (found,)
-    return {sweep.direction: list(sweep.states) for sweep in sweeps}
 
 
 def _ways(direction):

@@ -92,20 +92,15 @@ def _outcome_record(answer):
 
 
 def _signal_record(signal, orders):
+    """A signal with its rows up to the last that is not negligible; order k of the cycle stays at place k - 1."""
     summary = signal.summary()
-    return summary | {"amplitudes": _listed(summary["amplitudes"], orders)}
-
-
-def _listed(rows, orders):
-    """Rows up to the last that is not negligible, with three entries; order k of the cycle stays at place k - 1."""
-    if orders == NO_ORDERS:
-        return []
-    sizes = np.array([row[1] for row in rows])
+    sizes = np.array([row[1] for row in summary["amplitudes"]])
     # Not ``>``: amplitudes that are nan are listed, as None.
     counted = ~(sizes <= NEGLIGIBLE * sizes.max(initial=0.0))
-    last = np.flatnonzero(counted & [orders is None or row[0] <= orders for row in rows])
+    last = np.flatnonzero(counted[: sum(orders is None or row[0] <= orders for row in summary["amplitudes"])])
+    rows = summary["amplitudes"][: last[-1] + 1] if len(last) else []
     # A motion that does not repeat has no phases.
-    return [[*row, None][:3] for row in rows[: last[-1] + 1]] if len(last) else []
+    return summary | {"amplitudes": [[*row, None][:3] for row in rows]}
 
 
 def _disk_record(answer, name, angle):

@@ -40,16 +40,15 @@ def rows_csv(rows):
     return as_csv(list(heads), [[row.get(head) for head in heads] for row in rows])
 
 
-def _peak_of_cycles(place):
-    return lambda answer, name: float(answer.force(name).per_cycle.max[place])
-
-
 CELLS = {
     "mesh": {
         "mean N": "tooth_force_mean",
         "max N": "tooth_force_max",
         "min N": "tooth_force_min",
-        **{f"max of a cycle {percent} % N": _peak_of_cycles(place) for place, percent in enumerate(PERCENT)},
+        **{
+            f"max of a cycle {percent} % N": lambda answer, name, i=i: float(answer.force(name).per_cycle.max[i])
+            for i, percent in enumerate(PERCENT)
+        },
         "max N without backlash": f"tooth_force_max{WITHOUT}",
         "min N without backlash": f"tooth_force_min{WITHOUT}",
         "separated fraction": "separated_fraction",

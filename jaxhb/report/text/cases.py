@@ -31,8 +31,13 @@ FORCES = (
 def cases_text(cases):
     """Verdicts of all cases and speeds, then per speed tooth forces and torques side by side."""
     parts = [f"With {case.title}\n" + "\n".join(f"  {verdict(answer)}" for answer in case.answers) for case in cases]
-    for number in range(len(cases[0].answers)):
-        parts += [_heading(cases, number), *speed_tables(cases, number)]
+    for number, first in enumerate(cases[0].answers):
+        lines = [f"==== {first.rpm:g} rpm ===="]
+        for case in cases:
+            answer = case.answers[number]
+            said = filter(None, [*status_lines(answer), balance_line(answer.balance)])
+            lines += [f"  {case.title}", *(f"    {line}" for line in said)]
+        parts += ["\n".join(lines), *speed_tables(cases, number)]
     parts += [text for case in cases for answer in case.answers for text in certificate_text(answer)]
     return "\n\n".join([*parts, *_below(cases)])
 
@@ -46,7 +51,8 @@ def _below(cases):
 def speed_tables(cases, number):
     """Of one speed the tooth forces, torques of gears and links (without links: angles), irregularity, heat."""
     answers = [case.answers[number] for case in cases]
-    train, titles = answers[0].train, [_titled(case.title, case.answers[number]) for case in cases]
+    train, doubts = answers[0].train, [f", {one.doubt.upper()}".removesuffix(", ") for one in answers]
+    titles = [f"{case.title}{doubt}" for case, doubt in zip(cases, doubts, strict=True)]
 
     def table(title, quantity, specs):
         width = len(specs)
@@ -69,19 +75,6 @@ def speed_tables(cases, number):
     turning, heats = irregularity(train), heat(train)
     tables.append(table(turning.title, turning, [("%", turning.variable, irregular)]))
     return [*tables, *[table(heats.title, heats, [("W", heats.variable)]) for _ in heats.names[:1]]]
-
-
-def _heading(cases, number):
-    lines = [f"==== {cases[0].answers[number].rpm:g} rpm ===="]
-    for case in cases:
-        answer = case.answers[number]
-        said = filter(None, [*status_lines(answer), balance_line(answer.balance)])
-        lines += [f"  {case.title}", *(f"    {line}" for line in said)]
-    return "\n".join(lines)
-
-
-def _titled(title, answer):
-    return ", ".join(filter(None, [title, answer.doubt.upper()]))
 
 
 def hardest(answer):

@@ -35,11 +35,6 @@ def sweep_text(sweeps):
     return "\n\n".join([*parts, *notes_text(*every.values())])
 
 
-def motion_sentences(answers):
-    """Where the teeth separate, and where the motion is another than contact and one stable cycle."""
-    return [_verdict(answers), *_kinds(answers)]
-
-
 def speed_table(answers, title=""):
     """A row for every speed: what is hit hardest, and the kind of motion."""
     columns = MESHES if answers[0].topology.mesh_names else _swings(main_quantity(answers[0].train))
@@ -134,8 +129,8 @@ def _where(answers, chosen):
     return axis.said(ranges([answer.place for answer in answers], chosen, "-" if axis == SPEED else " to "))
 
 
-def _kinds(answers):
-    """A line for each kind of motion other than contact and one stable cycle, and for each status but converged."""
+def motion_sentences(answers):
+    """Where the teeth separate, and a line for each motion other than contact and one stable cycle or not converged."""
     alike_in = {}
     for answer in answers:
         if answer.growth.unstable:
@@ -152,7 +147,8 @@ def _kinds(answers):
             said = f"{said or 'The motion has a period of one cycle'}, {doubt},"
         if said:
             alike_in.setdefault(said, []).append(answer.place)
-    return [f"{said} at {_where(answers, chosen)}." for said, chosen in alike_in.items()]
+    kinds = [f"{said} at {_where(answers, chosen)}." for said, chosen in alike_in.items()]
+    return [_verdict(answers), *kinds]
 
 
 def _hysteresis(sweeps):
