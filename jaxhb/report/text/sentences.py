@@ -1,6 +1,7 @@
 """The sentences that an engineer reads first: do the teeth hammer, in what motion, and what to be careful about."""
 
 import re
+import textwrap
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from jaxhb.report.selection import most_apart
 from jaxhb.report.text.columns import plain_number
 from jaxhb.report.text.mean_torques import speed_of, torque_notes
 from jaxhb.results.status import Homotopy, Shooting, Status
+from jaxhb.train.plausible import plausibility
 
 LOST = 1e-3
 """Share of the power of the torques that may be lost without a note."""
@@ -174,6 +176,21 @@ def notes(*answers):
         + torque_notes([a.balance for a in answers])
         + _tooth_notes([answer for answer in answers if answer.known])
     )
+
+
+def notes_text(*answers):
+    """The notes on the scene and on the motions as one paragraph in a list; an empty list where there are none."""
+    return remarks_text([*plausibility(answers[0].train), *notes(*answers)])
+
+
+def remarks_text(remarks):
+    """Sentences as one paragraph in a list; an empty list where there are none."""
+    return ["\n".join(["Notes", *map(paragraph, remarks)])] if remarks else []
+
+
+def paragraph(text):
+    """A sentence of a list, in lines."""
+    return textwrap.fill(text, 116, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
 
 
 def _tooth_notes(known):

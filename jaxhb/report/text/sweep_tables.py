@@ -6,9 +6,8 @@ from jaxhb.report.answer import SPEED, UNCONFIRMED
 from jaxhb.report.quantities import IRREGULARITY, main_quantity
 from jaxhb.report.selection import heaviest, most_apart
 from jaxhb.report.text.columns import NONE, Table, hit, irregular, percent, ranges, written
-from jaxhb.report.text.sentences import motion_word, status_word, verdict
+from jaxhb.report.text.sentences import motion_word, notes_text, status_word, verdict
 from jaxhb.report.text.strength import answers_strength, strength_text
-from jaxhb.report.text.tables import notes_text
 
 BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 """Headings of the ways in which speeds are gone through."""

@@ -9,8 +9,8 @@ from jaxhb.design.quantities import OF_DESIGN, label, unit_of
 from jaxhb.report.answer import SPEED
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
+from jaxhb.report.text.sentences import paragraph
 from jaxhb.report.text.strength import AID
-from jaxhb.report.text.tables import paragraph
 from jaxhb.train.changes import declared_field, locate
 
 EXCESS = 0.01
