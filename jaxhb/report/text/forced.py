@@ -255,21 +255,20 @@ def _element_table(found, worst, firing):
 
 
 def _worst_record(one, worst):
-    own = worst[one.name]
-    record = {"cylinder": own.cylinder, "rpm": own.rpm, "quantity": one.called, "unit": one.unit}
-    return record | {"value": own.value, "firing": own.firing, "of": one.name}
+    return vars(worst[one.name]) | {"quantity": one.called, "unit": one.unit, "of": one.name}
 
 
 def misfires_record(misfires, found, worst, *, orders=None):
     """What ``forced --misfire each --json`` writes beside normal running, see ``docs/reference/command_line.md``."""
-    rows = {one.name: _worst_record(one, worst) for one in found}
     records = {
         cylinder: forced_record(response, [one.of(response) for one in found], orders=orders)
         for cylinder, response in misfires.responses.items()
     }
-    worst_misfires = {name: {key: row[key] for key in row if key != "of"} for name, row in rows.items()}
-    worst_misfire = rows[hardest_of(found, worst).name]
-    return {"misfires": records, "worst_misfires": worst_misfires, "worst_misfire": worst_misfire}
+    rows = {one.name: _worst_record(one, worst) for one in found}
+    hardest = rows[hardest_of(found, worst).name].copy()
+    for row in rows.values():
+        del row["of"]  # they lie by its name
+    return {"misfires": records, "worst_misfires": rows, "worst_misfire": hardest}
 
 
 def misfires_rows(misfires, found, more):

@@ -204,9 +204,7 @@ def _modes(found, count):
 
 def _worst(misfires, place):
     """The cylinder whose misfire has the largest modal torque at a critical speed, and this torque."""
-    torques = {cylinder: one.critical[place].torque for cylinder, one in misfires.items()}
-    cylinder = max(torques, key=torques.get)
-    return cylinder, torques[cylinder]
+    return max(((name, one.critical[place].torque) for name, one in misfires.items()), key=lambda row: row[1])
 
 
 def _critical(found, misfires):

@@ -90,10 +90,9 @@ def own_speeds(train):
 
 def scene_notes(responses):
     """All notes on a scene, of its mean motion at some speeds."""
-    train = responses[0].train
-    found = plausibility(train) + torque_notes(responses)
-    speeds = [float(response.rpm) for response in responses]
-    return found + once_alike((rpm, note) for rpm in speeds for note in train.outside_traces(rpm))
+    train, speeds = responses[0].train, [float(response.rpm) for response in responses]
+    outside = once_alike((rpm, note) for rpm in speeds for note in train.outside_traces(rpm))
+    return plausibility(train) + torque_notes(responses) + outside
 
 
 def tune_notes(train):
@@ -135,30 +134,24 @@ def check_text(train, responses, speeds, notes):
 
 def check_record(train, responses, notes):
     """What ``check --json`` writes but for the modes, SI units, lists over the speeds; ratios of two gears alone."""
-    ratios = tooth_damping_ratios(train)
-    meshes = {
-        name: {"mean_force": _means(responses, name), "damping_ratio": ratios[i]}
-        | {key: getattr(train.meshes, key)[i] for key in ("stiffness", "damping", "backlash")}
-        for i, name in enumerate(train.topology.mesh_names)
-    }
+    ratios, keys = tooth_damping_ratios(train), ("stiffness", "damping", "backlash")
     return {
         "scene": train.topology.name,
         "rpm": [float(response.rpm) for response in responses],
         "mean_torque_Nm": {name: means for name, _, means in torque_rows(train, responses)},
-        "meshes": meshes,
+        "meshes": {
+            name: {"mean_force": _means(responses, name), "damping_ratio": ratios[i]}
+            | {key: getattr(train.meshes, key)[i] for key in keys}
+            for i, name in enumerate(train.topology.mesh_names)
+        },
         "notes": notes,
     }
 
 
 def _counts(topology):
-    counted = {
-        "disk": topology.n_scene_disks,
-        "rotor": topology.n_rotors,
-        "shaft": len(topology.shaft_names),
-        "mesh": len(topology.mesh_names),
-        "damper": len(topology.damper_names),
-        "cylinder": len(topology.cylinder_names),
-    }
+    kinds = "shaft", "mesh", "damper", "cylinder"
+    counted = {"disk": topology.n_scene_disks, "rotor": topology.n_rotors}
+    counted |= {kind: len(getattr(topology, f"{kind}_names")) for kind in kinds}
     said = {word: f"{n} {word}{('es' if word == 'mesh' else 's') * (n != 1)}" for word, n in counted.items() if n}
     if "mesh" in said:
         said["mesh"] += f" ({sum(topology.mesh_backlash)} with backlash)"
@@ -171,16 +164,12 @@ def torque_rows(train, responses):
     speeds = np.array([response.rpm for response in responses], dtype=float)
     cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
     means = mean_torques(train.torques, train.cylinders, *cycle, speeds).T.tolist()
-    names = [*topology.torque_names, *topology.cylinder_names]
-    seats = [*topology.torque_disk, *topology.cylinder_disk]
-    rows = list(zip(names, seats, means, strict=True))
-    for names, seats, read, sign in (
-        (topology.load_names, topology.load_disk, load_torques, 1.0),
-        (topology.ground_names, topology.ground_disk, ground_reactions, -1.0),
-    ):
-        taken = [read(response) for response in responses]
-        rows += [(name, seat, [sign * one[name] for one in taken]) for name, seat in zip(names, seats, strict=True)]
-    return [(name, topology.disk_names[seat], means) for name, seat, means in rows]
+    names = [*topology.torque_names, *topology.cylinder_names, *topology.load_names, *topology.ground_names]
+    seats = [*topology.torque_disk, *topology.cylinder_disk, *topology.load_disk, *topology.ground_disk]
+    loads, grounds = list(map(load_torques, responses)), list(map(ground_reactions, responses))
+    means += [[own[name] for own in loads] for name in topology.load_names]
+    means += [[-own[name] for own in grounds] for name in topology.ground_names]
+    return [(name, topology.disk_names[seat], own) for name, seat, own in zip(names, seats, means, strict=True)]
 
 
 def _means(responses, mesh):
