@@ -21,6 +21,9 @@ from jaxhb.train.changes import without_backlash
 SAME_MOTION = 0.02
 """Difference of a force, torque or angle from which the steady state is told as another motion than the orbit tuned."""
 
+WAYS = {"both": ["up", "down"]}
+"""Ways through the speeds, of a direction that is not one itself."""
+
 SIGNALS = {
     "tooth force": "force",
     "tooth force peak": "force",
@@ -117,7 +120,8 @@ def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None
         say("speeds solved for a periodic motion")
         found = {"orbit": _orbits(train, rpm, asked, kept or {}, progress, tell)}
     elif linear[0].status == Status.UNBALANCED:
-        found = {way: [_no_state(linear[place]) for place in range(len(rpm))] for way in _ways(direction)}
+        states = [_no_state(linear[place]) for place in range(len(rpm))]
+        found = dict.fromkeys(WAYS.get(direction, [direction]), states)
     else:
         say("speeds marched until the motion settles")
         given = {**asked.accuracy, **(kept or {}), "progress": progress, "on_states": tell}
@@ -140,7 +144,7 @@ def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None,
     def in_order():
         return {way: [own[place] for place in sorted(own)] for way, own in found.items()}
 
-    for way in ("orbit",) if asked.orbit else _ways(direction):
+    for way in ["orbit"] if asked.orbit else WAYS.get(direction, [direction]):
         own, start = found.setdefault(way, {}), None
         for place in order[::-1] if way == "down" else order:
             changed, value = train.replace({axis.name: values[place]}), float(values[place])
@@ -245,10 +249,6 @@ def _orbits(train, rpm, asked, kept, progress=None, tell=lambda states, way: Non
         states += keep([speeds], partial(solved, speeds), progress)
         tell(dict(enumerate(states)), "orbit")
     return states
-
-
-def _ways(direction):
-    return ("up", "down") if direction == "both" else (direction,)
 
 
 def _no_state(linear):

@@ -94,12 +94,9 @@ class Quantity:
 
     def hardest(self, cases):
         """The elements with the largest numbers over cases and speeds, the largest first."""
-
-        def most(name):
-            values = np.concatenate([self.of(case.answers, name) for case in cases])
-            return np.nanmax(values) if np.isfinite(values).any() else -1.0
-
-        return sorted(self.names, key=lambda name: -most(name))
+        answers = [answer for case in cases for answer in case.answers]
+        most = {name: np.nanmax([-1.0, *self.of(answers, name)]) for name in self.names}
+        return sorted(self.names, key=lambda name: -most[name])
 
 
 ELEMENTS = {

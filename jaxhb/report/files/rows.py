@@ -83,10 +83,8 @@ def _numbers(answer):
 
 def untraceable(answer):
     """Why a motion has no trace; "" where it has."""
-    if not answer.known:
-        return "the motion is not known"
     if not answer.answered:
-        return "the motion is not converged"
+        return "the motion is not converged" if answer.known else "the motion is not known"
     if answer.unconfirmed:
         return f"the motion is {UNCONFIRMED}, so there is no solution to trace (--orbit: a periodic solution)"
     return "the motion never repeats, so it has no period (--orbit: a periodic solution)" * (answer.response is None)

@@ -62,7 +62,6 @@ SPEEDS = (
     ("irregularity %", "irregularity", irregular),
     ("acceleration", "acceleration_half_peak_to_peak", "rad/s2"),
 )
-HEAT = ("heat W", "heat", "W")
 """Columns of tables: head, variable of a data set or a reader of (answer, name), and how it is written: as a rule with
 the decimals of the others, in the unit for people."""
 
@@ -105,7 +104,7 @@ def _tables(answer):
         backlash = any(topology.mesh_backlash)
         specs = _swings("torque") if backlash else (("mean", "torque_mean"), *_linear_swings("torque"))
         title = "Torque of shafts and dampers, N m"
-        yield element_table(title, "shaft", (*specs, HEAT), answer, groups=pair if backlash else ())
+        yield element_table(title, "shaft", (*specs, ("heat W", "heat", "W")), answer, groups=pair if backlash else ())
     if not topology.link_names:
         yield element_table("Vibratory angle of disks, deg", "disk", _linear_swings("angle"), answer)
     if answer.known and answer.response is not None:

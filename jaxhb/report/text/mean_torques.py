@@ -27,12 +27,6 @@ def ground_reactions(response):
     return dict(zip(response.topology.ground_names, np.asarray(response.ground_reaction, float).tolist(), strict=True))
 
 
-def _largest_mean_torque(response):
-    """Largest mean torque that acts on a disk of the train, loads among them, N m."""
-    on_disks = np.abs(np.asarray(excitation(response.train, float(response.rpm), 0)[0])[:, 0].real)
-    return float(max(on_disks.max(initial=0.0), np.abs(np.asarray(response.load_torque)).max(initial=0.0)))
-
-
 def _rounding(response):
     """What a balanced train leaves to its ground at most, N m: given torques that cancel do so up to rounding."""
     return ROUNDING * float(np.abs(np.asarray(response.train.torques.mean)).max(initial=0.0))
@@ -65,10 +59,14 @@ def speed_of(told, number):
 def _noted(responses, read):
     """The largest of the torques that are above 1 % of the largest mean torque, with its speed; "" without any."""
     torques, rounding = list(map(read, responses)), _rounding(responses[0])
-    # Most trains need no look at all mean torques.
-    above = [i for i, torque in enumerate(torques) if torque > rounding]
-    above = [i for i in above if torques[i] > NOTED_SHARE * _largest_mean_torque(responses[i])]
-    worst = max(above, key=torques.__getitem__, default=None)
+
+    def above(torque, response):
+        on_disks = np.abs(np.asarray(excitation(response.train, float(response.rpm), 0)[0])[:, 0].real)
+        return torque > NOTED_SHARE * max(on_disks.max(initial=0.0), np.abs(response.load_torque).max(initial=0.0))
+
+    # Most trains need no look at what acts on their disks.
+    places = [i for i, torque in enumerate(torques) if torque > rounding and above(torque, responses[i])]
+    worst = max(places, key=torques.__getitem__, default=None)
     return "" if worst is None else f"{plain_number(torques[worst])} N m{speed_of(responses, worst)}"
 
 
