@@ -14,10 +14,10 @@ from jaxhb.report.files.labelled import check_labelled, netcdf
 from jaxhb.report.files.record import NO_ORDERS, both_record, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv, trace_csv, untraceable
 from jaxhb.report.selection import gears, without_cylinders
+from jaxhb.report.text.cases import solve_text
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.strength import answers_strength, strength_record
 from jaxhb.report.text.sweep_tables import sweep_text
-from jaxhb.report.text.tables import solve_text
 from jaxhb.report.text.tuned import check_text, progress_record, start_record, tuned_parts, tuned_record
 from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.train.changes import declared_field, locate, scene_values

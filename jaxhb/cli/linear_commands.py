@@ -17,8 +17,8 @@ from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, as
 from jaxhb.report.selection import asks_each, case_title, misfire_trains, without_cylinders
 from jaxhb.report.text import forced as told, linear as linear_text
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, tune_notes
+from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.strength import strength_columns, strength_record, strength_text
-from jaxhb.report.text.tables import remarks_text
 from jaxhb.solutions.misfires import misfire_each
 from jaxhb.train.chain import span
 from jaxhb.train.changes import without_backlash

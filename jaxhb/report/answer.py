@@ -1,6 +1,7 @@
 """What is told of one speed, as every report reads it: the motion of the train, beside it that without backlash."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,8 +21,7 @@ from jaxhb.train.drivetrain import DriveTrain
 
 @dataclass(frozen=True)
 class Growth:
-    """Growth of a disturbance over one period of a motion: modulus of the largest Floquet multiplier, whether it dies
-    away, how stability is lost, and why there is no multiplier; None and "" where that is not known."""
+    """Growth of a disturbance in a period: largest Floquet multiplier, how stability is lost, why it is not known."""
 
     multiplier: float | None = None
     stable: bool | None = None
@@ -38,35 +38,21 @@ def growth_of(state):
     """The :class:`Growth` of the motion of a steady state or orbit."""
     if state.response is None or not state.known:
         return Growth()
-    found, refused = state.stability, ""
-    if found is None:
-        _, found, refused = attracts(state.response)
+    _, found, refused = (True, state.stability, "") if state.stability is not None else attracts(state.response)
     if found is not None:
         return Growth(found.largest, found.stable, found.loses_by or "")
     return Growth(refused="" if state.kind == "contact" else refused)  # teeth in contact are a linear train
 
 
-def growth_text(growth, period=1):
-    """What a Growth says of a motion of ``period`` cycles; "" where nothing is known."""
-    span = "a cycle" if period <= 1 else f"{period} cycles"
-    size = growth.multiplier
-    if size is None:
-        return f"stability not decided: {growth.refused}" if growth.refused else ""
-    if growth.unstable:
-        how = f" ({growth.loses_by})" if growth.loses_by else ""
-        return f"UNSTABLE{how}: a disturbance grows {size:.3g} times in {span}; the train does not run in it"
-    return f"stable: a disturbance falls to {size:.2g} of its size in {span}"
-
-
 class NoSignal(Summarized):
-    """The signal of a motion that is not known: numbers that are none, which tables show as dashes."""
+    """The signal of a motion that is not known."""
 
-    mean = min = max = rms = peak = half_peak_to_peak = sum_of_amplitudes = float("nan")
+    mean = min = max = rms = peak = half_peak_to_peak = sum_of_amplitudes = math.nan
     per_cycle = PerCycle(np.full(3, np.nan), np.full(3, np.nan))
     elastic = property(lambda self: self)
 
     def spectrum(self):
-        """As :meth:`jaxhb.Signal.spectrum`."""
+        """No orders."""
         return []
 
 
@@ -74,8 +60,7 @@ UNCONFIRMED = "not confirmed by harmonic balance"
 """What is said of a motion that returns in time integration and that no harmonic solution repeats."""
 
 NO_SIGNAL = NoSignal()
-NAN = float("nan")
-NO_CONTACT = SteadyContact(NAN, NAN, NAN, NAN, 0)
+NO_CONTACT = SteadyContact(math.nan, math.nan, math.nan, math.nan, 0)
 
 
 @dataclass(frozen=True)
@@ -95,14 +80,9 @@ class Axis:
         """What there are many of."""
         return "speeds" if self == SPEED else f"values of {self.name}"
 
-    def span(self, values):
+    def span(self, values, word="from", to="to"):
         """``8 speeds from 700 to 2450 rpm``, or ``5 values of NAME.FIELD from 100 to 400 N m s/rad``."""
-        return f"{len(values)} {self.counted} from {min(values):g} to {max(values):g} {self.unit}".rstrip()
-
-    @property
-    def to(self):
-        """What stands between the ends of a range."""
-        return "-" if self == SPEED else " to "
+        return f"{len(values)} {self.counted} {word} {min(values):g} {to} {max(values):g} {self.unit}".rstrip()
 
     def said(self, values):
         """Values as text: ``600, 1200 rpm``, or ``NAME.FIELD = 100, 300 N m s/rad``."""
@@ -118,10 +98,9 @@ class Answer(Motion):
     """One speed: what the train does there, or with ``--orbit`` a periodic solution, stable or not; read by name as any
     motion, nan where nothing is known.
 
-    state : SteadyState; of an orbit what the train would do if the orbit were stable; linear : Response of the same
-    train with all teeth in contact; orbit : whether the state is a periodic solution which the train need not run in;
-    certificate : Certificate, or why there is none, or None: not asked for; axis, value : along which a sweep goes, and
-    where on it the answer is, None for the speed
+    state : SteadyState, of an orbit what the train would do if it were stable; linear : Response with all teeth in
+    contact; certificate : Certificate, or why there is none, or None: not asked for; axis, value : along which a sweep
+    goes, and where on it the answer is, None for the speed
     """
 
     train: DriveTrain
@@ -137,37 +116,21 @@ class Answer(Motion):
         # Recorded cycles have no accelerations.
         if self.known and (quantity != "acceleration" or self.response is not None):
             return self.state._read(quantity, index, sense)
-        return {"contact": NO_CONTACT, "power": NAN}.get(quantity, NO_SIGNAL)
+        return {"contact": NO_CONTACT, "power": math.nan}.get(quantity, NO_SIGNAL)
 
-    @property
-    def topology(self):
-        """Names and connections."""
-        return self.train.topology
-
-    @property
-    def rpm(self):
-        """Speed of the reference rotor."""
-        return self.state.rpm
+    # What is read of its parts, and where it stands.
+    topology = property(lambda self: self.train.topology)
+    rpm = property(lambda self: self.state.rpm)
+    known = property(lambda self: self.state.known, doc="Whether the kind of motion is known, so that it has numbers.")
+    response = property(lambda self: self.state.response, doc="The harmonic solution; None where there is none.")
+    balance = property(lambda self: self.linear if self.response is None else self.response, doc="Of mean torques.")
+    cycle_deg = property(lambda self: 360.0 * self.topology.revolutions_per_cycle, doc="Of the reference rotor, deg.")
+    at = property(lambda self: self.axis.said(f"{self.place:g}"), doc="Where it stands in a sweep, in words.")
 
     @property
     def place(self):
         """Where it stands in a sweep: the speed, or the number that changes."""
         return self.rpm if self.value is None else self.value
-
-    @property
-    def at(self):
-        """The same in words."""
-        return self.axis.said(f"{self.place:g}")
-
-    @property
-    def known(self):
-        """Whether the kind of motion is known, so that there are numbers."""
-        return self.state.known
-
-    @property
-    def response(self):
-        """The harmonic solution; None where there is none."""
-        return self.state.response
 
     @property
     def status(self):
@@ -188,8 +151,7 @@ class Answer(Motion):
 
     @property
     def answered(self):
-        """Whether the speed has its answer, for the exit status and every table: the kind of motion is known, and its
-        numbers are those of recorded cycles or of a harmonic solution within its limits."""
+        """Whether the kind of motion is known, with numbers of recorded cycles or of a solution within its limits."""
         return self.known and self.converged is not False
 
     @property
@@ -203,16 +165,6 @@ class Answer(Motion):
         if self.unconfirmed:
             return "not confirmed"
         return "not converged" if self.known and not self.answered else ""
-
-    @property
-    def cycle_deg(self):
-        """Angle of the reference rotor in one cycle of the excitation, deg."""
-        return 360.0 * self.topology.revolutions_per_cycle
-
-    @property
-    def balance(self):
-        """The response that tells what loads and grounds take: mean torques balance in every motion."""
-        return self.linear if self.response is None else self.response
 
     @cached_property
     def without_backlash(self):
@@ -251,27 +203,24 @@ class Case:
     answers: list[Answer]
 
 
-_SHOWN = (*(f.name for f in dataclasses.fields(Fields)), "disk_power", "link_power")
-
-
 def shown(response):
     """A response of one or several speeds whose motion is nan where the equations have no answer."""
     failed = np.asarray(response.status) != Status.CONVERGED
     if not failed.any():
         return response
-    given = {name: np.asarray(getattr(response, name)) for name in _SHOWN if hasattr(response, name)}
-    axes = {name: failed.reshape(failed.shape + (1,) * (a.ndim - failed.ndim)) for name, a in given.items()}
-    return dataclasses.replace(response, **{name: np.where(axes[name], np.nan, a) for name, a in given.items()})
+    names = *(field.name for field in dataclasses.fields(Fields)), "disk_power", "link_power"
+    given = {name: np.array(getattr(response, name)) for name in names if hasattr(response, name)}
+    for values in given.values():
+        values[failed] = np.nan
+    return dataclasses.replace(response, **given)
 
 
 def orbit_state(response):
     """A periodic solution as the steady state that it would be; "unknown" where it solves no equations."""
-    status, topology, notes = Status(int(response.status)), response.topology, ()
-    contacts = {}
-    if status <= Status.TOLERANCE_NOT_MET:
-        contacts = response.contacts()
-        kind = "periodic" if any(contact.separated_fraction for contact in contacts.values()) else "contact"
-    else:
+    status, kind, notes = Status(int(response.status)), "contact", ()
+    if status > Status.TOLERANCE_NOT_MET:
         kind, notes = "unknown", (status.sentence,)
+    elif any(contact.separated_fraction for contact in response.contacts().values()):
+        kind = "periodic"
     period = int(kind != "unknown")
-    return SteadyState(float(response.rpm), kind, period, response, None, 0, notes, None, topology)
+    return SteadyState(float(response.rpm), kind, period, response, None, 0, notes, None, response.topology)

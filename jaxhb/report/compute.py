@@ -1,5 +1,4 @@
-"""The answers of the command line: what a train does at one speed, at many, for many values of a number, with misfires,
-in the designs of a tuning; periodic solutions of --orbit, and computed bounds."""
+"""The answers of the command line: at one speed, at many, over values of a number, with misfires, of tuned designs."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -9,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from jaxhb.certificate.certificate import certify
-from jaxhb.design.quantities import label, unit_of
+from jaxhb.design.quantities import label
 from jaxhb.linear.strength import strength
 from jaxhb.report.answer import UNCONFIRMED, Answer, Case, growth_of, orbit_state, shown
-from jaxhb.report.quantities import number, shown_unit
-from jaxhb.report.text.columns import plain_number
+from jaxhb.report.text.tuned import shown_value
 from jaxhb.results.status import NotConverged, Status
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.steady.checkpoint import CHUNK, Checkpoint
@@ -23,20 +21,22 @@ from jaxhb.train.changes import without_backlash
 SAME_MOTION = 0.02
 """Difference of a force, torque or angle from which the steady state is told as another motion than the orbit tuned."""
 
+WAYS = {"both": ["up", "down"]}
+"""Ways through the speeds, of a direction that is not one itself."""
 
-SWINGS = {
-    "tooth force": "tooth_force_half_peak_to_peak",
-    "tooth force peak": "tooth_force_peak",
-    "shaft torque": "torque_half_peak_to_peak",
-    "gear torque": "gear_torque_half_peak_to_peak",
-    "angle": "angle_half_peak_to_peak",
+SIGNALS = {
+    "tooth force": "force",
+    "tooth force peak": "force",
+    "tooth force order": "force",
+    "shaft torque": "torque",
+    "shaft torque order": "torque",
+    "gear torque": "gear_torque",
+    "angle": "disk",
+    "angle order": "disk",
 }
-"""Quantities of a tuning that steady states are compared in, and their variables of data sets."""
+"""Quantities of a tuning that steady states are compared in, and the readers of their signals."""
 
-ORDERS = {"tooth force order": "force", "shaft torque order": "torque", "angle order": "disk"}
-"""Those of one order, and their readers."""
-
-LIMITS = {
+JUDGED = {
     "stress": ("stresses", "stress", None),
     "stress over continuous limit": ("stresses", "stress", "continuous"),
     "stress over transient limit": ("stresses", "stress", "transient"),
@@ -47,19 +47,19 @@ LIMITS = {
 
 def _steady_number(design, state, chosen):
     """A quantity of a tuning as a steady state of a design has it."""
-    if chosen.quantity in SWINGS:
-        return number(state, SWINGS[chosen.quantity], chosen.of)
-    if chosen.quantity in ORDERS:
-        return getattr(state, ORDERS[chosen.quantity])(chosen.of).order(chosen.order)
-    kind, field, limit = LIMITS[chosen.quantity]
-    row = getattr(strength(state, train=design), kind)[chosen.of]
-    return getattr(row, field) / (1.0 if limit is None else getattr(row, limit))
+    if chosen.quantity in JUDGED:
+        kind, field, limit = JUDGED[chosen.quantity]
+        row = getattr(strength(state, train=design), kind)[chosen.of]
+        return getattr(row, field) / (getattr(row, limit) if limit else 1.0)
+    signal = getattr(state, SIGNALS[chosen.quantity])(chosen.of)
+    if chosen.order is not None:
+        return signal.order(chosen.order)
+    return signal.peak if chosen.quantity.endswith("peak") else signal.half_peak_to_peak
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What was asked of every speed: the steady state or a periodic solution (``orbit``), how exactly, and whether
-    with a computed bound."""
+    """What was asked of every speed: a steady state or a periodic solution, how exactly, and whether with a bound."""
 
     orbit: bool = False
     harmonics: int | None = None
@@ -79,24 +79,13 @@ class Asked:
 
 
 def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=None):
-    """The :class:`Answer` at one speed; ``say`` is told what is done.
-
-    start : the SteadyState of a neighbour from which the motion starts; kept : dict, ``out`` and ``chunk`` of
-    :func:`jaxhb.steady_state`
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> answer = answer_one(jaxhb.load_scene("spur_pair"), 2000.0, Asked())
-    >>> answer.state.kind, round(answer.force("gear a|gear b").max)
-    ('contact', 1072)
-    """
+    """The :class:`Answer` at one speed; ``say`` is told what is done, ``start`` is the SteadyState of a neighbour from
+    which the motion starts, ``kept`` a dictionary with ``out`` and ``chunk`` of :func:`jaxhb.steady_state`."""
     linear = _linear(train, [rpm])[0]
     if asked.orbit:
         say(f"{rpm:g} rpm: solving for a periodic motion")
-        keep = _keeper(train, asked, kept or {})
-        (state,) = keep([[rpm]], lambda: [_orbit(train, rpm, asked)], lambda count: None)
-    elif _unbalanced(linear):
+        (state,) = _orbits(train, [rpm], asked, kept or {})
+    elif linear.status == Status.UNBALANCED:
         state = _no_state(linear)
     else:
         say(f"{rpm:g} rpm: marching until the motion settles")
@@ -107,36 +96,39 @@ def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=Non
 
 
 def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None, say=lambda text: None, told=None):
-    """Answers at many speeds by the direction in which the sweep went, ``{"up": [Answer, ...]}``, ``"down"`` or both,
-    ``"orbit"`` for orbits; always in the order of ``rpm``.
+    """Answers in the order of ``rpm`` by the direction in which the sweep went, ``{"up": [Answer, ...]}``, ``"down"``
+    or both, ``"orbit"`` for orbits.
 
-    direction : "up", "down" or "both", of no meaning for orbits; kept, say : as of :func:`answer_one`; progress :
-    called with the number of speeds done since the last call; told : now and then what is returned in the end, as far
-    as it is known
+    kept, say : as of :func:`answer_one`; progress : called with the number of speeds done since the last call; told :
+    now and then what is returned in the end, as far as it is known
     """
     rpm = np.array(rpm, dtype=float)
     linear, known, made = _linear(train, rpm), {}, {}
 
-    def answers(found):
-        """Answers by direction; a speed that does the same upwards and downwards has one state and one answer."""
-        for place, state in (pair for own in found.values() for pair in own.items()):
-            if id(state) not in made:
-                made[id(state)] = Answer(train, state, shown(linear[place]), growth_of(state), asked.orbit)
-        return {way: [made[id(own[place])] for place in sorted(own)] for way, own in found.items()}
+    def answer(place, state):
+        # A speed that does the same upwards and downwards has one state and one answer.
+        if id(state) not in made:
+            made[id(state)] = Answer(train, state, shown(linear[place]), growth_of(state), asked.orbit)
+        return made[id(state)]
 
     def tell(states, way):
         known.setdefault(way, {}).update(states)
         if told:
-            told(answers(known))
+            told({one: [answer(place, own[place]) for place in sorted(own)] for one, own in known.items()})
 
     if asked.orbit:
         say("speeds solved for a periodic motion")
         found = {"orbit": _orbits(train, rpm, asked, kept or {}, progress, tell)}
+    elif linear[0].status == Status.UNBALANCED:
+        states = [_no_state(linear[place]) for place in range(len(rpm))]
+        found = dict.fromkeys(WAYS.get(direction, [direction]), states)
     else:
         say("speeds marched until the motion settles")
-        found = _swept(train, rpm, linear, asked, direction, kept or {}, progress, tell)
+        given = {**asked.accuracy, **(kept or {}), "progress": progress, "on_states": tell}
+        sweeps = steady_state(train, rpm=rpm, direction=direction, **given)
+        found = {one.direction: one.states for one in (sweeps if direction == "both" else [sweeps])}
     say("is each motion stable?")
-    return answers({way: dict(enumerate(states)) for way, states in found.items()})
+    return {way: [answer(place, state) for place, state in enumerate(states)] for way, states in found.items()}
 
 
 def _linear(train, rpm):
@@ -146,11 +138,13 @@ def _linear(train, rpm):
 
 
 def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None, progress=None, told=None):
-    """As :func:`answer_speeds` at one speed for many ``values`` of the number of an :class:`Axis`, each from the motion
-    of its neighbour."""
+    """Answers at one speed for many ``values`` of an :class:`Axis`, each from the motion of its neighbour."""
     order, found = np.argsort(values, kind="stable"), {}
-    ways = ("orbit",) if asked.orbit else ("up", "down") if direction == "both" else (direction,)
-    for way in ways:
+
+    def in_order():
+        return {way: [own[place] for place in sorted(own)] for way, own in found.items()}
+
+    for way in ["orbit"] if asked.orbit else WAYS.get(direction, [direction]):
         own, start = found.setdefault(way, {}), None
         for place in order[::-1] if way == "down" else order:
             changed, value = train.replace({axis.name: values[place]}), float(values[place])
@@ -161,31 +155,17 @@ def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None,
             start = answer.state if answer.state.motion is not None else None
             progress and progress(1)
             if told:
-                told({key: [rows[i] for i in sorted(rows)] for key, rows in found.items()})
-    return {way: [own[i] for i in sorted(own)] for way, own in found.items()}
+                told(in_order())
+    return in_order()
 
 
 def solve_cases(trains, speeds, asked, *, folder=None, say=lambda text: None, advance=lambda count: None):
-    """A :class:`Case` of every train of ``{title: train}``, answered at every speed upwards, as a sweep does.
-
-    ``say`` is told what comes next. Steady states are kept in a ``folder`` as they are found, and read from there.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> train = jaxhb.load_scene("six_cylinder_diesel")
-    >>> trains = {"all cylinders firing": train, "cylinder 1 not firing": train.misfire("cylinder 1")}
-    >>> [(case.title, len(case.answers)) for case in solve_cases(trains, [1500.0], Asked())]
-    [('all cylinders firing', 1), ('cylinder 1 not firing', 1)]
-    """
+    """A :class:`Case` of every train of ``{title: train}`` at every speed upwards; states are kept in a ``folder``."""
     cases = []
     for place, (title, train) in enumerate(trains.items()):
-        kept = {"out": folder / str(place), "chunk": 1} if folder else None
-
-        def tell(text, title=title):
-            say(f"{text} ({title})")
-
-        (answers,) = answer_speeds(train, speeds, asked, kept=kept, progress=advance, say=tell).values()
+        how = {"kept": {"out": folder / str(place), "chunk": 1}} if folder else {}
+        how |= {"progress": advance, "say": lambda text, title=title: say(f"{text} ({title})")}
+        (answers,) = answer_speeds(train, speeds, asked, **how).values()
         cases.append(Case(title, answers))
     return cases
 
@@ -205,15 +185,12 @@ def certificate_of(answer, say=lambda text: None):
 
 
 def check_designs(train, asked, result, say=lambda text: None):
-    """What the first and the last design of a Tuning do at its speeds, and where that is not what was tuned.
-
-    ``train`` is as it was, ``asked`` from :func:`jaxhb.design.table.read_table`. ``before`` and ``after`` have of every
-    speed ``kind`` and ``period`` of the motion, by label the ``readings`` that can be compared, and ``differences``: a
-    sentence for each speed at which the motion is neither in contact nor periodic, or a quantity more than 2 % from
-    that of the orbit tuned.
-    """
-    found, comparable = {}, SWINGS | ORDERS | LIMITS
-    compared = [c for c in (*asked["objective"], *asked["penalties"]) if c.quantity in comparable]
+    """What the first and the last design of a Tuning do at its speeds: motions, ``readings`` that can be compared, and
+    ``differences``, a sentence for each speed at which the motion is neither in contact nor periodic, or a quantity is
+    more than 2 % from that of the orbit tuned. ``train`` is as it was, ``asked`` as of
+    :func:`jaxhb.design.table.read_table`."""
+    found = {}
+    compared = [c for c in (*asked["objective"], *asked["penalties"]) if c.quantity in SIGNALS | JUDGED]
     designs = {"before": ("first", train, result.before), "after": ("last", result.train, result.after)}
     for when, (which, design, tuned) in designs.items():
         say(f"what does the {which} design do?")
@@ -223,12 +200,11 @@ def check_designs(train, asked, result, say=lambda text: None):
             for c in compared
         }
         pairs = [{c: (told[c][i], float(tuned.readings[label(c)][i])) for c in compared} for i in range(len(states))]
-        said = filter(None, map(_difference, states, pairs))
         found[when] = {
             "kind": [state.kind for state in states],
             "period": [state.period for state in states],
             "readings": {label(chosen): values for chosen, values in told.items()},
-            "differences": [f"The {which} design {one}" for one in said],
+            "differences": [f"The {which} design {one}" for one in filter(None, map(_difference, states, pairs))],
         }
     return found
 
@@ -240,13 +216,8 @@ def _difference(state, pairs):
         "irregular": "is irregular",
         "unknown": f"is not known ({'; '.join(state.notes)})",
     }.get(state.kind, "")
-
-    def said(chosen, value):
-        factor, unit = shown_unit(unit_of(chosen.quantity))
-        return f"{plain_number(factor * value, digits=3)} {unit}".strip()
-
     apart = [
-        f"{label(chosen)} {said(chosen, own)} instead of {said(chosen, tuned)}"
+        f"{label(chosen)} {shown_value(chosen, own)} instead of {shown_value(chosen, tuned)}"
         for chosen, (own, tuned) in pairs.items()
         if abs(own - tuned) > SAME_MOTION * max(abs(own), abs(tuned))
     ]
@@ -256,23 +227,23 @@ def _difference(state, pairs):
     return f"at {state.rpm:g} rpm {kind or 'is in another motion'}{': ' if apart else ''}{', '.join(apart)}{about}."
 
 
-def _orbit(train, rpm, asked):
-    """The periodic solution at one speed: planned and started by itself, so that it has the same bits alone, in a sweep
-    and in a report."""
-    return orbit_state(solve_speeds(train, rpm=[rpm], **asked.accuracy)[0])
+def _orbits(train, rpm, asked, kept, progress=None, tell=lambda states, way: None):
+    """Periodic solutions, each planned and started by itself: a speed has the same bits alone and in a sweep."""
+    progress, size, states = progress or (lambda count: None), kept.get("chunk") or CHUNK, []
 
+    def keep(question, compute, progress):
+        return compute()
 
-def _orbits(train, rpm, asked, kept, progress, tell):
-    progress = progress or (lambda count: None)
+    if kept.get("out"):
+        keep = Checkpoint(kept["out"], train, {"answers": "periodic solutions", **asked.accuracy}, size).keep
 
     def solved(speeds):
         found = []
         for speed in speeds:
-            found.append(_orbit(train, speed, asked))
+            found.append(orbit_state(solve_speeds(train, rpm=[speed], **asked.accuracy)[0]))
             progress(1)
         return found
 
-    keep, size, states = _keeper(train, asked, kept), kept.get("chunk") or CHUNK, []
     for first in range(0, len(rpm), size):
         speeds = rpm[first : first + size]
         states += keep([speeds], partial(solved, speeds), progress)
@@ -280,30 +251,6 @@ def _orbits(train, rpm, asked, kept, progress, tell):
     return states
 
 
-def _keeper(train, asked, kept):
-    """What keeps periodic solutions, as :meth:`Checkpoint.keep`; without a folder it computes them."""
-    if not kept.get("out"):
-        return lambda question, compute, progress: compute()
-    options = {"answers": "periodic solutions", **asked.accuracy}
-    return Checkpoint(kept["out"], train, options, kept.get("chunk") or CHUNK).keep
-
-
-def _swept(train, rpm, linear, asked, direction, kept, progress, tell):
-    """Steady states by direction."""
-    if _unbalanced(linear[0]):
-        ways = ("up", "down") if direction == "both" else (direction,)
-        return {way: [_no_state(linear[i]) for i in range(len(rpm))] for way in ways}
-    given = {**asked.accuracy, **kept, "progress": progress, "on_states": tell}
-    found = steady_state(train, rpm=rpm, direction=direction, **given)
-    sweeps = found if direction == "both" else (found,)
-    return {sweep.direction: list(sweep.states) for sweep in sweeps}
-
-
-def _unbalanced(linear):
-    """A train that gains speed has no steady motion, whatever its vibration."""
-    return int(linear.status) == Status.UNBALANCED
-
-
 def _no_state(linear):
-    """The steady state of a train whose linear motion tells that there is none."""
+    """Of a train that gains speed, whatever its vibration: its linear motion tells that there is no steady one."""
     return dataclasses.replace(orbit_state(linear), response=None)

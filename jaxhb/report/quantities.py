@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +19,8 @@ SHOWN_UNITS = {
 }
 """Factor from an SI unit, and the unit in which people read it; other units are read as they are."""
 
-READERS = {name: reader for name, (reader, *_) in SIGNALS.items()} | {"heat": "power", "mesh_heat": "power"}
+READERS = {name: reader for name, (reader, *_) in SIGNALS.items()}
+READERS |= {"heat": "power", "mesh_heat": "power", "irregularity": "irregularity"}
 """What reads a variable of a data set that is not one of contact."""
 
 WITHOUT = "_without_backlash"
@@ -36,18 +38,15 @@ def unit_of(variable):
     return (SIGNALS | OF_ELEMENTS)[signal][-2]
 
 
-def number(motion, variable, name):
-    """A number of one element by the name of its variable in data sets, as ``tooth_force_max``, SI; nan: not known.
-
-    motion : Answer, or any Motion where the variable is neither of contact nor one ``_without_backlash``
-    """
+def number(motion, name, variable):
+    """A number of one element in SI by its variable in data sets; those of contact are known of Answers only."""
     if variable.endswith(WITHOUT):
-        return number(motion.linear, variable.removesuffix(WITHOUT), name)
+        return number(motion.linear, name, variable.removesuffix(WITHOUT))
     signal, statistic = _parts(variable)
     if statistic:
         return float(getattr(getattr(motion, READERS[signal])(name), statistic))
-    if signal in READERS or signal == "irregularity":
-        return float(getattr(motion, READERS.get(signal, signal))(name))
+    if signal in READERS:
+        return float(getattr(motion, READERS[signal])(name))
     return getattr(motion.contacts[name], signal)
 
 
@@ -59,12 +58,9 @@ def _parts(variable):
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of every element of a kind.
-
-    element : what the elements are, the head of their column; called : in sentences and files; title : of tables and
-    figures; names : of the elements; read : function of (Answer or Response, name) to the number in SI; signal : the
-    same to the Signal that the number is of, None where it is of none; variable : of data sets
-    """
+    """One number of every element of a kind: ``element`` heads their column, ``called`` is for sentences and files,
+    ``title`` for tables and figures; ``read`` is a function of (Answer or Response, name) to the number in SI,
+    ``signal`` the same to the Signal that it is of, None where it is of none; ``variable`` is that of data sets."""
 
     element: str
     called: str
@@ -75,20 +71,9 @@ class Quantity:
     signal: Callable | None = None
     variable: str = ""
 
-    @property
-    def unit(self):
-        """The unit for people."""
-        return shown_unit(self.si_unit)[1]
-
-    @property
-    def factor(self):
-        """From SI to the unit for people."""
-        return shown_unit(self.si_unit)[0]
-
-    @property
-    def small_title(self):
-        """The title inside a sentence."""
-        return f"{self.title[0].lower()}{self.title[1:]}"
+    unit = property(lambda self: shown_unit(self.si_unit)[1], doc="The unit for people.")
+    factor = property(lambda self: shown_unit(self.si_unit)[0], doc="From SI to the unit for people.")
+    small_title = property(lambda self: f"{self.title[0].lower()}{self.title[1:]}", doc="The title inside a sentence.")
 
     def said(self, value):
         """A number in SI in words for people."""
@@ -109,12 +94,9 @@ class Quantity:
 
     def hardest(self, cases):
         """The elements with the largest numbers over cases and speeds, the largest first."""
-
-        def most(name):
-            values = np.concatenate([self.of(case.answers, name) for case in cases])
-            return np.nanmax(values) if np.isfinite(values).any() else -1.0
-
-        return sorted(self.names, key=lambda name: -most(name))
+        answers = [answer for case in cases for answer in case.answers]
+        most = {name: np.nanmax([-1.0, *self.of(answers, name)]) for name in self.names}
+        return sorted(self.names, key=lambda name: -most[name])
 
 
 ELEMENTS = {
@@ -130,9 +112,7 @@ ELEMENTS = {
 def _told(element, called, title, variable, names_of=None):
     """The function from a train to a quantity of its elements."""
     signal, statistic = _parts(variable)
-
-    def read(motion, name):
-        return number(motion, variable, name)
+    read = partial(number, variable=variable)
 
     def read_signal(motion, name):
         return getattr(motion, READERS[signal])(name)

@@ -37,9 +37,9 @@ def misfire_trains(train):
 
 def case_title(train, cylinders=""):
     """What the train is called as it runs, or when these cylinders do not fire."""
-    fires = train.topology.cylinder_fires
     if cylinders:
         return f"{cylinders}{NOT_FIRING}"
+    fires = train.topology.cylinder_fires
     return ALL_FIRING if fires and all(fires) else AS_GIVEN
 
 
@@ -67,8 +67,7 @@ def meshes_of(topology, gear):
 
 def largest(names, value):
     """The name with the largest value; None where none is a number."""
-    numbers = {name: float(value(name)) for name in names}
-    known = {name: number for name, number in numbers.items() if not math.isnan(number)}
+    known = {name: number for name in names if not math.isnan(number := float(value(name)))}
     return max(known, key=known.get, default=None)
 
 
@@ -81,11 +80,8 @@ def most_apart(answer):
 def hardest_shaft(answers):
     """The shaft or damper whose torque has the largest half peak-to-peak in any answer; None without."""
     certain = [answer for answer in answers if answer.answered] or [answer for answer in answers if answer.known]
-
-    def most(name):
-        return max((float(answer.torque(name).half_peak_to_peak) for answer in certain), default=0.0)
-
-    return largest(shafts_of(answers[0].topology), most)
+    links = shafts_of(answers[0].topology)
+    return largest(links, lambda name: max((one.torque(name).half_peak_to_peak for one in certain), default=0.0))
 
 
 def heaviest(train):

@@ -1,6 +1,5 @@
 """``jaxhb new`` writes a scene to begin with; ``jaxhb check`` and the answers tell what is far from usual, once."""
 
-import doctest
 import tomllib
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 
 import jaxhb
 from jaxhb.equations.kinematics import tooth_damping_ratios
-from jaxhb.report.text import scene_check
 from jaxhb.scene.writer import scene_text
 
 ENGINE = "inline_four_timing_drive"
@@ -112,8 +110,3 @@ def test_the_notes_on_the_scene_are_told_once(command, run):
     called = run(f"{command} spur_pair --rpm 2000 --set 'gear a|gear b.backlash=0.002'", "json")
     assert called.words.count("backlash is 0.002 m") == 1 and called.json["scene_notes"] == [NOTE]
     assert called.path("json").read_text(encoding="utf-8").count("backlash is 0.002 m") == 1
-
-
-def test_the_examples_of_the_check_hold():
-    failures, tests = doctest.testmod(scene_check)
-    assert tests and not failures

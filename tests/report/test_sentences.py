@@ -9,7 +9,7 @@ import pytest
 import jaxhb
 from jaxhb.design import Objective
 from jaxhb.report.answer import SPEED
-from jaxhb.report.text.mean_torques import balance_line, ground_notes, mean_angles_of
+from jaxhb.report.text.mean_torques import balance_line, mean_angles_of, torque_notes
 from jaxhb.report.text.sentences import once_alike, speeds_text
 from jaxhb.report.text.tuned import _compared, _not_solved, _worst
 
@@ -65,14 +65,14 @@ def hub(mean=500.0, *more):
 def test_a_ground_is_noted_where_it_takes_more_than_one_per_cent_and_for_the_speed_at_which_it_takes_most():
     cancelled = jaxhb.solve(hub(500.0, jaxhb.Torque(name="brake", disk="hub", mean=-500.0)), rpm=1000.0)
     rounded = dataclasses.replace(cancelled, ground_reaction=cancelled.ground_reaction + 1e-13)
-    assert ground_notes([rounded], lambda *_: "") == []
+    assert torque_notes([rounded]) == []
     assert balance_line(rounded) == "ground: bed takes 0 N m"
     loaded = jaxhb.solve(hub(500.0, jaxhb.Load(disk="hub")), rpm=1000.0)
     for share, noted in ((0.005, 0), (0.02, 1)):
         moved = dataclasses.replace(loaded, ground_reaction=loaded.ground_reaction + share * 500.0)
-        assert len(ground_notes([moved], lambda *_: "")) == noted
+        assert len(torque_notes([moved])) == noted
     responses = [jaxhb.solve(hub(100.0), rpm=900.0), jaxhb.solve(hub(), rpm=1000.0)]
-    (note,) = ground_notes(responses, lambda all_of, i: f" at {float(all_of[i].rpm):g} rpm")
+    (note,) = torque_notes(responses)
     assert "500 N m at 1000 rpm" in note
 
 

@@ -14,10 +14,10 @@ from jaxhb.report.figures.figure import DIGITS
 from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files.record import answer_record
 from jaxhb.report.files.rows import answer_row
+from jaxhb.report.text.cases import solve_text
 from jaxhb.report.text.columns import aligned, alike, ranges, ratios, shares
 from jaxhb.report.text.sentences import notes
 from jaxhb.report.text.sweep_tables import sweep_text
-from jaxhb.report.text.tables import solve_text
 from jaxhb.results.status import Shooting
 
 

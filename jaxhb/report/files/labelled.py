@@ -24,11 +24,9 @@ DIMENSIONS = {"direction": "in which the sweep went", "case": "normal running, a
 
 
 def netcdf(found, orders, *, along=None, every=False):
-    """The NetCDF file of answers: lists of them by name in ``found``, of trains with the same elements.
-
-    ``orders`` is the highest whose amplitudes are given, None: the highest of the excitation, or with ``every`` of the
-    motions. ``along`` is the dimension of the names, one of ``DIMENSIONS``; without it there is one list.
-    """
+    """The NetCDF file of answers: lists of them by name in ``found``, of trains with the same elements. ``along`` is
+    the dimension of names, None of one list; ``orders`` the highest whose amplitudes are given, None: the highest of
+    the excitation, or with ``every`` of the motions."""
     import xarray
 
     data = _labelled([answer for answers in found.values() for answer in answers], orders, every)
@@ -51,13 +49,11 @@ def _labelled(answers, orders, every):
         orders = listed_harmonic(topology) / topology.revolutions_per_cycle
     data = to_xarray([answer.state for answer in answers], topology, [answer.rpm for answer in answers], orders=orders)
     data.attrs |= {"motions": "periodic solutions" if answers[0].orbit else "steady states"}
-    flags = {None: -1, False: 0, True: 1}
-    told = {"flag_values": list(flags.values()), "flag_meanings": "not_known unstable stable"}
-    stable = [flags[answer.growth.stable] for answer in answers]
-    data["stable"] = ("rpm", stable, {"long_name": "whether disturbances die away"} | told)
-    multipliers = [np.nan if answer.growth.multiplier is None else answer.growth.multiplier for answer in answers]
+    flags, about = {None: -1, False: 0, True: 1}, {"long_name": "whether disturbances die away"}
+    about |= {"flag_values": list(flags.values()), "flag_meanings": "not_known unstable stable"}
+    data["stable"] = ("rpm", [flags[answer.growth.stable] for answer in answers], about)
     about = {"units": "1", "long_name": "modulus over the period"}
-    data["largest_multiplier"] = ("rpm", np.array(multipliers, dtype=float), about)
+    data["largest_multiplier"] = ("rpm", np.array([answer.growth.multiplier for answer in answers], dtype=float), about)
     if any(topology.mesh_backlash):
         linear = to_xarray([answer.linear for answer in answers], topology, data.rpm.values, orders=0)
         names = [name for name in linear if str(name).startswith(tuple(f"{n}_" for n in COMPARED))]

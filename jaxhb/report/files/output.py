@@ -67,13 +67,7 @@ def make_folders(names):
 
 
 def write_files(contents):
-    """Write all files or none, and under the name "-" to standard output, after the files.
-
-    Parameters
-    ----------
-    contents : dict
-        ``{name: iterable of bytes}``. What fails while a content is made, leaves no file behind.
-    """
+    """Write all files of ``{name: iterable of bytes}`` or none, what is named "-" to standard output, after them."""
     streamed = contents.pop(STANDARD_OUTPUT, None)
     for path in map(Path, contents):
         clear_parts(path.resolve().parent, glob.escape(path.resolve().name))
@@ -147,19 +141,16 @@ def changes(arguments):
 
 def changed_text(arguments):
     """What was changed in the scene, as it was typed: a line, "" where nothing was."""
-    given = {option: value for option, value in changes(arguments).items() if value not in (None, {}, [])}
     said = []
-    for option, value in given.items():
+    for option, value in changes(arguments).items():
         rows = [f"{key}={one}" for key, one in value.items()] if isinstance(value, dict) else value
-        said += [f"--{option.replace('_', '-')} {one!r}" for one in (rows if isinstance(rows, list) else [str(rows)])]
+        rows = rows if isinstance(rows, list) else [str(rows)] * (rows is not None)
+        said += [f"--{option.replace('_', '-')} {one!r}" for one in rows]
     return f"Asked with {', '.join(said)}." if said else ""
 
 
 def deliver(arguments, text, **makers):
-    """Make all that was asked for, then write it, then print: what fails on the way leaves no file.
-
-    Standard output is for programs where a file is "-": then the text is not printed.
-    """
+    """Make all that was asked for, then write it, then print, unless a file is standard output; all or nothing."""
     given = vars(arguments)
     files = {given[option]: make() for option, make in makers.items() if given.get(option)}
     silent = arguments.quiet or STANDARD_OUTPUT in files

@@ -15,31 +15,23 @@ NO_ORDERS = 0.0
 
 
 def answer_record(answer, *, orders=None):
-    """Everything that is reported of one speed, in SI units; ``solve --json`` writes it.
+    """All that is reported of one speed, in SI units; amplitudes up to the order ``orders``, by default that count."""
 
-    Amplitudes are listed up to the order ``orders``, or to the last that is not below 1e-12 of the largest.
+    def of_each(element, record):
+        return {name: record(name) for name in ELEMENTS[element](answer.topology)}
 
-    Examples
-    --------
-    >>> import jaxhb
-    >>> from jaxhb.report.compute import Asked, answer_one
-    >>> record = answer_record(answer_one(jaxhb.load_scene("six_cylinder_diesel"), 1500.0, Asked()))
-    >>> record["motion"]["kind"], record["status"], round(record["shafts"]["cyl6|flywheel"]["mean"], 1)
-    ('contact', 'CONVERGED', 1046.8)
-    """
-    balance = answer.balance
+    def of_signal(signal):
+        return _signal_record(signal, orders)
+
     found = _outcome_record(answer) | {
-        "load_torque_Nm": load_torques(balance),
-        "ground_reaction_Nm": ground_reactions(balance),
+        "load_torque_Nm": load_torques(answer.balance),
+        "ground_reaction_Nm": ground_reactions(answer.balance),
         "mean_angles": mean_angles_of(answer.topology),
+        "disks": of_each("disk", lambda name: _disk_record(answer, name, of_signal(answer.disk(name)))),
+        "shafts": of_each("shaft", lambda name: of_signal(answer.torque(name)) | {"power_W": answer.power(name)}),
+        "gears": of_each("gear", lambda name: of_signal(answer.gear_torque(name))),
+        "meshes": of_each("mesh", lambda name: _mesh_record(answer, name, of_signal)),
     }
-    for kind, element, record in (
-        ("disks", "disk", _disk_record),
-        ("shafts", "shaft", _shaft_record),
-        ("gears", "gear", _gear_record),
-        ("meshes", "mesh", _mesh_record),
-    ):
-        found[kind] = {name: record(answer, name, orders) for name in ELEMENTS[element](answer.topology)}
     found |= strength_entry(answers_strength([answer]), one_speed=True)
     return found | (certificate_record(answer.certificate) if answer.certificate is not None else {})
 
@@ -64,8 +56,8 @@ def cases_record(cases, *, orders=None):
             "title": case.title,
             "responses": [answer_record(answer, orders=orders) for answer in case.answers],
             "without_backlash": [answer_record(answer.without_backlash, orders=orders) for answer in case.answers],
+            **strength_entry(answers_strength(case.answers)),
         }
-        | strength_entry(answers_strength(case.answers))
         for case in cases
     ]
     return {"rpm": [answer.rpm for answer in cases[0].answers], "cases": rows}
@@ -100,57 +92,39 @@ def _outcome_record(answer):
 
 
 def _signal_record(signal, orders):
+    """A signal with its rows up to the last that is not negligible; order k of the cycle stays at place k - 1."""
     summary = signal.summary()
-    return summary | {"amplitudes": _listed(summary["amplitudes"], orders)}
-
-
-def _listed(rows, orders):
-    """Rows up to the last that is not negligible, with three entries; order k of the cycle stays at place k - 1."""
-    if orders == NO_ORDERS:
-        return []
-    sizes = np.array([row[1] for row in rows])
+    sizes = np.array([row[1] for row in summary["amplitudes"]])
     # Not ``>``: amplitudes that are nan are listed, as None.
     counted = ~(sizes <= NEGLIGIBLE * sizes.max(initial=0.0))
-    if orders is not None:
-        counted &= np.array([row[0] for row in rows]) <= orders
-    last = np.flatnonzero(counted)
+    last = np.flatnonzero(counted[: sum(orders is None or row[0] <= orders for row in summary["amplitudes"])])
+    rows = summary["amplitudes"][: last[-1] + 1] if len(last) else []
     # A motion that does not repeat has no phases.
-    return [[*row, None][:3] for row in rows[: last[-1] + 1]] if len(last) else []
+    return summary | {"amplitudes": [[*row, None][:3] for row in rows]}
 
 
-def _disk_record(answer, name, orders):
-    record = _signal_record(answer.disk(name), orders)
-    return {key: record[key] for key in ("mean", "half_peak_to_peak", "amplitudes")} | {
+def _disk_record(answer, name, angle):
+    return {key: angle[key] for key in ("mean", "half_peak_to_peak", "amplitudes")} | {
         "speed": answer.speed(name).extremes(),
         "acceleration": answer.acceleration(name).extremes(),
         "irregularity": answer.irregularity(name),
     }
 
 
-def _shaft_record(answer, name, orders):
-    return _signal_record(answer.torque(name), orders) | {"power_W": answer.power(name)}
+CONTACT = "separated_fraction", "reverse_contact_fraction", "impacts_per_cycle", "hardest_impact"
 
 
-def _gear_record(answer, name, orders):
-    return _signal_record(answer.gear_torque(name), orders)
-
-
-def _mesh_record(answer, name, orders):
+def _mesh_record(answer, name, of_signal):
     force, law, details = answer.force(name), answer.law(name), answer.details.get(name)
-
-    def of_contact(*variables):
-        return {variable: number(answer, variable, name) for variable in variables}
-
-    def impact_record(impact):
-        period_deg = 360.0 * answer.response.topology.revolutions_per_cycle
-        return {"theta_deg": period_deg * impact["cycle"], "speed": impact["speed"], "side": impact["side"]}
-
+    impacts = details and [
+        {"theta_deg": answer.state.period * answer.cycle_deg * one["cycle"], "speed": one["speed"], "side": one["side"]}
+        for one in details.impacts
+    ]
     return {
-        **_signal_record(force, orders),
-        "elastic": _signal_record(force.elastic, orders),
-        **of_contact("separated_fraction", "reverse_contact_fraction"),
-        "impacts": details and list(map(impact_record, details.impacts)),
-        **of_contact("impacts_per_cycle", "hardest_impact"),
+        **of_signal(force),
+        "elastic": of_signal(force.elastic),
+        **{variable: number(answer, name, variable) for variable in CONTACT},
+        "impacts": impacts,
         "drive_side": answer.contacts[name].drive_side if answer.known else None,
         "gap_spring_force": law.gap_spring_force if law else 0.0,
         "knee_force": law.knee_force if law else 0.0,

@@ -6,20 +6,17 @@ from jaxhb.equations import fourier
 from jaxhb.report.answer import UNCONFIRMED
 from jaxhb.report.files.output import as_csv
 from jaxhb.report.quantities import ELEMENTS, WITHOUT, number
-from jaxhb.report.selection import gears, shafts_of
 from jaxhb.report.text.mean_torques import ground_reactions, load_torques
 from jaxhb.report.text.strength import answers_strength, strength_columns
 from jaxhb.results.record import PERCENT
 from jaxhb.results.signal import MISSED
 
 TRACED = 720
-"""Time samples in a period of a trace, or twice, four times... as many: at least four for each harmonic of the motion,
-and so many that no tooth force loses its peak."""
+"""Time samples in a period of a trace, or twice, four times... as many."""
 
 
 def answer_row(answer, **first):
-    """One answer as a row of a CSV file, by its heading, ``first`` behind the speed; without an answer no numbers: what
-    is not certain does not look like a result."""
+    """One answer as a row of a CSV file by heads, ``first`` behind the speed; no numbers where nothing is certain."""
     solved = answer.response
     about = {
         "rpm": answer.rpm,
@@ -43,16 +40,15 @@ def rows_csv(rows):
     return as_csv(list(heads), [[row.get(head) for head in heads] for row in rows])
 
 
-def _peak_of_cycles(place):
-    return lambda answer, name: float(answer.force(name).per_cycle.max[place])
-
-
 CELLS = {
     "mesh": {
         "mean N": "tooth_force_mean",
         "max N": "tooth_force_max",
         "min N": "tooth_force_min",
-        **{f"max of a cycle {percent} % N": _peak_of_cycles(place) for place, percent in enumerate(PERCENT)},
+        **{
+            f"max of a cycle {percent} % N": lambda answer, name, i=i: float(answer.force(name).per_cycle.max[i])
+            for i, percent in enumerate(PERCENT)
+        },
         "max N without backlash": f"tooth_force_max{WITHOUT}",
         "min N without backlash": f"tooth_force_min{WITHOUT}",
         "separated fraction": "separated_fraction",
@@ -81,16 +77,14 @@ def _numbers(answer):
     for element, cells in CELLS.items():
         for name in ELEMENTS[element](answer.topology):
             for head, read in cells.items():
-                row[f"{name} {head}"] = read(answer, name) if callable(read) else number(answer, read, name)
+                row[f"{name} {head}"] = read(answer, name) if callable(read) else number(answer, name, read)
     return row | {head: values[0] for head, values in strength_columns(answers_strength([answer])).items()}
 
 
 def untraceable(answer):
     """Why a motion has no trace; "" where it has."""
-    if not answer.known:
-        return "the motion is not known"
     if not answer.answered:
-        return "the motion is not converged"
+        return "the motion is not converged" if answer.known else "the motion is not known"
     if answer.unconfirmed:
         return f"the motion is {UNCONFIRMED}, so there is no solution to trace (--orbit: a periodic solution)"
     return "the motion never repeats, so it has no period (--orbit: a periodic solution)" * (answer.response is None)
@@ -98,33 +92,34 @@ def untraceable(answer):
 
 def trace_csv(answer):
     """The motion over its period, of an answer that :func:`untraceable` has nothing to say about; SI units."""
-    topology, turns = answer.topology, answer.response.topology.revolutions_per_cycle
-    count = _time_samples(answer)
+    turns = answer.response.topology.revolutions_per_cycle
+    traced = {
+        f"{name} {head}": getattr(answer.state, read)(name)
+        for element, head, read in TRACES
+        for name in ELEMENTS[element](answer.topology)
+    }
+    # At least four time samples for each harmonic of the motion, and so many that no tooth force loses its peak.
+    count = TRACED * max(1, -(-4 * answer.response.harmonics // TRACED))
+    forces = [answer.force(name) for name in answer.topology.mesh_names]
+    while any(np.abs(_samples(force, count)).max() < (1 - MISSED) * force.peak for force in forces):
+        count *= 2
     part = np.arange(count) / count
     columns = {"angle deg": 360.0 * turns * part, "time s": 60.0 * turns / answer.rpm * part}
-
-    def add(read, names, what, unit):
-        for name in names:
-            columns[f"{name} {what} {unit}"] = fourier.sample(np.asarray(read(name).coefficients), count)
-
-    add(answer.force, topology.mesh_names, "tooth force", "N")
-    add(answer.state.deflection, topology.mesh_names, "deflection", "m")
-    add(answer.gear_torque, gears(topology), "gear torque", "N m")
-    add(answer.torque, shafts_of(topology), "torque", "N m")
-    add(answer.disk, topology.disk_names, "angle", "rad")
-    add(answer.speed, topology.disk_names, "speed", "rad/s")
-    add(answer.acceleration, topology.disk_names, "acceleration", "rad/s2")
+    columns |= {head: _samples(signal, count) for head, signal in traced.items()}
     return as_csv(list(columns), np.transpose(list(columns.values())))
 
 
-def _time_samples(answer):
-    """Number of time samples of a trace."""
-    count = TRACED * max(1, -(-4 * answer.response.harmonics // TRACED))
-    forces = [answer.force(name) for name in answer.topology.mesh_names]
+def _samples(signal, count):
+    return fourier.sample(np.asarray(signal.coefficients), count)
 
-    def reached(signal):
-        return np.abs(fourier.sample(np.asarray(signal.coefficients), count)).max()
 
-    while any(reached(force) < (1 - MISSED) * force.peak for force in forces):
-        count *= 2
-    return count
+TRACES = (
+    ("mesh", "tooth force N", "force"),
+    ("mesh", "deflection m", "deflection"),
+    ("gear", "gear torque N m", "gear_torque"),
+    ("shaft", "torque N m", "torque"),
+    ("disk", "angle rad", "disk"),
+    ("disk", "speed rad/s", "speed"),
+    ("disk", "acceleration rad/s2", "acceleration"),
+)
+"""Columns of a trace: element, head behind its name, and reader."""

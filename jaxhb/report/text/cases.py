@@ -1,31 +1,149 @@
-"""Normal running beside one cylinder misfiring, or each in turn, over several speeds: what ``jaxhb report`` tells."""
+"""One speed as text, and several cases of it side by side: verdicts, and tables of elements as specifications."""
 
-from operator import itemgetter
-
-from jaxhb.report.quantities import IRREGULARITY, WITHOUT, angles, forces, gear_torques, main_quantity, shaft_torques
-from jaxhb.report.selection import NOT_FIRING, shafts_of, turning_disks
+from jaxhb.report import quantities
+from jaxhb.report.quantities import ELEMENTS, WITHOUT, number, shown_unit, unit_of
+from jaxhb.report.selection import NOT_FIRING, shafts_of, train_name
 from jaxhb.report.text.certified import certificate_text
-from jaxhb.report.text.columns import NONE, Column, Table, alike, hit, irregular, percent, ratio, specified
-from jaxhb.report.text.mean_torques import balance_line
-from jaxhb.report.text.sentences import misfire_text, motion_word, status_lines, verdict
+from jaxhb.report.text.columns import NONE, count, from_rows, hit, irregular, percent, ratio
+from jaxhb.report.text.mean_torques import balance_line, mean_angles_of
+from jaxhb.report.text.sentences import misfire_text, motion_word, notes_text, status_lines, verdict
 from jaxhb.report.text.strength import answers_strength, strength_text
-from jaxhb.report.text.tables import against, element_table, notes_text, peak_table
+from jaxhb.results.record import PERCENT
+
+RPM, _ = shown_unit("rad/s")
+
+
+def against(variable):
+    """Reader of a number and of the same without backlash."""
+    return lambda answer, name: (number(answer, name, variable), number(answer.linear, name, variable))
+
+
+def _driver(answer, name):
+    topology, side = answer.topology, answer.contacts[name].drive_side
+    first, second = topology.mesh_ends[topology.mesh_names.index(name)]
+    return topology.disk_names[first if side > 0 else second] if side else NONE
+
+
+def _swings(signal):
+    """Columns of a torque with and without backlash."""
+    half = f"{signal}_half_peak_to_peak"
+    return (
+        ("mean", f"{signal}_mean"),
+        ("peak", f"{signal}_peak"),
+        ("half p-p", half),
+        ("peak", f"{signal}_peak{WITHOUT}"),
+        ("half p-p", f"{half}{WITHOUT}"),
+        ("ratio of half p-p", against(half), ratio),
+    )
+
+
+def _linear_swings(signal):
+    return ("half peak-to-peak", f"{signal}_half_peak_to_peak"), ("sum of amplitudes", f"{signal}_sum_of_amplitudes")
+
 
 FORCES = (
+    ("mean", "tooth_force_mean"),
+    ("max", "tooth_force_max"),
+    ("min", "tooth_force_min"),
+    ("max", f"tooth_force_max{WITHOUT}"),
+    ("min", f"tooth_force_min{WITHOUT}"),
+    ("peak ratio", against("tooth_force_peak"), ratio),
+)
+CONTACT = (
+    ("apart %", "separated_fraction", percent),
+    ("reverse %", "reverse_contact_fraction", percent),
+    ("impacts", "impacts_per_cycle", count),
+    ("hardest m/s", "hardest_impact", hit),
+    ("driven by", _driver, str),
+)
+SPEEDS = (
+    ("mean", lambda answer, name: RPM * number(answer, name, "speed_mean"), "{:.6g}".format),
+    ("half p-p", "speed_half_peak_to_peak"),
+    ("irregularity %", "irregularity", irregular),
+    ("acceleration", "acceleration_half_peak_to_peak", "rad/s2"),
+)
+"""Columns of tables: head, variable of a data set or a reader of (answer, name), and how it is written: as a rule with
+the decimals of the others, in the unit for people."""
+
+
+def element_table(title, element, specs, *answers, names=None, groups=()):
+    """A row for every element of a kind or of those ``names``, the columns of ``specs`` for every answer."""
+    heads, rows = [element], [[name] for name in names or ELEMENTS[element](answers[0].topology)]
+    for place, answer in enumerate(answers):
+        for head, read, *write in specs:
+            way = write[0] if write else "number"
+            heads.append((head, way if callable(way) else (place, way)))
+            factor = 1.0 if callable(read) or callable(way) else shown_unit(unit_of(read))[0]
+            for row in rows:
+                row.append(read(answer, row[0]) if callable(read) else factor * number(answer, row[0], read))
+    return from_rows(title, heads, rows, groups)
+
+
+def solve_text(answer):
+    """The :class:`Answer` at one speed: verdict, kind of motion, tooth forces, torques of gears and shafts, notes."""
+    topology = answer.topology
+    means = "; ".join(filter(None, [balance_line(answer.balance), f"mean angles: {mean_angles_of(topology)}"]))
+    head = [verdict(answer), "", f"{train_name(topology)} at {answer.rpm:g} rpm", *status_lines(answer), means]
+    doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
+    parts = ["\n".join(head), *(doubt + table for table in _tables(answer))]
+    parts += certificate_text(answer) + strength_text({"": answers_strength([answer])}) + notes_text(answer)
+    return "\n\n".join(parts)
+
+
+def _tables(answer):
+    topology, pair = answer.topology, [("with backlash", 1, 3), ("without", 4, 5)]
+    if topology.mesh_names:
+        title = "Tooth force, kN (elastic and damping; positive: the first gear drives the second)"
+        yield element_table(title, "mesh", FORCES, answer, groups=pair)
+        yield from peak_table(answer)
+        title = "Contact, % of the time (apart: in the gap; reverse: on the flank that does not drive), impacts a cycle"
+        yield element_table(title, "mesh", CONTACT, answer)
+        title = "Torque that a gear passes to its mates, N m"
+        yield element_table(title, "gear", _swings("gear_torque"), answer, groups=pair)
+    if shafts_of(topology):
+        backlash = any(topology.mesh_backlash)
+        specs = _swings("torque") if backlash else (("mean", "torque_mean"), *_linear_swings("torque"))
+        title = "Torque of shafts and dampers, N m"
+        yield element_table(title, "shaft", (*specs, ("heat W", "heat", "W")), answer, groups=pair if backlash else ())
+    if not topology.link_names:
+        yield element_table("Vibratory angle of disks, deg", "disk", _linear_swings("angle"), answer)
+    if answer.known and answer.response is not None:
+        title = "Speed of disks, rpm; cyclic irregularity: (largest - smallest) / mean; acceleration, rad/s2, half p-p"
+        yield element_table(title, "disk", SPEEDS, answer)
+
+
+def peak_table(answer, begin="L"):
+    """How the largest tooth forces of recorded cycles are distributed, in a list; empty without a record."""
+    if not answer.known or answer.response is not None:
+        return []
+    specs = [
+        (f"{percent} %", lambda answer, name, i=i: answer.force(name).per_cycle.max[i] / 1e3, "kN")
+        for i, percent in enumerate(PERCENT)
+    ]
+    title = f"{begin}argest tooth force of a cycle, kN: 5, 50 and 95 % of the recorded cycles stay below"
+    return [element_table(title, "mesh", specs, answer)]
+
+
+COMPARED = (
     ("with", "tooth_force_peak"),
     ("without", f"tooth_force_peak{WITHOUT}"),
     ("apart %", "separated_fraction", percent),
     ("reverse %", "reverse_contact_fraction", percent),
     ("hit m/s", "hardest_impact", hit),
 )
-"""Columns of every case, as of :func:`jaxhb.report.text.tables.element_table`."""
+"""Columns of each of several cases that stand side by side."""
 
 
 def cases_text(cases):
     """Verdicts of all cases and speeds, then per speed tooth forces and torques side by side."""
     parts = [f"With {case.title}\n" + "\n".join(f"  {verdict(answer)}" for answer in case.answers) for case in cases]
-    for number in range(len(cases[0].answers)):
-        parts += [_heading(cases, number), *speed_tables(cases, number)]
+    for place, first in enumerate(cases[0].answers):
+        lines = [f"==== {first.rpm:g} rpm ===="]
+        for case in cases:
+            answer = case.answers[place]
+            said = filter(None, [*status_lines(answer), balance_line(answer.balance)])
+            lines += [f"  {case.title}", *(f"    {line}" for line in said)]
+        parts += ["\n".join(lines), *speed_tables(cases, place)]
     parts += [text for case in cases for answer in case.answers for text in certificate_text(answer)]
     return "\n\n".join([*parts, *_below(cases)])
 
@@ -36,59 +154,38 @@ def _below(cases):
     return limits + notes_text(*(answer for case in cases for answer in case.answers))
 
 
-def speed_tables(cases, number):
-    """Of one speed the tooth forces, torques of gears, shafts and dampers (without links: angles), irregularity."""
-    answers = [case.answers[number] for case in cases]
-    train, titles = answers[0].train, [_titled(case.title, case.answers[number]) for case in cases]
+def speed_tables(cases, place):
+    """Of one speed the tooth forces, torques of gears and links (without links: angles), irregularity, heat."""
+    answers = [case.answers[place] for case in cases]
+    train, doubts = answers[0].train, [f", {one.doubt.upper()}".removesuffix(", ") for one in answers]
+    titles = [f"{case.title}{doubt}" for case, doubt in zip(cases, doubts, strict=True)]
 
     def table(title, quantity, specs):
         width = len(specs)
         groups = [(said, 1 + i * width, (i + 1) * width) for i, said in enumerate(titles)]
-        return element_table(title, quantity.element, quantity.names, specs, *answers, groups=groups)
+        return element_table(title, quantity.element, specs, *answers, names=quantity.names, groups=groups)
 
     def swings(quantity):
         variable = quantity.variable
         specs = ("with", variable), ("without", f"{variable}{WITHOUT}"), ("ratio", against(variable), ratio)
         return table(f"{quantity.title}, {quantity.unit}", quantity, specs)
 
-    tables = []
+    tables, links = [], shafts_of(train.topology)
     if train.topology.mesh_names:
         title = "Largest tooth force, kN, with and without backlash; share of the time apart and on the reverse flank"
-        tables.append(table(title, forces(train), FORCES))
-        tables += [text for case in cases for text in peak_table(case.answers[number], f"With {case.title}: l")]
-        tables.append(swings(gear_torques(train)))
-    if shafts_of(train.topology) or not tables:
-        tables.append(swings((shaft_torques if shafts_of(train.topology) else angles)(train)))
-    return [*tables, _turning_table(train, titles, answers)]
-
-
-def _turning_table(train, titles, answers):
-    """Irregularity of the disks that :func:`turning_disks` names, and heat of the dampers."""
-    disks, dampers = turning_disks(train), train.topology.damper_names
-    rows = [*(f"irregularity of {disk}, %" for disk in disks), *(f"heat of {name}, W" for name in dampers)]
-    columns = [
-        [irregular(answer.irregularity(disk)) for disk in disks] + alike([answer.power(name) for name in dampers])[0]
-        for answer in answers
-    ]
-    return Table(f"{IRREGULARITY}, and dampers", ["", *titles], [rows, *columns])
-
-
-def _heading(cases, number):
-    lines = [f"==== {cases[0].answers[number].rpm:g} rpm ===="]
-    for case in cases:
-        answer = case.answers[number]
-        said = filter(None, [*status_lines(answer), balance_line(answer.balance)])
-        lines += [f"  {case.title}", *(f"    {line}" for line in said)]
-    return "\n".join(lines)
-
-
-def _titled(title, answer):
-    return ", ".join(filter(None, [title, answer.doubt.upper()]))
+        tables.append(table(title, quantities.forces(train), COMPARED))
+        tables += [text for case in cases for text in peak_table(case.answers[place], f"With {case.title}: l")]
+        tables.append(swings(quantities.gear_torques(train)))
+    if links or not tables:
+        tables.append(swings((quantities.shaft_torques if links else quantities.angles)(train)))
+    turning, heats = quantities.irregularity(train), quantities.heat(train)
+    tables.append(table(turning.title, turning, [("%", turning.variable, irregular)]))
+    return [*tables, *[table(heats.title, heats, [("W", heats.variable)]) for _ in heats.names[:1]]]
 
 
 def hardest(answer):
     """What is hit hardest at one speed: the quantity, its element, its value in SI units (nan: no answer)."""
-    quantity = main_quantity(answer.train)
+    quantity = quantities.main_quantity(answer.train)
     name = quantity.largest(answer) if answer.answered else None
     return quantity, name, quantity.read(answer, name) if name else float("nan")
 
@@ -100,8 +197,7 @@ def _hardest_of(cases):
 
 
 def largest_of(case):
-    """What is hit hardest over the speeds of a case: what it is called, its value, and value, element and speed in
-    words; None without an answer."""
+    """What is hit hardest over the speeds of a case: what it is called, its value, and all in words; None without."""
     found = _hardest_of([case])
     if found is None:
         return None
@@ -130,22 +226,18 @@ def misfires_text(cases):
     """The worst misfire, then per speed what each misfire hits hardest, against normal running."""
     worst = worst_misfire(cases)
     parts = [misfire_text(worst, cases[0].title) if worst else "No motion with a misfire is known."]
-    parts += [_speed_table(cases, number) for number in range(len(cases[0].answers))]
+    parts += [_speed_table(cases, place) for place in range(len(cases[0].answers))]
     return "\n\n".join([*parts, *_below(cases)])
 
 
-def _speed_table(cases, number):
-    answers = [case.answers[number] for case in cases]
-    quantity, rows = main_quantity(answers[0].train), []
+def _speed_table(cases, place):
+    answers, rows = [case.answers[place] for case in cases], []
+    quantity = quantities.main_quantity(answers[0].train)
     for case, answer in zip(cases, answers, strict=True):
         _, name, value = hardest(answer)
-        rows.append([case.title, quantity.factor * value, name or NONE, motion_word(answer)])
-    columns = [
-        Column("", itemgetter(0)),
-        Column(quantity.unit, itemgetter(1), "number"),
-        Column("ratio", lambda row: (row[1], rows[0][1]), ratio),
-        Column("in", itemgetter(2)),
-        *[Column("motion", itemgetter(3))] * (quantity.element == "mesh"),
-    ]
+        value *= quantity.factor
+        firing = rows[0][1] if rows else value
+        rows.append([case.title, value, (value, firing), name or NONE, motion_word(answer)])
+    heads = ["", (quantity.unit, "number"), ("ratio", ratio), "in", *["motion"] * (quantity.element == "mesh")]
     title = f"{quantity.title} at {answers[0].rpm:g} rpm, {quantity.unit}"
-    return specified(title, rows, columns, left=(3, 4))
+    return from_rows(title, heads, rows, left=(3, 4))

@@ -46,13 +46,10 @@ def certificate_record(found):
     if isinstance(found, str):
         return {"certificate": {"holds": False, "reason": found}}
     bounds = zip(found.meshes, found.force_bound, found.elastic_bound, found.deflection_bound, strict=True)
-    keys = "force_N", "elastic_force_N", "deflection_m"
-    own = {
-        "holds": found.holds,
-        "reason": found.reason,
-        "meshes": {name: dict(zip(keys, of_mesh, strict=True)) for name, *of_mesh in bounds},
-        "margins": {"iterated_norms": NORM_MARGIN, "estimated_row_sums": ROW_SUM_MARGIN},
-    } | {key: getattr(found, key) for key in _NUMBERS}
+    meshes = {name: {"force_N": a, "elastic_force_N": b, "deflection_m": c} for name, a, b, c in bounds}
+    own = {"holds": found.holds, "reason": found.reason, "meshes": meshes}
+    own["margins"] = {"iterated_norms": NORM_MARGIN, "estimated_row_sums": ROW_SUM_MARGIN}
+    own |= {key: getattr(found, key) for key in _NUMBERS}
     balance = found.harmonic_balance
     if balance is not None:
         own["harmonic_balance"] = {key: float(getattr(balance, key)) for key in ("H0", "delta0", "K", "h0", "radius")}

@@ -1,96 +1,58 @@
-"""Numbers in columns of text, and tables whose columns are specifications over their rows."""
+"""Tables of text: numbers in columns, and how they are written."""
 
 import math
-from collections.abc import Callable, Hashable
-from operator import itemgetter
-from typing import NamedTuple
 
 import numpy as np
 
 NONE = "-"
 
 
-class Column(NamedTuple):
-    """A column: its head, what is read of a row, and how it is written: by a function of one value, or with the same
-    decimals as all numbers that have this key."""
-
-    head: str
-    read: Callable
-    write: Callable | Hashable = str
-
-
-def specified(title, rows, columns, groups=(), left=()):
-    """A :class:`Table` with a row for each of ``rows``, whatever they are."""
-    return Table(title, [column.head for column in columns], written(rows, columns), groups, left)
-
-
 def from_rows(title, heads, rows, groups=(), left=()):
-    """A :class:`Table` of rows of values; a head may be (head, write), as of :class:`Column`."""
-    pairs = [(head, str) if isinstance(head, str) else head for head in heads]
-    columns = [Column(head, itemgetter(place), write) for place, (head, write) in enumerate(pairs)]
-    return specified(title, rows, columns, groups, left)
+    """A :class:`Table` of rows of values; a head may be (head, way), as of :func:`written`."""
+    heads, ways = zip(*((head, str) if isinstance(head, str) else head for head in heads), strict=True)
+    columns = [[row[place] for row in rows] for place in range(len(heads))]
+    return Table(title, heads, written(columns, ways), groups, left)
 
 
-def written(rows, columns):
-    """Cells of every column over the rows."""
-    cells = [[column.read(row) for row in rows] for column in columns]
-    ways = [column.write for column in columns]
+def written(columns, ways):
+    """Cells of columns of values, each written in its way: by a function of one value, or, where the way is no
+    function, with the same decimals as all numbers in this way."""
+    cells = list(columns)
     for way in dict.fromkeys(ways):
-        own = [i for i, one in enumerate(ways) if one == way]
-        done = [list(map(way, cells[i])) for i in own] if callable(way) else alike(*(cells[i] for i in own))
-        for i, column in zip(own, done, strict=True):
-            cells[i] = column
+        own = [place for place, one in enumerate(ways) if one == way]
+        done = [map(way, columns[i]) for i in own] if callable(way) else alike(*(columns[i] for i in own))
+        for place, column in zip(own, done, strict=True):
+            cells[place] = list(column)
     return cells
 
 
 class Table(str):
-    """A table as text under its title, with its cells at hand for other ways to show it; see :func:`aligned`.
-
-    Examples
-    --------
-    >>> table = Table("Disks", ["disk", "kg m2"], [["hub", "flywheel"], ["0.1", "2"]])
-    >>> print(table)
-    Disks
-      disk      kg m2
-      hub         0.1
-      flywheel      2
-    >>> table.columns[1]
-    ['0.1', '2']
-    """
+    """A table as text under its title, as :func:`aligned`, with its cells at hand for other ways to show it."""
 
     def __new__(cls, title, heads, columns, groups=(), left=()):
         columns = [[str(cell) for cell in column] for column in columns]
         text = aligned(heads, columns, groups, left)
         made = super().__new__(cls, f"{title}\n{text}" if title else text)
-        made.title, made.heads, made.columns, made.groups, made.left = title, heads, columns, groups, left
+        made.title, made.heads, made.columns, made.groups, made.left = title, list(heads), columns, groups, left
         return made
-
-    def __getnewargs__(self):
-        return self.title, self.heads, self.columns, self.groups, self.left
 
 
 def aligned(heads, columns, groups=(), left=()):
-    """Columns of strings under their heads; the first flush left, as those numbered in ``left``, the others right."""
+    """Columns of strings under their heads and groups of columns, (title, first, last), from left to right; the first
+    column is flush left, as those numbered in ``left``, the others right."""
     columns = [[head, *map(str, column)] for head, column in zip(heads, columns, strict=True)]
-    widths = [max(map(len, column)) for column in columns]
+    widths, above = [max(map(len, column)) for column in columns], ""
     for title, first, last in groups:
         room = sum(widths[first : last + 1]) + 2 * (last - first)
         widths[first] += max(0, len(title) - room)
+        begin = sum(widths[:first]) + 2 * first
+        above = above.ljust(begin) + f" {title} ".center(max(room, len(title)), "-")
     flush = [str.ljust if i == 0 or i in left else str.rjust for i in range(len(columns))]
     rows = [
         "  ".join(put(cell, width) for put, cell, width in zip(flush, row, widths, strict=True)).rstrip()
         for row in zip(*columns, strict=True)
     ]
-    return "\n".join("  " + row for row in [*_group_line(groups, widths), *rows])
-
-
-def _group_line(groups, widths):
-    line = ""
-    for title, first, last in groups:
-        begin = sum(widths[:first]) + 2 * first
-        room = sum(widths[first : last + 1]) + 2 * (last - first)
-        line = line.ljust(begin) + f" {title} ".center(room, "-")
-    return [line.rstrip()] if groups else []
+    return "\n".join("  " + row for row in [*[above.rstrip()] * bool(groups), *rows])
 
 
 def alike(*columns, digits=4):
@@ -105,13 +67,7 @@ def alike(*columns, digits=4):
 
 
 def plain_number(value, digits=4):
-    """A number with so many digits, without a power of ten where that is readable.
-
-    Examples
-    --------
-    >>> plain_number(12345.0), plain_number(-0.5), plain_number(2e-9)
-    ('12340', '-0.5', '2e-09')
-    """
+    """A number with so many digits, as 12340, without a power of ten where that is readable."""
     if not 1e-4 <= abs(value) < 1e7:
         return f"{value:.{digits}g}"
     return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")

@@ -21,7 +21,7 @@ NEGLIGIBLE = 1e-12
 """Amplitude of an order over the largest of its element from which it is not listed."""
 
 KINDS = {"disks": "angle", "shafts": "torque", "meshes": "tooth_force"}
-"""What vibrates, of :data:`jaxhb.results.dataset.SIGNALS`."""
+"""What vibrates, of :data:`jaxhb.results.dataset.SIGNALS`; meshes tell most of a train, then shafts, then disks."""
 
 TITLES = {"disks": "Vibratory angle of disks", "shafts": "Vibratory torque of shafts and dampers"}
 TITLES |= {"meshes": "Vibratory tooth force"}
@@ -34,11 +34,15 @@ ADVICE = {
 
 @dataclass(frozen=True)
 class Reading:
-    """One element of a :class:`jaxhb.ForcedResponse` of several speeds."""
+    """One element of a :class:`jaxhb.ForcedResponse` of several speeds: what vibrates, its unit, and the heat."""
 
     response: Response
     name: str
     kind: str
+
+    called = property(lambda self: KINDS[self.kind].replace("_", " "), doc="What vibrates, in words.")
+    unit = property(lambda self: SIGNALS[KINDS[self.kind]][2], doc="SI unit of the signal.")
+    shown = property(lambda self: shown_unit(self.unit), doc="Factor from the SI unit, and the unit for people.")
 
     @cached_property
     def signal(self):
@@ -52,32 +56,13 @@ class Reading:
         ring = self.kind == "disks" and self.name in self.response.topology.damper_names
         return np.zeros(len(self.response)) if ring else np.asarray(self.response.power(self.name))
 
-    @property
-    def called(self):
-        """What vibrates, in words."""
-        return KINDS[self.kind].replace("_", " ")
-
-    @property
-    def unit(self):
-        """SI unit of the signal."""
-        return SIGNALS[KINDS[self.kind]][2]
-
-    @property
-    def shown(self):
-        """Factor from the SI unit, and the unit for people."""
-        return shown_unit(self.unit)
-
-    @cached_property
-    def swing(self):
-        """Half peak-to-peak ``(n,)``, nan at speeds without an answer."""
-        return np.where(self.response.converged, self.signal.half_peak_to_peak, np.nan)
-
     def most(self):
         """The largest half peak-to-peak over the speeds that have an answer, and its speed; nan without."""
-        if not np.isfinite(self.swing).any():
+        swing = np.where(self.response.converged, self.signal.half_peak_to_peak, np.nan)
+        if not np.isfinite(swing).any():
             return np.nan, np.nan
-        place = np.nanargmax(self.swing)
-        return self.swing[place], self.response.rpm[place]
+        place = np.nanargmax(swing)
+        return swing[place], self.response.rpm[place]
 
     def of(self, response):
         """The same element of another response."""
@@ -99,21 +84,11 @@ class Reading:
 
 
 def readings(response, names=()):
-    """A :class:`Reading` of each element named, or of every disk, shaft, damper and mesh.
-
-    Of a damper its link is read, among the disks its ring. Names of nothing that vibrates raise a ``SceneError``.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> sweep = jaxhb.forced_response(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1500.0])
-    >>> [(r.name, r.kind) for r in readings(sweep, ["pulley", "cyl6|flywheel"])]
-    [('pulley', 'disks'), ('cyl6|flywheel', 'shafts')]
-    """
+    """A :class:`Reading` of each element named (of a damper its link) or of all; ``SceneError`` of other names."""
     topology = response.topology
     chosen = [(name, kind) for kind, signal in KINDS.items() for name in ELEMENTS[SIGNALS[signal][1]](topology)]
     if names:
-        kinds, where = dict(chosen), topology.name or "scene"  # a damper stands there twice, last as a link
+        kinds, where = dict(chosen), topology.title  # a damper stands there twice, last as a link
         errors = [
             f"{where}: --element: there is no disk, shaft, damper or mesh {name!r}.{suggestion(name, kinds)}"
             for name in names
@@ -145,8 +120,7 @@ def forced_head(response):
 
 
 def _speed_table(one, good):
-    signal, places = one.signal, one.at(good).main() if good.any() else []
-    factor, unit = one.shown
+    signal, places, (factor, unit) = one.signal, one.at(good).main() if good.any() else [], one.shown
     sizes = [signal.half_peak_to_peak, signal.sum_of_amplitudes, *signal.amplitudes[:, places].T]
     columns = [np.where(good, values, np.nan) for values in (*(factor * size for size in sizes), one.power)]
     heads = ["half p-p", "sum", *(f"order {order:g}" for order in signal.orders[places])]
@@ -172,13 +146,12 @@ def _worst_table(found):
     """The largest half peak-to-peak, sum and amplitude of each element, and where they are."""
     factor, rows = found[0].shown[0], []
     for one in found:
-        amplitudes, rpm = one.signal.amplitudes, one.response.rpm
-        speed, order = np.unravel_index(amplitudes.argmax(), amplitudes.shape)
-        moves = amplitudes[speed, order] > 0
-        row = [one.name]
-        for values in (one.signal.half_peak_to_peak, one.signal.sum_of_amplitudes):
+        signal, rpm = one.signal, one.response.rpm
+        speed, order = np.unravel_index(signal.amplitudes.argmax(), signal.amplitudes.shape)
+        moves, row = signal.amplitudes[speed, order] > 0, [one.name]
+        for values in (signal.half_peak_to_peak, signal.sum_of_amplitudes):
             row += [factor * values.max(), f"{rpm[values.argmax()]:g}" if moves else NONE]
-        row += [f"{one.signal.orders[order]:g}" if moves else NONE, factor * amplitudes[speed, order]]
+        row += [f"{signal.orders[order]:g}" if moves else NONE, factor * signal.amplitudes[speed, order]]
         rows.append([*row, f"{rpm[speed]:g}" if moves else NONE, one.power.max()])
     heads = [("half p-p", "size"), "at rpm", ("sum", "size"), "at rpm", "order", ("amplitude", "size"), "at rpm"]
     groups = [("synthesis", 1, 2), ("sum of amplitudes", 3, 4), ("largest order", 5, 7)]
@@ -201,11 +174,8 @@ def forced_record(response, found, *, orders=None):
         return {name: getattr(signal, name) for name in ("mean", "half_peak_to_peak", "sum_of_amplitudes")}
 
     def of_element(one):
-        record = summary(one.signal) | {
-            "amplitudes": one.signal.amplitudes[:, kept],
-            "phases_deg": one.signal.phases_deg[:, kept],
-            "power_W": one.power,
-        }
+        amplitudes, phases = one.signal.amplitudes[:, kept], one.signal.phases_deg[:, kept]
+        record = summary(one.signal) | {"amplitudes": amplitudes, "phases_deg": phases, "power_W": one.power}
         return record if one.kind == "disks" else record | {"elastic": summary(one.signal.elastic)}
 
     return {
@@ -238,46 +208,38 @@ def forced_rows(response, found, more=None):
 
 def forced_failures(response, case=""):
     """A sentence for each status other than converged, with its speeds; ``case`` says how the train runs."""
-    name, rpm, found = response.topology.name or "scene", response.rpm.tolist(), []
-    for value in sorted(set(response.status.tolist()) - {0}):
-        status = Status(value)
-        speeds = ranges(rpm, [speed for speed, s in zip(rpm, response.status, strict=True) if s == value])
+    name, rpm, found = response.topology.title, response.rpm, []
+    for status in map(Status, sorted(set(response.status.tolist()) - {0})):
+        speeds = ranges(rpm.tolist(), rpm[response.status == status].tolist())
         said = f"{status.name}: {ADVICE.get(status, status.sentence)}."
         found.append(f"{f'{name}, {case},' if case else name} at {speeds} rpm: {said}")
     return found
 
 
 def worst_of(misfires, found):
-    """The :class:`jaxhb.solutions.misfires.Worst` of each element by name, of the half peak-to-peak in SI units; a
-    ``ValueError`` if no speed has an answer. ``found`` are the readings with all cylinders firing."""
+    """The :class:`jaxhb.solutions.misfires.Worst` half peak-to-peak of each element; ``ValueError`` without."""
     return {one.name: misfires.worst(lambda r, one=one: one.of(r).signal.half_peak_to_peak) for one in found}
 
 
 def hardest_of(found, worst):
     """The element that swings most under a misfire: of the meshes, without any of the shafts, else of the disks."""
-    kinds = [one.kind for one in found]
-    kind = next(kind for kind in ("meshes", "shafts", "disks") if kind in kinds)
-    return max((one for one in found if one.kind == kind), key=lambda one: worst[one.name].value)
+    return max(by_kind(found)[-1], key=lambda one: worst[one.name].value)
 
 
 def misfires_text(misfires, found, worst, *, each):
-    """The worst misfire, every misfire for the element that swings most, and the worst misfire of every element; with
-    ``each`` every misfire for each element, which were asked for by name."""
+    """The worst misfire and every misfire, of what swings most or of ``each`` element, and the worst misfire of all."""
     chosen, title = found if each else [hardest_of(found, worst)], case_title(misfires.firing.train)
     parts = ["\n".join(misfire_text(_worst_record(one, worst), title, " half peak-to-peak") for one in chosen)]
     parts += [_cylinder_table(misfires, one) for one in chosen]
-    if not each:
-        parts += [_element_table(own, worst, title) for own in by_kind(found)]
-    return "\n\n".join(parts)
+    return "\n\n".join([*parts, *([] if each else [_element_table(own, worst, title) for own in by_kind(found)])])
 
 
 def _cylinder_table(misfires, element):
-    factor, unit = element.shown
-    rows, firing = [], factor * element.most()[0]
+    (factor, unit), rows = element.shown, []
     for cylinder, response in ({"": misfires.firing} | misfires.responses).items():
         value, rpm = element.of(response).most()
-        title = case_title(misfires.firing.train, cylinder)
-        rows.append([title, factor * value, f"{rpm:g}" if value > 0 else NONE, (factor * value, firing)])
+        cells = [factor * value, f"{rpm:g}" if value > 0 else NONE, (value, element.most()[0])]
+        rows.append([case_title(misfires.firing.train, cylinder), *cells])
     title = f"{element.name}, {unit}: largest half peak-to-peak over the speeds"
     return from_rows(title, ["", ("half p-p", "size"), "at rpm", ("ratio", ratio)], rows)
 
@@ -285,35 +247,32 @@ def _cylinder_table(misfires, element):
 def _element_table(found, worst, firing):
     factor, rows = found[0].shown[0], []
     for one in found:
-        own, largest = worst[one.name], factor * one.most()[0]
+        own, (largest, _) = worst[one.name], one.most()
         where = (f"{own.rpm:g}", own.cylinder) if own.value else (NONE, NONE)
-        rows.append([one.name, largest, factor * own.value, (factor * own.value, largest), *where])
+        rows.append([one.name, factor * largest, factor * own.value, (own.value, largest), *where])
     heads = [(firing, "size"), ("worst misfire", "size"), ("ratio", ratio), "at rpm", "that of"]
     return _over_speeds(found, "largest half peak-to-peak over the speeds", heads, rows, left=(5,))
 
 
 def _worst_record(one, worst):
-    own = worst[one.name]
-    record = {"cylinder": own.cylinder, "rpm": own.rpm, "quantity": one.called, "unit": one.unit}
-    return record | {"value": own.value, "firing": own.firing, "of": one.name}
+    return vars(worst[one.name]) | {"quantity": one.called, "unit": one.unit, "of": one.name}
 
 
 def misfires_record(misfires, found, worst, *, orders=None):
-    """What ``forced --misfire each --json`` writes beside normal running, see ``docs/reference/command_line.md``:
-    records by the cylinder that does not fire, the worst misfire of every element, and of that which swings most."""
-    rows = {one.name: _worst_record(one, worst) for one in found}
+    """What ``forced --misfire each --json`` writes beside normal running, see ``docs/reference/command_line.md``."""
     records = {
         cylinder: forced_record(response, [one.of(response) for one in found], orders=orders)
         for cylinder, response in misfires.responses.items()
     }
-    worst_misfires = {name: {key: row[key] for key in row if key != "of"} for name, row in rows.items()}
-    worst_misfire = rows[hardest_of(found, worst).name]
-    return {"misfires": records, "worst_misfires": worst_misfires, "worst_misfire": worst_misfire}
+    rows = {one.name: _worst_record(one, worst) for one in found}
+    hardest = rows[hardest_of(found, worst).name].copy()
+    for row in rows.values():
+        del row["of"]  # they lie by its name
+    return {"misfires": records, "worst_misfires": rows, "worst_misfire": hardest}
 
 
 def misfires_rows(misfires, found, more):
-    """Heads and rows of the CSV file: those of normal running, then those of every misfire, named in the first column;
-    ``more`` columns of every response by the cylinder that does not fire, "" for none."""
+    """Heads and rows of the CSV file of all misfires, named in the first column; ``more`` columns by the cylinder."""
     heads, rows = {}, []
     for cylinder, response in ({"": misfires.firing} | misfires.responses).items():
         own, cells = forced_rows(response, [one.of(response) for one in found], more[cylinder])

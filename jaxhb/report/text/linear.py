@@ -1,5 +1,4 @@
-"""The linear train as text, plain numbers and rows: natural frequencies, teeth at a mean load, Holzer's tables, the
-Campbell diagram."""
+"""The linear train as text, plain numbers and rows: modes, mean load, Holzer's tables, the Campbell diagram."""
 
 import dataclasses
 
@@ -20,10 +19,7 @@ SCALE = (
 
 
 def modes_text(modes, name, kinds, ratios, teeth=""):
-    """Natural frequencies, nodes, damping ratios, the share of the teeth in their energy, what moves most.
-
-    name : of the scene; ratios : those of Lehr, nan where there is none; teeth : how stiff they are, "" without any
-    """
+    """Natural frequencies, nodes, damping ratios (nan: none), what moves; ``teeth`` says how stiff they are."""
     rows, loose = [], sum(kind == RIGID for kind in kinds)
     for k, hz in enumerate(modes.frequencies_hz):
         shape = modes.shape(k)
@@ -45,45 +41,31 @@ def modes_text(modes, name, kinds, ratios, teeth=""):
 
 
 def energies_text(modes, kinds):
-    """Where the energies of the first elastic modes lie, in disks and links, in a list of tables; Holzer's table has
-    them of trees."""
+    """Where the energies of the first elastic modes lie, in tables; Holzer's table has them of trees."""
     shown = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:FIRST]
-    told = (
-        ("Kinetic", "disk", modes.names, modes.kinetic_share),
-        ("Strain", "link", modes.link_names, modes.strain_share),
-    )
+    kinetic, strain = ("disk", modes.names, modes.kinetic_share), ("link", modes.link_names, modes.strain_share)
     heads = [f"mode {k}" for k in shown]
     return [
         Table(f"{what} energy of the first elastic modes, %", [head, *heads], [names, *map(shares, share[shown])])
-        for what, head, names, share in told
+        for what, (head, names, share) in {"Kinetic": kinetic, "Strain": strain}.items()
         if shown
     ]
 
 
 def modes_record(modes, kinds, ratios):
-    """What ``modes --json`` writes: lists over the modes, those of disks and links by name; shares of energies are
-    between 0 and 1, damping ratios those of Lehr (None: none is known), masses in kg m2 for a largest angle of 1."""
+    """What ``modes --json`` writes: lists over the modes, by name of disks and links; the largest angle is 1."""
     listed = ("frequencies_hz", "mesh_energy_share", "node_count", "generalised_mass")
-    record = {name: getattr(modes, name) for name in listed} | {"kinds": kinds, "damping_ratios": ratios}
-    for key, names, values in (
-        ("modes", modes.names, modes.shapes),
-        ("kinetic_share", modes.names, modes.kinetic_share),
-        ("strain_share", modes.link_names, modes.strain_share),
-    ):
-        record[key] = dict(zip(names, values.T, strict=True))
-    return record
+    return {name: getattr(modes, name) for name in listed} | {
+        "kinds": kinds,
+        "damping_ratios": ratios,
+        "modes": dict(zip(modes.names, modes.shapes.T, strict=True)),
+        "kinetic_share": dict(zip(modes.names, modes.kinetic_share.T, strict=True)),
+        "strain_share": dict(zip(modes.link_names, modes.strain_share.T, strict=True)),
+    }
 
 
 def mean_load_text(load, rpm):
-    """A line that tells the tangent stiffness of every mesh with backlash; ``load`` is a :class:`jaxhb.MeanLoad`.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> from jaxhb.linear.tangent import at_mean_load
-    >>> mean_load_text(at_mean_load(jaxhb.load_scene("spur_pair"), rpm=2000.0), 2000.0)
-    'Mean load of 2000 rpm: gear a|gear b 1 kN in contact.'
-    """
+    """A line that tells the tangent stiffness of every mesh with backlash; ``load`` is a :class:`jaxhb.MeanLoad`."""
     said = []
     for name, force, engagement, share in zip(load.names, load.force, load.engagement, load.share, strict=True):
         where = "in the gap" if engagement == 0 else "in the transition zone"
@@ -93,8 +75,7 @@ def mean_load_text(load, rpm):
 
 
 def mean_load_record(load, rpm):
-    """What ``modes --at --json`` adds: ``at_rpm`` and ``mean_load``, by mesh with backlash ``force`` (N, elastic),
-    ``stiffness`` (N/m, tangent) and ``engagement`` (0 in the gap, 1 in contact)."""
+    """What ``modes --at --json`` adds by mesh with backlash: elastic force, tangent stiffness, engagement 0 to 1."""
     keys = "force", "stiffness", "engagement"
     rows = {name: {key: getattr(load, key)[i] for key in keys} for i, name in enumerate(load.names)}
     return {"at_rpm": rpm, "mean_load": rows}
@@ -105,26 +86,17 @@ HOLZER = ("inertia", "ordinate", "torque", "torque_sum", "stiffness", "twist", "
 
 
 def chosen_modes(kinds, name, asked=None):
-    """Numbers of the modes of Holzer's tables: those asked for, or the first ones that strain links.
-
-    A mode that is not there or strains no link of the scene ``name`` raises a ``SceneError``.
-
-    Examples
-    --------
-    >>> chosen_modes(("rigid", "elastic", "elastic"), "pair")
-    [1, 2]
-    """
+    """Numbers of the modes asked for, or the first that strain links; a ``SceneError`` of those that do not."""
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
     if not elastic:
         raise SceneError(f"{name}: no mode strains a link. Give a frequency with --hz.")
-    errors = [
-        f"{name}: --mode {k}: there are modes 0 to {len(kinds) - 1}."
-        if k >= len(kinds)
-        else f"{name}: --mode {k}: this mode is {kinds[k]}, no link is strained. The first that strains one is"
-        f" {elastic[0]}."
-        for k in asked or ()
-        if k not in elastic
-    ]
+    errors = []
+    for k in asked or ():
+        if k >= len(kinds):
+            errors.append(f"{name}: --mode {k}: there are modes 0 to {len(kinds) - 1}.")
+        elif k not in elastic:
+            strained = f"no link is strained. The first that strains one is {elastic[0]}."
+            errors.append(f"{name}: --mode {k}: this mode is {kinds[k]}, {strained}")
     if errors:
         raise SceneError(errors)
     return list(dict.fromkeys(asked)) if asked else elastic[:FIRST]
@@ -155,8 +127,7 @@ def _holzer_table(mode, table):
 
 
 def holzer_record(tables, name):
-    """What ``holzer --json`` writes: of every table ``hz``, ``mode`` (None where a frequency was given), ``residual``
-    in N m, lists over the rows of :class:`jaxhb.HolzerTable`, SI units, energies in J at the ordinates of the table."""
+    """What ``holzer --json`` writes: lists over the rows of every table, SI units; mode None: of a given frequency."""
     rows = [
         {"hz": table.hz, "mode": mode, "residual": table.residual, "disks": table.names, "links": table.links}
         | {field: getattr(table, field) for field in HOLZER}
@@ -166,8 +137,7 @@ def holzer_record(tables, name):
 
 
 def campbell_text(found, count, name, misfires=(), *, teeth=""):
-    """Modes and critical speeds of a Campbell diagram of which ``count`` elastic modes were taken; ``misfires`` has
-    those of the same speeds and orders by the cylinder that does not fire."""
+    """Modes and critical speeds of a Campbell diagram of ``count`` elastic modes; ``misfires`` by cylinder."""
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     head = f"{name}: Campbell diagram from {found.rpm[0]:g} to {found.rpm[-1]:g} rpm, {stiff}"
     return "\n\n".join([head, *campbell_parts(found, count, misfires)])
@@ -177,12 +147,16 @@ def campbell_parts(found, count, misfires=()):
     """The tables of :func:`campbell_text`, and a sentence where there is none."""
     parts = [_modes(found, count), *_left_out(found, count), _critical(found, misfires)]
     if found.critical and misfires:
-        places = range(len(found.critical))
-        cylinder, torque, at = max(((*_worst(misfires, k), found.critical[k]) for k in places), key=lambda row: row[1])
-        where = f"order {at.order:g} at {at.rpm:.1f} rpm, mode {at.mode}"
-        said = f"{torque:.4g} N m of {where}, {at.torque:.4g} N m without it."
-        parts.append(f"The worst misfire is that of {cylinder}: {said}")
+        cylinder, torque, at = _worst_misfire(found, misfires)
+        said = f"{torque:.4g} N m of order {at.order:g} at {at.rpm:.1f} rpm, mode {at.mode}"
+        parts.append(f"The worst misfire is that of {cylinder}: {said}, {at.torque:.4g} N m without it.")
     return parts
+
+
+def _worst_misfire(found, misfires):
+    """The cylinder whose misfire has the largest modal torque of all, this torque, and its critical speed; or None."""
+    rows = [(*_worst(misfires, place), at) for place, at in enumerate(found.critical)]
+    return max(rows, key=lambda row: row[1], default=None)
 
 
 def reached(found):
@@ -196,15 +170,13 @@ def _left_out(found, count):
     shown, every, crossed = len(found.elastic(count)), len(found.elastic(len(found.kinds))), reached(found)
     if shown == every:
         return []
-    highest, rpm = max(found.orders, default=0.0), float(found.rpm[-1])
-    top = f"order {highest:g} at {rpm:g} rpm is {highest * rpm / 60:.4g} Hz"
+    highest, low, high = max(found.orders, default=0.0), float(found.rpm[0]), float(found.rpm[-1])
+    top = f"order {highest:g} at {high:g} rpm is {highest * high / 60:.4g} Hz"
     first = f"These are the {shown} lowest of {every} modes that strain links"
     if crossed <= shown:
         return [f"{first}. The orders reach {crossed} of them, all shown: {top}."]
-    return [
-        f"{first}; the orders reach {crossed} of them ({top}). jaxhb campbell SCENE --rpm"
-        f" {found.rpm[0]:g}:{rpm:g} --modes {crossed} lists all."
-    ]
+    call = f"jaxhb campbell SCENE --rpm {low:g}:{high:g} --modes {crossed} lists all."
+    return [f"{first}; the orders reach {crossed} of them ({top}). {call}"]
 
 
 def shares_in_mode(critical, torques):
@@ -232,9 +204,7 @@ def _modes(found, count):
 
 def _worst(misfires, place):
     """The cylinder whose misfire has the largest modal torque at a critical speed, and this torque."""
-    torques = {cylinder: one.critical[place].torque for cylinder, one in misfires.items()}
-    cylinder = max(torques, key=torques.get)
-    return cylinder, torques[cylinder]
+    return max(((name, one.critical[place].torque) for name, one in misfires.items()), key=lambda row: row[1])
 
 
 def _critical(found, misfires):
@@ -253,29 +223,24 @@ def _critical(found, misfires):
 
 
 def campbell_record(found, count, name, misfires=()):
-    """What ``campbell --json`` writes, see ``docs/how_to/linear.md``; with ``misfires`` by cylinder the modal torques
-    when it does not fire, and as ``worst_misfire`` the largest of these with its critical speed."""
-    speeds = [
-        {"rpm": c.rpm, "order": c.order, "mode": c.mode, "hz": c.hz, "modal_torque": c.torque}
-        | ({"misfires": {name: one.critical[k].torque for name, one in misfires.items()}} if misfires else {})
-        for k, c in enumerate(found.critical)
+    """What ``campbell --json`` writes, see ``docs/how_to/linear.md``."""
+    speeds = [_critical_record(c) for c in found.critical]
+    for place, speed in enumerate(speeds if misfires else ()):
+        speed["misfires"] = {cylinder: one.critical[place].torque for cylinder, one in misfires.items()}
+    modes = [
+        {"mode": k, "kind": found.kinds[k], "frequencies_hz": found.frequencies_hz[:, k]}
+        for k in shown_modes(found, count)
     ]
-    record = {
-        "scene": name,
-        "rpm": found.rpm,
-        "orders": found.orders,
-        "modes": [
-            {"mode": k, "kind": found.kinds[k], "frequencies_hz": found.frequencies_hz[:, k]}
-            for k in shown_modes(found, count)
-        ],
-        "critical_speeds": speeds,
-    }
+    record = {"scene": name, "rpm": found.rpm, "orders": found.orders, "modes": modes, "critical_speeds": speeds}
     if misfires:
-        rows = [(torque, cylinder, at) for at in speeds for cylinder, torque in at["misfires"].items()]
-        torque, cylinder, at = max(rows, key=lambda row: row[0], default=(None, None, None))
-        named = at and {"cylinder": cylinder} | {key: at[key] for key in ("rpm", "order", "mode", "hz")}
-        record["worst_misfire"] = at and named | {"modal_torque": torque, "firing": at["modal_torque"]}
+        cylinder, torque, c = _worst_misfire(found, misfires) or [None] * 3
+        worst = {"modal_torque": torque, "firing": c and c.torque}
+        record["worst_misfire"] = c and {"cylinder": cylinder} | _critical_record(c) | worst
     return record
+
+
+def _critical_record(c):
+    return {"rpm": c.rpm, "order": c.order, "mode": c.mode, "hz": c.hz, "modal_torque": c.torque}
 
 
 def campbell_rows(found, misfires=()):

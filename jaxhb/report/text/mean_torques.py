@@ -19,20 +19,12 @@ def mean_angles_of(topology):
 
 def load_torques(response):
     """Mean torque of every load on its disk by name, N m: negative where it takes power."""
-    names = response.topology.load_names
-    return dict(zip(names, np.asarray(response.load_torque, dtype=float).tolist(), strict=True))
+    return dict(zip(response.topology.load_names, np.asarray(response.load_torque, float).tolist(), strict=True))
 
 
 def ground_reactions(response):
     """Mean torque that every ground takes from its disk by name, N m."""
-    names = response.topology.ground_names
-    return dict(zip(names, np.asarray(response.ground_reaction, dtype=float).tolist(), strict=True))
-
-
-def _largest_mean_torque(response):
-    """Largest mean torque that acts on a disk of the train, loads among them, N m."""
-    on_disks = np.abs(np.asarray(excitation(response.train, float(response.rpm), 0)[0])[:, 0].real)
-    return float(max(on_disks.max(initial=0.0), np.abs(np.asarray(response.load_torque)).max(initial=0.0)))
+    return dict(zip(response.topology.ground_names, np.asarray(response.ground_reaction, float).tolist(), strict=True))
 
 
 def _rounding(response):
@@ -58,37 +50,38 @@ def balance_line(response):
     return "; ".join(parts)
 
 
-def ground_notes(responses, speed_of):
-    """A sentence per ground that takes more than 1 % of the largest mean torque, at the speed of the largest."""
-    found = []
-    loads = np.array([np.abs(np.asarray(r.load_torque)).max(initial=0.0) for r in responses])
-    for name in responses[0].topology.ground_names:
-        reactions = np.abs([ground_reactions(response)[name] for response in responses])
-        # The largest mean torque is at least that of the loads: most trains need no further look.
-        suspects = np.flatnonzero(reactions > np.maximum(NOTED_SHARE * loads, _rounding(responses[0])))
-        wrong = [i for i in suspects if reactions[i] > NOTED_SHARE * _largest_mean_torque(responses[i])]
-        if wrong:
-            worst = max(wrong, key=lambda i: reactions[i])
-            found.append(
-                f"The ground {name!r} takes {plain_number(reactions[worst])} N m{speed_of(responses, worst)}, more "
-                f"than {100 * NOTED_SHARE:g} % of the largest mean torque: is a [[load]] missing?"
-            )
-    return found
+def speed_of(told, number):
+    """`` at 1800 rpm``, of one of several responses or answers."""
+    one = told[number]
+    return f" at {one.at if hasattr(one, 'at') else f'{float(one.rpm):g} rpm'}" if len(told) > 1 else ""
 
 
-def load_notes(responses, speed_of):
-    """A sentence per load that drives the train though other torques should, at the speed at which it drives most."""
-    topology, given = responses[0].topology, np.asarray(responses[0].train.torques.mean)
-    if not any(topology.cylinder_fires) and not (given > 0).any():
-        return []  # then the load is the motor
-    found = []
-    for name in topology.load_names:
-        driving = np.array([load_torques(response)[name] for response in responses])
-        most = int(np.argmax(driving))
-        if driving[most] > NOTED_SHARE * _largest_mean_torque(responses[most]):
+def _noted(responses, read):
+    """The largest of the torques that are above 1 % of the largest mean torque, with its speed; "" without any."""
+    torques, rounding = list(map(read, responses)), _rounding(responses[0])
+
+    def above(torque, response):
+        on_disks = np.abs(np.asarray(excitation(response.train, float(response.rpm), 0)[0])[:, 0].real)
+        return torque > NOTED_SHARE * max(on_disks.max(initial=0.0), np.abs(response.load_torque).max(initial=0.0))
+
+    # Most trains need no look at what acts on their disks.
+    places = [i for i, torque in enumerate(torques) if torque > rounding and above(torque, responses[i])]
+    worst = max(places, key=torques.__getitem__, default=None)
+    return "" if worst is None else f"{plain_number(torques[worst])} N m{speed_of(responses, worst)}"
+
+
+def torque_notes(responses):
+    """A sentence per ground that takes much, and per load that drives though others should, at its worst speed."""
+    topology, found = responses[0].topology, []
+    for name in topology.ground_names:
+        if said := _noted(responses, lambda one, name=name: abs(ground_reactions(one)[name])):
+            share = f"more than {100 * NOTED_SHARE:g} % of the largest mean torque"
+            found.append(f"The ground {name!r} takes {said}, {share}: is a [[load]] missing?")
+    driven = any(topology.cylinder_fires) or (np.asarray(responses[0].train.torques.mean) > 0).any()
+    for name in topology.load_names if driven else ():  # else the load is the motor
+        if said := _noted(responses, lambda one, name=name: load_torques(one)[name]):
             found.append(
-                f"[[load]] {name!r}: it drives the train with {plain_number(driving[most])} N m"
-                f"{speed_of(responses, most)}, usual below 0, as a load takes power: do the other torques drive? "
-                "A pressure table that is read from another firing top dead centre brakes."
+                f"[[load]] {name!r}: it drives the train with {said}, usual below 0, as a load takes power: do the "
+                "other torques drive? A pressure table that is read from another firing top dead centre brakes."
             )
     return found

@@ -1,5 +1,4 @@
-"""What a scene comes to before anything vibrates: mean torques, tooth forces, tooth damping, notes on it, and numbers
-referred to the reference rotor."""
+"""What a scene comes to before anything vibrates: mean torques, tooth forces, damping, notes, referred numbers."""
 
 import numpy as np
 
@@ -8,9 +7,9 @@ from jaxhb.design.table import read_table
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations.kinematics import referred, tooth_damping_ratios
 from jaxhb.excitation.mean_torques import mean_torques
-from jaxhb.report.text.columns import NONE, from_rows
-from jaxhb.report.text.mean_torques import ground_notes, ground_reactions, load_notes, load_torques
-from jaxhb.report.text.sentences import once_alike, speed_of
+from jaxhb.report.text.columns import NONE, Table, from_rows
+from jaxhb.report.text.mean_torques import ground_reactions, load_torques, torque_notes
+from jaxhb.report.text.sentences import once_alike
 from jaxhb.train import connections
 from jaxhb.train.plausible import plausibility
 
@@ -19,67 +18,48 @@ ANY_SPEED = 1000.0
 
 
 def referred_tables(train):
-    """Inertias, stiffnesses and dampings, actual and referred, with the factor between them, in a list of tables.
-
-    Loss factors, order-tuned dampers and the rows of links that vary are told where the train has any.
-
-    Examples
-    --------
-    >>> from jaxhb.scene.files import load_scene
-    >>> disks, links = referred_tables(load_scene("spur_pair"))
-    >>> disks.columns[2]
-    ['0.00281448', '0.00281448']
-    """
+    """Inertias, stiffnesses and dampings, actual and referred to the reference rotor; what the train has, in tables."""
     found, topology = referred(train), train.topology
-    more_heads, more = _to_ground(train, found.factor)
-    title = (
-        f"{topology.name or 'scene'}: inertias{', damping and stiffness to ground' * bool(more)}, actual and referred"
-    )
-    heads = ["disk", "speed ratio i", "J kg m2", "J i^2", *more_heads]
-    columns = [found.disks, found.factor, found.inertia, found.inertia_referred, *more]
-    parts = [_numbers(f"{title} to the reference rotor", heads, zip(*columns, strict=True))]
+    damping, stiffness = np.zeros((2, len(found.factor)))
+    damping[: len(train.disks.damping)] = train.disks.damping
+    np.add.at(stiffness, np.array(topology.ground_disk, dtype=int), train.grounds.stiffness)
+    disks = {"disk": found.disks, "speed ratio i": found.factor}
+    disks |= {"J kg m2": found.inertia, "J i^2": found.inertia_referred}
+    for head, referred_head, values in (("r N m s/rad", "r i^2", damping), ("k N m/rad", "k i^2", stiffness)):
+        if values.any():
+            disks |= {head: values, referred_head: values * found.factor**2}
+    more = ", damping and stiffness to ground" * (len(disks) > 4)
+    parts = [_numbers(f"{topology.title}: inertias{more}, actual and referred to the reference rotor", disks)]
     if found.links:
         kinds = [kind for kind in ("shaft", "damper", "mesh") for _ in getattr(topology, f"{kind}_names")]
-        names = "link_factor", "stiffness", "stiffness_referred", "damping", "damping_referred"
-        columns = [found.links, kinds, *(getattr(found, name) for name in names)]
-        heads = ["link", "", "factor i", "k N m/rad", "k i^2", "r N m s/rad", "r i^2"]
+        links = {"link": found.links, "": kinds, "factor i": found.link_factor}
+        links |= {"k N m/rad": found.stiffness, "k i^2": found.stiffness_referred}
+        links |= {"r N m s/rad": found.damping, "r i^2": found.damping_referred}
         loss = [*train.shafts.loss_factor, *train.dampers.loss_factor]
         if any(loss):
-            heads.append("loss factor")
-            columns.append(loss + [NONE] * len(topology.mesh_names))
+            links["loss factor"] = loss + [NONE] * len(topology.mesh_names)
         title = "Stiffness k and damping r of links; of meshes in N/m and N s/m, their factor is i x radius in m"
-        parts.append(_numbers(title, heads, zip(*columns, strict=True), left=(1,)))
+        parts.append(_numbers(title, links, left=(1,)))
     return [*parts, *_order_table(train, found), *_varying_table(train, found)]
 
 
-def _numbers(title, heads, rows, left=()):
-    """A table of names, and numbers of six digits."""
-    rows = [[cell if isinstance(cell, str) else f"{cell:.6g}" for cell in row] for row in rows]
-    return from_rows(title, heads, rows, left=left)
-
-
-def _to_ground(train, factor):
-    """Heads and columns of the damping of disks and the stiffness of grounds, of what the train has."""
-    damping, stiffness = np.zeros((2, len(factor)))
-    damping[: len(train.disks.damping)] = train.disks.damping
-    np.add.at(stiffness, np.array(train.topology.ground_disk, dtype=int), train.grounds.stiffness)
-    heads, columns = [], []
-    for values, own, made in ((damping, "r N m s/rad", "r i^2"), (stiffness, "k N m/rad", "k i^2")):
-        if values.any():
-            heads += [own, made]
-            columns += [values, values * factor**2]
-    return heads, columns
+def _numbers(title, columns, left=()):
+    """A table of columns by their heads: names, and numbers of six digits."""
+    cells = [[cell if isinstance(cell, str) else f"{cell:.6g}" for cell in column] for column in columns.values()]
+    return Table(title, list(columns), cells, left=left)
 
 
 def _order_table(train, found):
     """Order-tuned dampers, in a list."""
-    rows, shafts, disks = [], len(train.topology.shaft_names), len(train.disks.inertia)
-    for i in np.flatnonzero(found.order):
-        growth = found.inertia[disks + i] * (found.order_referred[i] * 2 * np.pi / 60) ** 2
-        orders = found.order[i], found.order_referred[i]
-        rows.append([found.links[shafts + i], *orders, growth, growth * found.factor[disks + i] ** 2])
+    tuned = np.flatnonzero(found.order)
+    if not len(tuned):
+        return []
+    names, rings = train.topology.damper_names, len(train.disks.inertia) + tuned
+    growth = found.inertia[rings] * (found.order_referred[tuned] * 2 * np.pi / 60) ** 2
+    columns = {"link": [names[i] for i in tuned], "order n": found.order[tuned], "n i": found.order_referred[tuned]}
+    columns |= {"N m/rad/rpm2": growth, "i^2 of it": growth * found.factor[rings] ** 2}
     title = "Order-tuned dampers: stiffness that is added per square of the speed of the reference rotor"
-    return [_numbers(title, ["link", "order n", "n i", "N m/rad/rpm2", "i^2 of it"], rows)] if rows else []
+    return [_numbers(title, columns)]
 
 
 def _varying_table(train, found):
@@ -98,18 +78,11 @@ def _varying_table(train, found):
     at = "frequencies (Hz) or amplitudes (rad) of their rows"
     title = f"Links that vary: stiffness, damping and loss factor at the {at}"
     heads = ["link", "over", "at", "referred", "k N m/rad", "k i^2", "r N m s/rad", "r i^2", "loss factor"]
-    return [_numbers(title, heads, rows, left=(1,))] if rows else []
+    return [_numbers(title, dict(zip(heads, zip(*rows, strict=True), strict=True)), left=(1,))] if rows else []
 
 
 def own_speeds(train):
-    """The lowest and the highest speed, rpm, at which the scene gives a torque; None where none depends on it.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> own_speeds(jaxhb.load_scene("gear_train_30")), own_speeds(jaxhb.load_scene("first_scene"))
-    ([600.0, 2450.0], None)
-    """
+    """The lowest and the highest speed, rpm, at which the scene gives a torque; None where none depends on it."""
     speeds = connections.speeds(train)
     speeds = speeds[speeds > 0.0]
     return sorted({float(speeds[0]), float(speeds[-1])}) if len(speeds) else None
@@ -117,10 +90,9 @@ def own_speeds(train):
 
 def scene_notes(responses):
     """All notes on a scene, of its mean motion at some speeds."""
-    train = responses[0].train
-    found = plausibility(train) + load_notes(responses, speed_of) + ground_notes(responses, speed_of)
-    speeds = [float(response.rpm) for response in responses]
-    return found + once_alike((rpm, note) for rpm in speeds for note in train.outside_traces(rpm))
+    train, speeds = responses[0].train, [float(response.rpm) for response in responses]
+    outside = once_alike((rpm, note) for rpm in speeds for note in train.outside_traces(rpm))
+    return plausibility(train) + torque_notes(responses) + outside
 
 
 def tune_notes(train):
@@ -136,21 +108,21 @@ def tune_notes(train):
 
 
 def check_text(train, responses, speeds, notes):
-    """Head, mean torques and teeth as a list of paragraphs; ``responses`` are the mean of the linear motion at every
-    speed, ``speeds`` None where no torque depends on them."""
-    topology, meshes = train.topology, train.meshes
+    """Head, mean torques and teeth of linear ``responses``; ``speeds`` None where no torque depends on them."""
+    topology = train.topology
     heads = [(f"at {rpm:g} rpm", "mean") for rpm in speeds] if speeds else [("at any speed", "mean")]
     verdict = f"{len(notes)} note{'s' * (len(notes) != 1)} below" if notes else "nothing to note"
-    parts = [f"{topology.name or 'scene'}: {_counts(topology)}; {verdict}."]
+    parts = [f"{topology.title}: {_counts(topology)}; {verdict}."]
     torques = [[name, disk, *means] for name, disk, means in torque_rows(train, responses)]
     if torques:
         title = "Mean torque on the disk's own shaft, N m (positive: drives)"
         parts.append(from_rows(title, ["", "disk", *heads], torques, left=(1,)))
-    each = zip(topology.mesh_names, topology.mesh_backlash, meshes.backlash, tooth_damping_ratios(train), strict=True)
+    ratios = tooth_damping_ratios(train)
     rows = [
         [name, *(1e-3 * mean for mean in _means(responses, name))]
-        + [f"{1e3 * backlash:.4g}" if own else NONE, f"{ratio:.4f}" if np.isfinite(ratio) else NONE]
-        for name, own, backlash, ratio in each
+        + [f"{1e3 * train.meshes.backlash[i]:.4g}" if topology.mesh_backlash[i] else NONE]
+        + [f"{ratios[i]:.4f}" if np.isfinite(ratios[i]) else NONE]
+        for i, name in enumerate(topology.mesh_names)
     ]
     if rows:
         title = (
@@ -161,32 +133,25 @@ def check_text(train, responses, speeds, notes):
 
 
 def check_record(train, responses, notes):
-    """What ``check --json`` writes but for the modes, in SI units, lists over the speeds; damping ratios are those of
-    the two gears alone, None where a gear has no inertia."""
-    ratios = tooth_damping_ratios(train)
-    meshes = {
-        name: {"mean_force": _means(responses, name), "damping_ratio": ratios[i]}
-        | {key: getattr(train.meshes, key)[i] for key in ("stiffness", "damping", "backlash")}
-        for i, name in enumerate(train.topology.mesh_names)
-    }
+    """What ``check --json`` writes but for the modes, SI units, lists over the speeds; ratios of two gears alone."""
+    ratios, keys = tooth_damping_ratios(train), ("stiffness", "damping", "backlash")
     return {
         "scene": train.topology.name,
         "rpm": [float(response.rpm) for response in responses],
         "mean_torque_Nm": {name: means for name, _, means in torque_rows(train, responses)},
-        "meshes": meshes,
+        "meshes": {
+            name: {"mean_force": _means(responses, name), "damping_ratio": ratios[i]}
+            | {key: getattr(train.meshes, key)[i] for key in keys}
+            for i, name in enumerate(train.topology.mesh_names)
+        },
         "notes": notes,
     }
 
 
 def _counts(topology):
-    counted = {
-        "disk": topology.n_scene_disks,
-        "rotor": topology.n_rotors,
-        "shaft": len(topology.shaft_names),
-        "mesh": len(topology.mesh_names),
-        "damper": len(topology.damper_names),
-        "cylinder": len(topology.cylinder_names),
-    }
+    kinds = "shaft", "mesh", "damper", "cylinder"
+    counted = {"disk": topology.n_scene_disks, "rotor": topology.n_rotors}
+    counted |= {kind: len(getattr(topology, f"{kind}_names")) for kind in kinds}
     said = {word: f"{n} {word}{('es' if word == 'mesh' else 's') * (n != 1)}" for word, n in counted.items() if n}
     if "mesh" in said:
         said["mesh"] += f" ({sum(topology.mesh_backlash)} with backlash)"
@@ -196,19 +161,15 @@ def _counts(topology):
 def torque_rows(train, responses):
     """(name, disk, means over the speeds) of given torques, cylinders, loads and grounds."""
     topology = train.topology
-    speeds = np.array([float(response.rpm) for response in responses])
+    speeds = np.array([response.rpm for response in responses], dtype=float)
     cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
     means = mean_torques(train.torques, train.cylinders, *cycle, speeds).T.tolist()
-    names = [*topology.torque_names, *topology.cylinder_names]
-    seats = [*topology.torque_disk, *topology.cylinder_disk]
-    rows = list(zip(names, seats, means, strict=True))
-    for names, seats, read, sign in (
-        (topology.load_names, topology.load_disk, load_torques, 1.0),
-        (topology.ground_names, topology.ground_disk, ground_reactions, -1.0),
-    ):
-        taken = [read(response) for response in responses]
-        rows += [(name, seat, [sign * one[name] for one in taken]) for name, seat in zip(names, seats, strict=True)]
-    return [(name, topology.disk_names[seat], means) for name, seat, means in rows]
+    names = [*topology.torque_names, *topology.cylinder_names, *topology.load_names, *topology.ground_names]
+    seats = [*topology.torque_disk, *topology.cylinder_disk, *topology.load_disk, *topology.ground_disk]
+    loads, grounds = list(map(load_torques, responses)), list(map(ground_reactions, responses))
+    means += [[own[name] for own in loads] for name in topology.load_names]
+    means += [[-own[name] for own in grounds] for name in topology.ground_names]
+    return [(name, topology.disk_names[seat], own) for name, seat, own in zip(names, seats, means, strict=True)]
 
 
 def _means(responses, mesh):

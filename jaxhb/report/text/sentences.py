@@ -1,16 +1,18 @@
 """The sentences that an engineer reads first: do the teeth hammer, in what motion, and what to be careful about."""
 
 import re
+import textwrap
 
 import numpy as np
 
 from jaxhb.balance.plan import MOST_HARMONICS
-from jaxhb.report.answer import SPEED, UNCONFIRMED, growth_text
+from jaxhb.report.answer import SPEED, UNCONFIRMED
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import most_apart
 from jaxhb.report.text.columns import plain_number
-from jaxhb.report.text.mean_torques import ground_notes, load_notes
+from jaxhb.report.text.mean_torques import speed_of, torque_notes
 from jaxhb.results.status import Homotopy, Shooting, Status
+from jaxhb.train.plausible import plausibility
 
 LOST = 1e-3
 """Share of the power of the torques that may be lost without a note."""
@@ -23,19 +25,29 @@ KNEE_SHARE = 0.5
 SHOWN_SPEEDS = 6
 
 
+def _growth_text(growth, period):
+    """What is known of the :class:`Growth` of a motion of so many cycles, "" for nothing."""
+    span = "a cycle" if period <= 1 else f"{period} cycles"
+    size = growth.multiplier
+    if size is None:
+        return f"stability not decided: {growth.refused}" if growth.refused else ""
+    if growth.unstable:
+        how = f" ({growth.loses_by})" if growth.loses_by else ""
+        return f"UNSTABLE{how}: a disturbance grows {size:.3g} times in {span}; the train does not run in it"
+    return f"stable: a disturbance falls to {size:.2g} of its size in {span}"
+
+
 def motion_text(answer):
     """The kind of motion in the words of an engineer."""
-    state, growth = answer.state, growth_text(answer.growth, answer.state.period)
+    state, growth = answer.state, _growth_text(answer.growth, answer.state.period)
     turns = state.period * answer.topology.revolutions_per_cycle
     kind = {
-        "contact": "the teeth stay in contact",
+        "contact": "the teeth stay in contact" if answer.topology.mesh_names else "periodic, period one cycle",
         "periodic": "periodic, period one cycle",
         "subharmonic": f"period of {state.period} cycles (of {turns:g} revolution{'s' * (turns != 1)})",
         "irregular": "irregular: the motion never repeats",
         "unknown": "unknown",
     }[state.kind]
-    if not answer.topology.mesh_names:
-        kind = "periodic, period one cycle" if state.known else kind
     if state.known and answer.response is None:
         kind += f"; {UNCONFIRMED}" if answer.unconfirmed else ""
         kind += f"; numbers are the extremes over {state.record.cycles} recorded cycles"
@@ -48,9 +60,9 @@ def motion_word(answer):
     if answer.orbit:
         parts.append(status_word(answer.status))
     else:
-        toothless = state.known and not answer.topology.mesh_names
-        kind = "periodic" if toothless else state.kind  # as motion_text says
-        parts.append(f"period {state.period}" if state.kind == "subharmonic" else kind)
+        words = {"subharmonic": f"period {state.period}"}
+        words |= {} if answer.topology.mesh_names else {"contact": "periodic"}  # as motion_text says
+        parts.append(words.get(state.kind, state.kind))
         if answer.doubt:
             parts.append(answer.doubt if answer.answered else status_word(answer.status))
     return ", ".join([*parts, *["UNSTABLE"] * answer.growth.unstable])
@@ -63,18 +75,15 @@ def status_word(status):
 
 def solution_text(answer):
     """How the harmonic solution went: status with what to try, harmonics, residual, truncation error; "" without."""
-    response, status = answer.response, answer.status
+    response, period = answer.response, answer.state.period
     if response is None:
         return ""
-    said = "converged" if answer.converged else f"NOT CONVERGED: {status_word(status)}"
-    period = answer.state.period
+    said = "converged" if answer.converged else f"NOT CONVERGED: {status_word(answer.status)}"
     line = f"{said}; {answer.harmonics} harmonics of {'the cycle' if period <= 1 else f'{period} cycles'}"
-    if not float(response.residual) and not float(response.truncation_error):
+    residual, error = float(response.residual), float(response.truncation_error)
+    if not residual and not error:
         return f"{line}, linear" + (": every mesh keeps its flank" if any(response.topology.mesh_backlash) else "")
-    return (
-        f"{line}, residual {float(response.residual):.1e}, "
-        f"truncation error {_percent(float(response.truncation_error))} of the largest tooth force"
-    )
+    return f"{line}, residual {residual:.1e}, truncation error {_percent(error)} of the largest tooth force"
 
 
 def status_lines(answer):
@@ -84,15 +93,7 @@ def status_lines(answer):
 
 
 def verdict(answer):
-    """The answer in one sentence: do the teeth hammer, which mesh is apart for longest, which has the hardest impact?
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> from jaxhb.report.compute import Asked, answer_one
-    >>> verdict(answer_one(jaxhb.load_scene("six_cylinder_diesel"), 1500.0, Asked()))
-    'No teeth mesh in this train.'
-    """
+    """The answer in one sentence: do the teeth hammer, which mesh is apart longest, which has the hardest impact?"""
     topology, speed = answer.topology, answer.at
     if not answer.known:
         return f"No answer at {speed}."
@@ -114,19 +115,16 @@ def _hammering(answer, speed):
     if name is None:
         return f"All teeth stay in contact at {speed}."
     contact, hardest = contacts[name], max(contacts, key=lambda mesh: contacts[mesh].hardest_impact)
-    apart = f"{name} is apart {_percent(contact.separated_fraction)} of the time"
+    said = f"{name} is apart {_percent(contact.separated_fraction)} of the time, "
     elsewhere = contacts[hardest].hardest_impact > contact.hardest_impact
-    if not contact.impacts_per_cycle and not elsewhere:
-        return f"Teeth separate at {speed}: {apart}, without an impact."
+    count = contact.impacts_per_cycle
+    if not count and not elsewhere:
+        return f"Teeth separate at {speed}: {said}without an impact."
+    impacts = "one impact" if count == 1 else f"{plain_number(count, digits=3)} impacts"
+    said += f"{impacts} a cycle, the hardest at {contact.hardest_impact:.2f} m/s" if count else "without an impact"
+    said += f"; the hardest of all at {contacts[hardest].hardest_impact:.2f} m/s in {hardest}" if elsewhere else ""
     manner = {"irregular": " irregularly", "subharmonic": f" with a period of {answer.state.period} cycles"}
-    own = f"{_impacts(contact.impacts_per_cycle)} a cycle, the hardest at {contact.hardest_impact:.2f} m/s"
-    own = own if contact.impacts_per_cycle else "without an impact"
-    own += f"; the hardest of all at {contacts[hardest].hardest_impact:.2f} m/s in {hardest}" if elsewhere else ""
-    return f"The teeth hammer{manner.get(answer.state.kind, '')} at {speed}: {apart}, {own}."
-
-
-def _impacts(number):
-    return "one impact" if number == 1 else f"{plain_number(number, digits=3)} impacts"
+    return f"The teeth hammer{manner.get(answer.state.kind, '')} at {speed}: {said}."
 
 
 def _percent(share):
@@ -140,7 +138,6 @@ def speeds_text(answers):
 
 
 def _places(places, axis):
-    """Places on the axis, each once, from the lowest on."""
     found = [f"{place:g}" for place in sorted(set(places))]
     more = f" and {len(found) - SHOWN_SPEEDS} more" if len(found) > SHOWN_SPEEDS else ""
     return axis.said(f"{', '.join(found[:SHOWN_SPEEDS])}{more}")
@@ -148,19 +145,52 @@ def _places(places, axis):
 
 def notes(*answers):
     """Sentences on what to be careful about in answers of one train, at least one."""
-    balances, axis = [answer.balance for answer in answers], answers[0].axis
-    own = ((answer.place, note) for answer in answers if answer.known for note in answer.state.notes)
-    outside = ((answer.place, note) for answer in answers for note in answer.train.outside_traces(answer.rpm))
-    return [
-        *_unstable_notes(answers),
-        *_power_notes(answers),
-        *once_alike(own, axis),
-        *_unsettled_notes(answers),
-        *once_alike(outside, axis),
-        *ground_notes(balances, speed_of),
-        *load_notes(balances, speed_of),
-        *_tooth_notes([answer for answer in answers if answer.known]),
-    ]
+    axis, found = answers[0].axis, []
+    unstable = [answer for answer in answers if answer.growth.unstable]
+    if unstable:
+        worst = max(unstable, key=lambda answer: answer.growth.multiplier)
+        instead = "leave out --orbit for what it does" if worst.orbit else "compare with jaxhb.integrate"
+        found.append(
+            f"The periodic motion at {speeds_text(unstable)} is UNSTABLE (a disturbance grows up to "
+            f"{worst.growth.multiplier:.3g} times in a period): the train does not run in it; {instead}."
+        )
+    solved = [answer for answer in answers if answer.response is not None]
+    lossy = [answer for answer in solved if abs(answer.response.power_defect) > LOST]
+    if lossy:
+        worst = max(lossy, key=lambda answer: abs(answer.response.power_defect))
+        share = f"{100 * abs(float(worst.response.power_defect)):.2g} %"
+        found.append(f"At {worst.at} {share} of the power of the torques is not accounted for: use more harmonics.")
+    found += once_alike(((a.place, note) for a in answers if a.known for note in a.state.notes), axis)
+    # Converged orbits of unknown stability that a march of a few cycles did not settle on.
+    unsettled = [a for a in solved if a.orbit and a.converged and a.growth.stable is None]
+    unsettled = [a for a in unsettled if any(isinstance(event, Shooting | Homotopy) for event in a.response.path)]
+    if unsettled:
+        found.append(
+            f"A periodic motion was found at {speeds_text(unsettled)}, but a few cycles of time integration do not "
+            "settle there: it may be unstable, and the engine may run in another motion (leave out --orbit for what it "
+            "does)."
+        )
+    found += once_alike(((a.place, note) for a in answers for note in a.train.outside_traces(a.rpm)), axis)
+    return (
+        found
+        + torque_notes([a.balance for a in answers])
+        + _tooth_notes([answer for answer in answers if answer.known])
+    )
+
+
+def notes_text(*answers):
+    """The notes on the scene and on the motions as one paragraph in a list; an empty list where there are none."""
+    return remarks_text([*plausibility(answers[0].train), *notes(*answers)])
+
+
+def remarks_text(remarks):
+    """Sentences as one paragraph in a list; an empty list where there are none."""
+    return ["\n".join(["Notes", *map(paragraph, remarks)])] if remarks else []
+
+
+def paragraph(text):
+    """A sentence of a list, in lines."""
+    return textwrap.fill(text, 116, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
 
 
 def _tooth_notes(known):
@@ -174,14 +204,13 @@ def _tooth_notes(known):
         least = int(np.argmin(means))
         mean = means[least]
         said = f"the mean tooth force of {_kN(mean)}{speed_of(known, least) if max(means) > 1.05 * mean else ''}"
-        if law.gap_spring_force > GAP_SPRING_SHARE * mean:
-            share = f"more than {100 * GAP_SPRING_SHARE:g} % of {said}"
-            found.append(
-                f"{name}: the spring in the gap carries up to {_kN(law.gap_spring_force)}, {share}: lower epsilon."
-            )
-        if law.knee_force > KNEE_SHARE * mean:
-            share = f"more than {100 * KNEE_SHARE:g} % of {said}: a smaller transition makes contact sharper."
-            found.append(f"{name}: the teeth are stiff only above {_kN(law.knee_force)}, {share}")
+        soft, knee = "the spring in the gap carries up to", "the teeth are stiff only above"
+        for what, force, share, remedy in (
+            (soft, law.gap_spring_force, GAP_SPRING_SHARE, "lower epsilon"),
+            (knee, law.knee_force, KNEE_SHARE, "a smaller transition makes contact sharper"),
+        ):
+            if force > share * mean:
+                found.append(f"{name}: {what} {_kN(force)}, more than {100 * share:g} % of {said}: {remedy}.")
         pulling = [answer.details[name].pulling_force if answer.details else 0.0 for answer in known]
         hardest = int(np.argmax(pulling))
         if pulling[hardest] > GAP_SPRING_SHARE * means[hardest]:
@@ -190,27 +219,6 @@ def _tooth_notes(known):
         law = 'Damping law "always" transmits force while the teeth are apart ("contact" does not)'
         found.append(f"{law}: up to {', '.join(through)}.")
     return found
-
-
-def _power_notes(answers):
-    off = [answer for answer in answers if answer.response is not None and abs(answer.response.power_defect) > LOST]
-    if not off:
-        return []
-    worst = max(off, key=lambda answer: abs(answer.response.power_defect))
-    share = f"{100 * abs(float(worst.response.power_defect)):.2g}"
-    return [f"At {worst.at} {share} % of the power of the torques is not accounted for: use more harmonics."]
-
-
-def _unstable_notes(answers):
-    found = [answer for answer in answers if answer.growth.unstable]
-    if not found:
-        return []
-    worst = max(found, key=lambda answer: answer.growth.multiplier)
-    instead = "leave out --orbit for what it does" if worst.orbit else "compare with jaxhb.integrate"
-    return [
-        f"The periodic motion at {speeds_text(found)} is UNSTABLE (a disturbance grows up to "
-        f"{worst.growth.multiplier:.3g} times in a period): the train does not run in it; {instead}."
-    ]
 
 
 def once_alike(notes_of, axis=SPEED):
@@ -225,16 +233,6 @@ def once_alike(notes_of, axis=SPEED):
     return found
 
 
-def _unsettled_notes(answers):
-    """Of converged orbits of unknown stability that a march of a few cycles did not settle on."""
-    found = [a for a in answers if a.orbit and a.converged and a.growth.stable is None]
-    found = [a for a in found if any(isinstance(event, Shooting | Homotopy) for event in a.response.path)]
-    return found and [
-        f"A periodic motion was found at {speeds_text(found)}, but a few cycles of time integration do not settle "
-        "there: it may be unstable, and the engine may run in another motion (leave out --orbit for what it does)."
-    ]
-
-
 def misfire_text(worst, firing, swing=""):
     """The sentence on a misfire, the record of which the JSON has; ``firing`` is what the train is called without."""
     factor, unit = shown_unit(worst["unit"])
@@ -243,12 +241,6 @@ def misfire_text(worst, firing, swing=""):
         f"The worst misfire is that of {worst['cylinder']}: {worst['quantity']} of {value}{swing} in {worst['of']} at"
         f" {worst['rpm']:g} rpm, {normal} with {firing}."
     )
-
-
-def speed_of(told, number):
-    """`` at 1800 rpm``, of one of several responses or answers."""
-    one = told[number]
-    return f" at {one.at if hasattr(one, 'at') else f'{float(one.rpm):g} rpm'}" if len(told) > 1 else ""
 
 
 def _kN(force):

@@ -1,7 +1,6 @@
 """Stresses, tooth torques and heat beside their limits, as text and as plain numbers."""
 
 from dataclasses import dataclass
-from operator import itemgetter
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +8,7 @@ import numpy as np
 from jaxhb.linear.strength import HIGHEST, NOT_ABOVE, judged
 from jaxhb.report.answer import NO_SIGNAL
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import NONE, Column, ranges, ratio, specified
+from jaxhb.report.text.columns import NONE, from_rows, ranges, ratio
 from jaxhb.results.motion import Motion
 
 AID = "evaluation aid, no class approval"
@@ -26,8 +25,8 @@ fillets and oil holes, and is not computed here."""
 
 @dataclass(frozen=True)
 class Limited:
-    """A kind of rows of a :class:`jaxhb.Strength`: the title of its table, the head of its elements, its SI unit, heads
-    of its numbers in tables and CSV files (the first has the second as its limit), and what figures call its limits."""
+    """A kind of rows of a :class:`jaxhb.Strength`: title of its table, head of its elements, SI unit, heads of its
+    numbers in tables and CSV files (the first has the second as its limit), and what figures call its limits."""
 
     title: str
     element: str
@@ -35,25 +34,10 @@ class Limited:
     heads: dict
     limits: dict
 
-    @property
-    def field(self):
-        """Field of the number that is judged."""
-        return next(iter(self.heads))
-
-    @property
-    def called(self):
-        """What is judged, in words."""
-        return self.heads[self.field][1]
-
-    @property
-    def limit(self):
-        """What the first limit is called."""
-        return next(iter(self.limits.values()))
-
-    @property
-    def shown(self):
-        """Factor from the SI unit, and the unit for people."""
-        return shown_unit(self.si_unit)
+    field = property(lambda self: next(iter(self.heads)), doc="Field of the number that is judged.")
+    called = property(lambda self: self.heads[self.field][1], doc="What is judged, in words.")
+    limit = property(lambda self: next(iter(self.limits.values())), doc="What the first limit is called.")
+    shown = property(lambda self: shown_unit(self.si_unit), doc="Factor from the SI unit, and the unit for people.")
 
     def shares(self, row):
         """Shares of the first limit over the speeds, nan where there is none or nothing is known."""
@@ -62,33 +46,17 @@ class Limited:
         return np.asarray(getattr(row, self.field), float) / np.where(np.isfinite(limit), limit, np.nan)
 
 
+_STRESS = f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})"
+_TORQUE = f"Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of the rated torque ({AID})"
 _CONTINUOUS = {"continuous": "continuous limit", "transient": "transient limit"}
+_OF_STRESS = {"stress": ("stress", "stress")} | {field: (called, called) for field, called in _CONTINUOUS.items()}
+_OF_TORQUE = {"vibratory": ("vibratory", "vibratory torque"), "limit": ("limit", "limit of vibratory torque")}
+_OF_TORQUE |= {"mean": ("mean", "mean torque")}
+_OF_HEAT = {"power": ("heat", "heat"), "limit": ("limit", "limit of heat")}
 LIMITED = {
-    "stresses": Limited(
-        f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})",
-        "shaft",
-        "Pa",
-        {"stress": ("stress", "stress")} | {field: (called, called) for field, called in _CONTINUOUS.items()},
-        _CONTINUOUS,
-    ),
-    "tooth_torques": Limited(
-        f"Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of the rated torque ({AID})",
-        "mesh",
-        "N m",
-        {
-            "vibratory": ("vibratory", "vibratory torque"),
-            "limit": ("limit", "limit of vibratory torque"),
-            "mean": ("mean", "mean torque"),
-        },
-        {"limit": "a third of the rated torque"},
-    ),
-    "heat": Limited(
-        f"Heat of shafts and dampers, W ({AID})",
-        "shaft or damper",
-        "W",
-        {"power": ("heat", "heat"), "limit": ("limit", "limit of heat")},
-        {"limit": "limit"},
-    ),
+    "stresses": Limited(_STRESS, "shaft", "Pa", _OF_STRESS, _CONTINUOUS),
+    "tooth_torques": Limited(_TORQUE, "mesh", "N m", _OF_TORQUE, {"limit": "a third of the rated torque"}),
+    "heat": Limited(f"Heat of shafts and dampers, W ({AID})", "shaft or damper", "W", _OF_HEAT, {"limit": "limit"}),
 }
 """By the fields of a :class:`jaxhb.Strength`."""
 
@@ -113,10 +81,7 @@ def answers_strength(answers):
 
 
 def strength_text(judged):
-    """Tables for people in a list: of several speeds the worst of each element; empty where scenes give no numbers.
-
-    ``judged`` has one :class:`jaxhb.Strength` or more by headings; one without heading has the key "".
-    """
+    """Tables of the worst of each element, of one :class:`jaxhb.Strength` or more by headings ("" without one)."""
     parts, limited = [], ""
     for title, found in judged.items():
         own = [_table(found, kind) for kind in LIMITED if getattr(found, kind)]
@@ -129,80 +94,63 @@ def strength_text(judged):
 
 def _table(found, kind):
     """The numbers of every element at the speed at which it is worst."""
-    limited, rpm, several = LIMITED[kind], found.rpm, len(found.rpm) > 1
-    rows = [(name, row, _worst(limited, row)) for name, row in getattr(found, kind).items()]
+    limited, rpm, several, rows = LIMITED[kind], found.rpm, len(found.rpm) > 1, []
 
-    def read(field):
-        return lambda told: limited.shown[0] * _at(getattr(told[1], field), told[2])
+    def number(values, place):
+        """In the unit for people; nan where there is none and where the rule has no limit."""
+        value = np.nan if values is None or place is None else np.broadcast_to(values, np.shape(rpm))[place]
+        return limited.shown[0] * (value if np.isfinite(value) else np.nan)
 
-    def share(told):
-        return [read(field)(told) for field in list(limited.heads)[:2]]
-
-    first, *others = (Column(head, read(field), "number") for field, (head, _) in limited.heads.items())
-    columns = [Column(limited.element, itemgetter(0)), first]
-    columns += [Column("at rpm", lambda told: NONE if told[2] is None else f"{rpm[told[2]]:g}")] * several
-    columns += [*others, Column("share", share, ratio)]
-    columns += [Column("reverses", lambda told: _where(rpm, told[1].reverses))] * (kind == "tooth_torques")
-    return specified(limited.title, rows, columns)
+    for name, row in getattr(found, kind).items():
+        # The largest share of the limit, without one the largest number.
+        shares = limited.shares(row)
+        judged_by = shares if np.isfinite(shares).any() else np.asarray(getattr(row, limited.field), float)
+        place = int(np.nanargmax(judged_by)) if np.isfinite(judged_by).any() else None
+        first, *others = (number(getattr(row, field), place) for field in limited.heads)
+        at = [NONE if place is None else f"{rpm[place]:g}"] * several
+        reverses = [_where(rpm, row.reverses)] if kind == "tooth_torques" else []
+        rows.append([name, first, *at, *others, (first, others[0]), *reverses])
+    first, *others = ((head, "number") for head, _ in limited.heads.values())
+    heads = [limited.element, first, *["at rpm"] * several, *others, ("share", ratio)]
+    return from_rows(limited.title, [*heads, *["reverses"] * (kind == "tooth_torques")], rows)
 
 
 def _where(rpm, happens):
     """Speeds at which something happens; of one speed whether it does."""
     if len(rpm) == 1:
         return "yes" if happens[0] else "no"
-    said = ranges(list(rpm), [speed for speed, does in zip(rpm, happens, strict=True) if does])
-    return f"at {said} rpm" if said else NONE
-
-
-def _worst(limited, row):
-    """Place of the largest share of the limit, of the largest value without one; None where nothing is known."""
-    values = limited.shares(row)
-    values = values if np.isfinite(values).any() else np.asarray(getattr(row, limited.field), dtype=float)
-    return int(np.nanargmax(values)) if np.isfinite(values).any() else None
-
-
-def _at(values, place):
-    """The number at a place, nan where there is none and where the rule has no limit."""
-    found = np.nan if values is None or place is None else np.ravel(values)[place if np.size(values) > 1 else 0]
-    return float(found) if np.isfinite(found) else float("nan")
+    return f"at {ranges(list(rpm), rpm[happens])} rpm" if np.any(happens) else NONE
 
 
 def _barred_text(found):
-    """What is barred of several speeds, one range a line, and where nothing is judged."""
+    """What is barred of several speeds, one range a line, from how many it was judged, and where it was not."""
     barred = [(name, one) for name, several in found.barred.items() for one in several]
     limited = {name: row for name, row in found.stresses.items() if row.continuous is not None}
-    first = next(iter(limited.values()))
-    within, rpm = np.isfinite(first.continuous), np.asarray(found.rpm)
-    said = []
+    first, rpm, rated = next(iter(limited.values())), np.asarray(found.rpm), found.rated_rpm
+    within, said = np.isfinite(first.continuous), []
     if within.any():
         head = "Barred speed ranges" if barred else "No barred speed range"
         said = [f"{head} between {rpm[within].min():g} and {rpm[within].max():g} rpm ({AID})"]
-        said += [_range_text(name, one, found.rated_rpm) for name, one in barred]
-        said += [_judged_from(rpm[within & np.isfinite(first.stress)], HIGHEST * found.rated_rpm)]
-    return "\n".join([*said, *_beyond_text(rpm, limited, ~within, found.rated_rpm)])
-
-
-def _judged_from(speeds, highest):
-    """From how many speeds barred ranges were judged, and what that leaves out."""
-    said = f"Judged from {len(speeds)} speed{'s' * (len(speeds) != 1)}"
-    few = f": resonances between them are NOT seen, take {ENOUGH} or more" if len(speeds) < ENOUGH else ""
-    short = len(speeds) and speeds.max() < (1 - NEAR) * highest
-    up = f" The rule looks up to {highest:g} rpm, {HIGHEST:g} of the rated speed: NOT judged there." if short else ""
-    return f"{said}{few}.{up}"
-
-
-def _beyond_text(rpm, limited, beyond, rated):
-    """What the stresses are at the speeds for which the rule has no limit."""
-    if not beyond.any():
-        return []
-    largest = []
-    for name, row in limited.items():
-        values = np.where(beyond, row.stress, np.nan)
-        if np.isfinite(values).any():
-            place = int(np.nanargmax(values))
-            largest.append(f"{name} {1e-6 * values[place]:.4g} MPa at {rpm[place]:g} rpm")
-    told = f"; largest there: {', '.join(largest)}" if largest else ""
-    return [f"Above {HIGHEST * rated:g} rpm, {HIGHEST:g} of the rated speed, the rule has no limit: NOT judged{told}."]
+        said += [_range_text(name, one, rated) for name, one in barred]
+        speeds, highest = rpm[within & np.isfinite(first.stress)], HIGHEST * rated
+        few = f": resonances between them are NOT seen, take {ENOUGH} or more" if len(speeds) < ENOUGH else ""
+        said.append(f"Judged from {len(speeds)} speed{'s' * (len(speeds) != 1)}{few}.")
+        if len(speeds) and speeds.max() < (1 - NEAR) * highest:
+            said[-1] += f" The rule looks up to {highest:g} rpm, {HIGHEST:g} of the rated speed: NOT judged there."
+    if not within.all():
+        beyond = {
+            name: np.where(within, -np.inf, np.nan_to_num(row.stress, nan=-np.inf)) for name, row in limited.items()
+        }
+        largest = [
+            f"{name} {1e-6 * stress.max():.4g} MPa at {rpm[stress.argmax()]:g} rpm"
+            for name, stress in beyond.items()
+            if np.isfinite(stress.max())
+        ]
+        told = f"; largest there: {', '.join(largest)}" if largest else ""
+        said.append(
+            f"Above {HIGHEST * rated:g} rpm, {HIGHEST:g} of the rated speed, the rule has no limit: NOT judged{told}."
+        )
+    return "\n".join(said)
 
 
 def _range_text(name, one, rated):
@@ -215,34 +163,29 @@ def _range_text(name, one, rated):
     return f"{said}, {'within the transient limit' if one.passable else beyond}{late}"
 
 
-def strength_record(found):
+def strength_record(found, *, one_speed=False):
     """What the JSON holds of a :class:`jaxhb.Strength`, see ``docs/how_to/data_and_files.md``: SI units, lists over the
-    speeds, None where there is no limit; empty where the scene gives no numbers."""
+    speeds (of ``one_speed`` numbers, and no ranges), None where there is no limit; empty without any in the scene."""
     if not found:
         return {}
     record = {"note": AID, "rated_rpm": found.rated_rpm}
     for kind, limited in LIMITED.items():
         ends = dict.fromkeys(limited.heads, f"_{limited.si_unit.replace(' ', '')}")
         record[kind] = {
-            name: {field + ends.get(field, ""): values for field, values in row._asdict().items()}
+            name: {
+                field + ends.get(field, ""): values[0] if one_speed and np.ndim(values) else values
+                for field, values in row._asdict().items()
+            }
             for name, row in getattr(found, kind).items()
         }
-    for name, ranges_of in found.barred.items():
+    for name, ranges_of in () if one_speed else found.barred.items():
         record["stresses"][name]["barred"] = [vars(one) | {"passable": one.passable} for one in ranges_of]
     return record
 
 
-def strength_entry(found, *, one_speed=False):
-    """``{"strength": ...}``, of ``one_speed`` with numbers instead of lists; empty where the scene gives no limits."""
-    record = strength_record(found)
-    return {"strength": _single(record) if one_speed else record} if found else {}
-
-
-def _single(value):
-    """A record of one speed: numbers instead of arrays, and no ranges."""
-    if isinstance(value, dict):
-        return {key: _single(item) for key, item in value.items() if key != "barred"}
-    return value[0] if np.ndim(value) else value
+def strength_entry(found, **how):
+    """``{"strength": ...}`` of a :func:`strength_record`; empty where the scene gives no limits."""
+    return {"strength": strength_record(found, **how)} if found else {}
 
 
 def strength_columns(found):

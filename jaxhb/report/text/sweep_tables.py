@@ -5,10 +5,9 @@ import math
 from jaxhb.report.answer import SPEED, UNCONFIRMED
 from jaxhb.report.quantities import IRREGULARITY, main_quantity
 from jaxhb.report.selection import heaviest, most_apart
-from jaxhb.report.text.columns import NONE, Column, Table, hit, irregular, percent, ranges, written
-from jaxhb.report.text.sentences import motion_word, status_word, verdict
+from jaxhb.report.text.columns import NONE, Table, hit, irregular, percent, ranges, written
+from jaxhb.report.text.sentences import motion_word, notes_text, status_word, verdict
 from jaxhb.report.text.strength import answers_strength, strength_text
-from jaxhb.report.text.tables import notes_text
 
 BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 """Headings of the ways in which speeds are gone through."""
@@ -21,10 +20,7 @@ APART = 0.02
 
 
 def sweep_text(sweeps):
-    """One row per speed: the mesh with the largest tooth force, or the shaft with the largest torque.
-
-    ``sweeps`` has the answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
-    """
+    """One row per speed: the mesh with the largest tooth force, or the shaft with the largest torque; by direction."""
     parts, several = [], len(sweeps) > 1
     for way, answers in sweeps.items():
         head = f"{BLOCKS[way]}: " * several
@@ -38,11 +34,6 @@ def sweep_text(sweeps):
     return "\n\n".join([*parts, *notes_text(*every.values())])
 
 
-def motion_sentences(answers):
-    """Where the teeth separate, and where the motion is another than contact and one stable cycle."""
-    return [_verdict(answers), *_kinds(answers)]
-
-
 def speed_table(answers, title=""):
     """A row for every speed: what is hit hardest, and the kind of motion."""
     columns = MESHES if answers[0].topology.mesh_names else _swings(main_quantity(answers[0].train))
@@ -54,26 +45,25 @@ def turning_table(answers, title=""):
     dampers, disk = answers[0].topology.damper_names, heaviest(answers[0].train)
     if not dampers:
         return []
-    columns = [Column(disk, lambda answer: answer.irregularity(disk), irregular)]
-    columns += [Column(name, lambda answer, name=name: answer.power(name), "W") for name in dampers]
+    specs = [(disk, lambda answer: answer.irregularity(disk), irregular)]
+    specs += [(name, lambda answer, name=name: answer.power(name), "W") for name in dampers]
     told = "of the heaviest disk (of every disk: --csv)"
-    groups = [("irregularity, %", 1, 1), ("heat, W", 2, len(columns))]
-    return [_over_axis(f"{IRREGULARITY}, {told}, and heat of dampers{title}", answers, columns, groups)]
+    groups = [("irregularity, %", 1, 1), ("heat, W", 2, len(specs))]
+    return [_over_axis(f"{IRREGULARITY}, {told}, and heat of dampers{title}", answers, specs, groups)]
 
 
-def _over_axis(title, answers, columns, groups=()):
+def _over_axis(title, answers, specs, groups=()):
     """A row for every answer; numbers to doubt are marked, and the title explains the mark."""
-    columns = [Column(answers[0].axis.label, lambda answer: f"{answer.place:g}"), *columns]
-    cells = written(answers, columns)
-    for place, column in enumerate(columns):
-        if column.write is not str and column.head != WITHOUT:
+    heads, reads, ways = zip((answers[0].axis.label, lambda answer: f"{answer.place:g}", str), *specs, strict=True)
+    cells = written([list(map(read, answers)) for read in reads], ways)
+    for place, (head, way) in enumerate(zip(heads, ways, strict=True)):
+        if way is not str and head != WITHOUT:
             cells[place] = [
                 f"{cell}{DOUBT}" if answer.doubt and cell[:1].isdigit() else cell
                 for cell, answer in zip(cells[place], answers, strict=True)
             ]
     doubts = " or ".join(dict.fromkeys(answer.doubt for answer in answers if answer.doubt))
-    title = "; ".join(filter(None, [title, doubts and f"{DOUBT}: {doubts}"]))
-    return Table(title, [column.head for column in columns], cells, groups)
+    return Table("; ".join(filter(None, [title, doubts and f"{DOUBT}: {doubts}"])), heads, cells, groups)
 
 
 def _peak(motion, answer):
@@ -81,44 +71,35 @@ def _peak(motion, answer):
     return motion.force(answer.worst_mesh).peak / 1e3 if answer.worst_mesh else math.nan
 
 
-def _longest(answer):
-    name = most_apart(answer)
-    return (answer.contacts[name].separated_fraction if name else 0.0) if answer.known else None
-
-
 WITHOUT = "without kN"
 
 MESHES = (
-    Column("largest tooth force", lambda answer: answer.worst_mesh or NONE),
-    Column("with kN", lambda answer: _peak(answer, answer), "kN"),
-    Column(WITHOUT, lambda answer: _peak(answer.linear, answer), "kN"),
-    Column("longest apart", lambda answer: most_apart(answer) or NONE),
-    Column("apart %", _longest, percent),
-    Column("hardest of all m/s", lambda a: max(one.hardest_impact for one in a.contacts.values()), hit),
+    ("largest tooth force", lambda answer: answer.worst_mesh or NONE, str),
+    ("with kN", lambda answer: _peak(answer, answer), "kN"),
+    (WITHOUT, lambda answer: _peak(answer.linear, answer), "kN"),
+    ("longest apart", lambda answer: most_apart(answer) or NONE, str),
+    ("apart %", lambda a: max(one.separated_fraction for one in a.contacts.values()), percent),
+    ("hardest of all m/s", lambda a: max(one.hardest_impact for one in a.contacts.values()), hit),
 )
 MOTION = (
-    Column("harmonics", lambda answer: NONE if answer.harmonics is None else answer.harmonics),
-    Column("motion", motion_word),
+    ("harmonics", lambda answer: NONE if answer.harmonics is None else answer.harmonics, str),
+    ("motion", motion_word, str),
 )
-"""Columns of the table of a sweep, over its answers."""
+"""Columns of the table of a sweep: head, reader of an answer, and how it is written."""
 
 
 def _swings(quantity):
     """Columns of a train without teeth: the shaft or damper with the largest torque, or the disk that moves most."""
 
-    def name_of(answer):
-        return quantity.largest(answer) if answer.known else None
-
     def read(what):
-        return lambda answer: (
-            quantity.factor * getattr(quantity.signal(answer, name_of(answer) or quantity.names[0]), what)
-        )
+        name_of = quantity.largest  # of a motion that is not known every element has the same: nan
+        return lambda one: quantity.factor * getattr(quantity.signal(one, name_of(one) or quantity.names[0]), what)
 
     what = "largest shaft torque" if quantity.element == "shaft" else f"largest {quantity.called}"
     return (
-        Column(what, lambda answer: name_of(answer) or NONE),
-        Column(f"half p-p {quantity.unit}", read("half_peak_to_peak"), "swing"),
-        Column(f"sum of amplitudes {quantity.unit}", read("sum_of_amplitudes"), "swing"),
+        (what, lambda answer: quantity.largest(answer) or NONE, str),
+        (f"half p-p {quantity.unit}", read("half_peak_to_peak"), "swing"),
+        (f"sum of amplitudes {quantity.unit}", read("sum_of_amplitudes"), "swing"),
     )
 
 
@@ -137,14 +118,19 @@ def _verdict(answers):
     if not hammering:
         some = f"{len(answered)} of {axis.span(places)}" if doubt else f"all {axis.span(places)}"
         return f"All teeth stay in contact at {some}{doubt}."
-    between = f"between {min(places):g} and {max(places):g} {axis.unit}".rstrip()
-    where = axis.said(ranges(places, hammering, axis.to))
-    return f"Teeth separate at {len(hammering)} of {len(places)} {axis.counted} {between}: {where}{doubt}."
+    some = f"{len(hammering)} of {axis.span(places, 'between', 'and')}"
+    return f"Teeth separate at {some}: {_where(answers, hammering)}{doubt}."
 
 
-def _kinds(answers):
-    """A line for each kind of motion other than contact and one stable cycle, and for each status but converged."""
-    axis, places, alike_in = answers[0].axis, [answer.place for answer in answers], {}
+def _where(answers, chosen):
+    """Places on the axis, in ranges of those that follow each other."""
+    axis = answers[0].axis
+    return axis.said(ranges([answer.place for answer in answers], chosen, "-" if axis == SPEED else " to "))
+
+
+def motion_sentences(answers):
+    """Where the teeth separate, and a line for each motion other than contact and one stable cycle or not converged."""
+    alike_in = {}
     for answer in answers:
         if answer.growth.unstable:
             alike_in.setdefault("UNSTABLE, the train does not run in these motions,", []).append(answer.place)
@@ -160,25 +146,24 @@ def _kinds(answers):
             said = f"{said or 'The motion has a period of one cycle'}, {doubt},"
         if said:
             alike_in.setdefault(said, []).append(answer.place)
-    return [f"{said} at {axis.said(ranges(places, chosen, axis.to))}." for said, chosen in alike_in.items()]
+    kinds = [f"{said} at {_where(answers, chosen)}." for said, chosen in alike_in.items()]
+    return [_verdict(answers), *kinds]
 
 
 def _hysteresis(sweeps):
     """Where the train does something else downwards than upwards."""
     if len(sweeps) < 2:
         return []
-    up, axis = sweeps["up"], sweeps["up"][0].axis
+    up = sweeps["up"]
     found = [one.place for one, other in zip(up, sweeps["down"], strict=True) if _differ(one, other)]
     if not found:
         return ["Upwards and downwards the train does the same."]
-    where = axis.said(ranges([answer.place for answer in up], found, axis.to))
-    return [f"Upwards and downwards differ at {where}: the motion depends on what came before."]
+    return [f"Upwards and downwards differ at {_where(up, found)}: the motion depends on what came before."]
 
 
 def _differ(one, other):
     """Whether two answers are different motions: another kind, period or largest tooth force."""
     if (one.state.kind, one.state.period) != (other.state.kind, other.state.period):
         return True
-    peaks = [[float(a.force(name).peak) for name in a.topology.mesh_names] for a in (one, other)]
-    highest = [max(values, default=0.0) for values in peaks]
-    return bool(abs(highest[0] - highest[1]) > APART * max(highest))
+    before, after = (max((a.force(name).peak for name in a.topology.mesh_names), default=0.0) for a in (one, other))
+    return abs(before - after) > APART * max(before, after)

@@ -1,45 +1,33 @@
 """What a tuning says: a table for people, a record for programs, and its designs beside their steady states."""
 
 import dataclasses
+import re
 
 import numpy as np
 
 from jaxhb.design.quantities import OF_DESIGN, label, unit_of
+from jaxhb.report.answer import SPEED
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
+from jaxhb.report.text.sentences import paragraph
 from jaxhb.report.text.strength import AID
-from jaxhb.report.text.tables import paragraph
 from jaxhb.train.changes import declared_field, locate
-
-JUDGED = (
-    "stress",
-    "stress over continuous limit",
-    "stress over transient limit",
-    "tooth torque over limit",
-    "power over limit",
-)
-"""Quantities of rules: their table says that it is no approval."""
 
 EXCESS = 0.01
 """Share of a limit by which a penalty lets it be exceeded before that is told."""
 
 
 def tuned_record(train, asked, result):
-    """What ``tune --json`` writes, in SI units; ``train`` is as it was, ``asked`` from
-    :func:`jaxhb.design.table.read_table`.
-
-    Readings by label are lists over the speeds (None where one is not solved), or one number of the train alone.
-    """
+    """What ``tune --json`` writes, in SI units: of the ``train`` as it was, ``asked`` as its table, and a Tuning."""
     before, after = result.before, result.after
-    parameters = {
-        p.name: {"before": before.parameters[p.name], "after": after.parameters[p.name]}
-        | {"low": p.low, "high": p.high, "unit": parameter_unit(train, p.name)}
-        for p in asked["parameters"]
-    }
-    found = {
+    return progress_record(train, asked["rpm"], result.history) | {
         "stopped": result.stopped,
         "interrupted": result.interrupted,
-        "parameters": parameters,
+        "parameters": {
+            p.name: {"before": before.parameters[p.name], "after": after.parameters[p.name]}
+            | {"low": p.low, "high": p.high, "unit": parameter_unit(train, p.name)}
+            for p in asked["parameters"]
+        },
         "readings": {
             name: {"unit": unit_of(chosen.quantity), "before": first, "after": last}
             for chosen, name, first, last in _readings(asked, result)
@@ -47,7 +35,6 @@ def tuned_record(train, asked, result):
         "solved": {"before": before.solved, "after": after.solved},
         "outcomes": [{"objective": value, "parameters": own, "valid": valid} for value, own, valid in result.outcomes],
     }
-    return progress_record(train, asked["rpm"], result.history) | found
 
 
 def progress_record(train, rpm, history):
@@ -65,11 +52,12 @@ def start_record(train, rpm, reading):
 def tuned_parts(train, asked, result):
     """Before and after in the words of an engineer: what was won, parameters, quantities at their worst speeds."""
     rpm, last = np.asarray(asked["rpm"]), result.history[-1]
-    span = f"{len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm" if len(rpm) > 1 else f"{rpm[0]:g} rpm"
-    head = [_won(chosen, rpm, before, after) for chosen, _, before, after in _compared(asked, result, limits=False)]
-    head += [
+    span = SPEED.span(rpm) if len(rpm) > 1 else f"{rpm[0]:g} rpm"
+    compared = list(_compared(asked, result))[: len(asked["objective"])]
+    head = [
+        *(_won(chosen, rpm, before, after) for chosen, _, before, after in compared),
         "",
-        f"{train.topology.name or 'scene'} at {span}: {last.number} steps, {last.evaluations} evaluations, "
+        f"{train.topology.title} at {span}: {last.number} steps, {last.evaluations} evaluations, "
         f"{last.seconds:.0f} s; {result.stopped}",
         f"solved: {result.before.solved.sum()} of {len(rpm)} speeds before, {result.after.solved.sum()} after",
         *_not_solved(rpm, result),
@@ -80,8 +68,8 @@ def tuned_parts(train, asked, result):
 
 def _not_solved(rpm, result):
     """A line on the speeds without a solution, which do not count in what was made small."""
-    pairs = (("before", result.before.solved), ("after", result.after.solved))
-    said = [f"{', '.join(f'{x:g}' for x in rpm[~solved])} rpm {when}" for when, solved in pairs if not solved.all()]
+    told = {"before": result.before.solved, "after": result.after.solved}
+    said = [f"{', '.join(f'{x:g}' for x in rpm[~ok])} rpm {when}" for when, ok in told.items() if not ok.all()]
     if not said:
         return []
     both = int((result.before.solved & result.after.solved).sum())
@@ -100,22 +88,21 @@ def _limits_exceeded(asked, rpm, result):
         most, least = getattr(chosen, "most", None), getattr(chosen, "least", None)
         over = most is not None and value > most + EXCESS * abs(most)
         if over or (least is not None and value < least - EXCESS * abs(least)):
-            unit = f" {scaled_unit(chosen.quantity)[1]}".rstrip()
-            said.append(f"{name} is {_shown(chosen, value)}{unit}, {_limit(chosen)}")
+            said.append(f"{name} is {shown_value(chosen, value)}, {_limit(chosen)}")
     return [f"NOT within its limits: {'; '.join(said)}."] if said else []
 
 
-def _readings(asked, result, *, limits=True):
+def _readings(asked, result):
     """(Objective or Penalty, label, before, after) of each."""
-    for chosen in (*asked["objective"], *(asked["penalties"] if limits else ())):
+    for chosen in (*asked["objective"], *asked["penalties"]):
         name = label(chosen)
         yield chosen, name, result.before.readings[name], result.after.readings[name]
 
 
-def _compared(asked, result, *, limits=True):
+def _compared(asked, result):
     """The same with NaN at speeds that only one of the designs has solved, unless no speed is solved in both."""
     both = result.before.solved & result.after.solved
-    for chosen, name, *values in _readings(asked, result, limits=limits):
+    for chosen, name, *values in _readings(asked, result):
         masked = (np.where(both, one, np.nan) if np.shape(one) == both.shape and both.any() else one for one in values)
         yield chosen, name, *masked
 
@@ -123,38 +110,35 @@ def _compared(asked, result, *, limits=True):
 def _won(chosen, rpm, before, after):
     """One sentence on an objective."""
     (old, old_rpm), (new, new_rpm) = _worst(rpm, before, chosen), _worst(rpm, after, chosen)
-    name, unit = label(chosen), scaled_unit(chosen.quantity)[1]
-    unit = f" {unit}" if unit else ""
-    change = f", {100 * (new / old - 1):+.0f} %" if old else ""
+    name, change = label(chosen), f", {100 * (new / old - 1):+.0f} %" if old else ""
     return (
-        f"{name[0].upper()}{name[1:]} at its worst: {_shown(chosen, old)}{unit} at {old_rpm:g} rpm before, "
-        f"{_shown(chosen, new)}{unit} at {new_rpm:g} rpm after{change}."
+        f"{name[0].upper()}{name[1:]} at its worst: {shown_value(chosen, old)} at {old_rpm:g} rpm before, "
+        f"{shown_value(chosen, new)} at {new_rpm:g} rpm after{change}."
     )
 
 
 def _parameter_table(train, asked, result):
     rows = [
-        [
-            p.name,
-            *(plain_number(found.parameters[p.name]) for found in (result.before, result.after)),
-            parameter_unit(train, p.name) or NONE,
-            f"{plain_number(p.low)} to {plain_number(p.high)}",
-        ]
+        [p.name, result.before.parameters[p.name], result.after.parameters[p.name]]
+        + [parameter_unit(train, p.name) or NONE, f"{plain_number(p.low)} to {plain_number(p.high)}"]
         for p in asked["parameters"]
     ]
-    return from_rows("Parameters", ["parameter", "before", "after", "unit", "bounds"], rows)
+    heads = ["parameter", ("before", plain_number), ("after", plain_number), "unit", "bounds"]
+    return from_rows("Parameters", heads, rows)
 
 
 def _quantity_table(asked, rpm, result):
     rows = []
     for chosen, name, *both in _compared(asked, result):
-        rows.append([f"{name}, {scaled_unit(chosen.quantity)[1]}".removesuffix(", ")])
+        factor, unit = scaled_unit(chosen.quantity)
+        rows.append([f"{name}, {unit}".removesuffix(", ")])
         for value, at in (_worst(rpm, values, chosen) for values in both):
-            rows[-1] += [_shown(chosen, value), NONE if chosen.quantity in OF_DESIGN else f"{at:g}"]
+            rows[-1] += [count(factor * value), NONE if chosen.quantity in OF_DESIGN else f"{at:g}"]
         rows[-1].append(_limit(chosen) or NONE)
     heads = ["quantity, worst over the speeds", "before", "at rpm", "after", "at rpm", "limit"]
     title = "Quantities (forces, torques and angles: half peak-to-peak unless called peak or order)"
-    judged = any(chosen.quantity in JUDGED for chosen, *_ in _readings(asked, result))
+    # Quantities of rules: their table says that it is no approval.
+    judged = any(re.match("stress|.* over limit$", chosen.quantity) for chosen, *_ in _readings(asked, result))
     return from_rows(f"{title} ({AID})" if judged else title, heads, rows)
 
 
@@ -168,18 +152,16 @@ def _worst(rpm, values, chosen):
     return float(values[place]), float(rpm[place])
 
 
-def _shown(chosen, value):
-    return count(scaled_unit(chosen.quantity)[0] * value)
+def shown_value(chosen, value):
+    """A value of what is read, in the unit for people."""
+    factor, unit = scaled_unit(chosen.quantity)
+    return f"{count(factor * value)} {unit}".rstrip()
 
 
 def _limit(chosen):
-    factor = scaled_unit(chosen.quantity)[0]
-    said = [
-        f"at {name} {factor * value:g}"
-        for name in ("most", "least")
-        if (value := getattr(chosen, name, None)) is not None
-    ]
-    return ", ".join(said)
+    limits = {name: getattr(chosen, name, None) for name in ("most", "least")}
+    factor, _ = scaled_unit(chosen.quantity)
+    return ", ".join(f"at {name} {factor * value:g}" for name, value in limits.items() if value is not None)
 
 
 def scaled_unit(quantity):
