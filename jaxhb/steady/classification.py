@@ -1,7 +1,8 @@
 """What marches show: harmonic balance of a motion that returns, a record of one that does not, and what kind it is."""
 
+import contextlib
 import dataclasses
-from functools import cached_property
+from functools import cached_property, partial
 
 import jax
 import numpy as np
@@ -11,7 +12,7 @@ from jaxhb.results.steady import SteadyState
 from jaxhb.steady.closure import DECAYS, ended
 from jaxhb.steady.confirmation import LEVELS, compile_ahead, same_motion, shortest_period, solve_marched
 from jaxhb.steady.marching import Batch, Equations, record_of
-from jaxhb.steady.threads import driven, side_by_side
+from jaxhb.steady.threads import side_by_side
 
 # Difference of deflections, relative to the largest and the gap, up to which a march arrives at a motion known from
 # another start.
@@ -57,52 +58,37 @@ class Classifier:
         if isinstance(self.equations, str):
             progress(len(indices))
             return {index: unknown(self.train, self.speeds[index], self.equations) for index in indices}
-        with side_by_side(self.devices) as ask:
-            groups = [self._until_sure(group, motions, progress, ask) for group in self._groups(indices)]
-            return {index: state for found in driven(groups) for index, state in found.items()}
+        found, march = {}, partial(self._until_sure, motions=motions)
+        with contextlib.closing(side_by_side(march, self._groups(indices), self.devices)) as groups:
+            for states in groups:
+                progress(len(states))
+                found |= states
+        return {index: found[index] for index in indices}
 
-    def _until_sure(self, indices, motions, progress, ask):
-        """Steady states of speeds that share steps, for :func:`driven`; ``ask`` begins a function in another thread and
-        gives its Future. With the finest steps every motion is classified.
-
-        To classify a motion takes as long as many cycles: a march waits for that while the others go on::
-
-            while there are marches that are not done:
-                begin to march those that wait for no classification, until some of them end
-                take the classifications that the last round asked for: their marches are done, or go on
-                when some marches have ended: ask for their classifications
-
-        Which go on side by side does not depend on how long it takes, so that the same call gives the same bits.
-        """
+    def _until_sure(self, indices, motions):
+        """Steady states of speeds that share steps; with the finest steps every motion is classified."""
         found, spent, refinement = {}, dict.fromkeys(indices, 0), 1
         while indices:
-            speeds, finer, asked = self.speeds[indices], {}, ()
+            speeds, finer = self.speeds[indices], {}
             batch = Batch(self.equations, speeds, refinement * self.equations.steps(speeds.min()), self.devices)
             for i, index in enumerate(indices):
                 if index in motions:
                     batch.begin(i, motions[index])
             cycles = self._cycles_of(batch, min(spent[index] for index in indices), refinement)
             while marches := [march for march in batch.marches if not march.done]:
-                waiting = {march.place for march, _, _ in asked}
-                going = [march for march in marches if march.place not in waiting]
-                over = ask(ended, batch, going, cycles, self.exact) if going else None
-                for march, classification, answer in asked:
-                    state, index = (yield answer), indices[march.place]
+                over = ended(batch, marches, cycles, self.exact)
+                if not self.exact:
+                    _record(batch, over)
+                for march, period in over:
+                    index = indices[march.place]
+                    classification = _Classification(self, index, batch, march, spent[index], refinement)
+                    state = classification.state(period)
                     march.done = state is not None or classification.needs_refinement
                     if state is not None:
                         found[index] = state
-                        progress(1)
                     elif classification.needs_refinement:
                         finer[index] = batch.motion(march)
                         spent[index] += march.cycles
-                over = (yield over) if going else []
-                if not self.exact:
-                    yield ask(_record, batch, over)
-                asked = []
-                for march, period in over:
-                    index = indices[march.place]
-                    made = _Classification(self, index, batch, march, spent[index], refinement)
-                    asked.append((march, made, ask(made.state, period)))
             motions, refinement = finer, 2 * refinement
             indices = [index for index in indices if index in finer]
         return found
