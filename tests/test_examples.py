@@ -27,4 +27,4 @@ def test_the_examples_of_a_module_hold(name):
 
 
 def test_most_modules_have_examples():
-    assert len(NAMES) >= 50 and set(NAMES) >= SLOW
+    assert len(NAMES) >= 40 and set(NAMES) >= SLOW

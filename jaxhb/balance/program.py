@@ -96,7 +96,7 @@ def find(problem, active_meshes, start, goals, plan):
     reduced = dataclasses.replace(condensation.truncate(fine, harmonics), integrals=plan.integrals)
     periodicity_error, error, truncation = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
     operator = None
-    steps, stalled, known = jnp.array(0), jnp.array(False), jnp.array(False)
+    steps, stalled, small_step = jnp.array(0), jnp.array(False), jnp.array(False)
     deflection = reduced.linear
     if not none:
         model = model_of(problem, active_meshes, plan.time_steps)
@@ -109,7 +109,7 @@ def find(problem, active_meshes, start, goals, plan):
         else:
             goal = {"tolerance": tolerance, "step_tolerance": step_tolerance, "max_steps": plan.max_steps}
             iterate, operator = solve_reduced(reduced, model, first, **numbers, **goal)
-            deflection, error, known = iterate.x, iterate.error, iterate.step < step_tolerance
+            deflection, error, small_step = iterate.x, iterate.error, iterate.step < step_tolerance
         if plan.estimated:
             truncation = truncation_error(fine, operator, deflection, plan.samples)
         steps, stalled = iterate.steps, iterate.stalled
@@ -121,7 +121,7 @@ def find(problem, active_meshes, start, goals, plan):
         every = exact_integrals.find_crossings(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
         crossings = reduced.crossings, every
     newton = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
-    newton = jnp.where((error <= tolerance) | known, Status.CONVERGED, newton)
+    newton = jnp.where((error <= tolerance) | small_step, Status.CONVERGED, newton)
     newton = jnp.where(jnp.isfinite(error), newton, Status.NONFINITE)
     failure = _failure(problem, active_meshes, reduced, condensed, found, newton, crossings, plan.samples)
     solved = failure == Status.CONVERGED

@@ -12,8 +12,10 @@ from jaxhb._jax import Number
 LINKS = ("shaft", "damper", "mesh")  # tables of links in the order of their numbers
 DIMENSIONS = ("length", "outer", "inner", "shear_modulus")
 DAMPING = ("magnifier", "damping_ratio", "damping_hz")
-_TOLD = ("length", "outer", "shear_modulus", *DAMPING, "diameter", "stress_concentration", "tensile_strength")
-OPTIONAL = (*_TOLD, "power_limit", "rated_torque")
+OPTIONAL = (
+    *("length", "outer", "shear_modulus", *DAMPING, "diameter", "stress_concentration", "tensile_strength"),
+    *("power_limit", "rated_torque"),
+)
 """Keys that a link has or has not; ``inner`` and ``bore`` are 0 where they are not given."""
 
 WITH = {"inner": "outer", "bore": "diameter"}  # keys that only have a meaning beside another one

@@ -97,7 +97,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
 
     @property
     def converged(self) -> Array:
-        """True where residual and truncation error are within their limits."""
+        """True where the equations are solved and the truncation error is within its limit."""
         return self.status == 0
 
     @property

@@ -140,10 +140,11 @@ class Batch:
         self.equations, self.steps, self.devices = equations, steps, devices
         self.linear_motion = equations.linear_motion(rpm)
         self.steppers = batch.steppers(equations.modes, equations.system, equations.meshes, self.linear_motion, steps)
-        gap = (1 - equations.meshes.law.epsilon) * equations.meshes.law.backlash
+        # As in the periodicity error of a Trace: with epsilon 1 there is no gap.
+        floor = (1 - equations.meshes.law.epsilon) * equations.meshes.law.backlash
         begun = batch.state_of(equations.modes, batch.motions_on_flank(self.linear_motion), self.linear_motion)
         self.marches = [
-            SpeedMarch(i, float(speed), begun[i], Closure(np.concatenate([gap, omega * gap])))
+            SpeedMarch(i, float(speed), begun[i], Closure(np.concatenate([floor, omega * floor])))
             for i, (speed, omega) in enumerate(zip(rpm, self.linear_motion.frequency, strict=True))
         ]
 
@@ -225,6 +226,7 @@ def record_of(equations, march):
     bent, forces = take(equations.linear), take(equations.linear)
     deflections, elastic, total = take(equations.own), take(equations.own), take(equations.own)
     of_gears = dict(zip(gears, transmitted(take(gears), take(gears)), strict=True))
+    assert next(signals, None) is None, "another order of the outputs"
 
     ends = radius[equations.system.tree.end_a][:shafts]
     factors = zip(twists, stiffness[:shafts], ends, strict=True)
