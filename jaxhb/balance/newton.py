@@ -23,6 +23,8 @@ RENEW_ABOVE = 12  # krylov steps of a Newton step above which the preconditioner
 # Share of the residual that a correction may leave, and a simplified one. Kinks of the law make Newton's method no
 # better than linear until the last steps: tighter corrections take twice as many Krylov steps for a fifth fewer others.
 FORCING, LEVEL_FORCING = 0.03, 0.01
+# Residual from which a step goes for the goal, and by what share it aims below, where derivatives are to follow.
+NEAR, BELOW = 1e-6, 0.05
 
 
 class Iterate(NamedTuple):
@@ -62,7 +64,7 @@ def _solve(evaluate, direction, norm, state):
     """
     iterate, trying = state.iterate, state.trying
     forcing = jnp.where(trying, LEVEL_FORCING, FORCING)
-    found, work = direction(state.prepared, iterate.x, state.given, forcing)
+    found, work = direction(state.prepared, iterate.x, state.given, iterate.error, forcing)
     correction = jnp.where(trying, state.correction, found)
     size, found_size = norm(correction), norm(found)
     # On trial, what was found is the simplified correction: the trial is taken now, or a shorter one is made.
@@ -104,8 +106,8 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, r
     finite if the start was, and what was prepared last.
 
     norm : of a residual or correction, on which ``tolerance`` and ``step_tolerance``, of a whole step, are; prepare :
-    x -> whatever ``direction`` needs and is worth keeping for several steps; direction : (prepared, x, residual,
-    forcing) -> (correction, work), solves ``J(x) correction = residual`` to a share of the residual, or exactly;
+    x -> whatever ``direction`` needs and is worth keeping for several steps; direction : (prepared, x, residual, error
+    at x, forcing) -> (correction, work), solves ``J(x) correction = residual`` to that share of the residual or less;
     max_steps : linear solves; renew_above : work of a step above which the next is prepared anew, as is a step after
     one that found no descent.
     """
@@ -163,7 +165,9 @@ def solve_reduced(reduced, model, start, *, samples, time_steps, tolerance, max_
     def prepare(deflection):
         return correction.prepare(reduced, model, deflection, samples, time_steps)
 
-    def direction(operator, deflection, value, forcing):
+    def direction(operator, deflection, value, error, forcing):
+        aimed = jnp.clip(BELOW * tolerance / error, 1e-10, forcing)
+        forcing = jnp.where((error < NEAR) & (step_tolerance == 0), aimed, forcing)
         change, _, used = correction.correct(reduced, operator, deflection, value, samples, forcing, KRYLOV_STEPS)
         return change, used
 
@@ -196,7 +200,7 @@ def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, m
         value = residual(packed, system, meshes, frequency, load, samples)
         return value.at[root, 0].add(hold * packed[root, 0])
 
-    def direction(_, packed, value, forcing):
+    def direction(_, packed, value, error, forcing):
         blocks = link_blocks(packed, system, meshes, frequency, samples)[tree.link]
         x, _ = block_sweep(tree.parent, near, far, blocks, node[tree.node], value[tree.node])
         return jnp.zeros_like(x).at[tree.node].set(x), 1

@@ -9,7 +9,7 @@ from jaxhb.balance.newton import newton
 
 
 def solve(evaluate, start, max_steps=24):
-    def direction(_, x, residual, forcing):
+    def direction(_, x, residual, error, forcing):
         return jnp.linalg.solve(jax.jacfwd(evaluate)(x), residual), 1
 
     @jax.jit
