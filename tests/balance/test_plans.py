@@ -252,7 +252,7 @@ def test_a_sweep_is_its_single_solves_and_has_at_most_four_large_programs(pair):
     for place in (0, hammers[0]):
         alone = jaxhb.solve(pair, rpm=rpm[place], harmonics=int(sweep.highest_harmonic[place]))
         largest = sweep[place].force("gear a", "gear b").max
-        np.testing.assert_allclose(largest, alone.force("gear a", "gear b").max, rtol=1e-7)
+        np.testing.assert_allclose(largest, alone.force("gear a", "gear b").max, rtol=1e-5)
 
 
 def test_a_planned_sweep_may_take_as_many_newton_steps_as_a_planned_solve(pair, plan, monkeypatch):
