@@ -23,13 +23,14 @@ RENEW_ABOVE = 12  # krylov steps of a Newton step above which the preconditioner
 # Share of the residual that a correction may leave, and a simplified one. Kinks of the law make Newton's method no
 # better than linear until the last steps: tighter corrections take twice as many Krylov steps for a fifth fewer others.
 FORCING, LEVEL_FORCING = 0.03, 0.01
+LEAVES = 0.1  # share of a whole step that it leaves at most, where its size tells how far the solution is
 # Residual from which a step goes for the goal, and by what share it aims below, where derivatives are to follow.
 NEAR, BELOW = 1e-6, 0.05
 
 
 class Iterate(NamedTuple):
     """Unknowns, residual norm, linear solves, whether no step leads closer, and the size of the step that led here, inf
-    unless it was a whole one."""
+    unless it was a whole one that left little of itself."""
 
     x: jax.Array
     error: jax.Array
@@ -80,12 +81,15 @@ def _solve(evaluate, direction, norm, state):
     error = norm(after)
     # The residual is at hand and the level costs a linear solve: where the residual falls, it is not asked for.
     good = lower | (error < (1 - length / 2) * iterate.error)
+    # A step tells how far the solution is only where it leaves little of itself.
+    left = jnp.where(lower, found_size / size, error / iterate.error)
+    telling = (length == 1) & (left < LEAVES)
     following = Iterate(
         jnp.where(good, moved, iterate.x),
         jnp.where(good, error, iterate.error),
         iterate.steps + 1,
         ~good & (length < iterations.SHORTEST),
-        jnp.where(good & (length == 1), size, jnp.where(good, jnp.inf, iterate.step)),
+        jnp.where(good, jnp.where(telling, size, jnp.inf), iterate.step),
     )
     return _State(
         following,

@@ -20,7 +20,7 @@ MOST_HARMONICS = {"reduced": 4096, "chain": 128}
 DEFAULT_TOLERANCE = 0.01  # truncation error of the elastic tooth force, as a share of the largest tooth force
 RESIDUAL = 1e-10  # of equations that count as solved exactly, as derivatives want them (:class:`Plan`)
 # Whole step of Newton's method after which values are known, as a share of the tolerance: what is left of the motion is
-# a thirtieth of it (``newton.FORCING``). A residual would not do: near resonances 3e-8 of it hides 3 % of the force.
+# a tenth of it at most (``newton.LEAVES``). A residual would not do: near resonances 3e-8 of it hides 3 % of the force.
 STEP_SHARE = 1e-2
 # Cycles of time integration before Newton's method, which then takes 2 to 5 steps on ``gear_train_30``.
 MARCH_CYCLES = 3

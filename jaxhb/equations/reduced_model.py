@@ -21,14 +21,15 @@ from jaxhb.equations.state_space import LIGHT, ROTATION, StateSpace, modal_basis
 DISKS, MODES = 64, 48  # of a train whose modes are all kept, and how many are of a larger one
 SHIFTS = 12  # frequencies at which the responses of a larger train to mesh forces are taken, its basis
 UNDAMPED = 1e-6  # share of the largest drag that counts as none: rounding leaves more where inertias differ much
+STILL = 1e-9  # times Omega, of a rate that rounding leaves of none
 RESOLVED = 4  # steps per period of the slowest mode that is too fast for the steps
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ReducedOrderModel:
-    """Slow modes, damped, those first that take longest to decay, and the static response ``(G, G)`` m/N of the fast
-    ones.
+    """Slow modes, damped: first those that take longest to decay, last what does not move; and the static response
+    ``(G, G)`` m/N of the fast ones.
 
     motion : ``(2S, n)``, displacements and velocities of the disks for each state; at_rest : ``(n, G)`` per N, state in
     which a constant nonlinear force of a mesh leaves what has a stiffness, and the rest at zero.
@@ -91,7 +92,10 @@ def reduced_model(system, links, active, frequency, time_steps):
     springs = jnp.where(alone, scale * (1 + jnp.arange(count) / count), 0.0)
     basis = modal_basis(transition.at[count:, :count].add(-jnp.diag(springs)))
     rates = paired(jnp.linalg.solve(basis, transition @ basis))
-    order = jnp.argsort(-jnp.maximum(rates[0, 0], rates[1, 1]))
+    # What takes longest to decay first, and what does not move by itself, which no cycle closes, last.
+    trace, determinant = rates[0, 0] + rates[1, 1], rates[0, 0] * rates[1, 1] - rates[0, 1] * rates[1, 0]
+    still = (jnp.abs(trace) < STILL * frequency) & (jnp.abs(determinant) < (STILL * frequency) ** 2)
+    order = jnp.argsort(jnp.where(still, jnp.inf, -jnp.maximum(rates[0, 0], rates[1, 1])))
     basis, rates = basis[:, jnp.concatenate([order, count + order])], rates[..., order]
     to_modes = partial(jnp.linalg.solve, basis)
     space = StateSpace(

@@ -18,7 +18,7 @@ from jaxhb._program import Program
 from jaxhb.balance.problem import model_of, problem_at, reduced_equation
 from jaxhb.balance.program import reduced_stepper
 from jaxhb.equations import fourier
-from jaxhb.equations.reduced_model import DISKS, states_of
+from jaxhb.equations.reduced_model import states_of
 from jaxhb.integration import shooting
 from jaxhb.integration.step import cycle, cycle_error, with_rate
 
@@ -164,8 +164,8 @@ class OrbitSearch:
 
     def close(self, nodes, search):
         """The FoundOrbit near the nodes of another one, which another OrbitSearch with other steps found."""
-        if self.train.topology.n_disks > DISKS or not np.all(self.train.disks.inertia):  # modes depend on the steps
-            nodes = nodes @ (self._made[1].space.coordinates @ search._made[1].motion).T
+        # Modes, and their order, depend on the steps.
+        nodes = nodes @ (self._made[1].space.coordinates @ search._made[1].motion).T
         nodes, deflection, periodicity_error = jax.tree.map(np.asarray, _closed(self.stepper, nodes))
         found = coefficients(deflection, self.plan.time_steps) if periodicity_error <= PERIODIC else None
         return FoundOrbit(found, float(periodicity_error), nodes, 1)

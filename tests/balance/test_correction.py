@@ -15,7 +15,7 @@ from jaxhb.balance import correction
 from jaxhb.balance.problem import ActiveMeshes, problem_at, reduced_equation
 from jaxhb.equations import fourier, reduced_model as reduced_models
 from jaxhb.equations.reduced_model import reduced_model
-from jaxhb.equations.state_space import partition, state_space
+from jaxhb.equations.state_space import paired, partition, state_space
 
 HARMONICS, SAMPLES, RPM = 48, 768, 12000.0
 """The mesh modes lie at harmonic 13: the sweep in time knows no truncation, and below them it would matter."""
@@ -218,6 +218,19 @@ def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
         wanted = receptance_of(every, problem.frequency, harmonic)
         found = receptance_of(train, problem.frequency, harmonic)
         np.testing.assert_allclose(found, wanted, rtol=0, atol=0.02 * np.abs(wanted).max())
+
+
+def test_what_takes_longest_to_decay_comes_first_and_what_does_not_move_last(case):
+    """Of a floating train with modes too fast for the steps: what a cycle closes on are the first."""
+    problem, _, _ = case
+    system = dataclasses.replace(problem.system, ground=0.0 * problem.system.ground)
+    model = surrogate_of(dataclasses.replace(problem, system=system), 32)
+    rates = np.asarray(paired(model.space.transition))
+    decay = -np.maximum(rates[0, 0], rates[1, 1])
+    observed = np.abs(np.asarray(model.space.observation)).max(axis=0).reshape(2, -1).max(axis=0)
+    count = (observed > ALGEBRAIC * observed.max()).sum()
+    assert 0 < count < len(decay) and (observed[count:] <= ALGEBRAIC * observed.max()).all()
+    assert (np.diff(decay[:count]) > 0).all()
 
 
 def test_resting_on_the_flank_balances_constant_forces(case):
