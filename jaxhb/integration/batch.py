@@ -65,7 +65,6 @@ def steppers(modes, system, meshes, linear_motion, steps):
         law=jax.tree.map(everywhere, meshes.law),
         viscous=everywhere(meshes.viscous),
         contact_damping=everywhere(meshes.contact_damping),
-        frequency=linear_motion.frequency,
     )
 
 
