@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 import trains
 from event_exact import Pair
-
-import jaxhb
-from jaxhb.report.figures.figure import DIGITS
-from jaxhb.report.figures.motion import (
+from motion_pictures import (
     hardest_mesh,
     plot_branch,
     plot_cycle_peaks,
@@ -18,6 +15,9 @@ from jaxhb.report.figures.motion import (
     plot_multipliers,
     plot_waterfall,
 )
+
+import jaxhb
+from jaxhb.report.figures.figure import DIGITS
 from jaxhb.steady.steady_state import Cycles
 
 SPEEDS = 0.6, 1.0, 1.1, 1.2

@@ -139,19 +139,6 @@ def motion_line(answers, values, name, style=0, *, hollow=False):
     return line([answer.place for answer in answers], values, name, style, **more)
 
 
-def kind_marks(answers, points, title="", *, hollow=False, **more):
-    """Points of answers, each with arrays x and y, in traces by their kinds of motion."""
-    found, kinds = [], [kind_of(answer) for answer in answers]
-    for kind, (symbol, said) in MOTIONS.items():
-        own = [point for point, other in zip(points, kinds, strict=True) if other == kind]
-        if own:
-            places = [np.concatenate(column) for column in zip(*own, strict=True)]
-            hover = {"hovertemplate": f"%{{x}} {answers[0].axis.unit}: {said}<extra></extra>"}
-            name, symbol = f"{said}, {title}".removesuffix(", "), symbol + "-open" * (hollow and kind is not None)
-            found.append(marks(*places, name, symbol, **hover, **more))
-    return found
-
-
 def kind_keys(*lists):
     """Entries of the legend for the kinds of motion that occur, and crosses at the bottom where there is no answer."""
     met = {kind_of(answer) for answers in lists for answer in answers}

@@ -1,4 +1,5 @@
-"""Pictures of what a train does: kinds of motion over the speed, peaks of cycles, orders; branches and multipliers.
+"""Pictures of 03_what_the_engine_does.ipynb: kinds of motion over the speed, peaks of cycles, orders; branches and
+multipliers.
 
 ``sweeps`` is one SteadySweep, or two of one train, upwards and downwards: the second is drawn hollow. ``mesh`` is by
 default the one with the largest tooth force; a train without meshes is refused with a ValueError.
@@ -13,12 +14,13 @@ from jaxhb.report.answer import Answer, Case
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import (
     GREY,
+    MOTIONS,
     WITH,
     WITHOUT,
     bars,
     crosses,
     figure,
-    kind_marks,
+    kind_of,
     line,
     marks,
     note,
@@ -107,6 +109,19 @@ def plot_waterfall(sweep, mesh=None, *, highest=None):
     more = {"x_range": (0.0, 1.02 * highest), "height": 420, "annotations": [scaled]}
     made = figure(caption, title, [("speed, rpm", None)], traces, **more)
     return drawn(made, title=sweep[0].topology.title)
+
+
+def kind_marks(answers, points, title="", *, hollow=False, **more):
+    """Points of answers, each with arrays x and y, in traces by their kinds of motion."""
+    found, kinds = [], [kind_of(answer) for answer in answers]
+    for kind, (symbol, said) in MOTIONS.items():
+        own = [point for point, other in zip(points, kinds, strict=True) if other == kind]
+        if own:
+            places = [np.concatenate(column) for column in zip(*own, strict=True)]
+            hover = {"hovertemplate": f"%{{x}} {answers[0].axis.unit}: {said}<extra></extra>"}
+            name, symbol = f"{said}, {title}".removesuffix(", "), symbol + "-open" * (hollow and kind is not None)
+            found.append(marks(*places, name, symbol, **hover, **more))
+    return found
 
 
 def hardest_mesh(*sweeps):
