@@ -5,7 +5,6 @@ multipliers.
 default the one with the largest tooth force; a train without meshes is refused with a ValueError.
 """
 
-import dataclasses
 from itertools import pairwise
 
 import numpy as np
@@ -44,7 +43,7 @@ def plot_motions(*sweeps, mesh=None, branches=(), orbits=None):
     (:func:`jaxhb.solve_speeds`), are the periodic motions, whether or not they occur.
     """
     mesh, cases = mesh or hardest_mesh(*sweeps), _cases(sweeps)
-    quantity = dataclasses.replace(forces(sweeps[0][0]), signal=None)
+    quantity = forces(sweeps[0][0])
     more = [trace for branch in branches for trace in branch_traces(branch, mesh)]
     if orbits is not None:
         solved = np.asarray(orbits.converged)

@@ -102,8 +102,8 @@ def _place_of(case, rpm):
     """Number of the asked speed, or of that with the largest tooth force, without teeth the largest torque."""
     if rpm is not None:
         return [answer.rpm for answer in case.answers].index(rpm)
-    values = [told.hardest(answer)[2] if answer.answered else -1.0 for answer in case.answers]
-    return values.index(max(values))
+    found = told.hardest_of([case])
+    return found.place if found else 0
 
 
 def _certified(case, place, say):
@@ -144,13 +144,15 @@ def second_text(cases, seconds):
     """What a second design does to the largest tooth force (torque, angle), a line for each of its cases."""
     lines = []
     for case, first in zip(seconds, [cases[0], shown_misfire(cases)], strict=False):
-        found, before = told.largest_of(case), told.largest_of(first)
+        found, before = told.hardest_of([case]), told.hardest_of([first])
         if found is None or before is None:
             lines.append(f"The {case.title}: no largest value, one of the designs has no answer.")
             continue
-        (called, value, text), (_, was, said) = found, before
-        change = f" ({100 * (value / was - 1):+.1f} %)" if was > 0 and called == before[0] else ""
-        lines.append(f"The {case.title}: {called} {text}; first design: {said}{change}.")
+        alike = found.quantity.title == before.quantity.title and before.value > 0
+        change = f" ({100 * (found.value / before.value - 1):+.1f} %)" if alike else ""
+        lines.append(
+            f"The {case.title}: {found.quantity.small_title} {found.said}; first design: {before.said}{change}."
+        )
     return "\n".join(lines)
 
 

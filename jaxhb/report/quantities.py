@@ -1,9 +1,7 @@
 """The quantities that reports tell, one table over that of data sets: names of elements, titles, units for people."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -43,11 +41,10 @@ def number(motion, name, variable):
     if variable.endswith(WITHOUT):
         return number(motion.linear, name, variable.removesuffix(WITHOUT))
     signal, statistic = _parts(variable)
-    if statistic:
-        return float(getattr(getattr(motion, READERS[signal])(name), statistic))
-    if signal in READERS:
-        return float(getattr(motion, READERS[signal])(name))
-    return getattr(motion.contacts[name], signal)
+    if signal not in READERS:
+        return getattr(motion.contacts[name], signal)
+    found = getattr(motion, READERS[signal])(name)
+    return float(getattr(found, statistic) if statistic else found)
 
 
 def _parts(variable):
@@ -58,22 +55,27 @@ def _parts(variable):
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of every element of a kind: ``element`` heads their column, ``called`` is for sentences and files,
-    ``title`` for tables and figures; ``read`` is a function of (Answer or Response, name) to the number in SI,
-    ``signal`` the same to the Signal that it is of, None where it is of none; ``variable`` is that of data sets."""
+    """One number of every element of a kind, by its ``variable`` in data sets: ``element`` heads their column,
+    ``called`` is for sentences and files, ``title`` for tables and figures."""
 
+    variable: str
     element: str
     called: str
     title: str
     names: tuple
-    read: Callable
-    si_unit: str
-    signal: Callable | None = None
-    variable: str = ""
 
-    unit = property(lambda self: shown_unit(self.si_unit)[1], doc="The unit for people.")
-    factor = property(lambda self: shown_unit(self.si_unit)[0], doc="From SI to the unit for people.")
+    unit = property(lambda self: shown_unit(unit_of(self.variable))[1], doc="The unit for people.")
+    factor = property(lambda self: shown_unit(unit_of(self.variable))[0], doc="From SI to the unit for people.")
     small_title = property(lambda self: f"{self.title[0].lower()}{self.title[1:]}", doc="The title inside a sentence.")
+    of_signal = property(lambda self: bool(_parts(self.variable)[1]), doc="Whether it is a number of a Signal.")
+
+    def read(self, motion, name):
+        """The number of one element in SI, of an Answer or Response; of "" the largest of all."""
+        return max(number(motion, one, self.variable) for one in ([name] if name else self.names))
+
+    def signal(self, motion, name):
+        """The Signal that it is a number of."""
+        return getattr(motion, READERS[_parts(self.variable)[0]])(name)
 
     def said(self, value):
         """A number in SI in words for people."""
@@ -81,12 +83,12 @@ class Quantity:
 
     def of(self, answers, name):
         """Of every answer in the unit for people, nan where there is none to rely on."""
-        return self.factor * np.array([float(self.read(a, name)) if a.answered else np.nan for a in answers])
+        return self.factor * np.array([self.read(a, name) if a.answered else np.nan for a in answers], float)
 
     def without(self, answers, name):
         """The same without backlash; nan where that has not converged."""
-        values = [float(self.read(a.linear, name)) if bool(a.linear.converged) else np.nan for a in answers]
-        return self.factor * np.array(values)
+        values = [self.read(a.linear, name) if bool(a.linear.converged) else np.nan for a in answers]
+        return self.factor * np.array(values, float)
 
     def largest(self, answer):
         """The element with the largest number at one speed; None where nothing is known."""
@@ -111,18 +113,8 @@ ELEMENTS = {
 
 def _told(element, called, title, variable, names_of=None):
     """The function from a train to a quantity of its elements."""
-    signal, statistic = _parts(variable)
-    read = partial(number, variable=variable)
-
-    def read_signal(motion, name):
-        return getattr(motion, READERS[signal])(name)
-
-    def of(train):
-        names = names_of(train) if names_of else ELEMENTS[element](train.topology)
-        of_signal = read_signal if statistic else None
-        return Quantity(element, called, title, names, read, unit_of(variable), of_signal, variable)
-
-    return of
+    names_of = names_of or (lambda train: ELEMENTS[element](train.topology))
+    return lambda train: Quantity(variable, element, called, title, names_of(train))
 
 
 IRREGULARITY = "Cyclic irregularity, (largest - smallest) / mean speed"

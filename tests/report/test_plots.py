@@ -74,13 +74,13 @@ def test_a_train_without_teeth_shows_its_hardest_shaft_and_over_the_speed_both_m
 
 
 def test_the_bars_of_several_meshes_stand_beside_each_other():
-    cycles = SimpleNamespace(per_cycle=SimpleNamespace(max=np.array([1e3, 2e3, 3e3])))
+    cycles = SimpleNamespace(per_cycle=SimpleNamespace(max=np.array([1e3, 2e3, 3e3])), peak=3e3)
     topology = SimpleNamespace(mesh_names=("a|b", "b|c"), mesh_backlash=(0.0, 0.0))
     irregular = {"state": SimpleNamespace(kind="irregular"), "answered": True, "force": lambda mesh: cycles}
     irregular |= {"axis": SPEED, "train": SimpleNamespace(topology=topology), "topology": topology}
-    irregular["growth"] = SimpleNamespace(unstable=False)
+    irregular |= {"growth": SimpleNamespace(unstable=False), "linear": None}
     answers = [SimpleNamespace(place=rpm, rpm=rpm, **irregular) for rpm in (1800.0, 2000.0)]
-    quantity = Quantity("mesh", "tooth force", "Force", topology.mesh_names, lambda *_: 3e3, "N")
+    quantity = Quantity("tooth_force_peak", "mesh", "tooth force", "Force", topology.mesh_names)
     figure = over_speed(quantity, topology.mesh_names, [Case("", answers)])
     (bars,) = [trace for trace in figure.traces if trace["name"] == "5 to 95 % of the cycles"]
     width = np.ptp(figure.layout["xaxis"]["range"])

@@ -46,7 +46,7 @@ def plot_sweep(sweeps):
         ]
     else:
         torque, shaft = shaft_torques(train), hardest_shaft(first)
-        sums = dataclasses.replace(torque, read=lambda answer, name: answer.torque(name).sum_of_amplitudes)
+        sums = dataclasses.replace(torque, variable="torque_sum_of_amplitudes")
         more = [line([answer.place for answer in first], sums.of(first, shaft), "sum of amplitudes", 3)]
         caption = f"Vibratory torque of {plain(shaft)}, half peak-to-peak, and the kind of motion"
         figures = [over_speed(torque, [shaft], cases, caption, more=more)]
@@ -60,11 +60,12 @@ def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
     """Elements over the speed, case by case, with and without backlash; symbols tell the kind of motion.
 
     Of one element every case has a look of its own; of several every element, with open symbols in the second case. A
-    quantity of no signal is drawn with backlash alone. ``more`` are further traces, ``layout`` is for :func:`figure`.
+    quantity of no signal is drawn with backlash alone, as what has no linear motion beside it. ``more`` are further
+    traces, ``layout`` is for :func:`figure`.
     """
     first, several = cases[0].answers, len(names) > 1
     places = [answer.place for answer in first]
-    backlash = quantity.signal is not None and any(first[0].topology.mesh_backlash)
+    backlash = quantity.of_signal and first[0].linear is not None and any(first[0].topology.mesh_backlash)
     # Both directions have the same motion without backlash.
     alike, traces = all(case.answers[0].train is first[0].train for case in cases), []
     for place, name in enumerate(names):
@@ -172,8 +173,8 @@ def judged_elements(found, names=None, *, each=False):
         rows = {name: row for name, row in getattr(found, key).items() if names is None or name in names}
 
         def most(name, kind=kind, rows=rows):
-            values = np.asarray(getattr(rows[name], kind.field), float)
-            return np.nanmax(np.append(kind.shares(rows[name]), -1.0)), np.nanmax(np.append(values, 0.0))
+            share, place = kind.worst(rows[name])
+            return np.nan_to_num(share, nan=-1.0), 0.0 if place is None else getattr(rows[name], kind.field)[place]
 
         chosen += [(key, name) for name in (rows if each or not rows else [max(rows, key=most)])]
     return chosen

@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxhb.report.figures.speeds import judged_elements, limit_figure
 from jaxhb.report.page.parts import Heading, flowing, table
-from jaxhb.report.text.cases import hardest, worst_misfire
+from jaxhb.report.text.cases import hardest_of, worst_misfire
 from jaxhb.report.text.certified import certificate_parts
 from jaxhb.report.text.columns import NONE, Table, from_rows, plain_number
 from jaxhb.report.text.sentences import notes, warnings
@@ -31,14 +31,13 @@ def result(report):
 
 def _largest(case):
     """What a case does over the speeds, and the largest number of all elements, in sentences."""
-    found, said = [(*hardest(answer), answer) for answer in case.answers], " ".join(motion_sentences(case.answers))
-    quantity, name, value, answer = max(found, key=lambda row: row[2] if row[1] else -1.0)
-    if not name:
+    found, said = hardest_of([case]), " ".join(motion_sentences(case.answers))
+    if found is None:
         return f"{case.title}: {said} No speed has an answer."
-    before = quantity.without([answer], name)[0] if any(answer.topology.mesh_backlash) else np.nan
+    quantity, name, *_ = found
+    before = quantity.without([found.answer], name)[0] if any(found.answer.topology.mesh_backlash) else np.nan
     without = f" ({before:.4g} {quantity.unit} without backlash)" if np.isfinite(before) else ""
-    largest = f"{quantity.title}: {quantity.said(value)} in {name} at {answer.rpm:g} rpm{without}."
-    return f"{case.title}: {said} {largest}"
+    return f"{case.title}: {said} {quantity.title}: {found.said}{without}."
 
 
 def accuracy(report):
@@ -102,10 +101,9 @@ def largest_shares(cases):
     for case in cases:
         strength = answers_strength(case.answers)
         for key, name in judged_elements(strength, each=True):
-            shares = LIMITED[key].shares(getattr(strength, key)[name])
-            if np.isfinite(shares).any():
-                place = int(np.nanargmax(shares))
-                own = Share(LIMITED[key], name, float(shares[place]), case.title, case.answers[place].rpm)
+            share, place = LIMITED[key].worst(getattr(strength, key)[name])
+            if np.isfinite(share):
+                own = Share(LIMITED[key], name, share, case.title, case.answers[place].rpm)
                 found[key, name] = max(own, found.get((key, name), own), key=lambda one: one.share)
     return dict(sorted(found.items(), key=lambda item: -item[1].share))
 

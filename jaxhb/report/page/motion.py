@@ -13,7 +13,7 @@ from jaxhb.report.page.differences import differences
 from jaxhb.report.page.judgement import SECOND_LIMITS, judged, shares_table
 from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of
-from jaxhb.report.text.cases import hardest, speed_tables
+from jaxhb.report.text.cases import hardest_of, speed_tables
 from jaxhb.report.text.columns import NONE, from_rows, hit, percent, ratio
 from jaxhb.report.text.sentences import status_lines, verdict
 from jaxhb.report.text.sweep_tables import speed_table, turning_table
@@ -25,32 +25,23 @@ MESHES = 3  # meshes of the gear that are drawn over the cycle beside the one wi
 def motions(report):
     """The largest number of all elements and the kind of motion, a row for every speed, irregularity."""
     cases = report.shown
-    blocks = [_overview(cases, quantities.main_quantity(report.train))] if len(report.rpm) > 1 else []
+    quantity, blocks = quantities.main_quantity(report.train), []
+    if len(report.rpm) > 1:
+        caption = f"{quantity.title} of all, {quantity.unit}, and the kind of motion"
+        blocks.append(over_speed(quantity, [""], cases, caption))
     blocks += [_misfires(report)] if len(report.cases) > 2 else []
     blocks += [speed_table(case.answers, f"Speed by speed, {case.title}") for case in cases]
     blocks += [one for case in cases for one in turning_table(case.answers, f", {case.title}")]
     return [*blocks, maxima(quantities.irregularity(report.train), cases)]
 
 
-def _overview(cases, quantity):
-    """The largest number of all elements over the speed, with and without backlash, and the kind of motion."""
-
-    def largest_number(motion, _):
-        return max(float(quantity.read(motion, name)) for name in quantity.names)
-
-    whole = dataclasses.replace(quantity, names=("",), read=largest_number)
-    return over_speed(whole, whole.names, cases, f"{quantity.title} of all, {quantity.unit}, and the kind of motion")
-
-
 def _misfires(report):
     """Every misfire: the largest number of all elements over the speeds."""
     quantity, rows = quantities.main_quantity(report.train), []
     for case in report.cases:
-        name = quantity.hardest([case])[0]
-        values = quantity.of(case.answers, name)
-        rows.append(
-            [case.title, _largest(values), _at(report.rpm, values), name if np.isfinite(values).any() else NONE]
-        )
+        found = hardest_of([case])
+        cells = [quantity.factor * found.value, f"{found.answer.rpm:g}", found.name] if found else [np.nan, NONE, NONE]
+        rows.append([case.title, *cells])
     title = f"Every misfire: {quantity.small_title} over the speeds, {quantity.unit}"
     return from_rows(title, ["", (quantity.unit, "number"), "at rpm", "in"], rows)
 
@@ -109,7 +100,7 @@ def one_speed(report):
     """One speed in full: verdicts, the cycle, tables of forces and torques, normal and misfiring."""
     answers = {case.title: case.answers[report.place] for case in report.shown}
     first = report.cases[0].answers[report.place]
-    why = f"the speed of the largest {hardest(first)[0].called} with {report.cases[0].title}"
+    why = f"the speed of the largest {quantities.main_quantity(report.train).called} with {report.cases[0].title}"
     why = "as asked for" if report.asked else why
     gear = report.gear or default_gear(first)
     subject = gear or (hardest_shaft([first]) if first.topology.link_names else None)

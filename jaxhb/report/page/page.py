@@ -1,18 +1,14 @@
-"""The page of a report: one HTML file without a network, to be printed and signed. The only importer of plotly and
-jinja2."""
+"""The page of a report: one HTML file without a network, to be printed and signed. The only importer of plotly."""
 
-import re
 import sys
 from typing import NamedTuple
 
-from jaxhb.report.figures.figure import Figure
 from jaxhb.report.page.judgement import accuracy, limits, notes_of, result
 from jaxhb.report.page.linear import campbell, forced, modes
 from jaxhb.report.page.motion import forces_over_speed, motions, one_speed, second_design, swings
-from jaxhb.report.page.parts import Heading, Sketch
+from jaxhb.report.page.parts import environment
 from jaxhb.report.page.train import assumptions, train_data
 from jaxhb.report.quantities import angles, gear_torques, heat, shaft_torques
-from jaxhb.report.text.columns import Table
 
 
 def shafts_or_angles(train):
@@ -41,8 +37,6 @@ PARTS = {
 """The parts of the page by their titles and in its order: functions of the report to a list of blocks (words, headings,
 tables, figures), an empty one where the part does not concern the train."""
 
-ROWS = 150  # rows of a table that are shown
-
 
 class Part(NamedTuple):
     """A part of the page: its HTML, and the blocks that it is made of."""
@@ -59,13 +53,13 @@ def as_page(report):
     from plotly.offline import get_plotlyjs
 
     parts = parts_of(report, PARTS)
-    text = _environment().get_template("page.html").render(parts=parts, report=report, script=get_plotlyjs())
+    text = environment().get_template("page.html").render(parts=parts, report=report, script=get_plotlyjs())
     return [text.encode()], not any(part.failed for part in parts)
 
 
 def parts_of(report, sources):
     """All parts that concern the train; what fails is a sentence in the part, and on stderr."""
-    found, show = [], _environment().get_template("show.html").module.show
+    found, show = [], environment().get_template("show.html").module.show
     for title, gather in sources.items():
         try:
             blocks, failed = gather(report), False
@@ -78,34 +72,3 @@ def parts_of(report, sources):
             html = show(blocks[0])
         found += [Part(title, html, blocks, failed)] if blocks else []
     return found
-
-
-def _environment():
-    """Templates, which escape what they are given."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    made = Environment(
-        loader=PackageLoader(__package__, "."),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
-    made.filters |= {"words": _words, "css": _css_text}
-    for name, kind in {"table": Table, "drawn": Figure, "heading": Heading, "sketch": Sketch}.items():
-        made.tests[name] = lambda block, kind=kind: isinstance(block, kind)
-    made.globals |= {"most": ROWS}
-    made.policies["json.dumps_kwargs"] = {"allow_nan": False, "ensure_ascii": False}
-    return made
-
-
-def _words(table):
-    """Numbers of the columns that hold words, which stand at the left."""
-    columns = enumerate(table.columns)
-    word = re.compile("[A-Za-z]{2}|^[A-Za-z]")
-    return {0, *table.left, *(i for i, column in columns if any(map(word.search, column)))}
-
-
-def _css_text(text):
-    """A text inside quotes in a style sheet."""
-    return "".join(char if char.isalnum() or char in " .,-()" else f"\\{ord(char):x} " for char in text)

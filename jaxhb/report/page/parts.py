@@ -1,17 +1,18 @@
-"""What was computed for a page, and how tables of its parts are made."""
+"""What was computed for a page, how tables of its parts are made, and its templates. The only importer of jinja2."""
 
 import math
 import re
 from dataclasses import dataclass, field
-from operator import itemgetter
 
 from jaxhb.report.answer import Case
+from jaxhb.report.figures.figure import Figure
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.cases import worst_misfire
 from jaxhb.report.text.columns import NONE, Table, plain_number
 from jaxhb.train.drivetrain import DriveTrain
 
 FULL = 95  # letters of a line of text that goes on in the next
+ROWS = 150  # rows of a table that are shown
 
 
 class Heading(str):
@@ -80,20 +81,18 @@ def shown_misfire(cases):
     return next(case for case in cases if case.title == title)
 
 
-def table(title, rows, columns, digits=6, rare=()):
-    """A :class:`Table` of rows, None without: ``columns`` are heads of what a row holds, or functions of a row by their
-    heads, to words or numbers, nan where there is none; ``rare`` ones are left out where they have nothing to tell."""
-    if not isinstance(columns, dict):
-        columns = {head: itemgetter(k) for k, head in enumerate(columns)}
-    cells = {head: [_cell(read(row), digits) for row in rows] for head, read in columns.items()}
+def table(title, rows, heads, digits=6, rare=()):
+    """A :class:`Table` of rows of words and numbers, nan where there is none; None without rows. ``rare`` columns are
+    left out where they have nothing to tell."""
+
+    def cell(value):
+        if isinstance(value, str):
+            return value
+        return plain_number(float(value), digits) if math.isfinite(value) else NONE
+
+    cells = {head: list(map(cell, column)) for head, column in zip(heads, zip(*rows, strict=True), strict=False)}
     cells = {head: column for head, column in cells.items() if head not in rare or set(column) != {NONE}}
     return Table(title, list(cells), list(cells.values())) if rows else None
-
-
-def _cell(value, digits):
-    if isinstance(value, str):
-        return value
-    return plain_number(float(value), digits) if math.isfinite(value) else NONE
 
 
 def flowing(text):
@@ -103,3 +102,34 @@ def flowing(text):
     ['  an item']
     """
     return re.sub(rf"^(?!  )(.{{{FULL},}}?)[ ]*\n(?!  )", r"\1 ", text, flags=re.MULTILINE)
+
+
+def environment():
+    """Templates, which escape what they are given."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    made = Environment(
+        loader=PackageLoader(__package__, "."),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    made.filters |= {"words": _words, "css": _css_text}
+    for name, kind in {"table": Table, "drawn": Figure, "heading": Heading, "sketch": Sketch}.items():
+        made.tests[name] = lambda block, kind=kind: isinstance(block, kind)
+    made.globals |= {"most": ROWS}
+    made.policies["json.dumps_kwargs"] = {"allow_nan": False, "ensure_ascii": False}
+    return made
+
+
+def _words(table):
+    """Numbers of the columns that hold words, which stand at the left."""
+    columns = enumerate(table.columns)
+    word = re.compile("[A-Za-z]{2}|^[A-Za-z]")
+    return {0, *table.left, *(i for i, column in columns if any(map(word.search, column)))}
+
+
+def _css_text(text):
+    """A text inside quotes in a style sheet."""
+    return "".join(char if char.isalnum() or char in " .,-()" else f"\\{ord(char):x} " for char in text)

@@ -10,7 +10,7 @@ from jaxhb.excitation.gas import COMPUTED, GAS_SAMPLES
 from jaxhb.excitation.mean_torques import gas_pressures, mean_torques, scale_at
 from jaxhb.report.figures.sketch import plot_train
 from jaxhb.report.page.differences import facts_of, said, unit_of
-from jaxhb.report.page.parts import Sketch, table
+from jaxhb.report.page.parts import Sketch, environment, table
 from jaxhb.report.text.columns import NONE, Table, alike, plain_number
 from jaxhb.report.text.mean_torques import mean_angles_of
 from jaxhb.report.text.scene_check import referred_tables, torque_rows
@@ -187,49 +187,8 @@ def _order_table(own, unit):
 
 def assumptions(report):
     """What holds for every number of the page, and what made it."""
-    topology, burning = report.train.topology, report.train.cylinders.combustion
-    said = [MODEL, "Every number of the scene is taken as exact: tolerances and wear are not covered."]
-    said += TEETH * bool(topology.mesh_names)
-    if not any(topology.mesh_backlash):
-        said.append(
-            "No mesh has backlash: the train is linear, and every speed is answered by its one periodic motion."
-        )
-    else:
-        said.append(ORBIT if report.cases[0].answers[0].orbit else STEADY)
-    if topology.cylinder_names:
-        motored = (
-            "give the cylinder the gas torque or pressure of a motored one, or a combustion model, whose heat or imep"
-            " can be set to 0."
-        )
-        if burning is not None:  # the number of a scene without which a cylinder compresses and does not burn
-            name = f"{topology.cylinder_names[burning.seats[0]]}.combustion.{'imep' if burning.by_work[0] else 'heat'}"
-            motored = f'--set "{name}=0" keeps the compression of this cylinder.'
-        said.append(f"{NO_GAS} {motored}")
-    turns = f"{topology.revolutions_per_cycle:g} revolution{'s' * (topology.revolutions_per_cycle != 1)}"
-    speeds = f"Speeds are those of the reference rotor; mean angles: {mean_angles_of(topology)}."
-    said.append(f"The excitation repeats after {turns} of the reference rotor. {speeds}")
-    return [*said, Table("Where this page comes from", ["", ""], list(zip(*report.facts.items(), strict=True)))]
-
-
-MODEL = (
-    "Torsional vibration about a constant mean speed: disks are rigid, each has one angle; shafts, dampers and teeth"
-    " are springs with damping. Bending, bearings and housing are not modelled."
-)
-TEETH = [
-    "Teeth are one spring along the pitch circle with a stiffness that does not change as the gears turn: contact ratio"
-    " and errors of the profile are left out. With backlash there is a soft spring in the gap and a smooth transition"
-    " to contact, as the table of meshes gives them.",
-    "Tooth forces are transmitted forces, elastic and damping part together; the torque of a gear is that which it"
-    " passes to its mates.",
-    "'Without backlash' is the same train with all teeth in contact, a linear calculation.",
-]
-ORBIT = "Every speed is answered by a periodic solution, whether or not the train runs in it (--orbit)."
-STEADY = (
-    "Every speed is answered by what the train does after it has run long enough, started from teeth in contact; from"
-    " another start another motion may be reached. Of motions that never repeat the numbers are extremes over the"
-    " recorded cycles."
-)
-NO_GAS = (
-    "A cylinder that does not fire has no gas torque at all: combustion and compression are both absent. Its inertia"
-    " torque remains. Compression without combustion is another calculation:"
-)
+    said = environment().get_template("assumptions.txt").render(report=report, means=mean_angles_of)
+    return [
+        *said.splitlines(),
+        Table("Where this page comes from", ["", ""], list(zip(*report.facts.items(), strict=True))),
+    ]

@@ -1,7 +1,10 @@
 """One speed as text, and several cases of it side by side: verdicts, and tables of elements as specifications."""
 
+from typing import NamedTuple
+
 from jaxhb.report import quantities
-from jaxhb.report.quantities import ELEMENTS, WITHOUT, number, shown_unit, unit_of
+from jaxhb.report.answer import Case
+from jaxhb.report.quantities import ELEMENTS, WITHOUT, Quantity, number, shown_unit, unit_of
 from jaxhb.report.selection import NOT_FIRING, shafts_of, train_name
 from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import NONE, count, from_rows, hit, irregular, percent, ratio
@@ -183,42 +186,45 @@ def speed_tables(cases, place):
     return [*tables, *[table(heats.title, heats, [("W", heats.variable)]) for _ in heats.names[:1]]]
 
 
-def hardest(answer):
-    """What is hit hardest at one speed: the quantity, its element, its value in SI units (nan: no answer)."""
+class Hardest(NamedTuple):
+    """What is hit hardest at one speed: the quantity, its element, its value in SI units (nan and no element: no
+    answer), the case and the place of the speed."""
+
+    quantity: Quantity
+    name: str | None
+    value: float
+    case: Case
+    place: int
+
+    answer = property(lambda self: self.case.answers[self.place], doc="Of that speed.")
+    said = property(lambda self: f"{self.quantity.said(self.value)} in {self.name} at {self.answer.rpm:g} rpm")
+
+
+def hardest_at(case, place):
+    """The :class:`Hardest` of one speed."""
+    answer = case.answers[place]
     quantity = quantities.main_quantity(answer.train)
     name = quantity.largest(answer) if answer.answered else None
-    return quantity, name, quantity.read(answer, name) if name else float("nan")
+    return Hardest(quantity, name, quantity.read(answer, name) if name else float("nan"), case, place)
 
 
-def _hardest_of(cases):
-    """The largest of :func:`hardest` over cases and speeds, its case and the place of its speed; None: no answer."""
-    found = [(*hardest(answer), case, place) for case in cases for place, answer in enumerate(case.answers)]
-    return max((row for row in found if row[1]), key=lambda row: row[2], default=None)
-
-
-def largest_of(case):
-    """What is hit hardest over the speeds of a case: what it is called, its value, and all in words; None without."""
-    found = _hardest_of([case])
-    if found is None:
-        return None
-    quantity, name, value, _, place = found
-    return quantity.small_title, value, f"{quantity.said(value)} in {name} at {case.answers[place].rpm:g} rpm"
+def hardest_of(cases):
+    """That of all cases and speeds; None where no motion is known."""
+    found = (hardest_at(case, place) for case in cases for place in range(len(case.answers)))
+    return max((one for one in found if one.name), key=lambda one: one.value, default=None)
 
 
 def worst_misfire(cases):
     """The misfire and the speed with the largest value, as it is written; None where no motion is known."""
-    found = _hardest_of(cases[1:])
-    if found is None:
-        return None
-    quantity, name, value, case, place = found
-    return {
-        "cylinder": case.title.removesuffix(NOT_FIRING),
-        "rpm": case.answers[place].rpm,
-        "quantity": quantity.called,
-        "of": name,
-        "unit": quantity.si_unit,
-        "value": value,
-        "firing": quantity.read(cases[0].answers[place], name),
+    found = hardest_of(cases[1:])
+    return found and {
+        "cylinder": found.case.title.removesuffix(NOT_FIRING),
+        "rpm": found.answer.rpm,
+        "quantity": found.quantity.called,
+        "of": found.name,
+        "unit": unit_of(found.quantity.variable),
+        "value": found.value,
+        "firing": found.quantity.read(cases[0].answers[found.place], found.name),
     }
 
 
@@ -231,13 +237,12 @@ def misfires_text(cases):
 
 
 def _speed_table(cases, place):
-    answers, rows = [case.answers[place] for case in cases], []
-    quantity = quantities.main_quantity(answers[0].train)
-    for case, answer in zip(cases, answers, strict=True):
-        _, name, value = hardest(answer)
+    rows = []
+    for case in cases:
+        quantity, name, value, *_ = hardest_at(case, place)
         value *= quantity.factor
         firing = rows[0][1] if rows else value
-        rows.append([case.title, value, (value, firing), name or NONE, motion_word(answer)])
+        rows.append([case.title, value, (value, firing), name or NONE, motion_word(case.answers[place])])
     heads = ["", (quantity.unit, "number"), ("ratio", ratio), "in", *["motion"] * (quantity.element == "mesh")]
-    title = f"{quantity.title} at {answers[0].rpm:g} rpm, {quantity.unit}"
+    title = f"{quantity.title} at {cases[0].answers[place].rpm:g} rpm, {quantity.unit}"
     return from_rows(title, heads, rows, left=(3, 4))

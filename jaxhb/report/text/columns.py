@@ -73,11 +73,6 @@ def plain_number(value, digits=4):
     return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
 
 
-def shares(fractions):
-    """Fractions of the cycle in %; a small one is not shown as 0."""
-    return list(map(percent, fractions))
-
-
 def percent(share):
     """A share in %, a small one not as 0, a dash where it is not known."""
     if share is None or not math.isfinite(share):
@@ -104,11 +99,6 @@ def ratio(pair):
     """A quotient with two decimals, a dash where nothing is compared."""
     value = float(pair[0]) / float(pair[1]) if pair[1] else math.nan
     return f"{value:.2f}" if math.isfinite(value) else NONE
-
-
-def ratios(numbers, before):
-    """Quotients as :func:`ratio` writes them."""
-    return list(map(ratio, zip(numbers, before, strict=True)))
 
 
 def ranges(speeds, chosen, to="-"):

@@ -7,7 +7,7 @@ import numpy as np
 from jaxhb.elements.elements import SceneError
 from jaxhb.linear.critical import ELASTIC, RIGID, RING
 from jaxhb.report.selection import NOT_FIRING
-from jaxhb.report.text.columns import NONE, Table, from_rows, percent, plain_number, shares
+from jaxhb.report.text.columns import NONE, Table, from_rows, percent, plain_number
 
 FIRST = 3
 """Modes whose energies or tables are shown where none is asked for."""
@@ -46,7 +46,11 @@ def energies_text(modes, kinds):
     kinetic, strain = ("disk", modes.names, modes.kinetic_share), ("link", modes.link_names, modes.strain_share)
     heads = [f"mode {k}" for k in shown]
     return [
-        Table(f"{what} energy of the first elastic modes, %", [head, *heads], [names, *map(shares, share[shown])])
+        Table(
+            f"{what} energy of the first elastic modes, %",
+            [head, *heads],
+            [names, *(list(map(percent, share[k])) for k in shown)],
+        )
         for what, (head, names, share) in {"Kinetic": kinetic, "Strain": strain}.items()
         if shown
     ]

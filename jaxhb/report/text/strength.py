@@ -45,6 +45,14 @@ class Limited:
         limit = np.asarray(np.nan if limit is None else limit, float)
         return np.asarray(getattr(row, self.field), float) / np.where(np.isfinite(limit), limit, np.nan)
 
+    def worst(self, row):
+        """The largest share of the first limit, nan without one, and its place: without one that of the largest number;
+        None where nothing is known."""
+        shares = self.shares(row)
+        judged_by = shares if np.isfinite(shares).any() else np.asarray(getattr(row, self.field), float)
+        place = int(np.nanargmax(judged_by)) if np.isfinite(judged_by).any() else None
+        return np.nan if place is None else float(shares[place]), place
+
 
 _STRESS = f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})"
 _TORQUE = f"Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of the rated torque ({AID})"
@@ -102,10 +110,7 @@ def _table(found, kind):
         return limited.shown[0] * (value if np.isfinite(value) else np.nan)
 
     for name, row in getattr(found, kind).items():
-        # The largest share of the limit, without one the largest number.
-        shares = limited.shares(row)
-        judged_by = shares if np.isfinite(shares).any() else np.asarray(getattr(row, limited.field), float)
-        place = int(np.nanargmax(judged_by)) if np.isfinite(judged_by).any() else None
+        _, place = limited.worst(row)
         first, *others = (number(getattr(row, field), place) for field in limited.heads)
         at = [NONE if place is None else f"{rpm[place]:g}"] * several
         reverses = [_where(rpm, row.reverses)] if kind == "tooth_torques" else []
