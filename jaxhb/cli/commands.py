@@ -10,7 +10,7 @@ from jaxhb.report.compute import Asked, answer_one, answer_speeds, answer_values
 from jaxhb.report.figures.cycle import plot_cycle, plot_tuning
 from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files import output
-from jaxhb.report.files.labelled import check_labelled, netcdf
+from jaxhb.report.files.labelled import netcdf
 from jaxhb.report.files.record import NO_ORDERS, both_record, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv, trace_csv, untraceable
 from jaxhb.report.selection import gears, without_cylinders
@@ -118,7 +118,7 @@ class _TunedFiles:
 
 
 def check_files(train, given):
-    """Refuse a picture of nothing, and arrays without labels, before anything is computed."""
+    """Refuse a picture of nothing before anything is computed."""
     if given.plot and not train.topology.link_names:
         raise output.OutputError("--plot: the train has no gears, shafts or dampers, so there is no torque to draw.")
     if getattr(given, "gear", None):
@@ -126,7 +126,6 @@ def check_files(train, given):
         if not any(index in ends for ends in train.topology.mesh_ends):
             known = ", ".join(repr(name) for name in gears(train.topology))
             raise output.OutputError(f"--gear: {given.gear!r} carries no mesh. Gears: {known or 'none'}.")
-    check_labelled(given)
 
 
 def status(failures):

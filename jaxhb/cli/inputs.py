@@ -1,5 +1,6 @@
 """Scenes as a command reads, lists and writes them, and names of files checked before anything heavy is imported."""
 
+import importlib.util
 import shlex
 from pathlib import Path
 
@@ -10,6 +11,10 @@ from jaxhb.scene.writer import copies_beside, scene_files, scene_text
 FILES = ("FILE", "output", "out", "json", "csv", "netcdf", "trace", "plot", "html")
 # What files must be, and how their names end.
 ENDINGS = {"html": ("page", ".html", ".htm"), "out": ("scene", ".toml"), "FILE": ("scene", ".toml")}
+ENDINGS |= {"plot": ("picture", ".png", ".svg", ".pdf")}
+# What files need, and the extra that brings it.
+NEEDS = {"plot": ("pictures need", "plot", "matplotlib"), "netcdf": ("such files need", "data", "xarray")}
+NEEDS |= {"html": ("the page needs", "report", "jinja2", "plotly", "matplotlib")}
 
 
 def scenes():
@@ -85,11 +90,15 @@ def _check_files(given):
     scenes = [given["scene"], given.get("tuned")] if files else []
     inputs = [path for name in scenes if name is not None for path in scene_files(name)]
     for option, name in files.items():
-        (output.check_picture if option == "plot" else output.check_output)(named[option], name)
-        output.check_inputs(named[option], name, inputs)
+        output.check_output(named[option], name, inputs)
         kind, *endings = ENDINGS.get(option, ("file", Path(name).suffix.lower()))
         if Path(name).suffix.lower() not in endings:
-            raise output.OutputError(f"{named[option]}: {name!r} is no {kind}. Give a name that ends in {endings[0]}.")
+            told = f"is no {kind}. Give a name that ends in {', '.join(endings)}"
+            raise output.OutputError(f"{named[option]}: {name!r} {told}.")
+        need, extra, *libraries = NEEDS.get(option, ("", ""))
+        if missing := [one for one in libraries if importlib.util.find_spec(one) is None]:
+            told = f'{need} {", ".join(missing)}. Install it: pip install "jaxhb[{extra}]"'
+            raise output.OutputError(f"{named[option]}: {told}.")
     if len({Path(name).resolve() for name in files.values()}) < len(files):
         raise output.OutputError(f"--{' and --'.join(files)} name the same file. Give each its own.")
 

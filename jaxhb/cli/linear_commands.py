@@ -12,14 +12,13 @@ from jaxhb.linear.tangent import at_mean_load
 from jaxhb.report.answer import shown
 from jaxhb.report.figures.linear import modes_of, plot_campbell, plot_holzer, plot_modes
 from jaxhb.report.figures.speeds import plot_forced
-from jaxhb.report.files.labelled import check_labelled, forced_netcdf
+from jaxhb.report.files.labelled import forced_netcdf
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from jaxhb.report.selection import asks_each, case_title, misfire_trains, without_cylinders
 from jaxhb.report.text import forced as told, linear as linear_text
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, tune_notes
 from jaxhb.report.text.sentences import remarks_text
-from jaxhb.report.text.strength import strength_columns, strength_record, strength_text
-from jaxhb.solutions.misfires import misfire_each
+from jaxhb.report.text.strength import strength_columns, strength_entry, strength_text
 from jaxhb.train.chain import span
 from jaxhb.train.changes import without_backlash
 from jaxhb.train.varying import varying
@@ -99,46 +98,29 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
 
 def forced(train, given, rpm, element, orders, netcdf, plot, **_):
     """Linear forced response over the speed, with --misfire each beside it that of every cylinder in turn."""
-    check_labelled(given)
-    each, misfires = asks_each(train, given), None
+    each = asks_each(train, given)
     if each and netcdf:
         raise OutputError("--netcdf: it holds one train, and --misfire each takes several. Leave one of them out.")
-    if each:
-        misfires = misfire_each(train, rpm=rpm, solve=forced_response)
-        cases = {"": misfires.firing} | misfires.responses
-    else:
-        cases = {"": forced_response(without_cylinders(train, given), rpm=rpm)}
+    trains = misfire_trains(train) if each else {"": without_cylinders(train, given)}
+    cases = {name: forced_response(one, rpm=rpm) for name, one in trains.items()}
     titles = {name: case_title(train, name) if each else "" for name in cases}
     failures = [sentence for name, one in cases.items() for sentence in told.forced_failures(one, titles[name])]
-    response, *others = cases.values()
-    if not any(one.converged.any() for one in others):
-        cases, misfires = {"": response}, None  # no misfire has an answer to compare with
+    response = cases[""]
+    if not any(one.converged.any() for name, one in cases.items() if name):
+        cases = {"": response}  # no misfire has an answer to compare with
     found, judged = told.readings(response, element), {name: strength(shown(one)) for name, one in cases.items()}
+    worst = told.worst_of(cases, found) if len(cases) > 1 else None
+    limits = {name: strength_entry(one) for name, one in judged.items()}
     columns = {name: strength_columns(one) for name, one in judged.items()}
-    worst = misfires and told.worst_of(misfires, found)
-    if misfires:
-        text = [told.forced_head(response), told.misfires_text(misfires, found, worst, each=bool(element))]
-    else:
-        text = [told.forced_text(response, found, each=bool(element))]
-
-    def record():
-        limits = {name: {"strength": strength_record(one)} if one else {} for name, one in judged.items()}
-        more = told.misfires_record(misfires, found, worst, orders=orders) if misfires else {}
-        for name, one in more.get("misfires", {}).items():
-            one |= limits[name]
-        return changes(given) | told.forced_record(response, found, orders=orders) | limits[""] | more
-
-    def rows():
-        one = told.forced_rows(response, found, columns[""])
-        return told.misfires_rows(misfires, found, columns) if misfires else one
-
+    parts = [told.forced_text(cases, found, worst, each=bool(element))]
+    parts += strength_text({f"With {titles[name]}" if worst else "": one for name, one in judged.items()})
     deliver(
         given,
-        "\n\n".join([*text, *strength_text({f"With {titles[k]}" if misfires else "": j for k, j in judged.items()})]),
-        json=lambda: as_json(record()),
-        csv=lambda: as_csv(*rows()),
+        "\n\n".join(parts),
+        json=lambda: as_json(changes(given) | told.forced_record(cases, found, worst, orders=orders, more=limits)),
+        csv=lambda: as_csv(*told.forced_rows(cases, found, columns)),
         netcdf=lambda: forced_netcdf(response, orders),
-        plot=lambda: as_picture(plot, plot_forced(response, found, misfires, worst)),
+        plot=lambda: as_picture(plot, plot_forced(cases, found, worst)),
     )
     return status(failures)
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import hashlib
-import importlib.util
 import platform
 import shlex
 from datetime import UTC, datetime
@@ -34,7 +33,6 @@ from jaxhb.solutions.misfires import same_factor
 from jaxhb.train.changes import scene_values
 
 SECOND, TUNED = "second design", "tuned design"
-NEEDED = "jinja2", "plotly", "matplotlib"
 
 
 def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, html, quiet, **_):
@@ -91,8 +89,6 @@ def _checked_page(train, given):
     if (given.tuned or given.tune) and not given.html:
         told_of = f"--{'tune' if given.tune else 'tuned'}: the second design appears on the page only"
         raise OutputError(f"{told_of}. Add --html FILE.html.")
-    if given.html and (missing := [name for name in NEEDED if importlib.util.find_spec(name) is None]):
-        raise OutputError(f'--html: the page needs {", ".join(missing)}. Install it: pip install "jaxhb[report]".')
     if given.tune:
         read_table(train)
     return load_scene(given.tuned) if given.tuned else None

@@ -50,13 +50,13 @@ def test_the_csv_has_one_row_for_each_speed_and_heads_of_its_own(answer, respons
     assert [float(row[f"{SHAFT} order 2.5 N m"]) for row in rows] == response.torque(SHAFT).order(2.5).tolist()
     assert float(rows[3][f"{DAMPER} angle half peak-to-peak rad"]) == response.disk(DAMPER).half_peak_to_peak[3]
     assert float(rows[3][f"{MESH} heat W"]) == response.power(MESH)[3]
-    heads, _ = forced_rows(response, readings(response))
+    heads, _ = forced_rows({"": response}, readings(response))
     assert len(set(heads)) == len(heads)
 
 
 def test_the_picture_shows_the_hardest_shaft_and_mesh_or_those_asked_for(answer, response):
-    assert answer.is_drawn and len(plot_forced(response, readings(response)).axes) == 2
-    figure = plot_forced(response, readings(response, [SHAFT, "flywheel", MESH]))
+    assert answer.is_drawn and len(plot_forced({"": response}, readings(response)).axes) == 2
+    figure = plot_forced({"": response}, readings(response, [SHAFT, "flywheel", MESH]))
     drawn = [axes.get_lines()[0].get_ydata() for axes in figure.axes]
     swings = (response.torque(SHAFT), response.disk("flywheel"), response.force(MESH))
     for line, signal, factor in zip(drawn, swings, (1.0, 180 / np.pi, 1e-3), strict=True):

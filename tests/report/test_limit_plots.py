@@ -58,8 +58,9 @@ def test_a_misfire_stands_beside_normal_running_in_the_panels_of_limits(tmp_path
     rpm = np.linspace(300.0, 900.0, 7)
     misfires = jaxhb.misfire_each(jaxhb.load_scene(tmp_path / "e.toml"), rpm=rpm, solve=jaxhb.forced_response)
     found = readings(misfires.firing)
-    worst = worst_of(misfires, found)
-    stress = figures_of(plot_forced, misfires.firing, found, misfires, worst)[2]
+    cases = {"": misfires.firing} | misfires.responses
+    worst = worst_of(cases, found)
+    stress = figures_of(plot_forced, cases, found, worst)[2]
     cylinder = worst["line shaft"].cylinder
     wanted = jaxhb.strength(misfires.responses[cylinder]).stresses["line shaft"].stress
     assert told(stress, f"stress, {cylinder} not firing", 1e-6 * wanted)
@@ -67,7 +68,7 @@ def test_a_misfire_stands_beside_normal_running_in_the_panels_of_limits(tmp_path
 
 def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shades_barred_ranges(scene, wanted):
     response = jaxhb.forced_response(jaxhb.load_scene(scene), rpm=wanted.rpm)
-    found = figures_of(plot_forced, response, readings(response))
+    found = figures_of(plot_forced, {"": response}, readings(response))
     stress, tooth, heat = found[-3:]
     row, rated = wanted.stresses["line shaft"], wanted.tooth_torques["pinion|wheel"]
     assert told(stress, "stress", 1e-6 * row.stress)
@@ -80,9 +81,9 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
     assert told(heat, "heat", wanted.heat["ring"].power)
     # Of more elements than have room: those with limits.
     for names in (["coupling"], ["coupling", "engine", "pinion", "wheel", "propeller"]):
-        response_of, limit_of = figures_of(plot_forced, response, readings(response, names))
+        response_of, limit_of = figures_of(plot_forced, {"": response}, readings(response, names))
         assert response_of.caption.startswith("coupling: linear") and limit_of.caption.startswith("coupling: heat")
-    axes = plot_forced(response, readings(response)).axes
+    axes = plot_forced({"": response}, readings(response)).axes
     assert [one.get_ylabel() for one in axes[-3:]] == ["stress, MPa", "vibratory torque, N m", "heat, W"]
     assert len(axes) == len(found) and axes[-3].patches
 

@@ -108,13 +108,15 @@ MOST = 4  # elements in one picture
 SYMBOLS = "circle", "square", "diamond", "triangle-up", "cross", "star"  # of the orders
 
 
-def plot_forced(response, found, misfires=None, worst=None):
+def plot_forced(cases, found, worst=None):
     """Half peak-to-peak, sum of amplitudes and the largest orders of up to four elements over the speed; limits.
 
     Of more than four readings ``found`` the shaft and the mesh that swing most are drawn. Below stand stresses, tooth
-    torques and heat beside their limits, of the elements drawn or of what comes nearest. ``misfires`` and the ``worst``
-    of them (:func:`jaxhb.report.text.forced.worst_of`) add the half peak-to-peak of the worst misfire.
+    torques and heat beside their limits, of the elements drawn or of what comes nearest. ``cases`` are responses by the
+    cylinder that does not fire; of several the ``worst`` misfire (:func:`jaxhb.report.text.forced.worst_of`) adds its
+    half peak-to-peak.
     """
+    response = cases[""]
     certain = np.asarray(response.converged)
     known = [one.at(certain) for one in found] if certain.any() else found
     chosen = known if len(found) <= MOST else hardest_elements(known)
@@ -122,12 +124,12 @@ def plot_forced(response, found, misfires=None, worst=None):
 
     def beside(name):
         """The worst misfire of an element."""
-        return {f"{worst[name].cylinder}{NOT_FIRING}": misfires.responses[worst[name].cylinder]} if misfires else {}
+        return {f"{worst[name].cylinder}{NOT_FIRING}": cases[worst[name].cylinder]} if worst else {}
 
     figures = [orders_figure(response, one, beside(one.name)) for one in chosen]
     for kind, name in judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST):
-        cases = {title: strength(shown(other)) for title, other in beside(name).items()}
-        figures.append(limit_figure({"": judged} | cases, kind, name))
+        others = {title: strength(shown(other)) for title, other in beside(name).items()}
+        figures.append(limit_figure({"": judged} | others, kind, name))
     return drawn(*figures, title=train_name(response.topology))
 
 

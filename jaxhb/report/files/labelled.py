@@ -1,22 +1,13 @@
 """Answers as labelled arrays for NetCDF files: the motions, beside them the same without backlash."""
 
-import importlib.util
-
 import numpy as np
 
 from jaxhb.excitation.torques import listed_harmonic
-from jaxhb.report.files.output import OutputError
 from jaxhb.report.quantities import WITHOUT
 from jaxhb.results.dataset import as_netcdf, to_xarray
 
 COMPARED = ("torque", "gear_torque", "tooth_force")
 """Signals that are given without backlash too."""
-
-
-def check_labelled(arguments):
-    """Refuse a NetCDF file without xarray."""
-    if arguments.netcdf and importlib.util.find_spec("xarray") is None:
-        raise OutputError('--netcdf: such files need xarray. Install it: pip install "jaxhb[data]".')
 
 
 DIMENSIONS = {"direction": "in which the sweep went", "case": "normal running, and with misfires"}

@@ -3,7 +3,6 @@
 import contextlib
 import csv
 import glob
-import importlib.util
 import io
 import json
 import math
@@ -13,7 +12,6 @@ from pathlib import Path
 
 from jaxhb._files import clear_parts, write_whole
 
-PICTURES = (".png", ".svg", ".pdf")
 ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
 STANDARD_OUTPUT = "-"
 STREAMED = ("--json", "--csv", "--trace")
@@ -26,8 +24,8 @@ class OutputError(ValueError):
     """A file that cannot be written, or a picture that cannot be drawn: a sentence for the user."""
 
 
-def check_output(option, name):
-    """Refuse a path that cannot be written, before the work is done."""
+def check_output(option, name, inputs):
+    """Refuse a path that cannot be written, or is one of ``inputs``, before the work is done."""
     if name == STANDARD_OUTPUT and option in STREAMED:
         return
     path = Path(name).resolve()
@@ -40,23 +38,8 @@ def check_output(option, name):
         raise OutputError(f"{option}: {name!r} is a device or a pipe. Give the name of a file{instead}.")
     if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
         raise OutputError(f"{option}: {name!r} cannot be written. Give a path where you may write.")
-
-
-def check_inputs(option, name, inputs):
-    """Refuse to write over what is read: the scene and its tables."""
-    path = Path(name)
-    for read in inputs:
-        if name != STANDARD_OUTPUT and path.exists() and path.samefile(read):
-            raise OutputError(f"{option}: {name!r} is read by this command and would be lost. Give another name.")
-
-
-def check_picture(option, name):
-    """Refuse a picture of unknown kind, and any picture without matplotlib."""
-    check_output(option, name)
-    if Path(name).suffix.lower() not in PICTURES:
-        raise OutputError(f"{option}: {name!r} is no picture. Give a name that ends in {', '.join(PICTURES)}.")
-    if importlib.util.find_spec("matplotlib") is None:
-        raise OutputError(f'{option}: pictures need matplotlib. Install it: pip install "jaxhb[plot]".')
+    if path.exists() and any(path.samefile(read) for read in inputs):
+        raise OutputError(f"{option}: {name!r} is read by this command and would be lost. Give another name.")
 
 
 def make_folders(names):

@@ -13,6 +13,7 @@ from jaxhb.report.text.sentences import misfire_text
 from jaxhb.results.dataset import SIGNALS
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
+from jaxhb.solutions.misfires import Misfires
 
 SHOWN = 6
 """Orders in a table or picture, those with the largest amplitudes."""
@@ -100,23 +101,21 @@ def readings(response, names=()):
     return [Reading(response, name, kind) for name, kind in chosen]
 
 
-def forced_text(response, found, *, each):
-    """Tables for people: the worst of every element over the speeds, or ``each`` element speed by speed."""
-    good = np.asarray(response.converged)
-    parts = [forced_head(response)]
+def forced_text(cases, found, worst=None, *, each):
+    """Tables for people: the largest values of every element over the speeds, or ``each`` element speed by speed; of
+    several ``cases``, :class:`jaxhb.ForcedResponse` by the cylinder that does not fire, the ``worst`` misfires."""
+    response = cases[""]
+    name, rpm, good = train_name(response.topology), response.rpm, np.asarray(response.converged)
+    speeds = f"{len(rpm)} speeds from {rpm.min():g} to {rpm.max():g}" if len(rpm) > 1 else f"{rpm[0]:g}"
+    parts = [f"{name}: linear forced response, teeth in contact, {speeds} rpm"]
+    if worst:
+        return "\n\n".join([*parts, *_misfire_parts(cases, found, worst, each)])
     parts += [_speed_table(one, good) for one in found] if each else worst_tables(response, found)
     if not good.all():
         parts.append(f"{np.sum(~good)} of {len(good)} speeds have no answer and are left out.")
     if not any(np.any(one.signal.amplitudes) for one in (*found, *readings(response))):
         parts.append("Nothing excites the train. Give it a [[torque]] with harmonics, a [[cylinder]] or an [engine].")
     return "\n\n".join(parts)
-
-
-def forced_head(response):
-    """The scene, what is computed and the speeds, in a line."""
-    rpm = response.rpm
-    speeds = f"{len(rpm)} speeds from {rpm.min():g} to {rpm.max():g}" if len(rpm) > 1 else f"{rpm[0]:g}"
-    return f"{train_name(response.topology)}: linear forced response, teeth in contact, {speeds} rpm"
 
 
 def _speed_table(one, good):
@@ -165,8 +164,22 @@ def _over_speeds(found, what, heads, rows, groups=(), left=()):
     return from_rows(title, [element, *heads], rows, groups, left)
 
 
-def forced_record(response, found, *, orders=None):
-    """What ``forced --json`` writes, see ``docs/how_to/linear.md``; orders up to ``orders``."""
+def forced_record(cases, found, worst=None, *, orders=None, more=None):
+    """What ``forced --json`` writes, see ``docs/how_to/linear.md``; orders up to ``orders``, ``more`` of each case."""
+    more = more or {}
+    records = {name: _record(one, found, orders) | more.get(name, {}) for name, one in cases.items()}
+    record = records.pop("")
+    if worst:
+        rows = {one.name: _worst_record(one, worst) for one in found}
+        hardest = rows[hardest_of(found, worst).name]
+        rows = {name: {key: row[key] for key in row if key != "of"} for name, row in rows.items()}  # it is their name
+        record |= {"misfires": records, "worst_misfires": rows, "worst_misfire": hardest}
+    return record
+
+
+def _record(response, found, orders):
+    """What was found of one train."""
+    found = [one.of(response) for one in found]
     listed = found[0].signal.orders if found else np.zeros(0)
     kept = np.flatnonzero(listed <= (np.inf if orders is None else orders))
 
@@ -189,8 +202,20 @@ def forced_record(response, found, *, orders=None):
     } | {kind: {one.name: of_element(one) for one in found if one.kind == kind} for kind in KINDS}
 
 
-def forced_rows(response, found, more=None):
-    """Heads and rows of ``forced --csv``: one row per speed, SI units; ``more`` columns by their heads come last."""
+def forced_rows(cases, found, more=None):
+    """Heads and rows of ``forced --csv``: one row per speed, SI units; of several cases the cylinder comes first,
+    ``more`` columns by their heads, of every case, last."""
+    rows = []
+    for name, response in cases.items():
+        own = {"misfire": [name] * len(response.rpm)} if len(cases) > 1 else {}
+        own |= _columns(response, [one.of(response) for one in found], (more or {}).get(name, {}))
+        rows += [dict(zip(own, row, strict=True)) for row in zip(*own.values(), strict=True)]
+    heads = dict.fromkeys(head for row in rows for head in row)
+    # An order that a response does not have has no column there: its amplitude is 0.
+    return list(heads), [[row.get(head, 0.0) for head in heads] for row in rows]
+
+
+def _columns(response, found, more):
     columns = {"load kW": response.load_kW + 0.0, "input power W": response.input_power}
     for one in found:
         # Ring and link of a damper share a name; heads of columns must not.
@@ -201,9 +226,9 @@ def forced_rows(response, found, more=None):
             columns[f"{name} order {one.signal.orders[k]:g} {one.unit}"] = one.signal.amplitudes[:, k]
         columns[f"{name} heat W"] = one.power
     told = {"rpm": response.rpm, "status": [Status(int(s)).name for s in response.status]}
-    for head, values in (columns | (more or {})).items():
+    for head, values in (columns | more).items():
         told[head] = [value if good else None for value, good in zip(values, response.converged, strict=True)]
-    return list(told), list(zip(*told.values(), strict=True))
+    return told
 
 
 def forced_failures(response, case=""):
@@ -216,8 +241,9 @@ def forced_failures(response, case=""):
     return found
 
 
-def worst_of(misfires, found):
+def worst_of(cases, found):
     """The :class:`jaxhb.solutions.misfires.Worst` half peak-to-peak of each element; ``ValueError`` without."""
+    misfires = Misfires(cases[""], {name: one for name, one in cases.items() if name})
     return {one.name: misfires.worst(lambda r, one=one: one.of(r).signal.half_peak_to_peak) for one in found}
 
 
@@ -226,57 +252,27 @@ def hardest_of(found, worst):
     return max(by_kind(found)[-1], key=lambda one: worst[one.name].value)
 
 
-def misfires_text(misfires, found, worst, *, each):
+def _misfire_parts(cases, found, worst, each):
     """The worst misfire and every misfire, of what swings most or of ``each`` element, and the worst misfire of all."""
-    chosen, title = found if each else [hardest_of(found, worst)], case_title(misfires.firing.train)
-    parts = ["\n".join(misfire_text(_worst_record(one, worst), title, " half peak-to-peak") for one in chosen)]
-    parts += [_cylinder_table(misfires, one) for one in chosen]
-    return "\n\n".join([*parts, *([] if each else [_element_table(own, worst, title) for own in by_kind(found)])])
-
-
-def _cylinder_table(misfires, element):
-    (factor, unit), rows = element.shown, []
-    for cylinder, response in ({"": misfires.firing} | misfires.responses).items():
-        value, rpm = element.of(response).most()
-        cells = [factor * value, f"{rpm:g}" if value > 0 else NONE, (value, element.most()[0])]
-        rows.append([case_title(misfires.firing.train, cylinder), *cells])
-    title = f"{element.name}, {unit}: largest half peak-to-peak over the speeds"
-    return from_rows(title, ["", ("half p-p", "size"), "at rpm", ("ratio", ratio)], rows)
-
-
-def _element_table(found, worst, firing):
-    factor, rows = found[0].shown[0], []
-    for one in found:
-        own, (largest, _) = worst[one.name], one.most()
-        where = (f"{own.rpm:g}", own.cylinder) if own.value else (NONE, NONE)
-        rows.append([one.name, factor * largest, factor * own.value, (own.value, largest), *where])
-    heads = [(firing, "size"), ("worst misfire", "size"), ("ratio", ratio), "at rpm", "that of"]
-    return _over_speeds(found, "largest half peak-to-peak over the speeds", heads, rows, left=(5,))
+    titles = {name: case_title(cases[""].train, name) for name in cases}
+    chosen = found if each else [hardest_of(found, worst)]
+    yield "\n".join(misfire_text(_worst_record(one, worst), titles[""], " half peak-to-peak") for one in chosen)
+    for one in chosen:
+        (factor, unit), (firing, _), rows = one.shown, one.most(), []
+        for name, response in cases.items():
+            value, rpm = one.of(response).most()
+            rows.append([titles[name], factor * value, f"{rpm:g}" if value > 0 else NONE, (value, firing)])
+        title = f"{one.name}, {unit}: largest half peak-to-peak over the speeds"
+        yield from_rows(title, ["", ("half p-p", "size"), "at rpm", ("ratio", ratio)], rows)
+    for own in () if each else by_kind(found):
+        factor, rows = own[0].shown[0], []
+        for one in own:
+            most, (largest, _) = worst[one.name], one.most()
+            where = (f"{most.rpm:g}", most.cylinder) if most.value else (NONE, NONE)
+            rows.append([one.name, factor * largest, factor * most.value, (most.value, largest), *where])
+        heads = [(titles[""], "size"), ("worst misfire", "size"), ("ratio", ratio), "at rpm", "that of"]
+        yield _over_speeds(own, "largest half peak-to-peak over the speeds", heads, rows, left=(5,))
 
 
 def _worst_record(one, worst):
     return vars(worst[one.name]) | {"quantity": one.called, "unit": one.unit, "of": one.name}
-
-
-def misfires_record(misfires, found, worst, *, orders=None):
-    """What ``forced --misfire each --json`` writes beside normal running, see ``docs/reference/command_line.md``."""
-    records = {
-        cylinder: forced_record(response, [one.of(response) for one in found], orders=orders)
-        for cylinder, response in misfires.responses.items()
-    }
-    rows = {one.name: _worst_record(one, worst) for one in found}
-    hardest = rows[hardest_of(found, worst).name].copy()
-    for row in rows.values():
-        del row["of"]  # they lie by its name
-    return {"misfires": records, "worst_misfires": rows, "worst_misfire": hardest}
-
-
-def misfires_rows(misfires, found, more):
-    """Heads and rows of the CSV file of all misfires, named in the first column; ``more`` columns by the cylinder."""
-    heads, rows = {}, []
-    for cylinder, response in ({"": misfires.firing} | misfires.responses).items():
-        own, cells = forced_rows(response, [one.of(response) for one in found], more[cylinder])
-        rows += [{"misfire": cylinder} | dict(zip(own, row, strict=True)) for row in cells]
-        heads |= dict.fromkeys(["misfire", *own])
-    # An order that a response does not have has no column there: its amplitude is 0.
-    return list(heads), [[row.get(head, 0.0) for head in heads] for row in rows]
