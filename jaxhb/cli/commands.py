@@ -13,20 +13,23 @@ from jaxhb.report.files import output
 from jaxhb.report.files.labelled import netcdf
 from jaxhb.report.files.record import NO_ORDERS, both_record, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv, trace_csv, untraceable
-from jaxhb.report.selection import gears, without_cylinders
+from jaxhb.report.selection import gears
 from jaxhb.report.text.cases import solve_text
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.strength import answers_strength, strength_record
 from jaxhb.report.text.sweep_tables import sweep_text
-from jaxhb.report.text.tuned import check_text, progress_record, start_record, tuned_parts, tuned_record
+from jaxhb.report.text.tuned import check_text, parameter_unit, progress_record, start_record, tuned_parts, tuned_record
 from jaxhb.scene.writer import changed_scene, copies_beside
-from jaxhb.train.changes import declared_field, locate, scene_values
+from jaxhb.solutions.misfires import same_factor
+from jaxhb.train.changes import scene_values
+
+EACH = "each"
 
 
 def solve(train, given, rpm, orders, trace, gear, plot, quiet, **_):
     """One speed."""
     check_files(train, given)
-    train = without_cylinders(train, given)
+    train = misfire_trains(train, given)[""]
     with Progress(quiet=quiet) as progress:
         answer = answer_one(train, rpm, Asked.of(given), progress.say)
     why = untraceable(answer) if trace else ""
@@ -128,6 +131,23 @@ def check_files(train, given):
             raise output.OutputError(f"--gear: {given.gear!r} carries no mesh. Gears: {known or 'none'}.")
 
 
+def misfire_trains(train, given, *, each=False):
+    """Trains by the cylinders that do not fire: under "" that of ``--misfire``; of ``--misfire each``, which some
+    commands take, the train as it runs, and every misfire in turn; these share programs."""
+    if EACH not in given.misfire or EACH in train.topology.cylinder_names:
+        return {"": train.misfire(*given.misfire)}
+    if not each:
+        with_it = "report, forced and campbell take every cylinder in turn"
+        raise output.OutputError(f"--misfire {EACH}: only jaxhb {with_it}. Name one, or use one of them.")
+    if len(given.misfire) > 1:
+        raise output.OutputError(f"--misfire {EACH}: takes every cylinder in turn. Leave out the other --misfire.")
+    trains = train.misfires()
+    if not trains:
+        told = "no cylinder of the train fires. Name what misfires, or leave it out"
+        raise output.OutputError(f"--misfire {EACH}: {told}.")
+    return {"": train.replace(same_factor(train))} | trains
+
+
 def status(failures):
     """The exit status; stderr is told what has no answer, and what to try."""
     for sentence in dict.fromkeys(failures):
@@ -144,11 +164,11 @@ def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet,
         )
     if over and len(rpm) > 1:
         raise output.OutputError(f"--over: it goes over one number at one speed, and --rpm names {len(rpm)}.")
-    train, asked = without_cylinders(train, given), Asked.of(given)
+    train, asked = misfire_trains(train, given)[""], Asked.of(given)
     axis, values = SPEED, rpm
     if over:
-        (name, values), (table, field, _) = over, locate(train.topology, over[0])
-        axis = Axis(name, declared_field(table, field).metadata["range"].unit)
+        name, values = over
+        axis = Axis(name, parameter_unit(train, name))
         for value in values:  # what is refused is refused before anything is computed or written
             train.replace({name: value})
     files = _SweepFiles(train, given, axis)

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from jaxhb.cli.commands import status
+from jaxhb.cli.commands import misfire_trains, status
 from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, mode_kinds
 from jaxhb.linear.forced import forced_response
 from jaxhb.linear.holzer import holzer_table
@@ -14,7 +14,7 @@ from jaxhb.report.figures.linear import modes_of, plot_campbell, plot_holzer, pl
 from jaxhb.report.figures.speeds import plot_forced
 from jaxhb.report.files.labelled import forced_netcdf
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
-from jaxhb.report.selection import asks_each, case_title, misfire_trains, without_cylinders
+from jaxhb.report.selection import case_title
 from jaxhb.report.text import forced as told, linear as linear_text
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, tune_notes
 from jaxhb.report.text.sentences import remarks_text
@@ -44,7 +44,9 @@ def check(train, given, rpm, links_at, **_):
 
 def modes(train, given, at, links_at, plot, **_):
     """Natural frequencies of a scene."""
-    train, teeth, below, more = _with_teeth(_constant(train, at, links_at), at, links_at)
+    train = _constant(train, at, links_at)
+    with_teeth, teeth, below, more = _teeth(train, at, links_at)
+    train = with_teeth(train)
     found, kinds, ratios = modes_of(train)
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
     if plot and not elastic:
@@ -61,7 +63,9 @@ def modes(train, given, at, links_at, plot, **_):
 
 def holzer(train, given, at, links_at, hz, mode, plot, **_):
     """Holzer's tables."""
-    train, teeth, below, more = _with_teeth(_constant(train, at, links_at), at, links_at)
+    train = _constant(train, at, links_at)
+    with_teeth, teeth, below, more = _teeth(train, at, links_at)
+    train = with_teeth(train)
     name, found = train.topology.name or "scene", natural_frequencies(train)
     kinds = mode_kinds(found, train.topology.damper_names)
     natural = {k: float(frequency) for k, frequency in enumerate(found.frequencies_hz)}
@@ -79,9 +83,9 @@ def holzer(train, given, at, links_at, hz, mode, plot, **_):
 
 def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     """Natural frequencies and orders over the speed."""
-    name, each = train.topology.name or "scene", asks_each(train, given)
-    train, teeth, below, more = _with_teeth(train if each else without_cylinders(train, given), at, links_at)
-    trains = misfire_trains(train) if each else {"": train}
+    name, trains = train.topology.name or "scene", misfire_trains(train, given, each=True)
+    with_teeth, teeth, below, more = _teeth(trains[""], at, links_at)
+    trains = {cylinder: with_teeth(one) for cylinder, one in trains.items()}
     orders = orders or {order for one in trains.values() for order in excited_orders(one, rpm=rpm)}
     asked = {"rpm": rpm, "orders": orders, "count": modes, "links_at": dict(links_at)}
     misfires = {cylinder: campbell_of(one, **asked) for cylinder, one in trains.items()}
@@ -98,12 +102,11 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
 
 def forced(train, given, rpm, element, orders, netcdf, plot, **_):
     """Linear forced response over the speed, with --misfire each beside it that of every cylinder in turn."""
-    each = asks_each(train, given)
-    if each and netcdf:
+    trains = misfire_trains(train, given, each=True)
+    if len(trains) > 1 and netcdf:
         raise OutputError("--netcdf: it holds one train, and --misfire each takes several. Leave one of them out.")
-    trains = misfire_trains(train) if each else {"": without_cylinders(train, given)}
     cases = {name: forced_response(one, rpm=rpm) for name, one in trains.items()}
-    titles = {name: case_title(train, name) if each else "" for name in cases}
+    titles = {name: case_title(train, name) if len(cases) > 1 else "" for name in cases}
     failures = [sentence for name, one in cases.items() for sentence in told.forced_failures(one, titles[name])]
     response = cases[""]
     if not any(one.converged.any() for name, one in cases.items() if name):
@@ -131,15 +134,19 @@ def _constant(train, at, links_at):
     return train.with_constant_links(**given) if given else train
 
 
-def _with_teeth(train, at, links_at):
-    """The train with teeth as ``--at`` asks, how stiff they are, a sentence on them in a list, and a record."""
+def _teeth(train, at, links_at):
+    """A function that gives a train teeth as ``--at`` asks, how stiff they are, a sentence on them in a list, and a
+    record."""
     if at is None:
-        return train, _in_contact(train), [], {}
+        return lambda train: train, _in_contact(train), [], {}
     load = at_mean_load(_constant(train, at, links_at), rpm=at)
-    # Links that vary go on doing so: only the equilibrium needed them constant.
-    train = dataclasses.replace(without_backlash(train), meshes=load.train.meshes)
     sentence, record = linear_text.mean_load_text(load, at), linear_text.mean_load_record(load, at)
-    return train, f"teeth at the mean load of {at:g} rpm", [sentence], record
+
+    def with_teeth(train):
+        # Links that vary go on doing so: only the equilibrium needed them constant.
+        return dataclasses.replace(without_backlash(train), meshes=load.train.meshes)
+
+    return with_teeth, f"teeth at the mean load of {at:g} rpm", [sentence], record
 
 
 def _in_contact(train):

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from jaxhb import __version__
-from jaxhb.cli.commands import check_files, status
+from jaxhb.cli.commands import check_files, misfire_trains, status
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.design.table import read_table
@@ -23,7 +23,7 @@ from jaxhb.report.files.record import cases_record, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv
 from jaxhb.report.page.differences import elements_of
 from jaxhb.report.page.parts import Report, shown_misfire
-from jaxhb.report.selection import NOT_FIRING, asks_each, case_title, misfire_trains
+from jaxhb.report.selection import NOT_FIRING, case_title
 from jaxhb.report.text import cases as told
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.tuned import tuned_parts
@@ -40,10 +40,10 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
     check_files(train, given)
     if at is not None and at not in rpm:
         raise OutputError(f"--at: {at:g} rpm is not one of the speeds of --rpm. Add it.")
-    other, each = _checked_page(train, given), asks_each(train, given)
-    trains = misfire_trains(train) if each else {"": train}
+    other, trains = _checked_page(train, given), misfire_trains(train, given, each=True)
+    each = len(trains) > 1
     if misfire and not each:
-        trains[", ".join(misfire)] = train.misfire(*misfire)
+        trains = {"": train, ", ".join(misfire): trains[""]}
     trains = {case_title(train, cylinders): one for cylinders, one in trains.items()}
     # A computed bound takes half a minute: only the speed that is shown in full gets one, at the end.
     asked, designs = dataclasses.replace(Asked.of(given), certify=False), [*trains.values(), *filter(None, [other])]
@@ -55,7 +55,7 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
         place = _place_of(cases[0], at)
         cases = [_certified(case, place, progress.say) for case in cases] if certify else cases
         (second, tuning), shown = (_tuned(train, progress) if tune else (other, ())), shown_misfire(cases)
-        designs = _second_designs(train, second, shown, given) if second else {}
+        designs = _second_designs(second, shown, given, each) if second else {}
         own = folder / SECOND if folder and not tune else None
         return cases, place, solve_cases(designs, rpm, asked, folder=own, **tell), tuning
 
@@ -120,13 +120,13 @@ def _tuned(train, progress):
     return result.train, tuple(tuned_parts(train, asked, result))
 
 
-def _second_designs(train, second, misfire, given):
+def _second_designs(second, misfire, given, each):
     """The second design by title, as it runs and with the misfire that the page shows of the first, if it has that
     cylinder; of every misfire in turn, programs are those of the first design where numbers alone differ."""
     title = TUNED if given.tune else f"{SECOND} ({Path(given.tuned).stem})"
     if misfire is None:
         return {title: second}
-    if asks_each(train, given):
+    if each:
         trains = second.misfires()
         misfiring = trains.get(misfire.title.removesuffix(NOT_FIRING))
         second = second.replace(same_factor(second)) if trains else second

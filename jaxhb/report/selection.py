@@ -4,35 +4,7 @@ import math
 
 import numpy as np
 
-from jaxhb.report.files.output import OutputError
-from jaxhb.solutions.misfires import same_factor
-
-EACH = "each"
 NOT_FIRING, ALL_FIRING, AS_GIVEN = " not firing", "all cylinders firing", "the scene as given"
-
-
-def asks_each(train, arguments):
-    """Whether ``--misfire each`` asks for every cylinder in turn; no other ``--misfire`` may stand beside it."""
-    each = EACH in arguments.misfire and EACH not in train.topology.cylinder_names
-    if each and len(arguments.misfire) > 1:
-        raise OutputError(f"--misfire {EACH}: takes every cylinder in turn. Leave out the other --misfire.")
-    return each
-
-
-def without_cylinders(train, arguments):
-    """The train in which the cylinders of ``--misfire`` do not fire."""
-    if asks_each(train, arguments):
-        with_it = "report, forced and campbell take every cylinder in turn"
-        raise OutputError(f"--misfire {EACH}: only jaxhb {with_it}. Name one, or use one of them.")
-    return train.misfire(*arguments.misfire)
-
-
-def misfire_trains(train):
-    """The train as it runs under "", and under each cylinder that in which it does not fire; they share programs."""
-    trains = train.misfires()
-    if not trains:
-        raise OutputError("--misfire each: no cylinder of the train fires. Name what misfires, or leave it out.")
-    return {"": train.replace(same_factor(train))} | trains
 
 
 def case_title(train, cylinders=""):
