@@ -13,7 +13,6 @@ from jaxhb.report.files import output
 from jaxhb.report.files.labelled import netcdf
 from jaxhb.report.files.record import NO_ORDERS, both_record, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv, trace_csv, untraceable
-from jaxhb.report.selection import gears
 from jaxhb.report.text.cases import solve_text
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.strength import answers_strength, strength_record
@@ -127,7 +126,7 @@ def check_files(train, given):
     if getattr(given, "gear", None):
         index = train.topology.disk_index(given.gear)
         if not any(index in ends for ends in train.topology.mesh_ends):
-            known = ", ".join(repr(name) for name in gears(train.topology))
+            known = ", ".join(repr(name) for name in train.topology.gear_names)
             raise output.OutputError(f"--gear: {given.gear!r} carries no mesh. Gears: {known or 'none'}.")
 
 

@@ -9,7 +9,6 @@ from jaxhb.linear.holzer import holzer_table
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load
-from jaxhb.report.answer import shown
 from jaxhb.report.figures.linear import modes_of, plot_campbell, plot_holzer, plot_modes
 from jaxhb.report.figures.speeds import plot_forced
 from jaxhb.report.files.labelled import forced_netcdf
@@ -19,6 +18,7 @@ from jaxhb.report.text import forced as told, linear as linear_text
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, tune_notes
 from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.strength import strength_columns, strength_entry, strength_text
+from jaxhb.results.response import with_gaps
 from jaxhb.train.chain import span
 from jaxhb.train.changes import without_backlash
 from jaxhb.train.varying import varying
@@ -111,7 +111,7 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
     response = cases[""]
     if not any(one.converged.any() for name, one in cases.items() if name):
         cases = {"": response}  # no misfire has an answer to compare with
-    found, judged = told.readings(response, element), {name: strength(shown(one)) for name, one in cases.items()}
+    found, judged = told.readings(response, element), {name: strength(with_gaps(one)) for name, one in cases.items()}
     worst = told.worst_of(cases, found) if len(cases) > 1 else None
     limits = {name: strength_entry(one) for name, one in judged.items()}
     columns = {name: strength_columns(one) for name, one in judged.items()}

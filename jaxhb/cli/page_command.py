@@ -21,14 +21,13 @@ from jaxhb.report.files.labelled import netcdf
 from jaxhb.report.files.output import NOT_ANSWERED, OutputError, as_json, as_picture, changed_text, changes, deliver
 from jaxhb.report.files.record import cases_record, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv
-from jaxhb.report.page.differences import elements_of
 from jaxhb.report.page.parts import Report, shown_misfire
 from jaxhb.report.selection import NOT_FIRING, case_title
 from jaxhb.report.text import cases as told
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.tuned import tuned_parts
 from jaxhb.scene.files import _find, load_scene, scene_description
-from jaxhb.scene.writer import element_files, scene_text
+from jaxhb.scene.writer import element_files, elements_of, scene_text
 from jaxhb.solutions.misfires import same_factor
 from jaxhb.train.changes import scene_values
 

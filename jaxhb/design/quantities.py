@@ -251,8 +251,8 @@ def _element_faults(train, chosen):
     names = {
         "mesh": topology.mesh_names,
         "shaft": topology.shaft_names,
-        "shaft or damper": topology.shaft_names + topology.damper_names,
-        "gear": tuple(dict.fromkeys(topology.disk_names[disk] for ends in topology.mesh_ends for disk in ends)),
+        "shaft or damper": topology.shaft_and_damper_names,
+        "gear": topology.gear_names,
         "disk": topology.disk_names,
     }[elements]
     keys = (key, "outer") if key == "diameter" else (key,)

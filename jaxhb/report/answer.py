@@ -1,6 +1,5 @@
 """What is told of one speed, as every report reads it: the motion of the train, beside it that without backlash."""
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,10 +11,10 @@ from jaxhb.floquet.stability import attracts
 from jaxhb.report.selection import largest
 from jaxhb.results.motion import Motion
 from jaxhb.results.record import PerCycle, SteadyContact
-from jaxhb.results.response import Fields, Response
+from jaxhb.results.response import Response
 from jaxhb.results.signal import Summarized
 from jaxhb.results.status import Status
-from jaxhb.results.steady import SteadyState
+from jaxhb.results.steady import SteadyState, orbit_state
 from jaxhb.train.drivetrain import DriveTrain
 
 
@@ -201,26 +200,3 @@ class Case:
 
     title: str
     answers: list[Answer]
-
-
-def shown(response):
-    """A response of one or several speeds whose motion is nan where the equations have no answer."""
-    failed = np.asarray(response.status) != Status.CONVERGED
-    if not failed.any():
-        return response
-    names = *(field.name for field in dataclasses.fields(Fields)), "disk_power", "link_power"
-    given = {name: np.array(getattr(response, name)) for name in names if hasattr(response, name)}
-    for values in given.values():
-        values[failed] = np.nan
-    return dataclasses.replace(response, **given)
-
-
-def orbit_state(response):
-    """A periodic solution as the steady state that it would be; "unknown" where it solves no equations."""
-    status, kind, notes = Status(int(response.status)), "contact", ()
-    if status > Status.TOLERANCE_NOT_MET:
-        kind, notes = "unknown", (status.sentence,)
-    elif any(contact.separated_fraction for contact in response.contacts().values()):
-        kind = "periodic"
-    period = int(kind != "unknown")
-    return SteadyState(float(response.rpm), kind, period, response, None, 0, notes, None, response.topology)

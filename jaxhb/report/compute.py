@@ -8,53 +8,20 @@ from pathlib import Path
 import numpy as np
 
 from jaxhb.certificate.certificate import certify
+from jaxhb.design.confirmation import steady_readings
 from jaxhb.design.quantities import label
-from jaxhb.linear.strength import strength
-from jaxhb.report.answer import UNCONFIRMED, Answer, Case, growth_of, orbit_state, shown
-from jaxhb.report.text.tuned import shown_value
+from jaxhb.report.answer import UNCONFIRMED, Answer, Case, growth_of
+from jaxhb.report.text.tuned import difference
+from jaxhb.results.response import with_gaps
 from jaxhb.results.status import NotConverged, Status
+from jaxhb.results.steady import orbit_state
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.steady.checkpoint import CHUNK, Checkpoint
 from jaxhb.steady.steady_state import steady_state
 from jaxhb.train.changes import without_backlash
 
-SAME_MOTION = 0.02
-"""Difference of a force, torque or angle from which the steady state is told as another motion than the orbit tuned."""
-
 WAYS = {"both": ["up", "down"]}
 """Ways through the speeds, of a direction that is not one itself."""
-
-SIGNALS = {
-    "tooth force": "force",
-    "tooth force peak": "force",
-    "tooth force order": "force",
-    "shaft torque": "torque",
-    "shaft torque order": "torque",
-    "gear torque": "gear_torque",
-    "angle": "disk",
-    "angle order": "disk",
-}
-"""Quantities of a tuning that steady states are compared in, and the readers of their signals."""
-
-JUDGED = {
-    "stress": ("stresses", "stress", None),
-    "stress over continuous limit": ("stresses", "stress", "continuous"),
-    "stress over transient limit": ("stresses", "stress", "transient"),
-    "tooth torque over limit": ("tooth_torques", "vibratory", "limit"),
-}
-"""Those of a :class:`jaxhb.Strength`: its rows, their number, and the limit that divides it."""
-
-
-def _steady_number(design, state, chosen):
-    """A quantity of a tuning as a steady state of a design has it."""
-    if chosen.quantity in JUDGED:
-        kind, field, limit = JUDGED[chosen.quantity]
-        row = getattr(strength(state, train=design), kind)[chosen.of]
-        return getattr(row, field) / (getattr(row, limit) if limit else 1.0)
-    signal = getattr(state, SIGNALS[chosen.quantity])(chosen.of)
-    if chosen.order is not None:
-        return signal.order(chosen.order)
-    return signal.peak if chosen.quantity.endswith("peak") else signal.half_peak_to_peak
 
 
 @dataclass(frozen=True)
@@ -91,7 +58,7 @@ def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=Non
         say(f"{rpm:g} rpm: marching until the motion settles")
         state = steady_state(train, rpm=rpm, **asked.accuracy, start=start, **(kept or {}))
     say(f"{rpm:g} rpm: is the motion stable?")
-    answer = Answer(train, state, shown(linear), growth_of(state), asked.orbit)
+    answer = Answer(train, state, with_gaps(linear), growth_of(state), asked.orbit)
     return dataclasses.replace(answer, certificate=certificate_of(answer, say)) if asked.certify else answer
 
 
@@ -108,7 +75,7 @@ def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None
     def answer(place, state):
         # A speed that does the same upwards and downwards has one state and one answer.
         if id(state) not in made:
-            made[id(state)] = Answer(train, state, shown(linear[place]), growth_of(state), asked.orbit)
+            made[id(state)] = Answer(train, state, with_gaps(linear[place]), growth_of(state), asked.orbit)
         return made[id(state)]
 
     def tell(states, way):
@@ -190,41 +157,21 @@ def check_designs(train, asked, result, say=lambda text: None):
     more than 2 % from that of the orbit tuned. ``train`` is as it was, ``asked`` as of
     :func:`jaxhb.design.table.read_table`."""
     found = {}
-    compared = [c for c in (*asked["objective"], *asked["penalties"]) if c.quantity in SIGNALS | JUDGED]
     designs = {"before": ("first", train, result.before), "after": ("last", result.train, result.after)}
     for when, (which, design, tuned) in designs.items():
         say(f"what does the {which} design do?")
-        states = steady_state(design, rpm=np.asarray(asked["rpm"]), tolerance=asked.get("tolerance")).states
-        told = {
-            c: [float(_steady_number(design, state, c)) if state.known else np.nan for state in states]
-            for c in compared
-        }
-        pairs = [{c: (told[c][i], float(tuned.readings[label(c)][i])) for c in compared} for i in range(len(states))]
+        states, told = steady_readings(design, asked)
+        differences = (
+            difference(state, {c: (own[i], float(tuned.readings[label(c)][i])) for c, own in told.items()})
+            for i, state in enumerate(states)
+        )
         found[when] = {
             "kind": [state.kind for state in states],
             "period": [state.period for state in states],
             "readings": {label(chosen): values for chosen, values in told.items()},
-            "differences": [f"The {which} design {one}" for one in filter(None, map(_difference, states, pairs))],
+            "differences": [f"The {which} design {one}" for one in filter(None, differences)],
         }
     return found
-
-
-def _difference(state, pairs):
-    """What a steady state does that the orbit of the tuning does not; "" for the same motion."""
-    kind = {
-        "subharmonic": f"has a period of {state.period} cycles",
-        "irregular": "is irregular",
-        "unknown": f"is not known ({'; '.join(state.notes)})",
-    }.get(state.kind, "")
-    apart = [
-        f"{label(chosen)} {shown_value(chosen, own)} instead of {shown_value(chosen, tuned)}"
-        for chosen, (own, tuned) in pairs.items()
-        if abs(own - tuned) > SAME_MOTION * max(abs(own), abs(tuned))
-    ]
-    if not kind and not apart:
-        return ""
-    about = f" ({'; '.join(state.notes)})" if state.known and state.notes else ""
-    return f"at {state.rpm:g} rpm {kind or 'is in another motion'}{': ' if apart else ''}{', '.join(apart)}{about}."
 
 
 def _orbits(train, rpm, asked, kept, progress=None, tell=lambda states, way: None):

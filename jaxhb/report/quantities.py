@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb.report.selection import gears, largest, shafts_of, turning_disks
+from jaxhb.report.selection import largest, turning_disks
 from jaxhb.results.dataset import OF_ELEMENTS, SIGNALS
 
 SHOWN_UNITS = {
@@ -103,8 +103,8 @@ class Quantity:
 
 ELEMENTS = {
     "mesh": lambda topology: topology.mesh_names,
-    "gear": gears,
-    "shaft": shafts_of,
+    "gear": lambda topology: topology.gear_names,
+    "shaft": lambda topology: topology.shaft_and_damper_names,
     "disk": lambda topology: topology.disk_names,
     "damper": lambda topology: topology.damper_names,
 }
@@ -133,4 +133,4 @@ irregularity = _told("disk", "irregularity", _turning, "irregularity", turning_d
 def main_quantity(train):
     """What tells most of a train: tooth forces, without teeth torques of shafts, without these angles."""
     topology = train.topology
-    return (forces if topology.mesh_names else shaft_torques if shafts_of(topology) else angles)(train)
+    return (forces if topology.mesh_names else shaft_torques if topology.shaft_and_damper_names else angles)(train)

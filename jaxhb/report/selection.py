@@ -21,16 +21,6 @@ def train_name(topology):
     return ", ".join([topology.title, *[f"{', '.join(idle)}{NOT_FIRING}"] * bool(idle)])
 
 
-def gears(topology):
-    """Names of the disks that carry a mesh, in the order of the meshes."""
-    return tuple(dict.fromkeys(topology.disk_names[disk] for ends in topology.mesh_ends for disk in ends))
-
-
-def shafts_of(topology):
-    """Names of the links that transmit a torque: shafts, then dampers."""
-    return topology.shaft_names + topology.damper_names
-
-
 def meshes_of(topology, gear):
     """Names of the meshes of a gear."""
     disk = topology.disk_index(gear)
@@ -52,7 +42,7 @@ def most_apart(answer):
 def hardest_shaft(answers):
     """The shaft or damper whose torque has the largest half peak-to-peak in any answer; None without."""
     certain = [answer for answer in answers if answer.answered] or [answer for answer in answers if answer.known]
-    links = shafts_of(answers[0].topology)
+    links = answers[0].topology.shaft_and_damper_names
     return largest(links, lambda name: max((one.torque(name).half_peak_to_peak for one in certain), default=0.0))
 
 
@@ -67,12 +57,12 @@ def turning_disks(train):
     """Disks whose irregularity is told: the heaviest of the reference rotor, the gears, and those with a load."""
     topology = train.topology
     loaded = [topology.disk_names[disk] for disk in topology.load_disk]
-    return tuple(dict.fromkeys([heaviest(train), *gears(topology), *loaded]))
+    return tuple(dict.fromkeys([heaviest(train), *topology.gear_names, *loaded]))
 
 
 def default_gear(answer):
     """Of the gears of the reference rotor (of all, if it has none) the one whose torque swings most, or None."""
-    topology, all_of = answer.topology, gears(answer.topology)
+    topology, all_of = answer.topology, answer.topology.gear_names
     near = [gear for gear in all_of if topology.rotor[topology.disk_index(gear)] == topology.reference_rotor]
     swinging, near = answer if answer.known else answer.linear, near or all_of
     return largest(near, lambda name: swinging.gear_torque(name).half_peak_to_peak) or next(iter(near), None)

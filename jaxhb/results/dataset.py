@@ -112,11 +112,10 @@ def as_netcdf(data):
 
 
 def _names(topology):
-    gears = dict.fromkeys(topology.disk_names[disk] for ends in topology.mesh_ends for disk in ends)
     names = {
         "disk": topology.disk_names,
-        "shaft": topology.shaft_names + topology.damper_names,
-        "gear": tuple(gears),
+        "shaft": topology.shaft_and_damper_names,
+        "gear": topology.gear_names,
         "mesh": topology.mesh_names,
         "load": topology.load_names,
         "ground": topology.ground_names,

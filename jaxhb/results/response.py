@@ -222,6 +222,18 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         return to_xarray(motions, self.topology, np.asarray(self.rpm), orders=orders)
 
 
+def with_gaps(response):
+    """A response of one or several speeds whose motion is nan where the equations have no answer."""
+    failed = np.asarray(response.status) != Status.CONVERGED
+    if not failed.any():
+        return response
+    names = *(field.name for field in dataclasses.fields(Fields)), "disk_power", "link_power"
+    given = {name: np.array(getattr(response, name)) for name in names if hasattr(response, name)}
+    for values in given.values():
+        values[failed] = np.nan
+    return dataclasses.replace(response, **given)
+
+
 def register(cls):
     """Make :class:`Response`, or a class that extends it, a pytree.
 

@@ -13,6 +13,7 @@ from jaxhb.results.motion import Motion
 from jaxhb.results.record import Record, RecordedSignal, SteadyContact, SteadySignal
 from jaxhb.results.response import Response
 from jaxhb.results.signal import Signal
+from jaxhb.results.status import Status
 from jaxhb.train.topology import Topology
 
 KINDS = "contact", "periodic", "subharmonic", "irregular", "unknown"
@@ -95,6 +96,17 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
     def __str__(self):
         what = f"{self.kind}, period {self.period} cycles" if self.kind == "subharmonic" else self.kind
         return f"{self.rpm:g} rpm: {what}" + "".join(f"; {note}" for note in self.notes)
+
+
+def orbit_state(response):
+    """A periodic solution as the steady state that it would be; "unknown" where it solves no equations."""
+    status, kind, notes = Status(int(response.status)), "contact", ()
+    if status > Status.TOLERANCE_NOT_MET:
+        kind, notes = "unknown", (status.sentence,)
+    elif any(contact.separated_fraction for contact in response.contacts().values()):
+        kind = "periodic"
+    period = int(kind != "unknown")
+    return SteadyState(float(response.rpm), kind, period, response, None, 0, notes, None, response.topology)
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,15 @@ What a ``.toml`` says is kept as it was written, comments included, but for what
 """
 
 import dataclasses
+import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from jaxhb.elements.checks import Parts
 from jaxhb.elements.elements import SceneError, table_of
 from jaxhb.elements.engine import cylinder_rows
-from jaxhb.scene.files import _READERS, _find, _parse, load_scene
+from jaxhb.scene.files import _READERS, _find, _parse, _read_elements, load_scene
 from jaxhb.scene.toml_text import TomlText
 from jaxhb.train.tables import LAW_OF_FRIDMAN
 
@@ -163,6 +165,14 @@ def changed_scene(name, values, *, remark=""):
         text.set(table, row, field, value)
     remark = "".join(f"# {line}{text.newline}" for line in remark.splitlines())
     return remark + text.newline * bool(remark) + str(text), _beside(content, path.parent)
+
+
+def elements_of(name, values=()):
+    """The elements of a scene by name, engines as cylinders, with ``values`` as of :func:`changed_scene`."""
+    path = _find(name)
+    elements, _ = _read_elements(path, tomllib.loads(changed_scene(name, dict(values))[0]), [])
+    parts = Parts(elements, path.name)
+    return {parts.names[kind][i]: element for kind, i, element in parts.rows()}
 
 
 def copies_beside(beside, folder, option="--output"):

@@ -149,9 +149,19 @@ class Topology:
         return tuple(range(self.n_scene_disks, self.n_disks))
 
     @cached_property
+    def gear_names(self) -> tuple[str, ...]:
+        """Names of the disks that carry a mesh, in the order of the meshes."""
+        return tuple(dict.fromkeys(self.disk_names[disk] for ends in self.mesh_ends for disk in ends))
+
+    @property
+    def shaft_and_damper_names(self) -> tuple[str, ...]:
+        """Names of the links that transmit a torque: shafts, then dampers."""
+        return self.shaft_names + self.damper_names
+
+    @cached_property
     def link_names(self) -> tuple[str, ...]:
         """Names of the links: shafts, dampers, meshes."""
-        return self.shaft_names + self.damper_names + self.mesh_names
+        return self.shaft_and_damper_names + self.mesh_names
 
     @cached_property
     def link_ends(self) -> tuple[tuple[int, int], ...]:

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.report.answer import Answer, orbit_state
+from jaxhb.report.answer import Answer
 from jaxhb.report.files.output import as_json
 from jaxhb.report.files.record import answer_record
 from jaxhb.report.text.sentences import verdict
 from jaxhb.results.bounds import NORM_MARGIN, ROW_SUM_MARGIN
+from jaxhb.results.steady import orbit_state
 
 MESH = "gear a|gear b"
 SIGNAL = {"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}

@@ -18,8 +18,8 @@ from jaxhb.cli import commands, resume
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.streams import Ended, guarded
 from jaxhb.report import compute
-from jaxhb.report.answer import orbit_state
 from jaxhb.report.files.output import write_files
+from jaxhb.results.steady import orbit_state
 
 SCENES = Path(__file__).parents[2] / "jaxhb" / "scene" / "scenes"
 MESH = "gear a|gear b"

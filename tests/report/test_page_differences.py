@@ -4,7 +4,8 @@ import pytest
 from page_cases import SCENE
 
 import jaxhb
-from jaxhb.report.page.differences import differences, elements_of
+from jaxhb.report.page.differences import differences
+from jaxhb.scene.writer import elements_of
 
 BURNING = """
 [[cylinder]]

@@ -8,12 +8,11 @@ import pytest
 
 import jaxhb
 from jaxhb.report.answer import Case
-from jaxhb.report.page.differences import elements_of
 from jaxhb.report.page.page import parts_of
 from jaxhb.report.page.parts import Report
 from jaxhb.report.page.train import assumptions, excitation_tables
 from jaxhb.report.text.columns import NONE
-from jaxhb.scene.writer import element_files
+from jaxhb.scene.writer import element_files, elements_of
 from jaxhb.train.changes import scene_values
 
 FOLDER = jaxhb.__path__[0] + "/scene/scenes/"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.report.answer import SPEED, Answer, Case, orbit_state
+from jaxhb.report.answer import SPEED, Answer, Case
 from jaxhb.report.compute import Asked, answer_one, answer_speeds
 from jaxhb.report.figures.cycle import in_the_gap, plot_cycle
 from jaxhb.report.figures.draw import drawn
@@ -15,6 +15,7 @@ from jaxhb.report.figures.figure import DIGITS, above, bands, figure, line, mark
 from jaxhb.report.figures.speeds import BESIDE, over_speed, plot_sweep
 from jaxhb.report.quantities import Quantity
 from jaxhb.report.selection import default_gear
+from jaxhb.results.steady import orbit_state
 
 
 @pytest.fixture(scope="module")

@@ -8,17 +8,18 @@ import pytest
 
 import jaxhb
 from jaxhb.cli.progress import Progress
-from jaxhb.report.answer import Answer, Growth, orbit_state
+from jaxhb.report.answer import Answer, Growth
 from jaxhb.report.compute import Asked, answer_one
 from jaxhb.report.figures.figure import DIGITS
 from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files.record import answer_record
 from jaxhb.report.files.rows import answer_row
 from jaxhb.report.text.cases import solve_text
-from jaxhb.report.text.columns import aligned, alike, ranges, ratios, shares
+from jaxhb.report.text.columns import aligned, alike, percent, ranges, ratio
 from jaxhb.report.text.sentences import notes
 from jaxhb.report.text.sweep_tables import sweep_text
 from jaxhb.results.status import Shooting
+from jaxhb.results.steady import orbit_state
 
 
 def test_numbers_that_are_compared_share_their_decimals():
@@ -28,11 +29,11 @@ def test_numbers_that_are_compared_share_their_decimals():
 
 
 def test_a_short_separation_is_not_shown_as_none():
-    assert shares([0.0, 1e-4, 0.4191, None]) == ["0.0", "<0.1", "41.9", "-"]
+    assert list(map(percent, [0.0, 1e-4, 0.4191, None])) == ["0.0", "<0.1", "41.9", "-"]
 
 
 def test_nothing_is_divided_by_zero():
-    assert ratios([1.0, 3.0], [0.0, 2.0]) == ["-", "1.50"]
+    assert [ratio((1.0, 0.0)), ratio((3.0, 2.0))] == ["-", "1.50"]
 
 
 def test_columns_line_up_under_their_groups():

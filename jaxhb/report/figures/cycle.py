@@ -10,7 +10,7 @@ from jaxhb.equations.backlash import separated
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import above, bands, bars, crosses, figure, line, marks, plain, speed_range, top_of
 from jaxhb.report.quantities import forces, gear_torques, shaft_torques
-from jaxhb.report.selection import default_gear, gears, hardest_shaft, meshes_of, train_name
+from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of, train_name
 from jaxhb.report.text.sentences import motion_text
 from jaxhb.report.text.tuned import scaled_unit
 from jaxhb.results.record import PERCENT
@@ -49,7 +49,7 @@ def _recorded(answer):
 
 def _torque_of(train, subject):
     """The quantity that is the torque of a gear, or of a shaft or damper."""
-    return gear_torques(train) if subject in gears(train.topology) else shaft_torques(train)
+    return gear_torques(train) if subject in train.topology.gear_names else shaft_torques(train)
 
 
 def cycle_figure(answer, subject, meshes, caption):

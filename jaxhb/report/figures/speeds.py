@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from jaxhb.linear.strength import strength
-from jaxhb.report.answer import SPEED, Case, shown
+from jaxhb.report.answer import SPEED, Case
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import (
     MARKED,
@@ -23,6 +23,7 @@ from jaxhb.report.figures.figure import (
 from jaxhb.report.quantities import forces, separation, shaft_torques
 from jaxhb.report.selection import NOT_FIRING, hardest_shaft, train_name
 from jaxhb.report.text.strength import LIMITED, answers_strength
+from jaxhb.results.response import with_gaps
 
 BESIDE = 0.006  # share of the axis between the bars of two meshes at one speed
 WAYS = {"up": "upwards", "down": "downwards", "orbit": "periodic solutions"}
@@ -120,7 +121,7 @@ def plot_forced(cases, found, worst=None):
     certain = np.asarray(response.converged)
     known = [one.at(certain) for one in found] if certain.any() else found
     chosen = known if len(found) <= MOST else hardest_elements(known)
-    judged = strength(shown(response))
+    judged = strength(with_gaps(response))
 
     def beside(name):
         """The worst misfire of an element."""
@@ -128,7 +129,7 @@ def plot_forced(cases, found, worst=None):
 
     figures = [orders_figure(response, one, beside(one.name)) for one in chosen]
     for kind, name in judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST):
-        others = {title: strength(shown(other)) for title, other in beside(name).items()}
+        others = {title: strength(with_gaps(other)) for title, other in beside(name).items()}
         figures.append(limit_figure({"": judged} | others, kind, name))
     return drawn(*figures, title=train_name(response.topology))
 

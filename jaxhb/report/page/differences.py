@@ -1,25 +1,13 @@
 """What scenes say of their elements, and what differs between two designs: numbers, words, tables, elements."""
 
 import dataclasses
-import tomllib
 
-from jaxhb.elements.checks import Parts
 from jaxhb.elements.elements import table_of
 from jaxhb.report.page.parts import table
 from jaxhb.report.text.columns import NONE, plain_number
-from jaxhb.scene.files import _find, _read_elements
-from jaxhb.scene.writer import changed_scene
 
 WHOLE = {"revolutions_per_cycle": "", "rated_rpm": "rpm"}  # numbers of a scene as a whole, with their units
 BESIDE = ("name", "scenarios", "tune")  # what of a scene changes no motion
-
-
-def elements_of(scene, values=()):
-    """The elements of a scene by name, engines as cylinders, with ``values`` as of :func:`changed_scene`."""
-    path = _find(scene)
-    elements, _ = _read_elements(path, tomllib.loads(changed_scene(scene, dict(values))[0]), [])
-    parts = Parts(elements, path.name)
-    return {parts.names[kind][i]: element for kind, i, element in parts.rows()}
 
 
 def facts_of(element, before=""):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from jaxhb.report import quantities
 from jaxhb.report.answer import Case
 from jaxhb.report.quantities import ELEMENTS, WITHOUT, Quantity, number, shown_unit, unit_of
-from jaxhb.report.selection import NOT_FIRING, shafts_of, train_name
+from jaxhb.report.selection import NOT_FIRING, train_name
 from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import NONE, count, from_rows, hit, irregular, percent, ratio
 from jaxhb.report.text.mean_torques import balance_line, mean_angles_of
@@ -103,7 +103,7 @@ def _tables(answer):
         yield element_table(title, "mesh", CONTACT, answer)
         title = "Torque that a gear passes to its mates, N m"
         yield element_table(title, "gear", _swings("gear_torque"), answer, groups=pair)
-    if shafts_of(topology):
+    if topology.shaft_and_damper_names:
         backlash = any(topology.mesh_backlash)
         specs = _swings("torque") if backlash else (("mean", "torque_mean"), *_linear_swings("torque"))
         title = "Torque of shafts and dampers, N m"
@@ -173,7 +173,7 @@ def speed_tables(cases, place):
         specs = ("with", variable), ("without", f"{variable}{WITHOUT}"), ("ratio", against(variable), ratio)
         return table(f"{quantity.title}, {quantity.unit}", quantity, specs)
 
-    tables, links = [], shafts_of(train.topology)
+    tables, links = [], train.topology.shaft_and_damper_names
     if train.topology.mesh_names:
         title = "Largest tooth force, kN, with and without backlash; share of the time apart and on the reverse flank"
         tables.append(table(title, quantities.forces(train), COMPARED))

@@ -13,6 +13,9 @@ from jaxhb.report.text.sentences import paragraph
 from jaxhb.report.text.strength import AID
 from jaxhb.train.changes import declared_field, locate
 
+SAME_MOTION = 0.02
+"""Difference of a force, torque or angle from which the steady state is told as another motion than the orbit tuned."""
+
 EXCESS = 0.01
 """Share of a limit by which a penalty lets it be exceeded before that is told."""
 
@@ -173,6 +176,24 @@ def parameter_unit(train, name):
     """Unit of a parameter ``"NAME.FIELD"``."""
     table, field, _ = locate(train.topology, name)
     return declared_field(table, field).metadata["range"].unit
+
+
+def difference(state, pairs):
+    """What a steady state does that the orbit of the tuning does not; "" for the same motion."""
+    kind = {
+        "subharmonic": f"has a period of {state.period} cycles",
+        "irregular": "is irregular",
+        "unknown": f"is not known ({'; '.join(state.notes)})",
+    }.get(state.kind, "")
+    apart = [
+        f"{label(chosen)} {shown_value(chosen, own)} instead of {shown_value(chosen, tuned)}"
+        for chosen, (own, tuned) in pairs.items()
+        if abs(own - tuned) > SAME_MOTION * max(abs(own), abs(tuned))
+    ]
+    if not kind and not apart:
+        return ""
+    about = f" ({'; '.join(state.notes)})" if state.known and state.notes else ""
+    return f"at {state.rpm:g} rpm {kind or 'is in another motion'}{': ' if apart else ''}{', '.join(apart)}{about}."
 
 
 def check_text(found):
