@@ -9,7 +9,7 @@ import pytest
 import jaxhb
 from jaxhb.report.answer import Answer
 from jaxhb.report.compute import Asked, answer_one, certificate_of
-from jaxhb.report.files.rows import answer_row, untraceable
+from jaxhb.report.files.numbers import answer_row, untraceable
 from jaxhb.report.text.sentences import motion_text, motion_word, notes, verdict, warnings
 from jaxhb.report.text.sweep_tables import motion_sentences, speed_table
 from jaxhb.solutions.solve import linear_response

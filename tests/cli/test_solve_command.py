@@ -10,8 +10,8 @@ import pytest
 
 import jaxhb
 from jaxhb.report.answer import Answer
+from jaxhb.report.files.numbers import answer_record
 from jaxhb.report.files.output import as_json
-from jaxhb.report.files.record import answer_record
 from jaxhb.report.text.sentences import verdict
 from jaxhb.results.bounds import NORM_MARGIN, ROW_SUM_MARGIN
 from jaxhb.results.steady import orbit_state

@@ -12,8 +12,7 @@ from jaxhb.report.answer import Answer, Growth
 from jaxhb.report.compute import Asked, answer_one
 from jaxhb.report.figures.figure import DIGITS
 from jaxhb.report.figures.speeds import plot_sweep
-from jaxhb.report.files.record import answer_record
-from jaxhb.report.files.rows import answer_row
+from jaxhb.report.files.numbers import answer_record, answer_row
 from jaxhb.report.text.cases import solve_text
 from jaxhb.report.text.columns import aligned, alike, percent, ranges, ratio
 from jaxhb.report.text.sentences import notes

@@ -70,7 +70,7 @@ def _sentence(name=None):
 
 
 def as_json(record):
-    """The file of a record (see :func:`jaxhb.report.files.record.answer_record`)."""
+    """The file of a record (see :func:`jaxhb.report.files.numbers.answer_record`)."""
     return [as_bytes(record), b"\n"]
 
 
