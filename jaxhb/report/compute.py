@@ -46,30 +46,23 @@ class Asked:
 
 
 def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=None):
-    """The :class:`Answer` at one speed; ``say`` is told what is done, ``start`` is the SteadyState of a neighbour from
-    which the motion starts, ``kept`` a dictionary with ``out`` and ``chunk`` of :func:`jaxhb.steady_state`."""
-    linear = _linear(train, [rpm])[0]
-    if asked.orbit:
-        say(f"{rpm:g} rpm: solving for a periodic motion")
-        (state,) = _orbits(train, [rpm], asked, kept or {})
-    elif linear.status == Status.UNBALANCED:
-        state = _no_state(linear)
-    else:
-        say(f"{rpm:g} rpm: marching until the motion settles")
-        state = steady_state(train, rpm=rpm, **asked.accuracy, start=start, **(kept or {}))
-    say(f"{rpm:g} rpm: is the motion stable?")
-    answer = Answer(train, state, with_gaps(linear), growth_of(state), asked.orbit)
+    """The :class:`Answer` at one speed, with a computed bound if asked for; ``start`` is the SteadyState of a neighbour
+    from which the motion starts, the others are as of :func:`answer_speeds`."""
+    ((answer,),) = answer_speeds(train, [rpm], asked, start=start, kept=kept, say=say).values()
     return dataclasses.replace(answer, certificate=certificate_of(answer, say)) if asked.certify else answer
 
 
-def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None, say=lambda text: None, told=None):
+def answer_speeds(
+    train, rpm, asked, *, direction="up", start=None, kept=None, progress=None, say=lambda text: None, told=None
+):
     """Answers in the order of ``rpm`` by the direction in which the sweep went, ``{"up": [Answer, ...]}``, ``"down"``
     or both, ``"orbit"`` for orbits.
 
-    kept, say : as of :func:`answer_one`; progress : called with the number of speeds done since the last call; told :
-    now and then what is returned in the end, as far as it is known
+    kept : a dictionary with ``out`` and ``chunk`` of :func:`jaxhb.steady_state`; progress : called with the number of
+    speeds done since the last call; say : told what is done; told : now and then what is returned in the end, as far
+    as it is known
     """
-    rpm = np.array(rpm, dtype=float)
+    rpm, about = np.array(rpm, dtype=float), "the speeds" if len(rpm) > 1 else f"{rpm[0]:g} rpm"
     linear, known, made = _linear(train, rpm), {}, {}
 
     def answer(place, state):
@@ -84,17 +77,21 @@ def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None
             told({one: [answer(place, own[place]) for place in sorted(own)] for one, own in known.items()})
 
     if asked.orbit:
-        say("speeds solved for a periodic motion")
+        say(f"solving for periodic motions at {about}")
         found = {"orbit": _orbits(train, rpm, asked, kept or {}, progress, tell)}
     elif linear[0].status == Status.UNBALANCED:
-        states = [_no_state(linear[place]) for place in range(len(rpm))]
+        # The train gains speed, whatever its vibration: its linear motion tells that there is no steady one.
+        states = [dataclasses.replace(orbit_state(linear[place]), response=None) for place in range(len(rpm))]
         found = dict.fromkeys(WAYS.get(direction, [direction]), states)
     else:
-        say("speeds marched until the motion settles")
+        say(f"marching until the motion settles at {about}")
         given = {**asked.accuracy, **(kept or {}), "progress": progress, "on_states": tell}
-        sweeps = steady_state(train, rpm=rpm, direction=direction, **given)
-        found = {one.direction: one.states for one in (sweeps if direction == "both" else [sweeps])}
-    say("is each motion stable?")
+        if start is not None:
+            found = {direction: [steady_state(train, rpm=rpm[0], start=start, **given)]}
+        else:
+            sweeps = steady_state(train, rpm=rpm, direction=direction, **given)
+            found = {one.direction: one.states for one in (sweeps if direction == "both" else [sweeps])}
+    say(f"is the motion stable at {about}?")
     return {way: [answer(place, state) for place, state in enumerate(states)] for way, states in found.items()}
 
 
@@ -174,7 +171,7 @@ def check_designs(train, asked, result, say=lambda text: None):
     return found
 
 
-def _orbits(train, rpm, asked, kept, progress=None, tell=lambda states, way: None):
+def _orbits(train, rpm, asked, kept, progress, tell):
     """Periodic solutions, each planned and started by itself: a speed has the same bits alone and in a sweep."""
     progress, size, states = progress or (lambda count: None), kept.get("chunk") or CHUNK, []
 
@@ -196,8 +193,3 @@ def _orbits(train, rpm, asked, kept, progress=None, tell=lambda states, way: Non
         states += keep([speeds], partial(solved, speeds), progress)
         tell(dict(enumerate(states)), "orbit")
     return states
-
-
-def _no_state(linear):
-    """Of a train that gains speed, whatever its vibration: its linear motion tells that there is no steady one."""
-    return dataclasses.replace(orbit_state(linear), response=None)

@@ -1,5 +1,5 @@
-"""Answers as plain numbers for programs, see ``docs/how_to/data_and_files.md``: records of JSON files, rows of CSV files,
-and one motion over its cycle as the rows of a table of time traces."""
+"""Answers as plain numbers for programs, see ``docs/how_to/data_and_files.md``: records of JSON files, rows of CSV
+files, and one motion over its cycle as the rows of a table of time traces."""
 
 import numpy as np
 
