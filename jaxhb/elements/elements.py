@@ -338,3 +338,26 @@ def table_of(element) -> str:
 TABLES: dict[str, Any] = {
     cls.__name__.lower(): cls for cls in (Disk, Shaft, Mesh, Damper, Ground, Load, Torque, Cylinder)
 }
+
+
+def facts_of(element, before=""):
+    """All that a scene says of an element: value and declared one by name, as "stiffness", "combustion.start" or
+    "traces no. 1.rpm"; None where a scene may be silent and is."""
+    found = {}
+    for one in dataclasses.fields(element):
+        value, name = getattr(element, one.name), before + one.name
+        if dataclasses.is_dataclass(value):
+            found |= facts_of(value, f"{name}.")
+        elif one.metadata["kind"] == "tables":
+            for k, inner in enumerate(value or ()):
+                found |= facts_of(inner, f"{name} no. {k + 1}.")
+        elif one.name != "name":
+            rows = tuple(map(tuple, value)) if one.metadata["kind"] == "rows" and value is not None else value
+            found[name] = ", ".join(rows) if one.metadata["kind"] == "pair" else rows, one
+    return found
+
+
+def unit_of(one):
+    """The SI unit of a declared one, "" without."""
+    span = one.metadata.get("range")
+    return span.unit if span else ""

@@ -65,6 +65,24 @@ class Campbell:
         """Numbers of the first ``count`` elastic modes."""
         return [k for k, kind in enumerate(self.kinds) if kind == ELASTIC][:count]
 
+    def shown(self, count: int) -> list[int]:
+        """Numbers of the first ``count`` elastic modes and of all below that are rigid or of rings only."""
+        elastic = self.elastic(count)
+        return list(range((elastic[-1] if elastic else len(self.kinds) - 1) + 1))
+
+    def reached(self) -> int:
+        """How many elastic modes have a frequency that an order reaches within the speeds."""
+        top = max(self.orders, default=0.0) * float(self.rpm[-1]) / 60
+        return sum(float(self.frequencies_hz[:, k].min()) <= top for k in self.elastic(len(self.kinds)))
+
+
+def shares_in_mode(critical, torques):
+    """Modal torques of critical speeds over the largest of their mode, as those of different modes do not compare."""
+    largest = {}
+    for one, torque in zip(critical, torques, strict=True):
+        largest[one.mode] = max(torque, largest.get(one.mode, 0.0))
+    return [torque / (largest[one.mode] or 1.0) for one, torque in zip(critical, torques, strict=True)]
+
 
 def mode_kinds(modes, rings):
     """Of each mode "elastic", "rigid" (no link is strained) or "ring only" (rigid, only disks named ``rings`` move)."""

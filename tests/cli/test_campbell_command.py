@@ -5,9 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 import jaxhb
-from jaxhb.linear.critical import Critical
+from jaxhb.linear.critical import Critical, shares_in_mode
 from jaxhb.report.figures.linear import counting
-from jaxhb.report.text.linear import shares_in_mode
 
 SCENE = "six_cylinder_diesel"
 PENDULUM = """

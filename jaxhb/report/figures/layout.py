@@ -9,8 +9,7 @@ import itertools
 
 import numpy as np
 
-from jaxhb.train.chain import span
-from jaxhb.train.connections import breadth_first, neighbours
+from jaxhb.train.ways import joined, ways
 
 DISK, LEAST, MASSLESS = 0.42, 0.12, 0.07  # radius of the largest disk, of the smallest with inertia, and of one without
 GEAR, RIM = 1.4, 0.32  # pitch radius of the largest gear, and of any at least beyond its disk
@@ -20,39 +19,6 @@ APART = 0.06  # least distance between things that do not touch
 ANGLES = (-90, 90, 0, 180, -45, -135, -30, -150, -60, -120, -15, -165, -75, -105, 45, 135, 30, 150, 60, 120)
 """Directions from a gear to one in mesh with it, deg, as they are tried."""
 REACH, SLANTS = 12, (0.0, 1.0, -1.0, 2.0, -2.0)  # distances at which a branch is tried, and how far to the side
-
-
-def joined(topology, links):
-    """Neighbours of every disk by some links of the train, without those that close a loop: (other, link)."""
-    every = range(len(topology.link_ends))
-    return neighbours(topology.link_ends, topology.n_disks, {*every} - {*links} | {*span(topology).loops.tolist()})
-
-
-def ways(near, start, *, through=False):
-    """Ways through the disks that hang on ``start``, on which every link lies once: the longest, or the longest from
-    ``start`` if it has to lie on the first; then branches, each from a disk of an earlier way."""
-    first = _longest(near, _longest(near, start)[-1])  # in a tree what is farthest from any is an end of a longest way
-    if through and start not in first:
-        first = _longest(near, start)
-    # As the scene runs, whichever end the search began at.
-    found = [first if first[0] < first[-1] else first[::-1]]
-    placed = set(first)
-    for way in found:
-        for disk in way:
-            while branches := [_longest(near, other, placed) for other, _ in near[disk] if other not in placed]:
-                found.append([disk, *max(branches, key=len)])
-                placed.update(found[-1])
-    return found
-
-
-def _longest(near, start, taken=()):
-    """Disks from ``start`` to the one farthest from it, without those taken."""
-    free = [[pair for pair in pairs if pair[0] not in taken] for pairs in near]
-    outward = breadth_first(free, start)
-    before, path = {disk: other for disk, other, _ in outward}, [outward[-1][0]]
-    while path[-1] != start:
-        path.append(before[path[-1]])
-    return path[::-1]
 
 
 def disk_radii(train):

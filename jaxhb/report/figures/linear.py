@@ -3,15 +3,13 @@
 import numpy as np
 
 from jaxhb.equations.kinematics import speed_ratios
-from jaxhb.linear.critical import ELASTIC, mode_kinds
+from jaxhb.linear.critical import ELASTIC, mode_kinds, shares_in_mode
 from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.holzer import holzer_residual
 from jaxhb.linear.modal import AT_REST, natural_frequencies
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import GREY, WITH, WITHOUT, above, bars, figure, line, marks, note
-from jaxhb.report.figures.layout import joined, ways
-from jaxhb.report.text.linear import shares_in_mode, shown_modes
-from jaxhb.train.chain import span
+from jaxhb.train.ways import train_lines
 
 POINTS = 2000
 COUNTS = 0.1  # modal torque over the largest of the mode from which a critical speed is filled
@@ -67,7 +65,7 @@ def campbell_figure(found, count, title):
     for order in found.orders:
         look, own = {"color": GREY, "dash": "dash", "width": 0.8}, [order * low / 60, order * high / 60]
         traces.append(line([low, high], own, f"order {order:g}", look=look, showlegend=False))
-    shown = [k for k in shown_modes(found, count) if found.frequencies_hz[-1, k] <= top]
+    shown = [k for k in found.shown(count) if found.frequencies_hz[-1, k] <= top]
     for k in shown:
         look = {"color": WITHOUT, "dash": "solid"} if k in elastic else {"color": "grey", "dash": "dot"}
         own = found.frequencies_hz[:, k]
@@ -125,19 +123,6 @@ def modes_of(train, most=None):
     found = natural_frequencies(train, count=None if few else most)
     kinds = mode_kinds(found, train.topology.damper_names)
     return found, kinds, damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
-
-
-def train_lines(topology):
-    """Ways along the train, lists of disks, on which every link lies once: the longest, then branches from where they
-    leave, then links that close a loop.
-
-    >>> import jaxhb
-    >>> topology = jaxhb.load_scene("engine_with_damper").topology
-    >>> [[topology.disk_names[disk] for disk in way] for way in train_lines(topology)][2:]
-    [['idler', 'cam gear', 'camshaft'], ['hub', 'viscous damper']]
-    """
-    found = ways(joined(topology, range(len(topology.link_ends))), 0)
-    return found + [list(topology.link_ends[link]) for link in span(topology).loops.tolist()]
 
 
 def plot_modes(train, modes, chosen, ratios):

@@ -2,35 +2,12 @@
 
 import dataclasses
 
-from jaxhb.elements.elements import table_of
+from jaxhb.elements.elements import facts_of, table_of, unit_of
 from jaxhb.report.page.parts import table
 from jaxhb.report.text.columns import NONE, plain_number
 
 WHOLE = {"revolutions_per_cycle": "", "rated_rpm": "rpm"}  # numbers of a scene as a whole, with their units
 BESIDE = ("name", "scenarios", "tune")  # what of a scene changes no motion
-
-
-def facts_of(element, before=""):
-    """All that a scene says of an element: value and declared field by name, as "stiffness", "combustion.start" or
-    "traces no. 1.rpm"; None where a scene may be silent and is."""
-    found = {}
-    for field in dataclasses.fields(element):
-        value, name = getattr(element, field.name), before + field.name
-        if dataclasses.is_dataclass(value):
-            found |= facts_of(value, f"{name}.")
-        elif field.metadata["kind"] == "tables":
-            for k, inner in enumerate(value or ()):
-                found |= facts_of(inner, f"{name} no. {k + 1}.")
-        elif field.name != "name":
-            rows = tuple(map(tuple, value)) if field.metadata["kind"] == "rows" and value is not None else value
-            found[name] = ", ".join(rows) if field.metadata["kind"] == "pair" else rows, field
-    return found
-
-
-def unit_of(field):
-    """The SI unit of a declared field, "" without."""
-    span = field.metadata.get("range")
-    return span.unit if span else ""
 
 
 def said(value, digits):

@@ -4,14 +4,14 @@ import dataclasses
 
 import numpy as np
 
-from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders
+from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, shares_in_mode
 from jaxhb.linear.forced import forced_response
 from jaxhb.report.figures.linear import MOST, campbell_figure, modes_of, shapes_figure
 from jaxhb.report.figures.speeds import hardest_elements, orders_figure
 from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.forced import forced_failures, readings, worst_tables
-from jaxhb.report.text.linear import campbell_parts, modes_text, reached, shares_in_mode
+from jaxhb.report.text.linear import campbell_parts, modes_text
 
 CAMPBELL_MODES = 6, 12
 """Modes of the Campbell diagram: at least so many, and those that the orders reach up to the second number."""
@@ -42,7 +42,7 @@ def campbell(report):
     orders = sorted({order for train in trains.values() for order in excited_orders(train, rpm=speeds)})
     asked = {"rpm": speeds, "orders": orders, "count": CAMPBELL_MODES[1]}
     found = [campbell_of(train, **asked) for train in trains.values()]
-    count = min(max(reached(found[0]), CAMPBELL_MODES[0]), CAMPBELL_MODES[1])
+    count = min(max(found[0].reached(), CAMPBELL_MODES[0]), CAMPBELL_MODES[1])
     torques = [max(c.torque for c in same) for same in zip(*(one.critical for one in found), strict=True)]
     chosen = [place for place, share in enumerate(shares_in_mode(found[0].critical, torques)) if share >= NEGLIGIBLE]
     main, *others = (dataclasses.replace(one, critical=tuple(one.critical[place] for place in chosen)) for one in found)

@@ -6,10 +6,11 @@ from collections import defaultdict
 
 import numpy as np
 
+from jaxhb.elements.elements import facts_of, unit_of
 from jaxhb.excitation.gas import COMPUTED, GAS_SAMPLES
 from jaxhb.excitation.mean_torques import gas_pressures, mean_torques, scale_at
 from jaxhb.report.figures.sketch import plot_train
-from jaxhb.report.page.differences import facts_of, said, unit_of
+from jaxhb.report.page.differences import said
 from jaxhb.report.page.parts import Sketch, environment, table
 from jaxhb.report.text.columns import NONE, Table, alike, plain_number
 from jaxhb.report.text.mean_torques import mean_angles_of

@@ -163,15 +163,9 @@ def _worst_misfire(found, misfires):
     return max(rows, key=lambda row: row[1], default=None)
 
 
-def reached(found):
-    """How many of the modes that strain links have a frequency that an order reaches within the speeds."""
-    top = max(found.orders, default=0.0) * float(found.rpm[-1]) / 60
-    return sum(float(found.frequencies_hz[:, k].min()) <= top for k in found.elastic(len(found.kinds)))
-
-
 def _left_out(found, count):
     """A sentence on modes that are not told, in a list."""
-    shown, every, crossed = len(found.elastic(count)), len(found.elastic(len(found.kinds))), reached(found)
+    shown, every, crossed = len(found.elastic(count)), len(found.elastic(len(found.kinds))), found.reached()
     if shown == every:
         return []
     highest, low, high = max(found.orders, default=0.0), float(found.rpm[0]), float(found.rpm[-1])
@@ -183,22 +177,8 @@ def _left_out(found, count):
     return [f"{first}; the orders reach {crossed} of them ({top}). {call}"]
 
 
-def shares_in_mode(critical, torques):
-    """Modal torques of critical speeds over the largest of their mode, as those of different modes do not compare."""
-    largest = {}
-    for one, torque in zip(critical, torques, strict=True):
-        largest[one.mode] = max(torque, largest.get(one.mode, 0.0))
-    return [torque / (largest[one.mode] or 1.0) for one, torque in zip(critical, torques, strict=True)]
-
-
-def shown_modes(found, count):
-    """Numbers of the modes that are told: the elastic ones taken and all below that are rigid or of rings only."""
-    elastic = found.elastic(count)
-    return list(range((elastic[-1] if elastic else len(found.kinds) - 1) + 1))
-
-
 def _modes(found, count):
-    shown, hz = shown_modes(found, count), found.frequencies_hz
+    shown, hz = found.shown(count), found.frequencies_hz
     constant = (hz[:, shown] == hz[0, shown]).all()
     heads = ["Hz"] if constant else [f"Hz at {found.rpm[0]:g} rpm", f"at {found.rpm[-1]:g} rpm"]
     rows = [[k, *(f"{hz[i, k]:.2f}" for i in (0, -1)[: len(heads)]), found.kinds[k]] for k in shown]
@@ -232,8 +212,7 @@ def campbell_record(found, count, name, misfires=()):
     for place, speed in enumerate(speeds if misfires else ()):
         speed["misfires"] = {cylinder: one.critical[place].torque for cylinder, one in misfires.items()}
     modes = [
-        {"mode": k, "kind": found.kinds[k], "frequencies_hz": found.frequencies_hz[:, k]}
-        for k in shown_modes(found, count)
+        {"mode": k, "kind": found.kinds[k], "frequencies_hz": found.frequencies_hz[:, k]} for k in found.shown(count)
     ]
     record = {"scene": name, "rpm": found.rpm, "orders": found.orders, "modes": modes, "critical_speeds": speeds}
     if misfires:
