@@ -341,7 +341,7 @@ TABLES: dict[str, Any] = {
 
 
 def facts_of(element, before=""):
-    """All that a scene says of an element: value and declared one by name, as "stiffness", "combustion.start" or
+    """All that a scene says of an element: value and declared field by name, as "stiffness", "combustion.start" or
     "traces no. 1.rpm"; None where a scene may be silent and is."""
     found = {}
     for one in dataclasses.fields(element):
@@ -358,6 +358,6 @@ def facts_of(element, before=""):
 
 
 def unit_of(one):
-    """The SI unit of a declared one, "" without."""
+    """The SI unit of a declared field, "" without."""
     span = one.metadata.get("range")
     return span.unit if span else ""

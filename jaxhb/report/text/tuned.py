@@ -56,17 +56,34 @@ def tuned_parts(train, asked, result):
     """Before and after in the words of an engineer: what was won, parameters, quantities at their worst speeds."""
     rpm, last = np.asarray(asked["rpm"]), result.history[-1]
     span = SPEED.span(rpm) if len(rpm) > 1 else f"{rpm[0]:g} rpm"
-    compared = list(_compared(asked, result))[: len(asked["objective"])]
+    won, rows = [], []
+    for chosen, name, *both in _compared(asked, result):
+        (old, old_rpm), (new, new_rpm) = found = [_worst(rpm, values, chosen) for values in both]
+        if len(won) < len(asked["objective"]):
+            change = f", {100 * (new / old - 1):+.0f} %" if old else ""
+            won.append(
+                f"{name[0].upper()}{name[1:]} at its worst: {shown_value(chosen, old)} at {old_rpm:g} rpm before, "
+                f"{shown_value(chosen, new)} at {new_rpm:g} rpm after{change}."
+            )
+        factor, unit = scaled_unit(chosen.quantity)
+        rows.append([f"{name}, {unit}".removesuffix(", ")])
+        for value, at in found:
+            rows[-1] += [count(factor * value), NONE if chosen.quantity in OF_DESIGN else f"{at:g}"]
+        rows[-1].append(_limit(chosen) or NONE)
     head = [
-        *(_won(chosen, rpm, before, after) for chosen, _, before, after in compared),
+        *won,
         "",
         f"{train.topology.title} at {span}: {last.number} steps, {last.evaluations} evaluations, "
         f"{last.seconds:.0f} s; {result.stopped}",
         f"solved: {result.before.solved.sum()} of {len(rpm)} speeds before, {result.after.solved.sum()} after",
         *_not_solved(rpm, result),
     ]
-    tables = [_parameter_table(train, asked, result), _quantity_table(asked, rpm, result)]
-    return ["\n".join(head), *tables, *_limits_exceeded(asked, rpm, result)]
+    heads = ["quantity, worst over the speeds", "before", "at rpm", "after", "at rpm", "limit"]
+    title = "Quantities (forces, torques and angles: half peak-to-peak unless called peak or order)"
+    # Quantities of rules: their table says that it is no approval.
+    judged = any(re.match("stress|.* over limit$", chosen.quantity) for chosen, *_ in _readings(asked, result))
+    quantities = from_rows(f"{title} ({AID})" if judged else title, heads, rows)
+    return ["\n".join(head), _parameter_table(train, asked, result), quantities, *_limits_exceeded(asked, rpm, result)]
 
 
 def _not_solved(rpm, result):
@@ -110,16 +127,6 @@ def _compared(asked, result):
         yield chosen, name, *masked
 
 
-def _won(chosen, rpm, before, after):
-    """One sentence on an objective."""
-    (old, old_rpm), (new, new_rpm) = _worst(rpm, before, chosen), _worst(rpm, after, chosen)
-    name, change = label(chosen), f", {100 * (new / old - 1):+.0f} %" if old else ""
-    return (
-        f"{name[0].upper()}{name[1:]} at its worst: {shown_value(chosen, old)} at {old_rpm:g} rpm before, "
-        f"{shown_value(chosen, new)} at {new_rpm:g} rpm after{change}."
-    )
-
-
 def _parameter_table(train, asked, result):
     rows = [
         [p.name, result.before.parameters[p.name], result.after.parameters[p.name]]
@@ -128,21 +135,6 @@ def _parameter_table(train, asked, result):
     ]
     heads = ["parameter", ("before", plain_number), ("after", plain_number), "unit", "bounds"]
     return from_rows("Parameters", heads, rows)
-
-
-def _quantity_table(asked, rpm, result):
-    rows = []
-    for chosen, name, *both in _compared(asked, result):
-        factor, unit = scaled_unit(chosen.quantity)
-        rows.append([f"{name}, {unit}".removesuffix(", ")])
-        for value, at in (_worst(rpm, values, chosen) for values in both):
-            rows[-1] += [count(factor * value), NONE if chosen.quantity in OF_DESIGN else f"{at:g}"]
-        rows[-1].append(_limit(chosen) or NONE)
-    heads = ["quantity, worst over the speeds", "before", "at rpm", "after", "at rpm", "limit"]
-    title = "Quantities (forces, torques and angles: half peak-to-peak unless called peak or order)"
-    # Quantities of rules: their table says that it is no approval.
-    judged = any(re.match("stress|.* over limit$", chosen.quantity) for chosen, *_ in _readings(asked, result))
-    return from_rows(f"{title} ({AID})" if judged else title, heads, rows)
 
 
 def _worst(rpm, values, chosen):
