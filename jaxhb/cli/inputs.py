@@ -10,10 +10,10 @@ from jaxhb.scene.writer import copies_beside, scene_files, scene_text
 
 FILES = ("FILE", "output", "out", "json", "csv", "netcdf", "trace", "plot", "html")
 # What files must be, and how their names end.
-ENDINGS = {"html": ("page", ".html", ".htm"), "out": ("scene", ".toml"), "FILE": ("scene", ".toml")}
+ENDINGS: dict = {"html": ("page", ".html", ".htm"), "out": ("scene", ".toml"), "FILE": ("scene", ".toml")}
 ENDINGS |= {"plot": ("picture", ".png", ".svg", ".pdf")}
 # What files need, and the extra that brings it.
-NEEDS = {"plot": ("pictures need", "plot", "matplotlib"), "netcdf": ("such files need", "data", "xarray")}
+NEEDS: dict = {"plot": ("pictures need", "plot", "matplotlib"), "netcdf": ("such files need", "data", "xarray")}
 NEEDS |= {"html": ("the page needs", "report", "jinja2", "plotly", "matplotlib")}
 
 

@@ -50,8 +50,11 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
     def compute(folder):
         tell = {"say": progress.say, "advance": progress.advance}
         cases = solve_cases(trains, rpm, asked, folder=folder, **tell)
-        place = _place_of(cases[0], at)
-        cases = [_certified(case, place, progress.say) for case in cases] if certify else cases
+        found = told.hardest_of(cases[:1]) if at is None else None
+        place = found.place if found else rpm.index(at) if at is not None else 0
+        for answers in [case.answers for case in cases] if certify else []:
+            certificate = certificate_of(answers[place], progress.say)
+            answers[place] = dataclasses.replace(answers[place], certificate=certificate)
         (second, tuning), shown = (_tuned(train, progress) if tune else (other, ())), shown_misfire(cases)
         designs = _second_designs(second, shown, given, each) if second else {}
         own = folder / SECOND if folder and not tune else None
@@ -90,21 +93,6 @@ def _checked_page(train, given):
     if given.tune:
         read_table(train)
     return load_scene(given.tuned) if given.tuned else None
-
-
-def _place_of(case, rpm):
-    """Number of the asked speed, or of that with the largest tooth force, without teeth the largest torque."""
-    if rpm is not None:
-        return [answer.rpm for answer in case.answers].index(rpm)
-    found = told.hardest_of([case])
-    return found.place if found else 0
-
-
-def _certified(case, place, say):
-    """A case with a computed bound at one speed."""
-    answers = list(case.answers)
-    answers[place] = dataclasses.replace(answers[place], certificate=certificate_of(answers[place], say))
-    return dataclasses.replace(case, answers=answers)
 
 
 def _tuned(train, progress):

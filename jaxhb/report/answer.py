@@ -10,9 +10,8 @@ from jaxhb.equations.backlash import law_of
 from jaxhb.floquet.stability import attracts
 from jaxhb.report.selection import largest
 from jaxhb.results.motion import Motion
-from jaxhb.results.record import PerCycle, SteadyContact
+from jaxhb.results.record import NO_CONTACT, NO_SIGNAL
 from jaxhb.results.response import Response
-from jaxhb.results.signal import Summarized
 from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, orbit_state
 from jaxhb.train.drivetrain import DriveTrain
@@ -43,23 +42,8 @@ def growth_of(state):
     return Growth(refused="" if state.kind == "contact" else refused)  # teeth in contact are a linear train
 
 
-class NoSignal(Summarized):
-    """The signal of a motion that is not known."""
-
-    mean = min = max = rms = peak = half_peak_to_peak = sum_of_amplitudes = math.nan
-    per_cycle = PerCycle(np.full(3, np.nan), np.full(3, np.nan))
-    elastic = property(lambda self: self)
-
-    def spectrum(self):
-        """No orders."""
-        return []
-
-
 UNCONFIRMED = "not confirmed by harmonic balance"
 """What is said of a motion that returns in time integration and that no harmonic solution repeats."""
-
-NO_SIGNAL = NoSignal()
-NO_CONTACT = SteadyContact(math.nan, math.nan, math.nan, math.nan, 0)
 
 
 @dataclass(frozen=True)

@@ -60,9 +60,13 @@ def turning_disks(train):
     return tuple(dict.fromkeys([heaviest(train), *topology.gear_names, *loaded]))
 
 
-def default_gear(answer):
-    """Of the gears of the reference rotor (of all, if it has none) the one whose torque swings most, or None."""
-    topology, all_of = answer.topology, answer.topology.gear_names
-    near = [gear for gear in all_of if topology.rotor[topology.disk_index(gear)] == topology.reference_rotor]
-    swinging, near = answer if answer.known else answer.linear, near or all_of
-    return largest(near, lambda name: swinging.gear_torque(name).half_peak_to_peak) or next(iter(near), None)
+def subject_of(answer, gear=None):
+    """What is shown over the cycle, and its meshes: a gear, by default of the gears of the reference rotor (of all, if
+    it has none) the one whose torque swings most; without gears the shaft or damper of which that is true, or None."""
+    topology, swinging = answer.topology, answer if answer.known else answer.linear
+    near = [
+        gear for gear in topology.gear_names if topology.rotor[topology.disk_index(gear)] == topology.reference_rotor
+    ]
+    near = near or topology.gear_names
+    gear = gear or largest(near, lambda name: swinging.gear_torque(name).half_peak_to_peak) or next(iter(near), None)
+    return (gear, meshes_of(topology, gear)) if gear else (hardest_shaft([answer]), ())

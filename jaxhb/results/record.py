@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import jax
@@ -182,3 +184,34 @@ class Record(Motion[RecordedSignal, SteadyContact, float]):
         read |= {"gear_torque": self.gears, "contact": self.contacts}
         found = read[quantity][index]
         return found if sense > 0 else found.reversed()
+
+
+class NoSignal(Summarized):
+    """The signal of a motion that is not known."""
+
+    mean = min = max = rms = peak = half_peak_to_peak = sum_of_amplitudes = math.nan
+    per_cycle = PerCycle(np.full(3, np.nan), np.full(3, np.nan))
+    elastic = property(lambda self: self)
+
+    def spectrum(self):
+        """No orders."""
+        return []
+
+
+NO_SIGNAL = NoSignal()
+NO_CONTACT = SteadyContact(math.nan, math.nan, math.nan, math.nan, 0)
+
+
+class Motions(Motion):
+    """Motions at several speeds as one, of which the extremes and means of signals and the powers are read as arrays;
+    nan where a motion is None."""
+
+    def __init__(self, topology, motions):
+        self.topology, self.motions = topology, motions
+
+    def _read(self, quantity, index, sense=1):
+        if quantity == "power":
+            return np.array([np.nan if one is None else one._read(quantity, index) for one in self.motions])
+        signals = [NO_SIGNAL if one is None else one._read(quantity, index, sense) for one in self.motions]
+        names = "mean", "min", "max", "half_peak_to_peak"
+        return SimpleNamespace(**{name: np.array([float(getattr(s, name)) for s in signals]) for name in names})

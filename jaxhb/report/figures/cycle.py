@@ -10,7 +10,7 @@ from jaxhb.equations.backlash import separated
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import above, bands, bars, crosses, figure, line, marks, plain, speed_range, top_of
 from jaxhb.report.quantities import forces, gear_torques, shaft_torques
-from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of, train_name
+from jaxhb.report.selection import meshes_of, subject_of, train_name
 from jaxhb.report.text.sentences import motion_text
 from jaxhb.report.text.tuned import scaled_unit
 from jaxhb.results.record import PERCENT
@@ -31,14 +31,13 @@ def plot_cycle(answer, gear=None):
     """
     kind = motion_text(answer) if answer.known else f"unknown: {'; '.join(answer.state.notes)}"
     doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
-    gear = gear or default_gear(answer)
-    subject, meshes = (gear, meshes_of(answer.topology, gear)) if gear else (hardest_shaft([answer]), ())
+    subject, meshes = subject_of(answer, gear)
     torque = _torque_of(answer.train, subject)
     swings = [f"{float(torque.read(motion, subject)):.0f}" for motion in (answer, answer.linear)]
     said = f" {swings[0]} N m" if answer.known else ""
-    said += f" (without backlash {swings[1]}), and tooth forces" if gear else ","
+    said += f" (without backlash {swings[1]}), and tooth forces" if meshes else ","
     figures = [cycle_figure(answer, subject, meshes, f"Torque of {plain(subject)}, half peak-to-peak{said}")]
-    figures += [_peaks(answer, meshes)] if gear and _recorded(answer) else []
+    figures += [_peaks(answer, meshes)] if meshes and _recorded(answer) else []
     return drawn(*figures, title=f"{train_name(answer.topology)}, {answer.rpm:g} rpm: {doubt}{kind}")
 
 

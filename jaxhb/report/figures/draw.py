@@ -31,7 +31,9 @@ def drawn(*figures, title=""):
     picture = empty(9.0, height / PIXELS, layout="constrained")
     picture.suptitle(_wrapped(title), fontsize="medium")
     axes = [(figure, name) for figure in figures for name in figure.layout if name.startswith("yaxis")]
-    rows = [np.ptp(figure.layout[name]["domain"]) * _inside(figure.layout) for figure, name in axes]
+    # A panel takes its share of what is between the margins.
+    inside = [own.layout["height"] - own.layout["margin"]["t"] - own.layout["margin"]["b"] for own, _ in axes]
+    rows = [np.ptp(own.layout[name]["domain"]) * room for (own, name), room in zip(axes, inside, strict=True)]
     every = iter(picture.subplots(len(rows), 1, squeeze=False, height_ratios=rows)[:, 0])
     for figure in figures:
         _draw(figure, {name.replace("axis", ""): next(every) for own, name in axes if own is figure})
@@ -40,11 +42,6 @@ def drawn(*figures, title=""):
 
 def _wrapped(text):
     return "\n".join(textwrap.fill(one, LETTERS) for one in text.split("\n"))
-
-
-def _inside(layout):
-    """Pixels between the margins."""
-    return layout["height"] - layout["margin"]["t"] - layout["margin"]["b"]
 
 
 def _draw(figure, panels):

@@ -34,8 +34,8 @@ def _largest(case):
     found, said = hardest_of([case]), " ".join(motion_sentences(case.answers))
     if found is None:
         return f"{case.title}: {said} No speed has an answer."
-    quantity, name, *_ = found
-    before = quantity.without([found.answer], name)[0] if any(found.answer.topology.mesh_backlash) else np.nan
+    quantity = found.quantity
+    before = quantity.without([found.answer], found.name)[0] if any(found.answer.topology.mesh_backlash) else np.nan
     without = f" ({before:.4g} {quantity.unit} without backlash)" if np.isfinite(before) else ""
     return f"{case.title}: {said} {quantity.title}: {found.said}{without}."
 

@@ -12,7 +12,7 @@ from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page.differences import differences
 from jaxhb.report.page.judgement import SECOND_LIMITS, judged, shares_table
 from jaxhb.report.page.parts import Heading
-from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of
+from jaxhb.report.selection import subject_of
 from jaxhb.report.text.cases import hardest_of, speed_tables
 from jaxhb.report.text.columns import NONE, from_rows, hit, percent, ratio
 from jaxhb.report.text.sentences import status_lines, verdict
@@ -102,9 +102,7 @@ def one_speed(report):
     first = report.cases[0].answers[report.place]
     why = f"the speed of the largest {quantities.main_quantity(report.train).called} with {report.cases[0].title}"
     why = "as asked for" if report.asked else why
-    gear = report.gear or default_gear(first)
-    subject = gear or (hardest_shaft([first]) if first.topology.link_names else None)
-    own = meshes_of(first.topology, gear) if gear else ()
+    subject, own = subject_of(first, report.gear)
     meshes = list(dict.fromkeys([*own[:MESHES], first.worst_mesh or own[0]])) if own else ()
     blocks = [f"Shown is {first.rpm:g} rpm, {why}."]
     for title, answer in answers.items():

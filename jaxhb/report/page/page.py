@@ -10,12 +10,6 @@ from jaxhb.report.page.parts import environment
 from jaxhb.report.page.train import assumptions, train_data
 from jaxhb.report.quantities import angles, gear_torques, heat, shaft_torques
 
-
-def shafts_or_angles(train):
-    """Torques of shafts and dampers, without these angles of disks."""
-    return (shaft_torques if train.topology.link_names else angles)(train)
-
-
 PARTS = {
     "Result": result,
     "Train and data": train_data,
@@ -26,7 +20,9 @@ PARTS = {
     "Motion over the speed": motions,
     "Tooth forces": forces_over_speed,
     "Torques of gears": lambda report: swings(gear_torques(report.train), report.shown),
-    "Torques of shafts and dampers": lambda report: swings(shafts_or_angles(report.train), report.shown),
+    "Torques of shafts and dampers": lambda report: swings(
+        (shaft_torques if report.train.topology.link_names else angles)(report.train), report.shown
+    ),
     "Heat of dampers": lambda report: swings(heat(report.train), report.shown),
     "One speed in full": one_speed,
     "Limits": limits,

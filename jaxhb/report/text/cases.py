@@ -1,6 +1,6 @@
 """One speed as text, and several cases of it side by side: verdicts, and tables of elements as specifications."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from jaxhb.report import quantities
 from jaxhb.report.answer import Case
@@ -186,7 +186,8 @@ def speed_tables(cases, place):
     return [*tables, *[table(heats.title, heats, [("W", heats.variable)]) for _ in heats.names[:1]]]
 
 
-class Hardest(NamedTuple):
+@dataclass(frozen=True)
+class Hardest:
     """What is hit hardest at one speed: the quantity, its element, its value in SI units (nan and no element: no
     answer), the case and the place of the speed."""
 
@@ -239,10 +240,10 @@ def misfires_text(cases):
 def _speed_table(cases, place):
     rows = []
     for case in cases:
-        quantity, name, value, *_ = hardest_at(case, place)
-        value *= quantity.factor
+        found = hardest_at(case, place)
+        quantity, value = found.quantity, found.quantity.factor * found.value
         firing = rows[0][1] if rows else value
-        rows.append([case.title, value, (value, firing), name or NONE, motion_word(case.answers[place])])
+        rows.append([case.title, value, (value, firing), found.name or NONE, motion_word(found.answer)])
     heads = ["", (quantity.unit, "number"), ("ratio", ratio), "in", *["motion"] * (quantity.element == "mesh")]
     title = f"{quantity.title} at {cases[0].answers[place].rpm:g} rpm, {quantity.unit}"
     return from_rows(title, heads, rows, left=(3, 4))

@@ -1,15 +1,13 @@
 """Stresses, tooth torques and heat beside their limits, as text and as plain numbers."""
 
 from dataclasses import dataclass
-from types import SimpleNamespace
 
 import numpy as np
 
 from jaxhb.linear.strength import HIGHEST, NOT_ABOVE, judged
-from jaxhb.report.answer import NO_SIGNAL
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import NONE, from_rows, ranges, ratio
-from jaxhb.results.motion import Motion
+from jaxhb.results.record import Motions
 
 AID = "evaluation aid, no class approval"
 
@@ -69,23 +67,10 @@ LIMITED = {
 """By the fields of a :class:`jaxhb.Strength`."""
 
 
-class _Answers(Motion):
-    """Answers at several speeds as one motion, as :func:`jaxhb.linear.strength.judged` asks: nan without an answer."""
-
-    def __init__(self, answers):
-        self.answers, self.topology = answers, answers[0].topology
-
-    def _read(self, quantity, index, sense=1):
-        if quantity == "power":
-            return np.array([a._read(quantity, index) if a.answered else np.nan for a in self.answers])
-        signals = [a._read(quantity, index, sense) if a.answered else NO_SIGNAL for a in self.answers]
-        names = "mean", "min", "max", "half_peak_to_peak"
-        return SimpleNamespace(**{name: np.array([float(getattr(s, name)) for s in signals]) for name in names})
-
-
 def answers_strength(answers):
     """The :class:`jaxhb.Strength` of answers of one train, at least one, with arrays over their speeds."""
-    return judged(answers[0].train, np.array([answer.rpm for answer in answers]), _Answers(answers))
+    motions = Motions(answers[0].topology, [answer if answer.answered else None for answer in answers])
+    return judged(answers[0].train, np.array([answer.rpm for answer in answers]), motions)
 
 
 def strength_text(judged):

@@ -151,19 +151,16 @@ def motion_sentences(answers):
 
 
 def _hysteresis(sweeps):
-    """Where the train does something else downwards than upwards."""
+    """Where the train does something else downwards than upwards: another kind of motion, period or largest force."""
     if len(sweeps) < 2:
         return []
-    up = sweeps["up"]
-    found = [one.place for one, other in zip(up, sweeps["down"], strict=True) if _differ(one, other)]
+
+    def differ(*pair):
+        (one, other) = ((a.state.kind, a.state.period) for a in pair)
+        before, after = (max((a.force(name).peak for name in a.topology.mesh_names), default=0.0) for a in pair)
+        return one != other or abs(before - after) > APART * max(before, after)
+
+    found = [one.place for one, other in zip(sweeps["up"], sweeps["down"], strict=True) if differ(one, other)]
     if not found:
         return ["Upwards and downwards the train does the same."]
-    return [f"Upwards and downwards differ at {_where(up, found)}: the motion depends on what came before."]
-
-
-def _differ(one, other):
-    """Whether two answers are different motions: another kind, period or largest tooth force."""
-    if (one.state.kind, one.state.period) != (other.state.kind, other.state.period):
-        return True
-    before, after = (max((a.force(name).peak for name in a.topology.mesh_names), default=0.0) for a in (one, other))
-    return abs(before - after) > APART * max(before, after)
+    return [f"Upwards and downwards differ at {_where(sweeps['up'], found)}: the motion depends on what came before."]
