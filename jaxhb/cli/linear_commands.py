@@ -92,7 +92,7 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     found = misfires.pop("")
     deliver(
         given,
-        "\n\n".join([linear_text.campbell_text(found, modes, name, misfires, teeth=teeth), *below]),
+        "\n\n".join([linear_text.campbell_text(found, modes, name, misfires, teeth), *below]),
         json=lambda: as_json(changes(given) | linear_text.campbell_record(found, modes, name, misfires) | more),
         csv=lambda: as_csv(*linear_text.campbell_rows(found, misfires)),
         plot=lambda: as_picture(plot, plot_campbell(found, modes, name)),

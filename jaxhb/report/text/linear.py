@@ -140,27 +140,45 @@ def holzer_record(tables, name):
     return {"scene": name, "tables": rows}
 
 
-def campbell_text(found, count, name, misfires=(), *, teeth=""):
+def campbell_text(found, count, name, misfires, teeth=""):
     """Modes and critical speeds of a Campbell diagram of ``count`` elastic modes; ``misfires`` by cylinder."""
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     head = f"{name}: Campbell diagram from {found.rpm[0]:g} to {found.rpm[-1]:g} rpm, {stiff}"
     return "\n\n".join([head, *campbell_parts(found, count, misfires)])
 
 
-def campbell_parts(found, count, misfires=()):
+def campbell_parts(found, count, misfires):
     """The tables of :func:`campbell_text`, and a sentence where there is none."""
-    parts = [_modes(found, count), *_left_out(found, count), _critical(found, misfires)]
-    if found.critical and misfires:
-        cylinder, torque, at = _worst_misfire(found, misfires)
+    shown, hz = found.shown(count), found.frequencies_hz
+    constant = (hz[:, shown] == hz[0, shown]).all()
+    heads = ["Hz"] if constant else [f"Hz at {found.rpm[0]:g} rpm", f"at {found.rpm[-1]:g} rpm"]
+    rows = [[k, *(f"{hz[i, k]:.2f}" for i in (0, -1)[: len(heads)]), found.kinds[k]] for k in shown]
+    title = "Natural frequencies; rigid modes and those of rings only have no critical speeds"
+    parts = [from_rows(title, ["mode", *heads, "kind"], rows, left=(1 + len(heads),)), *_left_out(found, count)]
+    orders = ", ".join(f"{order:g}" for order in found.orders) or "none"
+    if not found.critical:
+        return [*parts, f"No critical speed lies in the range. Orders: {orders}."]
+    heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
+    rows = [[f"{c.rpm:.1f}", f"{c.order:g}", c.mode, f"{c.hz:.2f}", plain_number(c.torque)] for c in found.critical]
+    worst = _worst_misfires(found, misfires)
+    if worst:
+        heads += ["worst misfire N m", "that of"]
+        rows = [[*row, plain_number(torque), name] for row, (name, torque, _) in zip(rows, worst, strict=True)]
+    title = f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}."
+    parts.append(from_rows(title, heads, rows, left=(6,)))
+    if worst:
+        cylinder, torque, at = max(worst, key=lambda row: row[1])
         said = f"{torque:.4g} N m of order {at.order:g} at {at.rpm:.1f} rpm, mode {at.mode}"
         parts.append(f"The worst misfire is that of {cylinder}: {said}, {at.torque:.4g} N m without it.")
     return parts
 
 
-def _worst_misfire(found, misfires):
-    """The cylinder whose misfire has the largest modal torque of all, this torque, and its critical speed; or None."""
-    rows = [(*_worst(misfires, place), at) for place, at in enumerate(found.critical)]
-    return max(rows, key=lambda row: row[1], default=None)
+def _worst_misfires(found, misfires):
+    """Of every critical speed the cylinder whose misfire has the largest modal torque, this torque, and the speed."""
+    torques = [{name: one.critical[k].torque for name, one in misfires.items()} for k in range(len(found.critical))]
+    return [
+        (*max(own.items(), key=lambda row: row[1]), c) for own, c in zip(torques, found.critical, strict=True) if own
+    ]
 
 
 def _left_out(found, count):
@@ -177,36 +195,7 @@ def _left_out(found, count):
     return [f"{first}; the orders reach {crossed} of them ({top}). {call}"]
 
 
-def _modes(found, count):
-    shown, hz = found.shown(count), found.frequencies_hz
-    constant = (hz[:, shown] == hz[0, shown]).all()
-    heads = ["Hz"] if constant else [f"Hz at {found.rpm[0]:g} rpm", f"at {found.rpm[-1]:g} rpm"]
-    rows = [[k, *(f"{hz[i, k]:.2f}" for i in (0, -1)[: len(heads)]), found.kinds[k]] for k in shown]
-    title = "Natural frequencies; rigid modes and those of rings only have no critical speeds"
-    return from_rows(title, ["mode", *heads, "kind"], rows, left=(1 + len(heads),))
-
-
-def _worst(misfires, place):
-    """The cylinder whose misfire has the largest modal torque at a critical speed, and this torque."""
-    return max(((name, one.critical[place].torque) for name, one in misfires.items()), key=lambda row: row[1])
-
-
-def _critical(found, misfires):
-    orders = ", ".join(f"{order:g}" for order in found.orders) or "none"
-    if not found.critical:
-        return f"No critical speed lies in the range. Orders: {orders}."
-    title = f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}."
-    heads, rows = ["rpm", "order", "mode", "Hz", "modal torque N m"], []
-    heads += ["worst misfire N m", "that of"] if misfires else []
-    for place, c in enumerate(found.critical):
-        rows.append([f"{c.rpm:.1f}", f"{c.order:g}", c.mode, f"{c.hz:.2f}", plain_number(c.torque)])
-        if misfires:
-            cylinder, torque = _worst(misfires, place)
-            rows[-1] += [plain_number(torque), cylinder]
-    return from_rows(title, heads, rows, left=(6,))
-
-
-def campbell_record(found, count, name, misfires=()):
+def campbell_record(found, count, name, misfires):
     """What ``campbell --json`` writes, see ``docs/how_to/linear.md``."""
     speeds = [_critical_record(c) for c in found.critical]
     for place, speed in enumerate(speeds if misfires else ()):
@@ -216,7 +205,7 @@ def campbell_record(found, count, name, misfires=()):
     ]
     record = {"scene": name, "rpm": found.rpm, "orders": found.orders, "modes": modes, "critical_speeds": speeds}
     if misfires:
-        cylinder, torque, c = _worst_misfire(found, misfires) or [None] * 3
+        cylinder, torque, c = max(_worst_misfires(found, misfires), key=lambda row: row[1], default=[None] * 3)
         worst = {"modal_torque": torque, "firing": c and c.torque}
         record["worst_misfire"] = c and {"cylinder": cylinder} | _critical_record(c) | worst
     return record
@@ -226,9 +215,9 @@ def _critical_record(c):
     return {"rpm": c.rpm, "order": c.order, "mode": c.mode, "hz": c.hz, "modal_torque": c.torque}
 
 
-def campbell_rows(found, misfires=()):
+def campbell_rows(found, misfires):
     """Heads and rows of ``campbell --csv``: one row per critical speed; modal torques with misfires come last."""
     heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
     heads += [f"modal torque N m, {cylinder}{NOT_FIRING}" for cylinder in misfires]
-    own = [[one.critical[k].torque for one in dict(misfires).values()] for k in range(len(found.critical))]
+    own = [[one.critical[k].torque for one in misfires.values()] for k in range(len(found.critical))]
     return heads, [[*dataclasses.astuple(c), *more] for c, more in zip(found.critical, own, strict=True)]
