@@ -3,13 +3,13 @@
 import dataclasses
 
 from jaxhb.cli.commands import misfire_trains, status
-from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, mode_kinds
+from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, mode_kinds, modes_of
 from jaxhb.linear.forced import forced_response
 from jaxhb.linear.holzer import holzer_table
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load
-from jaxhb.report.figures.linear import modes_of, plot_campbell, plot_holzer, plot_modes
+from jaxhb.report.figures.linear import plot_campbell, plot_holzer, plot_modes
 from jaxhb.report.figures.speeds import plot_forced
 from jaxhb.report.files.labelled import forced_netcdf
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver

@@ -15,6 +15,7 @@ from jaxhb._jax import Array
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
 from jaxhb.excitation.torques import excitation, listed_harmonic
+from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.sensitivity import frequencies_hz, mode_shares
 from jaxhb.train.drivetrain import DriveTrain
@@ -92,6 +93,14 @@ def mode_kinds(modes, rings):
     return tuple(
         ELASTIC if not free else RING if share > RINGS else RIGID for free, share in zip(loose, ring, strict=True)
     )
+
+
+def modes_of(train, most=None):
+    """Natural frequencies, of a train of many disks ``most`` of them, the kind of every mode and its damping ratio."""
+    few = train.topology.n_disks <= DAMPED_DISKS
+    found = natural_frequencies(train, count=None if few else most)
+    kinds = mode_kinds(found, train.topology.damper_names)
+    return found, kinds, damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
 
 
 def excited_orders(train, *, rpm):

@@ -2,7 +2,6 @@
 
 import dataclasses
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from jaxhb.results.response import with_gaps
 from jaxhb.results.status import NotConverged, Status
 from jaxhb.results.steady import orbit_state
 from jaxhb.solutions.speeds import solve_speeds
-from jaxhb.steady.checkpoint import CHUNK, Checkpoint
+from jaxhb.steady.orbits import orbit_states
 from jaxhb.steady.steady_state import steady_state
 from jaxhb.train.changes import without_backlash
 
@@ -78,7 +77,8 @@ def answer_speeds(
 
     if asked.orbit:
         say(f"solving for periodic motions at {about}")
-        found = {"orbit": _orbits(train, rpm, asked, kept or {}, progress, tell)}
+        given = {**asked.accuracy, **(kept or {}), "progress": progress}
+        found = {"orbit": orbit_states(train, rpm, **given, on_states=lambda states: tell(states, "orbit"))}
     elif linear[0].status == Status.UNBALANCED:
         # The train gains speed, whatever its vibration: its linear motion tells that there is no steady one.
         states = [dataclasses.replace(orbit_state(linear[place]), response=None) for place in range(len(rpm))]
@@ -169,27 +169,3 @@ def check_designs(train, asked, result, say=lambda text: None):
             "differences": [f"The {which} design {one}" for one in filter(None, differences)],
         }
     return found
-
-
-def _orbits(train, rpm, asked, kept, progress, tell):
-    """Periodic solutions, each planned and started by itself: a speed has the same bits alone and in a sweep."""
-    progress, size, states = progress or (lambda count: None), kept.get("chunk") or CHUNK, []
-
-    def keep(question, compute, progress):
-        return compute()
-
-    if kept.get("out"):
-        keep = Checkpoint(kept["out"], train, {"answers": "periodic solutions", **asked.accuracy}, size).keep
-
-    def solved(speeds):
-        found = []
-        for speed in speeds:
-            found.append(orbit_state(solve_speeds(train, rpm=[speed], **asked.accuracy)[0]))
-            progress(1)
-        return found
-
-    for first in range(0, len(rpm), size):
-        speeds = rpm[first : first + size]
-        states += keep([speeds], partial(solved, speeds), progress)
-        tell(dict(enumerate(states)), "orbit")
-    return states

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxhb.report.selection import largest, turning_disks
-from jaxhb.results.dataset import OF_ELEMENTS, SIGNALS
+from jaxhb.results.dataset import OF_ELEMENTS, SIGNALS, names_of as element_names
 
 SHOWN_UNITS = {
     "N": (1e-3, "kN"),
@@ -101,19 +101,9 @@ class Quantity:
         return sorted(self.names, key=lambda name: -most[name])
 
 
-ELEMENTS = {
-    "mesh": lambda topology: topology.mesh_names,
-    "gear": lambda topology: topology.gear_names,
-    "shaft": lambda topology: topology.shaft_and_damper_names,
-    "disk": lambda topology: topology.disk_names,
-    "damper": lambda topology: topology.damper_names,
-}
-"""Names of the elements of a kind."""
-
-
 def _told(element, called, title, variable, names_of=None):
     """The function from a train to a quantity of its elements."""
-    names_of = names_of or (lambda train: ELEMENTS[element](train.topology))
+    names_of = names_of or (lambda train: element_names(train.topology)[element])
     return lambda train: Quantity(variable, element, called, title, names_of(train))
 
 
@@ -124,7 +114,7 @@ forces = _told("mesh", "tooth force", "Largest tooth force", "tooth_force_peak")
 gear_torques = _told("gear", "gear torque", f"Gear torque{SWING}", "gear_torque_half_peak_to_peak")
 shaft_torques = _told("shaft", "torque", f"Torque of shafts and dampers{SWING}", "torque_half_peak_to_peak")
 angles = _told("disk", "angle", f"Vibratory angle of disks{SWING}", "angle_half_peak_to_peak")
-heat = _told("damper", "heat", "Heat of dampers", "heat")
+heat = _told("damper", "heat", "Heat of dampers", "heat", lambda train: train.topology.damper_names)
 separation = _told("mesh", "teeth apart", "Time out of contact", "separated_fraction")
 _turning = f"{IRREGULARITY}, of the heaviest disk, the gears and the loads"
 irregularity = _told("disk", "irregularity", _turning, "irregularity", turning_disks)

@@ -72,7 +72,8 @@ def to_xarray(motions, topology, rpm, *, orders=None):
     listed = [own for _, spectra in read for _, _, own, _ in spectra.values()]
     order = np.unique(np.concatenate(listed or [np.zeros(0)]))
     order = order[: np.searchsorted(order, np.inf if orders is None else orders, side="right")]
-    dims = {"rpm": np.asarray(rpm, dtype=float)} | _names(topology) | {"order": order}
+    names = {dim: np.array(own, dtype=str) for dim, own in names_of(topology).items()}
+    dims = {"rpm": np.asarray(rpm, dtype=float)} | names | {"order": order}
     dims = {name: own for name, own in dims.items() if np.size(own)}  # NetCDF has no empty dimension
     many, found = np.ndim(rpm) > 0, {}
 
@@ -111,8 +112,9 @@ def as_netcdf(data):
     return bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT"))
 
 
-def _names(topology):
-    names = {
+def names_of(topology):
+    """Names of the elements of every dimension."""
+    return {
         "disk": topology.disk_names,
         "shaft": topology.shaft_and_damper_names,
         "gear": topology.gear_names,
@@ -120,7 +122,6 @@ def _names(topology):
         "load": topology.load_names,
         "ground": topology.ground_names,
     }
-    return {dim: np.array(own, dtype=str) for dim, own in names.items()}
 
 
 def _numbers(motion, topology):
@@ -134,7 +135,7 @@ def _numbers(motion, topology):
         found |= {name: float(getattr(response, name)) for name in ("residual", "truncation_error", "load_power")}
     if not solved and (alone or motion.record is None):
         return found | {"source": "nothing"}, {}
-    names = _names(topology)
+    names = names_of(topology)
     signals, spectra = _signals(motion, names, response if solved else None)
     contacts = [motion.mesh(name) for name in names["mesh"]]
     for name in ("separated_fraction", "reverse_contact_fraction", "impacts_per_cycle", "hardest_impact"):

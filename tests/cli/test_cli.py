@@ -71,7 +71,7 @@ BAD = {
     "solve --rpm 9": "jaxhb solve: Missing argument 'SCENE'. See jaxhb solve --help",
     "solve spur_pair --rpm": "'--rpm' requires an argument. See",
     "sweep spur_pair --csv --quiet": "Option '--csv' requires an argument. See",
-    "report spur_pair --rpm 2000 --html page.txt": "Give a name that ends in .html.",
+    "report spur_pair --rpm 2000 --html page.txt": "Give a name that ends in .html, .htm.",
     "report spur_pair --rpm 2000 --tuned spur_pair": "Add --html FILE.html.",
     "report spur_pair --rpm 2000 --html page.html --tuned no.toml": "there is no such file",
     "report spur_pair --rpm 2000 --html page.html --tune": "the scene has no [tune] table",

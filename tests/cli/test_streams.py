@@ -17,9 +17,9 @@ import jaxhb
 from jaxhb.cli import commands, resume
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.streams import Ended, guarded
-from jaxhb.report import compute
 from jaxhb.report.files.output import write_files
 from jaxhb.results.steady import orbit_state
+from jaxhb.steady import orbits
 
 SCENES = Path(__file__).parents[2] / "jaxhb" / "scene" / "scenes"
 MESH = "gear a|gear b"
@@ -194,7 +194,7 @@ def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(orbit,
     assert len(called.rows) == 2
     (folder,) = (cache / resume.FOLDER).iterdir()
     assert list(folder.glob("*.npz"))
-    monkeypatch.setattr(compute, "orbit_state", lambda response: solved.append(response) or orbit_state(response))
+    monkeypatch.setattr(orbits, "orbit_state", lambda response: solved.append(response) or orbit_state(response))
     called = run(*call)
     assert [float(response.rpm) for response in solved] == ([5400.0] if orbit else [])
     assert called.status == 0 and called.json["complete"] and called.json["rpm"] == [4600.0, 5000.0, 5400.0]

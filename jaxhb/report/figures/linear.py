@@ -3,10 +3,9 @@
 import numpy as np
 
 from jaxhb.equations.kinematics import speed_ratios
-from jaxhb.linear.critical import ELASTIC, mode_kinds, shares_in_mode
-from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
+from jaxhb.linear.critical import ELASTIC, shares_in_mode
 from jaxhb.linear.holzer import holzer_residual
-from jaxhb.linear.modal import AT_REST, natural_frequencies
+from jaxhb.linear.modal import AT_REST
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import GREY, WITH, WITHOUT, above, bars, figure, line, marks, note
 from jaxhb.train.ways import train_lines
@@ -115,14 +114,6 @@ def _ray_name(order, high, top):
 
 MOST = 6  # modes in one picture
 NAMES = 80  # names of disks that have room
-
-
-def modes_of(train, most=None):
-    """Natural frequencies, of a train of many disks ``most`` of them, the kind of every mode and its damping ratio."""
-    few = train.topology.n_disks <= DAMPED_DISKS
-    found = natural_frequencies(train, count=None if few else most)
-    kinds = mode_kinds(found, train.topology.damper_names)
-    return found, kinds, damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
 
 
 def plot_modes(train, modes, chosen, ratios):

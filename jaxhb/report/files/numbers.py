@@ -6,11 +6,12 @@ import numpy as np
 from jaxhb.equations import fourier
 from jaxhb.report.answer import UNCONFIRMED
 from jaxhb.report.files.output import as_csv
-from jaxhb.report.quantities import ELEMENTS, WITHOUT, number
+from jaxhb.report.quantities import WITHOUT, number
 from jaxhb.report.text.certified import certificate_record
 from jaxhb.report.text.mean_torques import ground_reactions, load_torques, mean_angles_of
 from jaxhb.report.text.sentences import notes, verdict
 from jaxhb.report.text.strength import answers_strength, strength_columns, strength_entry
+from jaxhb.results.dataset import names_of
 from jaxhb.results.record import PERCENT
 from jaxhb.results.signal import MISSED
 from jaxhb.train.plausible import plausibility
@@ -27,7 +28,7 @@ def answer_record(answer, *, orders=None):
     """All that is reported of one speed, in SI units; amplitudes up to the order ``orders``, by default that count."""
 
     def of_each(element, record):
-        return {name: record(name) for name in ELEMENTS[element](answer.topology)}
+        return {name: record(name) for name in names_of(answer.topology)[element]}
 
     def of_signal(signal):
         return _signal_record(signal, orders)
@@ -197,7 +198,7 @@ def _numbers(answer):
     row |= {f"{name} load torque N m": torque for name, torque in load_torques(answer.balance).items()}
     row |= {f"{name} ground reaction N m": torque for name, torque in ground_reactions(answer.balance).items()}
     for element, cells in CELLS.items():
-        for name in ELEMENTS[element](answer.topology):
+        for name in names_of(answer.topology)[element]:
             for head, read in cells.items():
                 row[f"{name} {head}"] = read(answer, name) if callable(read) else number(answer, name, read)
     return row | {head: values[0] for head, values in strength_columns(answers_strength([answer])).items()}
@@ -218,7 +219,7 @@ def trace_csv(answer):
     traced = {
         f"{name} {head}": getattr(answer.state, read)(name)
         for element, head, read in TRACES
-        for name in ELEMENTS[element](answer.topology)
+        for name in names_of(answer.topology)[element]
     }
     # At least four time samples for each harmonic of the motion, and so many that no tooth force loses its peak.
     count = TRACED * max(1, -(-4 * answer.response.harmonics // TRACED))

@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, shares_in_mode
+from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, modes_of, shares_in_mode
 from jaxhb.linear.forced import forced_response
-from jaxhb.report.figures.linear import MOST, campbell_figure, modes_of, shapes_figure
+from jaxhb.report.figures.linear import MOST, campbell_figure, shapes_figure
 from jaxhb.report.figures.speeds import hardest_elements, orders_figure
 from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import NOT_FIRING

@@ -172,18 +172,17 @@ def _orders(report, first):
             zip(np.divide(harmonics, topology.revolutions_per_cycle), values, strict=True), key=lambda row: row[0]
         )
         found[unit, tuple((order, f"{abs(value):.6g}") for order, value in rows)][name] = rows
-    return [_order_table(own, unit) for (unit, same), own in found.items() if same]
-
-
-def _order_table(own, unit):
-    """Orders, amplitudes, and phases of each of the elements."""
-    rows, names = next(iter(own.values())), list(own)
-    cells = [[f"{order:g}" for order, _ in rows], *alike([abs(value) for _, value in rows])]
-    cells += [[f"{np.degrees(np.angle(value)):.1f}" if value else NONE for _, value in one] for one in own.values()]
-    heads = ["order", f"A {unit}", *(["p deg"] if len(own) == 1 else names)]
-    called = names[0] if len(names) == 1 else f"{len(names)} torques with the same amplitudes"
-    title = f"Orders of {called}: A cos(order x angle + p), angle of the reference rotor"
-    return Table(title, heads, cells, [("p deg", 2, len(own) + 1)] * (len(own) > 1))
+    tables = []
+    for (unit, same), own in found.items():
+        if same:
+            rows, names = next(iter(own.values())), list(own)
+            cells = [[f"{order:g}" for order, _ in rows], *alike([abs(value) for _, value in rows])]
+            cells += [[f"{np.degrees(np.angle(x)):.1f}" if x else NONE for _, x in one] for one in own.values()]
+            heads = ["order", f"A {unit}", *(["p deg"] if len(own) == 1 else names)]
+            called = names[0] if len(names) == 1 else f"{len(names)} torques with the same amplitudes"
+            title = f"Orders of {called}: A cos(order x angle + p), angle of the reference rotor"
+            tables.append(Table(title, heads, cells, [("p deg", 2, len(own) + 1)] * (len(own) > 1)))
+    return tables
 
 
 def assumptions(report):

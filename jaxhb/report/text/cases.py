@@ -4,13 +4,14 @@ from dataclasses import dataclass
 
 from jaxhb.report import quantities
 from jaxhb.report.answer import Case
-from jaxhb.report.quantities import ELEMENTS, WITHOUT, Quantity, number, shown_unit, unit_of
+from jaxhb.report.quantities import WITHOUT, Quantity, number, shown_unit, unit_of
 from jaxhb.report.selection import NOT_FIRING, train_name
 from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import NONE, count, from_rows, hit, irregular, percent, ratio
 from jaxhb.report.text.mean_torques import balance_line, mean_angles_of
 from jaxhb.report.text.sentences import misfire_text, motion_word, notes_text, status_lines, verdict
 from jaxhb.report.text.strength import answers_strength, strength_text
+from jaxhb.results.dataset import names_of
 from jaxhb.results.record import PERCENT
 
 RPM, _ = shown_unit("rad/s")
@@ -71,7 +72,7 @@ the decimals of the others, in the unit for people."""
 
 def element_table(title, element, specs, *answers, names=None, groups=()):
     """A row for every element of a kind or of those ``names``, the columns of ``specs`` for every answer."""
-    heads, rows = [element], [[name] for name in names or ELEMENTS[element](answers[0].topology)]
+    heads, rows = [element], [[name] for name in names or names_of(answers[0].topology)[element]]
     for place, answer in enumerate(answers):
         for head, read, *write in specs:
             way = write[0] if write else "number"

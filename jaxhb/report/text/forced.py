@@ -6,11 +6,11 @@ from functools import cached_property
 import numpy as np
 
 from jaxhb.elements.elements import SceneError, suggestion
-from jaxhb.report.quantities import ELEMENTS, READERS, shown_unit
+from jaxhb.report.quantities import READERS, shown_unit
 from jaxhb.report.selection import case_title, train_name
 from jaxhb.report.text.columns import NONE, from_rows, ranges, ratio
 from jaxhb.report.text.sentences import misfire_text
-from jaxhb.results.dataset import SIGNALS
+from jaxhb.results.dataset import SIGNALS, names_of
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.solutions.misfires import Misfires
@@ -87,7 +87,7 @@ class Reading:
 def readings(response, names=()):
     """A :class:`Reading` of each element named (of a damper its link) or of all; ``SceneError`` of other names."""
     topology = response.topology
-    chosen = [(name, kind) for kind, signal in KINDS.items() for name in ELEMENTS[SIGNALS[signal][1]](topology)]
+    chosen = [(name, kind) for kind, signal in KINDS.items() for name in names_of(topology)[SIGNALS[signal][1]]]
     if names:
         kinds, where = dict(chosen), topology.title  # a damper stands there twice, last as a link
         errors = [
@@ -131,30 +131,28 @@ def _speed_table(one, good):
 
 
 def worst_tables(response, found):
-    """The largest values over the speeds that have an answer, a table for each kind of element."""
+    """The largest half peak-to-peak, sum and amplitude of each element over the speeds that have an answer, and where
+    they are: a table for each kind of element."""
     good = np.asarray(response.converged)
-    return [_worst_table([one.at(good) for one in own]) for own in by_kind(found) if good.any()]
+    heads = [("half p-p", "size"), "at rpm", ("sum", "size"), "at rpm", "order", ("amplitude", "size"), "at rpm"]
+    groups, tables = [("synthesis", 1, 2), ("sum of amplitudes", 3, 4), ("largest order", 5, 7)], []
+    for own in by_kind(found) if good.any() else ():
+        factor, rows = own[0].shown[0], []
+        for one in (reading.at(good) for reading in own):
+            signal, rpm = one.signal, one.response.rpm
+            speed, order = np.unravel_index(signal.amplitudes.argmax(), signal.amplitudes.shape)
+            moves, row = signal.amplitudes[speed, order] > 0, [one.name]
+            for values in (signal.half_peak_to_peak, signal.sum_of_amplitudes):
+                row += [factor * values.max(), f"{rpm[values.argmax()]:g}" if moves else NONE]
+            row += [f"{signal.orders[order]:g}" if moves else NONE, factor * signal.amplitudes[speed, order]]
+            rows.append([*row, f"{rpm[speed]:g}" if moves else NONE, one.power.max()])
+        tables.append(_over_speeds(own, "largest over the speeds", [*heads, ("heat W", "W")], rows, groups))
+    return tables
 
 
 def by_kind(found):
     """Readings of disks, of shafts and of meshes, of those that there are."""
     return list(filter(None, ([one for one in found if one.kind == kind] for kind in KINDS)))
-
-
-def _worst_table(found):
-    """The largest half peak-to-peak, sum and amplitude of each element, and where they are."""
-    factor, rows = found[0].shown[0], []
-    for one in found:
-        signal, rpm = one.signal, one.response.rpm
-        speed, order = np.unravel_index(signal.amplitudes.argmax(), signal.amplitudes.shape)
-        moves, row = signal.amplitudes[speed, order] > 0, [one.name]
-        for values in (signal.half_peak_to_peak, signal.sum_of_amplitudes):
-            row += [factor * values.max(), f"{rpm[values.argmax()]:g}" if moves else NONE]
-        row += [f"{signal.orders[order]:g}" if moves else NONE, factor * signal.amplitudes[speed, order]]
-        rows.append([*row, f"{rpm[speed]:g}" if moves else NONE, one.power.max()])
-    heads = [("half p-p", "size"), "at rpm", ("sum", "size"), "at rpm", "order", ("amplitude", "size"), "at rpm"]
-    groups = [("synthesis", 1, 2), ("sum of amplitudes", 3, 4), ("largest order", 5, 7)]
-    return _over_speeds(found, "largest over the speeds", [*heads, ("heat W", "W")], rows, groups)
 
 
 def _over_speeds(found, what, heads, rows, groups=(), left=()):
