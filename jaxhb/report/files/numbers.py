@@ -8,7 +8,7 @@ from jaxhb.report.answer import UNCONFIRMED
 from jaxhb.report.files.output import as_csv
 from jaxhb.report.quantities import WITHOUT, number
 from jaxhb.report.text.certified import certificate_record
-from jaxhb.report.text.mean_torques import ground_reactions, load_torques, mean_angles_of
+from jaxhb.report.text.mean_torques import mean_angles_of, torques_of
 from jaxhb.report.text.sentences import notes, verdict
 from jaxhb.report.text.strength import answers_strength, strength_columns, strength_entry
 from jaxhb.results.dataset import names_of
@@ -57,8 +57,8 @@ def answer_record(answer, *, orders=None):
         "status": None if solved is None else answer.status.name,
         **{name: None if solved is None else float(getattr(solved, name)) for name in numbers},
         "path": None if solved is None else [str(event) for event in solved.path],
-        "load_torque_Nm": load_torques(answer.balance),
-        "ground_reaction_Nm": ground_reactions(answer.balance),
+        "load_torque_Nm": torques_of(answer.balance, "load"),
+        "ground_reaction_Nm": torques_of(answer.balance, "ground"),
         "mean_angles": mean_angles_of(answer.topology),
         "disks": of_each("disk", lambda name: _disk_record(answer, name, of_signal(answer.disk(name)))),
         "shafts": of_each("shaft", lambda name: of_signal(answer.torque(name)) | {"power_W": answer.power(name)}),
@@ -195,8 +195,8 @@ CELLS = {
 
 def _numbers(answer):
     row = {"load kW": float(answer.balance.load_kW)}
-    row |= {f"{name} load torque N m": torque for name, torque in load_torques(answer.balance).items()}
-    row |= {f"{name} ground reaction N m": torque for name, torque in ground_reactions(answer.balance).items()}
+    for kind, what in (("load", "load torque"), ("ground", "ground reaction")):
+        row |= {f"{name} {what} N m": torque for name, torque in torques_of(answer.balance, kind).items()}
     for element, cells in CELLS.items():
         for name in names_of(answer.topology)[element]:
             for head, read in cells.items():

@@ -78,22 +78,16 @@ def maxima(quantity, cases):
         for row, name in zip(rows, quantity.names, strict=True):
             values = quantity.of(case.answers, name)
             # Both go over the same speeds: those that have an answer with backlash.
-            before = _largest(np.where(np.isfinite(values), quantity.without(case.answers, name), np.nan))
-            row += [_largest(values), _at(rpm, values), *[before, (_largest(values), before)] * backlash]
+            both = values, np.where(np.isfinite(values), quantity.without(case.answers, name), np.nan)
+            largest, before = (max(own[np.isfinite(own)], default=np.nan) for own in both)
+            at = f"{rpm[values.tolist().index(largest)]:g}" if np.isfinite(largest) else NONE
+            row += [largest, at, *[before, (largest, before)] * backlash]
             for field in ("separated_fraction", "hardest_impact") if contact else ():
                 row.append(max((getattr(answer.contacts[name], field) for answer in known), default=np.nan))
     width = (len(heads) - 1) // len(cases)
     groups = [(case.title, 1 + i * width, (i + 1) * width) for i, case in enumerate(cases)]
     said = ", with and without backlash" if backlash else ""
     return from_rows(f"{quantity.title} over the speeds, {quantity.unit}{said}", heads, rows, groups)
-
-
-def _at(rpm, values):
-    return f"{rpm[int(np.nanargmax(values))]:g}" if np.isfinite(values).any() else NONE
-
-
-def _largest(values):
-    return float(np.nanmax(values)) if np.isfinite(values).any() else float("nan")
 
 
 def one_speed(report):

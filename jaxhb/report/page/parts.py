@@ -8,7 +8,7 @@ from jaxhb.report.answer import Case
 from jaxhb.report.figures.figure import Figure
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.cases import worst_misfire
-from jaxhb.report.text.columns import NONE, Table, plain_number
+from jaxhb.report.text.columns import NONE, Table, from_rows, plain_number
 from jaxhb.train.drivetrain import DriveTrain
 
 FULL = 95  # letters of a line of text that goes on in the next
@@ -81,18 +81,15 @@ def shown_misfire(cases):
     return next(case for case in cases if case.title == title)
 
 
-def table(title, rows, heads, digits=6, rare=()):
-    """A :class:`Table` of rows of words and numbers, nan where there is none; None without rows. ``rare`` columns are
-    left out where they have nothing to tell."""
+def table(title, rows, heads, digits=6):
+    """A :class:`Table` of rows of words and numbers, nan where there is none; None without rows."""
 
     def cell(value):
         if isinstance(value, str):
             return value
         return plain_number(float(value), digits) if math.isfinite(value) else NONE
 
-    cells = {head: list(map(cell, column)) for head, column in zip(heads, zip(*rows, strict=True), strict=False)}
-    cells = {head: column for head, column in cells.items() if head not in rare or set(column) != {NONE}}
-    return Table(title, list(cells), list(cells.values())) if rows else None
+    return from_rows(title, [(head, cell) for head in heads], rows) if rows else None
 
 
 def flowing(text):

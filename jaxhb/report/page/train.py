@@ -135,9 +135,11 @@ def _gas(report, first):
                 # Work of a gas cycle over the swept volume.
                 cells.append(1e-5 * 2 * np.pi * turns * means[k, i] / swept)
             rows.append([topology.cylinder_names[i], f"{speed:g}", factors[k, i], *cells, means[k, i]])
-    rare = ["largest pressure bar", "deg after firing TDC", "imep bar"]
-    heads = ["cylinder", "rpm", "factor", *rare, "mean torque N m"]
-    return table("Gas over the speed, of cylinders with the same numbers the first", rows, heads, digits=4, rare=rare)
+    of_pressure = ["largest pressure bar", "deg after firing TDC", "imep bar"]
+    heads = ["cylinder", "rpm", "factor", *of_pressure, "mean torque N m"]
+    if all(row[3] == NONE for row in rows):
+        rows, heads = [row[:3] + row[6:] for row in rows], heads[:3] + heads[6:]
+    return table("Gas over the speed, of cylinders with the same numbers the first", rows, heads, digits=4)
 
 
 def _means(report, first):

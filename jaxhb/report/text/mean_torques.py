@@ -17,14 +17,11 @@ def mean_angles_of(topology):
     return f"set by the {'grounds' if len(topology.ground_names) > 1 else 'ground'} {names}"
 
 
-def load_torques(response):
-    """Mean torque of every load on its disk by name, N m: negative where it takes power."""
-    return dict(zip(response.topology.load_names, np.asarray(response.load_torque, float).tolist(), strict=True))
-
-
-def ground_reactions(response):
-    """Mean torque that every ground takes from its disk by name, N m."""
-    return dict(zip(response.topology.ground_names, np.asarray(response.ground_reaction, float).tolist(), strict=True))
+def torques_of(response, kind):
+    """Mean torque by name, N m: of every "load" on its disk, negative where it takes power; that every "ground" takes
+    from its disk."""
+    values = response.load_torque if kind == "load" else response.ground_reaction
+    return dict(zip(getattr(response.topology, f"{kind}_names"), np.asarray(values, float).tolist(), strict=True))
 
 
 def _rounding(response):
@@ -34,7 +31,7 @@ def _rounding(response):
 
 def balance_line(response):
     """What the loads and the grounds take, and the power of the loads; "" without either."""
-    loads, grounds = load_torques(response), ground_reactions(response)
+    loads, grounds = torques_of(response, "load"), torques_of(response, "ground")
     # What balances leaves rounding, which would read as a torque.
     least = max(_rounding(response), ROUNDING * max(map(abs, [*loads.values(), *grounds.values()]), default=0.0))
 
@@ -74,12 +71,12 @@ def torque_notes(responses):
     """A sentence per ground that takes much, and per load that drives though others should, at its worst speed."""
     topology, found = responses[0].topology, []
     for name in topology.ground_names:
-        if said := _noted(responses, lambda one, name=name: abs(ground_reactions(one)[name])):
+        if said := _noted(responses, lambda one, name=name: abs(torques_of(one, "ground")[name])):
             share = f"more than {100 * NOTED_SHARE:g} % of the largest mean torque"
             found.append(f"The ground {name!r} takes {said}, {share}: is a [[load]] missing?")
     driven = any(topology.cylinder_fires) or (np.asarray(responses[0].train.torques.mean) > 0).any()
     for name in topology.load_names if driven else ():  # else the load is the motor
-        if said := _noted(responses, lambda one, name=name: load_torques(one)[name]):
+        if said := _noted(responses, lambda one, name=name: torques_of(one, "load")[name]):
             found.append(
                 f"[[load]] {name!r}: it drives the train with {said}, usual below 0, as a load takes power: do the "
                 "other torques drive? A pressure table that is read from another firing top dead centre brakes."

@@ -8,7 +8,7 @@ from jaxhb.elements.elements import SceneError
 from jaxhb.equations.kinematics import referred, tooth_damping_ratios
 from jaxhb.excitation.mean_torques import mean_torques
 from jaxhb.report.text.columns import NONE, Table, from_rows
-from jaxhb.report.text.mean_torques import ground_reactions, load_torques, torque_notes
+from jaxhb.report.text.mean_torques import torque_notes, torques_of
 from jaxhb.report.text.sentences import once_alike
 from jaxhb.train import connections
 from jaxhb.train.plausible import plausibility
@@ -166,7 +166,7 @@ def torque_rows(train, responses):
     means = mean_torques(train.torques, train.cylinders, *cycle, speeds).T.tolist()
     names = [*topology.torque_names, *topology.cylinder_names, *topology.load_names, *topology.ground_names]
     seats = [*topology.torque_disk, *topology.cylinder_disk, *topology.load_disk, *topology.ground_disk]
-    loads, grounds = list(map(load_torques, responses)), list(map(ground_reactions, responses))
+    loads, grounds = ([torques_of(one, kind) for one in responses] for kind in ("load", "ground"))
     means += [[own[name] for own in loads] for name in topology.load_names]
     means += [[-own[name] for own in grounds] for name in topology.ground_names]
     return [(name, topology.disk_names[seat], own) for name, seat, own in zip(names, seats, means, strict=True)]

@@ -37,17 +37,13 @@ class Limited:
     limit = property(lambda self: next(iter(self.limits.values())), doc="What the first limit is called.")
     shown = property(lambda self: shown_unit(self.si_unit), doc="Factor from the SI unit, and the unit for people.")
 
-    def shares(self, row):
-        """Shares of the first limit over the speeds, nan where there is none or nothing is known."""
-        limit = getattr(row, next(iter(self.limits)))
-        limit = np.asarray(np.nan if limit is None else limit, float)
-        return np.asarray(getattr(row, self.field), float) / np.where(np.isfinite(limit), limit, np.nan)
-
     def worst(self, row):
         """The largest share of the first limit, nan without one, and its place: without one that of the largest number;
         None where nothing is known."""
-        shares = self.shares(row)
-        judged_by = shares if np.isfinite(shares).any() else np.asarray(getattr(row, self.field), float)
+        numbers, limit = np.asarray(getattr(row, self.field), float), getattr(row, next(iter(self.limits)))
+        limit = np.asarray(np.nan if limit is None else limit, float)
+        shares = numbers / np.where(np.isfinite(limit), limit, np.nan)
+        judged_by = shares if np.isfinite(shares).any() else numbers
         place = int(np.nanargmax(judged_by)) if np.isfinite(judged_by).any() else None
         return np.nan if place is None else float(shares[place]), place
 
