@@ -11,13 +11,13 @@ from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load
 from jaxhb.report.figures.linear import plot_campbell, plot_holzer, plot_modes
 from jaxhb.report.figures.speeds import plot_forced
-from jaxhb.report.files.labelled import forced_netcdf
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from jaxhb.report.selection import case_title
 from jaxhb.report.text import forced as told, linear as linear_text
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, tune_notes
 from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.strength import strength_columns, strength_entry, strength_text
+from jaxhb.results.dataset import as_netcdf
 from jaxhb.results.response import with_gaps
 from jaxhb.train.chain import span
 from jaxhb.train.changes import without_backlash
@@ -36,7 +36,7 @@ def check(train, given, rpm, links_at, **_):
         parts.append("Links vary: natural frequencies need --links-at, as hz=30.")
     else:
         found, kinds, ratios = modes_of(constant)
-        parts.append(linear_text.modes_text(found, train.topology.name, kinds, ratios, _in_contact(train)))
+        parts.append(linear_text.modes_text(found, train.topology.name, kinds, ratios, linear_text.in_contact(train)))
         record |= {"modes": linear_text.modes_record(found, kinds, ratios)}
     deliver(given, "\n\n".join([*parts, *remarks_text(remarks)]), json=lambda: as_json(changes(given) | record))
     return status(told.forced_failures(response))
@@ -66,7 +66,7 @@ def holzer(train, given, at, links_at, hz, mode, plot, **_):
     train = _constant(train, at, links_at)
     with_teeth, teeth, below, more = _teeth(train, at, links_at)
     train = with_teeth(train)
-    name, found = train.topology.name or "scene", natural_frequencies(train)
+    name, found = train.topology.title, natural_frequencies(train)
     kinds = mode_kinds(found, train.topology.damper_names)
     natural = {k: float(frequency) for k, frequency in enumerate(found.frequencies_hz)}
     asked = [(None, one) for one in hz] or [(k, natural[k]) for k in linear_text.chosen_modes(kinds, name, mode)]
@@ -83,7 +83,7 @@ def holzer(train, given, at, links_at, hz, mode, plot, **_):
 
 def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     """Natural frequencies and orders over the speed."""
-    name, trains = train.topology.name or "scene", misfire_trains(train, given, each=True)
+    name, trains = train.topology.title, misfire_trains(train, given, each=True)
     with_teeth, teeth, below, more = _teeth(trains[""], at, links_at)
     trains = {cylinder: with_teeth(one) for cylinder, one in trains.items()}
     orders = orders or {order for one in trains.values() for order in excited_orders(one, rpm=rpm)}
@@ -122,7 +122,7 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
         "\n\n".join(parts),
         json=lambda: as_json(changes(given) | told.forced_record(cases, found, worst, orders=orders, more=limits)),
         csv=lambda: as_csv(*told.forced_rows(cases, found, columns)),
-        netcdf=lambda: forced_netcdf(response, orders),
+        netcdf=lambda: [as_netcdf(response.to_xarray(orders=orders))],
         plot=lambda: as_picture(plot, plot_forced(cases, found, worst)),
     )
     return status(failures)
@@ -138,7 +138,7 @@ def _teeth(train, at, links_at):
     """A function that gives a train teeth as ``--at`` asks, how stiff they are, a sentence on them in a list, and a
     record."""
     if at is None:
-        return lambda train: train, _in_contact(train), [], {}
+        return lambda train: train, linear_text.in_contact(train), [], {}
     load = at_mean_load(_constant(train, at, links_at), rpm=at)
     sentence, record = linear_text.mean_load_text(load, at), linear_text.mean_load_record(load, at)
 
@@ -147,7 +147,3 @@ def _teeth(train, at, links_at):
         return dataclasses.replace(without_backlash(train), meshes=load.train.meshes)
 
     return with_teeth, f"teeth at the mean load of {at:g} rpm", [sentence], record
-
-
-def _in_contact(train):
-    return "teeth in contact" if train.topology.mesh_names else ""

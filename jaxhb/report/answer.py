@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from jaxhb.equations.backlash import law_of
-from jaxhb.floquet.stability import attracts
+from jaxhb.floquet.stability import Stability
 from jaxhb.report.selection import largest
 from jaxhb.results.motion import Motion
 from jaxhb.results.record import NO_CONTACT, NO_SIGNAL
@@ -15,32 +15,6 @@ from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, orbit_state
 from jaxhb.train.drivetrain import DriveTrain
-
-
-@dataclass(frozen=True)
-class Growth:
-    """Growth of a disturbance in a period: largest Floquet multiplier, how stability is lost, why it is not known."""
-
-    multiplier: float | None = None
-    stable: bool | None = None
-    loses_by: str = ""
-    refused: str = ""
-
-    @property
-    def unstable(self):
-        """Whether disturbances grow, as far as is known."""
-        return self.stable is False
-
-
-def growth_of(state):
-    """The :class:`Growth` of the motion of a steady state or orbit."""
-    if state.response is None or not state.known:
-        return Growth()
-    _, found, refused = (True, state.stability, "") if state.stability is not None else attracts(state.response)
-    if found is not None:
-        return Growth(found.largest, found.stable, found.loses_by or "")
-    return Growth(refused="" if state.kind == "contact" else refused)  # teeth in contact are a linear train
-
 
 UNCONFIRMED = "not confirmed by harmonic balance"
 """What is said of a motion that returns in time integration and that no harmonic solution repeats."""
@@ -82,15 +56,17 @@ class Answer(Motion):
     motion, nan where nothing is known.
 
     state : SteadyState, of an orbit what the train would do if it were stable; linear : Response with all teeth in
-    contact; certificate : Certificate, or why there is none, or None: not asked for; axis, value : along which a sweep
-    goes, and where on it the answer is, None for the speed
+    contact; stability : of the motion, None where it is not decided, as ``undecided`` says; certificate : Certificate,
+    or why there is none, or None: not asked for; axis, value : along which a sweep goes, and where on it the answer is,
+    None for the speed
     """
 
     train: DriveTrain
     state: SteadyState
     linear: Response
-    growth: Growth = Growth()
     orbit: bool = False
+    stability: Stability | None = None
+    undecided: str = ""
     certificate: object = None
     axis: Axis = SPEED
     value: float | None = None
@@ -102,18 +78,18 @@ class Answer(Motion):
         return {"contact": NO_CONTACT, "power": math.nan}.get(quantity, NO_SIGNAL)
 
     # What is read of its parts, and where it stands.
+    stable = property(lambda self: self.stability and self.stability.stable, doc="None where that is not decided.")
+    multiplier = property(lambda self: self.stability and self.stability.largest, doc="The largest; None likewise.")
+    unstable = property(lambda self: self.stable is False, doc="Whether disturbances grow, as far as is known.")
     topology = property(lambda self: self.train.topology)
     rpm = property(lambda self: self.state.rpm)
     known = property(lambda self: self.state.known, doc="Whether the kind of motion is known, so that it has numbers.")
+    recorded = property(lambda self: self.known and self.response is None, doc="Known from recorded cycles alone.")
     response = property(lambda self: self.state.response, doc="The harmonic solution; None where there is none.")
     balance = property(lambda self: self.linear if self.response is None else self.response, doc="Of mean torques.")
     cycle_deg = property(lambda self: 360.0 * self.topology.revolutions_per_cycle, doc="Of the reference rotor, deg.")
-    at = property(lambda self: self.axis.said(f"{self.place:g}"), doc="Where it stands in a sweep, in words.")
-
-    @property
-    def place(self):
-        """Where it stands in a sweep: the speed, or the number that changes."""
-        return self.rpm if self.value is None else self.value
+    place = property(lambda self: self.rpm if self.value is None else self.value, doc="Where it stands in a sweep.")
+    at = property(lambda self: self.axis.said(f"{self.place:g}"), doc="The same in words.")
 
     @property
     def status(self):
@@ -140,7 +116,7 @@ class Answer(Motion):
     @property
     def unconfirmed(self):
         """Whether no harmonic solution repeats a periodic motion: its numbers are those of recorded cycles."""
-        return self.known and self.response is None and self.state.kind != "irregular"
+        return self.recorded and self.state.kind != "irregular"
 
     @property
     def doubt(self):

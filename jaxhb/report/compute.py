@@ -9,7 +9,8 @@ import numpy as np
 from jaxhb.certificate.certificate import certify
 from jaxhb.design.confirmation import steady_readings
 from jaxhb.design.quantities import label
-from jaxhb.report.answer import UNCONFIRMED, Answer, Case, growth_of
+from jaxhb.floquet.stability import attracts
+from jaxhb.report.answer import UNCONFIRMED, Answer, Case
 from jaxhb.report.text.tuned import difference
 from jaxhb.results.response import with_gaps
 from jaxhb.results.status import NotConverged, Status
@@ -67,7 +68,7 @@ def answer_speeds(
     def answer(place, state):
         # A speed that does the same upwards and downwards has one state and one answer.
         if id(state) not in made:
-            made[id(state)] = Answer(train, state, with_gaps(linear[place]), growth_of(state), asked.orbit)
+            made[id(state)] = Answer(train, state, with_gaps(linear[place]), asked.orbit, *_stability_of(state))
         return made[id(state)]
 
     def tell(states, way):
@@ -93,6 +94,14 @@ def answer_speeds(
             found = {one.direction: one.states for one in (sweeps if direction == "both" else [sweeps])}
     say(f"is the motion stable at {about}?")
     return {way: [answer(place, state) for place, state in enumerate(states)] for way, states in found.items()}
+
+
+def _stability_of(state):
+    """The Stability of a steady state or orbit; None where it is not decided, and the sentence that says why."""
+    if state.response is None or not state.known:
+        return None, ""
+    _, found, refused = (True, state.stability, "") if state.stability is not None else attracts(state.response)
+    return found, "" if state.kind == "contact" else refused  # teeth in contact are a linear train
 
 
 def _linear(train, rpm):

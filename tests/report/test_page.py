@@ -167,7 +167,7 @@ def test_the_verdict_names_the_hardest_impact_of_all_where_it_is_at_another_mesh
     told = {"Kurbel|Räder": longest, "other": elsewhere}
     train = SimpleNamespace(mesh_names=tuple(told), mesh_backlash=(True, True))
     both = SimpleNamespace(topology=train, contacts=told, at="4000 rpm", known=True, answered=True, doubt="")
-    both.growth, both.state = answer.growth, answer.state
+    both.unstable, both.state = answer.unstable, answer.state
     assert verdict(both).endswith(" a cycle, the hardest at 0.10 m/s; the hardest of all at 0.70 m/s in other.")
     told["Kurbel|Räder"] = other(longest, impacts_per_cycle=0, hardest_impact=0.0)
     assert verdict(both).endswith("50 % of the time, without an impact; the hardest of all at 0.70 m/s in other.")

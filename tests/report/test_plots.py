@@ -79,7 +79,7 @@ def test_the_bars_of_several_meshes_stand_beside_each_other():
     topology = SimpleNamespace(mesh_names=("a|b", "b|c"), mesh_backlash=(0.0, 0.0))
     irregular = {"state": SimpleNamespace(kind="irregular"), "answered": True, "force": lambda mesh: cycles}
     irregular |= {"axis": SPEED, "train": SimpleNamespace(topology=topology), "topology": topology}
-    irregular |= {"growth": SimpleNamespace(unstable=False), "linear": None}
+    irregular |= {"unstable": False, "linear": None}
     answers = [SimpleNamespace(place=rpm, rpm=rpm, **irregular) for rpm in (1800.0, 2000.0)]
     quantity = Quantity("tooth_force_peak", "mesh", "tooth force", "Force", topology.mesh_names)
     figure = over_speed(quantity, topology.mesh_names, [Case("", answers)])

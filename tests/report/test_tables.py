@@ -2,13 +2,14 @@
 
 import dataclasses
 import io
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import jaxhb
 from jaxhb.cli.progress import Progress
-from jaxhb.report.answer import Answer, Growth
+from jaxhb.report.answer import Answer
 from jaxhb.report.compute import Asked, answer_one
 from jaxhb.report.figures.figure import DIGITS
 from jaxhb.report.figures.speeds import plot_sweep
@@ -54,10 +55,10 @@ def test_a_soft_gap_and_a_high_knee_are_noted():
     assert notes(*(answer_one(soft, rpm, Asked()) for rpm in (1500.0, 2000.0))) == found  # the same mean at all speeds
 
 
-def as_orbit(response, growth=None):
+def as_orbit(response, **stability):
     """A response as the answer of --orbit."""
     linear = jaxhb.linear_response(response.train, rpm=response.rpm)
-    return Answer(response.train, orbit_state(response), linear, growth or Growth(), orbit=True)
+    return Answer(response.train, orbit_state(response), linear, orbit=True, **stability)
 
 
 def test_an_orbit_found_by_shooting_whose_stability_is_not_known_is_said_to_be_perhaps_unstable():
@@ -65,18 +66,19 @@ def test_an_orbit_found_by_shooting_whose_stability_is_not_known_is_said_to_be_p
     shot = dataclasses.replace(sharp, path=(Shooting(1, 1024, 1e-9, closed=True), *sharp.path))
     (note,) = notes(as_orbit(shot))
     assert "found at 2000 rpm" in note and "may be unstable" in note
-    assert notes(as_orbit(shot, Growth(0.5, True))) == []
+    assert notes(as_orbit(shot, stability=SimpleNamespace(largest=0.5, stable=True, loses_by=None))) == []
     assert notes(as_orbit(dataclasses.replace(shot, status=np.array(int(jaxhb.Status.STALLED))))) == []
 
 
 def test_no_unstable_motion_goes_without_the_word():
-    orbit = as_orbit(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0), Growth(2.5, False, "fold"))
+    grows = SimpleNamespace(largest=2.5, stable=False, loses_by="fold")
+    orbit = as_orbit(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0), stability=grows)
     said = solve_text(orbit).splitlines()
     assert said[0].startswith("Unstable, the train does not run in this motion: the teeth hammer at 5000 rpm")
     assert "UNSTABLE (fold): a disturbance grows 2.5 times in a cycle" in said[3]
     assert any("The periodic motion at 5000 rpm is UNSTABLE" in note for note in notes(orbit))
     assert sweep_text({"orbit": [orbit]}).splitlines()[4].split()[-2:] == ["converged,", "UNSTABLE"]
-    massless = dataclasses.replace(orbit, growth=Growth(refused="a massless disk"))
+    massless = dataclasses.replace(orbit, stability=None, undecided="a massless disk")
     assert "stability not decided: a massless disk" in solve_text(massless).splitlines()[3]
 
 

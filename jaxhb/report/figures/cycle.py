@@ -37,13 +37,8 @@ def plot_cycle(answer, gear=None):
     said = f" {swings[0]} N m" if answer.known else ""
     said += f" (without backlash {swings[1]}), and tooth forces" if meshes else ","
     figures = [cycle_figure(answer, subject, meshes, f"Torque of {plain(subject)}, half peak-to-peak{said}")]
-    figures += [_peaks(answer, meshes)] if meshes and _recorded(answer) else []
+    figures += [_peaks(answer, meshes)] if meshes and answer.recorded else []
     return drawn(*figures, title=f"{train_name(answer.topology)}, {answer.rpm:g} rpm: {doubt}{kind}")
-
-
-def _recorded(answer):
-    """Whether the motion is known from recorded cycles alone."""
-    return answer.known and answer.response is None
 
 
 def _torque_of(train, subject):
@@ -55,22 +50,22 @@ def cycle_figure(answer, subject, meshes, caption):
     """Torque of a gear and forces of meshes, or torque of a shaft, over the period, or cycle by cycle where the motion
     never repeats."""
     rows = [(_torque_of(answer.train, subject), subject), *((forces(answer.train), name) for name in meshes)]
-    said, title, end, traces, shapes = (_record if _recorded(answer) else _period)(answer, rows)
+    said, title, end, traces, shapes = (_record if answer.recorded else _period)(answer, rows)
     panels = [(f"{quantity.called}, {quantity.unit}", None) for quantity, _ in rows]
     more = {"x_range": (0.0, end), "height": PANEL, "shapes": shapes}
     notes = [above(plain(name), panel) for panel, (_, name) in enumerate(rows)]
     made = figure(f"{caption}{said}", title, panels, traces, annotations=notes, **more)
     made.layout["legend"] |= {"x": 1, "xanchor": "right"}  # beside the name of the first panel
-    if not _recorded(answer) and _periods(answer) > 1:
+    if not answer.recorded and answer.state.period > 1:
         made.layout["xaxis"] |= {"dtick": answer.cycle_deg, "gridcolor": "black"}
-    elif not _recorded(answer) and answer.cycle_deg % 90 == 0:
+    elif not answer.recorded and answer.cycle_deg % 90 == 0:
         made.layout["xaxis"] |= {"dtick": 90}
     return made
 
 
 def _period(answer, rows):
     """Signals over the period of the motion, with and without backlash; grey where the teeth are apart."""
-    backlash, traces, shapes, periods = any(answer.topology.mesh_backlash), [], [], _periods(answer)
+    backlash, traces, shapes, periods = any(answer.topology.mesh_backlash), [], [], max(answer.state.period, 1)
     step, end = max(1, periods // SPIKES), answer.cycle_deg * periods
     for panel, (quantity, name) in enumerate(rows):
         motions = [("with backlash" if backlash else plain(name), answer, 0)] * answer.known
@@ -157,14 +152,9 @@ def in_the_gap(answer, mesh, count):
     return np.asarray(apart)[answer.topology.mesh_names.index(mesh)]
 
 
-def _periods(answer):
-    """Cycles that are drawn."""
-    return max(answer.state.period, 1)
-
-
 def _closed(answer, signal):
     """Samples of the whole period, its first time sample again at the end; a cycle comes as often as there is room."""
-    turns = signal.revolutions_per_cycle / answer.topology.revolutions_per_cycle
-    times = round(_periods(answer) / turns)
-    values = np.tile(np.asarray(fourier.sample(signal.coefficients, SAMPLES * _periods(answer) // times)), times)
+    cycles = max(answer.state.period, 1)
+    times = round(cycles * answer.topology.revolutions_per_cycle / signal.revolutions_per_cycle)
+    values = np.tile(np.asarray(fourier.sample(signal.coefficients, SAMPLES * cycles // times)), times)
     return np.append(values, values[0])

@@ -124,7 +124,7 @@ def kind_of(answer):
     """Key of MOTIONS."""
     if not answer.answered:
         return None
-    if answer.growth.unstable:
+    if answer.unstable:
         return "unstable"
     return answer.state.kind if answer.topology.mesh_names else "periodic"
 

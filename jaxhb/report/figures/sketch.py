@@ -56,7 +56,7 @@ def plot_train(train):
     keys = {label: once[label] for label in dict.fromkeys(labels)}
     style = {"frameon": False, "fontsize": "x-small", "handlelength": 1.6, "columnspacing": 1.4, "borderpad": 0.0}
     axes.legend(keys.values(), keys, loc="lower center", ncols=max(1, int(size[0] / 1.7)), **style)
-    axes.text(0.5, 1 - 0.15 / size[1], topology.name or "scene", transform=axes.transAxes, ha="center", va="top")
+    axes.text(0.5, 1 - 0.15 / size[1], topology.title, transform=axes.transAxes, ha="center", va="top")
     return figure
 
 

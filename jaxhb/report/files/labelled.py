@@ -29,11 +29,6 @@ def netcdf(found, orders, *, along=None, every=False):
     return [as_netcdf(xarray.concat(sets, names, join="outer", combine_attrs="override"))]
 
 
-def forced_netcdf(response, orders):
-    """The NetCDF file of a linear forced response."""
-    return [as_netcdf(response.to_xarray(orders=orders))]
-
-
 def _labelled(answers, orders, every):
     topology, axis = answers[0].topology, answers[0].axis
     if orders is None and not every:
@@ -42,9 +37,13 @@ def _labelled(answers, orders, every):
     data.attrs |= {"motions": "periodic solutions" if answers[0].orbit else "steady states"}
     flags, about = {None: -1, False: 0, True: 1}, {"long_name": "whether disturbances die away"}
     about |= {"flag_values": list(flags.values()), "flag_meanings": "not_known unstable stable"}
-    data["stable"] = ("rpm", [flags[answer.growth.stable] for answer in answers], about)
+    data["stable"] = ("rpm", [flags[answer.stable] for answer in answers], about)
     about = {"units": "1", "long_name": "modulus over the period"}
-    data["largest_multiplier"] = ("rpm", np.array([answer.growth.multiplier for answer in answers], dtype=float), about)
+    data["largest_multiplier"] = (
+        "rpm",
+        np.array([answer.multiplier for answer in answers], dtype=float),
+        about,
+    )
     if any(topology.mesh_backlash):
         linear = to_xarray([answer.linear for answer in answers], topology, data.rpm.values, orders=0)
         names = [name for name in linear if str(name).startswith(tuple(f"{n}_" for n in COMPARED))]

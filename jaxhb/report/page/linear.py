@@ -11,7 +11,7 @@ from jaxhb.report.figures.speeds import hardest_elements, orders_figure
 from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.forced import forced_failures, readings, worst_tables
-from jaxhb.report.text.linear import campbell_parts, modes_text
+from jaxhb.report.text.linear import campbell_parts, in_contact, modes_text
 
 CAMPBELL_MODES = 6, 12
 """Modes of the Campbell diagram: at least so many, and those that the orders reach up to the second number."""
@@ -27,7 +27,7 @@ def modes(report):
     """Natural frequencies and the shapes of the first ones that strain links."""
     train = report.train
     found, kinds, ratios = modes_of(train, LOWEST)
-    table = modes_text(found, report.name, kinds, ratios, "teeth in contact" if train.topology.mesh_names else "")
+    table = modes_text(found, train.topology.title, kinds, ratios, in_contact(train))
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:MOST]
     shapes = [elastic[i : i + TOGETHER] for i in range(0, len(elastic), TOGETHER)]
     return [table, *(shapes_figure(train, found, some, ratios) for some in shapes)]

@@ -9,7 +9,6 @@ from jaxhb.report.figures.figure import Figure
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.cases import worst_misfire
 from jaxhb.report.text.columns import NONE, Table, from_rows, plain_number
-from jaxhb.train.drivetrain import DriveTrain
 
 FULL = 95  # letters of a line of text that goes on in the next
 ROWS = 150  # rows of a table that are shown
@@ -50,20 +49,8 @@ class Report:
     second_elements: dict = field(default_factory=dict)
     files: dict = field(default_factory=dict)
 
-    @property
-    def train(self) -> DriveTrain:
-        """The train as it runs."""
-        return self.cases[0].answers[0].train
-
-    @property
-    def name(self):
-        """Name of the scene."""
-        return self.train.topology.name or "scene"
-
-    @property
-    def rpm(self):
-        """Speeds."""
-        return [answer.rpm for answer in self.cases[0].answers]
+    train = property(lambda self: self.cases[0].answers[0].train, doc="The train as it runs.")
+    rpm = property(lambda self: [answer.rpm for answer in self.cases[0].answers], doc="Speeds.")
 
     @property
     def shown(self):

@@ -118,7 +118,7 @@ def _tables(answer):
 
 def peak_table(answer, begin="L"):
     """How the largest tooth forces of recorded cycles are distributed, in a list; empty without a record."""
-    if not answer.known or answer.response is not None:
+    if not answer.recorded:
         return []
     specs = [
         (f"{percent} %", lambda answer, name, i=i: answer.force(name).per_cycle.max[i] / 1e3, "kN")

@@ -40,6 +40,11 @@ def modes_text(modes, name, kinds, ratios, teeth=""):
     return from_rows(title, [*heads, "largest angles, on own shafts, the largest 1"], rows, left=(len(heads),))
 
 
+def in_contact(train):
+    """How stiff the teeth are, of which tables of trains with teeth tell."""
+    return "teeth in contact" if train.topology.mesh_names else ""
+
+
 def energies_text(modes, kinds):
     """Where the energies of the first elastic modes lie, in tables; Holzer's table has them of trees."""
     shown = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:FIRST]

@@ -25,21 +25,21 @@ KNEE_SHARE = 0.5
 SHOWN_SPEEDS = 6
 
 
-def _growth_text(growth, period):
-    """What is known of the :class:`Growth` of a motion of so many cycles, "" for nothing."""
+def _stability_text(answer):
+    """What is known of the stability of a motion, "" for nothing."""
+    found, period = answer.stability, answer.state.period
     span = "a cycle" if period <= 1 else f"{period} cycles"
-    size = growth.multiplier
-    if size is None:
-        return f"stability not decided: {growth.refused}" if growth.refused else ""
-    if growth.unstable:
-        how = f" ({growth.loses_by})" if growth.loses_by else ""
-        return f"UNSTABLE{how}: a disturbance grows {size:.3g} times in {span}; the train does not run in it"
-    return f"stable: a disturbance falls to {size:.2g} of its size in {span}"
+    if found is None:
+        return f"stability not decided: {answer.undecided}" if answer.undecided else ""
+    if answer.unstable:
+        how = f" ({found.loses_by})" if found.loses_by else ""
+        return f"UNSTABLE{how}: a disturbance grows {found.largest:.3g} times in {span}; the train does not run in it"
+    return f"stable: a disturbance falls to {found.largest:.2g} of its size in {span}"
 
 
 def motion_text(answer):
     """The kind of motion in the words of an engineer."""
-    state, growth = answer.state, _growth_text(answer.growth, answer.state.period)
+    state = answer.state
     turns = state.period * answer.topology.revolutions_per_cycle
     kind = {
         "contact": "the teeth stay in contact" if answer.topology.mesh_names else "periodic, period one cycle",
@@ -48,10 +48,10 @@ def motion_text(answer):
         "irregular": "irregular: the motion never repeats",
         "unknown": "unknown",
     }[state.kind]
-    if state.known and answer.response is None:
+    if answer.recorded:
         kind += f"; {UNCONFIRMED}" if answer.unconfirmed else ""
         kind += f"; numbers are the extremes over {state.record.cycles} recorded cycles"
-    return "; ".join(filter(None, [kind, growth]))
+    return "; ".join(filter(None, [kind, _stability_text(answer)]))
 
 
 def motion_word(answer):
@@ -65,7 +65,7 @@ def motion_word(answer):
         parts.append(words.get(state.kind, state.kind))
         if answer.doubt:
             parts.append(answer.doubt if answer.answered else status_word(answer.status))
-    return ", ".join([*parts, *["UNSTABLE"] * answer.growth.unstable])
+    return ", ".join([*parts, *["UNSTABLE"] * answer.unstable])
 
 
 def status_word(status):
@@ -103,7 +103,7 @@ def verdict(answer):
         return "No mesh has backlash: the teeth cannot separate."
     said = _hammering(answer, speed)
     doubts = [UNCONFIRMED if answer.answered else f"{answer.doubt}, do not rely on this"] * bool(answer.doubt)
-    doubts += ["unstable, the train does not run in this motion"] * answer.growth.unstable
+    doubts += ["unstable, the train does not run in this motion"] * answer.unstable
     if not doubts:
         return said
     doubt = "; ".join(doubts)
@@ -146,13 +146,13 @@ def _places(places, axis):
 def notes(*answers):
     """Sentences on what to be careful about in answers of one train, at least one."""
     axis, found = answers[0].axis, []
-    unstable = [answer for answer in answers if answer.growth.unstable]
+    unstable = [answer for answer in answers if answer.unstable]
     if unstable:
-        worst = max(unstable, key=lambda answer: answer.growth.multiplier)
+        worst = max(unstable, key=lambda answer: answer.multiplier)
         instead = "leave out --orbit for what it does" if worst.orbit else "compare with jaxhb.integrate"
         found.append(
             f"The periodic motion at {speeds_text(unstable)} is UNSTABLE (a disturbance grows up to "
-            f"{worst.growth.multiplier:.3g} times in a period): the train does not run in it; {instead}."
+            f"{worst.multiplier:.3g} times in a period): the train does not run in it; {instead}."
         )
     solved = [answer for answer in answers if answer.response is not None]
     lossy = [answer for answer in solved if abs(answer.response.power_defect) > LOST]
@@ -162,7 +162,7 @@ def notes(*answers):
         found.append(f"At {worst.at} {share} of the power of the torques is not accounted for: use more harmonics.")
     found += once_alike(((a.place, note) for a in answers if a.known for note in a.state.notes), axis)
     # Converged orbits of unknown stability that a march of a few cycles did not settle on.
-    unsettled = [a for a in solved if a.orbit and a.converged and a.growth.stable is None]
+    unsettled = [a for a in solved if a.orbit and a.converged and a.stable is None]
     unsettled = [a for a in unsettled if any(isinstance(event, Shooting | Homotopy) for event in a.response.path)]
     if unsettled:
         found.append(

@@ -132,7 +132,7 @@ def motion_sentences(answers):
     """Where the teeth separate, and a line for each motion other than contact and one stable cycle or not converged."""
     alike_in = {}
     for answer in answers:
-        if answer.growth.unstable:
+        if answer.unstable:
             alike_in.setdefault("UNSTABLE, the train does not run in these motions,", []).append(answer.place)
         said = {
             "subharmonic": f"The motion has a period of {answer.state.period} cycles",

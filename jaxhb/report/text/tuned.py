@@ -83,7 +83,14 @@ def tuned_parts(train, asked, result):
     # Quantities of rules: their table says that it is no approval.
     judged = any(re.match("stress|.* over limit$", chosen.quantity) for chosen, *_ in _readings(asked, result))
     quantities = from_rows(f"{title} ({AID})" if judged else title, heads, rows)
-    return ["\n".join(head), _parameter_table(train, asked, result), quantities, *_limits_exceeded(asked, rpm, result)]
+    rows = [
+        [p.name, result.before.parameters[p.name], result.after.parameters[p.name]]
+        + [parameter_unit(train, p.name) or NONE, f"{plain_number(p.low)} to {plain_number(p.high)}"]
+        for p in asked["parameters"]
+    ]
+    heads = ["parameter", ("before", plain_number), ("after", plain_number), "unit", "bounds"]
+    parameters = from_rows("Parameters", heads, rows)
+    return ["\n".join(head), parameters, quantities, *_limits_exceeded(asked, rpm, result)]
 
 
 def _not_solved(rpm, result):
@@ -125,16 +132,6 @@ def _compared(asked, result):
     for chosen, name, *values in _readings(asked, result):
         masked = (np.where(both, one, np.nan) if np.shape(one) == both.shape and both.any() else one for one in values)
         yield chosen, name, *masked
-
-
-def _parameter_table(train, asked, result):
-    rows = [
-        [p.name, result.before.parameters[p.name], result.after.parameters[p.name]]
-        + [parameter_unit(train, p.name) or NONE, f"{plain_number(p.low)} to {plain_number(p.high)}"]
-        for p in asked["parameters"]
-    ]
-    heads = ["parameter", ("before", plain_number), ("after", plain_number), "unit", "bounds"]
-    return from_rows("Parameters", heads, rows)
 
 
 def _worst(rpm, values, chosen):
