@@ -39,11 +39,7 @@ def _labelled(answers, orders, every):
     about |= {"flag_values": list(flags.values()), "flag_meanings": "not_known unstable stable"}
     data["stable"] = ("rpm", [flags[answer.stable] for answer in answers], about)
     about = {"units": "1", "long_name": "modulus over the period"}
-    data["largest_multiplier"] = (
-        "rpm",
-        np.array([answer.multiplier for answer in answers], dtype=float),
-        about,
-    )
+    data["largest_multiplier"] = ("rpm", np.array([answer.multiplier for answer in answers], dtype=float), about)
     if any(topology.mesh_backlash):
         linear = to_xarray([answer.linear for answer in answers], topology, data.rpm.values, orders=0)
         names = [name for name in linear if str(name).startswith(tuple(f"{n}_" for n in COMPARED))]
