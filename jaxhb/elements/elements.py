@@ -357,7 +357,7 @@ def facts_of(element, before=""):
     return found
 
 
-def unit_of(one):
+def unit_of(declared):
     """The SI unit of a declared field, "" without."""
-    span = one.metadata.get("range")
+    span = declared.metadata.get("range")
     return span.unit if span else ""

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxhb.certificate.certificate import certify
-from jaxhb.design.confirmation import steady_readings
+from jaxhb.design.verification import steady_readings
 from jaxhb.design.quantities import label
 from jaxhb.floquet.stability import attracts
 from jaxhb.report.answer import UNCONFIRMED, Answer, Case
