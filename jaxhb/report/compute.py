@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from jaxhb.certificate.certificate import certify
-from jaxhb.design.verification import steady_readings
 from jaxhb.design.quantities import label
+from jaxhb.design.verification import steady_readings
 from jaxhb.floquet.stability import attracts
 from jaxhb.report.answer import UNCONFIRMED, Answer, Case
 from jaxhb.report.text.tuned import difference
