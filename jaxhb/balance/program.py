@@ -14,6 +14,7 @@ from jax import lax
 
 from jaxhb._jax import namespace, staged, traced
 from jaxhb._program import WHOLE, Program, across, along
+from jaxhb._threads import side_by_side
 from jaxhb.balance import correction, derivative
 from jaxhb.balance.newton import relative_residual, solve_chain, solve_reduced
 from jaxhb.balance.plan import check_plan
@@ -39,12 +40,8 @@ from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 MARCH_ABOVE = 3e-4
 ESTIMATE = 0.05, 20  # share of the residual that the correction of an estimate may leave, and its Krylov steps at most
 FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked for
-BATCH_SPEEDS = 8  # speeds that one program solves side by side
-# Of a speed in a batch under a plan that the caller did not give; one that needs more is solved again by itself.
-BATCH_NEWTON_STEPS = 8
-# From which speeds are solved without batches on processors: one fills a processor, and a batch waits for its slowest
-# and takes longer to compile.
-ALONE_HARMONICS, ALONE_DISKS = 192, 24
+BATCH_SPEEDS = 8  # speeds that one program solves side by side where contacts are unknowns, on accelerators
+LINEAR_SPEEDS = 64  # and where teeth stay in contact; of fewer each is solved by itself, without one more program
 
 
 @jax.tree_util.register_dataclass
@@ -343,21 +340,22 @@ def _response_of(train, rpm, problem, outcome, plan):
     return dataclasses.replace(response, train=train, path=path)
 
 
-def solve_batches(train, rpm, plan, max_steps=None, devices=()):
+def solve_batches(train, rpm, plan, devices=()):
     """Yield lists of Responses at the speeds ``(n,)`` under one plan, batch after batch, in order.
 
-    Across several devices, each has as many speeds of a batch as one has alone. ``max_steps``: of Newton's method in a
-    batch, instead of those of the plan.
+    Across several devices, each has as many speeds of a batch as one has alone.
     """
-    # A linear solve by itself is the same bits whatever speeds are asked for beside it.
-    alone = not plan.active or train.topology.n_disks >= ALONE_DISKS or plan.harmonics >= ALONE_HARMONICS
-    size = max(len(devices), 1) * (1 if alone and jax.default_backend() == "cpu" else BATCH_SPEEDS)
+    # With contacts as unknowns a speed fills a processor, and a batch waits for its slowest and compiles longer.
+    size = LINEAR_SPEEDS if not plan.active else 1 if jax.default_backend() == "cpu" else BATCH_SPEEDS
+    size *= max(len(devices), 1)
     begin, static = first_start(plan, marches=plan.marches), plan.static
-    if size == 1 or len(rpm) == 1:
-        for speed in map(float, rpm):
-            yield [solve_once(train, speed, problem_at(train, speed, static.excited), plan, begin)[0]]
+    if size == 1 or len(rpm) == 1 or not plan.active and len(rpm) < size:
+
+        def alone(speed):
+            return solve_once(train, speed, problem_at(train, speed, static.excited), plan, begin)[0]
+
+        yield from ([response] for response in side_by_side(alone, rpm.tolist(), devices))
         return
-    static = dataclasses.replace(static, max_steps=max_steps or plan.max_steps)
     solve = partial(_solve_all, plan=static)
     if len(devices) > 1:
         given = jax.tree.map(lambda axis: WHOLE if axis is None else along(axis), _axes(), is_leaf=lambda a: a is None)

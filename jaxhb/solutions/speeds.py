@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxhb._jax import Numbers
 from jaxhb.balance.plan import Plan, Request, check_plan
-from jaxhb.balance.program import BATCH_NEWTON_STEPS, solve_batches
+from jaxhb.balance.program import solve_batches
 from jaxhb.results.response import Response, stack
 from jaxhb.results.status import Status
 from jaxhb.solutions.planning import plan_speeds
@@ -32,8 +32,9 @@ def solve_speeds(
     """Periodic responses at many speeds.
 
     The linear motion shows at which speeds teeth leave contact or separate; speeds with the same needs share a plan
-    and one compiled program, in batches of fixed size where that is faster. A speed that fails is solved again by
-    itself, from the nearest speed that converged, with more harmonics or by shooting.
+    and one compiled program, side by side in threads, or in batches where that is faster: many speeds with teeth in
+    contact, all speeds on accelerators. A speed that fails is solved again by itself, from the nearest speed that
+    converged, with more harmonics or by shooting.
 
     Parameters
     ----------
@@ -79,8 +80,8 @@ def solve_speeds(
     found = [None] * len(rpm)
     for shared in dict.fromkeys(plans):
         indices = [i for i, own in enumerate(plans) if own == shared]
-        steps, free = BATCH_NEWTON_STEPS if plan is None and shared.active else None, iter(indices)
-        for batch in solve_batches(train, rpm[indices], shared, steps, tuple(devices)):
+        free = iter(indices)
+        for batch in solve_batches(train, rpm[indices], shared, tuple(devices)):
             for response in batch:
                 found[next(free)] = response
             if progress:

@@ -7,12 +7,12 @@ from functools import cached_property, partial
 import jax
 import numpy as np
 
+from jaxhb._threads import side_by_side
 from jaxhb.floquet.stability import attracts
 from jaxhb.results.steady import SteadyState
 from jaxhb.steady.closure import DECAYS, ended
 from jaxhb.steady.confirmation import LEVELS, compile_ahead, same_motion, shortest_period, solve_marched
 from jaxhb.steady.marching import Batch, Equations, record_of
-from jaxhb.steady.threads import side_by_side
 
 # Difference of deflections, relative to the largest and the gap, up to which a march arrives at a motion known from
 # another start.

@@ -255,18 +255,15 @@ def test_a_sweep_is_its_single_solves_and_has_at_most_four_large_programs(pair):
         np.testing.assert_allclose(largest, alone.force("gear a", "gear b").max, rtol=1e-5)
 
 
-def test_a_planned_sweep_may_take_as_many_newton_steps_as_a_planned_solve(pair, plan, monkeypatch):
-    monkeypatch.setattr(speeds, "BATCH_NEWTON_STEPS", 1)
-    assert jaxhb.solve_speeds(pair, rpm=[5500.0, HAMMERING_RPM], plan=plan).converged.all()
-
-
-def test_a_linear_response_is_the_same_bits_alone_and_among_others():
-    train, rpm = jaxhb.load_scene("six_cylinder_diesel"), np.linspace(600.0, 2400.0, 5)
-    sweep, alone = jaxhb.solve_speeds(train, rpm=rpm), jaxhb.solve_speeds(train, rpm=rpm[3:4])
-    np.testing.assert_array_equal(sweep[3].angles, alone[0].angles)
-    plan = jaxhb.plan(train, rpm=600.0, harmonics=sweep.harmonics)
-    batch = jax.vmap(lambda speed: jaxhb.solve(train, rpm=speed, plan=plan).angles)(rpm)
-    np.testing.assert_allclose(sweep.angles, batch, rtol=1e-10, atol=1e-14 * np.abs(batch).max())
+def test_a_linear_response_is_the_same_bits_among_few_others_and_the_same_motion_among_many():
+    train, rpm = jaxhb.load_scene("six_cylinder_diesel"), np.linspace(600.0, 2400.0, program.LINEAR_SPEEDS + 3)
+    few, alone = (jaxhb.solve_speeds(train, rpm=rpm[of]) for of in (slice(5), slice(3, 4)))
+    np.testing.assert_array_equal(few[3].angles, alone[0].angles)
+    many, rounding = jaxhb.solve_speeds(train, rpm=rpm), 1e-14 * np.abs(few.angles).max()
+    assert many.converged.all() and many.rpm.tolist() == rpm.tolist()
+    np.testing.assert_allclose(many.angles[:5], few.angles, rtol=1e-10, atol=rounding)
+    last = jaxhb.solve_speeds(train, rpm=rpm[-1:])  # in a batch that is padded
+    np.testing.assert_allclose(many.angles[-1:], last.angles, rtol=1e-10, atol=rounding)
 
 
 def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes():

@@ -1,21 +1,21 @@
 """What is done for many speeds, in some threads side by side."""
 
 import os
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 
 import jax
 
-MOST_THREADS = 8  # in which marches and classifications run: each holds some memory
+MOST_THREADS = 8  # each holds some memory
 
 
-def side_by_side(function, items, devices):
-    """Yield what a function makes of each item, as soon as it is done; across several devices one after another."""
+def side_by_side(function, items, devices=()):
+    """Yield what a function makes of each item, in order; across several devices one after another."""
     if len(devices) > 1:
         yield from map(function, items)
         return
     # More threads than processors: some wait for programs that others make.
-    threads = ThreadPoolExecutor(min(2 * (os.cpu_count() or 1), MOST_THREADS), "jaxhb-march")
+    threads = ThreadPoolExecutor(min(2 * (os.cpu_count() or 1), MOST_THREADS), "jaxhb")
     device = jax.config.jax_default_device
 
     def run(context, item):
@@ -23,7 +23,7 @@ def side_by_side(function, items, devices):
             return context.run(function, item)
 
     try:
-        for future in as_completed([threads.submit(run, copy_context(), item) for item in items]):
+        for future in [threads.submit(run, copy_context(), item) for item in items]:
             yield future.result()
     finally:
         threads.shutdown(cancel_futures=True)
