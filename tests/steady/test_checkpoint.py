@@ -17,7 +17,7 @@ import jaxhb
 from jaxhb.results.serial import pack, unpack
 from jaxhb.steady.checkpoint import MANIFEST, CheckpointError
 
-OMEGA = np.array([0.5, 0.7, 0.9, 1.1, 1.3, 1.5])
+OMEGA = np.array([0.7, 0.8, 1.0, 1.1, 1.2, 1.5])
 """Over the natural frequency: motions with a period of one cycle and of two, and an irregular one."""
 
 
