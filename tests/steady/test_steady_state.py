@@ -94,7 +94,7 @@ def test_the_packaged_train_hammers_irregularly_with_the_statistics_of_a_finer_i
 
 def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is():
     train = jaxhb.load_scene("gear_train_30")
-    state = jaxhb.steady_state(train, rpm=2400.0, cycles=Cycles(transient=8, recorded=16))
+    state = jaxhb.steady_state(train, rpm=2400.0, cycles=Cycles(transient=8, recorded=16), exact=False)
     assert (state.record.cycles, state.cycles) == (16, 24)
     response = jaxhb.solve(train, rpm=1800.0)
     for read in (
