@@ -9,6 +9,11 @@ import numpy as np
 DATA = Path(__file__).parent / "data"
 
 
+def text_of(name):
+    """A scene of ``tests/data/scenes``, or a part of one."""
+    return (DATA / "scenes" / name).read_text(encoding="utf-8")
+
+
 @functools.cache
 def reference(name):
     """One file of ``tests/data`` without its ending."""

@@ -5,6 +5,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from reference_data import text_of
 
 import jaxhb
 from jaxhb.cli import commands
@@ -16,31 +17,7 @@ from jaxhb.report.figures.figure import DIGITS
 from jaxhb.report.text.tuned import check_text
 from jaxhb.scene.writer import changed_scene
 
-TABLE = """
-[tune]
-rpm = "1200:2400:4"
-steps = 3
-widths = [0.1]
-
-[[tune.parameter]]
-name = "pulley.inertia"
-low = 0.005
-high = 0.05
-
-[[tune.parameter]]
-name = "cyl1.damping"
-low = 0.5
-high = 8
-scale = "linear"
-
-[[tune.objective]]
-quantity = "shaft torque"
-of = "cyl6|flywheel"
-
-[[tune.penalty]]
-quantity = "inertia added"
-least = -0.006
-"""
+TABLE = "\n" + text_of("diesel_tune.toml")
 
 
 @pytest.fixture

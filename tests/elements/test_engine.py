@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built_trains import same
-from reference_data import reference
+from reference_data import reference, text_of
 
 from jaxhb.elements.elements import Combustion, Cylinder, Disk, Load, SceneError, Shaft
 from jaxhb.elements.engine import Engine, cylinders, firing_angles
@@ -16,19 +16,7 @@ from jaxhb.scene.writer import changed_scene, scene_text
 from jaxhb.train.assembly import build
 
 SCENES = Path(__file__).parents[2] / "jaxhb" / "scene" / "scenes"
-SIX = """
-[engine]
-cylinders = 6
-disks = ["cyl1", "cyl2", "cyl3", "cyl4", "cyl5", "cyl6"]
-firing_order = [1, 5, 3, 6, 2, 4]
-bore = 0.105
-stroke = 0.137
-rod = 0.207
-reciprocating_mass = 2.521
-pressure = "six_cylinder_diesel_pressure.csv"
-scale = "six_cylinder_diesel_peak_pressure.csv"
-kinematics = "mendes2008"
-"""
+SIX = "\n" + text_of("six_cylinders.toml")
 TRAIN = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=1.0), Shaft(between=("a", "b"), stiffness=1e6)]
 TRAIN.append(Load(disk="b"))
 UNIT = {"gas_torque": [(n / 2, 1.0, 0.0) for n in range(1, 15)]}
