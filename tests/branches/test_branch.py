@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from event_exact import Pair, long_run, multipliers
 from scipy.optimize import minimize_scalar
-from trains import ONE_RADIAN_PER_SECOND, pair_train
+from trains import ONE_RADIAN_PER_SECOND, Pair, pair_train
 
 import jaxhb
 from jaxhb.branches.branch import BranchOptions
@@ -16,6 +15,7 @@ from jaxhb.branches.branch import BranchOptions
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
 import chain_task
+from event_exact import long_run, multipliers
 from peers import chain_train, rpm_of
 
 PUBLISHED = chain_task.published()["main_folds_w_S3"]

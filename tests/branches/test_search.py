@@ -2,21 +2,19 @@
 
 import dataclasses
 import itertools
-import json
 import math
 
 import numpy as np
 import pytest
-from event_exact import Pair
-from lightly_loaded import TABLE
-from trains import pair_rpm, pair_train
+from reference_data import reference
+from trains import Pair, pair_rpm, pair_train
 
 import jaxhb
 from jaxhb.results.status import Shooting
 from jaxhb.solutions import orbits, starts
 
 EPSILON = 1e-3
-ROWS = {row["speed"]: row for row in json.loads(TABLE.read_text())["laws"][1]["rows"]}
+ROWS = {row["speed"]: row for row in reference("lightly_loaded_pair")["laws"][1]["rows"]}
 
 
 def reaches(motion):

@@ -7,7 +7,6 @@ import jax
 import numpy as np
 import pytest
 import trains
-from event_exact import Pair
 from reference_data import reference
 
 import jaxhb
@@ -20,7 +19,7 @@ from jaxhb.steady.confirmation import difference
 
 def one_mass(omega):
     """Gears without a spring in their gap under a force that grows with the square of the speed, as published."""
-    return trains.pair_train(Pair(omega, mean=0.1, alternating=0.05j * omega**2), transition=1e-3)
+    return trains.pair_train(trains.Pair(omega, mean=0.1, alternating=0.05j * omega**2), transition=1e-3)
 
 
 def rpm(omega):
@@ -146,7 +145,7 @@ def test_a_sweep_keeps_the_motion_of_its_neighbour_where_two_are_possible():
 
 def test_a_sweep_keeps_the_motion_of_its_neighbour_where_another_is_as_large():
     """Two motions of two cycles, whose largest deflections differ by 3 % and their waves by a fifth."""
-    train, speeds = trains.pair_train(Pair(1.0, epsilon=1e-3), transition=0.01), rpm([3175 / 3000, 3200 / 3000])
+    train, speeds = trains.pair_train(trains.Pair(1.0, epsilon=1e-3), transition=0.01), rpm([3175 / 3000, 3200 / 3000])
     before, state = jaxhb.steady_state(train, rpm=speeds)
     alone, after = (jaxhb.steady_state(train, rpm=speeds[1], start=start) for start in (None, before))
     assert {s.period for s in (before, state, alone, after)} == {2}
