@@ -1,15 +1,12 @@
 """One mesh with a sharp gap against event-exact solutions (transition 1e-3, epsilon 1e-6 as packaged)."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
+from reference_data import reference
 
 import jaxhb
 
-EXACT = json.loads((Path(__file__).parents[1] / "data" / "backlash_one_mass_exact.json").read_text())
-ROWS = EXACT["kahraman_singh_form"]["rows"]
+ROWS = reference("backlash_one_mass_exact")["kahraman_singh_form"]["rows"]
 HALF_GAP = 5e-5
 RPM_PER_OMEGA = 5625.0
 MESH = "gear a|gear b"

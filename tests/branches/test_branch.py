@@ -1,22 +1,17 @@
 """Branches through folds: the chain of public harmonic-balance codes against dense equations written down in numpy."""
 
-import sys
 from functools import cache
-from pathlib import Path
 
+import chain_task
 import numpy as np
 import pytest
+from event_exact import long_run, multipliers
+from peers import chain_train, rpm_of
 from scipy.optimize import minimize_scalar
 from trains import ONE_RADIAN_PER_SECOND, Pair, pair_train
 
 import jaxhb
 from jaxhb.branches.branch import BranchOptions
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-
-import chain_task
-from event_exact import long_run, multipliers
-from peers import chain_train, rpm_of
 
 PUBLISHED = chain_task.published()["main_folds_w_S3"]
 

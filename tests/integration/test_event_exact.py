@@ -1,21 +1,16 @@
 """The event-exact oracle of a pair of gears: published motions, adaptive integration, and its table."""
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from event_exact import advance, cycle, long_run, march, multipliers, orbit, samples
+from lightly_loaded import lightly_loaded, pairs
 from reference_data import reference
 from scipy.integrate import solve_ivp
 from trains import Pair, pair_rpm, pair_train
 
 import jaxhb
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-
-from event_exact import advance, cycle, long_run, march, multipliers, orbit, samples
-from lightly_loaded import lightly_loaded, pairs
 
 PUBLISHED = reference("backlash_one_mass_exact")["kahraman_singh_form"]["rows"]
 

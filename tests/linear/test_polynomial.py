@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from directional import check_derivative
+from differences import check_derivative
 from reference_data import complex_numbers, method_case, numbers
 from tolerances import ALGEBRAIC
 from trains import branched_parts, build, chain_parts, gearbox_parts
