@@ -1,4 +1,4 @@
-"""The derivative of a solve: the table of the benchmark; chain, contact, cylinders, second order, the knots of the law."""
+"""The derivative of a solve: the table of the benchmark; contact, cylinders, second order, knots of the law."""
 
 from functools import cache, partial
 

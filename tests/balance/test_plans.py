@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiling import executables
+from reference_data import reference
 from trains import build, pinions_parts
 
 import jaxhb
@@ -194,22 +195,7 @@ def test_a_sweep_tells_the_harmonics_of_every_speed_though_it_pads_them():
     np.testing.assert_array_equal(both[1].angles[:, :25], few.angles)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        ({"rpm": 0.0}, "the speed is 0 rpm, must be greater than 0 rpm"),
-        ({"rpm": -5.0}, "the speed is -5 rpm"),
-        ({"rpm": float("nan")}, "the speed is nan rpm"),
-        (
-            {"rpm": 1500.0, "harmonics": 8},
-            "8 harmonics of the cycle are below the excitation, which reaches harmonic 24",
-        ),
-        ({"rpm": 1500.0, "harmonics": 64.0}, "harmonics is 64.0, must be a whole number of at least 1"),
-        ({"rpm": 1500.0, "harmonics": 5000}, "5000 harmonics are more than the limit of 4096"),
-        ({"rpm": 1500.0, "harmonics": 200, "method": "chain"}, "GiB at 200 harmonics"),
-        ({"rpm": [3000.0, 4000.0]}, r"use jaxhb\.solve_speeds"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "sentence"), reference("cases")["solves"])
 def test_bad_requests_are_refused_with_a_sentence(arguments, sentence):
     with pytest.raises(jaxhb.SceneError, match=sentence):
         jaxhb.solve(jaxhb.load_scene("gear_train_30"), **arguments)

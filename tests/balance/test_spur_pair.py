@@ -32,18 +32,6 @@ def test_fundamental_amplitude_at_50_harmonics_is_the_exact_one(pair, row):
     assert separated == (row["regime"] != "linear (always in contact)")
 
 
-def test_two_starts_lead_to_both_coexisting_solutions(pair):
-    """At Omega = 0.8 the teeth stay in contact, or they hammer: the branch that comes down from Omega = 0.9."""
-    contact, hammering = (next(r for r in ROWS if r["Omega"] == 0.8 and r["sweep"] == s) for s in ("up", "down"))
-    rpm = RPM_PER_OMEGA * 0.8
-    resting = jaxhb.check(jaxhb.solve(pair, rpm=rpm, harmonics=50))
-    neighbour = jaxhb.solve(pair, rpm=RPM_PER_OMEGA * 0.9, harmonics=50)
-    for omega in (0.85, 0.8):
-        neighbour = jaxhb.check(jaxhb.solve(pair, rpm=RPM_PER_OMEGA * omega, harmonics=50, start=neighbour))
-    assert amplitude(resting) == pytest.approx(contact["amp_h"][0], rel=1e-4)
-    assert amplitude(neighbour) == pytest.approx(hammering["amp_h"][0], rel=1e-4)
-
-
 def test_a_solution_is_accepted_as_its_own_start(pair):
     """The two differ by what the residual may leave, 1e-10 of the backlash and the motion."""
     first = jaxhb.solve(pair, rpm=RPM_PER_OMEGA, harmonics=50)

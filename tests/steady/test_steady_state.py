@@ -238,8 +238,6 @@ def test_what_cannot_be_done_is_a_sentence():
     train = jaxhb.load_scene("gear_train_30")
     with pytest.raises(ValueError, match="direction is 'left'"):
         jaxhb.steady_state(train, rpm=[1000.0], direction="left")
-    with pytest.raises(jaxhb.SceneError, match="must be greater than 0 rpm"):
-        jaxhb.steady_state(train, rpm=[1000.0, -1.0])
     with pytest.raises(TypeError, match="pass|differentiate"):
         jax.jit(lambda speed: jaxhb.steady_state(train, rpm=speed))(1000.0)
     other = jaxhb.steady_state(jaxhb.load_scene("spur_pair"), rpm=1000.0)

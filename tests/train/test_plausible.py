@@ -144,19 +144,7 @@ def test_meshes_out_of_reach_are_noted(values, said):
     assert plausibility(train) == [f"[[mesh]] '{mesh}': {said}"]
 
 
-@pytest.mark.parametrize(
-    "change, said",
-    [
-        ({"crank.inertia": 300.0}, "'crank': inertia is 300 kg m2, usual up to 500 times the median of its rotor,"),
-        ({"coupling.stiffness": 5.0}, "'coupling': stiffness is 5 N m/rad, usual at least 1/1000 of the median"),
-        ({"rubber damper.loss_factor": 15.0}, "'rubber damper': loss_factor is 15, usual 0 to 1: is it in percent?"),
-        ({"cylinder 1.load_share": [80.0]}, "'cylinder 1': load is 80, usual 0 to 2: it is a share of full load,"),
-        ({"cylinder 1.ambient_pressure": 0.0}, "[[cylinder]] 'cylinder 1': ambient_pressure is 0 Pa"),
-        ({"cylinder 1.combustion.charge_pressure": 1.0}, "combustion.charge_pressure is 1 Pa, usual 2e4 to 1e6 Pa: is"),
-        ({"cylinder 1.combustion.imep": 8.0}, "combustion.imep is 8 Pa, usual 2e4 to 6e6 Pa: is it in Pa, not in bar?"),
-        ({"crank gear.radius": 4.0, "pump gear.radius": 8.0}, "[[disk]] 'crank gear': radius is 4 m, usual"),
-    ],
-)
+@pytest.mark.parametrize("change, said", reference("cases")["notes on a first scene"])
 def test_numbers_of_a_first_scene_far_from_usual_are_noted(change, said):
     notes = plausibility(load_scene("first_scene").replace(change))
     assert len(notes) == len(change) and said in notes[0]
