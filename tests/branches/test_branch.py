@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from event_exact import long_run, multipliers
 from peers import chain_train, rpm_of
+from reference_data import reference
 from scipy.optimize import minimize_scalar
 from trains import ONE_RADIAN_PER_SECOND, Pair, pair_train
 
@@ -149,17 +150,7 @@ def test_a_branch_that_turns_back_leaves_the_range_with_a_sentence():
     assert back.value[-1] == pytest.approx(back.value[0])
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        ({"parameter": "rpm", "start": -5.0, "to": 10.0}, "-5 rpm"),
-        ({"parameter": "rpm", "start": 10.0, "to": 10.0}, "no range"),
-        ({"parameter": "rpm", "start": 10.0, "to": 12.0, "rpm": 3.0}, "rpm is the parameter"),
-        ({"parameter": "m1.inertia", "start": 1.0, "to": 2.0}, "give rpm"),
-        ({"parameter": "m1.inertai", "start": 1.0, "to": 2.0, "rpm": 10.0}, "inertia"),
-        ({"parameter": "m1.inertia", "start": 1.0, "to": -2.0, "rpm": 10.0}, "-2"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "sentence"), reference("cases")["branches"])
 def test_what_cannot_be_followed_is_refused_with_a_sentence(arguments, sentence):
     with pytest.raises(ValueError, match=sentence):
         jaxhb.follow(chain_train(3), **arguments)

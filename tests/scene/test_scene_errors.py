@@ -3,7 +3,7 @@
 import tomllib
 
 import pytest
-from reference_data import DATA
+from reference_data import DATA, reference
 
 from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, SceneError, Shaft, Torque
 from jaxhb.scene.files import load_scene, scene_description
@@ -56,16 +56,7 @@ def test_the_scene_the_errors_are_put_in_is_sound(tmp_path):
     load(tmp_path, HEAD + MESH + CYLINDER + TRACE)
 
 
-@pytest.mark.parametrize(
-    "head, sentence",
-    [
-        ("[scene]\nrefrence = 'a'", "[scene]: unknown key 'refrence'. Did you mean 'reference'?"),
-        ("[scene]\nreference = 'zz'", "[scene]: reference: there is no disk 'zz'. Known: 'a', 'b', 'c'."),
-        ("", "[scene]: the key 'reference' is missing; there are 2 rotors. Name a disk of the rotor whose rpm is"),
-        ("[scene]\nrevolutions_per_cycle = 0", "revolutions_per_cycle is 0, must be greater than 0."),
-        ("scene = 3", "'scene' is 3, must be a table. Write [scene]."),
-    ],
-)
+@pytest.mark.parametrize("head, sentence", reference("cases")["heads of scenes"])
 def test_sentence_on_the_head(tmp_path, head, sentence):
     body = HEAD[HEAD.index("[[disk]]") :] + MESH
     with pytest.raises(SceneError) as caught:

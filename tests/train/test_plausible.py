@@ -14,9 +14,6 @@ from jaxhb.train.plausible import plausibility
 ENGINE = "inline_four_timing_drive"
 TABLE = f"{ENGINE}_pressure.csv"
 ALL_FOUR = "[[cylinder]] 'cylinder 1', 'cylinder 2', 'cylinder 3', 'cylinder 4': "
-MASS, BORE = "reciprocating_mass is", "usual 0.12 to 12 kg for a bore of 84 mm"
-RATIO = "the damping ratio of the two gears alone is"
-STEEL = "usual 1.5e7 to 3e9 N/m: steel teeth on a gear of 75 mm have 20 N/(mm um) of their face width; is it in N/m?"
 
 
 @pytest.mark.parametrize("name", ["six_cylinder_diesel", "engine_with_damper", ENGINE])
@@ -85,16 +82,7 @@ def test_a_table_may_be_that_of_a_motored_or_of_a_late_firing_cylinder(scene):
         assert scene(pressure=lambda angle, p, turn=turn: (angle, np.roll(p, turn))) == []
 
 
-@pytest.mark.parametrize(
-    "old, new, said",
-    [
-        ("bore = 0.084", "bore = 84.0", "bore is 84 m, usual 0.02 to 1.2 m: is it in m, not in mm?"),
-        ("rod = 0.145", "rod = 145.0", "rod is 145 m, usual 0.03 to 8 m: is it in m, not in mm?"),
-        ("ambient_pressure = 1e5", "ambient_pressure = 1.0", "ambient_pressure is 1 Pa, usual 3e4 to 1e6 Pa:"),
-        ("reciprocating_mass = 0.85", "reciprocating_mass = 850", f"{MASS} 850 kg, {BORE}: is it in kg, of one"),
-        ("reciprocating_mass = 0.85", "reciprocating_mass = 0", f"{MASS} 0 kg, {BORE}: without it there is no"),
-    ],
-)
+@pytest.mark.parametrize("old, new, said", reference("cases")["notes on sizes"])
 def test_sizes_in_other_units_are_noted(scene, old, new, said):
     (note,) = scene((old, new))
     assert note.startswith(ALL_FOUR + said)
@@ -128,16 +116,7 @@ def test_a_pump_that_drives_is_noted(scene):
     assert scene(("mean = -20.0", "mean = 20.0")) == [f"[[torque]] 'pump plungers': {said}"]
 
 
-@pytest.mark.parametrize(
-    "values, said",
-    [
-        ({"backlash": 0.1}, "backlash is 0.1 m, usual 2e-5 to 0.001 m: is it in m, not in mm?"),
-        ({"stiffness": 120.0}, f"stiffness is 120 N/m, {STEEL}"),
-        ({"stiffness": 1.2e11}, f"stiffness is 1.2e11 N/m, {STEEL}"),
-        ({"damping": 0.8}, f"damping is 0.8 N s/m: {RATIO} 5.701e-5, usual 0.005 to 0.3"),
-        ({"damping": 1e4}, f"damping is 1e4 N s/m: {RATIO} 0.7126, usual 0.005 to 0.3"),
-    ],
-)
+@pytest.mark.parametrize("values, said", reference("cases")["notes on meshes"])
 def test_meshes_out_of_reach_are_noted(values, said):
     mesh = "crank gear|idler"
     train = load_scene(ENGINE).replace({f"{mesh}.{field}": value for field, value in values.items()})
