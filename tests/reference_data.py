@@ -1,4 +1,5 @@
-"""The reference data that the tests read, copies in ``tests/data`` (see ``shared/reference/README.md``)."""
+"""What the tests read in ``tests/data``: copies of reference data (see ``shared/reference/README.md``), scenes, and
+cases that are words alone: what is given, and what is said."""
 
 import functools
 import json
