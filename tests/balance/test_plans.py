@@ -279,7 +279,7 @@ def test_a_linear_response_is_the_same_bits_alone_and_among_others():
     assert max(leaf.size for leaf in jax.tree.leaves(batch)) < train.cylinders.pressure.size
 
 
-def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes():
+def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes(pair):
     train, rpm = jaxhb.load_scene("engine_with_damper"), 1900.0
     case = case_of(train, rpm)
     ((first, *_),) = starts.contact(case)
@@ -287,6 +287,9 @@ def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_m
     modes, _ = mesh_modes.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     assert [first.start, march.start] == ["linear", "march"]
     assert first.harmonics < modes < 1.5 * modes <= march.harmonics
+    case = case_of(pair, 7950.0, harmonics=50)
+    assert case.plan.start == "linear" and case.plan.active
+    assert starts.first_solved(case, (starts.short_march,)).response.converged
 
 
 def test_an_amplitude_raised_from_zero_is_not_dropped_by_a_plan(pair):
