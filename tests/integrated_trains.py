@@ -1,7 +1,6 @@
 """Systems made for the tests of time integration."""
 
 import numpy as np
-from reference_data import DATA
 
 from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.equations.backlash import Law, MeshParameters, backlash_meshes
@@ -10,8 +9,6 @@ from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.train import chain
 from jaxhb.train.assembly import build
 from jaxhb.train.chain import System, Tree
-
-REFERENCE = DATA
 
 
 def one_mass(*, mass, damping, stiffness, epsilon, transition, backlash):

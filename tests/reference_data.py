@@ -1,4 +1,5 @@
-"""The reference data that the tests read, copies in ``tests/data`` (see ``shared/reference/README.md``)."""
+"""What the tests read in ``tests/data``: copies of reference data (see ``shared/reference/README.md``), scenes, and
+cases that are words alone: what is given, and what is said."""
 
 import functools
 import json
@@ -7,6 +8,11 @@ from pathlib import Path
 import numpy as np
 
 DATA = Path(__file__).parent / "data"
+
+
+def text_of(name):
+    """A scene of ``tests/data/scenes``, or a part of one."""
+    return (DATA / "scenes" / name).read_text(encoding="utf-8")
 
 
 @functools.cache

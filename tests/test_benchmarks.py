@@ -15,11 +15,6 @@ FOLDER = Path(__file__).parents[1] / "benchmarks"
 STEPS = 12000
 
 
-@pytest.fixture(autouse=True)
-def benchmarks(monkeypatch):
-    monkeypatch.syspath_prepend(str(FOLDER))
-
-
 @pytest.fixture(scope="module")
 def gears():
     return jaxhb.load_scene("gear_train_30")

@@ -11,9 +11,8 @@ import jaxhb
 PACKAGE = Path(jaxhb.__file__).parent
 WITH_EXAMPLES = sorted(path for path in PACKAGE.rglob("*.py") if ">>> " in path.read_text(encoding="utf-8"))
 NAMES = [".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts) for path in WITH_EXAMPLES]
-SLOW = {
-    f"jaxhb.{name}" for name in ("balance.derivative", "branches.branch", "branches.search", "integration.reference")
-}
+SLOW = {"balance.derivative", "branches.branch", "branches.search", "certificate.certificate", "design.tuning"}
+SLOW = {f"jaxhb.{name}" for name in SLOW | {"integration.reference"}}
 
 
 @pytest.mark.parametrize(

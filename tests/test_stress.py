@@ -2,16 +2,11 @@
 
 import argparse
 import json
-import sys
 from functools import cache
-from pathlib import Path
-
-import numpy as np
-import pytest
-
-sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 
 import extremes
+import numpy as np
+import pytest
 import random_trains
 import stress
 from records import run_cases

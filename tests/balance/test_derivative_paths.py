@@ -1,4 +1,4 @@
-"""The derivative of a solve: chain, contact, cylinders, without a plan, second order, on the knots of the law."""
+"""The derivative of a solve: the table of the benchmark; contact, cylinders, second order, knots of the law."""
 
 from functools import cache, partial
 
@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from derivatives import PLANS, parameters, table
 from differences import compare, differences, tight_plan
 from tolerances import GRADIENT, PATHS, TANGENT
 from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
@@ -135,3 +136,18 @@ def test_without_a_plan_differentiation_outside_jit_works():
     assert jax.jvp(peak, at, (1.0, 0.0))[1] == pytest.approx(float(gradient[0]), rel=TANGENT)
     with pytest.raises(TypeError, match="jit or vmap traces solve: pass plan=jaxhb.plan"):
         jax.vmap(jax.grad(peak), (0, None))(np.array([2e8]), 3000.0)
+
+
+CASES = [(path, kind) for path in PLANS if path != "exact" for kind in parameters(path)]
+
+
+@pytest.mark.parametrize(("path", "kind"), CASES)
+def test_a_derivative_is_that_of_differences_and_forwards_is_backwards(path, kind):
+    row = next(row for row in table(path) if row["kind"] == kind)
+    assert row["solved"] and row["error"] < GRADIENT and row["transpose"] < TANGENT
+    assert abs(row["gradient"]) > 0 and np.isfinite(row["gradient"])
+
+
+def test_the_paths_are_what_they_are_called():
+    assert all(table(path)[0]["apart"] > 0.05 for path in ("reduced", "chain"))
+    assert table("contact")[0]["apart"] == 0

@@ -1,15 +1,12 @@
 """One mesh with a sharp gap against event-exact solutions (transition 1e-3, epsilon 1e-6 as packaged)."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
+from reference_data import reference
 
 import jaxhb
 
-EXACT = json.loads((Path(__file__).parents[1] / "data" / "backlash_one_mass_exact.json").read_text())
-ROWS = EXACT["kahraman_singh_form"]["rows"]
+ROWS = reference("backlash_one_mass_exact")["kahraman_singh_form"]["rows"]
 HALF_GAP = 5e-5
 RPM_PER_OMEGA = 5625.0
 MESH = "gear a|gear b"
@@ -33,18 +30,6 @@ def test_fundamental_amplitude_at_50_harmonics_is_the_exact_one(pair, row):
     assert response.deflection(MESH).mean / HALF_GAP == pytest.approx(row["mean"], rel=1e-4)
     separated = response.mesh(MESH).separated_fraction > 0
     assert separated == (row["regime"] != "linear (always in contact)")
-
-
-def test_two_starts_lead_to_both_coexisting_solutions(pair):
-    """At Omega = 0.8 the teeth stay in contact, or they hammer: the branch that comes down from Omega = 0.9."""
-    contact, hammering = (next(r for r in ROWS if r["Omega"] == 0.8 and r["sweep"] == s) for s in ("up", "down"))
-    rpm = RPM_PER_OMEGA * 0.8
-    resting = jaxhb.check(jaxhb.solve(pair, rpm=rpm, harmonics=50))
-    neighbour = jaxhb.solve(pair, rpm=RPM_PER_OMEGA * 0.9, harmonics=50)
-    for omega in (0.85, 0.8):
-        neighbour = jaxhb.check(jaxhb.solve(pair, rpm=RPM_PER_OMEGA * omega, harmonics=50, start=neighbour))
-    assert amplitude(resting) == pytest.approx(contact["amp_h"][0], rel=1e-4)
-    assert amplitude(neighbour) == pytest.approx(hammering["amp_h"][0], rel=1e-4)
 
 
 def test_a_solution_is_accepted_as_its_own_start(pair):
@@ -72,6 +57,6 @@ def test_error_falls_with_the_fourth_power_of_the_harmonics(pair):
         response = jaxhb.check(jaxhb.solve(smooth, rpm=RPM_PER_OMEGA, harmonics=harmonics, tolerance=0.1))
         return response.deflection(MESH).samples(4096)
 
-    finest = motion(128)
+    finest = motion(50)  # the program of the other tests; it shifts the exponent by 0.1
     few, more = (np.abs(motion(harmonics) - finest).max() for harmonics in (8, 32))
     assert np.log(few / more) / np.log(32 / 8) == pytest.approx(4.0, abs=0.7)

@@ -1,20 +1,20 @@
 """All periodic motions of a train at one speed, against the exact motions of the lightly loaded pair."""
 
 import dataclasses
-import json
+import itertools
 import math
 
 import numpy as np
 import pytest
-from event_exact import Pair
-from lightly_loaded import TABLE
-from trains import pair_rpm, pair_train
+from reference_data import reference
+from trains import Pair, pair_rpm, pair_train
 
 import jaxhb
-from jaxhb.solutions import starts
+from jaxhb.results.status import Shooting
+from jaxhb.solutions import orbits, starts
 
 EPSILON = 1e-3
-ROWS = {row["speed"]: row for row in json.loads(TABLE.read_text())["laws"][1]["rows"]}
+ROWS = {row["speed"]: row for row in reference("lightly_loaded_pair")["laws"][1]["rows"]}
 
 
 def reaches(motion):
@@ -22,12 +22,15 @@ def reaches(motion):
     return np.array([float(deflection.max), float(deflection.min)])
 
 
-@pytest.fixture(scope="module", params=[0.8, 1.0])
+@pytest.fixture(scope="module", params=[pytest.param(0.8, marks=pytest.mark.oracle), 1.0])
 def searched(request):
     """Speed over the natural frequency, and the motions there: three of one cycle; one of one, two, three cycles."""
     train = pair_train(Pair(1.0, epsilon=EPSILON), transition=0.01)
     rpm = pair_rpm(Pair(request.param, epsilon=EPSILON))
-    return request.param, jaxhb.solve_all(train, rpm=rpm, tolerance=1e-3)
+    with pytest.MonkeyPatch.context() as patch:
+        if request.param == 1.0:  # a small part of the effort finds them
+            patch.setattr(starts, "LONG", dataclasses.replace(starts.LONG, finer=1, orbits=4))
+        return request.param, jaxhb.solve_all(train, rpm=rpm, tolerance=1e-3)
 
 
 def test_every_exact_motion_is_found_with_its_stability(searched):
@@ -56,21 +59,33 @@ def test_a_train_without_backlash_has_one_motion():
     assert only.period == 1 and only.attracts and only.response.converged
 
 
-def test_a_solve_searches_no_longer_than_it_was_asked_to():
-    """Irregular motion: a few shots and no curve from the linear law; what is left is a status."""
-    response = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=2361.0)
-    assert sum("shooting from" in str(event) for event in response.path) <= starts.Effort().orbits
-    assert not any("homotopy" in str(event) for event in response.path)
+@dataclasses.dataclass
+class Unsolved:
+    """A response, as far as start strategies look at it."""
+
+    path: tuple = ()
+
+
+def test_a_solve_searches_no_longer_than_it_was_asked_to(monkeypatch):
+    """Where Newton's method solves nothing: a few shots and no curve from the linear law."""
+
+    def refine(case, plan, given=None, event=None):
+        case.path.append(event)
+        case.response = Unsolved()
+
+    orbit = orbits.FoundOrbit(np.zeros((1, 2), dtype=complex), 1.0, None, 1)
+    monkeypatch.setattr(starts, "refine", refine)
+    monkeypatch.setattr(orbits.OrbitSearch, "march", lambda *_: orbit)
+    monkeypatch.setattr(orbits.OrbitSearch, "shoot", lambda _: itertools.repeat(orbit))
+    path = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5625.0).path
+    assert sum(isinstance(event, Shooting) for event in path) == starts.Effort().orbits
+    assert not any("homotopy" in str(event) for event in path)
 
 
 def test_no_attempt_begins_when_the_time_is_up_but_one_is_made(monkeypatch):
-    @dataclasses.dataclass
-    class Found:
-        path: tuple = ()
-
     def refine(case, attempt):
         tried.append(attempt)
-        case.response = Found()
+        case.response = Unsolved()
 
     tried = []
     monkeypatch.setattr(starts, "refine", refine)

@@ -3,19 +3,14 @@
 from types import SimpleNamespace
 
 import pytest
+from reference_data import text_of
 
 import jaxhb
 from jaxhb.linear.critical import Critical, shares_in_mode
 from jaxhb.report.figures.linear import counting
 
 SCENE = "six_cylinder_diesel"
-PENDULUM = """
-disk = [{ name = "crank", inertia = 1.0 }, { name = "load", inertia = 3.0 }]
-shaft = [{ name = "shaft", between = ["crank", "load"], stiffness = 4e5, over_hz = [[0, 1.0, 1.0], [100, 1.0, 1.0]] }]
-damper = [{ name = "ring", disk = "crank", inertia = 0.1, order = 3 }]
-torque = [{ disk = "load", harmonics = [[3, 100.0, 0.0]] }]
-scene = { name = "pendulum", revolutions_per_cycle = 1 }
-"""
+PENDULUM = text_of("pendulum.toml")
 
 
 def test_the_table_and_the_files_hold_sixty_times_hz_over_the_order_by_rising_speed(told):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from reference_data import text_of
 
 import jaxhb
 from jaxhb.report.figures.figure import DIGITS
@@ -83,13 +84,7 @@ def test_an_element_is_told_speed_by_speed_with_its_main_orders(response, told):
     assert "flywheel, deg" in said and MESH not in said
 
 
-SCENE = """
-disk = [{ name = "a", inertia = 2.0 }, { name = "b", inertia = 2.0 }]
-shaft = [{ name = "coupling", between = ["a", "b"], stiffness = 100.0, over_hz = "stiffness.csv" }]
-torque = [{ disk = "a", harmonics = [[1, 10.0, 0.0]] }]
-scene = { name = "soft", revolutions_per_cycle = 1 }
-scenario.hot.coupling.stiffness = 64.0
-"""
+SCENE = text_of("soft.toml")
 AT = 10 * 30 / np.pi
 """The resonance of the two disks, rpm."""
 

@@ -4,17 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from reference_data import text_of
 
 import jaxhb
 from jaxhb.linear.damped import damping_ratios
 
-IDLE = """
-disk = [{ name = "a", inertia = 0.1, radius = 0.1 }, { name = "b", inertia = 0.1, radius = 0.1 }]
-mesh = [{ between = ["a", "b"], stiffness = 1e8, backlash = 1e-4 }]
-torque = [{ disk = "a", mean = 0.2, harmonics = [[2, 1.0, 0.0]] }]
-load = [{ disk = "b" }]
-scene = { name = "idle", reference = "a" }
-"""
+IDLE = text_of("idle.toml")
 
 
 def test_modes_are_those_of_python(told):

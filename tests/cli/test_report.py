@@ -2,30 +2,11 @@
 
 import numpy as np
 import pytest
+from reference_data import text_of
 
 import jaxhb
 
-SMALL = """
-disk = [
-    { name = "crank", inertia = 0.2, radius = 0.05, damping = 1.0 },
-    { name = "pump", inertia = 0.1, radius = 0.1, damping = 1.0 },
-]
-mesh = [{ between = ["crank", "pump"], stiffness = 2e8, damping = 3000.0, backlash = 1e-4 }]
-ground = [{ disk = "pump", stiffness = 10.0 }]
-load = [{ disk = "pump" }]
-scene = { name = "two cylinders", reference = "crank" }
-[[cylinder]]
-name = "one"
-disk = "crank"
-gas_torque_mean = 300.0
-gas_torque = [[0.5, 20.0, 10.0], [1.0, 30.0, -5.0]]
-[[cylinder]]
-name = "two"
-disk = "crank"
-firing_angle = 360.0
-gas_torque_mean = 300.0
-gas_torque = [[0.5, 20.0, 10.0], [1.0, 30.0, -5.0]]
-"""
+SMALL = text_of("small_engine.toml")
 
 
 @pytest.fixture

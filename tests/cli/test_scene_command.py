@@ -6,24 +6,11 @@ import sys
 import jax
 import numpy as np
 import pytest
+from reference_data import text_of
 
 import jaxhb
 
-ENGINE = """
-disk = [{ name = "one", inertia = 0.2, damping = 1.0 }, { name = "two", inertia = 0.3, damping = 1.0 }]
-shaft = [{ between = ["one", "two"], stiffness = 1e5, damping = 5.0 }]
-load = [{ disk = "two" }]
-scene = { revolutions_per_cycle = 2 }
-[engine]
-cylinders = 2
-disks = ["one", "two"]
-firing_order = [1, 2]
-gas_factor = [1.0, 0.8]
-bore = 0.1
-stroke = 0.12
-rod = 0.2
-traces = [{ rpm = 1000, pressure = "p.csv" }, { rpm = 2000, pressure = "p.csv" }]
-"""
+ENGINE = "\n" + text_of("traces.toml")
 
 
 @pytest.fixture

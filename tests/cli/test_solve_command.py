@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxhb
+from jaxhb.balance import plan as planning
 from jaxhb.report.answer import Answer
 from jaxhb.report.files.numbers import answer_record
 from jaxhb.report.files.output import as_json
@@ -92,13 +93,19 @@ def test_trains_without_teeth_have_a_computed_bound_too(told):
     assert "Computed bound: no mesh has backlash" in called.out
 
 
-def test_a_solve_that_does_not_converge_marks_its_tables_and_says_what_to_try(told):
-    called = told(f"{HAMMERING} --harmonics 16 --tolerance 1e-12", "json")
+def test_a_solve_that_does_not_converge_marks_its_tables_and_says_what_to_try(told, run, monkeypatch):
+    """The kind is known, the solution is not within its tolerance."""
+    asked = f"{HAMMERING} --harmonics 16 --tolerance 1e-12"
+    called = told(asked, "json")
     (line,) = called.err.splitlines()
+    assert called.status == 1 and "motion: periodic, period one cycle" in called.out
     assert "TOLERANCE_NOT_MET" in line and "leave out --harmonics or give more" in line and "--tolerance" in line
     assert "Not converged, do not rely on this" in called.out
     tables = [block.splitlines()[0] for block in called.out.split("\n\n") if block.count("\n  ")]
     assert all(head.startswith("NOT CONVERGED: ") for head in tables[:-1]) and tables[-1] == "Notes"
+    monkeypatch.setitem(planning.MOST_HARMONICS, "reduced", 16)
+    most = "TOLERANCE_NOT_MET, the motion is solved, but 16 harmonics, the most that are taken, are too few"
+    assert f"{most} for the tolerance: accept its error with --tolerance." in run(asked).err
 
 
 def test_orders_shorten_the_lists_and_nothing_else(told):

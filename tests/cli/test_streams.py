@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reference_data import reference
 
 import jaxhb
 from jaxhb.cli import commands, resume
@@ -129,23 +130,7 @@ def test_there_is_a_script_for_every_shell(shell, run):
     assert "jaxhb" in script and f"_JAXHB_COMPLETE={shell}" in script.replace(" = '", "=")
 
 
-@pytest.mark.parametrize(
-    ("line", "begun", "proposed"),
-    [
-        ("jaxhb", "swe", ["plain,sweep"]),
-        ("jaxhb solve", "gear_t", ["file,gear_t", "plain,gear_train_30"]),
-        ("jaxhb sweep spur_pair", "--dir", ["plain,--direction"]),
-        ("jaxhb sweep spur_pair --direction", "", ["plain,up", "plain,down", "plain,both"]),
-        ("jaxhb solve gear_train_30 --misfire", "cylin", [rf"plain,cylinder\\ {r}{k}" for r in "AB" for k in "12345"]),
-        ("jaxhb solve gear_train_30 --misfire", r"cylinder\ A2", [r"plain,cylinder\\ A2"]),
-        ("jaxhb solve gear_train_30 --misfire", "'cylinder A3", ["plain,cylinder A3"]),
-        ("jaxhb forced six_cylinder_diesel --element", "cyl6", ["plain,cyl6", r"plain,cyl6\\|flywheel"]),
-        ("jaxhb sweep spur_pair --csv --json", "--dir", ["plain,--direction"]),
-        ("jaxhb sweep spur_pair --csv", "r", ["file,r"]),
-        ("jaxhb report no_such_scene --misfire", "c", []),
-        ("jaxhb report --misfire", "c", []),
-    ],
-)
+@pytest.mark.parametrize(("line", "begun", "proposed"), reference("cases")["completions"])
 def test_bash_is_told_how_words_go_on(line, begun, proposed, run, monkeypatch):
     words = [*line.split(), begun]
     monkeypatch.setenv("_JAXHB_COMPLETE", "bash_complete")

@@ -189,6 +189,7 @@ def assert_solves_tell_the_same(found):
     assert np.ptp(near) < 0.02 * near.max()
 
 
+@pytest.mark.oracle
 def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan):
     found = tuned(steps=2)
     label = "tooth force order 1 of crank gear|idler"

@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from reference_data import reference
 from tolerances import ALGEBRAIC, GRADIENT
 
 import jaxhb
@@ -96,39 +97,7 @@ def test_numbers_without_effect_are_refused(key):
     assert REFUSED[key] in str(caught.value)
 
 
-FAULTS = {
-    "neither": ({}, "the key 'stiffness' is missing. Give greater than 0 N m/rad, or length, outer and inner in m and"),
-    "both": (SIZE | {"stiffness": 1e3}, "stiffness = 1000 N m/rad is given together with length = 0.5 m, outer = 0.1"),
-    "part": ({"length": 0.5}, "length = 0.5 m without outer and shear_modulus give no stiffness. Give the rest, or"),
-    "wall": (SIZE | {"inner": 0.2}, "inner is 0.2 m, must be less than outer = 0.1 m. Correct one of them."),
-    "units": (SIZE | {"shear_modulus": 80.0}, "is 80 Pa, must be at least 100000 Pa. Give it in Pa: steel"),
-    "millimetres": (SIZE | {"outer": 100.0, "inner": 0.0}, "outer is 100 m, must be greater than 0 m and at most 5"),
-    "two dampings": (
-        {"stiffness": 1e3, "damping": 60.0, "magnifier": 40.0, "damping_hz": 9.0},
-        "damping = 60 N m s/rad is given together with magnifier = 40. Keep one of them.",
-    ),
-    "loss factor": (
-        {"stiffness": 1e3, "loss_factor": 0.1, "damping_ratio": 0.1, "damping_hz": 9.0},
-        "damping_ratio = 0.1 is given together with loss_factor = 0.1. Keep one of them.",
-    ),
-    "no frequency": ({"stiffness": 1e3, "magnifier": 40.0}, "magnifier = 40 is given without damping_hz. Give the fre"),
-    "frequency alone": ({"stiffness": 1e3, "damping_hz": 9.0}, "damping_hz = 9 Hz is given without magnifier or"),
-    "bore alone": ({"stiffness": 1e3, "bore": 0.1}, "bore = 0.1 m is given without diameter. Give the outer diameter"),
-    "bore": ({"stiffness": 1e3, "bore": 0.1, "diameter": 0.1}, "bore is 0.1 m, must be less than diameter = 0.1 m."),
-    "MPa": (
-        {"stiffness": 1e3, "diameter": 0.1, "stress_concentration": 1.0, "tensile_strength": 600.0},
-        "tensile_strength is 600 Pa, must be at least 1e+08 Pa and at most 5e+09 Pa. Give it in Pa: 600 MPa is 6e8.",
-    ),
-    "notch factor": (
-        {"stiffness": 1e3, "diameter": 0.1, "stress_concentration": 2.4, "tensile_strength": 6e8},
-        "stress_concentration is 2.4, must be greater than 0 and at most 1. It is the factor C_K of IACS UR M68",
-    ),
-    "limit alone": ({"stiffness": 1e3, "tensile_strength": 6e8}, "tensile_strength = 6e+08 Pa asks for the stress"),
-    "form alone": (
-        {"stiffness": 1e3, "diameter": 0.1, "stress_concentration": 0.6},
-        "stress_concentration = 0.6 asks for the stress limits of IACS UR M68, without tensile_strength. Give tensile",
-    ),
-}
+FAULTS = reference("cases")["shafts"]
 
 
 @pytest.mark.parametrize("case", FAULTS)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built_trains import same
-from reference_data import reference
+from reference_data import reference, text_of
 
 from jaxhb.elements.elements import Combustion, Cylinder, Disk, Load, SceneError, Shaft
 from jaxhb.elements.engine import Engine, cylinders, firing_angles
@@ -16,19 +16,7 @@ from jaxhb.scene.writer import changed_scene, scene_text
 from jaxhb.train.assembly import build
 
 SCENES = Path(__file__).parents[2] / "jaxhb" / "scene" / "scenes"
-SIX = """
-[engine]
-cylinders = 6
-disks = ["cyl1", "cyl2", "cyl3", "cyl4", "cyl5", "cyl6"]
-firing_order = [1, 5, 3, 6, 2, 4]
-bore = 0.105
-stroke = 0.137
-rod = 0.207
-reciprocating_mass = 2.521
-pressure = "six_cylinder_diesel_pressure.csv"
-scale = "six_cylinder_diesel_peak_pressure.csv"
-kinematics = "mendes2008"
-"""
+SIX = "\n" + text_of("six_cylinders.toml")
 TRAIN = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=1.0), Shaft(between=("a", "b"), stiffness=1e6)]
 TRAIN.append(Load(disk="b"))
 UNIT = {"gas_torque": [(n / 2, 1.0, 0.0) for n in range(1, 15)]}
@@ -148,43 +136,9 @@ def test_an_engine_of_python_makes_cylinders():
     assert same(build([*TRAIN, engine(**own)]), build([*TRAIN, plain]))
 
 
-BAD = {
-    "no such cylinder": (
-        {"firing_order": ["A1", "B2", "A2", "B3"]},
-        ["names 'B3', which is no cylinder", "leaves out 'B1'"],
-    ),
-    "twice": ({"firing_order": ["A1", "B2", "A2", "A1"]}, ["names 'A1' 2 times", "leaves out 'B1'"]),
-    "numbers in a vee": (
-        {"firing_order": [1, "B2", "A2", "B1"]},
-        ["they are A1 to A2 and B1 to B2", "leaves out 'A1'"],
-    ),
-    "missing": ({"firing_order": None}, ["the key 'firing_order' is missing. Give a list."]),
-    "no list": ({"firing_order": 1342}, ["firing_order is 1342, must be a list."]),
-    "disks": ({"disks": ["a", "b", "b"]}, ["disks has 3 names, must have 2 (one for each throw) or 4"]),
-    "unknown disk": ({"disks": ["a", "c"]}, ["[engine]: disks: there is no disk 'c'. Known: 'a', 'b'."]),
-    "odd vee": ({"cylinders": 5}, ["bank_angle is given for 5 cylinders, must be for an even number"]),
-    "strokes": ({"stroke_cycle": 3}, ["stroke_cycle is 3, must be 2 or 4"]),
-    "order against crank": (
-        {"bank_angle": 60.0, "firing_order": ["A1", "B1", "B2", "A2"]},
-        ["with the bank angle of 60 deg the cylinders fire in the order A1, B1, A2, B2, not in that of firing_order"],
-    ),
-    "intervals": ({"firing_intervals": [180, 180, 180, 170]}, ["firing_intervals add up to 710 deg, must be 720 deg"]),
-    "too few intervals": ({"firing_intervals": [360, 360]}, ["must be 4 angles of at least 0 deg"]),
-    "even and intervals": (
-        {"firing_intervals": [180] * 4, "firing": "even"},
-        ["firing_intervals and firing = 'even' are both given"],
-    ),
-    "too few values": ({"gas_factor": [1.0, 0.9]}, ["gas_factor has 2 values, must have one, or 4: one for each"]),
-    "one bad value": ({"reciprocating_mass": [1.0, 1.0, -1.0, 1.0]}, ["value 3: reciprocating_mass is -1 kg, must be"]),
-    "no gas": ({"gas_torque": None}, ["neither pressure nor gas_torque is given"]),
-    "several faults": (
-        {"disks": ["a", "c"], "firing_order": ["A1"], "stroke": -1.0},
-        ["stroke is -1 m", "no disk 'c'", "leaves out"],
-    ),
-    "two sources": (
-        {"combustion": Combustion(imep=1e6, **BURNING)} | SIZES,
-        ["combustion and gas_torque are both given. Keep one of them."],
-    ),
+TWO_SOURCES = SIZES | {"combustion": Combustion(imep=1e6, **BURNING)}
+BAD = reference("cases")["engines"] | {
+    "two sources": [TWO_SOURCES, ["combustion and gas_torque are both given. Keep one of them."]]
 }
 
 

@@ -1,23 +1,37 @@
 """The residual A(x) against plain sums over time samples, its Jacobian against autodiff."""
 
+from functools import partial
+
 import dense
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
-from toeplitz_jacobian import jacobian
 from tolerances import ALGEBRAIC
 from trains import branched_parts, build
 
 from jaxhb.balance.problem import problem_at
 from jaxhb.equations import fourier
-from jaxhb.equations.residual import residual
+from jaxhb.equations.residual import link_blocks, node_blocks, residual
 
 HARMONICS, SAMPLES, RPM = 6, 96, 1500.0
 LAWS = [("contact", "contact"), ("always", "always"), ("contact", "always")]
 
 evaluate = jax.jit(residual, static_argnames="samples")
-assembled = jax.jit(jacobian, static_argnames="samples")
 by_autodiff = jax.jit(jax.jacfwd(residual), static_argnames="samples")
+
+
+@partial(jax.jit, static_argnames="samples")
+def assembled(packed, system, meshes, frequency, samples):
+    """The dense Jacobian ``(S P, S P)`` of A(x), assembled from Toeplitz blocks; sweeps never assemble it."""
+    disks, width = packed.shape
+    columns = system.incidence()
+    blocks = link_blocks(packed, system, meshes, frequency, samples)
+    matrix = jnp.einsum("sl,tl,lij->sitj", columns, columns, blocks)
+    node = node_blocks(system, frequency, (width - 1) // 2)
+    disk = jnp.arange(disks)
+    matrix = matrix.transpose(0, 2, 1, 3).at[disk, disk].add(node).transpose(0, 2, 1, 3)
+    return matrix.reshape(disks * width, disks * width)
 
 
 @pytest.fixture(scope="module")

@@ -222,17 +222,7 @@ def test_each_fault_is_one_sentence(case):
 
 @pytest.mark.parametrize(
     "key, value, sentence",
-    [
-        ("two.combustion.start", 1.0, "'two': it has no combustion. Build the scene with one."),
-        ("one.traces.rpm", 1.0, "'one': it has no traces"),
-        ("one.combustion.strt", 1.0, "there is no field 'strt'. Did you mean 'start'?"),
-        ("one.combustion.duration", -1.0, "duration is -1 deg, must be greater than 0 deg"),
-        ("two.load_share", [0.5], "the cylinder has neither traces nor combustion"),
-        ("one.pressure", np.ones(7200), "the cylinder has no pressure table"),
-        ("one.gas_torque_mean", 1.0, "the gas torque comes from the combustion. Change combustion"),
-        ("two.gas_torque_mean", 1.0, "the gas torque comes from the pressure table"),
-        ("t.rated_rpm", 1.0, "nothing in the scene has rated_rpm. Build the scene with it."),
-    ],
+    reference("cases")["changes of a train"] + [("one.pressure", np.ones(7200), "the cylinder has no pressure table")],
 )
 def test_what_a_train_lacks_cannot_be_changed(key, value, sentence):
     burning, table = Combustion(heat=1e3, **BURNING), trace(8e6)

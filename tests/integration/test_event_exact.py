@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from event_exact import Pair, advance, cycle, long_run, march, multipliers, orbit, samples
+from event_exact import advance, cycle, long_run, march, multipliers, orbit, samples
 from lightly_loaded import lightly_loaded, pairs
 from reference_data import reference
 from scipy.integrate import solve_ivp
-from trains import pair_rpm, pair_train
+from trains import Pair, pair_rpm, pair_train
 
 import jaxhb
 

@@ -1,13 +1,11 @@
 """Exact periodic motions of one mass with backlash."""
 
-import json
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from integrated_trains import REFERENCE, one_mass
-from reference_data import method_case
+from integrated_trains import one_mass
+from reference_data import method_case, reference
 
 from jaxhb.equations.state_space import partition
 from jaxhb.integration.shooting import monodromy, shoot
@@ -46,7 +44,7 @@ def test_the_exact_periodic_motion_and_its_multipliers_are_found_with_order_thre
 
 
 def test_sharp_dead_zone_solutions_are_approached_quadratically_in_the_transition():
-    rows = json.loads((REFERENCE / "backlash_one_mass_exact.json").read_text())["kahraman_singh_form"]["rows"]
+    rows = reference("backlash_one_mass_exact")["kahraman_singh_form"]["rows"]
     rows = [row for row in rows if row["Omega"] in (0.8, 0.9, 1.1, 1.3)]
     assert len(rows) >= 8
     errors = {0.01: [], 0.001: []}

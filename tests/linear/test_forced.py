@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from directional import check_derivative
+from differences import check_derivative
 from tolerances import ALGEBRAIC
 from trains import branched_parts, build, chain_parts, gearbox_parts
 

@@ -5,7 +5,7 @@ from functools import partial
 import jax
 import numpy as np
 import pytest
-from directional import check_derivative
+from differences import check_derivative
 from tolerances import ALGEBRAIC
 from trains import branched_parts, build, chain_parts, gearbox_parts
 

@@ -6,8 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from differences import compare, differences
-from directional import check_derivative
+from differences import check_derivative, compare, differences
 from tolerances import GRADIENT
 
 import jaxhb

@@ -6,7 +6,7 @@ import dense
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from directional import check_derivative
+from differences import check_derivative
 from tolerances import ALGEBRAIC
 from trains import ONE_RADIAN_PER_SECOND, build
 

@@ -5,47 +5,14 @@ import shutil
 import subprocess
 
 import numpy as np
+from reference_data import text_of
 
 from jaxhb.report.answer import Answer
 from jaxhb.report.figures.figure import Figure
 from jaxhb.report.text.columns import Table
 from jaxhb.results.status import Status
 
-SCENE = """
-scene = { name = "Prüfstand <Süd> & Nord", revolutions_per_cycle = 2, reference = "Kurbel", rated_rpm = 3000 }
-disk = [
-    { name = "Kurbel", inertia = 0.3, radius = 0.05, damping = 2.0 },
-    { name = "Räder", inertia = 0.02, radius = 0.05 },
-    { name = "Bremse", inertia = 0.2, damping = 2.0 },
-]
-damper = [{ name = "Dämpfer", disk = "Kurbel", inertia = 0.05, damping = 5.0, power_limit = 500.0 }]
-load = [{ disk = "Bremse" }]
-[[mesh]]
-between = ["Kurbel", "Räder"]
-stiffness = 2e8
-damping = 3000.0
-backlash = 1e-4
-rated_torque = 900.0
-[[shaft]]
-name = "Welle"
-between = ["Räder", "Bremse"]
-stiffness = 2e4
-damping = 5.0
-diameter = 0.03
-tensile_strength = 6e8
-stress_concentration = 1.0
-[[cylinder]]
-name = "one"
-disk = "Kurbel"
-gas_torque_mean = 100.0
-gas_torque = [[0.5, 20.0, 10.0], [1.0, 90.0, -5.0]]
-[[cylinder]]
-name = "two"
-disk = "Kurbel"
-firing_angle = 360.0
-gas_torque_mean = 100.0
-gas_torque = [[0.5, 20.0, 10.0], [1.0, 90.0, -5.0]]
-"""
+SCENE = text_of("two_cylinders.toml")
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 WIDE = """

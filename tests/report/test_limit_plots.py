@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from limited_line import SCENE, strength_of, written
+from reference_data import text_of
 
 import jaxhb
 from jaxhb.report.compute import Asked, answer_speeds
@@ -13,18 +14,7 @@ from jaxhb.report.figures.figure import DIGITS
 from jaxhb.report.figures.speeds import judged_elements, plot_forced, plot_sweep
 from jaxhb.report.text.forced import readings, worst_of
 
-ENGINE = """
-[engine]
-cylinders = 2
-disks = ["engine", "engine"]
-firing_order = [1, 2]
-bore = 0.1
-stroke = 0.1
-rod = 0.2
-reciprocating_mass = 1.0
-gas_torque_mean = 100.0
-gas_torque = [[0.5, 90.0, 20.0], [1.0, 150.0, 30.0], [1.5, 80.0, 10.0]]
-"""
+ENGINE = "\n" + text_of("line_engine.toml")
 
 
 @pytest.fixture(scope="module")

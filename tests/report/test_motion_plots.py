@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trains
-from event_exact import Pair
 from motion_pictures import (
     hardest_mesh,
     plot_branch,
@@ -30,7 +29,7 @@ ROUNDED = {"rtol": 10.0 ** (1 - DIGITS)}
 @pytest.fixture(scope="module")
 def sweep():
     """Every cycle the same, two cycles, irregular, and what would be drawn if nothing were known."""
-    train = trains.pair_train(Pair(1.0, epsilon=1e-3), transition=1e-2)
+    train = trains.pair_train(trains.Pair(1.0, epsilon=1e-3), transition=1e-2)
     rpm = trains.ONE_RADIAN_PER_SECOND * np.array(SPEEDS)
     found = jaxhb.steady_state(train, rpm=rpm, cycles=Cycles(transient=64))
     nothing = replace(found[-1], kind="unknown", period=0, response=None, record=None, notes=("nothing is known",))
@@ -42,7 +41,7 @@ def sweep():
 @pytest.fixture(scope="module")
 def loaded():
     """A pair with two stable motions between its folds: its branch, and the sweeps up and down."""
-    train = trains.pair_train(Pair(1.0, mean=0.5, alternating=0.15, epsilon=1e-3), transition=1e-2)
+    train = trains.pair_train(trains.Pair(1.0, mean=0.5, alternating=0.15, epsilon=1e-3), transition=1e-2)
     branch = jaxhb.follow(train, "rpm", start=GRID[0], to=GRID[-1])
     return branch, jaxhb.steady_state(train, rpm=GRID, direction="both")
 

@@ -4,43 +4,11 @@ import math
 
 import pytest
 from limited_line import written
+from reference_data import text_of
 
 from jaxhb.cli.main import main
 
-VARYING = """
-[scene]
-reference = "slow"
-[[disk]]
-name = "slow"
-inertia = 2.0
-radius = 0.2
-[[disk]]
-name = "fast"
-inertia = 2.0
-radius = 0.1
-[[disk]]
-name = "end"
-inertia = 1.0
-[[mesh]]
-between = ["slow", "fast"]
-stiffness = 1e8
-[[shaft]]
-name = "coupling"
-between = ["fast", "end"]
-stiffness = 2e4
-damping = 3.0
-loss_factor = 0.1
-over_hz = [[0, 1.0, 1.0], [10, 1.5, 0.9]]
-over_amplitude = [[0.002, 1.25, 0.8], [0.02, 1.0, 1.0], [0.03, 0.9, 1.1]]
-[[damper]]
-name = "pendulum"
-disk = "end"
-inertia = 0.05
-order = 4.5
-[[ground]]
-disk = "end"
-stiffness = 50.0
-"""
+VARYING = text_of("links_that_vary.toml")
 
 
 def test_referred_numbers_are_printed_beside_the_actual_ones(tmp_path, capsys):

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from limited_line import SCENE, strength_of, written
+from reference_data import text_of
 
 import jaxhb
 from jaxhb.cli.main import main
@@ -105,27 +106,7 @@ def test_a_scene_without_limits_tells_of_none(tmp_path, capsys, command):
     assert AID not in said and "strength" not in record
 
 
-TUNE = """
-[tune]
-rpm = "390:450:13"
-steps = 12
-widths = [0.02]
-[[tune.parameter]]
-name = "ring.damping"
-low = 10
-high = 400
-[[tune.parameter]]
-name = "line shaft.outer"
-low = 0.109
-high = 0.111
-[[tune.objective]]
-quantity = "power over limit"
-of = "ring"
-[[tune.penalty]]
-quantity = "stress over continuous limit"
-of = "line shaft"
-most = 1.6
-"""
+TUNE = "\n" + text_of("line_tune.toml")
 
 
 def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):

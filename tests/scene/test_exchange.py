@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from built_trains import same
+from reference_data import text_of
 
 from jaxhb.elements.elements import (
     Combustion,
@@ -106,16 +107,7 @@ def test_a_round_shaft_has_the_stiffness_and_inertia_of_its_sizes(tmp_path):
     np.testing.assert_allclose(train.value("c.a.inertia"), 1.0 + 8000 * polar * 0.5 / 2)
 
 
-CSV = """# a pump drive
-name, inertia, radius, teeth, damping
-crank, 0.24,,, 1.5
-crank gear, 0.03, 0.08, 40,
-pump gear, 0.05, 0.16, 80, 0.05
-
-from, to, link, stiffness, damping, loss_factor, backlash
-crank, crank gear,, 5e6, 60, 0.02,
-crank gear, pump gear, mesh, 5e8, 2800,, 1.5e-4
-"""
+CSV = text_of("pump.csv")
 
 
 def pump():
@@ -215,16 +207,7 @@ def sentences(tmp_path, name, content):
     return [text.removeprefix(f"{name}: ").removeprefix(f"{name}, ") for text in caught.value.sentences]
 
 
-FAULTY = """name, inertai, radius, colour
-crank, -0.24,, red
-hub, 0.1, 0.08,
-wheel, heavy, 0.16,
-from, to, link, stiffness, backlash
-crank, hub,, -5e6,
-hub, wheel, mesh, 5e8, -1e-4
-hub, wheel, belt, 1, 2
-hub, whel, shaft, 1, 2, 3
-"""
+FAULTY = text_of("faulty.csv")
 
 
 def test_wrong_columns_and_numbers_of_a_csv_file_are_told_at_once(tmp_path):

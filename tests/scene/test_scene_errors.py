@@ -1,6 +1,9 @@
 """Every sentence a scene can be refused with; and that all of them come at once."""
 
+import tomllib
+
 import pytest
+from reference_data import DATA, reference
 
 from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, SceneError, Shaft, Torque
 from jaxhb.scene.files import load_scene, scene_description
@@ -36,75 +39,14 @@ def load(tmp_path, text):
     return load_scene(path)
 
 
-SHAFT = "[[shaft]]\n"
-SOFT = SHAFT + 'between = ["a", "b"]\nstiffness = 1.0\n'
-CASES = {
-    "rows over frequency, doubled": (SOFT + "over_hz = [[10, 1, 1], [10, 2, 1]]", "over_hz, row 2: hz 10 after 10;"),
-    "rows over frequency, columns": (SOFT + "over_hz = [[10, 1]]", "over_hz, row 1 is [10, 1], must be 3 numbers [hz,"),
-    "order of a damper": (
-        "[[damper]]\nname = 'd'\ndisk = 'a'\ninertia = 1\norder = -1",
-        "[[damper]] no. 1 'd': order is -1, must be greater than 0. Leave the key out",
-    ),
-    "scenario of no field": ("[scenario.hot]\n'a|b.stifness' = 1.0", "number 'stifness'. Did you mean 'stiffness'?"),
-    "scenario without field": ("[scenario.hot]\nstiffness = 1.0", "'stiffness' names no field. Write 'NAME.FIELD'"),
-    "no table of scenarios": ("[scenario]\n'a|b.stiffness' = 1.0", "'scenario' must hold a table for each scenario."),
-    "unknown key": (SHAFT + 'between = ["a", "b"]\nstifness = 1.0', "key 'stifness'. Did you mean 'stiffness'?"),
-    "missing key": (SHAFT + 'between = ["a", "b"]', "is missing. Give greater than 0 N m/rad, or length,"),
-    "missing name": ("[[disk]]\ninertia = 1.0", "[[disk]] no. 4: the key 'name' is missing. Give a text, unique"),
-    "missing disk": ("[[ground]]\nstiffness = 1.0", "no. 1: the key 'disk' is missing. Give the name of a disk."),
-    "unknown table": ("[[shafts]]\nstiffness = 1.0", "unknown table 'shafts'. Did you mean 'shaft'?"),
-    "no list": ("[load]\ndisk = 'a'", "'load' must be a list of tables. Write [[load]]."),
-    "repeated name": ("[[disk]]\nname = 'b'\ninertia = 1.0", "[[disk]] no. 4: the name 'b' is taken by [[disk]] no."),
-    "name of two tables": ("[[load]]\nname = 'a'\ndisk = 'b'", "[[load]] no. 1: the name 'a' is taken by [[disk]]"),
-    "unknown disk": (
-        "[[disk]]\nname = 'flywheel'\ninertia = 1.0\n[[load]]\ndisk = 'flywhel'",
-        "[[load]] no. 1: there is no disk 'flywhel'. Did you mean 'flywheel'?",
-    ),
-    "not finite": (SHAFT + "between = ['a', 'b']\nstiffness = nan", "stiffness is nan N m/rad, must be a finite"),
-    "text": (SHAFT + "between = ['a', 'b']\nstiffness = 'soft'", "stiffness is 'soft', must be a number in N m/rad."),
-    "truth": (SHAFT + "between = ['a', 'b']\nstiffness = true", "stiffness is True, must be a number in N m/rad."),
-    "pair": (SHAFT + "between = ['a']\nstiffness = 1", "between is ['a'], must be the names of two disks."),
-    "transition": (MESH + "transition = 1.5", "transition is 1.5, must be greater than 0 and at most 1."),
-    "epsilon": (MESH + "epsilon = 1.0", "epsilon is 1, must be at least 0 and less than 1."),
-    "backlash": (MESH + "backlash = 0.0", "backlash is 0 m, must be greater than 0 m. Leave the key out for a mesh"),
-    "law": (MESH + "law = 'fridman2009'\nepsilon = 0.1", "law = 'fridman2009' is given together with epsilon."),
-    "choice": (MESH + "damping_law = 'allways'", "must be 'contact' or 'always'. Did you mean 'always'?"),
-    "teeth": ("[[disk]]\nname='d'\ninertia=1\nradius=1\nteeth = 2.5", "teeth is 2.5, must be a whole number."),
-    "itself": (SHAFT + "between = ['a', 'a']\nstiffness = 1", "no. 2: it joins 'a' to itself. Name two different"),
-    "loose ring": (MESH + "[[damper]]\nname='d'\ndisk='a'\ninertia=1.0", "damping and stiffness are both 0"),
-    "viscous ground": (
-        MESH + "[[damper]]\nname='d'\ndisk='a'\ninertia=1.0\ndamping=1.0\n[[ground]]\ndisk='d'\nstiffness=1.0",
-        "the [[ground]] on 'd' holds the train only through links without static stiffness. Ground a disk",
-    ),
-    "order": (MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[0.25, 1.0, 0.0]]", "Set revolutions_per_cycle = 4."),
-    "order 0": (MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[0, 1.0, 0.0]]", "0. Give the mean by its own key."),
-    "order twice": (
-        MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[1, 1.0, 0.0], [1, 1, 1]]",
-        "harmonics: order 1 stands 2 times. Add the rows.",
-    ),
-    "row": (MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[1, 1.0]]", "harmonics, row 1 is [1, 1.0], must be 3"),
-    "scale": (MESH + "[[torque]]\ndisk = 'a'\nscale = [[600, 1], [600, 2]]", "scale, row 2: rpm 600 after 600; must"),
-    "speeds": (
-        MESH + "[[torque]]\ndisk = 'a'\nscale = [[-6, 1], [600, 2]]",
-        "scale, row 1: rpm is -6, must be at least",
-    ),
-    "angles": (MESH + CYLINDER + "pressure = [[0, 1e5], [10, 1e5], [9, 1e5]]", "pressure, row 3: angle 9 after 10;"),
-    "two gas torques": (MESH + CYLINDER + TRACE + "gas_torque_mean = 1.0", "pressure and gas_torque are both given."),
-    "no gas torque": (MESH + CYLINDER, "pressure nor gas_torque is given. Give one of them, or set fires = false."),
-    "short rod": (MESH + CYLINDER.replace("0.2", "0.04") + TRACE, "rod is 0.04 m, must be longer than half the"),
-    "no bore": (MESH + CYLINDER.replace("bore = 0.1\n", "") + TRACE, "the key 'bore' is missing; pressure needs it."),
-    "no csv": (MESH + CYLINDER + "pressure = 'p.csv'", "pressure: there is no file 'p.csv' beside the scene."),
-    "flag": (MESH + CYLINDER + TRACE + "fires = 'no'", "fires is 'no', must be true or false."),
-    "long trace": (MESH + CYLINDER + "pressure = [[0, 1], [800, 1]]", "pressure spans 800 deg, must span at most"),
-}
+CASES = tomllib.loads((DATA / "refused_scenes.toml").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_sentence(tmp_path, case):
-    text, sentence = CASES[case]
     with pytest.raises(SceneError) as caught:
-        load(tmp_path, HEAD + text)
-    assert sentence in str(caught.value)
+        load(tmp_path, HEAD + CASES[case]["added"])
+    assert CASES[case]["sentence"] in str(caught.value)
     assert len(caught.value.sentences) <= 3
     assert all(s.startswith("gears.toml") for s in caught.value.sentences)
 
@@ -114,16 +56,7 @@ def test_the_scene_the_errors_are_put_in_is_sound(tmp_path):
     load(tmp_path, HEAD + MESH + CYLINDER + TRACE)
 
 
-@pytest.mark.parametrize(
-    "head, sentence",
-    [
-        ("[scene]\nrefrence = 'a'", "[scene]: unknown key 'refrence'. Did you mean 'reference'?"),
-        ("[scene]\nreference = 'zz'", "[scene]: reference: there is no disk 'zz'. Known: 'a', 'b', 'c'."),
-        ("", "[scene]: the key 'reference' is missing; there are 2 rotors. Name a disk of the rotor whose rpm is"),
-        ("[scene]\nrevolutions_per_cycle = 0", "revolutions_per_cycle is 0, must be greater than 0."),
-        ("scene = 3", "'scene' is 3, must be a table. Write [scene]."),
-    ],
-)
+@pytest.mark.parametrize("head, sentence", reference("cases")["heads of scenes"])
 def test_sentence_on_the_head(tmp_path, head, sentence):
     body = HEAD[HEAD.index("[[disk]]") :] + MESH
     with pytest.raises(SceneError) as caught:

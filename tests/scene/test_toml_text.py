@@ -5,6 +5,7 @@ import difflib
 import tomllib
 
 import pytest
+from reference_data import text_of
 
 from jaxhb.cli.main import main
 from jaxhb.elements.engine import cylinder_rows
@@ -12,59 +13,7 @@ from jaxhb.scene.files import load_scene, scene_names
 from jaxhb.scene.toml_text import TomlText
 from jaxhb.scene.writer import _find, changed_scene, scene_text
 
-MIXED = '''# Pump drive of the test bench, measured on the 3rd.
-
-[scene]
-  reference = "crank"   # rpm are those of the crank
-
-# --- crank ---
-[[disk]]
-name = "crank"
-inertia = 1.20e-1       # kg m2, from the drawing
-radius = 0.1
-
-[[shaft]]  # splined
-between = ["crank", "flywheel"]
-stiffness = 2_000_000
-over_hz = [
-[0, 1.0, 1.0],
-[100, 1.5, 0.7]
-]
-
-# --- flywheel ---
-[[disk]]
-inertia = 1             # to be weighed
-name = "flywheel"
-
-[[disk]]
-name = "pump"
-inertia = 0.05
-radius = 0.2
-
-[[mesh]]
-between = ["crank", "pump"]
-stiffness = 1.5E8
-law = "fridman2009"     # (18)
-backlash = 0.10e-3
-[[load]]
-disk = "pump"
-# the two cylinders
-[engine]
-cylinders = 2
-disks = ["crank", "flywheel"]
-firing_order = [1, 2]
-bore = 0.1
-stroke = 0.12
-rod = 0.2
-[engine.combustion]     # full load
-compression_ratio = 16.0
-charge_pressure = 2e5
-start = -5.0
-duration = 60.0
-heat = 900.0
-# what may change
-[tune]
-rpm = "800:2000:5"'''
+MIXED = text_of("pump_drive.toml").removesuffix("\n")
 
 
 @pytest.fixture

@@ -13,11 +13,10 @@ SHARED = """
 import compiling
 import jax, numpy as np
 import jaxhb, trains
-from event_exact import Pair
 from jaxhb import _program
 
 first, second = devices = jax.devices()
-train = trains.pair_train(Pair(1.0), transition=1e-3)
+train = trains.pair_train(trains.Pair(1.0), transition=1e-3)
 rpm = np.linspace(0.4, 1.2, 7) * trains.ONE_RADIAN_PER_SECOND
 
 one = jaxhb.solve_speeds(train, rpm=rpm, harmonics=24)

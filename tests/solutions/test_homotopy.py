@@ -1,12 +1,11 @@
 """From the linear law to the wanted train along the curve of its periodic motions."""
 
 import dataclasses
-import sys
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
+import random_trains
 from tolerances import ALGEBRAIC
 
 import jaxhb
@@ -15,10 +14,6 @@ from jaxhb.balance.plan import Plan, Request
 from jaxhb.integration.step import Stepper
 from jaxhb.results.status import Homotopy
 from jaxhb.solutions import homotopy, orbits, planning, starts
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-
-import random_trains
 
 pytestmark = pytest.mark.oracle
 

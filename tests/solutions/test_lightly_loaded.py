@@ -1,18 +1,15 @@
 """The lightly loaded pair: what it does in the long run, and which of its orbits are unstable; exact motions tell."""
 
-import json
-
 import jax
 import numpy as np
 import pytest
-from event_exact import Pair
-from lightly_loaded import TABLE
-from trains import pair_rpm, pair_train
+from reference_data import reference
+from trains import Pair, pair_rpm, pair_train
 
 import jaxhb
 
 EPSILON = 1e-3
-ROWS = {row["speed"]: row for row in json.loads(TABLE.read_text())["laws"][1]["rows"]}
+ROWS = {row["speed"]: row for row in reference("lightly_loaded_pair")["laws"][1]["rows"]}
 
 
 @pytest.fixture(scope="module")

@@ -2,12 +2,11 @@
 
 import dataclasses
 import itertools
-import sys
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
+import random_trains
 from compiling import executables
 from trains import ONE_RADIAN_PER_SECOND, build
 
@@ -19,10 +18,6 @@ from jaxhb.balance.problem import problem_at, reduced_equation
 from jaxhb.integration import shooting
 from jaxhb.results.status import Shooting
 from jaxhb.solutions import orbits, planning, starts
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-
-import random_trains
 
 pytestmark = pytest.mark.oracle
 

@@ -7,7 +7,6 @@ import jax
 import numpy as np
 import pytest
 import trains
-from event_exact import Pair
 from reference_data import reference
 
 import jaxhb
@@ -16,11 +15,12 @@ from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.integration.step import cycle
 from jaxhb.steady.closure import Cycles
 from jaxhb.steady.confirmation import difference
+from jaxhb.steady.marching import Batch, Equations, record_of
 
 
 def one_mass(omega):
     """Gears without a spring in their gap under a force that grows with the square of the speed, as published."""
-    return trains.pair_train(Pair(omega, mean=0.1, alternating=0.05j * omega**2), transition=1e-3)
+    return trains.pair_train(trains.Pair(omega, mean=0.1, alternating=0.05j * omega**2), transition=1e-3)
 
 
 def rpm(omega):
@@ -92,11 +92,16 @@ def test_the_packaged_train_hammers_irregularly_with_the_statistics_of_a_finer_i
         assert abs(found.per_cycle.max[1] - np.median(highest[:, g])) < 0.03 * found.max
 
 
-def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is():
+@pytest.fixture(scope="module")
+def hammering():
+    return jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=1800.0)
+
+
+def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is(hammering):
     train = jaxhb.load_scene("gear_train_30")
-    state = jaxhb.steady_state(train, rpm=2400.0, cycles=Cycles(transient=8, recorded=16))
+    state = jaxhb.steady_state(train, rpm=2400.0, cycles=Cycles(transient=8, recorded=16), exact=False)
     assert (state.record.cycles, state.cycles) == (16, 24)
-    response = jaxhb.solve(train, rpm=1800.0)
+    response = hammering
     for read in (
         lambda r: r.force("crank gear", "idler"),
         lambda r: r.gear_torque("idler"),
@@ -129,6 +134,40 @@ def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is
         state.gear_torque("flywheel")
 
 
+def test_a_record_of_a_periodic_motion_has_the_numbers_of_its_harmonics(hammering):
+    train, response = hammering.train, hammering
+    equations = Equations(train)
+    batch = Batch(equations, np.array([1800.0]), 4096)
+    for _ in range(4):
+        batch.run(batch.marches)
+    batch.run(batch.marches, record=True)
+    record = record_of(equations, batch.marches[0])
+    topology = train.topology
+    for i, name in enumerate(topology.mesh_names):
+        force, wanted = record.forces[i], response.force(name)
+        for found, expected in ((force, wanted), (force.elastic, wanted.elastic)):
+            # the truncation error of the response is about 0.3 %, the error of 4096 steps 0.1 %
+            assert abs(found.max - expected.max) < 0.006 * expected.peak
+            assert abs(found.min - expected.min) < 0.006 * expected.peak
+            assert abs(found.rms - expected.rms) < 2e-3 * expected.rms
+        np.testing.assert_allclose(
+            found.amplitudes[:40], expected.amplitudes[:40], atol=1e-3 * expected.amplitudes.max()
+        )
+        contact, found = response.mesh(name), record.contacts[i]
+        assert abs(contact.separated_fraction - found.separated_fraction) < 2e-3
+        assert abs(contact.reverse_contact_fraction - found.reverse_contact_fraction) < 2e-3
+        assert abs(len(contact.impacts) - found.impacts_per_cycle) <= 1
+    for i, name in enumerate(topology.shaft_names + topology.damper_names):
+        torque, wanted = record.torques[i], response.torque(name)
+        for found, expected in ((torque, wanted), (torque.elastic, wanted.elastic)):
+            size = expected.half_peak_to_peak + 1e-9
+            assert abs(found.max - expected.max) < 0.01 * size
+            assert abs(found.mean - expected.mean) < 1e-3 * expected.peak
+    for disk, found in record.gears.items():
+        expected = response.gear_torque(topology.disk_names[disk])
+        assert abs(found.half_peak_to_peak - expected.half_peak_to_peak) < 0.01 * expected.half_peak_to_peak
+
+
 def test_a_sweep_keeps_the_motion_of_its_neighbour_where_two_are_possible():
     train = one_mass(0.85)
     speeds = rpm(np.linspace(0.6, 1.1, 11))
@@ -146,7 +185,7 @@ def test_a_sweep_keeps_the_motion_of_its_neighbour_where_two_are_possible():
 
 def test_a_sweep_keeps_the_motion_of_its_neighbour_where_another_is_as_large():
     """Two motions of two cycles, whose largest deflections differ by 3 % and their waves by a fifth."""
-    train, speeds = trains.pair_train(Pair(1.0, epsilon=1e-3), transition=0.01), rpm([3175 / 3000, 3200 / 3000])
+    train, speeds = trains.pair_train(trains.Pair(1.0, epsilon=1e-3), transition=0.01), rpm([3175 / 3000, 3200 / 3000])
     before, state = jaxhb.steady_state(train, rpm=speeds)
     alone, after = (jaxhb.steady_state(train, rpm=speeds[1], start=start) for start in (None, before))
     assert {s.period for s in (before, state, alone, after)} == {2}
@@ -199,8 +238,6 @@ def test_what_cannot_be_done_is_a_sentence():
     train = jaxhb.load_scene("gear_train_30")
     with pytest.raises(ValueError, match="direction is 'left'"):
         jaxhb.steady_state(train, rpm=[1000.0], direction="left")
-    with pytest.raises(jaxhb.SceneError, match="must be greater than 0 rpm"):
-        jaxhb.steady_state(train, rpm=[1000.0, -1.0])
     with pytest.raises(TypeError, match="pass|differentiate"):
         jax.jit(lambda speed: jaxhb.steady_state(train, rpm=speed))(1000.0)
     other = jaxhb.steady_state(jaxhb.load_scene("spur_pair"), rpm=1000.0)

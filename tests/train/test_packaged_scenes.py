@@ -1,34 +1,12 @@
 """The packaged scenes against the reference data."""
 
 import numpy as np
-import pytest
 from reference_data import reference
 
+from jaxhb import linear_response, natural_frequencies
 from jaxhb.equations.kinematics import inertias
-from jaxhb.excitation.torques import excitation, highest_harmonic, load_power_kW
+from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.scene.files import load_scene, scene_description, scene_names
-
-
-def dynamic_stiffness(train, omega):
-    """Dense Z(omega) of all disks, meshes in contact; the slow twin of whatever is built above."""
-    t = train.topology
-    radius = np.concatenate([train.disks.radius, np.zeros(len(t.damper_names))])
-    damping = np.concatenate([train.disks.damping, np.zeros(len(t.damper_names))])
-    Z = np.diag(-(omega**2) * np.asarray(inertias(train)) + 1j * omega * damping).astype(complex)
-    springs = [train.shafts, train.dampers]
-    stiff = np.concatenate([s.stiffness * (1 + 1j * s.loss_factor) + 1j * omega * s.damping for s in springs])
-    stiff = np.concatenate([stiff, train.meshes.stiffness + 1j * omega * train.meshes.damping])
-    for k, (a, b) in enumerate(t.link_ends):
-        row = np.zeros(t.n_disks)
-        row[[a, b]] = (radius[a], -radius[b]) if t.link_names[k] in t.mesh_names else (1, -1)
-        Z += stiff[k] * np.outer(row, row)
-    return Z
-
-
-def natural_frequencies(train):
-    K = dynamic_stiffness(train, 0.0).real  # at 0 rad/s loss factors are in the imaginary part alone
-    root = np.sqrt(np.asarray(inertias(train)))
-    return np.sqrt(np.abs(np.linalg.eigvalsh(K / np.outer(root, root)))) / (2 * np.pi)
 
 
 def test_every_packaged_scene_loads_and_has_a_description():
@@ -64,18 +42,10 @@ def test_gear_train_30_is_its_specification():
 
 def test_scenes_have_the_natural_frequencies_of_the_reference():
     published = reference("gear_train_30")["natural_frequencies_hz_meshes_in_contact_no_ground"]
-    np.testing.assert_allclose(natural_frequencies(load_scene("gear_train_30"))[1:], published[1:], atol=0.051)
-    found = natural_frequencies(load_scene("six_cylinder_diesel"))
+    found = natural_frequencies(load_scene("gear_train_30")).frequencies_hz
+    np.testing.assert_allclose(found[1:], published[1:], atol=0.051)
+    found = natural_frequencies(load_scene("six_cylinder_diesel")).frequencies_hz
     np.testing.assert_allclose(found[1:], reference("six_cylinder_diesel_2008")["undamped_Hz"][1:], rtol=1e-9)
-
-
-@pytest.mark.parametrize("rpm", [600, 1200, 1800])
-def test_the_load_of_gear_train_30_takes_the_power_of_the_reference(rpm):
-    train = load_scene("gear_train_30")
-    _, load, imbalance = excitation(train, rpm, 0)
-    published = reference("gear_train_30")["expected_behaviour"][str(rpm)]["load_kW"]
-    assert abs(load_power_kW(train, rpm, load) - published) <= 0.051
-    assert abs(imbalance) < 1e-9
 
 
 def test_valve_torques_follow_the_firing_of_their_cylinder():
@@ -107,13 +77,8 @@ def test_spur_pair_is_the_oscillator_of_the_reference_while_in_contact():
     form = reference("backlash_one_mass_exact")["kahraman_singh_form"]
     train = load_scene("spur_pair")
     half = train.value("gear a|gear b.backlash") / 2
+    assert highest_harmonic(train) == 1
     for row in form["rows"][:5]:
-        rpm = row["Omega"] * 3000 * 60 / 32
-        torque = np.asarray(excitation(train, rpm, 1)[0])
-        omega = 2 * np.pi * rpm / 60 / train.topology.revolutions_per_cycle
-        phi = np.linalg.solve(dynamic_stiffness(train, omega), torque[:, 1])
-        x = 2 * abs(0.05 * (phi[0] - phi[1])) / half
-        assert abs(x - row["amp_h"][0]) < 1e-8
-        mean = torque[0, 0].real / 0.05 / train.value("gear a|gear b.stiffness") / half
-        assert abs(1 + mean - row["mean"]) < 1e-12
-        assert highest_harmonic(train) == 1
+        found = linear_response(train, rpm=row["Omega"] * 3000 * 60 / 32).deflection("gear a", "gear b")
+        assert abs(found.amplitudes[0] / half - row["amp_h"][0]) < 1e-8
+        assert abs(1 + found.mean / half - row["mean"]) < 1e-12

@@ -1,6 +1,6 @@
 """The lightly loaded pair at 15 speeds: what it does upwards, downwards and from anywhere, event-exact.
 
-``python tests/lightly_loaded.py`` writes ``tests/data/lightly_loaded_pair.json``; units are those of
+``python benchmarks/lightly_loaded.py`` writes ``tests/data/lightly_loaded_pair.json``; units are those of
 :mod:`event_exact`, exponents and impacts are per cycle of the excitation. For a stiffness ratio epsilon in the gap of 0
 and of 1e-3 (the default of a scene) and each speed:
 
@@ -23,7 +23,7 @@ from event_exact import Pair, long_run, multipliers, orbit
 SPEEDS = tuple(round(0.2 + 0.1 * j, 1) for j in range(15))
 """Over the natural frequency."""
 
-TABLE = Path(__file__).parent / "data" / "lightly_loaded_pair.json"
+TABLE = Path(__file__).parents[1] / "tests" / "data" / "lightly_loaded_pair.json"
 
 
 def sweep(pairs, state, **lengths):
@@ -126,7 +126,7 @@ def tabulated(pairs, points=5, record=16384):
 
 def main():
     table = {
-        "note": "What a lightly loaded pair of gears does; made by tests/lightly_loaded.py, which says what is what.",
+        "note": "What a lightly loaded pair of gears does; made by benchmarks/lightly_loaded.py, which says more.",
         **{name: getattr(Pair(1.0), name) for name in ("damping_ratio", "mean", "alternating")},
         "laws": [{"epsilon": epsilon, "rows": tabulated(lightly_loaded(epsilon))} for epsilon in (0.0, 1e-3)],
     }
