@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.custom_batching import sequential_vmap
 
 from jaxhb._jax import namespace, staged, traced
 from jaxhb._program import WHOLE, Program, across, along
@@ -86,6 +87,14 @@ def differentiable(problem, active_meshes, found, plan):
 
 def find(problem, active_meshes, start, goals, plan):
     """The Outcome without derivatives, what :func:`derivative.attach` needs of its motion, whether it solves."""
+    find_one = partial(_find, plan=plan)
+    if len(active_meshes.mask) and jax.default_backend() == "cpu":
+        # Under vmap one after another: side by side each step of each loop would be that of the slowest.
+        find_one = sequential_vmap(find_one)
+    return find_one(problem, active_meshes, start, goals)
+
+
+def _find(problem, active_meshes, start, goals, plan):
     harmonics, none, (limit, tolerance, step_tolerance) = plan.harmonics, len(active_meshes.mask) == 0, goals
     # The estimate of the truncation error asks for receptances of 2 N harmonics: made once, cut for the solve.
     reach = 2 * harmonics if plan.estimated and not none else harmonics
