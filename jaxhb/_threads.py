@@ -10,8 +10,8 @@ MOST_THREADS = 8  # each holds some memory
 
 
 def side_by_side(function, items, devices=()):
-    """Yield what a function makes of each item, in order; across several devices one after another."""
-    if len(devices) > 1:
+    """Yield what a function makes of each of a list of items, in order; across several devices one after another."""
+    if len(devices) > 1 or len(items) == 1:
         yield from map(function, items)
         return
     # More threads than processors: some wait for programs that others make.
