@@ -178,9 +178,9 @@ def precondition(reduced, operator, b):
     return b.at[:, :kept].add(-jnp.einsum("ngh,hn->gn", reduced.receptance[:kept], nonlinear_force))
 
 
-def tangent(reduced, deflection, samples):
-    """The product ``delta -> J delta`` at ``deflection``, law sampled at ``samples`` time samples or integrated
-    exactly.
+def force_change(reduced, deflection, samples):
+    """The product ``delta -> w delta + s delta'``, coefficients ``(G, N+1)``: what a change of ``deflection`` is to
+    phi, law sampled at ``samples`` time samples or integrated exactly.
 
     The slopes enter a Galerkin product with at most 2 N harmonics. With a change of N it has 3 N, of which none is seen
     at those up to N from 4 N + 1 time samples on: 4.5 N give it exactly.
@@ -191,9 +191,18 @@ def tangent(reduced, deflection, samples):
 
     def product(delta):
         change, rate = reduced.sampled(delta, time_samples)
-        return delta + reduced.respond(fourier.analyze(slope * change + rate_slope * rate, harmonics))
+        return fourier.analyze(slope * change + rate_slope * rate, harmonics)
 
     return product
+
+
+def tangent(reduced, deflection, samples):
+    """The product ``delta -> J delta`` at ``deflection``, law as in :func:`force_change`."""
+    return _tangent(reduced, force_change(reduced, deflection, samples))
+
+
+def _tangent(reduced, forces):
+    return lambda delta: delta + reduced.respond(forces(delta))
 
 
 def correct(reduced, operator, deflection, value, samples, forcing, steps):
@@ -202,17 +211,18 @@ def correct(reduced, operator, deflection, value, samples, forcing, steps):
     operator : from :func:`prepare` at this motion or a near one; deflection, value ``(G, N+1)``; forcing : wanted
     share; steps : largest number of Krylov steps (static).
     """
-    product, approximate = _packed(reduced, operator, deflection, samples)
+    product, approximate = _packed(reduced, operator, deflection, force_change(reduced, deflection, samples))
     change, left, used = gcr(product, approximate, fourier.pack(value).reshape(-1), tolerance=forcing, steps=steps)
     return _coefficients(change, deflection), left, used
 
 
-def invert(reduced, operator, deflection, value, samples):
-    """``change`` with ``J change = value``; differentiable, its transpose solves with the transpose of J.
+def invert(reduced, operator, deflection, value, forces):
+    """``change`` with ``J change = value``, J with the ``forces`` of :func:`force_change`; differentiable, its
+    transpose solves with the transpose of J.
 
     nan where the Krylov steps leave too much.
     """
-    product, approximate = _packed(reduced, operator, deflection, samples)
+    product, approximate = _packed(reduced, operator, deflection, forces)
     value = fourier.pack(value).reshape(-1)
 
     def solve(apply, b, approximate=approximate):
@@ -232,7 +242,7 @@ def correct_bordered(reduced, operator, deflection, border, right, samples, step
 
     border : column ``(n,)`` packed, row ``(n+1,)``; others as in :func:`correct`.
     """
-    product, approximate = _packed(reduced, operator, deflection, samples)
+    product, approximate = _packed(reduced, operator, deflection, force_change(reduced, deflection, samples))
     column, row = border
     # Block elimination with the preconditioner in place of J: J^-1 column once, then p from the last row. Its pivot
     # does not vanish at a fold, where J alone is singular.
@@ -250,9 +260,10 @@ def correct_bordered(reduced, operator, deflection, border, right, samples, step
     return [gcr(whole, approximately, b, tolerance=BORDERED, steps=steps)[0] for b in right]
 
 
-def _packed(reduced, operator, deflection, samples):
-    """The product with J at ``deflection`` and its approximate inverse in packed coordinates ``(n,)``, orthonormal."""
-    product = tangent(reduced, deflection, samples)
+def _packed(reduced, operator, deflection, forces):
+    """The product with J at ``deflection``, of the ``forces`` of :func:`force_change`, and its approximate inverse in
+    packed coordinates ``(n,)``, orthonormal."""
+    product = _tangent(reduced, forces)
 
     def flat(function):
         return lambda packed: fourier.pack(function(_coefficients(packed, deflection))).reshape(-1)

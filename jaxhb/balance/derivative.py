@@ -99,18 +99,25 @@ def _attach_jvp(plan, primals, tangents):
         reduced, condensed = reduced_equation(problem, plan.harmonics, active_meshes)
         return dataclasses.replace(reduced, integrals=plan.integrals, crossings=active), condensed
 
-    def motion(problem, reduced, condensed, deflection):
-        moved = condensed.combine(reduced.nonlinear_force_coefficients(deflection, samples))
-        return fields(problem, *moved, plan.integrals, samples, every)
-
     (reduced, condensed), (reduced_dot, condensed_dot) = jax.jvp(equation, (problem,), (change,))
-    # dF/dtheta dtheta at fixed deflections: through l_lin, the receptances and the law.
-    _, left = jax.jvp(lambda reduced: reduced.residual(deflection, samples), (reduced,), (reduced_dot,))
+
+    # dF/dtheta dtheta at fixed deflections: through l_lin, the receptances and the law. phi comes along.
+    def residual(reduced):
+        force = reduced.nonlinear_force_coefficients(deflection, samples)
+        return reduced.left(deflection, force), force
+
+    (_, force), (left, force_dot) = jax.jvp(residual, (reduced,), (reduced_dot,))
     deflection_dot = -left
     if len(active_meshes.mask):
-        deflection_dot = correction.invert(reduced, lax.stop_gradient(operator), deflection, -left, samples)
-    at, along = (problem, reduced, condensed, deflection), (change, reduced_dot, condensed_dot, deflection_dot)
-    _, found_dot = jax.jvp(motion, at, along)
+        forces = correction.force_change(reduced, deflection, samples)
+        deflection_dot = correction.invert(reduced, lax.stop_gradient(operator), deflection, -left, forces)
+        force_dot = force_dot + forces(deflection_dot)
+
+    def motion(problem, condensed, force):
+        # Tooth forces over the cycle are values of the law, no integrals of its slope: the samples of the solve do.
+        return fields(problem, *condensed.combine(force), plan.integrals, plan.samples, every)
+
+    _, found_dot = jax.jvp(motion, (problem, condensed, force), (change, condensed_dot, force_dot))
     return (found, deflection), _where(solved, (found_dot, deflection_dot), None)
 
 

@@ -34,7 +34,6 @@ from jaxhb.solutions.solve import solve
 
 NEWTON_STEPS = 15  # of a lane at most
 CLOSED = 1e-4  # periodicity error at which a march ends; what its steps leave of the equations is as much
-ALONE = 48  # harmonics from which a processor solves lanes one by one: in a batch each waits for the slowest
 NEGLIGIBLE = 1e-8
 """Share of the largest derivative of the objective by a reading below which no gradient is taken through it."""
 
@@ -429,9 +428,9 @@ def _level_with_room(plan):
 def batches(lanes, plan):
     """Batches of ``lanes`` ``(k, 2)`` and the same padded to one of few sizes: a size is a program."""
     few = 2 * BATCH_SPEEDS
-    size = min(-(-len(lanes) // few), 4) * few
-    if jax.default_backend() == "cpu" and plan.active:
-        size = 1 if plan.harmonics >= ALONE else BATCH_SPEEDS
+    # With contacts as unknowns a lane fills a processor.
+    alone = plan.active and jax.default_backend() == "cpu"
+    size = 1 if alone else min(-(-len(lanes) // few), 4) * few
     for first in range(0, len(lanes), max(size, 1)):
         chunk = lanes[first : first + size]
         yield chunk, np.concatenate([chunk, np.repeat(chunk[-1:], size - len(chunk), axis=0)])

@@ -83,7 +83,11 @@ class CondensedEquation:
 
     def residual(self, deflection, samples):
         """F(l) as coefficients ``(G, N+1)``; phi at ``samples`` time samples, of which exact integrals take none."""
-        return deflection - self.linear + self.respond(self.nonlinear_force_coefficients(deflection, samples))
+        return self.left(deflection, self.nonlinear_force_coefficients(deflection, samples))
+
+    def left(self, deflection, nonlinear_force):
+        """F(l) of coefficients of l and phi."""
+        return deflection - self.linear + self.respond(nonlinear_force)
 
 
 def quadrature(integrals, law, deflection, samples, crossings=None):
