@@ -106,7 +106,8 @@ def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
 
     def both(steps):
         monkeypatch.setattr(correction, "DERIVATIVE", (1e-12, steps))
-        solver = jax.jit(lambda value: correction.invert(reduced, operator, l, value, correction.force_change(reduced, l, SAMPLES)))
+        forces = correction.force_change(reduced, l, SAMPLES)
+        solver = jax.jit(lambda value: correction.invert(reduced, operator, l, value, forces))
         found, pull = jax.vjp(solver, reduced.linear)
         return np.concatenate([found, pull(jnp.conj(reduced.linear))[0]])
 
