@@ -32,7 +32,10 @@ def valid(response: Response) -> Array:
 
 
 def usable(response: Response) -> Response:
-    """The response with zeros at speeds that failed: masked before it is read, so that nan goes nowhere."""
+    """The response with zeros at speeds that failed: masked before it is read, so that nan goes nowhere; what is no
+    Response, as a steady state whose motion is known, as it is."""
+    if not isinstance(response, Response):
+        return response
     kept = valid(response)
     names = [f.name for f in dataclasses.fields(Fields)]
 
@@ -117,7 +120,7 @@ def stress_over_limit(
     0.2765
     """
     train = strength.train_of(response, train)
-    limit = strength.stress_limits(train, name, jnp.asarray(response.rpm))[int(transient)]
+    limit = strength.stress_limits(train, name, response.rpm)[int(transient)]
     return stress(response, name, train=train, swing=swing) / limit
 
 

@@ -9,7 +9,7 @@ from jaxhb.design import objectives
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.equations.kinematics import inertias
 from jaxhb.linear.strength import having
-from jaxhb.results.response import Response
+from jaxhb.results.motion import Motion
 from jaxhb.results.signal import Signal
 
 
@@ -89,7 +89,8 @@ class Penalty:
 class Quantity:
     """A response quantity: its unit, and the kind of element that ``of`` names.
 
-    read : smooth, ``(response, of, order) -> (n,)``; exact : what ``read`` smooths, None where that is ``read`` itself
+    read : smooth, ``(response, of, order, train) -> (n,)``; exact : what ``read`` smooths, None where that is ``read``
+    itself; compared : whether a tuned design is compared with its steady states in it
     """
 
     unit: str
@@ -97,46 +98,52 @@ class Quantity:
     read: Callable
     exact: Callable | None = None
     ordered: bool = False
+    compared: bool = False
 
-    def exact_value(self, response, of, order):
-        """The value for people ``(n,)``."""
-        return (self.exact or self.read)(response, of, order)
+    def exact_value(self, motion, of, order, train=None):
+        """The value for people ``(n,)`` of a Response, or a SteadyState of the ``train`` where it is ``compared``."""
+        return (self.exact or self.read)(motion, of, order, train)
 
 
 def _swing(unit, kind, reader, smooth=objectives.half_peak_to_peak, exact=lambda signal: signal.half_peak_to_peak):
-    """A size of a signal ``(response, of) -> Signal``."""
+    """A size of a signal ``(motion, of) -> Signal``."""
 
     def of_signal(size):
-        return lambda response, of, _: size(reader(objectives.usable(response), of))
+        return lambda motion, of, *_: size(reader(objectives.usable(motion), of))
 
-    return Quantity(unit, kind, of_signal(smooth), of_signal(exact))
+    return Quantity(unit, kind, of_signal(smooth), of_signal(exact), compared=True)
 
 
 def _order(unit, kind, reader):
     """The amplitude of one order of a signal."""
-    return Quantity(unit, kind, lambda r, of, order: reader(objectives.usable(r), of).order(order), ordered=True)
+
+    def read(motion, of, order, _=None):
+        return reader(objectives.usable(motion), of).order(order)
+
+    return Quantity(unit, kind, read, ordered=True, compared=True)
 
 
-def _judged(unit, kind, value, **more):
-    """What is judged by a swing ``(response, of, swing=...)``."""
+def _judged(unit, kind, value, *, compared=True, **more):
+    """What is judged by a swing ``(motion, of, train=..., swing=...)``."""
     exact = {"swing": lambda signal: signal.half_peak_to_peak}
-    return Quantity(unit, kind, *(lambda r, of, _, how=how: value(r, of, **how, **more) for how in ({}, exact)))
+    both = (lambda m, of, _, train=None, how=how: value(m, of, train=train, **how, **more) for how in ({}, exact))
+    return Quantity(unit, kind, *both, compared=compared)
 
 
 QUANTITIES = {
-    "tooth force": _swing("N", "mesh", Response.force),
-    "tooth force peak": _swing("N", "mesh", Response.force, Signal.smooth_peak, lambda signal: signal.peak),
-    "tooth force order": _order("N", "mesh", Response.force),
-    "shaft torque": _swing("N m", "shaft or damper", Response.torque),
-    "shaft torque order": _order("N m", "shaft or damper", Response.torque),
-    "gear torque": _swing("N m", "gear", Response.gear_torque),
-    "angle": _swing("rad", "disk", Response.disk),
-    "angle order": _order("rad", "disk", Response.disk),
-    "separated fraction": Quantity("", "mesh with backlash", lambda r, of, _: objectives.separated_fraction(r, of)),
-    "impact severity": Quantity("m/s", "mesh with backlash", lambda r, of, _: objectives.impact_severity(r, of)),
-    "damper power": Quantity("W", "shaft or damper", lambda r, of, _: objectives.damper_power(r, of)),
+    "tooth force": _swing("N", "mesh", Motion.force),
+    "tooth force peak": _swing("N", "mesh", Motion.force, Signal.smooth_peak, lambda signal: signal.peak),
+    "tooth force order": _order("N", "mesh", Motion.force),
+    "shaft torque": _swing("N m", "shaft or damper", Motion.torque),
+    "shaft torque order": _order("N m", "shaft or damper", Motion.torque),
+    "gear torque": _swing("N m", "gear", Motion.gear_torque),
+    "angle": _swing("rad", "disk", Motion.disk),
+    "angle order": _order("rad", "disk", Motion.disk),
+    "separated fraction": Quantity("", "mesh with backlash", lambda r, of, *_: objectives.separated_fraction(r, of)),
+    "impact severity": Quantity("m/s", "mesh with backlash", lambda r, of, *_: objectives.impact_severity(r, of)),
+    "damper power": Quantity("W", "shaft or damper", lambda r, of, *_: objectives.damper_power(r, of)),
     "power over limit": Quantity(
-        "", "shaft or damper with a power_limit", lambda r, of, _: objectives.power_over_limit(r, of)
+        "", "shaft or damper with a power_limit", lambda r, of, *_: objectives.power_over_limit(r, of)
     ),
     "stress": _judged("Pa", "shaft with a diameter", objectives.stress),
     "stress over continuous limit": _judged("", "shaft with a tensile_strength", objectives.stress_over_limit),
@@ -144,7 +151,9 @@ QUANTITIES = {
         "", "shaft with a tensile_strength", objectives.stress_over_limit, transient=True
     ),
     "tooth torque over limit": _judged("", "mesh with a rated_torque", objectives.tooth_torque_over_limit),
-    "tooth torque over mean": _judged("", "mesh", objectives.tooth_torque_over_mean),
+    "tooth torque over mean": _judged(
+        "", "mesh", lambda r, of, train, **how: objectives.tooth_torque_over_mean(r, of, **how), compared=False
+    ),
 }
 """Forces, torques and angles are half peak-to-peak unless called peak or order; all are smooth, none is negative."""
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxhb.certificate.certificate import certify
-from jaxhb.design.quantities import label
-from jaxhb.design.verification import steady_readings
+from jaxhb.design.quantities import QUANTITIES, label
 from jaxhb.floquet.stability import attracts
 from jaxhb.report.answer import UNCONFIRMED, Answer, Case
 from jaxhb.report.text.tuned import difference
@@ -162,11 +161,17 @@ def check_designs(train, asked, result, say=lambda text: None):
     ``differences``, a sentence for each speed at which the motion is neither in contact nor periodic, or a quantity is
     more than 2 % from that of the orbit tuned. ``train`` is as it was, ``asked`` as of
     :func:`jaxhb.design.table.read_table`."""
-    found = {}
+    found, chosen = {}, [*asked["objective"], *asked["penalties"]]
+    compared = {c: QUANTITIES[c.quantity] for c in chosen if c.quantity in QUANTITIES}
     designs = {"before": ("first", train, result.before), "after": ("last", result.train, result.after)}
     for when, (which, design, tuned) in designs.items():
         say(f"what does the {which} design do?")
-        states, told = steady_readings(design, asked)
+        states = steady_state(design, rpm=np.asarray(asked["rpm"]), tolerance=asked.get("tolerance")).states
+        told = {
+            c: [float(own.exact_value(state, c.of, c.order, design)) if state.known else np.nan for state in states]
+            for c, own in compared.items()
+            if own.compared
+        }
         differences = (
             difference(state, {c: (own[i], float(tuned.readings[label(c)][i])) for c, own in told.items()})
             for i, state in enumerate(states)
