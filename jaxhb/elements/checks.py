@@ -9,16 +9,7 @@ from collections import Counter
 
 from jaxhb.elements.elements import TABLES, SceneError, suggestion, table_of
 from jaxhb.elements.engine import Engine, cylinders, engine_errors
-from jaxhb.elements.value_checks import (
-    cylinder_errors,
-    damper_errors,
-    field_errors,
-    mesh_errors,
-    shaft_errors,
-    shown,
-    torque_errors,
-    value_errors,
-)
+from jaxhb.elements.value_checks import TOGETHER, field_errors, shown, value_errors
 
 
 def read_scenarios(parts, scenarios) -> tuple[dict, list[str]]:
@@ -178,16 +169,6 @@ class Parts:
         return self.complete and known and all(self.disk(name) is not None for name in self.disk_names)
 
 
-_SPECIAL = {
-    "shaft": (shaft_errors, "stiffness"),
-    "mesh": (mesh_errors, "law"),
-    "damper": (damper_errors, "stiffness"),
-    "torque": (torque_errors, "speed_exponent"),
-    "cylinder": (cylinder_errors, "fires"),
-}
-"""Checks of several fields of an element together, and the field that they put in doubt."""
-
-
 def element_errors(parts: Parts) -> list[str]:
     """Find what is wrong with each element by itself: keys, values, rows; and mark it in ``parts.bad``."""
     errors = []
@@ -198,9 +179,8 @@ def element_errors(parts: Parts) -> list[str]:
             if found is not None:
                 parts.bad.add((table, i, f.name))
                 errors += found
-        check, field = _SPECIAL.get(table, (lambda element: [], ""))
-        found = check(element)
-        if found:
+        check, field = TOGETHER.get(table, (lambda element: [], ""))
+        if found := check(element):
             parts.bad.add((table, i, field))
             errors += [f"{where}: {text}" for text in found]
     return errors

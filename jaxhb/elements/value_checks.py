@@ -367,3 +367,13 @@ def _combustion_errors(combustion) -> list[str]:
     if number_like(combustion.stroke_cycle) and combustion.stroke_cycle not in (2, 4):
         errors.append(f"combustion: stroke_cycle is {combustion.stroke_cycle:g}, must be 2 or 4. Correct it.")
     return errors
+
+
+TOGETHER = {
+    "shaft": (shaft_errors, "stiffness"),
+    "mesh": (mesh_errors, "law"),
+    "damper": (damper_errors, "stiffness"),
+    "torque": (torque_errors, "speed_exponent"),
+    "cylinder": (cylinder_errors, "fires"),
+}
+"""Checks of several fields of an element together, and the field that they put in doubt."""
