@@ -4,7 +4,9 @@ For a complex p, ``D(p) = det(p^2 M + p B + K(p)) / prod I`` over the disks with
 ``k = c + r p``. The source's R of a free train is ``D / p^2``. Every part of the train is a pair (docs/theory C3): F,
 its determinant while free, and G, while it is held where it meets the rest. A part on link k with arms a and b
 multiplies the other's pair: ``W = F + a^2 k G``, then ``F' <- F' W + G' b^2 k F``, ``G' <- G' W``. Pairs are rescaled
-by powers of two, which is exact. In one closed loop the pairs hang on a ring, summed by continuants.
+by powers of two, which is exact. A link that closes a loop between disks x and y adds ``k (a^2 D_x + b^2 D_y - 2 a b
+D_way)``, determinants without it: with x held, with y held, and with all disks of the way from x to y held, times the
+k a b of its links.
 
 Beside a root little is left of large terms. :class:`Doubled` has some 24 digits: sums keep what they round off (D. E.
 Knuth, The Art of Computer Programming 2, 4.2.2), products are made of halves whose products are exact (T. J. Dekker,
@@ -12,10 +14,13 @@ Numer. Math. 18 (1971) 224). Only damping times p, and what radii of gears enter
 """
 
 import dataclasses
+import itertools
+import math
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
-from typing import Any, NamedTuple
+from functools import partial, reduce
+from operator import add
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -29,25 +34,20 @@ from jaxhb.elements.elements import SceneError
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
+LAST = -1  # in place of a link: that of the last disk of a way
 HALF = 25  # stored digits of the leading half of a number, the hidden one not counted: products of halves are exact
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Doubled:
-    """Complex numbers ``high + low``, high rounded from the sum; with +, -, * and indices as arrays have them."""
+    """Complex numbers ``high + low``, high rounded from the sum; with +, * and indices as arrays have them."""
 
     high: jax.Array
     low: jax.Array
 
     def __add__(self, other):
         return _total(self, doubled(other))
-
-    def __neg__(self):
-        return Doubled(-self.high, -self.low)
-
-    def __sub__(self, other):
-        return self + -doubled(other)
 
     def __mul__(self, other):
         return _product(self, doubled(other))
@@ -190,59 +190,42 @@ def scaled_product(numbers):
     return Scaled(mantissa, exponent)
 
 
-class Parts(NamedTuple):
-    """Disks that hang on a spine in the order of their elimination, the link of each and the disk above it; host.
-
-    The spine is the root of a tree, or the ring of disks of the closed loop; joints are the links round the ring.
-    """
-
-    order: np.ndarray
-    link: np.ndarray
-    above: np.ndarray
-    spine: list
-    joints: list
-
-
-def parts_of(train):
-    """The :class:`Parts` of a train with at most one closed loop."""
-    topology, tree = train.topology, chain.span(train.topology)
-    loops = tree.loops.tolist()
+def closing_link(topology):
+    """The link that closes the loop of a train, None without; SceneError of several."""
+    loops = chain.span(topology).loops.tolist()
     if len(loops) > 1:
         names = ", ".join(repr(topology.link_names[link]) for link in loops)
         raise SceneError(
             f"{topology.title}: links {names} close {len(loops)} loops, and characteristic polynomials take one at "
             "most. Use natural_frequencies or linear_response."
         )
-    spine, joints = [int(tree.node[-1])], []
-    for link in loops:
-        # From the root at one end of this link, the ring is the way to its other end.
-        tree = chain.span_links(topology.link_ends, topology.n_disks, int(tree.end_a[link]))
-        spine, joints = _to_root(tree, int(tree.end_b[link]))
-        joints.append(link)
-    hanging = np.flatnonzero(~np.isin(tree.node, spine))
-    return Parts(tree.node[hanging], tree.link[hanging], tree.node[tree.parent[hanging]], spine, joints)
+    return loops[0] if loops else None
 
 
-def _to_root(tree, disk):
-    """Disks and links of the way from a disk to the root."""
-    at, disks, links = int(np.flatnonzero(tree.node == disk)[0]), [disk], []
+def way_between(topology, a, b):
+    """The way from disk a to b over no closing link: its disks, and the link to the next of each, LAST of the last."""
+    tree = chain.span_links(topology.link_ends, topology.n_disks, b)
+    at, way = int(np.flatnonzero(tree.node == a)[0]), {}
     while tree.parent[at] < len(tree.node):
-        links.append(int(tree.link[at]))
+        way[int(tree.node[at])] = int(tree.link[at])
         at = int(tree.parent[at])
-        disks.append(int(tree.node[at]))
-    return disks, links
+    return way | {b: LAST}
 
 
 def ways_between(topology, a, b):
-    """Ways from disk a to b as (disks, links): one, and where the closed loop allows it the other way round it."""
-    ways = [((), ())]
-    for _ in range(2):
-        # A spanning tree leaves out the last link of the loop: with those of the first way last it goes the other way.
-        order = sorted(range(len(topology.link_ends)), key=lambda link: link in ways[-1][1])
-        tree = chain.span_links([topology.link_ends[link] for link in order], topology.n_disks, b)
-        disks, links = _to_root(tree, a)
-        ways.append((disks, [order[link] for link in links]))
-    return ways[1:2] if ways[1] == ways[2] else ways[1:]
+    """All ways from disk a to b: one, and where the closed loop allows it the other way round it."""
+    ways, closing = [way_between(topology, a, b)], closing_link(topology)
+    for x, y in [] if closing is None else itertools.permutations(topology.link_ends[closing]):
+        before, behind = way_between(topology, a, x), way_between(topology, y, b)
+        if not before.keys() & behind.keys():
+            ways.append(before | {x: closing} | behind)
+    return ways
+
+
+def closed(topology, closing, a, b):
+    """Of a closing link with arms a and b: factors of its stiffness, and the ways held in what they multiply."""
+    x, y = topology.link_ends[closing]
+    return (a * a, {x: LAST}), (b * b, {y: LAST}), (-2 * a * b, way_between(topology, x, y))
 
 
 def characteristic(train: DriveTrain, p: Array) -> Scaled:
@@ -266,7 +249,7 @@ def characteristic(train: DriveTrain, p: Array) -> Scaled:
 @Program
 def _characteristic(train, p):
     system = chain.assemble(train)
-    return _over_inertias(system, _determinant(system, parts_of(train), p))
+    return _over_inertias(system, *_determinants(system, train.topology, p, {}))
 
 
 def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Array:
@@ -293,37 +276,32 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
 def _receptance(train, p, ends):
     """Receptance ``(n,)`` between two disks."""
     system = chain.assemble(train)
-    ways = [_passed(system, *way) for way in ways_between(train.topology, *ends)]
-    whole, one, *other = _determinants(system, parts_of(train), p, {}, *ways)
+    whole, one, *other = _determinants(system, train.topology, p, {}, *ways_between(train.topology, *ends))
     response = (one + other[0] if other else one) / whole
     return response.value() / (system.radius[ends[0]] * system.radius[ends[1]])
 
 
-def _determinants(system, parts, p, *cases):
-    """Determinants of a system with the numbers, by name, that each of the cases changes; as one program for all."""
-    names = {name for case in cases for name in case}
-    cases = [{name: jnp.asarray(case.get(name, getattr(system, name))) for name in names} for case in cases]
-    together = jax.tree.map(lambda *arrays: jnp.stack(arrays), *cases)
-    found = jax.vmap(lambda case: _determinant(dataclasses.replace(system, **case), parts, p))(together)
-    return (Scaled(*row) for row in zip(found.mantissa, found.exponent, strict=True))
-
-
-def _passed(system, disks, links):
-    """Numbers that make the determinant that of the other disks, these held, times ``k a b`` of the links passed."""
-    disks, links = np.array(disks), np.array(links, dtype=int)
-    stiffness, loss, viscous = (jnp.asarray(a)[links] for a in (system.stiffness, system.loss, system.viscous))
-    arm_a, arm_b = jnp.asarray(system.arm_a), jnp.asarray(system.arm_b)
-    both = arm_a[links] * arm_b[links]
-    # Without arms at its ends a link holds the other disk alone; the factors stand where the disks passed were.
-    return {
-        "mass": jnp.asarray(system.mass).at[disks].set(0.0),
-        "damping": jnp.asarray(system.damping).at[disks].set(jnp.append(viscous * both, 0.0)),
-        "ground": jnp.asarray(system.ground, complex)
-        .at[disks]
-        .set(jnp.append(stiffness * (1 + 1j * loss) * both, 1.0)),
-        "arm_a": jnp.where(np.isin(system.tree.end_a, disks), 0.0, arm_a),
-        "arm_b": jnp.where(np.isin(system.tree.end_b, disks), 0.0, arm_b),
-    }
+def _determinants(system, topology, p, *ways):
+    """``det(p^2 M + p B + K)`` in displacements as Scaled, of each way: its disks held, times k a b of its links."""
+    closing, C = closing_link(topology), _complex_stiffness(system, p)
+    terms = [[(doubled(jnp.ones_like(p)), way)] for way in ways]
+    if closing is not None:
+        added = closed(topology, closing, system.arm_a[closing], system.arm_b[closing])
+        for own, way in zip(terms, ways, strict=True):
+            # Where an end of the link is held already, or the way is cut, there is nothing to add.
+            own += [(C[closing] * factor, way | more) for factor, more in added if not way.keys() & more.keys()]
+    every = [way for own in terms for _, way in own]
+    held, passed = np.zeros((len(every), topology.n_disks), bool), np.full((len(every), topology.n_disks), LAST)
+    for row, way in enumerate(every):
+        held[row, list(way)], passed[row, list(way)] = True, list(way.values())
+    F, exponent = jax.vmap(lambda *way: _determinant(system, C, p, *way))(held, passed)
+    rows = iter(range(len(every)))
+    for own in terms:
+        places = [next(rows) for _ in own]
+        most = exponent[np.array(places)].max(axis=0)
+        powers = [jnp.ldexp(1.0, jnp.maximum(exponent[row] - most, -2000).astype(int)) for row in places]
+        added = [factor * F[row].scaled(power) for (factor, _), row, power in zip(own, places, powers, strict=True)]
+        yield rescaled(reduce(add, added).high, most)
 
 
 @jax.tree_util.register_dataclass
@@ -358,10 +336,13 @@ def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation
 def _approximation(train, omega):
     system = chain.assemble(train)
     zeros = jnp.zeros_like(jnp.asarray(system.viscous))
-    low = {"viscous": zeros, "loss": zeros}
-    cases = {"loss": zeros}, low, low | {"stiffness": system.stiffness + system.viscous}
-    found = _determinants(system, parts_of(train), 1j * omega, *cases)
-    exact, low, high = (_over_inertias(system, determinant) for determinant in found)
+
+    def determinant(stiffness, viscous):
+        own = dataclasses.replace(system, stiffness=stiffness, viscous=viscous, loss=zeros)
+        return _over_inertias(own, *_determinants(own, train.topology, 1j * omega, {}))
+
+    exact, low = determinant(system.stiffness, system.viscous), determinant(system.stiffness, zeros)
+    high = determinant(system.stiffness + system.viscous, zeros)
     approximate = low * (1 - 1j * omega) + high * (1j * omega)
     return DampedApproximation(exact, approximate, jnp.abs(((approximate + exact * -1.0) / exact).value()))
 
@@ -374,32 +355,25 @@ def _hung(own, above, z, k, near, far):
     return A_above * W + P_above * (F * k.scaled(far * far)), P_above * W
 
 
-def _continued(state, d, w, c, w_before):
-    """The continuants of a ring with one disk more: diagonal d, G = w, coupling c with the disk before."""
-    whole, last, inner, inner_last, ring = state
-    step = c * c * w * w_before
-    return d * whole - step * last, whole, d * inner - step * inner_last, inner, ring * c * w
-
-
-def _closed(state, c, w_first, w_last):
-    """det = K(1..m) - c_m^2 w_1 w_m K(2..m-1) - 2 prod c prod w, couplings c = a b k (docs/theory C3)."""
-    whole, _, _, inner_last, ring = state
-    return whole - c * c * w_first * w_last * inner_last - (c * ring).scaled(2)
-
-
-def _determinant(system, parts, p):
-    """``det(p^2 M + p B + K)`` in displacements, as Scaled."""
+def _complex_stiffness(system, p):
+    """``k (1 + i eta) + p r`` of every link ``(L, n)``; loss factors with the sign of Im p."""
     stiffness, loss, viscous = (jnp.asarray(a)[:, None] for a in (system.stiffness, system.loss, system.viscous))
-    mass, damping, ground = (jnp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground))
-    p, turned = doubled(p), jnp.sign(p.imag)
-    C = doubled(stiffness * (1 + 1j * loss * turned)) + p.scaled(viscous)
-    Z = p * p * mass + (p.scaled(damping) + ground)
+    return doubled(stiffness * (1 + 1j * loss * jnp.sign(p.imag))) + doubled(p).scaled(viscous)
 
-    def arms(link, disk):
-        """Arms of links at a disk and at their other end."""
-        first = system.tree.end_a[link] == disk
-        arm_a, arm_b = jnp.asarray(system.arm_a)[link], jnp.asarray(system.arm_b)[link]
-        return jnp.where(first, arm_a, arm_b), jnp.where(first, arm_b, arm_a)
+
+def _determinant(system, C, p, held, passed):
+    """The determinant ``(n,)`` without the closing link, and its exponent; ``held`` ``(S,)`` tells which disks are, and
+    ``passed`` the links whose k a b stand in their places, LAST for 1."""
+    tree, p = system.tree, doubled(p)
+    mass, damping, ground = (jnp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground))
+    arm_a, arm_b = jnp.asarray(system.arm_a), jnp.asarray(system.arm_b)
+    Z, one = p * p * mass + (p.scaled(damping) + ground), doubled(jnp.ones_like(p.high))
+    factors = jax.tree.map(lambda a, b: jnp.append(a, b[None], axis=0), C * (arm_a * arm_b)[:, None], one)[passed]
+    Z = jax.tree.map(lambda a, b: jnp.where(held[:, None], a, b), factors, Z)
+    order, link, above = tree.node[:-1], tree.link[:-1], tree.node[tree.parent[:-1]]
+    # Without an arm at a disk that is held a link holds the other disk alone.
+    near = jnp.where(held[order], 0.0, jnp.where(tree.from_a[:-1], arm_a[link], arm_b[link]))
+    far = jnp.where(held[above], 0.0, jnp.where(tree.from_a[:-1], arm_b[link], arm_a[link]))
 
     def hang(state, item):
         A, G, exponent = state
@@ -409,31 +383,10 @@ def _determinant(system, parts, p):
 
     shape = Z.high.shape
     state = (doubled(jnp.zeros(shape)), doubled(jnp.ones(shape)), jnp.zeros(shape))
-    if len(parts.order):
-        items = (parts.order, parts.above, *arms(parts.link, parts.order), C[parts.link], Z[parts.order])
-        state, _ = lax.scan(hang, state, items)
-    spine, joints = np.array(parts.spine), np.array(parts.joints, dtype=int)
-    A, G, exponent = (array[spine] for array in state)
-    F = Z[spine] * G + A
-    if not parts.joints:
-        return rescaled(F[0].high, exponent[0])
-    alpha, beta = (arm[:, None] for arm in arms(joints, spine))
-    k = C[joints]
-    behind = k * beta * beta
-    diagonal = F + G * (k * alpha * alpha + jax.tree.map(lambda a: jnp.roll(a, 1, axis=0), behind))
-    coupling = k * alpha * beta
-    zero, one = (doubled(jnp.full(shape[1:], value)) for value in (0.0, 1.0))
-
-    def extend(state, item):
-        continuants, exponent = state
-        *numbers, more = item
-        continuants, shift = shifted(_continued(continuants, *numbers))
-        return (continuants, exponent + shift + more), None
-
-    first, shift = shifted((diagonal[0], one, one, zero, G[0]))
-    items = (diagonal[1:], G[1:], coupling[:-1], G[:-1], exponent[1:])
-    (state, total), _ = lax.scan(extend, (first, exponent[0] + shift), items)
-    return rescaled(_closed(state, coupling[-1], G[0], G[-1]).high, total)
+    if len(order):
+        state, _ = lax.scan(hang, state, (order, above, near, far, C[link], Z[order]))
+    A, G, exponent = (array[tree.node[-1]] for array in state)
+    return Z[tree.node[-1]] * G + A, exponent
 
 
 def _over_inertias(system, determinant):
@@ -454,9 +407,6 @@ class Polynomial:
         size = max(len(self.coefficients), len(other.coefficients))
         a, b = ((0,) * (size - len(one.coefficients)) + one.coefficients for one in (self, other))
         return Polynomial(tuple(x + y for x, y in zip(a, b, strict=True)))
-
-    def __sub__(self, other):
-        return self + other.scaled(-1)
 
     def __mul__(self, other):
         a, b = self.coefficients, other.coefficients
@@ -493,7 +443,7 @@ def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tu
     def number(value):
         return Fraction(repr(float(value))) if exact else value if traced(value) else float(value)
 
-    topology, parts = train.topology, parts_of(train)
+    topology, tree, closing = train.topology, chain.span(train.topology), closing_link(train.topology)
     ground = [number(0.0)] * topology.n_disks
     for disk, stiffness in zip(topology.ground_disk, train.grounds.stiffness, strict=True):
         ground[disk] += number(stiffness)
@@ -511,23 +461,23 @@ def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tu
         return (1, 1) if link < turning else tuple(number(train.disks.radius[gear]) for gear in (near, far))
 
     zero, one = Polynomial(()), Polynomial((number(1.0),))
-    pairs = [(zero, one)] * topology.n_disks
-    for disk, link, above in zip(parts.order, parts.link, parts.above, strict=True):
-        pairs[above] = _hung(pairs[disk], pairs[above], Z[disk], C[link], *arms(link, disk))
-    F, G = zip(*((Z[disk] * G + A, G) for disk, (A, G) in ((disk, pairs[disk]) for disk in parts.spine)), strict=True)
-    found = F[0]
-    if parts.joints:
-        joints = [(C[link], *arms(link, disk)) for link, disk in zip(parts.joints, parts.spine, strict=True)]
-        before = joints[-1:] + joints[:-1]
-        diagonal = [
-            f + g * (k.scaled(alpha * alpha) + k_before.scaled(beta * beta))
-            for f, g, (k, alpha, _), (k_before, _, beta) in zip(F, G, joints, before, strict=True)
-        ]
-        state = diagonal[0], one, one, zero, G[0]
-        coupling = [k.scaled(alpha * beta) for k, alpha, beta in joints]
-        for i in range(1, len(G)):
-            state = _continued(state, diagonal[i], G[i], coupling[i - 1], G[i - 1])
-        found = _closed(state, coupling[-1], G[0], G[-1])
+
+    def determinant(way):
+        """That of the tree, the disks of a way held, times the k a b of its links."""
+        passed = {
+            disk: one if link == LAST else C[link].scaled(math.prod(arms(link, disk))) for disk, link in way.items()
+        }
+        z, pairs = [passed.get(disk, own) for disk, own in enumerate(Z)], [(zero, one)] * topology.n_disks
+        for disk, link, above in zip(tree.node[:-1], tree.link[:-1], tree.node[tree.parent[:-1]], strict=True):
+            near, far = ((end not in way) * arm for end, arm in zip((disk, above), arms(link, disk), strict=True))
+            pairs[above] = _hung(pairs[disk], pairs[above], z[disk], C[link], near, far)
+        A, G = pairs[tree.node[-1]]
+        return z[tree.node[-1]] * G + A
+
+    found = determinant({})
+    if closing is not None:
+        for factor, way in closed(topology, closing, *arms(closing, topology.link_ends[closing][0])):
+            found += C[closing].scaled(factor) * determinant(way)
     return tuple(value / found.coefficients[0] for value in found.coefficients)
 
 
