@@ -19,8 +19,7 @@ from jaxhb.steady.orbits import orbit_states
 from jaxhb.steady.steady_state import steady_state
 from jaxhb.train.changes import without_backlash
 
-WAYS = {"both": ["up", "down"]}
-"""Ways through the speeds, of a direction that is not one itself."""
+WAYS = {"both": ["up", "down"]}  # ways through the speeds, of a direction that is not one itself
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,7 @@ READERS = {name: reader for name, (reader, *_) in SIGNALS.items()}
 READERS |= {"heat": "power", "mesh_heat": "power", "irregularity": "irregularity"}
 """What reads a variable of a data set that is not one of contact."""
 
-WITHOUT = "_without_backlash"
-"""End of the names of variables that are those of the linear motion."""
+WITHOUT = "_without_backlash"  # end of the names of variables that are those of the linear motion
 
 
 def shown_unit(unit):

@@ -6,8 +6,7 @@ from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.report.quantities import WITHOUT
 from jaxhb.results.dataset import as_netcdf, to_xarray
 
-COMPARED = ("torque", "gear_torque", "tooth_force")
-"""Signals that are given without backlash too."""
+COMPARED = ("torque", "gear_torque", "tooth_force")  # signals that are given without backlash too
 
 
 DIMENSIONS = {"direction": "in which the sweep went", "case": "normal running, and with misfires"}

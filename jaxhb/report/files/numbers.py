@@ -17,11 +17,8 @@ from jaxhb.results.signal import MISSED
 from jaxhb.train.plausible import plausibility
 
 NEGLIGIBLE = 1e-12
-TRACED = 720
-"""Time samples in a period of a trace, or twice, four times... as many."""
-
-NO_ORDERS = 0.0
-"""Highest order listed where amplitudes are left out."""
+TRACED = 720  # time samples in a period of a trace, or twice, four times... as many
+NO_ORDERS = 0.0  # highest order listed where amplitudes are left out
 
 
 def answer_record(answer, *, orders=None):

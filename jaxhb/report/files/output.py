@@ -14,9 +14,7 @@ from jaxhb._files import clear_parts, write_whole
 
 ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
 STANDARD_OUTPUT = "-"
-STREAMED = ("--json", "--csv", "--trace")
-"""Options whose file may be standard output."""
-
+STREAMED = ("--json", "--csv", "--trace")  # options whose file may be standard output
 _CHANGES = {"scenario": lambda name: name, "set": dict, "links_at": dict, "viscous": lambda hz: hz, "misfire": list}
 
 

@@ -15,11 +15,8 @@ from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.solutions.misfires import Misfires
 
-SHOWN = 6
-"""Orders in a table or picture, those with the largest amplitudes."""
-
-NEGLIGIBLE = 1e-12
-"""Amplitude of an order over the largest of its element from which it is not listed."""
+SHOWN = 6  # orders in a table or picture, those with the largest amplitudes
+NEGLIGIBLE = 1e-12  # amplitude of an order over the largest of its element from which it is not listed
 
 KINDS = {"disks": "angle", "shafts": "torque", "meshes": "tooth_force"}
 """What vibrates, of :data:`jaxhb.results.dataset.SIGNALS`; meshes tell most of a train, then shafts, then disks."""

@@ -9,8 +9,7 @@ from jaxhb.linear.critical import ELASTIC, RIGID, RING
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.columns import NONE, Table, from_rows, percent, plain_number
 
-FIRST = 3
-"""Modes whose energies or tables are shown where none is asked for."""
+FIRST = 3  # modes whose energies or tables are shown where none is asked for
 
 SCALE = (
     "Modal torque: amplitude of the order's torques on the shape whose largest angle is 1. Every mode has a scale of"

@@ -13,8 +13,7 @@ from jaxhb.report.text.sentences import once_alike
 from jaxhb.train import connections
 from jaxhb.train.plausible import plausibility
 
-ANY_SPEED = 1000.0
-"""rpm, where no torque depends on the speed."""
+ANY_SPEED = 1000.0  # rpm, where no torque depends on the speed
 
 
 def referred_tables(train):

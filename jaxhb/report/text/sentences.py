@@ -14,8 +14,7 @@ from jaxhb.report.text.mean_torques import speed_of, torque_notes
 from jaxhb.results.status import Homotopy, Shooting, Status
 from jaxhb.train.plausible import plausibility
 
-LOST = 1e-3
-"""Share of the power of the torques that may be lost without a note."""
+LOST = 1e-3  # share of the power of the torques that may be lost without a note
 
 _VALUE = re.compile(r"""(?P<name>(?<!\w)(?P<quote>['"]).*?(?<!\\)(?P=quote))|\b\d[\d.]*(e[-+]?\d+)?""")
 """A value in a note, or a name in quotes, whose digits are no values."""

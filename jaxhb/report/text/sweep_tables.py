@@ -12,11 +12,8 @@ from jaxhb.report.text.strength import answers_strength, strength_text
 BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 """Headings of the ways in which speeds are gone through."""
 
-DOUBT = "?"
-"""Behind numbers that are not converged, or not confirmed by harmonic balance."""
-
-APART = 0.02
-"""Difference of largest tooth forces from which two motions are told as different."""
+DOUBT = "?"  # behind numbers that are not converged, or not confirmed by harmonic balance
+APART = 0.02  # difference of largest tooth forces from which two motions are told as different
 
 
 def sweep_text(sweeps):

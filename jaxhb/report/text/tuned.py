@@ -16,8 +16,7 @@ from jaxhb.train.changes import declared_field, locate
 SAME_MOTION = 0.02
 """Difference of a force, torque or angle from which the steady state is told as another motion than the orbit tuned."""
 
-EXCESS = 0.01
-"""Share of a limit by which a penalty lets it be exceeded before that is told."""
+EXCESS = 0.01  # share of a limit by which a penalty lets it be exceeded before that is told
 
 
 def tuned_record(train, asked, result):
