@@ -16,7 +16,7 @@ import jaxhb
 from jaxhb.cli.main import program
 from jaxhb.elements.elements import TABLES
 from jaxhb.report.compute import Asked, answer_one
-from jaxhb.report.files.labelled import netcdf
+from jaxhb.report.files.numbers import netcdf
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -10,8 +10,16 @@ from jaxhb.report.compute import Asked, answer_one, answer_speeds, answer_values
 from jaxhb.report.figures.cycle import plot_cycle, plot_tuning
 from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files import output
-from jaxhb.report.files.labelled import netcdf
-from jaxhb.report.files.numbers import NO_ORDERS, answer_row, both_record, on_scene, rows_csv, trace_csv, untraceable
+from jaxhb.report.files.numbers import (
+    NO_ORDERS,
+    answer_row,
+    both_record,
+    netcdf,
+    on_scene,
+    rows_csv,
+    trace_csv,
+    untraceable,
+)
 from jaxhb.report.text.cases import solve_text
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.strength import answers_strength, strength_record

@@ -17,8 +17,7 @@ from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.design.table import read_table
 from jaxhb.report.compute import Asked, certificate_of, solve_cases
 from jaxhb.report.figures.cycle import plot_cycle
-from jaxhb.report.files.labelled import netcdf
-from jaxhb.report.files.numbers import answer_row, cases_record, on_scene, rows_csv
+from jaxhb.report.files.numbers import answer_row, cases_record, netcdf, on_scene, rows_csv
 from jaxhb.report.files.output import NOT_ANSWERED, OutputError, as_json, as_picture, changed_text, changes, deliver
 from jaxhb.report.page.parts import Report, shown_misfire
 from jaxhb.report.selection import NOT_FIRING, case_title

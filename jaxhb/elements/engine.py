@@ -60,8 +60,7 @@ def cylinder_rows(engine: dict) -> list[dict]:
 
 def cylinders(engine: Engine) -> list[Cylinder]:
     """Make the cylinders of a sound engine."""
-    values = {f.name: getattr(engine, f.name) for f in dataclasses.fields(engine)}
-    return [Cylinder(**row) for row in cylinder_rows(values)]
+    return [Cylinder(**row) for row in cylinder_rows(vars(engine))]
 
 
 def _of_cylinder(f, value, i):

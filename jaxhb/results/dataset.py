@@ -34,6 +34,8 @@ STATISTICS = {
 WITH_ORDERS = ("angle", "torque", "gear_torque", "tooth_force")
 """Signals whose amplitudes and phases are given; those of speeds and accelerations follow from the angles."""
 
+CONTACT = ("separated_fraction", "reverse_contact_fraction", "impacts_per_cycle", "hardest_impact")
+
 OF_ELEMENTS = {
     "irregularity": ("disk", "1", "cyclic irregularity, (largest - smallest speed) / mean speed"),
     "heat": ("shaft", "W", "mean power that a shaft or damper turns into heat"),
@@ -138,7 +140,7 @@ def _numbers(motion, topology):
     names = names_of(topology)
     signals, spectra = _signals(motion, names, response if solved else None)
     contacts = [motion.mesh(name) for name in names["mesh"]]
-    for name in ("separated_fraction", "reverse_contact_fraction", "impacts_per_cycle", "hardest_impact"):
+    for name in CONTACT:
         found[name] = [getattr(contact, name) for contact in contacts]
     found["irregularity"] = [float(motion.irregularity(name)) for name in names["disk"]]
     for heat, dim in (("heat", "shaft"), ("mesh_heat", "mesh")):

@@ -111,11 +111,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         """Power taken by the loads in kW."""
         return self.load_power / 1e3
 
-    def __repr__(self):
-        return response_line(self)
-
-    def _repr_html_(self):
-        return response_html(self)
+    __repr__, _repr_html_ = response_line, response_html
 
     def __bool__(self) -> bool:
         if np.ndim(self.rpm):

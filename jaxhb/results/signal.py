@@ -67,8 +67,7 @@ class Signal(Summarized):
     revolutions_per_cycle: float = field(metadata={"static": True})
     resolution: int = field(metadata={"static": True})
 
-    def __repr__(self):
-        return signal_line(self)
+    __repr__ = signal_line
 
     @property
     def elastic(self) -> Self:

@@ -58,11 +58,7 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
     stability: object = None
     started_from: float | None = None
 
-    def __repr__(self):
-        return state_line(self)
-
-    def _repr_html_(self):
-        return state_html(self)
+    __repr__, _repr_html_ = state_line, state_html
 
     @property
     def known(self) -> bool:
@@ -116,11 +112,7 @@ class SteadySweep:
     states: tuple
     direction: str
 
-    def __repr__(self):
-        return states_line(self)
-
-    def _repr_html_(self):
-        return states_html(self)
+    __repr__, _repr_html_ = states_line, states_html
 
     def __len__(self) -> int:
         return len(self.states)

@@ -56,7 +56,7 @@ class TomlText:
             # A list above all heads: TOML takes no [[table]] of the same name below it.
             self._change(0, [table], lambda node: node.extend(rows))
         elif own:
-            self._insert_behind(own[-1], table, rows)
+            self.insert_behind(own[-1], table, rows)
         else:
             self._insert(len(self._pieces), table, rows)
 
@@ -69,13 +69,9 @@ class TomlText:
             self._insert(own[0], table, rows)
         else:
             self._change(0, [], lambda node: node.pop(old))
-            self._insert_behind(0, table, rows)
+            self.insert_behind(0, table, rows)
 
-    def put_first(self, table, row):
-        """Put ``[table]`` before all heads, behind the keys that stand above them."""
-        self._insert_behind(0, table, row)
-
-    def _insert_behind(self, number, table, rows):
+    def insert_behind(self, number, table, rows):
         """Put new pieces behind one; the comments that end it belong to the next head and stay before that."""
         tail = _TAIL.search(self._pieces[number]).group()
         self._write(number, self._pieces[number].removesuffix(tail))

@@ -40,7 +40,7 @@ def scene_text(name: str | Path, *, expand: bool = False, called: str | None = N
         _expand(text, content)
     head = content.get("scene")
     if head is None:
-        text.put_first("scene", {"name": called or path.stem})
+        text.insert_behind(0, "scene", {"name": called or path.stem})  # before all heads
     elif called or "name" not in head:
         text.set("scene", 0, "name", called or path.stem)
     return str(text), _beside(content, path.parent)

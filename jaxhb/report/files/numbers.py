@@ -1,9 +1,10 @@
-"""Answers as plain numbers for programs, see ``docs/how_to/data_and_files.md``: records of JSON files, rows of CSV
-files, and one motion over its cycle as the rows of a table of time traces."""
+"""Answers for programs, see ``docs/how_to/data_and_files.md``: records of JSON files, rows of CSV files, a motion over
+its cycle as a table of time traces, and labelled arrays of NetCDF files."""
 
 import numpy as np
 
 from jaxhb.equations import fourier
+from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.report.answer import UNCONFIRMED
 from jaxhb.report.files.output import as_csv
 from jaxhb.report.quantities import WITHOUT, number
@@ -11,7 +12,7 @@ from jaxhb.report.text.certified import certificate_record
 from jaxhb.report.text.mean_torques import mean_angles_of, torques_of
 from jaxhb.report.text.sentences import notes, verdict
 from jaxhb.report.text.strength import answers_strength, strength_columns, strength_entry
-from jaxhb.results.dataset import names_of
+from jaxhb.results.dataset import CONTACT, as_netcdf, names_of, to_xarray
 from jaxhb.results.record import PERCENT
 from jaxhb.results.signal import MISSED
 from jaxhb.train.plausible import plausibility
@@ -111,9 +112,6 @@ def _disk_record(answer, name, angle):
         "acceleration": answer.acceleration(name).extremes(),
         "irregularity": answer.irregularity(name),
     }
-
-
-CONTACT = "separated_fraction", "reverse_contact_fraction", "impacts_per_cycle", "hardest_impact"
 
 
 def _mesh_record(answer, name, of_signal):
@@ -243,3 +241,44 @@ TRACES = (
     ("disk", "acceleration rad/s2", "acceleration"),
 )
 """Columns of a trace: element, head behind its name, and reader."""
+
+LINEAR_TOO = ("torque", "gear_torque", "tooth_force")  # signals that are given without backlash too
+DIMENSIONS = {"direction": "in which the sweep went", "case": "normal running, and with misfires"}
+"""What several lists of answers are called in a file."""
+
+
+def netcdf(found, orders, *, along=None, every=False):
+    """The NetCDF file of answers: lists of them by name in ``found``, of trains with the same elements. ``along`` is
+    the dimension of names, None of one list; ``orders`` the highest whose amplitudes are given, None: the highest of
+    the excitation, or with ``every`` of the motions."""
+    import xarray
+
+    data = _labelled([answer for answers in found.values() for answer in answers], orders, every)
+    if along is None:
+        return [as_netcdf(data)]
+    dim, ends = "value" if "value" in data.dims else "rpm", np.cumsum([0, *map(len, found.values())])
+    sets = [data.isel({dim: slice(*ends[i : i + 2])}) for i in range(len(found))]
+    names = xarray.Variable(along, list(found), {"long_name": DIMENSIONS[along]})
+    return [as_netcdf(xarray.concat(sets, names, join="outer", combine_attrs="override"))]
+
+
+def _labelled(answers, orders, every):
+    topology, axis = answers[0].topology, answers[0].axis
+    if orders is None and not every:
+        orders = listed_harmonic(topology) / topology.revolutions_per_cycle
+    data = to_xarray([answer.state for answer in answers], topology, [answer.rpm for answer in answers], orders=orders)
+    data.attrs |= {"motions": "periodic solutions" if answers[0].orbit else "steady states"}
+    flags, about = {None: -1, False: 0, True: 1}, {"long_name": "whether disturbances die away"}
+    about |= {"flag_values": list(flags.values()), "flag_meanings": "not_known unstable stable"}
+    data["stable"] = ("rpm", [flags[answer.stable] for answer in answers], about)
+    about = {"units": "1", "long_name": "modulus over the period"}
+    data["largest_multiplier"] = ("rpm", np.array([answer.multiplier for answer in answers], dtype=float), about)
+    if any(topology.mesh_backlash):
+        linear = to_xarray([answer.linear for answer in answers], topology, data.rpm.values, orders=0)
+        names = [name for name in linear if str(name).startswith(tuple(f"{n}_" for n in LINEAR_TOO))]
+        data = data.merge(linear[names].rename({name: f"{name}{WITHOUT}" for name in names}))
+    if answers[0].value is not None:
+        data = data.rename(rpm="value").assign_coords(value=[answer.place for answer in answers])
+        data.value.attrs |= {"units": axis.unit, "long_name": axis.name}
+        data.attrs |= {"rpm": answers[0].rpm}
+    return data
