@@ -9,6 +9,7 @@ the response, which has none if it comes out of a jax transformation.
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +32,7 @@ def valid(response: Response) -> Array:
     return jnp.asarray(response.status) <= Status.TOLERANCE_NOT_MET
 
 
-def usable(response: Response) -> Response:
+def usable(response: Any) -> Any:
     """The response with zeros at speeds that failed: masked before it is read, so that nan goes nowhere; what is no
     Response, as a steady state whose motion is known, as it is."""
     if not isinstance(response, Response):
