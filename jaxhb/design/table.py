@@ -57,16 +57,12 @@ def _rows(table, key, where, faults):
         missing = [n for n, f in fields.items() if f.default is dataclasses.MISSING and n not in row]
         found += [f"{head}: the key {name!r} is missing." for name in missing]
         for name in [name for name in fields if name in row]:
-            found += [f"{head}: {name} {text}" for text in _kind_faults(row[name], _kind(fields[name].type))]
+            kind = next(one for one in (str, tuple, int, float) if fields[name].type in (one, one | None))
+            found += [f"{head}: {name} {text}" for text in _kind_faults(row[name], kind)]
         faults += found
         if not found:
             elements.append(cls(**{key: _hashable(value) for key, value in row.items()}))
     return tuple(elements)
-
-
-def _kind(annotation):
-    kinds = (str, tuple, int, float)
-    return next(kind for kind in kinds if annotation in (kind, kind | None))
 
 
 def _kind_faults(value, kind):

@@ -81,12 +81,8 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
     seats = np.array([*topology.torque_disk, *topology.cylinder_disk], dtype=int)
     cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
     torque = _add(torque, seats, 0, mean_torques(train.torques, train.cylinders, *cycle, rpm))
-    torque = _add_listed(
-        torque,
-        topology.torque_disk,
-        topology.torque_harmonics,
-        lambda i, k, n: scale_at(train.torques, rpm)[i] * _coefficients(train.torques.harmonics, i, k),
-    )
+    own = topology.torque_disk, topology.torque_harmonics, train.torques.harmonics
+    torque = _add_given(torque, *own, scale_at(train.torques, rpm))
     if topology.cylinder_names:
         torque = _add_cylinders(torque, train, rpm, ratio)
     # Power of the mean torques over the speed of the reference rotor: torque x speed ratio, summed.
@@ -97,12 +93,7 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
     # Each load takes its share of torque, and all together the power: sum of ratio x load torque = -power.
     load_torque = -power * share / (share @ ratio[load_disk])
     torque = _add(torque, load_disk, 0, load_torque)
-    torque = _add_listed(
-        torque,
-        topology.load_disk,
-        topology.load_harmonics,
-        lambda i, k, n: load_torque[i] * _coefficients(train.loads.harmonics, i, k),
-    )
+    torque = _add_given(torque, load_disk, topology.load_harmonics, train.loads.harmonics, load_torque)
     return torque, load_torque, ratio @ torque[:, 0].real
 
 
@@ -150,6 +141,11 @@ def _add_listed(torque, disks, numbers, values):
         return torque
     i, k, n = np.array(flat, dtype=int).T
     return _add(torque, np.array(disks, dtype=int)[i], n, values(i, k, n))
+
+
+def _add_given(torque, disks, numbers, rows, factor):
+    """Add the given harmonics of elements, each times its factor."""
+    return _add_listed(torque, disks, numbers, lambda i, k, n: factor[i] * _coefficients(rows, i, k))
 
 
 def _coefficients(rows, i, k):

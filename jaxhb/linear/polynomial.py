@@ -19,7 +19,7 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial, reduce
-from operator import add
+from operator import add, itemgetter
 from typing import Any
 
 import jax
@@ -158,8 +158,8 @@ class Scaled:
 
     def __add__(self, other):
         exponent = jnp.maximum(self.exponent, other.exponent)
-        powers = (jnp.ldexp(1.0, jnp.maximum(z.exponent - exponent, -2000).astype(int)) for z in (self, other))
-        return rescaled(sum(z.mantissa * power for z, power in zip((self, other), powers, strict=True)), exponent)
+        one, two = (z * jnp.ldexp(1.0, jnp.maximum(z.exponent - exponent, -2000).astype(int)) for z in (self, other))
+        return rescaled(one.mantissa + two.mantissa, exponent)
 
 
 def shifted(numbers):
@@ -294,14 +294,10 @@ def _determinants(system, topology, p, *ways):
     held, passed = np.zeros((len(every), topology.n_disks), bool), np.full((len(every), topology.n_disks), LAST)
     for row, way in enumerate(every):
         held[row, list(way)], passed[row, list(way)] = True, list(way.values())
-    F, exponent = jax.vmap(lambda *way: _determinant(system, C, p, *way))(held, passed)
-    rows = iter(range(len(every)))
+    found, rows = jax.vmap(lambda *way: _determinant(system, C, p, *way))(held, passed), iter(range(len(every)))
     for own in terms:
-        places = [next(rows) for _ in own]
-        most = exponent[np.array(places)].max(axis=0)
-        powers = [jnp.ldexp(1.0, jnp.maximum(exponent[row] - most, -2000).astype(int)) for row in places]
-        added = [factor * F[row].scaled(power) for (factor, _), row, power in zip(own, places, powers, strict=True)]
-        yield rescaled(reduce(add, added).high, most)
+        total = reduce(add, [jax.tree.map(itemgetter(next(rows)), found) * factor for factor, _ in own])
+        yield rescaled(total.mantissa.high, total.exponent)
 
 
 @jax.tree_util.register_dataclass
@@ -362,7 +358,7 @@ def _complex_stiffness(system, p):
 
 
 def _determinant(system, C, p, held, passed):
-    """The determinant ``(n,)`` without the closing link, and its exponent; ``held`` ``(S,)`` tells which disks are, and
+    """The determinant ``(n,)`` without the closing link, as Scaled of Doubled; ``held`` ``(S,)`` tells which disks are,
     ``passed`` the links whose k a b stand in their places, LAST for 1."""
     tree, p = system.tree, doubled(p)
     mass, damping, ground = (jnp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground))
@@ -386,7 +382,7 @@ def _determinant(system, C, p, held, passed):
     if len(order):
         state, _ = lax.scan(hang, state, (order, above, near, far, C[link], Z[order]))
     A, G, exponent = (array[tree.node[-1]] for array in state)
-    return Z[tree.node[-1]] * G + A, exponent
+    return Scaled(Z[tree.node[-1]] * G + A, exponent)
 
 
 def _over_inertias(system, determinant):

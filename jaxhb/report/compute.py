@@ -61,7 +61,9 @@ def answer_speeds(
     as it is known
     """
     rpm, about = np.array(rpm, dtype=float), "the speeds" if len(rpm) > 1 else f"{rpm[0]:g} rpm"
-    linear, known, made = _linear(train, rpm), {}, {}
+    # A train without backlash is its own linear train, whose programs are at hand.
+    linear = solve_speeds(without_backlash(train) if any(train.topology.mesh_backlash) else train, rpm=rpm)
+    known, made = {}, {}
 
     def answer(place, state):
         # A speed that does the same upwards and downwards has one state and one answer.
@@ -100,12 +102,6 @@ def _stability_of(state):
         return None, ""
     _, found, refused = (True, state.stability, "") if state.stability is not None else attracts(state.response)
     return found, "" if state.kind == "contact" else refused  # teeth in contact are a linear train
-
-
-def _linear(train, rpm):
-    """Responses with all teeth in contact, at speeds."""
-    # A train without backlash is its own linear train, whose programs are at hand.
-    return solve_speeds(without_backlash(train) if any(train.topology.mesh_backlash) else train, rpm=rpm)
 
 
 def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None, progress=None, told=None):

@@ -23,10 +23,10 @@ from jaxhb.report.figures.figure import (
 from jaxhb.report.quantities import forces, separation, shaft_torques
 from jaxhb.report.selection import NOT_FIRING, hardest_shaft, train_name
 from jaxhb.report.text.strength import LIMITED, answers_strength
+from jaxhb.report.text.sweep_tables import BLOCKS
 from jaxhb.results.response import with_gaps
 
 BESIDE = 0.006  # share of the axis between the bars of two meshes at one speed
-WAYS = {"up": "upwards", "down": "downwards", "orbit": "periodic solutions"}
 
 
 def plot_sweep(sweeps):
@@ -36,7 +36,7 @@ def plot_sweep(sweeps):
     train without gears shows its hardest worked shaft or damper. Below stands what comes nearest to the limits of the
     scene. ``sweeps`` are answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
     """
-    cases = [Case(WAYS[way] if len(sweeps) > 1 else "", answers) for way, answers in sweeps.items()]
+    cases = [Case(BLOCKS[way].lower() if len(sweeps) > 1 else "", answers) for way, answers in sweeps.items()]
     first = cases[0].answers
     train = first[0].train
     meshes = train.topology.mesh_names
