@@ -9,17 +9,7 @@ from jaxhb.report.answer import SPEED, Axis
 from jaxhb.report.compute import Asked, answer_one, answer_speeds, answer_values, check_designs
 from jaxhb.report.figures.cycle import plot_cycle, plot_tuning
 from jaxhb.report.figures.speeds import plot_sweep
-from jaxhb.report.files import output
-from jaxhb.report.files.numbers import (
-    NO_ORDERS,
-    answer_row,
-    both_record,
-    netcdf,
-    on_scene,
-    rows_csv,
-    trace_csv,
-    untraceable,
-)
+from jaxhb.report.files import numbers, output
 from jaxhb.report.text.cases import solve_text
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.strength import answers_strength, strength_record
@@ -38,15 +28,15 @@ def solve(train, given, rpm, orders, trace, gear, plot, quiet, **_):
     train = misfire_trains(train, given)[""]
     with Progress(quiet=quiet) as progress:
         answer = answer_one(train, rpm, Asked.of(given), progress.say)
-    why = untraceable(answer) if trace else ""
+    why = numbers.untraceable(answer) if trace else ""
     output.deliver(
         given,
         solve_text(answer),
-        json=lambda: output.as_json(output.changes(given) | on_scene(train) | both_record(answer, orders)),
-        csv=lambda: rows_csv([answer_row(answer)]),
-        netcdf=lambda: netcdf({"": [answer]}, orders),
+        json=lambda: output.as_json(numbers.on_scene(given, train) | numbers.both_record(answer, orders)),
+        csv=lambda: numbers.rows_csv([numbers.answer_row(answer)]),
+        netcdf=lambda: numbers.netcdf({"": [answer]}, orders),
         plot=lambda: output.as_picture(plot, plot_cycle(answer, gear)),
-        **({} if why else {"trace": lambda: trace_csv(answer)}),
+        **({} if why else {"trace": lambda: numbers.trace_csv(answer)}),
     )
     return status([*([f"--trace: no file, {why}."] if why else []), *warnings([answer])])
 
@@ -210,7 +200,8 @@ class _SweepFiles:
     def __init__(self, train, given, axis):
         self.train, self.given, self.axis, self.found, self.records = train, given, axis, {}, {}
         self.both = given.direction == "both"
-        self.orders = None if given.full else given.orders or NO_ORDERS  # the highest that JSON lists; None: all
+        # The highest that JSON lists; None: all.
+        self.orders = None if given.full else given.orders or numbers.NO_ORDERS
 
     def note(self, found):
         """Write what is known so far; a JSON file of all orders is too large to be written again and again."""
@@ -244,23 +235,24 @@ class _SweepFiles:
             judged = {way: strength_record(answers_strength(answers)) for way, answers in found.items()}
             if any(judged.values()):
                 head["strength"] = judged if self.both else [*judged.values()][0]
-        return output.as_sweep_json(output.changes(self.given) | on_scene(self.train) | head, lists)
+        return output.as_sweep_json(numbers.on_scene(self.given, self.train) | head, lists)
 
     def _record(self, answer):
         """The record of an answer as bytes, made once but for those of all orders."""
         if self.given.full:
-            return output.as_bytes(both_record(answer))
+            return output.as_bytes(numbers.both_record(answer))
         if id(answer) not in self.records:
-            self.records[id(answer)] = answer, output.as_bytes(both_record(answer, self.orders))
+            self.records[id(answer)] = answer, output.as_bytes(numbers.both_record(answer, self.orders))
         return self.records[id(answer)][1]
 
     def csv(self, found):
         """One row per answer."""
         heads = [] if self.axis == SPEED else [self.axis.label]
         answers = [(way, answer) for way, own in found.items() for answer in own]
-        return rows_csv([answer_row(a, **dict.fromkeys(heads, a.place), direction=way) for way, a in answers])
+        rows = [numbers.answer_row(a, **dict.fromkeys(heads, a.place), direction=way) for way, a in answers]
+        return numbers.rows_csv(rows)
 
     def netcdf(self, found):
         """Labelled arrays."""
         along = "direction" if len(found) > 1 else None
-        return netcdf(found, self.given.orders, along=along, every=self.given.full)
+        return numbers.netcdf(found, self.given.orders, along=along, every=self.given.full)

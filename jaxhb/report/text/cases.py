@@ -131,8 +131,7 @@ def peak_table(answer, begin="L"):
 COMPARED = (
     ("with", "tooth_force_peak"),
     ("without", f"tooth_force_peak{WITHOUT}"),
-    ("apart %", "separated_fraction", percent),
-    ("reverse %", "reverse_contact_fraction", percent),
+    *CONTACT[:2],
     ("hit m/s", "hardest_impact", hit),
 )
 """Columns of each of several cases that stand side by side."""
