@@ -13,7 +13,7 @@ from tasks import links
 
 from jaxhb.balance.problem import problem_at
 from jaxhb.equations import backlash
-from jaxhb.equations.backlash import backlash_meshes
+from jaxhb.equations.backlash import law_meshes
 from jaxhb.equations.state_space import partition
 from jaxhb.excitation.torques import highest_harmonic
 from jaxhb.integration.step import discretize, march
@@ -60,7 +60,7 @@ def march_speeds(train, rpm, steps, cycles, repeats):
 
     Deflection ``(speeds, M, steps)`` m, periodicity error ``(speeds,)``, seconds of the first run, median of others.
     """
-    meshes, excited = backlash_meshes(train), highest_harmonic(train)
+    meshes, excited = law_meshes(train), highest_harmonic(train)
     parts = partition(problem_at(train, rpm[0], excited).system, meshes)
 
     @jax.jit

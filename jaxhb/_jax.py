@@ -65,6 +65,14 @@ def namespace(*trees):
     return jax.numpy if jax and any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(trees)) else np
 
 
+def added(array, index, values):
+    """``array`` with ``values`` added at ``index``, where indices may repeat; of the host in place."""
+    if isinstance(array, np.ndarray) and namespace(values) is np:
+        np.add.at(array, index, values)
+        return array
+    return load().numpy.asarray(array).at[index].add(values)
+
+
 def traced(*trees):
     """Whether any leaf is being traced."""
     jax = _loaded()

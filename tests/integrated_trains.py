@@ -3,7 +3,7 @@
 import numpy as np
 
 from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
-from jaxhb.equations.backlash import Law, MeshParameters, backlash_meshes
+from jaxhb.equations.backlash import Law, MeshParameters, law_meshes
 from jaxhb.equations.block_sweep import slots
 from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.train import chain
@@ -27,7 +27,7 @@ def posed(train, rpm, harmonics=None):
     torque, _, _ = excitation(train, rpm, harmonics or highest_harmonic(train))
     load = np.asarray(torque) / np.asarray(system.radius)[:, None]
     frequency = 2 * np.pi * rpm / 60 / train.topology.revolutions_per_cycle
-    return system, backlash_meshes(train), frequency, load
+    return system, law_meshes(train), frequency, load
 
 
 def pair(*, damping_law="contact", pinion=0.0, ground=True, backlash=2e-4, extra=()):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.equations.backlash import backlash_meshes
+from jaxhb.equations.backlash import law_meshes
 from jaxhb.train import chain
 
 pytestmark = pytest.mark.oracle
@@ -74,7 +74,7 @@ def test_compiled_integrators_agree_with_the_referee_over_one_cycle(gears, orbit
     from tasks import prepare
 
     found = march(prepare(gears, 1833.0), method, STEPS, cycles=1)
-    assert len(backlash_meshes(gears).link) == len(found.force)
+    assert len(law_meshes(gears).link) == len(found.force)
     assert np.abs(found.force - orbit.elastic).max() < tolerance * np.abs(orbit.elastic).max()
     assert orbit.separated.max() > 0.05
 

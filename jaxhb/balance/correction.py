@@ -159,7 +159,7 @@ def cell_averages(values, cells):
 
 def prepare(reduced, model, deflection, samples, time_steps):
     """The :class:`PeriodicOperator` of a ReducedOrderModel around a motion ``(G, N+1)``."""
-    _, slope, rate_slope = reduced.nonlinear_force(*reduced.sampled(deflection, samples))
+    _, slope, rate_slope = reduced.nonlinear_force(*reduced.sampled(deflection, samples), fourier.Equidistant(samples))
     slope, rate_slope = cell_averages(slope, time_steps), cell_averages(rate_slope, time_steps)
     return linearize(model, reduced.frequency, slope, rate_slope)
 

@@ -209,9 +209,9 @@ def excited_harmonic(train, method):
 
 def check_plan(train, plan):
     """Refuse a plan made for another train: backlash it does not know, or more excitation than it holds."""
-    name, gaps = train.topology.title, train.topology.mesh_backlash
-    known = len(plan.flank) == len(gaps)
-    if not known or any(gap and i not in plan.active and not plan.flank[i] for i, gap in enumerate(gaps)):
+    name, has_law = train.topology.title, train.topology.mesh_has_law
+    known = len(plan.flank) == len(has_law)
+    if not known or any(i not in plan.active and not plan.flank[i] for i in np.flatnonzero(has_law)):
         raise SceneError(f"{name}: the plan was made for a train without this backlash or other meshes: plan again.")
     if not traced(train):
         with jax.ensure_compile_time_eval():  # under jit, too

@@ -78,7 +78,8 @@ def reduced_equation(problem, harmonics, active_meshes):
     constant = -jnp.asarray(active_meshes.flank) * backlash.offset(meshes.law)
     load = jnp.asarray(problem.load).at[:, 0].add(-problem.system.spread(constant, meshes.link))
     chosen = jax.tree.map(lambda a: jnp.asarray(a)[active_meshes.index], meshes)
-    return condensation.condense(problem.system, problem.frequency, load, harmonics, chosen, active_meshes.mask)
+    given = problem.system, problem.frequency, load, harmonics, meshes, chosen, active_meshes.mask
+    return condensation.condense(*given)
 
 
 def model_of(problem, active_meshes, time_steps):
@@ -111,8 +112,9 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
     law = jax.tree.map(jnp.asarray, meshes.law)
     rule = condensation.quadrature(integrals, law, mesh, samples, crossings)
     values, rates = jax.vmap(rule.synthesize)(jnp.stack([mesh, fourier.derivative(mesh, problem.frequency)]))
-    elastic = backlash.force(law.expand(), values)
-    total = backlash.mesh_force(*backlash.at_samples(meshes), values, rates)
+    known = backlash.at_samples(meshes, rule.synthesize)
+    elastic = backlash.force(known[0], values)
+    total = backlash.mesh_force(*known, values, rates)
     kept = FORCE_HARMONICS * harmonics - 1
     total, elastic = jax.vmap(lambda values: rule.analyze(values, kept))(jnp.stack([total, elastic]))
     return Fields(
@@ -130,14 +132,16 @@ def power_defect(problem, displacement, force, found):
 
     Zero for the exact motion and for every solution of the truncated equations, as elastic forces do no work over a
     cycle, ``sum of b |x'|^2 = <q, x'>`` (docs/theory A4.1): what is left comes of unsolved equations, and of the work
-    that sampled elastic tooth forces seem to do.
+    that sampled elastic tooth forces seem to do. Those of a stiffness that varies, and against transmission errors, do
+    work, and count.
 
     displacement ``(S, N+1)`` m; force ``(L, N+1)`` N of the linear links; found : Fields.
     """
     system, harmonics = problem.system, displacement.shape[-1] - 1
     velocity = fourier.derivative(displacement, problem.frequency)
     load = fourier.resize(jnp.asarray(problem.load), harmonics)
-    teeth = fourier.resize(found.forces - found.elastic_forces, harmonics)
+    worked = problem.meshes.variation is not None or problem.meshes.error is not None
+    teeth = fourier.resize(found.forces - (0.0 if worked else found.elastic_forces), harmonics)
     force = force.at[problem.meshes.link].set(teeth)
     # Power of each harmonic is Re(q conj(v)), n > 0 counted twice: a common factor of all terms, left out.
     given = (load * jnp.conj(velocity)).real

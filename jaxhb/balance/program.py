@@ -30,7 +30,7 @@ from jaxhb.balance.problem import (
 )
 from jaxhb.equations import backlash, condensation, exact_integrals, fourier
 from jaxhb.equations.backlash import law_of
-from jaxhb.integration.step import force_on_flank, march, stepper_of, with_rate
+from jaxhb.integration.step import force_on_flank, march, rows_of, stepper_of, with_rate
 from jaxhb.linear.forced import SINGULAR, residual_and_status
 from jaxhb.results.response import Response
 from jaxhb.results.status import March, Newton, Status
@@ -169,11 +169,12 @@ def deflections_on_flank(reduced):
     return reduced.linear - reduced.respond(held)
 
 
-def reduced_stepper(reduced, model, time_steps, linear, residual_flexibility=None):
+def reduced_stepper(reduced, model, time_steps, linear, variation, residual_flexibility=None):
     """The :class:`~jaxhb.integration.step.Stepper` of a condensed equation and its ReducedOrderModel, ``time_steps``
     steps per cycle."""
     states = jnp.zeros(len(model.at_rest)), model.at_rest @ force_on_flank(reduced.law, reduced.linear)
-    return stepper_of(model.space, reduced, linear, reduced.frequency, time_steps, *states, residual_flexibility)
+    given = reduced.frequency, time_steps, *states, residual_flexibility
+    return stepper_of(model.space, reduced, linear, variation, *given)
 
 
 def marched(reduced, model, time_steps, cycles, periodicity_tolerance):
@@ -182,8 +183,8 @@ def marched(reduced, model, time_steps, cycles, periodicity_tolerance):
     Those on the flanks where the steps were too long for the train. The march ends earlier where a cycle closes to
     ``periodicity_tolerance``.
     """
-    linear = fourier.synthesize(with_rate(reduced.linear, reduced.frequency), 2 * time_steps).T
-    stepper = reduced_stepper(reduced, model, time_steps, linear)
+    linear = rows_of(with_rate(reduced.linear, reduced.frequency), time_steps)
+    stepper = reduced_stepper(reduced, model, time_steps, linear, rows_of(reduced.variation, time_steps))
     _, trace, _ = march(stepper, stepper.flank_state, tolerance=periodicity_tolerance, max_cycles=cycles)
     harmonics = reduced.linear.shape[-1] - 1
     kept = fourier.analyze(trace.deflection, min(harmonics, (time_steps - 1) // 2))
@@ -205,8 +206,8 @@ def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
         tolerance=1e-13,
         max_steps=plan.max_steps,
     )
-    found = system.deflections(fourier.unpack(iterate.x), problem.links(active_meshes))
-    return found * active_meshes.mask[:, None], iterate
+    found = backlash.less_error(meshes, system.deflections(fourier.unpack(iterate.x), meshes.link))
+    return found[active_meshes.index] * active_meshes.mask[:, None], iterate
 
 
 def _failure(problem, active_meshes, reduced, condensed, found, newton, crossings, samples):
@@ -246,7 +247,7 @@ def truncation_error(fine, operator, deflection, samples):
     wide = fourier.resize(deflection, harmonics)
     residual = fine.residual(wide, 2 * samples)
     change, left, _ = correction.correct(fine, operator, wide, residual, 2 * samples, *ESTIMATE)
-    law = fine.law.expand()
+    law, *_ = backlash.at_samples(fine, fourier.Equidistant(2 * samples).synthesize)
     before = backlash.force(law, fourier.synthesize(wide, 2 * samples))
     after = backlash.force(law, fourier.synthesize(wide - change, 2 * samples))
     noise = 1e-8 * jnp.max(law.stiffness * law.backlash)  # of solved equations, where no tooth carries a load

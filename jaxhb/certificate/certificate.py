@@ -46,12 +46,18 @@ def certify(response: Response) -> Certificate:
     True
     """
     train = train_of(response)
-    topology, gaps = train.topology, train.topology.backlash_index
+    topology, gaps = train.topology, train.topology.law_index
     problem = problem_at(train, float(response.rpm), listed_harmonic(topology))
     light = [repr(topology.disk_names[i]) for i in np.flatnonzero(~(np.asarray(problem.system.mass) > 0))]
     if light:
         need = "a computed bound needs disks with inertia: give a small one."
         raise ValueError(f"disk {', '.join(light)} has inertia 0, and {need}")
+    varying = [repr(name) for name in topology.meshing]
+    if varying:
+        raise ValueError(
+            f"{topology.title}: the stiffness of {', '.join(varying)} varies, or it has transmission errors: no bound is "
+            "computed for such a mesh. Compare the motion with time integration, jaxhb.shooting_correction."
+        )
     given = np.asarray(response.deflections)[gaps]
     if not len(gaps):
         return LINEAR

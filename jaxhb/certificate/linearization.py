@@ -28,7 +28,7 @@ from jaxhb._program import Program
 from jaxhb.balance import correction
 from jaxhb.balance.problem import ActiveMeshes, model_of, reduced_equation
 from jaxhb.equations import backlash, exact_integrals, fourier
-from jaxhb.equations.backlash import backlash_meshes
+from jaxhb.equations.backlash import law_meshes
 from jaxhb.equations.condensation import truncate
 from jaxhb.equations.iterations import gcr
 from jaxhb.floquet.variational import motion
@@ -160,10 +160,10 @@ class Linearization:
     """
 
     def __init__(self, problem, train, deflection, sizes, scale):
-        self.meshes = on_host(backlash_meshes(train))
+        self.meshes = on_host(law_meshes(train))
         self.law, viscous = self.meshes.law, np.where(self.meshes.contact_damping, self.meshes.viscous, 0.0)
         self.frequency, self.sizes = float(problem.frequency), sizes
-        chosen = train.topology.backlash_index.astype(np.int32)
+        chosen = train.topology.law_index.astype(np.int32)
         receptance, linear, self._reduced, self._model = _linear_response(problem, chosen, sizes)
         n, h, receptance = np.arange(sizes.reach + 1), self.law.backlash, np.asarray(receptance)
         self.slopes = (1 - self.law.epsilon) * self.law.stiffness, viscous

@@ -167,6 +167,11 @@ class Mesh(Link):
     ``epsilon`` and ``transition`` are 1e-3 and 0.04 when neither they nor ``law = "fridman2009"`` (0.03 and
     0.2, the law (18) of Fridman 2009) are given. ``rated_torque`` is that of its first gear; :func:`jaxhb.strength`
     reads it.
+
+    Over the mesh period, of angle psi, ``stiffness_orders`` = rows of (order, Re, Im) make the stiffness its mean x (1 +
+    sum Re((Re + i Im) exp(i order (psi + phase)))), and ``transmission_error`` moves the teeth of the first gear ahead
+    by sum Re(...) in m; ``first_gear_error`` and ``second_gear_error`` the same by orders of the own revolution of a
+    gear (runout, pitch errors). The mesh period needs ``teeth`` of a gear; at t = 0 psi is 0.
     """
 
     between: tuple[str, str] = declared("pair")
@@ -179,6 +184,11 @@ class Mesh(Link):
     transition: float | None = quantity("", None, above=0.0, most=1.0)
     law: str = choice("", "fridman2009")
     rated_torque: float | None = positive("N m", None)
+    stiffness_orders: tuple = rows(_HARMONICS)
+    transmission_error: tuple = rows(_HARMONICS)
+    first_gear_error: tuple = rows(_HARMONICS)
+    second_gear_error: tuple = rows(_HARMONICS)
+    phase: float = quantity("deg", 0.0)
     name: str | None = declared("name", None)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb.elements.elements import Combustion, Trace, Unread, suggestion
+from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
 
 
@@ -196,7 +197,27 @@ def mesh_errors(mesh) -> list[str]:
     both = [key for key in ("epsilon", "transition") if getattr(mesh, key) is not None]
     if mesh.law and both:
         texts.append(f"law = {shown(mesh.law)} is given together with {' and '.join(both)}. Keep one of them.")
-    return texts
+    sound = [name for name in OF_PERIOD if not row_errors(name, ("order", "Re", "Im"), getattr(mesh, name))]
+    texts += [
+        f"{name}, row {k}: order {row[0]:g} of the mesh period must be a whole number. Give what repeats with the"
+        " revolution of a gear as first_gear_error or second_gear_error."
+        for name in sound
+        for k, row in enumerate(getattr(mesh, name), 1)
+        if row[0] != int(row[0])
+    ]
+    return texts + (stiffness_errors(mesh.stiffness_orders) if "stiffness_orders" in sound else [])
+
+
+def stiffness_errors(rows) -> list[str]:
+    """Check that a stiffness stays above 0 all over the mesh period."""
+    angle = np.linspace(0.0, 2 * np.pi, 720, endpoint=False)
+    share = 1.0 + sum(re * np.cos(order * angle) - im * np.sin(order * angle) for order, re, im in rows)
+    if np.min(share) > 0.0:
+        return []
+    return [
+        f"stiffness_orders make the stiffness {np.min(share):.3g} of its mean at {np.argmin(share) / 2:g} deg of the"
+        " mesh period, must be greater than 0. Correct the rows: they are shares of the mean."
+    ]
 
 
 def damper_errors(damper) -> list[str]:

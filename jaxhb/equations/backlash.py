@@ -12,24 +12,36 @@ Arguments broadcast. Automatic differentiation of this form equals ``f'`` everyw
 ``u^2`` and ``v`` join with equal slopes.
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import jax
 import numpy as np
 
-from jaxhb._jax import namespace
+from jaxhb._jax import added, namespace
+from jaxhb.equations import fourier
+from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
+
+NARROW = 1e-9  # m, gap of a mesh without backlash whose stiffness varies: its law has no kink there
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Law:
     """Parameters of the law, one entry per mesh: stiffness in contact N/m; epsilon, stiffness in the gap over that;
-    transition, width of the smooth zone over the backlash; backlash m, total."""
+    transition, width of the smooth zone over the backlash; backlash m, total; mean : of a stiffness that varies in
+    time, N/m, where ``stiffness`` is that of an instant; None of a constant one."""
 
     stiffness: jax.Array
     epsilon: jax.Array
     transition: jax.Array
     backlash: jax.Array
+    mean: jax.Array | None = None
+
+    @property
+    def linear_stiffness(self):
+        """c in N/m, of the linear mesh that the train is condensed with."""
+        return self.stiffness if self.mean is None else self.mean
 
     @property
     def gap(self):
@@ -70,21 +82,30 @@ def law_of(meshes):
 @dataclass(frozen=True)
 class MeshParameters:
     """Some meshes of a train: link indices, law, damping and damping law, each ``(n,)``: all in harmonics, as any may
-    be active or held on a flank; in time those with backlash, the others being linear links."""
+    be active or held on a flank; in time those that have a law, the others being linear links.
+
+    variation : complex ``(n, K+1)``, coefficients over the cycle of the stiffness over its mean, less 1; error : the
+    same of the transmission error in m; None where no mesh has any.
+    """
 
     link: jax.Array
     law: Law
     viscous: jax.Array
     contact_damping: jax.Array
+    variation: jax.Array | None = None
+    error: jax.Array | None = None
 
 
 def all_meshes(train):
-    """Every mesh as an entry of :class:`MeshParameters`; linear ones have epsilon 1 and a gap of 1 m."""
+    """Every mesh as an entry of :class:`MeshParameters`; those without backlash have epsilon 1, constant ones a gap of
+    1 m, others one that is no measure of their motion."""
     xp, topology, meshes = namespace(train), train.topology, train.meshes
     gap = np.array(topology.mesh_backlash, dtype=bool)
-    numbers = meshes.epsilon, meshes.transition, meshes.backlash
-    law = (xp.where(gap, own, linear) for own, linear in zip(numbers, (1.0, 0.5, 1.0), strict=True))
+    numbers, wide = (meshes.epsilon, meshes.transition, meshes.backlash), np.where(topology.mesh_varies, NARROW, 1.0)
+    law = (xp.where(gap, own, linear) for own, linear in zip(numbers, (1.0, 0.5, wide), strict=True))
     return MeshParameters(
+        variation=_over_cycle(train, ["stiffness_orders"]),
+        error=_over_cycle(train, [OF_PERIOD[1], *OF_GEARS]),
         link=np.arange(len(topology.link_names) - len(gap), len(topology.link_names), dtype=np.int32),
         law=Law(xp.asarray(meshes.stiffness), *law),
         viscous=xp.asarray(meshes.damping),
@@ -92,9 +113,31 @@ def all_meshes(train):
     )
 
 
-def backlash_meshes(train):
-    """The meshes that have backlash, in the order of the scene, as :class:`MeshParameters`."""
-    index = train.topology.backlash_index
+def _over_cycle(train, names):
+    """Complex coefficients ``(M, K+1)`` over the cycle of the sum of some rows of the meshes, None without rows."""
+    topology, meshes = train.topology, train.meshes
+    listed = {name: getattr(topology, f"mesh_{name}") for name in names}
+    rows = [(name, i, k, n) for name in names for i, row in enumerate(listed[name]) for k, n in enumerate(row)]
+    if not rows:
+        return None
+    xp = namespace(train)
+    coefficients = xp.zeros((len(topology.mesh_names), 1 + max(n for *_, n in rows)), dtype=complex)
+    for name in names:
+        own = [row[1:] for row in rows if row[0] == name]
+        if not own:
+            continue
+        i, k, n = np.array(own).T
+        value = xp.asarray(getattr(meshes, name))[i, k]
+        value = 0.5 * (value[:, 0] + 1j * value[:, 1])
+        if name in OF_PERIOD:
+            value = value * xp.exp(1j * n / np.array(topology.mesh_periods)[i] * xp.deg2rad(meshes.phase)[i])
+        coefficients = added(coefficients, (i, n), value)
+    return coefficients
+
+
+def law_meshes(train):
+    """The meshes that are no constant springs, in the order of the scene, as :class:`MeshParameters`."""
+    index = train.topology.law_index
     return jax.tree.map(lambda a: a[index], all_meshes(train))
 
 
@@ -158,7 +201,8 @@ def nonlinear_force(law, viscous, contact_damping, deflection, rate):
     share = inside / width
     elastic = xp.sign(deflection) * (share * inside / 2 + beyond) - deflection
     drop = law.stiffness * (1 - law.epsilon)
-    return drop * elastic + viscous * rate * xp.where(contact_damping, share - 1, 0.0)
+    found = drop * elastic + viscous * rate * xp.where(contact_damping, share - 1, 0.0)
+    return found if law.mean is None else found + (law.stiffness - law.mean) * deflection
 
 
 def mesh_slopes(law, viscous, contact_damping, deflection, rate):
@@ -172,9 +216,39 @@ def mesh_slopes(law, viscous, contact_damping, deflection, rate):
     return slope(law, deflection) + extra, viscous * share
 
 
-def at_samples(meshes):
-    """Law, viscous N s/m and contact damping of meshes with a trailing axis, to meet samples ``(G, samples)``."""
-    return meshes.law.expand(), meshes.viscous[:, None], meshes.contact_damping[:, None]
+def at_samples(meshes, synthesize):
+    """Law, viscous N s/m and contact damping of meshes with a trailing axis, to meet samples ``(G, samples)``.
+
+    ``synthesize`` : values at these samples from coefficients ``(G, K+1)``, asked where a stiffness varies.
+    """
+    law = meshes.law.expand()
+    if meshes.variation is not None:
+        law = at_instant(law, synthesize(meshes.variation))
+    return law, meshes.viscous[:, None], meshes.contact_damping[:, None]
+
+
+def at_instant(law, variation):
+    """The law of meshes whose stiffness is 1 + ``variation`` times its mean at present."""
+    return dataclasses.replace(law, stiffness=law.stiffness * (1 + variation), mean=law.stiffness)
+
+
+def error_load(system, meshes, frequency, load):
+    """The ``load`` ``(S, N+1)`` N with what transmission errors e do to the train with all meshes in contact besides,
+    ``D^T (c e + r e')``: its motion is then that under errors, and the deflections of meshes are ``D x - e``."""
+    if meshes.error is None:
+        return load
+    xp = namespace(system, meshes, frequency, load)
+    harmonics = max(load.shape[-1], meshes.error.shape[-1]) - 1
+    load, error = (fourier.resize(xp.asarray(a), harmonics) for a in (load, meshes.error))
+    stiffness, viscous = (xp.asarray(a)[:, None] for a in (meshes.law.stiffness, meshes.viscous))
+    return load + system.spread(stiffness * error + viscous * fourier.derivative(error, frequency), meshes.link)
+
+
+def less_error(meshes, deflection):
+    """Deflections ``(n, N+1)`` of the teeth, from how far their gears approach each other, D x."""
+    if meshes.error is None:
+        return deflection
+    return deflection - fourier.resize(meshes.error, deflection.shape[-1] - 1)
 
 
 def offset(law):

@@ -3,9 +3,11 @@
 With every mesh taken in contact (``Z(n) = -n^2 Omega^2 M + i n Omega B + K``, mesh damping included) the steady motion
 obeys, exactly equivalent to A(x) = 0 (docs/theory/harmonic_balance.md A4.4),
 
-    F(l) = l - l_lin + G phi(l, l') = 0,      l_lin(n) = D Z(n)^{-1} q(n),      G(n) = D Z(n)^{-1} D^T,
+    F(l) = l - l_lin + G phi(l, l') = 0,      l_lin(n) = D Z(n)^{-1} q(n) - e(n),      G(n) = D Z(n)^{-1} D^T,
 
-where ``phi`` is the mesh force less its linear part, ``phi = f(l) - c l + r l' (engagement - 1)`` (damping in contact).
+where ``phi`` is the mesh force less its linear part, ``phi = kappa f(l) - c l + r l' (engagement - 1)`` (damping in
+contact). ``l = D x - e`` is the deflection of the teeth, less a transmission error e, which acts on the linear train as
+a load, ``q`` with ``D^T (c e + r e')``; ``kappa(t)`` is the stiffness of an instant over its mean c.
 ``phi`` is constant while a mesh stays on one flank. The unknowns are the deflections of the active meshes alone; every
 other node is condensed by scalar sweeps, one for all harmonics.
 """
@@ -18,7 +20,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxhb.equations import backlash, exact_integrals, fourier
-from jaxhb.equations.dynamic_stiffness import balance, frequencies, receptance, solve_linear
+from jaxhb.equations.dynamic_stiffness import balance, frequencies, link_stiffness, receptance, solve_linear
 
 CHUNK = 64  # harmonics swept at a time: even a finely divided train then stays in the cache of a processor
 
@@ -31,7 +33,7 @@ class CondensedEquation:
     linear : complex ``(G, N+1)`` m, deflections with all meshes in contact; receptance : complex ``(N+1, G, G)`` m/N;
     frequency : rad/s; law, viscous N s/m, contact_damping : ``(G,)``; integrals : of phi over the cycle, "sampled" or
     "exact" (:mod:`jaxhb.equations.exact_integrals`); crossings : of the one deflection at which it is used, where they
-    are known.
+    are known; variation : complex ``(G, K+1)`` of the stiffness, kappa - 1, None where none varies.
     """
 
     linear: jax.Array
@@ -42,6 +44,7 @@ class CondensedEquation:
     contact_damping: jax.Array
     integrals: str = field(default="sampled", metadata={"static": True})
     crossings: exact_integrals.Crossings | None = None
+    variation: jax.Array | None = None
 
     def with_crossings(self, deflection):
         """The same equation, with exact integrals knowing when ``deflection`` passes the knots, to be used there."""
@@ -49,16 +52,17 @@ class CondensedEquation:
             return self
         return dataclasses.replace(self, crossings=exact_integrals.find_crossings(self.law, deflection))
 
-    def nonlinear_force(self, deflection, rate):
-        """phi and its slopes in l and l' at samples ``(G, samples)``: what the linear mesh does not contain."""
-        law, viscous, _ = known = backlash.at_samples(self)
+    def nonlinear_force(self, deflection, rate, rule):
+        """phi and its slopes in l and l' at the samples ``(G, samples)`` of a rule: what the linear mesh does not
+        contain."""
+        law, viscous, _ = known = backlash.at_samples(self, rule.synthesize)
         slope, rate_slope = backlash.mesh_slopes(*known, deflection, rate)
-        return backlash.nonlinear_force(*known, deflection, rate), slope - law.stiffness, rate_slope - viscous
+        return backlash.nonlinear_force(*known, deflection, rate), slope - law.linear_stiffness, rate_slope - viscous
 
     def _along(self, deflection, samples):
         """The time samples of a motion, and phi and its slopes there."""
         rule = quadrature(self.integrals, self.law, deflection, samples, self.crossings)
-        return rule, *self.nonlinear_force(*self._values(deflection, rule))
+        return rule, *self.nonlinear_force(*self._values(deflection, rule), rule)
 
     def nonlinear_slopes(self, deflection, samples, harmonics):
         """Coefficients ``(2, G, harmonics+1)`` of the slopes of phi in l and l'."""
@@ -108,8 +112,9 @@ def truncate(reduced, harmonics):
 class CondensedTrain:
     """The linear train under its load, and under forces at the active meshes as well.
 
-    system : System; frequency : rad/s; load : complex ``(S, E+1)`` N; columns ``(S, G)`` of D^T of the active
-    meshes; balance : how the train takes the load alone (``dynamic_stiffness.balance``), ``(E+1,)`` N each.
+    system : System; frequency : rad/s; load : complex ``(S, E+1)`` N, that of transmission errors included; columns
+    ``(S, G)`` of D^T of the active meshes; balance : how the train takes the load alone (``dynamic_stiffness.balance``),
+    ``(E+1,)`` N each; meshes : MeshParameters of all.
     """
 
     system: object
@@ -117,27 +122,39 @@ class CondensedTrain:
     load: jax.Array
     columns: jax.Array
     balance: tuple
+    meshes: backlash.MeshParameters
 
     def combine(self, nonlinear_force):
         """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with nonlinear forces ``(G, n+1)`` of the meshes."""
         harmonics = nonlinear_force.shape[-1] - 1
         # phi acts against the deflection: D^T phi on the side of the loads.
         load = fourier.resize(self.load, harmonics) - self.columns @ nonlinear_force
-        displacement, force = solve_linear(self.system, frequencies(self.frequency, harmonics), load[:, None])
-        return displacement[:, 0], force[:, 0]
+        omega = frequencies(self.frequency, harmonics)
+        displacement, force = solve_linear(self.system, omega, load[:, None])
+        return displacement[:, 0], self.less_error(force[:, 0], omega)
+
+    def less_error(self, force, omega):
+        """Forces ``(L, n+1)`` N of the linear links at teeth with errors, from those of the bodies alone."""
+        error = self.meshes.error
+        if error is None:
+            return force
+        links = jnp.asarray(self.meshes.link)
+        stiffness = link_stiffness(self.system, omega)[links]
+        return force.at[links].add(-stiffness * fourier.resize(error, omega.shape[-1] - 1))
 
 
-def condense(system, frequency, load, harmonics, meshes, active):
+def condense(system, frequency, load, harmonics, every, meshes, active):
     """Condense the linear train onto the active meshes: :class:`CondensedEquation`, :class:`CondensedTrain`.
 
     frequency : Omega in rad/s; load : complex ``(S, E+1)`` N, of the excitation and of meshes held on one flank, those
-    above ``harmonics`` N are dropped; meshes : MeshParameters of the active ones; active : ``(G,)`` 1, 0 for padding.
+    above ``harmonics`` N are dropped; every, meshes : MeshParameters of all and of the active ones; active : ``(G,)``
+    1, 0 for padding.
     """
-    load = load[:, : harmonics + 1]
+    load = backlash.error_load(system, every, frequency, load)[:, : harmonics + 1]
     columns = system.incidence(meshes.link) * active
     excited = frequencies(frequency, load.shape[-1] - 1)
     displacement, force = (a[:, 0] for a in solve_linear(system, excited, load[:, None]))
-    linear = system.deflections(displacement, meshes.link) * active[:, None]
+    linear = backlash.less_error(meshes, system.deflections(displacement, meshes.link)) * active[:, None]
     # Equal chunks make one program; harmonics that fill the last one up are dropped again.
     chunks = -(-(harmonics + 1) // CHUNK)
     omega = frequencies(frequency, chunks * -(-(harmonics + 1) // chunks) - 1).reshape(chunks, -1)
@@ -146,6 +163,7 @@ def condense(system, frequency, load, harmonics, meshes, active):
     linear = fourier.resize(linear, harmonics)
     law = dataclasses.replace(meshes.law, stiffness=meshes.law.stiffness * active)
     viscous, in_contact = meshes.viscous * active, meshes.contact_damping & (active > 0)
-    equation = CondensedEquation(linear, receptances, frequency, law, viscous, in_contact)
+    varied = {"variation": meshes.variation}
+    equation = CondensedEquation(linear, receptances, frequency, law, viscous, in_contact, **varied)
     taken = balance(system, excited, load, displacement, force)
-    return equation, CondensedTrain(system, frequency, load, columns, taken)
+    return equation, CondensedTrain(system, frequency, load, columns, taken, every)

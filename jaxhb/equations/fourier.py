@@ -17,6 +17,7 @@ Nothing else in the package calls a fast Fourier transform. Numpy arrays are tra
 from dataclasses import dataclass
 
 import jax.numpy as jnp
+import numpy as np
 from scipy.fft import next_fast_len
 
 from jaxhb._jax import namespace
@@ -47,6 +48,14 @@ def synthesize(coefficients, samples):
     """Values ``(..., samples)`` at equidistant time samples ``t_j = 2 pi j / (Omega samples)`` of complex coefficients
     ``(..., N+1)``; exact for ``samples >= 2N+1``, and harmonics above ``samples / 2`` must be absent."""
     return namespace(coefficients).fft.irfft(coefficients, n=samples, axis=-1, norm="forward")
+
+
+def values_at(coefficients, share):
+    """Values ``(..., K)`` at shares ``(K,)`` of the cycle, in no order; work ``N K``."""
+    xp = namespace(coefficients, share)
+    harmonic = xp.arange(coefficients.shape[-1])
+    turned = coefficients * xp.where(harmonic > 0, 2.0, 1.0) @ xp.exp(2j * np.pi * harmonic[:, None] * share)
+    return turned.real
 
 
 def sample(coefficients, count):

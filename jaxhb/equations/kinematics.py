@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 Array = Any
 
+OF_PERIOD, OF_GEARS = ("stiffness_orders", "transmission_error"), ("first_gear_error", "second_gear_error")
+"""Rows of a mesh by orders of its mesh period, and of the own revolutions of its first and its second gear."""
+
 
 def speed_ratios(train):
     """Speed ``[n_rotors]`` of each rotor over that of the reference rotor, from the pitch radii: r_a Omega_a = r_b

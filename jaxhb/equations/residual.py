@@ -15,14 +15,15 @@ def residual(packed, system, meshes, frequency, load, samples):
     """A(x) ``(S, 2N+1)`` N at ``packed`` displacements ``(S, 2N+1)`` m.
 
     meshes : MeshParameters, at least those with backlash; the others are linear links; frequency : Omega in rad/s;
-    load : complex ``(S, N+1)`` N; samples : per cycle, at which the law is evaluated, at least 2N+1.
+    load : complex ``(S, N+1)`` N, without that of transmission errors; samples : per cycle, at which the law is evaluated, at least 2N+1.
     """
     x = fourier.unpack(packed)
     harmonics = x.shape[-1] - 1
     omega = frequencies(frequency, harmonics)
     deflection = system.deflections(x)
     force = link_stiffness(system, omega) * deflection
-    values = _at_samples(backlash.mesh_force, meshes, deflection[meshes.link], frequency, samples)
+    mesh = backlash.less_error(meshes, deflection[meshes.link])
+    values = _at_samples(backlash.mesh_force, meshes, mesh, frequency, samples)
     force = force.at[meshes.link].set(fourier.analyze(values, harmonics))
     return fourier.pack(_disks(system, omega) * x - load + system.spread(force))
 
@@ -34,7 +35,7 @@ def link_blocks(packed, system, meshes, frequency, samples):
     harmonics = x.shape[-1] - 1
     omega = frequencies(frequency, harmonics)
     blocks = fourier.packed_diagonal(link_stiffness(system, omega))
-    mesh = system.deflections(x, meshes.link)
+    mesh = backlash.less_error(meshes, system.deflections(x, meshes.link))
     slope, rate_slope = _at_samples(backlash.mesh_slopes, meshes, mesh, frequency, samples)
     # A product with a slope couples harmonics n and m by its harmonic n - m: 2 N of them are needed.
     stiffness = fourier.product_matrix(fourier.analyze(slope, 2 * harmonics))
@@ -54,4 +55,4 @@ def _disks(system, omega):
 def _at_samples(function, meshes, deflection, frequency, samples):
     """A function of the law of the meshes along the motion with coefficients ``deflection``, at time samples."""
     motion = (fourier.synthesize(x, samples) for x in (deflection, fourier.derivative(deflection, frequency)))
-    return function(*backlash.at_samples(meshes), *motion)
+    return function(*backlash.at_samples(meshes, fourier.Equidistant(samples).synthesize), *motion)

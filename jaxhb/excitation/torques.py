@@ -12,12 +12,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._jax import kept, namespace
+from jaxhb._jax import added, kept, namespace
 from jaxhb.equations import fourier
-from jaxhb.equations.kinematics import speed_ratios
+from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, speed_ratios
 from jaxhb.excitation.crank import CRANK_SAMPLES, gas_torque, inertia_torque
 from jaxhb.excitation.gas import COMPUTED, components, weights
 from jaxhb.excitation.mean_torques import mean_torques, scale_at
@@ -80,7 +79,7 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
     torque = xp.zeros((topology.n_disks, harmonics + 1), dtype=complex)
     seats = np.array([*topology.torque_disk, *topology.cylinder_disk], dtype=int)
     cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
-    torque = _add(torque, seats, 0, mean_torques(train.torques, train.cylinders, *cycle, rpm))
+    torque = added(torque, (seats, 0), mean_torques(train.torques, train.cylinders, *cycle, rpm))
     own = topology.torque_disk, topology.torque_harmonics, train.torques.harmonics
     torque = _add_given(torque, *own, scale_at(train.torques, rpm))
     if topology.cylinder_names:
@@ -92,7 +91,7 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
     share, load_disk = xp.asarray(train.loads.share), np.array(topology.load_disk, dtype=int)
     # Each load takes its share of torque, and all together the power: sum of ratio x load torque = -power.
     load_torque = -power * share / (share @ ratio[load_disk])
-    torque = _add(torque, load_disk, 0, load_torque)
+    torque = added(torque, (load_disk, 0), load_torque)
     torque = _add_given(torque, load_disk, topology.load_harmonics, train.loads.harmonics, load_torque)
     return torque, load_torque, ratio @ torque[:, 0].real
 
@@ -140,7 +139,7 @@ def _add_listed(torque, disks, numbers, values):
     if not flat:
         return torque
     i, k, n = np.array(flat, dtype=int).T
-    return _add(torque, np.array(disks, dtype=int)[i], n, values(i, k, n))
+    return added(torque, (np.array(disks, dtype=int)[i], n), values(i, k, n))
 
 
 def _add_given(torque, disks, numbers, rows, factor):
@@ -154,14 +153,6 @@ def _coefficients(rows, i, k):
     return 0.5 * (pair[:, 0] + 1j * pair[:, 1])
 
 
-def _add(torque, disks, harmonics, values):
-    """``torque`` with ``values`` added at ``[disks, harmonics]``, where indices may repeat."""
-    if isinstance(torque, np.ndarray) and namespace(values) is np:
-        np.add.at(torque, (disks, harmonics), values)
-        return torque
-    return jnp.asarray(torque).at[disks, harmonics].add(values)
-
-
 def load_power_kW(train: DriveTrain, rpm, load_torque):  # noqa: N802
     """Power in kW that loads of ``load_torque`` [n_loads] N m take: -sum_j load_torque_j x ratio_j x 2 pi rpm / 60."""
     rotor = np.array(train.topology.rotor, dtype=int)[np.array(train.topology.load_disk, dtype=int)]
@@ -171,14 +162,15 @@ def load_power_kW(train: DriveTrain, rpm, load_torque):  # noqa: N802
 def highest_harmonic(train: DriveTrain) -> int:
     """Largest harmonic n >= 1 of the cycle that the excitation holds to an extent that counts. Host: concrete values.
 
-    Counted are all harmonics given with an amplitude, inertia torques up to order 6 of their own rotor, and of computed
+    Counted are all harmonics given with an amplitude, those of meshes too, inertia torques up to order 6 of their own rotor, and of computed
     gas torques those above 1e-6 of the largest, always within the cylinder's ``orders``.
     """
     topology, found = train.topology, [1]
     given = [(topology.torque_harmonics, train.torques.harmonics)]
     given.append((topology.cylinder_harmonics, train.cylinders.gas_torque))
-    if train.loads.harmonics is not None:
-        given.append((topology.load_harmonics, train.loads.harmonics))
+    own = [(f"mesh_{name}", getattr(train.meshes, name)) for name in (*OF_PERIOD, *OF_GEARS)]
+    own.append(("load_harmonics", train.loads.harmonics))
+    given += [(getattr(topology, name), values) for name, values in own if values is not None]
     for numbers, values in given:
         present = (np.asarray(values) != 0.0).any(axis=-1).tolist()
         for row, counts in zip(numbers, present, strict=True):
@@ -201,6 +193,7 @@ def listed_harmonic(topology: Topology) -> int:
     Amplitudes of 0 and cylinders that misfire count like the others: with so many :func:`excitation` drops nothing.
     """
     listed = *topology.torque_harmonics, *topology.cylinder_harmonics, *topology.load_harmonics
+    listed += tuple(row for name in (*OF_PERIOD, *OF_GEARS) for row in getattr(topology, f"mesh_{name}"))
     found = [1, *(n for row in listed for n in row)]
     found += [kept * step for kept, step in zip(topology.cylinder_gas, topology.cylinder_step, strict=True)]
     found += [round(kept * turn) for kept, turn in zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)]

@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from jaxhb._jax import on_host
 from jaxhb._shown import brief
 from jaxhb.equations import exact_integrals, fourier
-from jaxhb.equations.backlash import backlash_meshes
+from jaxhb.equations.backlash import law_meshes
 from jaxhb.equations.state_space import StateSpace, loss_damping, partition, state_space
 from jaxhb.floquet.variational import monodromy
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
@@ -126,7 +126,7 @@ def stability(response: Response) -> Stability:
     (True, 0.41, [1.0, 1.0])
     """
     train = train_of(response)
-    system, meshes, topology = chain.assemble(train), backlash_meshes(train), train.topology
+    system, meshes, topology = chain.assemble(train), law_meshes(train), train.topology
     if topology.n_disks > DISKS:
         raise ValueError(
             f"{topology.title}: it has {topology.n_disks} disks, and stability is decided for up to "
@@ -136,10 +136,12 @@ def stability(response: Response) -> Stability:
     frequency = topology.cycle_frequency(float(response.rpm))
     host, meshes, period = on_host(system), on_host(meshes), 2 * np.pi / frequency
     space, fast = state_space(host, meshes, frequency, parts, loss_damping(host)), np.zeros(0)
-    deflection = np.asarray(response.deflections)[topology.backlash_index]
+    deflection = np.asarray(response.deflections)[topology.law_index]
     times = exact_integrals.switching_times(meshes.law, deflection)
-    # Teeth that pass no knot and are beyond the last one stay in contact: the train is linear, as without backlash.
-    if len(times) or (np.abs(fourier.sample(deflection, 1)[:, 0]) < meshes.law.knee).any():
+    # Teeth of constant stiffness that pass no knot and are beyond the last one stay in contact: the train is linear,
+    # as without backlash.
+    in_gap = np.abs(fourier.sample(deflection, 1)[:, 0]) < meshes.law.knee
+    if len(times) or in_gap.any() or meshes.variation is not None:
         if topology.n_disks > EXACT_DISKS:
             highest = SLOWED * mesh_mode_harmonics(train, frequency)[0] * frequency
             space, fast = _slowed(space, len(parts.inertial), highest, topology.title)

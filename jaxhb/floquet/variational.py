@@ -6,8 +6,8 @@ With the slopes of the nonlinear force phi in l and l' along the motion, a small
 
 in the coordinates of :mod:`jaxhb.equations.state_space`. An arc ends where a mesh passes a knot of its law (docs/theory
 A7). In an arc, a mesh in contact or in its gap has constant slopes and belongs to the matrix; without others, the arc
-is one exact exponential. Of a mesh in its smooth zone the force u = S w is a polynomial through Gauss nodes
-(collocation), and Duhamel's integral with the constant train around it is exact:
+is one exact exponential. Of a mesh in its smooth zone, or whose stiffness varies in time, the force u = S w is a
+polynomial through Gauss nodes (collocation), and Duhamel's integral with the constant train around it is exact:
 
     y(tau) = exp(A tau) y(0) + sum_j W_j u_j,     u_i = S_i (L exp(A c_i tau) y(0) + sum_j K_ij u_j).
 
@@ -114,10 +114,15 @@ class _Cycle:
         engagement = backlash.engagement(
             self.meshes.law.expand(), between_samples(self.sampled, self.frequency, middle)[0]
         )
-        between = ((engagement > 0) & (engagement < 1)).T
+        between, variation = ((engagement > 0) & (engagement < 1)).T, self.meshes.variation
+        quickest = 0.0
+        if variation is not None:  # a mesh whose stiffness varies has a constant slope nowhere
+            between = between | (variation != 0).any(axis=-1)
+            quickest = (variation.shape[-1] - 1) * self.frequency
         constant = np.where(np.tile(between, 2), 0.0, self.slopes(middle))
         # Arcs of a mesh in its smooth zone are cut into steps of bounded norm; others are exponentials of any length.
-        reach = np.array([self.train(row.tobytes()).norm for row in constant]) * period * share
+        norm = np.array([self.train(row.tobytes()).norm for row in constant])
+        reach = np.maximum(norm, quickest) * period * share
         count = np.where(between.any(axis=1), np.ceil(reach / REACH), 1).astype(int)
         share = np.repeat(share / count, count)
         number = np.arange(len(share)) - np.repeat(np.cumsum(count) - count, count)
@@ -130,10 +135,10 @@ class _Cycle:
 
     def slopes(self, share):
         """Slopes ``(K, 2G)`` of phi in l and l' at shares of the cycle ``(K,)``."""
-        law, viscous, _ = known = backlash.at_samples(self.meshes)
+        law, viscous, _ = known = backlash.at_samples(self.meshes, lambda c: fourier.values_at(c, share))
         deflection, rate = between_samples(self.sampled, self.frequency, share)
         slope, rate_slope = backlash.mesh_slopes(*known, deflection, rate)
-        return np.concatenate([slope - law.stiffness, rate_slope - viscous + 0 * rate]).T
+        return np.concatenate([slope - law.linear_stiffness, rate_slope - viscous + 0 * rate]).T
 
     def propagators(self):
         """Chunk by chunk the propagators ``(K, n, n)`` of the steps, and the logarithms ``(K,)`` of their

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from jaxhb.equations import fourier
+from jaxhb.equations import backlash, fourier
+from jaxhb.equations.backlash import all_meshes
 from jaxhb.equations.state_space import dense_linear_motion, matrices, static_response
 from jaxhb.excitation.torques import excitation
-from jaxhb.integration.step import Stepper, force_on_flank, krogstad
+from jaxhb.integration.step import Stepper, force_on_flank, krogstad, rows_of
 
 # Time samples of a cycle at which its motion is compared with that of other cycles; divides every number of steps.
 SAMPLES = 32
@@ -38,7 +39,8 @@ def linear_motions(train, rpm, system, meshes, harmonics):
     def one(rpm):
         torque, _, _ = excitation(train, rpm, harmonics)
         frequency = train.topology.cycle_frequency(rpm)
-        displacement = dense_linear_motion(system, frequency, torque / system.radius[:, None])
+        load = backlash.error_load(system, all_meshes(train), frequency, torque / system.radius[:, None])
+        displacement = dense_linear_motion(system, frequency, load)
         force = force_on_flank(meshes.law, system.deflections(displacement, meshes.link))
         shift = static_response(matrices(system)[1], system.spread(-force, meshes.link))
         return LinearMotion(frequency, displacement, shift)
@@ -52,6 +54,7 @@ def steppers(modes, system, meshes, linear_motion, steps):
     modes : Modes; meshes : those with backlash of the System (MeshParameters); steps : per cycle, a multiple of 32.
     """
     deflection = np.moveaxis(system.deflections(np.moveaxis(linear_motion.displacement, 0, 1), meshes.link), 1, 0)
+    deflection = backlash.less_error(meshes, deflection)
     both = np.concatenate([deflection, fourier.derivative(deflection, linear_motion.frequency[:, None, None])], axis=1)
     linear = np.ascontiguousarray(np.moveaxis(fourier.synthesize(both, 2 * steps), 1, 2))
 
@@ -65,6 +68,7 @@ def steppers(modes, system, meshes, linear_motion, steps):
         law=jax.tree.map(everywhere, meshes.law),
         viscous=everywhere(meshes.viscous),
         contact_damping=everywhere(meshes.contact_damping),
+        variation=None if meshes.variation is None else everywhere(rows_of(meshes.variation, steps)),
     )
 
 

@@ -133,7 +133,8 @@ def harmonics_of(steps):
 
 def _statistics(stepper, outputs, w, states):
     """Numbers and power of one cycle: w ``(steps + 1, 2G)``, states ``(steps + 1, 2m)``."""
-    law, viscous, contact_damping = backlash.at_samples(stepper)
+    # Samples are whole steps apart, and the last is the first again.
+    law, viscous, contact_damping = backlash.at_samples(stepper, lambda rows: _closed(rows[::2].T))
     deflection, rate = jnp.split(w.T, 2)
     elastic = backlash.force(law, deflection)
     total = backlash.mesh_force(law, viscous, contact_damping, deflection, rate)

@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxhb._jax import on_host
 from jaxhb._program import Program
 from jaxhb.equations import backlash, fourier
-from jaxhb.equations.backlash import backlash_meshes
+from jaxhb.equations.backlash import all_meshes, law_meshes
 from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.integration import shooting
@@ -137,16 +138,19 @@ def reference_orbit(
         # No cycle closes better than by nothing: exactly so many are marched.
         until = (tolerance, max_cycles) if cycles is None else (-1.0, cycles)
         state, trace, cycles = _march(stepper, stepper.flank_state, tolerance=until[0], max_cycles=until[1])
-    law = meshes.law.expand()
-    low, high = backlash.force(law, _extremes(trace, 2 * np.pi / float(frequency) / steps)).T
+    meshes, deflection, rate = on_host((meshes, trace.deflection, trace.rate))
+    known = backlash.at_samples(meshes, fourier.Equidistant(steps).synthesize)
+    between = _between(deflection, rate, 2 * np.pi / float(frequency) / steps)
+    law, *_ = backlash.at_samples(meshes, fourier.Equidistant(between.shape[1]).synthesize)
+    elastic = backlash.force(law, between)
     return Orbit(
-        deflection=np.asarray(trace.deflection),
-        rate=np.asarray(trace.rate),
-        elastic=np.asarray(backlash.force(law, trace.deflection)),
-        transmitted=np.asarray(backlash.mesh_force(*backlash.at_samples(meshes), trace.deflection, trace.rate)),
-        smallest=np.asarray(low),
-        largest=np.asarray(high),
-        separated=np.asarray(backlash.separated(law, trace.deflection).mean(axis=1)),
+        deflection=deflection,
+        rate=rate,
+        elastic=backlash.force(known[0], deflection),
+        transmitted=backlash.mesh_force(*known, deflection, rate),
+        smallest=elastic.min(axis=1, initial=np.inf),
+        largest=elastic.max(axis=1, initial=-np.inf),
+        separated=backlash.separated(known[0], deflection).mean(axis=1),
         periodicity_error=float(trace.periodicity_error),
         settled=bool(trace.periodicity_error <= tolerance),
         cycles=int(cycles),
@@ -156,25 +160,26 @@ def reference_orbit(
     )
 
 
-def _extremes(trace, dt):
-    """Least and largest deflection ``(G, 2)`` m on the cubics through l and l' at the samples."""
-    l, slope = np.asarray(trace.deflection), np.asarray(trace.rate) * dt
+def _between(l, rate, dt):
+    """Deflections ``(G, 16 steps)`` m on the cubics through l and l' at the samples ``(G, steps)``."""
+    slope = rate * dt
     following, steepness = np.roll(l, -1, axis=1), np.roll(slope, -1, axis=1)
     s = np.arange(16)[:, None, None] / 16
     # Hermite's cubics: the samples have the rates as well.
     values = (1 + 2 * s) * (1 - s) ** 2 * l + s * (1 - s) ** 2 * slope
     values += s**2 * (3 - 2 * s) * following + s**2 * (s - 1) * steepness
-    return np.stack([values.min(axis=(0, 2), initial=np.inf), values.max(axis=(0, 2), initial=-np.inf)], axis=1)
+    return np.moveaxis(values, 0, -1).reshape(len(l), -1)
 
 
 def equations_of(train, rpm):
-    """System, backlash meshes, Omega and load of a train at a speed."""
+    """System, meshes that have a law, Omega and load of a train at a speed."""
     check_speed(train, rpm)
-    system, meshes = chain.assemble(train), backlash_meshes(train)
+    system, meshes = chain.assemble(train), law_meshes(train)
     partition(system, meshes, train.topology.disk_names, train.topology.link_names)
     torque, _, _ = excitation(train, rpm, listed_harmonic(train.topology))
     frequency = train.topology.cycle_frequency(rpm)
-    return system, meshes, frequency, torque / jnp.asarray(system.radius)[:, None]
+    load = torque / jnp.asarray(system.radius)[:, None]
+    return system, meshes, frequency, backlash.error_load(system, all_meshes(train), frequency, load)
 
 
 def integrate(
@@ -277,11 +282,11 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
     train, rpm = response.train, float(response.rpm)
     if train is None:
         raise ValueError("the response comes out of a transformation without its train: solve outside of it")
-    if not any(train.topology.mesh_backlash):
+    if not train.topology.mesh_has_law.any():
         raise ValueError(f"{train.topology.title} has no mesh with backlash: its response is exact")
     system, meshes, frequency, load = equations_of(train, rpm)
     start = np.asarray(response.angles) * np.asarray(system.radius)[:, None]
-    farthest, least = np.abs(start[:, 0]).max(), np.min(meshes.law.backlash)
+    farthest, least = np.abs(start[:, 0]).max(), np.min(meshes.law.backlash, where=meshes.law.epsilon < 1, initial=np.inf)
     if ROUNDED * farthest > least:
         raise ValueError(
             f"{train.topology.title}: the mean torques turn a gear by {farthest:.1e} m along its teeth, and "
@@ -309,9 +314,9 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
 def _difference(response, meshes, orbit):
     """The Correction of a response by the motion that closes beside it."""
     train = response.train
-    own = train.topology.backlash_index
-    deflection = response.deflection_samples(orbit.elastic.shape[1])[own]
-    force = np.asarray(backlash.force(meshes.law.expand(), deflection))
+    own, samples = train.topology.law_index, orbit.elastic.shape[1]
+    law, *_ = backlash.at_samples(on_host(meshes), fourier.Equidistant(samples).synthesize)
+    force = backlash.force(law, np.asarray(response.deflection_samples(samples)[own]))
     extremes = np.array([[s.min, s.max] for s in (response.force(train.topology.mesh_names[i]).elastic for i in own)])
     change = extremes - np.stack([orbit.smallest, orbit.largest], axis=1)
     largest = np.abs(orbit.elastic).max()

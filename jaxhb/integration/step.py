@@ -48,6 +48,7 @@ class Stepper:
     third : stage weights ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``; linear ``(2 steps, 2G)``: w of the linear train every
     half step, or more rows, whose rest is not used, if ``count`` holds the number of steps (one program for many
     numbers); observation ``(2G, n)``: what a state adds to w; law, viscous, contact_damping : of the meshes ``(G,)``;
+    variation, rows as of linear ``(2 steps, G)``: stiffness of that instant over its mean, less 1, None of constant ones;
     linear_state ``(n,)`` its state at t = 0; flank_state ``(n,)``: deviation for which every mesh carries its linear
     force on its drive side; space : the equations; frequency : rad/s; residual_flexibility ``(G, G)`` m/N : static
     response of the modes that are no states, too fast for the steps.
@@ -70,6 +71,7 @@ class Stepper:
     frequency: jax.Array | None = None
     residual_flexibility: jax.Array | None = None
     count: jax.Array | None = None
+    variation: jax.Array | None = None
 
     @property
     def capacity(self):
@@ -81,17 +83,18 @@ class Stepper:
         """Steps of a cycle; traced where there is room for more."""
         return self.capacity if self.count is None else self.count
 
-    def nonlinear_force(self, deflection, rate):
-        """Force ``(G,)`` N of the meshes less its linear part."""
-        return backlash.nonlinear_force(self.law, self.viscous, self.contact_damping, deflection, rate)
+    def variation_at(self, row):
+        """Stiffness over its mean, less 1, ``(G,)`` half a step ``row`` of the cycle."""
+        return lax.dynamic_index_in_dim(self.variation, row, keepdims=False)
 
-    def nonlinear_force_at(self, w):
-        """phi ``(G,)`` N at ``w`` ``(2G,)``, deflections and rates of the states."""
-        return self.nonlinear_force(self.with_fast_modes(w), jnp.split(w, 2)[1])
+    def nonlinear_force(self, deflection, rate, row):
+        """Force ``(G,)`` N of the meshes, half a step ``row`` of the cycle, less its linear part."""
+        law = self.law if self.variation is None else backlash.at_instant(self.law, self.variation_at(row))
+        return backlash.nonlinear_force(law, self.viscous, self.contact_damping, deflection, rate)
 
-    def with_fast_modes(self, w):
-        """Deflections ``(G,)`` with the static response of the fast modes, R the residual flexibility:
-        ``l + R phi(l) = l of the states``.
+    def with_fast_modes(self, w, row):
+        """Deflections ``(G,)`` of w ``(2G,)``, deflections and rates of the states half a step ``row`` of the cycle,
+        with the static response of the fast modes, R the residual flexibility: ``l + R phi(l) = l of the states``.
 
         Two steps of Newton's method mesh by mesh: the fast modes have a small part of the compliance of a mesh. Their
         part of the rate is left out.
@@ -101,7 +104,7 @@ class Stepper:
             return given
         deflection, own = given, jnp.diag(self.residual_flexibility)
         for _ in range(2):
-            force, slope = jax.jvp(lambda l: self.nonlinear_force(l, rate), (deflection,), (jnp.ones_like(given),))
+            force, slope = jax.jvp(lambda l: self.nonlinear_force(l, rate, row), (deflection,), (jnp.ones_like(given),))
             deflection = deflection - (deflection + self.residual_flexibility @ force - given) / (1 + own * slope)
         return deflection
 
@@ -111,7 +114,12 @@ class Stepper:
         middle, last = (lax.dynamic_index_in_dim(self.linear, row, keepdims=False) for row in rows)
         whole, half = jnp.split(self.ahead @ state, 2)
         whole, half = last + whole, middle + half
-        change = _product(self.weights, *stages(self.nonlinear_force_at, _product, self, w, half, whole))
+
+        def force(w, half_steps):
+            row = (2 * k, *rows)[half_steps]
+            return self.nonlinear_force(self.with_fast_modes(w, row), jnp.split(w, 2)[1], row)
+
+        change = _product(self.weights, *stages(force, _product, self, w, half, whole))
         return propagated(self.propagator, state) + change[: len(state)], whole + change[len(state) :]
 
 
@@ -123,12 +131,13 @@ def stages(force, product, weights, w, middle, ahead):
     """The three forces of a step: first, sum of the two in the middle, last.
 
     Krogstad's four stages: begin, twice the middle, end. ``middle`` and ``ahead`` are what the state alone does to w,
-    ``product(weights, *forces)`` what the forces before a stage add, so that a stage needs w alone.
+    ``product(weights, *forces)`` what the forces before a stage add, so that a stage needs w, and the half steps that
+    it lies ahead, alone.
     """
-    f0 = force(w)
-    fa = force(middle + product(weights.first, f0))
-    fb = force(middle + product(weights.second, f0, fa))
-    fc = force(ahead + product(weights.third, f0, fb))
+    f0 = force(w, 0)
+    fa = force(middle + product(weights.first, f0), 1)
+    fb = force(middle + product(weights.second, f0, fa), 1)
+    fc = force(ahead + product(weights.third, f0, fb), 2)
     return f0, fa + fb, fc
 
 
@@ -142,9 +151,9 @@ def krogstad(half_1, half_2, one, two, three):
 def discretize(system, meshes, frequency, load, steps, parts=None):
     """The :class:`Stepper` of equations of motion at one speed.
 
-    system : System, meshes taken in contact; meshes : MeshParameters of the backlash meshes, others are linear links
-    of the system; load ``(S, N+1)`` N; steps : per cycle, static, more than N; parts : :func:`partition`, needed where
-    the system is traced.
+    system : System, meshes taken in contact; meshes : MeshParameters of those that have a law, others are linear links
+    of the system; load ``(S, N+1)`` N, that of transmission errors included; steps : per cycle, static, more than N;
+    parts : :func:`partition`, needed where the system is traced.
     """
     if steps < load.shape[-1]:
         raise ValueError(f"{steps} steps per cycle do not carry {load.shape[-1] - 1} harmonics of the excitation.")
@@ -154,17 +163,25 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
     space = state_space(system, meshes, frequency, parts)
     response = dense_linear_motion(system, frequency, load)
     speed = fourier.derivative(response, frequency)
-    deflection = system.deflections(response, meshes.link)
+    deflection = backlash.less_error(meshes, system.deflections(response, meshes.link))
     shift = static_response(matrices(system)[1], system.spread(-force_on_flank(meshes.law, deflection), meshes.link))
-    linear = fourier.synthesize(with_rate(deflection, frequency), 2 * steps).T
+    linear = rows_of(with_rate(deflection, frequency), steps)
     flank_state = space.coordinates @ jnp.concatenate([shift, jnp.zeros_like(shift)])
     linear_state = space.coordinates @ fourier.sample(jnp.concatenate([response, speed]), 1)[:, 0]
-    return stepper_of(space, meshes, linear, frequency, steps, linear_state, flank_state)
+    variation = rows_of(meshes.variation, steps)
+    return stepper_of(space, meshes, linear, variation, frequency, steps, linear_state, flank_state)
 
 
-def stepper_of(space, meshes, linear, frequency, steps, linear_state, flank_state, residual_flexibility=None):
-    """The :class:`Stepper` of a state space, samples ``(2 steps, 2G)`` of its linear response, and what has the law,
-    viscous and contact_damping of the meshes."""
+def rows_of(coefficients, steps):
+    """Values ``(2 steps, n)`` every half step of coefficients ``(n, N+1)``; None of None."""
+    return None if coefficients is None else fourier.synthesize(coefficients, 2 * steps).T
+
+
+def stepper_of(
+    space, meshes, linear, variation, frequency, steps, linear_state, flank_state, residual_flexibility=None
+):
+    """The :class:`Stepper` of a state space, rows every half step of its linear response and of the variation of the
+    meshes, and what has their law, viscous and contact_damping."""
     return Stepper(
         **_weights(space, 2 * jnp.pi / frequency / steps),
         linear=linear,
@@ -177,6 +194,7 @@ def stepper_of(space, meshes, linear, frequency, steps, linear_state, flank_stat
         contact_damping=meshes.contact_damping,
         frequency=frequency,
         residual_flexibility=residual_flexibility,
+        variation=variation,
     )
 
 
@@ -303,8 +321,8 @@ def no_samples(stepper, capacity):
 def watch(stepper):
     """``keep`` and ``seen`` of :func:`run` for the largest deflections and rates ``(2G,)``."""
 
-    def keep(largest, _, w, __):
-        motion = jnp.concatenate([stepper.with_fast_modes(w), jnp.split(w, 2)[1]])
+    def keep(largest, k, w, _):
+        motion = jnp.concatenate([stepper.with_fast_modes(w, 2 * k), jnp.split(w, 2)[1]])
         return jnp.maximum(largest, jnp.abs(motion))
 
     return keep, jnp.zeros(stepper.linear.shape[1])
@@ -319,7 +337,8 @@ def periodicity_error(stepper, change, largest):
 def trace_of(stepper, samples, change):
     """The Trace of a cycle from w ``(capacity, 2G)``, (l, l') of the states, and its change ``(2G,)`` over the
     cycle."""
-    deflection, rate = jax.vmap(stepper.with_fast_modes)(samples).T, jnp.split(samples.T, 2)[1]
+    deflection = jax.vmap(stepper.with_fast_modes)(samples, 2 * jnp.arange(len(samples))).T
+    rate = jnp.split(samples.T, 2)[1]
     largest = jnp.abs(jnp.concatenate([deflection, rate])).max(axis=1)
     return Trace(deflection, rate, periodicity_error(stepper, change, largest))
 

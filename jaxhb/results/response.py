@@ -187,6 +187,8 @@ class Response(Fields, Motion[Signal, Contact, Array]):
             bent = self.deflections[..., index - shafts, :]
             # Harmonics of the force beyond those of the motion do no work.
             passed = self.forces[..., index - shafts, : bent.shape[-1]]
+            if self.topology.mesh_varies[index - shafts]:  # its elastic force does work, which is no heat
+                passed = passed - self.elastic_forces[..., index - shafts, : bent.shape[-1]]
         xp, rate = namespace(passed, bent), fourier.derivative(bent, self._frequency)
         return 2 * xp.sum((passed * xp.conj(rate)).real, axis=-1)
 

@@ -3,7 +3,7 @@
 Where teeth hammer with little damping, time integration may wander for ever though periodic motions exist. With a gap
 as stiff as the contact the law is linear and its motion unique. On the way to the wanted law,
 
-    epsilon^p,     damping r w^(1 - p),     transition tau v^(1 - p),     p = 0 .. 1,
+    epsilon^p,     damping r w^(1 - p),     transition tau v^(1 - p),     variation p (kappa - 1),     p = 0 .. 1,
 
 the motion stays bounded, so that the curve of motions that begins at p = 0 has nowhere to end but at p = 1, however
 often it turns back (homotopies of this kind succeed for almost all their parameters: Chow, Mallet-Paret and Yorke,
@@ -53,7 +53,7 @@ class HomotopyStepper(Stepper):
     parameter: Array | float = 1.0
     beginning: Beginning = BEGINNINGS[0]
 
-    def nonlinear_force(self, deflection, rate):
+    def nonlinear_force(self, deflection, rate, row):
         """Force ``(G,)`` N of the meshes less its linear part; that of the train itself for p = 1."""
         law, left = self.law, 1 - self.parameter
         least = jnp.maximum(law.epsilon, LEAST_EPSILON)
@@ -62,9 +62,11 @@ class HomotopyStepper(Stepper):
         epsilon = jnp.where(self.beginning.linear, 1 - self.parameter * (1 - law.epsilon), geometric)
         widest = jnp.minimum(law.transition * self.beginning.transition, jnp.maximum(law.transition, 1.0))
         law = backlash.Law(law.stiffness, epsilon, law.transition * (widest / law.transition) ** left, law.backlash)
+        if self.variation is not None:
+            law = backlash.at_instant(law, self.parameter * self.variation_at(row))
         in_contact = jnp.where(self.contact_damping, (1 - epsilon) / jnp.maximum(1 - self.law.epsilon, 1e-300), 0.0)
         damping = self.viscous * self._damping() ** left * (1 - in_contact * (1 - backlash.engagement(law, deflection)))
-        return backlash.force(law, deflection) - law.stiffness * deflection + (damping - self.viscous) * rate
+        return backlash.force(law, deflection) - law.linear_stiffness * deflection + (damping - self.viscous) * rate
 
     def _damping(self):
         """Tooth damping at p = 0 over the wanted one: at most what the steps carry."""

@@ -20,7 +20,7 @@ from jaxhb.balance.program import reduced_stepper
 from jaxhb.equations import fourier
 from jaxhb.equations.reduced_model import states_of
 from jaxhb.integration import shooting
-from jaxhb.integration.step import cycle, cycle_error, with_rate
+from jaxhb.integration.step import cycle, cycle_error, rows_of, with_rate
 
 CYCLES = 64  # marched at most; those that close best are shot from
 WORK = 6e7  # of the cycles shot from, in units of ``work_of_cycle``
@@ -37,14 +37,15 @@ FLEXIBLE = 1e-6  # share of the compliance of a mesh below which modes too fast 
 
 @Program
 def _equations(problem, active_meshes, time_steps):
-    """A Stepper without samples of its linear response, the coefficients ``(2G, N+1)`` of these, and the
-    ReducedOrderModel."""
+    """A Stepper without samples of its linear response, the coefficients ``(2G, N+1)`` of these, those of the
+    variation of the meshes, and the ReducedOrderModel."""
     harmonics = problem.load.shape[-1] - 1
     reduced, _ = reduced_equation(problem, harmonics, active_meshes)
     model = model_of(problem, active_meshes, time_steps)
     response = with_rate(reduced.linear, reduced.frequency)
     empty = jnp.zeros((0, len(response)))
-    return reduced_stepper(reduced, model, time_steps, empty, model.residual_flexibility), response, model
+    stepper = reduced_stepper(reduced, model, time_steps, empty, None, model.residual_flexibility)
+    return stepper, response, reduced.variation, model
 
 
 def work_of_cycle(train, time_steps):
@@ -55,12 +56,15 @@ def work_of_cycle(train, time_steps):
 def stepper_of(train, rpm, plan):
     """The Stepper of a train with the meshes and time steps of a Plan, and the ReducedOrderModel that it steps."""
     problem = problem_at(train, rpm, plan.static.excited)
-    stepper, response, modes = _equations(problem, plan.active_meshes, plan.time_steps)
+    stepper, response, variation, modes = _equations(problem, plan.active_meshes, plan.time_steps)
     # Room for the most steps, the number in use traced: one program for all numbers of steps that follow the modes of
     # the teeth, and one for all that do not: the static response of the rest doubles the time of a step.
-    linear = np.zeros((2 * CAPACITY, len(response)))
-    linear[: 2 * plan.time_steps] = fourier.synthesize(response, 2 * plan.time_steps).T
-    stepper = replace(stepper, linear=linear, count=np.array(plan.time_steps))
+    rows = []
+    for coefficients in (response, variation):
+        rows.append(coefficients if coefficients is None else np.zeros((2 * CAPACITY, len(coefficients))))
+        if coefficients is not None:
+            rows[-1][: 2 * plan.time_steps] = rows_of(coefficients, plan.time_steps)
+    stepper = replace(stepper, linear=rows[0], variation=rows[1], count=np.array(plan.time_steps))
     flexible = np.abs(np.diag(stepper.residual_flexibility)) * np.asarray(stepper.law.stiffness) > FLEXIBLE
     return (stepper if flexible.any() else replace(stepper, residual_flexibility=None)), modes
 

@@ -56,8 +56,8 @@ def meshes_leaving_contact(train, forces):
     """Meshes that the linear motion takes off their flank, or nearly so where others separate and hammer.
 
     Of elastic forces ``(n, M, samples)`` N with all in contact: the flank ``(n, M)`` on which each backlash mesh is
-    taken to stay (to be verified), 0 for the others; whether it leaves it, its contact an unknown; and ``(n,)`` whether
-    any force passes through zero.
+    taken to stay (to be verified), 0 for the others; whether it leaves it or its stiffness varies, its motion an
+    unknown; and ``(n,)`` whether any force passes through zero.
     """
     gap = np.array(train.topology.mesh_backlash, dtype=bool)
     # A mesh stays on its flank where its least force exceeds that of the knee, by more the harder others hammer: their
@@ -68,8 +68,8 @@ def meshes_leaving_contact(train, forces):
     apart = gap & (least <= 0)
     half_peak_to_peak = np.where(apart, (highest - lowest) / 2, 0.0)
     spare = HAMMERED * np.max(half_peak_to_peak, axis=-1, initial=0.0, keepdims=True)
-    leaves = gap & ~(least > backlash.law_of(train.meshes).knee_force + spare)
-    return np.where(gap & ~leaves, side, 0), leaves, apart.any(axis=-1)
+    stays = gap & (least > backlash.law_of(train.meshes).knee_force + spare) & ~train.topology.mesh_varies
+    return np.where(stays, side, 0), train.topology.mesh_has_law & ~stays, apart.any(axis=-1)
 
 
 def first_level(excited, mesh_modes):
@@ -84,11 +84,10 @@ def tolerance_share(harmonics, weak_modes):
 
 def all_active(train, plan, request):
     """The plan with every mesh that has backlash as an unknown, and enough harmonics for that."""
-    gaps = train.topology.mesh_backlash
-    active = tuple(i for i, gap in enumerate(gaps) if gap)
+    active = tuple(train.topology.law_index.tolist())
     level = min(first_level(excited_harmonic(train, plan.method), 0.0), MOST_HARMONICS[plan.method])
     harmonics = request.harmonics or max(plan.harmonics, level)
-    return dataclasses.replace(plan, harmonics=harmonics, active=active, flank=(0,) * len(gaps))
+    return dataclasses.replace(plan, harmonics=harmonics, active=active, flank=(0,) * len(train.topology.mesh_names))
 
 
 def contact_plan(train, request):
@@ -109,7 +108,7 @@ def plan_speeds(train, rpm, request):
     """A Plan for every speed ``(n,)``, few distinct ones: teeth in contact, leaving contact, separating."""
     contact = contact_plan(train, request)  # its ``excited`` is the highest order listed, whatever its amplitude
     excited = excited_harmonic(train, request.method)
-    if not any(train.topology.mesh_backlash):
+    if not train.topology.mesh_has_law.any():
         return [contact] * len(rpm)
     forces = _linear_mesh_forces(train, rpm, contact, max(excited, LEVELS[0]))
     sampled = fourier.synthesize(forces, fourier.SAMPLES_PER_HARMONIC * forces.shape[-1])
@@ -122,7 +121,9 @@ def plan_speeds(train, rpm, request):
         wanted = level_at_least(first_level(excited, highest), levels)
         return request.harmonics or min(wanted, MOST_HARMONICS[request.method])
 
-    touching, hammering = (np.flatnonzero(leaves.any(axis=-1) & (apart == kind)) for kind in (False, True))
+    # What a stiffness that varies does to the motion the linear train does not tell: that is marched, too.
+    marched = apart | train.topology.mesh_varies.any()
+    touching, hammering = (np.flatnonzero(leaves.any(axis=-1) & (marched == kind)) for kind in (False, True))
     groups = {(False, level_of(0.0)): touching} if len(touching) else {}
     levels = np.array([level_of(highest) for highest in modes[hammering]], dtype=int)
     groups |= {(True, level): hammering[levels == level] for level in dict.fromkeys(levels.tolist())}
@@ -134,7 +135,7 @@ def plan_speeds(train, rpm, request):
         shared = dataclasses.replace(
             contact,
             harmonics=level,
-            active=tuple(i for i, gap in enumerate(train.topology.mesh_backlash) if gap and not flank[i]),
+            active=tuple(i for i in train.topology.law_index.tolist() if not flank[i]),
             flank=flank,
             start="march" if separating else "linear",
             time_steps=max(time_steps_of(level), resolving if separating else 0),
@@ -157,12 +158,12 @@ def _linear_mesh_forces(train, rpm, contact, harmonics):
 
 def _dense_mesh_forces(train, rpm, harmonics):
     """Those of some speeds, without a program."""
-    system, found = chain.assemble(train), []
-    links = np.arange(len(system.stiffness))[-len(train.topology.mesh_names) :]
+    system, meshes, found = chain.assemble(train), backlash.all_meshes(train), []
     for speed in rpm:
-        load = excitation(train, speed, harmonics)[0] / system.radius[:, None]
-        displacement = dense_linear_motion(system, train.topology.cycle_frequency(speed), load)
-        found.append(system.stiffness[links][:, None] * system.deflections(displacement, links))
+        load, frequency = excitation(train, speed, harmonics)[0], train.topology.cycle_frequency(speed)
+        load = backlash.error_load(system, meshes, frequency, load / system.radius[:, None])
+        deflection = system.deflections(dense_linear_motion(system, frequency, load), meshes.link)
+        found.append(meshes.law.stiffness[:, None] * backlash.less_error(meshes, deflection))
     return np.stack(found)
 
 

@@ -38,7 +38,7 @@ def solve_marched(train, march, trace, period, request, *, steps, meshes, levels
     plan = _plan(train, march.rpm, request, deflection, meshes, period)
     reach = (deflection.shape[1] - 1) // 2
     given = np.zeros((len(train.topology.mesh_names), reach + 1), dtype=complex)
-    given[train.topology.backlash_index] = fourier.analyze(deflection, reach)
+    given[train.topology.law_index] = fourier.analyze(deflection, reach)
     given, case = active_deflections(plan, given), starts.Case(train, march.rpm, request, plan)
     for _ in range(levels):
         starts.refine(case, plan, given, event)
@@ -56,7 +56,7 @@ def _plan(train, rpm, request, deflection, meshes, period):
     law = meshes.law
     side = np.where(deflection.mean(axis=1) < 0, -1, 1)
     least = (side[:, None] * deflection).min(axis=1)
-    stays = least > law.knee + MARGIN * law.backlash
+    stays = (least > law.knee + MARGIN * law.backlash) & ~train.topology.mesh_varies[train.topology.law_index]
     apart = (np.abs(deflection) < law.gap[:, None]).any()
     return _plan_of(train, rpm, request, np.where(stays, side, 0), apart, period)
 
@@ -64,7 +64,7 @@ def _plan(train, rpm, request, deflection, meshes, period):
 def _plan_of(train, rpm, request, side, apart, period):
     """The plan for backlash meshes of which some stay on a side ``(G,)``, +1 or -1, and those of side 0 are unknowns;
     ``apart``: whether any separates."""
-    own = train.topology.backlash_index
+    own = train.topology.law_index
     if not side.all():
         side = np.zeros_like(side)  # one program whatever meshes leave contact
     flank = np.zeros(len(train.topology.mesh_names), dtype=int)
@@ -92,7 +92,7 @@ def compile_ahead(train, separates, request):
     """Begin to make the programs that :func:`solve_marched` will run at speeds ``{rpm: whether the linear motion
     separates teeth}``, in other threads, while these are marched: Futures to be cancelled when these speeds are done.
     """
-    unknown = np.zeros(sum(train.topology.mesh_backlash), dtype=int)
+    unknown = np.zeros(len(train.topology.law_index), dtype=int)
     plans = {_plan_of(train, rpm, request, unknown, apart, period=1): rpm for rpm, apart in separates.items()}
     cases = (starts.Case(train, rpm, request, plan) for plan, rpm in plans.items())
     return [made for made in map(starts.compile_ahead, cases) if made is not None]
@@ -100,7 +100,7 @@ def compile_ahead(train, separates, request):
 
 def same_motion(response, trace, meshes, train, most=SAME):
     """Whether a response is the motion of a marched period ``(2G, steps)``."""
-    own = train.topology.backlash_index
+    own = train.topology.law_index
     deflection = np.split(trace, 2)[0]
     found = response.deflection_samples(deflection.shape[1])[own]
     gap = (1 - meshes.law.epsilon) * meshes.law.backlash

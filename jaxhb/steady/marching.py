@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxhb._program import WHOLE, across, along
 from jaxhb.balance.plan import TIME_STEPS
-from jaxhb.equations.backlash import backlash_meshes
+from jaxhb.equations.backlash import law_meshes
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.equations.reduced_model import reduced_model
 from jaxhb.equations.state_space import march_modes, modes_of, partition
@@ -40,10 +40,9 @@ class Equations:
 
     def __init__(self, train):
         self.train, topology = train, train.topology
-        self.system, self.meshes = chain.assemble(train), backlash_meshes(train)
+        self.system, self.meshes = chain.assemble(train), law_meshes(train)
         self.parts = partition(self.system, self.meshes, topology.disk_names, topology.link_names, lossy=True)
-        self.own = topology.backlash_index
-        self.linear = np.flatnonzero(~np.array(topology.mesh_backlash, dtype=bool))
+        self.own, self.linear = topology.law_index, np.flatnonzero(~topology.mesh_has_law)
         self.shafts = len(topology.link_names) - len(topology.mesh_names)
         self.gears = sorted({disk for ends in topology.mesh_ends for disk in ends})
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from jaxhb.elements import checks, derived, value_checks
 from jaxhb.elements.elements import Head, SceneError
+from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
 from jaxhb.excitation import gas
 from jaxhb.train import connections, tables, train_checks
 from jaxhb.train.drivetrain import DriveTrain
@@ -149,6 +150,12 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
         factor = (ratio[seat[i]] if i in seat else None) if own else 1.0
         if factor is not None and parts.usable("torque", i, "orders_of"):
             needs += [("torque", i, f"order {o:g}", o * factor, "mean") for o in _orders(torque.harmonics)]
+    for i, ends in parts.links("mesh"):
+        mesh, periods = parts.tables["mesh"][i], _mesh_periods(parts, ends, ratio)
+        per_order = dict.fromkeys(OF_PERIOD, periods) | dict(zip(OF_GEARS, (ratio[d] for d in ends), strict=True))
+        for name, factor in per_order.items():
+            orders = _orders(getattr(mesh, name)) if factor is not None else []
+            needs += [("mesh", i, f"order {o:g} of {name}", o * factor, "") for o in orders]
     for i, disk in parts.seats("load"):
         factor, orders = ratio[disk], _orders(parts.tables["load"][i].harmonics)
         needs += [("load", i, f"order {o:g}", o * factor, "") for o in orders if factor is not None]
@@ -166,6 +173,13 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
         if moving and cylinder.reciprocating_mass > 0:
             needs.append(("cylinder", i, "order 1 of the reciprocating mass", factor, ""))
     return needs
+
+
+def _mesh_periods(parts, ends, ratio):
+    """Mesh periods per revolution of the reference rotor, from the gear that has teeth; None where that is unknown."""
+    disks = parts.tables["disk"]
+    gears = [d for d in ends if d < len(disks) and ratio[d] is not None and parts.usable("disk", d, "teeth")]
+    return next((disks[d].teeth * ratio[d] for d in gears if disks[d].teeth), None)
 
 
 def _orders(rows) -> list[float]:
@@ -189,6 +203,13 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Top
     def harmonics(rows, per_order):
         return tuple(tuple(round(row[0] * factor) for row in own) for own, factor in zip(rows, per_order, strict=True))
 
+    mesh_ends = tuple(parts.ends("mesh"))
+    per_revolution = [_mesh_periods(parts, ends, ratio) or 0.0 for ends in mesh_ends]
+    needed = [any(getattr(m, name) for name in OF_PERIOD) for m in t["mesh"]]
+    periods = [round(p * cycle) if need else 0 for p, need in zip(per_revolution, needed, strict=True)]
+    turns = [[ratio[ends[k]] * cycle for ends in mesh_ends] for k in (0, 1)]
+    for field, per_order in zip((*OF_PERIOD, *OF_GEARS), (periods, periods, *turns), strict=True):
+        named[f"mesh_{field}"] = harmonics([getattr(m, field) for m in t["mesh"]], per_order)
     return Topology(
         name=name,
         revolutions_per_cycle=cycle,
@@ -200,7 +221,8 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Top
         reference_rotor=rotors.rotor[reference_disk],
         rotor_path=rotors.path,
         shaft_ends=tuple(parts.ends("shaft")),
-        mesh_ends=tuple(parts.ends("mesh")),
+        mesh_ends=mesh_ends,
+        mesh_periods=tuple(periods),
         mesh_internal=tuple(m.kind == "internal" for m in t["mesh"]),
         mesh_backlash=tuple(m.backlash is not None for m in t["mesh"]),
         mesh_damping_law=tuple(m.damping_law for m in t["mesh"]),

@@ -8,7 +8,7 @@ import numpy as np
 from jaxhb._jax import traced
 from jaxhb.elements import derived, value_checks
 from jaxhb.elements.elements import TABLES, Combustion, Mesh, SceneError, Trace, suggestion
-from jaxhb.equations.kinematics import rotor_ratios
+from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, rotor_ratios
 from jaxhb.excitation import gas
 from jaxhb.train import connections
 from jaxhb.train.connections import RATIO_TOLERANCE
@@ -141,8 +141,8 @@ def _row(train, table, field, index):
     """The part of a row that the scene gave (harmonics and traces are padded)."""
     place = _place(train, field, index)
     row = _vector(train, table, field)[place]
-    if field in ("harmonics", "gas_torque"):
-        return row[: len(getattr(train.topology, f"{table}_harmonics")[index])]
+    if field in ("harmonics", "gas_torque", *OF_PERIOD, *OF_GEARS):
+        return row[: len(getattr(train.topology, f"mesh_{field}" if table == "mesh" else f"{table}_harmonics")[index])]
     if field.startswith("traces."):
         speeds, loads = train.cylinders.traces.sizes[place]
         parts = {"traces.rpm": np.s_[:speeds], "traces.load": np.s_[:loads], "traces.pressure": np.s_[:speeds, :loads]}
@@ -193,13 +193,13 @@ def _with(train, table, field, new):
 
 
 def without_backlash(train):
-    """The same train with every mesh in contact all cycle."""
+    """The same train with every mesh in contact all cycle, with its mean stiffness."""
     topology, meshes = train.topology, train.meshes
-    linear = (False,) * len(topology.mesh_names)
+    linear, constant = (False,) * len(topology.mesh_names), ((),) * len(topology.mesh_names)
     return dataclasses.replace(
         train,
-        topology=dataclasses.replace(topology, mesh_backlash=linear),
-        meshes=dataclasses.replace(meshes, backlash=0.0 * meshes.backlash),
+        topology=dataclasses.replace(topology, mesh_backlash=linear, mesh_stiffness_orders=constant),
+        meshes=dataclasses.replace(meshes, backlash=0.0 * meshes.backlash, stiffness_orders=None),
     )
 
 
@@ -279,6 +279,8 @@ def _has_no_effect(train, table, field, index) -> str:
         return ""
     if table == "mesh" and field in ("backlash", "epsilon", "transition") and not topology.mesh_backlash[index]:
         return _NO_BACKLASH
+    if table == "mesh" and field == "phase" and not topology.mesh_periods[index]:
+        return "it has no effect, as the mesh has neither stiffness_orders nor transmission_error."
     link, key = derived.link_number(topology, table, index), derived.WITH.get(field, field)
     if field == "stiffness" and topology.has_key(link, "outer"):
         return "the stiffness comes from length, outer, inner and shear_modulus. Change these."

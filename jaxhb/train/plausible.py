@@ -248,7 +248,7 @@ def _links(train):
 
 def _meshes(train):
     topology, meshes, ratios = train.topology, train.meshes, tooth_damping_ratios(train)
-    for i in topology.backlash_index:
+    for i in np.flatnonzero(topology.mesh_backlash):
         radii, mesh = train.disks.radius[list(topology.mesh_ends[i])], ("mesh", topology.mesh_names[i])
         yield from _unusual(*mesh, "backlash", meshes.backlash[i])
         if any(_far(radius, USUAL["radius"]) for radius in radii):

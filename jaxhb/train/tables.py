@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxhb.elements import derived
 from jaxhb.elements.elements import Combustion, Damper, Disk, Ground, Mesh, Shaft
+from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
 from jaxhb.excitation import gas
 from jaxhb.excitation.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle, table
 
@@ -20,14 +21,15 @@ LAW_OF_FRIDMAN = {"epsilon": 0.03, "transition": 0.2}
 
 
 def vectors_of(element):
-    """Give a class one vector for each number of an element, and for its rows over frequency or amplitude.
+    """Give a class one vector for each number of an element, and for its rows over frequency, amplitude or orders.
 
-    0 stands for a number that is absent. Those that no solve reads are None where no element has them.
+    0 stands for a number that is absent. Those that no solve reads, and orders, are None where no element has them.
     """
 
     def declare(cls):
-        kept = [f for f in dataclasses.fields(element) if f.metadata["kind"] == "number" or f.name.startswith("over_")]
-        optional = {f.name: None for f in kept if f.name in (*derived.OPTIONAL, *derived.WITH)}
+        rows = ("over_hz", "over_amplitude", *OF_PERIOD, *OF_GEARS)
+        kept = [f for f in dataclasses.fields(element) if f.metadata["kind"] == "number" or f.name in rows]
+        optional = {f.name: None for f in kept if f.name in (*derived.OPTIONAL, *derived.WITH, *OF_PERIOD, *OF_GEARS)}
         needed = [f.name for f in kept if f.name not in optional]
         cls.__annotations__ = dict.fromkeys([*needed, *optional], Array)
         for name, absent in optional.items():
@@ -61,7 +63,7 @@ class Shafts(Vectors):
 
 @vectors_of(Mesh)
 class Meshes(Vectors):
-    """The numbers of a :class:`~jaxhb.Mesh`, each [n_mesh]."""
+    """The numbers of a :class:`~jaxhb.Mesh`, each [n_mesh]; rows of orders (Re, Im) [n_mesh, K, 2]."""
 
 
 @vectors_of(Damper)
@@ -168,8 +170,11 @@ def _plain(cls, elements):
     """Collect a table whose fields are those of its elements; None for one that may be absent and that none has."""
     found = {}
     for f in dataclasses.fields(cls):
-        collect = factor_rows if f.name.startswith("over_") else column
         absent = f.default is None and not any(getattr(e, f.name) for e in elements)
+        if f.name in (*OF_PERIOD, *OF_GEARS):
+            found[f.name] = None if absent else _harmonics([getattr(e, f.name) for e in elements])
+            continue
+        collect = factor_rows if f.name.startswith("over_") else column
         found[f.name] = None if absent else collect(elements, f.name)
     return cls(**found)
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb.elements.elements import TABLES, SceneError, suggestion
+from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +23,8 @@ class Topology:
 
     Disk indices run over the disks of the scene and then over the rings of the dampers. Links are the shafts,
     then the dampers (from the disk they sit on to the ring), then the meshes. ``torque_harmonics``,
-    ``load_harmonics`` and ``cylinder_harmonics`` hold the harmonics n of the cycle of each given order;
+    ``load_harmonics`` and ``cylinder_harmonics`` hold the harmonics n of the cycle of each given order, as do
+    ``mesh_stiffness_orders``, .. ``mesh_second_gear_error``; ``mesh_periods`` of each cycle, 0 where none are needed;
     ``cylinder_source`` what the gas torque of each cylinder comes from; ``cylinder_step`` the
     harmonics of the cycle per harmonic of the gas cycle (0 where no pressure is given) and ``cylinder_turn``
     per order of the own rotor; ``cylinder_gas`` and ``cylinder_inertia`` how many harmonics of the gas cycle
@@ -51,6 +53,11 @@ class Topology:
     mesh_internal: tuple[bool, ...]
     mesh_backlash: tuple[bool, ...]
     mesh_damping_law: tuple[str, ...]
+    mesh_periods: tuple[int, ...]
+    mesh_stiffness_orders: tuple[tuple[int, ...], ...]
+    mesh_transmission_error: tuple[tuple[int, ...], ...]
+    mesh_first_gear_error: tuple[tuple[int, ...], ...]
+    mesh_second_gear_error: tuple[tuple[int, ...], ...]
     damper_names: tuple[str, ...]
     damper_disk: tuple[int, ...]
     ground_names: tuple[str, ...]
@@ -122,9 +129,10 @@ class Topology:
     def repeated(self, cycles: int) -> Topology:
         """The same with a cycle ``cycles`` times as long; harmonic n of the cycle becomes harmonic ``cycles n``."""
         numbers: dict[str, Any] = {"revolutions_per_cycle": cycles * self.revolutions_per_cycle}
-        for name in ("cylinder_step", "cylinder_turn"):
+        for name in ("cylinder_step", "cylinder_turn", "mesh_periods"):
             numbers[name] = tuple(cycles * number for number in getattr(self, name))
-        for name in ("torque_harmonics", "cylinder_harmonics", "load_harmonics"):
+        of_meshes = (f"mesh_{name}" for name in (*OF_PERIOD, *OF_GEARS))
+        for name in ("torque_harmonics", "cylinder_harmonics", "load_harmonics", *of_meshes):
             numbers[name] = tuple(tuple(cycles * n for n in row) for row in getattr(self, name))
         return dataclasses.replace(self, **numbers)
 
@@ -134,9 +142,25 @@ class Topology:
         return self.name or "scene"
 
     @property
-    def backlash_index(self) -> np.ndarray:
-        """Meshes with backlash ``(G,)``, in the order of the scene."""
-        return np.flatnonzero(self.mesh_backlash)
+    def mesh_varies(self) -> np.ndarray:
+        """Whether the stiffness of a mesh varies over the mesh period ``(M,)``."""
+        return np.array([bool(row) for row in self.mesh_stiffness_orders], dtype=bool)
+
+    @property
+    def meshing(self) -> list[str]:
+        """Names of the meshes whose stiffness varies or that have transmission errors."""
+        rows = [getattr(self, f"mesh_{name}") for name in (*OF_PERIOD, *OF_GEARS)]
+        return [name for name, *own in zip(self.mesh_names, *rows, strict=True) if any(own)]
+
+    @property
+    def mesh_has_law(self) -> np.ndarray:
+        """Whether a mesh ``(M,)`` is no constant spring: it has backlash, or its stiffness varies."""
+        return np.array(self.mesh_backlash, dtype=bool) | self.mesh_varies
+
+    @property
+    def law_index(self) -> np.ndarray:
+        """Meshes ``(G,)`` that are no constant springs, in the order of the scene."""
+        return np.flatnonzero(self.mesh_has_law)
 
     @property
     def n_disks(self) -> int:

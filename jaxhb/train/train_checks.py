@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb.elements.elements import Torque
+from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
 from jaxhb.excitation.mean_torques import mean_torques as mean_torques_at
 from jaxhb.train import connections, tables
@@ -57,6 +58,12 @@ def gear_errors(parts, rotor) -> list[str]:
         if bare or not all(parts.usable("disk", d, "radius", "teeth") for d in ends):
             continue
         a, b = (disks[d] for d in ends)
+        needing = [f for f in OF_PERIOD if parts.usable("mesh", i, f) and getattr(parts.tables["mesh"][i], f)]
+        if needing and not (a.teeth or b.teeth):
+            errors.append(
+                f"{where}: {needing[0]} is given by orders of the mesh period, but neither {names[0]!r} nor"
+                f" {names[1]!r} has teeth. Give one of them its number of teeth."
+            )
         if a.teeth and b.teeth and abs(a.teeth / b.teeth * b.radius / a.radius - 1.0) > TEETH_TOLERANCE:
             # Their ratio is in doubt: it decides nothing more.
             parts.bad |= {("disk", d, "radius") for d in ends}

@@ -17,7 +17,7 @@ from jaxhb.certificate import certificate, theorem
 from jaxhb.certificate.certificate import certify
 from jaxhb.certificate.linearization import Linearization, NotInverted
 from jaxhb.equations import backlash, exact_integrals, fourier
-from jaxhb.equations.backlash import backlash_meshes
+from jaxhb.equations.backlash import law_meshes
 from jaxhb.equations.state_space import partition, state_space
 from jaxhb.floquet.variational import propagation
 from jaxhb.results.bounds import NORM_MARGIN, ROW_SUM_MARGIN, Kantorovich
@@ -249,7 +249,7 @@ def test_what_an_impulse_leaves_is_what_the_linearised_equation_answers():
     """The answer to a smooth periodic integral of (engagement - 1), in harmonics and from what impulses leave."""
     response = solved(16)
     lin = linearisation(response, 64, 256)
-    system, meshes = on_host((chain.assemble(response.train), backlash_meshes(response.train)))
+    system, meshes = on_host((chain.assemble(response.train), law_meshes(response.train)))
     space = state_space(system, meshes, 1.0, partition(system, meshes, ("a", "b"), ("a|b",)))
     deflection = np.asarray(response.deflections)
     times = np.concatenate([exact_integrals.switching_times(meshes.law, deflection), np.arange(1, 4096) / 4096])
@@ -295,7 +295,7 @@ def truncated(train):
 
 def quantities(train, deflection):
     """Coefficients of what converges, each to its own number of harmonics."""
-    law, kept = jax.tree.map(np.asarray, backlash_meshes(train).law).expand(), deflection.shape[1]
+    law, kept = jax.tree.map(np.asarray, law_meshes(train).law).expand(), deflection.shape[1]
     value = fourier.synthesize(deflection, SAMPLES)
     force, stiffness = (fourier.analyze(f(law, value), SAMPLES // 2) for f in (backlash.force, backlash.slope))
     return {"deflection": deflection, "law": force, "force": force[:, :kept], "stiffness": stiffness[:, :kept]}
