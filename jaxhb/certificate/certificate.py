@@ -55,7 +55,7 @@ def certify(response: Response) -> Certificate:
     varying = [repr(name) for name in topology.meshing]
     if varying:
         raise ValueError(
-            f"{topology.title}: the stiffness of {', '.join(varying)} varies, or it has transmission errors: no bound is "
+            f"{topology.title}: {', '.join(varying)} has a stiffness that varies or transmission errors: no bound is "
             "computed for such a mesh. Compare the motion with time integration, jaxhb.shooting_correction."
         )
     given = np.asarray(response.deflections)[gaps]

@@ -168,15 +168,18 @@ class Mesh(Link):
     0.2, the law (18) of Fridman 2009) are given. ``rated_torque`` is that of its first gear; :func:`jaxhb.strength`
     reads it.
 
-    Over the mesh period, of angle psi, ``stiffness_orders`` = rows of (order, Re, Im) make the stiffness its mean x (1 +
-    sum Re((Re + i Im) exp(i order (psi + phase)))), and ``transmission_error`` moves the teeth of the first gear ahead
-    by sum Re(...) in m; ``first_gear_error`` and ``second_gear_error`` the same by orders of the own revolution of a
-    gear (runout, pitch errors). The mesh period needs ``teeth`` of a gear; at t = 0 psi is 0.
+    Over the mesh period, of angle psi, 0 at t = 0, ``stiffness_orders`` = rows of (order, Re, Im) make the stiffness
+    its mean x (1 + sum Re((Re + i Im) exp(i order (psi + phase)))). ``transmission_error``, likewise a sum in m, is how
+    far the gears must approach each other for the teeth to touch; ``first_gear_error`` and ``second_gear_error`` are
+    the same by orders of the own revolution of a gear (runout, pitch errors). The mesh period needs ``teeth`` of a
+    gear. Shorthands, of which the first ``orders`` are kept, are in :mod:`jaxhb.elements.meshing`: ``stiffness_table``
+    = rows of (share of the mesh period, N/m), which also gives the mean; ``contact_ratio``; and instead of a stiffness
+    the face ``width`` and the ``helix`` angle at the pitch circle, for standard steel gears.
     """
 
     between: tuple[str, str] = declared("pair")
     kind: str = choice("external", "internal")
-    stiffness: float = positive("N/m")
+    stiffness: float | None = positive("N/m", None, "Correct the value.")
     damping: float = not_negative("N s/m", 0.0)
     damping_law: str = choice("contact", "always")
     backlash: float | None = positive("m", None, _STRAIGHT)
@@ -189,6 +192,11 @@ class Mesh(Link):
     first_gear_error: tuple = rows(_HARMONICS)
     second_gear_error: tuple = rows(_HARMONICS)
     phase: float = quantity("deg", 0.0)
+    stiffness_table: tuple = rows(("share", "stiffness"))
+    contact_ratio: float | None = quantity("", None, kind="shorthand", least=1.0, most=4.0)
+    width: float | None = quantity("m", None, kind="shorthand", above=0.0, **_IN_METRES)
+    helix: float = quantity("deg", 0.0, kind="shorthand", above=-45.0, below=45.0)
+    orders: int = quantity("", 4, kind="count", least=1.0)
     name: str | None = declared("name", None)
 
 

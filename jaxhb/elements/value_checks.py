@@ -88,7 +88,7 @@ def _missing(where, f) -> str:
 def _value_errors(f, value) -> list[str]:
     """Check one value against the kind and the range of its field."""
     kind = f.metadata["kind"]
-    if kind in ("number", "count"):
+    if kind in ("number", "count", "shorthand"):
         return value_errors(f, value)
     if kind == "rows":
         return row_errors(f.name, f.metadata["columns"], value)
@@ -205,7 +205,36 @@ def mesh_errors(mesh) -> list[str]:
         for k, row in enumerate(getattr(mesh, name), 1)
         if row[0] != int(row[0])
     ]
+    texts += _shorthand_errors(mesh)
     return texts + (stiffness_errors(mesh.stiffness_orders) if "stiffness_orders" in sound else [])
+
+
+def _shorthand_errors(mesh) -> list[str]:
+    """Check that a mesh has one stiffness, and one way to its orders."""
+    own = [key for key in ("stiffness", "stiffness_table", "width") if getattr(mesh, key) not in (None, ())]
+    ways = [key for key in ("stiffness_orders", "stiffness_table", "contact_ratio") if getattr(mesh, key)]
+    both = [keys for keys in (own, ways) if keys[1:]]
+    texts = [f"{first} is given together with {_and(others)}. Keep one of them." for first, *others in both]
+    if not own:
+        texts.append("the key 'stiffness' is missing. Give greater than 0 N/m, a stiffness_table, or the width in m.")
+    if number_like(mesh.helix) and mesh.helix and mesh.width is None:
+        texts.append(f"helix = {mesh.helix:g} deg is given without width. Give the face width in m, or leave it out.")
+    if mesh.width is not None and mesh.kind == "internal":
+        texts.append("width gives the stiffness of external gears alone. Give the stiffness in N/m.")
+    table = mesh.stiffness_table
+    if not table or row_errors("stiffness_table", ("share", "stiffness"), table):
+        return texts
+    (first, begin), (last, end), (where, low) = table[0], table[-1], min(table, key=lambda row: row[1])
+    if low <= 0.0:
+        texts.append(f"stiffness_table: the stiffness is {low:g} N/m at {where:g}, must be greater than 0. Correct it.")
+    if first < 0.0 or last > 1.0 or len(table) < 2:
+        span = f"{len(table)} rows from {first:g} to {last:g}"
+        texts.append(f"stiffness_table has {span}, must have at least 2 from 0 to 1, shares of the mesh period.")
+    elif last == 1.0 and (first > 0.0 or begin != end):
+        found = "none" if first > 0.0 else f"{begin:g} N/m"
+        found = f"{found} at 0 and {end:g} N/m at 1"
+        texts.append(f"stiffness_table is not periodic: it has {found}. Give both, equal, or leave out the row at 1.")
+    return texts
 
 
 def stiffness_errors(rows) -> list[str]:

@@ -113,8 +113,8 @@ class CondensedTrain:
     """The linear train under its load, and under forces at the active meshes as well.
 
     system : System; frequency : rad/s; load : complex ``(S, E+1)`` N, that of transmission errors included; columns
-    ``(S, G)`` of D^T of the active meshes; balance : how the train takes the load alone (``dynamic_stiffness.balance``),
-    ``(E+1,)`` N each; meshes : MeshParameters of all.
+    ``(S, G)`` of D^T of the active meshes; balance : how the train takes the load alone
+    (``dynamic_stiffness.balance``), ``(E+1,)`` N each; meshes : MeshParameters of all.
     """
 
     system: object

@@ -14,8 +14,9 @@ from jaxhb.equations.dynamic_stiffness import disk_stiffness, frequencies, link_
 def residual(packed, system, meshes, frequency, load, samples):
     """A(x) ``(S, 2N+1)`` N at ``packed`` displacements ``(S, 2N+1)`` m.
 
-    meshes : MeshParameters, at least those with backlash; the others are linear links; frequency : Omega in rad/s;
-    load : complex ``(S, N+1)`` N, without that of transmission errors; samples : per cycle, at which the law is evaluated, at least 2N+1.
+    meshes : MeshParameters, at least those that have a law; the others are linear links; frequency : Omega in rad/s;
+    load : complex ``(S, N+1)`` N, without that of transmission errors; samples : per cycle, at which the law is
+    evaluated, at least 2N+1.
     """
     x = fourier.unpack(packed)
     harmonics = x.shape[-1] - 1

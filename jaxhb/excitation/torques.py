@@ -162,8 +162,8 @@ def load_power_kW(train: DriveTrain, rpm, load_torque):  # noqa: N802
 def highest_harmonic(train: DriveTrain) -> int:
     """Largest harmonic n >= 1 of the cycle that the excitation holds to an extent that counts. Host: concrete values.
 
-    Counted are all harmonics given with an amplitude, those of meshes too, inertia torques up to order 6 of their own rotor, and of computed
-    gas torques those above 1e-6 of the largest, always within the cylinder's ``orders``.
+    Counted are all harmonics given with an amplitude, those of meshes too, inertia torques up to order 6 of their own
+    rotor, and of computed gas torques those above 1e-6 of the largest, always within the cylinder's ``orders``.
     """
     topology, found = train.topology, [1]
     given = [(topology.torque_harmonics, train.torques.harmonics)]

@@ -286,7 +286,8 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
         raise ValueError(f"{train.topology.title} has no mesh with backlash: its response is exact")
     system, meshes, frequency, load = equations_of(train, rpm)
     start = np.asarray(response.angles) * np.asarray(system.radius)[:, None]
-    farthest, least = np.abs(start[:, 0]).max(), np.min(meshes.law.backlash, where=meshes.law.epsilon < 1, initial=np.inf)
+    farthest = np.abs(start[:, 0]).max()
+    least = np.min(meshes.law.backlash, where=meshes.law.epsilon < 1, initial=np.inf)
     if ROUNDED * farthest > least:
         raise ValueError(
             f"{train.topology.title}: the mean torques turn a gear by {farthest:.1e} m along its teeth, and "

@@ -48,7 +48,7 @@ class Stepper:
     third : stage weights ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``; linear ``(2 steps, 2G)``: w of the linear train every
     half step, or more rows, whose rest is not used, if ``count`` holds the number of steps (one program for many
     numbers); observation ``(2G, n)``: what a state adds to w; law, viscous, contact_damping : of the meshes ``(G,)``;
-    variation, rows as of linear ``(2 steps, G)``: stiffness of that instant over its mean, less 1, None of constant ones;
+    variation ``(2 steps, G)``, as linear: stiffness of that instant over its mean, less 1; None of constant ones;
     linear_state ``(n,)`` its state at t = 0; flank_state ``(n,)``: deviation for which every mesh carries its linear
     force on its drive side; space : the equations; frequency : rad/s; residual_flexibility ``(G, G)`` m/N : static
     response of the modes that are no states, too fast for the steps.

@@ -14,13 +14,15 @@ from scipy.optimize import brentq
 from jaxhb._jax import Array
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
+from jaxhb.equations.backlash import all_meshes, error_load
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.sensitivity import frequencies_hz, mode_shares
+from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
-from jaxhb.train.varying import varying
+from jaxhb.train.varying import varying, without_tables
 
 ELASTIC, RIGID, RING = "elastic", "rigid", "ring only"
 STRAINED = 0.01  # share of the strain energy in links below which a mode is rigid: on ground springs, or at 0 Hz
@@ -106,7 +108,7 @@ def modes_of(train, most=None):
 def excited_orders(train, *, rpm):
     """Orders of the reference rotor, rising, that the excitation has at any speed, above 1e-3 of the largest."""
     harmonics = listed_harmonic(train.topology)
-    torque = [np.abs(np.asarray(excitation(train, speed, harmonics)[0])).max(0) for speed in rpm]
+    torque = [np.abs(np.asarray(_torques(train, speed, harmonics))).max(0) for speed in rpm]
     # Harmonic 0 is the mean torque, which excites nothing.
     largest = np.max(torque, axis=0)[1:]
     there = np.flatnonzero(largest > EXCITED * largest.max(initial=0.0)) + 1
@@ -236,11 +238,21 @@ def _crossings(modes_at, rpm, hz, mode, order, constant):
     return exact + [brentq(left, rpm[i], rpm[i + 1], rtol=1e-12) for i in changes]
 
 
+def _torques(train, rpm, harmonics):
+    """Torques ``(S, N+1)`` N m on the disks, of the excitation and of the transmission errors of the meshes."""
+    torque, meshes = excitation(train, rpm, harmonics)[0], all_meshes(train)
+    if meshes.error is None:
+        return torque
+    system, frequency = chain.assemble(without_tables(train)), train.topology.cycle_frequency(rpm)
+    load = error_load(system, meshes, frequency, torque / system.radius[:, None])
+    return load[:, : harmonics + 1] * system.radius[:, None]
+
+
 def _order_torque(train, shape, rpm, order):
     """Amplitude in N m of what the torques of an order do on a mode shape, and the sum of those on all disks."""
     harmonic = order * train.topology.revolutions_per_cycle
     if abs(harmonic - round(harmonic)) > 1e-9:
         return 0.0, 0.0
-    torque = excitation(train, rpm, round(harmonic))[0][:, round(harmonic)]
+    torque = _torques(train, rpm, round(harmonic))[:, round(harmonic)]
     # Coefficients are two-sided: an amplitude is twice their modulus.
     return 2 * jnp.abs(shape @ torque), 2 * jnp.abs(torque).sum()

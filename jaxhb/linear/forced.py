@@ -5,7 +5,8 @@ Speeds and harmonics are one axis of the scalar sweep along the tree
 
 Power is exact from the harmonics: a link of complex stiffness C that transmits f turns ``sum_n 2 n Omega Im(C)
 |f^n / C|^2`` into heat, a disk with damping b ``sum_n 2 (n Omega)^2 b |x^n|^2``; the torques of the excitation bring in
-``sum_n 2 Re(q^n conj(i n Omega x^n))``, n > 0.
+``sum_n 2 Re(q^n conj(i n Omega x^n))``, n > 0, and transmission errors e of the meshes the work of their forces on
+-e'.
 
 The amplitude A of a link that depends on it is that of the sine with the mean square of its vibratory twist,
 ``A^2 = sum_k A_k^2`` over the orders: a fixed point ``A = g(A)`` with g a whole linear response. It is where
@@ -27,8 +28,8 @@ from jax import lax
 from jaxhb._jax import Array, Numbers, on_host, staged, traced
 from jaxhb._program import Program
 from jaxhb.elements.elements import SceneError
-from jaxhb.equations import dynamic_stiffness
-from jaxhb.equations.backlash import law_of
+from jaxhb.equations import dynamic_stiffness, fourier
+from jaxhb.equations.backlash import all_meshes, law_of
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation.torques import excitation, listed_harmonic, load_power_kW
 from jaxhb.results.response import Response, register
@@ -289,6 +290,12 @@ def _answer(train, system, rigid, rpm, torque):
         own = bool(topology.amplitude_links)
         amplitude = settled_amplitudes((train, system, rpm, omega, load)) if own else jnp.zeros((speeds, 0))
         system = varied(train, system, rpm, omega, amplitude)
+    C, shafts = dynamic_stiffness.link_stiffness(system, omega), len(topology.link_names) - len(topology.mesh_names)
+    exciting, error = load, all_meshes(train).error
+    if error is not None:
+        # Teeth deflect by D x - e: errors e act on the linear train as a load D^T C e, and reduce the link's own force.
+        error = jnp.tile(fourier.resize(error, width - 1), speeds)
+        load = load + system.spread(C[shafts:] * error, slice(shafts, None))
     displacement, force = (a[:, 0] for a in dynamic_stiffness.solve_linear(system, omega, load[:, None]))
     taken = dynamic_stiffness.balance(system, omega, load, displacement, force)
     residual, status = residual_and_status(*(a.reshape(shape) for a in taken))
@@ -296,7 +303,8 @@ def _answer(train, system, rigid, rpm, torque):
     mean = (omega == 0) * chain.drift(system, rigid, displacement.real)
     angle = chain.to_angles(system, displacement - mean)
 
-    C = dynamic_stiffness.link_stiffness(system, omega)
+    if error is not None:
+        force = force.at[shafts:].add(-C[shafts:] * error)
     # From the forces: differences of displacements lose the digits of stiff links.
     deflection = force / jnp.where(C == 0, 1.0, C)
     elastic = C.real * deflection
@@ -304,7 +312,6 @@ def _answer(train, system, rigid, rpm, torque):
         settled = is_settled(amplitude, twist_amplitude(train, system, deflection, speeds))
         status = jnp.where(settled, status, jnp.maximum(status, Status.MAX_STEPS))
     ends = system.radius[system.tree.end_a][:, None]
-    shafts = len(force) - len(topology.mesh_names)
 
     def by_speed(values):
         return values.reshape(len(values), *shape).transpose(1, 0, 2)
@@ -313,7 +320,9 @@ def _answer(train, system, rigid, rpm, torque):
         return (2 * omega * values).reshape(len(values), *shape).sum(-1).T
 
     disks, links = power(omega * system.damping[:, None] * _square(displacement)), power(C.imag * _square(deflection))
-    given = power((load * jnp.conj(1j * displacement)).real.sum(0)[None])[:, 0]
+    given = power((exciting * jnp.conj(1j * displacement)).real.sum(0)[None])[:, 0]
+    if error is not None:
+        given = given - power((force[shafts:] * jnp.conj(1j * error)).real.sum(0)[None])[:, 0]
     return {
         "angles": by_speed(angle),
         "torques": by_speed((force * ends)[:shafts]),

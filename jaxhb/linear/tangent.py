@@ -80,7 +80,8 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
         found = jax.jit(_refined)(train, rpm, x)
     else:
         found = _read(equations, x)
-    own, first = np.flatnonzero(train.topology.mesh_backlash), len(train.topology.link_names) - len(train.topology.mesh_names)
+    topology = train.topology
+    own, first = np.flatnonzero(topology.mesh_backlash), len(topology.link_names) - len(topology.mesh_names)
     bare = without_backlash(train)
     bare = dataclasses.replace(bare, meshes=dataclasses.replace(bare.meshes, stiffness=found[1][first:]))
     names = tuple(train.topology.mesh_names[i] for i in own)

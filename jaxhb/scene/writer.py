@@ -17,7 +17,8 @@ from jaxhb.scene.files import _READERS, _find, _parse, _read_elements, load_scen
 from jaxhb.scene.toml_text import TomlText
 from jaxhb.train.tables import LAW_OF_FRIDMAN
 
-_CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "over_hz", "over_amplitude", *OF_PERIOD, *OF_GEARS)
+_CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "over_hz", "over_amplitude", "stiffness_table")
+_CSV += (*OF_PERIOD, *OF_GEARS)
 
 
 def scene_text(name: str | Path, *, expand: bool = False, called: str | None = None) -> tuple[str, dict[str, Path]]:
@@ -158,6 +159,16 @@ def changed_scene(name, values, *, remark=""):
     text = _text_of(path, content)
     if any(table == "cylinder" for table, _, _ in values):
         _expand(text, content)
+    for row in {row for table, row, field in values if table == "mesh" and field in ("stiffness", "stiffness_orders")}:
+        # Shorthands exclude what they stand for, which is written out.
+        if [key for key in ("stiffness_table", "width", "contact_ratio", "helix") if text.discard("mesh", row, key)]:
+            train = load_scene(name)
+            text.set("mesh", row, "stiffness", float(train.meshes.stiffness[row]))
+            listed, periods = train.topology.mesh_stiffness_orders[row], train.topology.mesh_periods[row]
+            if listed:
+                numbers = train.meshes.stiffness_orders[row, : len(listed)].tolist()
+                orders = [[n / periods, *pair] for n, pair in zip(listed, numbers, strict=True)]
+                text.set("mesh", row, "stiffness_orders", orders)
     for (table, row, field), value in values.items():
         # A law excludes numbers of its own: it is written out as the two that it stands for.
         if table == "mesh" and field in LAW_OF_FRIDMAN and text.discard(table, row, "law"):

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from jaxhb.elements import checks, derived, value_checks
-from jaxhb.elements.elements import Head, SceneError
+from jaxhb.elements import checks, derived, meshing, value_checks
+from jaxhb.elements.elements import Head, Mesh, SceneError
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
 from jaxhb.excitation import gas
 from jaxhb.train import connections, tables, train_checks
@@ -81,6 +81,7 @@ def checked(
     # Without a reference the first disk stands for it if there is one rotor; else speeds would be guessed.
     known = reference is not None or (parts.connected and max(rotor, default=0) == 0)
     radii = _exact_radii(parts)
+    _expand_meshes(parts)
     rotors, ratio, locked = _gearing(parts, main if known else None, radii)
     errors += train_checks.loop_errors(parts, locked)
     if not head_errors:
@@ -102,6 +103,18 @@ def checked(
     for table in derived.LINKS:
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
     return DriveTrain(topology=topology, **tables.of_elements(parts.tables))
+
+
+def _expand_meshes(parts):
+    """Put stiffness and orders in the place of the shorthands of sound meshes."""
+    fields, disks = [f.name for f in dataclasses.fields(Mesh)], parts.tables["disk"]
+    for i, ends in parts.links("mesh"):
+        if not parts.usable("mesh", i, *fields) or any(d >= len(disks) for d in ends):
+            continue
+        mesh, gears = parts.tables["mesh"][i], [disks[d] for d in ends]
+        known = all(parts.usable("disk", d, "radius", "teeth") and disks[d].radius for d in ends)
+        if known and (mesh.width is None or all(gear.teeth for gear in gears)):
+            parts.tables["mesh"][i] = meshing.expanded(mesh, gears)
 
 
 def _exact_radii(parts) -> list:

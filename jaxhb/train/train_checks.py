@@ -58,11 +58,14 @@ def gear_errors(parts, rotor) -> list[str]:
         if bare or not all(parts.usable("disk", d, "radius", "teeth") for d in ends):
             continue
         a, b = (disks[d] for d in ends)
-        needing = [f for f in OF_PERIOD if parts.usable("mesh", i, f) and getattr(parts.tables["mesh"][i], f)]
-        if needing and not (a.teeth or b.teeth):
+        keys = [*OF_PERIOD, "stiffness_table", "contact_ratio", "width"]
+        needing = [f for f in keys if parts.usable("mesh", i, f) and getattr(parts.tables["mesh"][i], f)]
+        bare = [name for name, disk in zip(names, (a, b), strict=True) if not disk.teeth]
+        if "width" in needing and bare or needing and len(bare) == 2:
             errors.append(
-                f"{where}: {needing[0]} is given by orders of the mesh period, but neither {names[0]!r} nor"
-                f" {names[1]!r} has teeth. Give one of them its number of teeth."
+                f"{where}: {needing[-1]} is given, and {' and '.join(map(repr, bare))}"
+                f" {'has' if len(bare) == 1 else 'have'} no teeth. Give"
+                f" {'its number' if len(bare) == 1 else 'their numbers'} of teeth."
             )
         if a.teeth and b.teeth and abs(a.teeth / b.teeth * b.radius / a.radius - 1.0) > TEETH_TOLERANCE:
             # Their ratio is in doubt: it decides nothing more.

@@ -1,7 +1,5 @@
 """The backlash law (18) of Fridman 2009 with its slopes exchanged back, for any transition and epsilon."""
 
-import dataclasses
-
 import dense
 import jax
 import numpy as np
@@ -47,7 +45,8 @@ def test_case_a3_values_slopes_and_energies():
 
 def test_force_and_slope_are_those_of_the_law_written_piece_by_piece():
     for law in random_laws():
-        mesh = Mesh(between=("a", "b"), **dataclasses.asdict(law))
+        numbers = {name: value for name, value in vars(law).items() if name != "mean"}
+        mesh = Mesh(between=("a", "b"), **numbers)
         force, share = dense.law(mesh, sweep_of(law))
         scale = law.stiffness * law.backlash
         np.testing.assert_allclose(backlash.force(law, sweep_of(law)), force, rtol=0, atol=ALGEBRAIC * scale)
