@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
+import jax
 import numpy as np
 
 from jaxhb.equations.backlash import law_of
@@ -151,7 +152,7 @@ class Answer(Motion):
         if not self.topology.mesh_backlash[index]:
             return None
         law = law_of(self.train.meshes)
-        return type(law)(**{name: float(np.asarray(values)[index]) for name, values in vars(law).items()})
+        return jax.tree.map(lambda values: float(np.asarray(values)[index]), law)
 
 
 @dataclass(frozen=True)
