@@ -67,11 +67,15 @@ class Request:
         if method not in MOST_HARMONICS:
             raise ValueError(f"method is {method!r}: give 'reduced' or 'chain'")
         loops = chain.span(train.topology).loops
+        if method == "chain" and train.topology.springs:
+            raise SceneError(f"{name}: method 'chain' takes no play, stages, stops or friction: use 'reduced'.")
         if method == "chain" and len(loops):
             names = ", ".join(repr(train.topology.link_names[i]) for i in loops)
             raise SceneError(f"{name}: {names} closes a loop, and method 'chain' needs a tree: use 'reduced'.")
         if integrals not in ("sampled", "exact"):
             raise ValueError(f"integrals is {integrals!r}: give 'sampled' or 'exact'")
+        if integrals == "exact" and any(kind == "friction" for _, kind, _ in train.topology.springs):
+            raise SceneError(f"{name}: exact integrals take no friction of shafts: use integrals 'sampled'.")
         if integrals == "exact" and method != "reduced":
             raise ValueError(f"exact integrals need method 'reduced', and method is {method!r}: change one of them")
         if not 0 < tolerance < 1:
@@ -209,7 +213,7 @@ def excited_harmonic(train, method):
 
 def check_plan(train, plan):
     """Refuse a plan made for another train: backlash it does not know, or more excitation than it holds."""
-    name, has_law = train.topology.title, train.topology.mesh_has_law
+    name, has_law = train.topology.title, train.topology.has_law
     known = len(plan.flank) == len(has_law)
     if not known or any(i not in plan.active and not plan.flank[i] for i in np.flatnonzero(has_law)):
         raise SceneError(f"{name}: the plan was made for a train without this backlash or other meshes: plan again.")

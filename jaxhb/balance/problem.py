@@ -107,8 +107,9 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
     stiffness = dynamic_stiffness.link_stiffness(system, omega)
     deflection = force / jnp.where(stiffness == 0, 1.0, stiffness)
     ends = jnp.asarray(system.radius)[system.tree.end_a][:, None]
-    shafts = force.shape[0] - len(meshes.link)
-    mesh = deflection[shafts:]
+    count = len(meshes.link) - meshes.springs
+    shafts = force.shape[0] - count
+    mesh = deflection[jnp.asarray(meshes.link)]
     law = jax.tree.map(jnp.asarray, meshes.law)
     rule = condensation.quadrature(integrals, law, mesh, samples, crossings)
     values, rates = jax.vmap(rule.synthesize)(jnp.stack([mesh, fourier.derivative(mesh, problem.frequency)]))
@@ -117,10 +118,18 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
     total = backlash.mesh_force(*known, values, rates)
     kept = FORCE_HARMONICS * harmonics - 1
     total, elastic = jax.vmap(lambda values: rule.analyze(values, kept))(jnp.stack([total, elastic]))
+    torque, elastic_torque = force, jnp.asarray(system.stiffness)[:, None] * deflection
+    if meshes.springs:
+        # What acts beside a shaft: its force less that of the linear link in its place.
+        links, linear = jnp.asarray(meshes.link)[count:], law.linear[count:, None] * mesh[count:]
+        torque, elastic_torque = (
+            fourier.resize(own, kept).at[links].add(beside[count:] - fourier.resize(linear, kept))
+            for own, beside in ((torque, total), (elastic_torque, elastic))
+        )
     return Fields(
         angles=chain.to_angles(system, displacement),
-        torques=(force * ends)[:shafts],
-        elastic_torques=(jnp.asarray(system.stiffness)[:, None] * deflection * ends)[:shafts],
+        torques=(torque * ends)[:shafts],
+        elastic_torques=(elastic_torque * ends)[:shafts],
         deflections=mesh,
         forces=total,
         elastic_forces=elastic,
@@ -142,7 +151,11 @@ def power_defect(problem, displacement, force, found):
     load = fourier.resize(jnp.asarray(problem.load), harmonics)
     worked = problem.meshes.variation is not None or problem.meshes.error is not None
     teeth = fourier.resize(found.forces - (0.0 if worked else found.elastic_forces), harmonics)
-    force = force.at[problem.meshes.link].set(teeth)
+    count, links = len(teeth) - problem.meshes.springs, jnp.asarray(problem.meshes.link)
+    force = force.at[links[:count]].set(teeth[:count])
+    if problem.meshes.springs:
+        own = problem.meshes.law.linear[count:, None] * found.deflections[count:] if worked else 0.0
+        force = force.at[links[count:]].add(teeth[count:] - own)
     # Power of each harmonic is Re(q conj(v)), n > 0 counted twice: a common factor of all terms, left out.
     given = (load * jnp.conj(velocity)).real
     taken = (force * jnp.conj(system.deflections(velocity))).real.sum()

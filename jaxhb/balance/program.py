@@ -248,8 +248,14 @@ def truncation_error(fine, operator, deflection, samples):
     residual = fine.residual(wide, 2 * samples)
     change, left, _ = correction.correct(fine, operator, wide, residual, 2 * samples, *ESTIMATE)
     law, *_ = backlash.at_samples(fine, fourier.Equidistant(2 * samples).synthesize)
-    before = backlash.force(law, fourier.synthesize(wide, 2 * samples))
-    after = backlash.force(law, fourier.synthesize(wide - change, 2 * samples))
+
+    def force(deflection):
+        elastic = backlash.force(law, fourier.synthesize(deflection, 2 * samples))
+        if law.friction is None:
+            return elastic
+        return elastic + backlash.dry_friction(law, fine.sampled(deflection, 2 * samples)[1])
+
+    before, after = force(wide), force(wide - change)
     noise = 1e-8 * jnp.max(law.stiffness * law.backlash)  # of solved equations, where no tooth carries a load
     estimate = jnp.max(jnp.abs(after - before)) / jnp.maximum(jnp.max(jnp.abs(before)), jnp.maximum(noise, 1e-300))
     return estimate / (1 - jnp.minimum(left, 0.999))

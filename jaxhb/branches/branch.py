@@ -303,7 +303,7 @@ def _check(train, parameter, start, to, rpm):
         raise ValueError(f"{name}: {parameter} is followed at one speed: give rpm=...")
     if not (np.isfinite([start, to]).all() and start != to):
         raise ValueError(f"{name}: {parameter} from {start:g} to {to:g} is no range: give two different numbers.")
-    if not train.topology.mesh_has_law.any():
+    if not train.topology.has_law.any():
         raise ValueError(f"{name} has no mesh with backlash: one motion at each speed, use jaxhb.solve_speeds.")
 
 

@@ -82,7 +82,7 @@ def solve_all(
     rpm, request = float(rpm), Request.of(train, harmonics, tolerance)
     (plan,) = plan_speeds(train, np.array([rpm]), request)
     found, case = [], starts.Case(train, rpm, request, plan, effort=starts.LONG, search_with=_Scattered)
-    marched = _marched(train, rpm, request) if train.topology.mesh_has_law.any() else ()
+    marched = _marched(train, rpm, request) if train.topology.has_law.any() else ()
     for response, period in itertools.chain(marched, _searched(case)):
         if not any(period == known and difference(response, other, period) <= SAME for other, known in found):
             found.append((response, period))
@@ -129,7 +129,7 @@ class _Scattered(orbits.OrbitSearch):
 
 def _searched(case):
     """(Response, 1) of all attempts that Newton's method solves; each keeps the path that led to it."""
-    for strategy in starts.SEARCHES if case.train.topology.mesh_has_law.any() else (starts.from_contact,):
+    for strategy in starts.SEARCHES if case.train.topology.has_law.any() else (starts.from_contact,):
         for attempt in strategy(case):
             case.path.clear()
             starts.refine(case, *attempt)

@@ -52,11 +52,12 @@ def certify(response: Response) -> Certificate:
     if light:
         need = "a computed bound needs disks with inertia: give a small one."
         raise ValueError(f"disk {', '.join(light)} has inertia 0, and {need}")
-    varying = [repr(name) for name in topology.meshing]
+    varying = [*topology.meshing, *dict.fromkeys(topology.link_names[link] for link, *_ in topology.springs)]
     if varying:
         raise ValueError(
-            f"{topology.title}: {', '.join(varying)} has a stiffness that varies or transmission errors: no bound is "
-            "computed for such a mesh. Compare the motion with time integration, jaxhb.shooting_correction."
+            f"{topology.title}: {', '.join(map(repr, varying))}: no bound is computed for a stiffness that varies over "
+            "the mesh period, for transmission errors, and for play, stages, stops and friction of shafts. Compare the "
+            "motion with time integration, jaxhb.shooting_correction."
         )
     given = np.asarray(response.deflections)[gaps]
     if not len(gaps):

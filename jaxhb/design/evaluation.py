@@ -415,7 +415,7 @@ def plan_designs(train, rpm, request):
     if not request.harmonics:
         plans = [dataclasses.replace(plan, harmonics=_level_with_room(plan)) for plan in plans]
     finest = max((plan for plan in plans if plan.active), key=lambda plan: plan.harmonics, default=plans[0])
-    if not train.topology.mesh_has_law.any():
+    if not train.topology.has_law.any():
         return finest, plans
     return plan_marching(train, rpm, finest, request), plans
 

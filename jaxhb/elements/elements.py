@@ -128,7 +128,26 @@ class Link:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shaft(Link):
+class Spring(Link):
+    """What shafts and dampers have in common: play, stages, stops and dry friction, as clutch discs, dual-mass
+    flywheels and splines have them.
+
+    ``stiffness`` holds at small twist, or with a ``clearance``, the whole free play, once that is used up. ``stages`` =
+    rows of (twist in deg, N m/rad): from that twist on, either way, the stiffness is this. ``stops`` = rows of (twist
+    in deg, N m/rad): beyond that twist, one way, this adds to it. Twists count from the middle of the play, of the
+    first disk against the second. Every change of stiffness is spread over 4 % of twice its twist, or of the clearance.
+    ``friction``, a torque, acts against the rate of twist, in proportion to it below ``slip_speed`` (0.1 rad/s).
+    """
+
+    clearance: float | None = quantity("deg", None, above=0.0, below=360.0)
+    stages: tuple = rows(("twist", "stiffness"))
+    stops: tuple = rows(("twist", "stiffness"))
+    friction: float | None = positive("N m", None)
+    slip_speed: float | None = positive("rad/s", None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shaft(Spring):
     """``[[shaft]]``: an elastic link between two disks of one rotor.
 
     ``stiffness`` is given or follows from ``length``, ``outer`` and ``inner`` diameter and ``shear_modulus``
@@ -201,7 +220,7 @@ class Mesh(Link):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Damper(Link):
+class Damper(Spring):
     """``[[damper]]``: an inertia ring behind a viscous or rubber link; the ring is a disk of this name.
 
     With ``order`` it is an order-tuned absorber (a pendulum): inertia x (order x speed of its rotor)^2 adds to its

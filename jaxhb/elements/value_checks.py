@@ -187,8 +187,35 @@ _ASKED = {
 
 
 def shaft_errors(shaft) -> list[str]:
-    """Check that a shaft has one stiffness and one damping, and what its limits need."""
-    return _stiffness_errors(shaft) + _damping_errors(shaft) + _section_errors(shaft)
+    """Check that a shaft has one stiffness and one damping, and what its stages and its limits need."""
+    return _stiffness_errors(shaft) + _damping_errors(shaft) + _section_errors(shaft) + _spring_errors(shaft)
+
+
+def _spring_errors(link) -> list[str]:
+    """Check play, stages and stops of a shaft or damper."""
+    columns, texts = ("twist", "stiffness"), []
+    sound = [name for name in ("stages", "stops") if not row_errors(name, columns, getattr(link, name))]
+    play = link.clearance / 2 if plain_number(link.clearance) else 0.0
+    allowed = {"stages": ("greater than 0 deg", "at least 0"), "stops": ("other than 0 deg", "greater than 0")}
+    for name, k, (twist, stiffness) in ((n, k, row) for n in sound for k, row in enumerate(getattr(link, n), 1)):
+        where, (twists, least) = f"{name}, row {k}", allowed[name]
+        if twist == 0.0 or (name == "stages" and twist < 0.0):
+            texts.append(f"{where}: twist is {twist:g} deg, must be {twists}. Stiffness at rest has its own key.")
+        elif abs(twist) <= play:
+            texts.append(
+                f"{where}: twist {twist:g} deg lies in the play, {play:g} deg either way. Correct one of them."
+            )
+        if stiffness < 0.0 or (name == "stops" and stiffness == 0.0):
+            texts.append(f"{where}: stiffness is {stiffness:g} N m/rad, must be {least}. Correct the row.")
+    if link.clearance is not None and link.stiffness == 0:
+        texts.append("clearance is given, and stiffness is 0. Give the stiffness once the play is used up.")
+    if link.slip_speed is not None and link.friction is None:
+        texts.append("slip_speed is given without friction. Give the friction torque in N m, or leave it out.")
+    ways = [key for key in ("clearance", "stages", "stops", "friction") if getattr(link, key) not in (None, ())]
+    varies = [key for key in ("over_hz", "over_amplitude", "order") if getattr(link, key, None) not in (None, ())]
+    if ways and varies:
+        texts.append(f"{ways[0]} is given together with {varies[0]}, which only linear links have. Keep one of them.")
+    return texts
 
 
 def mesh_errors(mesh) -> list[str]:
@@ -252,7 +279,7 @@ def stiffness_errors(rows) -> list[str]:
 def damper_errors(damper) -> list[str]:
     """Check that a damper's ring is held by something, and that it has one damping."""
     if damper.stiffness != 0 or damper.damping != 0:
-        return _damping_errors(damper)
+        return _damping_errors(damper) + _spring_errors(damper)
     way = _given(damper, "magnifier", "damping_ratio")
     if way:
         needs = "needs a stiffness greater than 0 N m/rad, of which the damping is a share"

@@ -13,15 +13,17 @@ Arguments broadcast. Automatic differentiation of this form equals ``f'`` everyw
 """
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import jax
 import numpy as np
 
 from jaxhb._jax import added, namespace
 from jaxhb.equations import fourier
-from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
+from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, displacement_radii
 
+SMOOTH, LEFT = 0.04, 1e-3  # share of a play in which stiffness sets in, and of the stiffness that is left in it
+SLIP_SPEED = 0.1  # rad/s, from which dry friction is whole
 NARROW = 1e-9  # m, gap of a mesh without backlash whose stiffness varies: its law has no kink there
 
 
@@ -29,19 +31,31 @@ NARROW = 1e-9  # m, gap of a mesh without backlash whose stiffness varies: its l
 @dataclass(frozen=True)
 class Law:
     """Parameters of the law, one entry per mesh: stiffness in contact N/m; epsilon, stiffness in the gap over that;
-    transition, width of the smooth zone over the backlash; backlash m, total; mean : of a stiffness that varies in
-    time, N/m, where ``stiffness`` is that of an instant; None of a constant one."""
+    transition, width of the smooth zone over the backlash; backlash m, total.
+
+    linear : N/m, of the linear train in its place where that is not the stiffness in contact: the mean of one that
+    varies in time, 0 of what acts beside a link; side : 0, or +1 or -1 where there is but one flank, on that side;
+    friction N against the rate of deflection, in proportion to it below slip m/s. None where no mesh has any.
+    """
 
     stiffness: jax.Array
     epsilon: jax.Array
     transition: jax.Array
     backlash: jax.Array
-    mean: jax.Array | None = None
+    linear: jax.Array | None = None
+    side: jax.Array | None = None
+    friction: jax.Array | None = None
+    slip: jax.Array | None = None
 
     @property
     def linear_stiffness(self):
         """c in N/m, of the linear mesh that the train is condensed with."""
-        return self.stiffness if self.mean is None else self.mean
+        return self.stiffness if self.linear is None else self.linear
+
+    def only(self, active):
+        """The law without forces where ``active`` ``(G,)`` is 0."""
+        forces = {name: getattr(self, name) for name in ("stiffness", "linear", "friction")}
+        return dataclasses.replace(self, **{n: force * active for n, force in forces.items() if force is not None})
 
     @property
     def gap(self):
@@ -81,11 +95,12 @@ def law_of(meshes):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class MeshParameters:
-    """Some meshes of a train: link indices, law, damping and damping law, each ``(n,)``: all in harmonics, as any may
-    be active or held on a flank; in time those that have a law, the others being linear links.
+    """Some meshes of a train, and behind them what acts beside the stiffness of shafts and dampers: link indices,
+    law, damping and damping law, each ``(n,)``: all in harmonics, as any may be active or held on a flank; in time
+    those that have a law, the others being linear links.
 
     variation : complex ``(n, K+1)``, coefficients over the cycle of the stiffness over its mean, less 1; error : the
-    same of the transmission error in m; None where no mesh has any.
+    same of the transmission error in m; None where no mesh has any; springs : how many of them are no meshes.
     """
 
     link: jax.Array
@@ -94,22 +109,68 @@ class MeshParameters:
     contact_damping: jax.Array
     variation: jax.Array | None = None
     error: jax.Array | None = None
+    springs: int = field(default=0, metadata={"static": True})
 
 
 def all_meshes(train):
-    """Every mesh as an entry of :class:`MeshParameters`; those without backlash have epsilon 1, constant ones a gap of
-    1 m, others one that is no measure of their motion."""
+    """Every mesh as an entry of :class:`MeshParameters`, and ``springs`` of the topology; meshes without backlash have
+    epsilon 1, constant ones a gap of 1 m, others one that is no measure of their motion."""
     xp, topology, meshes = namespace(train), train.topology, train.meshes
     gap = np.array(topology.mesh_backlash, dtype=bool)
     numbers, wide = (meshes.epsilon, meshes.transition, meshes.backlash), np.where(topology.mesh_varies, NARROW, 1.0)
     law = (xp.where(gap, own, linear) for own, linear in zip(numbers, (1.0, 0.5, wide), strict=True))
-    return MeshParameters(
+    meshes = MeshParameters(
         variation=_over_cycle(train, ["stiffness_orders"]),
         error=_over_cycle(train, [OF_PERIOD[1], *OF_GEARS]),
         link=np.arange(len(topology.link_names) - len(gap), len(topology.link_names), dtype=np.int32),
         law=Law(xp.asarray(meshes.stiffness), *law),
         viscous=xp.asarray(meshes.damping),
         contact_damping=np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap,
+    )
+    return _with_springs(train, meshes) if topology.springs else meshes
+
+
+def _with_springs(train, meshes):
+    """The MeshParameters with what acts beside the stiffness of shafts and dampers behind the meshes."""
+    xp, topology, rows = namespace(train), train.topology, []
+    radius, shafts = displacement_radii(train), len(topology.shaft_names)
+    for link, kind, row in topology.springs:
+        table, index = (train.shafts, link) if link < shafts else (train.dampers, link - shafts)
+        arm, stiffness = radius[topology.link_ends[link][0]], table.stiffness[index]
+        law = {"stiffness": 0.0, "epsilon": 0.0, "transition": SMOOTH, "linear": 0.0, "side": 0.0, "friction": 0.0}
+        if kind == "friction":
+            slip = 0.0 if table.slip_speed is None else table.slip_speed[index]
+            law |= {"epsilon": 1.0, "backlash": NARROW, "friction": table.friction[index] / arm}
+            law |= {"slip": xp.where(slip > 0, slip, SLIP_SPEED) * arm}
+        elif kind == "clearance":
+            law |= {"epsilon": LEFT, "backlash": xp.deg2rad(table.clearance[index]) * arm}
+            law |= dict.fromkeys(("stiffness", "linear"), stiffness / arm**2)
+        else:
+            twist, beyond = getattr(table, kind)[index, row]
+            before = 0.0
+            if kind == "stages":
+                before = table.stages[index, row - 1, 1] if row else stiffness
+            law |= {"stiffness": (beyond - before) / arm**2, "backlash": 2 * xp.deg2rad(xp.abs(twist)) * arm}
+            law |= {"side": xp.sign(twist)} if kind == "stops" else {}
+        rows.append({"slip": arm} | law)
+    kinds, count = {kind for _, kind, _ in topology.springs}, len(meshes.link)
+    own, none = meshes.law, xp.zeros(count)
+    given = {"linear": own.stiffness, "side": none, "friction": none, "slip": none + 1.0}
+    given |= {name: getattr(own, name) for name in ("stiffness", "epsilon", "transition", "backlash")}
+    needed = {"side": "stops", "friction": "friction", "slip": "friction"}
+    names = [name for name in given if needed.get(name, "") in (*kinds, "")]
+    law = {n: xp.concatenate([given[n], xp.stack([xp.asarray(row[n], float) for row in rows])]) for n in names}
+
+    def wider(values):
+        more = np.zeros((len(rows), *values.shape[1:]), values.dtype)
+        return xp.concatenate([values, more])
+
+    links = np.array([link for link, *_ in topology.springs], dtype=np.int32)
+    return MeshParameters(
+        np.concatenate([meshes.link, links]),
+        Law(**law),
+        *(jax.tree.map(wider, a) for a in (meshes.viscous, meshes.contact_damping, meshes.variation, meshes.error)),
+        springs=len(rows),
     )
 
 
@@ -149,8 +210,10 @@ def separated(law, deflection):
 def _pieces(law, deflection):
     """``tau h``, u and v."""
     xp = namespace(law, deflection)
-    width = law.width
-    reach = xp.abs(deflection) - law.gap
+    width, size = law.width, xp.abs(deflection)
+    if law.side is not None:
+        size = xp.where(law.side == 0, size, law.side * deflection)
+    reach = size - law.gap
     inside = xp.clip(reach, 0.0, width)
     beyond = xp.maximum(reach - width, 0.0)  # begins where ``inside`` ends to the last bit: derivatives at the knot
     return width, inside, beyond
@@ -191,7 +254,14 @@ def mesh_force(law, viscous, contact_damping, deflection, rate):
     """Transmitted force of a mesh, elastic + damping, in N; ``viscous`` r in N s/m, which acts always or, with
     ``contact_damping``, in contact only: ``r l' (f' - c1)/(c2 - c1)``."""
     share = namespace(law, deflection).where(contact_damping, engagement(law, deflection), 1.0)
-    return force(law, deflection) + viscous * rate * share
+    return force(law, deflection) + viscous * rate * share + dry_friction(law, rate)
+
+
+def dry_friction(law, rate):
+    """Force in N against a rate of deflection."""
+    if law.friction is None:
+        return 0.0
+    return law.friction * namespace(law, rate).clip(rate / law.slip, -1.0, 1.0)
 
 
 def nonlinear_force(law, viscous, contact_damping, deflection, rate):
@@ -202,7 +272,9 @@ def nonlinear_force(law, viscous, contact_damping, deflection, rate):
     elastic = xp.sign(deflection) * (share * inside / 2 + beyond) - deflection
     drop = law.stiffness * (1 - law.epsilon)
     found = drop * elastic + viscous * rate * xp.where(contact_damping, share - 1, 0.0)
-    return found if law.mean is None else found + (law.stiffness - law.mean) * deflection
+    if law.linear is not None:
+        found = found + (law.stiffness - law.linear) * deflection
+    return found + dry_friction(law, rate)
 
 
 def mesh_slopes(law, viscous, contact_damping, deflection, rate):
@@ -213,7 +285,8 @@ def mesh_slopes(law, viscous, contact_damping, deflection, rate):
     # Damping that sets in with contact adds to the slope in l: r l' times the slope of the engagement.
     moving = contact_damping & (inside > 0) & (inside < width)
     extra = xp.where(moving, viscous * rate * (xp.sign(deflection) / width), 0.0)
-    return slope(law, deflection) + extra, viscous * share
+    dry = 0.0 if law.friction is None else xp.where(xp.abs(rate) < law.slip, law.friction / law.slip, 0.0)
+    return slope(law, deflection) + extra, viscous * share + dry
 
 
 def at_samples(meshes, synthesize):
@@ -229,7 +302,7 @@ def at_samples(meshes, synthesize):
 
 def at_instant(law, variation):
     """The law of meshes whose stiffness is 1 + ``variation`` times its mean at present."""
-    return dataclasses.replace(law, stiffness=law.stiffness * (1 + variation), mean=law.stiffness)
+    return dataclasses.replace(law, stiffness=law.stiffness * (1 + variation), linear=law.linear_stiffness)
 
 
 def error_load(system, meshes, frequency, load):
@@ -252,5 +325,7 @@ def less_error(meshes, deflection):
 
 
 def offset(law):
-    """Constant part of the force on the contact flank: f = c l - offset beyond the knee, in N."""
-    return law.stiffness * (1 - law.epsilon) * law.backlash / 2
+    """Constant part of the force on the contact flank: f = c l - offset beyond the knee, in N; 0 of what acts beside a
+    link, which begins without a force."""
+    constant = law.stiffness * (1 - law.epsilon) * law.backlash / 2
+    return constant if law.linear is None else namespace(law).where(law.linear == 0, 0.0, constant)

@@ -161,7 +161,7 @@ def condense(system, frequency, load, harmonics, every, meshes, active):
     receptances = lax.map(lambda omega: receptance(system, omega, columns), omega)
     receptances = receptances.reshape(omega.size, *receptances.shape[2:])[: harmonics + 1]
     linear = fourier.resize(linear, harmonics)
-    law = dataclasses.replace(meshes.law, stiffness=meshes.law.stiffness * active)
+    law = meshes.law.only(active)
     viscous, in_contact = meshes.viscous * active, meshes.contact_damping & (active > 0)
     varied = {"variation": meshes.variation}
     equation = CondensedEquation(linear, receptances, frequency, law, viscous, in_contact, **varied)

@@ -38,6 +38,19 @@ def rotor_ratios(topology, radius):
     return xp.prod(radius[..., steps[..., 0]] / radius[..., steps[..., 1]], axis=-1)
 
 
+def displacement_radii(train):
+    """``(S,)`` m: the radius R of every disk's rotor, x = R phi."""
+    xp = namespace(train.disks.radius)
+    topology = train.topology
+    scene_disks = train.disks.radius.shape[0]
+    first_gear = {}
+    for ends in topology.mesh_ends:
+        for disk in ends:
+            first_gear.setdefault(topology.rotor[disk], disk)
+    gear = np.array([first_gear.get(rotor, scene_disks) for rotor in topology.rotor])
+    return xp.append(xp.asarray(train.disks.radius), 1.0)[gear]
+
+
 def inertias(train):
     """Inertia ``[n_disks]`` kg m2 of every disk, the rings of the dampers last."""
     inertia = train.disks.inertia, train.dampers.inertia

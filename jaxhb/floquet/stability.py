@@ -6,6 +6,7 @@ away (docs/theory A7). A motion that is unstable solves the equations and does n
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,10 +139,14 @@ def stability(response: Response) -> Stability:
     space, fast = state_space(host, meshes, frequency, parts, loss_damping(host)), np.zeros(0)
     deflection = np.asarray(response.deflections)[topology.law_index]
     times = exact_integrals.switching_times(meshes.law, deflection)
+    if meshes.law.friction is not None:  # it is whole from a rate of slip on
+        slip = dataclasses.replace(meshes.law, transition=0 * meshes.law.transition, backlash=2 * meshes.law.slip)
+        rates = fourier.derivative(deflection, frequency)
+        times = np.concatenate([times, exact_integrals.switching_times(slip, rates)])
     # Teeth of constant stiffness that pass no knot and are beyond the last one stay in contact: the train is linear,
     # as without backlash.
     in_gap = np.abs(fourier.sample(deflection, 1)[:, 0]) < meshes.law.knee
-    if len(times) or in_gap.any() or meshes.variation is not None:
+    if len(times) or in_gap.any() or meshes.variation is not None or meshes.springs:
         if topology.n_disks > EXACT_DISKS:
             highest = SLOWED * mesh_mode_harmonics(train, frequency)[0] * frequency
             space, fast = _slowed(space, len(parts.inertial), highest, topology.title)

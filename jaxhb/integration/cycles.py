@@ -24,7 +24,8 @@ class Outputs:
 
     modal ``(Q, 2m)`` of the deviation from the linear train, which adds linear ``(Q, steps / stride)``: disks and
     shafts; mesh_modal ``(2R, 2m)`` and mesh_linear ``(2R, steps)``: deflections and forces of the R meshes without
-    backlash; sums ``(P, R + G)``: gear torques as sums of the forces of these and of the others.
+    backlash; sums ``(P, R + G)``: gear torques as sums of the forces of these and of the others; beside ``(Q', G)``,
+    torques of the last Q' quantities per force that acts beside a shaft, None without such.
     """
 
     modal: jax.Array
@@ -32,11 +33,15 @@ class Outputs:
     mesh_modal: jax.Array
     mesh_linear: jax.Array
     sums: jax.Array
+    beside: jax.Array | None = None
 
 
 def cut(outputs, by_speed, shared):
     """What tells of each array of Outputs of several speeds whether it is cut ``by_speed``; None of None."""
-    return outputs and Outputs(modal=shared, linear=by_speed, mesh_modal=shared, mesh_linear=by_speed, sums=shared)
+    if outputs is None:
+        return None
+    beside = None if outputs.beside is None else shared
+    return Outputs(modal=shared, linear=by_speed, mesh_modal=shared, mesh_linear=by_speed, sums=shared, beside=beside)
 
 
 def of_speed(outputs, index):
@@ -44,16 +49,16 @@ def of_speed(outputs, index):
     return outputs and replace(outputs, linear=outputs.linear[index], mesh_linear=outputs.mesh_linear[index])
 
 
-def outputs_of(modes, system, shafts, linear_meshes, gears, linear_motion, steps):
+def outputs_of(modes, system, shafts, linear_meshes, sums, linear_motion, steps):
     """The :class:`Outputs` of a train, on the host: ``shafts`` links are shafts or dampers, ``linear_meshes`` meshes
-    without backlash, ``gears`` ``(P, R)`` m are radius and sense with which forces act on gears."""
+    without backlash, ``sums`` radius and sense ``(P, R + G)`` m with which forces act on gears, and on shafts."""
     speed = fourier.derivative(linear_motion.displacement, linear_motion.frequency[:, None, None])
     motion = np.concatenate([linear_motion.displacement, speed], axis=1)
     parts = []
     for rows, samples in zip(_rows(system, shafts, linear_meshes), (steps // STRIDE, steps), strict=True):
         modal = rows @ modes.motion
         parts += [np.concatenate([modal.real, -modal.imag], axis=1), fourier.synthesize(rows @ motion, samples)]
-    return Outputs(*parts, gears)
+    return Outputs(*parts, *sums)
 
 
 def _rows(system, shafts, linear_meshes):
@@ -142,6 +147,9 @@ def _statistics(stepper, outputs, w, states):
     held = jnp.split(straight, 2)[1]
     gears = [outputs.sums @ jnp.concatenate([held, forces]) for forces in (total, elastic)]
     shafts = outputs.modal @ states[::STRIDE].T + _closed(outputs.linear)
+    if outputs.beside is not None:
+        extra = outputs.beside @ (total - law.linear_stiffness * deflection)[:, ::STRIDE]
+        shafts = shafts.at[-len(extra) :].add(extra)
     teeth = jnp.concatenate([straight, deflection, elastic, total, *gears])
     parts = [_numbers(values, harmonics_of(stepper.steps)) for values in (shafts, teeth)]
     numbers, power = jax.tree.map(lambda *a: jnp.concatenate(a), *parts)

@@ -103,7 +103,8 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
     shapes = np.zeros((K.shape[0], inertial.size))
     shapes[inertial] = modes / root[:, None]
     link = np.asarray(meshes.link)
-    strain = (system.stiffness[link, None] * system.deflections(shapes, link) ** 2).sum(axis=0)
+    stiffness = np.maximum(system.stiffness[link], np.asarray(meshes.law.stiffness))
+    strain = (stiffness[:, None] * system.deflections(shapes, link) ** 2).sum(axis=0)
     taking_part = strain > MESH_SHARE * np.maximum(squares, 0)
     highest = np.sqrt(squares[taking_part].max(initial=0.0))
     sharpest = np.min(np.asarray(meshes.law.transition))
@@ -282,7 +283,7 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
     train, rpm = response.train, float(response.rpm)
     if train is None:
         raise ValueError("the response comes out of a transformation without its train: solve outside of it")
-    if not train.topology.mesh_has_law.any():
+    if not train.topology.has_law.any():
         raise ValueError(f"{train.topology.title} has no mesh with backlash: its response is exact")
     system, meshes, frequency, load = equations_of(train, rpm)
     start = np.asarray(response.angles) * np.asarray(system.radius)[:, None]
@@ -317,9 +318,13 @@ def _difference(response, meshes, orbit):
     train = response.train
     own, samples = train.topology.law_index, orbit.elastic.shape[1]
     law, *_ = backlash.at_samples(on_host(meshes), fourier.Equidistant(samples).synthesize)
-    force = backlash.force(law, np.asarray(response.deflection_samples(samples)[own]))
-    extremes = np.array([[s.min, s.max] for s in (response.force(train.topology.mesh_names[i]).elastic for i in own)])
+    deflections = np.asarray(response.deflections)[own]
+    rates = fourier.derivative(deflections, train.topology.cycle_frequency(float(response.rpm)))
+    force = backlash.force(law, fourier.sample(deflections, samples))
+    force = force + backlash.dry_friction(law, fourier.sample(rates, samples))
+    wanted = orbit.elastic + backlash.dry_friction(law, orbit.rate)
+    extremes = np.array([[s.min, s.max] for s in (response._read("force", i).elastic for i in own)])
     change = extremes - np.stack([orbit.smallest, orbit.largest], axis=1)
-    largest = np.abs(orbit.elastic).max()
-    error, peak_error = (float(np.abs(change).max() / largest) for change in (force - orbit.elastic, change))
+    largest = np.abs(wanted).max()
+    error, peak_error = (float(np.abs(change).max() / largest) for change in (force - wanted, change))
     return Correction(error, peak_error, orbit)

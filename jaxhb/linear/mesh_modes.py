@@ -1,8 +1,11 @@
-"""Natural frequencies that strain tooth meshes: how far the motion of hammering teeth has to be resolved."""
+"""Natural frequencies that strain tooth meshes, or shafts with stages: how far their motion has to be resolved."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from jaxhb._jax import kept
+from jaxhb.equations.backlash import all_meshes
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.train import chain
 
@@ -27,9 +30,26 @@ def _mesh_modes_hz(train):
     """Frequencies ``(2,)`` in Hz of :func:`mesh_mode_harmonics`."""
     if train.topology.n_disks > MODAL_DISKS:
         return np.full(2, SHAFT_STIFFENING * _gear_mode_hz(train))
-    modes = natural_frequencies(train)
-    share, least_shares = modes.mesh_energy_share, (STRAINED, WEAKLY_STRAINED)
+    modes = natural_frequencies(_engaged(train))
+    links = sorted({link for link, *_ in train.topology.springs})
+    share, least_shares = modes.mesh_energy_share + modes.strain_share[:, links].sum(1), (STRAINED, WEAKLY_STRAINED)
     return np.array([np.max(modes.frequencies_hz[share > least], initial=0.0) for least in least_shares])
+
+
+def _engaged(train):
+    """The train with every stage and stop of its shafts and dampers in contact."""
+    meshes = all_meshes(train)
+    if not meshes.springs:
+        return train
+    system, added = chain.assemble(train), np.zeros(len(train.topology.link_names))
+    np.add.at(added, meshes.link, np.where(meshes.law.linear == 0, np.maximum(meshes.law.stiffness, 0.0), 0.0))
+    added *= np.asarray(system.radius)[system.tree.end_a] ** 2
+    shafts, dampers = np.split(added[: len(train.topology.shaft_and_damper_names)], [len(train.topology.shaft_names)])
+    tables = {"shafts": shafts, "dampers": dampers}
+    stiffer = {
+        name: replace(getattr(train, name), stiffness=getattr(train, name).stiffness + k) for name, k in tables.items()
+    }
+    return replace(train, **stiffer)
 
 
 def _gear_mode_hz(train):

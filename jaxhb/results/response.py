@@ -182,7 +182,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         shafts = self.torques.shape[-2]
         if index < shafts:
             bent = self._read("twist", self.topology.link_ends[index]).coefficients
-            passed = self.torques[..., index, :]
+            passed = self.torques[..., index, : bent.shape[-1]]
         else:
             bent = self.deflections[..., index - shafts, :]
             # Harmonics of the force beyond those of the motion do no work.

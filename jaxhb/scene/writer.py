@@ -18,7 +18,7 @@ from jaxhb.scene.toml_text import TomlText
 from jaxhb.train.tables import LAW_OF_FRIDMAN
 
 _CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "over_hz", "over_amplitude", "stiffness_table")
-_CSV += (*OF_PERIOD, *OF_GEARS)
+_CSV += ("stages", "stops", *OF_PERIOD, *OF_GEARS)
 
 
 def scene_text(name: str | Path, *, expand: bool = False, called: str | None = None) -> tuple[str, dict[str, Path]]:

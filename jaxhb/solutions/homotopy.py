@@ -11,7 +11,7 @@ Math. Comp. 32 (1978) 887). It is followed by arclength (:mod:`jaxhb.solutions.c
 beginnings of the segments of a cycle. How long it is nobody knows beforehand: the work is bounded.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -61,12 +61,13 @@ class HomotopyStepper(Stepper):
         geometric = least**self.parameter - self.parameter * (least - law.epsilon)
         epsilon = jnp.where(self.beginning.linear, 1 - self.parameter * (1 - law.epsilon), geometric)
         widest = jnp.minimum(law.transition * self.beginning.transition, jnp.maximum(law.transition, 1.0))
-        law = backlash.Law(law.stiffness, epsilon, law.transition * (widest / law.transition) ** left, law.backlash)
+        law = replace(law, epsilon=epsilon, transition=law.transition * (widest / law.transition) ** left)
         if self.variation is not None:
             law = backlash.at_instant(law, self.parameter * self.variation_at(row))
         in_contact = jnp.where(self.contact_damping, (1 - epsilon) / jnp.maximum(1 - self.law.epsilon, 1e-300), 0.0)
         damping = self.viscous * self._damping() ** left * (1 - in_contact * (1 - backlash.engagement(law, deflection)))
-        return backlash.force(law, deflection) - law.linear_stiffness * deflection + (damping - self.viscous) * rate
+        elastic = backlash.force(law, deflection) - law.linear_stiffness * deflection
+        return elastic + (damping - self.viscous) * rate + backlash.dry_friction(law, rate)
 
     def _damping(self):
         """Tooth damping at p = 0 over the wanted one: at most what the steps carry."""

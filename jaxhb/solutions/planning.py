@@ -55,9 +55,9 @@ def next_level(harmonics, method, few_levels=False):
 def meshes_leaving_contact(train, forces):
     """Meshes that the linear motion takes off their flank, or nearly so where others separate and hammer.
 
-    Of elastic forces ``(n, M, samples)`` N with all in contact: the flank ``(n, M)`` on which each backlash mesh is
-    taken to stay (to be verified), 0 for the others; whether it leaves it or its stiffness varies, its motion an
-    unknown; and ``(n,)`` whether any force passes through zero.
+    Of elastic forces ``(n, M, samples)`` N with all in contact: the flank ``(n, E)`` on which each backlash mesh is
+    taken to stay (to be verified), 0 for the others and for ``springs`` of the topology; whether it leaves it or its
+    stiffness varies, its motion an unknown; and ``(n,)`` whether any force passes through zero.
     """
     gap = np.array(train.topology.mesh_backlash, dtype=bool)
     # A mesh stays on its flank where its least force exceeds that of the knee, by more the harder others hammer: their
@@ -69,7 +69,8 @@ def meshes_leaving_contact(train, forces):
     half_peak_to_peak = np.where(apart, (highest - lowest) / 2, 0.0)
     spare = HAMMERED * np.max(half_peak_to_peak, axis=-1, initial=0.0, keepdims=True)
     stays = gap & (least > backlash.law_of(train.meshes).knee_force + spare) & ~train.topology.mesh_varies
-    return np.where(stays, side, 0), train.topology.mesh_has_law & ~stays, apart.any(axis=-1)
+    flank, springs = np.where(stays, side, 0), [(0, 0), (0, len(train.topology.springs))]
+    return np.pad(flank, springs), train.topology.has_law & ~np.pad(stays, springs), apart.any(axis=-1)
 
 
 def first_level(excited, mesh_modes):
@@ -87,7 +88,7 @@ def all_active(train, plan, request):
     active = tuple(train.topology.law_index.tolist())
     level = min(first_level(excited_harmonic(train, plan.method), 0.0), MOST_HARMONICS[plan.method])
     harmonics = request.harmonics or max(plan.harmonics, level)
-    return dataclasses.replace(plan, harmonics=harmonics, active=active, flank=(0,) * len(train.topology.mesh_names))
+    return dataclasses.replace(plan, harmonics=harmonics, active=active, flank=(0,) * len(train.topology.has_law))
 
 
 def contact_plan(train, request):
@@ -95,7 +96,7 @@ def contact_plan(train, request):
     return Plan(
         harmonics=request.harmonics or max(excited_harmonic(train, request.method), LEVELS[0]),
         active=(),
-        flank=(0,) * len(train.topology.mesh_names),
+        flank=(0,) * len(train.topology.has_law),
         method=request.method,
         tolerance=request.tolerance,
         excited=listed_harmonic(train.topology),
@@ -108,7 +109,7 @@ def plan_speeds(train, rpm, request):
     """A Plan for every speed ``(n,)``, few distinct ones: teeth in contact, leaving contact, separating."""
     contact = contact_plan(train, request)  # its ``excited`` is the highest order listed, whatever its amplitude
     excited = excited_harmonic(train, request.method)
-    if not train.topology.mesh_has_law.any():
+    if not train.topology.has_law.any():
         return [contact] * len(rpm)
     forces = _linear_mesh_forces(train, rpm, contact, max(excited, LEVELS[0]))
     sampled = fourier.synthesize(forces, fourier.SAMPLES_PER_HARMONIC * forces.shape[-1])
@@ -121,8 +122,8 @@ def plan_speeds(train, rpm, request):
         wanted = level_at_least(first_level(excited, highest), levels)
         return request.harmonics or min(wanted, MOST_HARMONICS[request.method])
 
-    # What a stiffness that varies does to the motion the linear train does not tell: that is marched, too.
-    marched = apart | train.topology.mesh_varies.any()
+    # What a stiffness that varies, or a stage, does to the motion the linear train does not tell: that is marched, too.
+    marched = apart | (not train.topology.linear_in_contact)
     touching, hammering = (np.flatnonzero(leaves.any(axis=-1) & (marched == kind)) for kind in (False, True))
     groups = {(False, level_of(0.0)): touching} if len(touching) else {}
     levels = np.array([level_of(highest) for highest in modes[hammering]], dtype=int)
@@ -158,6 +159,7 @@ def _linear_mesh_forces(train, rpm, contact, harmonics):
 
 def _dense_mesh_forces(train, rpm, harmonics):
     """Those of some speeds, without a program."""
+    train = without_backlash(train)  # what acts beside shafts is no mesh
     system, meshes, found = chain.assemble(train), backlash.all_meshes(train), []
     for speed in rpm:
         load, frequency = excitation(train, speed, harmonics)[0], train.topology.cycle_frequency(speed)

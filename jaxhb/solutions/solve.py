@@ -217,7 +217,7 @@ def _decide(train, rpm, request, start, seconds=None):
     (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
     if start is None:
         wanted = starts.STRATEGIES
-    elif start == "linear" or not train.topology.mesh_has_law.any():
+    elif start == "linear" or not train.topology.has_law.any():
         wanted = (starts.from_contact,)
     elif start == "march":
         plan = planning.all_active(train, plan, request)

@@ -37,7 +37,7 @@ def solve_marched(train, march, trace, period, request, *, steps, meshes, levels
     deflection = np.split(trace, 2)[0]
     plan = _plan(train, march.rpm, request, deflection, meshes, period)
     reach = (deflection.shape[1] - 1) // 2
-    given = np.zeros((len(train.topology.mesh_names), reach + 1), dtype=complex)
+    given = np.zeros((len(train.topology.has_law), reach + 1), dtype=complex)
     given[train.topology.law_index] = fourier.analyze(deflection, reach)
     given, case = active_deflections(plan, given), starts.Case(train, march.rpm, request, plan)
     for _ in range(levels):
@@ -56,7 +56,8 @@ def _plan(train, rpm, request, deflection, meshes, period):
     law = meshes.law
     side = np.where(deflection.mean(axis=1) < 0, -1, 1)
     least = (side[:, None] * deflection).min(axis=1)
-    stays = (least > law.knee + MARGIN * law.backlash) & ~train.topology.mesh_varies[train.topology.law_index]
+    held = np.append(~train.topology.mesh_varies, np.zeros(len(train.topology.springs), bool))
+    stays = (least > law.knee + MARGIN * law.backlash) & held[train.topology.law_index]
     apart = (np.abs(deflection) < law.gap[:, None]).any()
     return _plan_of(train, rpm, request, np.where(stays, side, 0), apart, period)
 
@@ -67,7 +68,7 @@ def _plan_of(train, rpm, request, side, apart, period):
     own = train.topology.law_index
     if not side.all():
         side = np.zeros_like(side)  # one program whatever meshes leave contact
-    flank = np.zeros(len(train.topology.mesh_names), dtype=int)
+    flank = np.zeros(len(train.topology.has_law), dtype=int)
     flank[own] = side
     contact = planning.contact_plan(train, request)
     modes = mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))

@@ -42,7 +42,8 @@ class Equations:
         self.train, topology = train, train.topology
         self.system, self.meshes = chain.assemble(train), law_meshes(train)
         self.parts = partition(self.system, self.meshes, topology.disk_names, topology.link_names, lossy=True)
-        self.own, self.linear = topology.law_index, np.flatnonzero(~topology.mesh_has_law)
+        self.own, self.linear = topology.law_index, np.flatnonzero(~topology.has_law)
+        self.teeth = self.own[self.own < len(topology.mesh_names)]  # what follows acts beside shafts
         self.shafts = len(topology.link_names) - len(topology.mesh_names)
         self.gears = sorted({disk for ends in topology.mesh_ends for disk in ends})
 
@@ -102,14 +103,25 @@ class Equations:
     @cached_property
     def gear_sums(self):
         """Radius and sense ``(P, R)`` with which the forces of linear meshes, then of the others, act on gears."""
-        ends = [self.train.topology.mesh_ends[i] for i in (*self.linear, *self.own)]
+        ends = [self.train.topology.mesh_ends[i] for i in (*self.linear, *self.teeth)]
         sense = np.array([[float(a == gear) - float(b == gear) for a, b in ends] for gear in self.gears])
-        return sense * np.asarray(self.train.disks.radius)[self.gears][:, None]
+        sums = sense * np.asarray(self.train.disks.radius)[self.gears][:, None] if self.gears else np.zeros((0, 0))
+        return np.pad(sums, [(0, 0), (0, len(self.own) - len(self.teeth))])
+
+    @cached_property
+    def beside(self):
+        """Torque ``(shafts, G)`` of a shaft or damper per force that acts beside it; None where none does."""
+        if not self.train.topology.springs:
+            return None
+        links = np.where(self.own < len(self.train.topology.mesh_names), -1, np.asarray(self.meshes.link))
+        radius = np.asarray(self.system.radius)[self.system.tree.end_a]
+        return (np.arange(self.shafts)[:, None] == links) * radius[: self.shafts, None]
 
     def outputs(self, linear_motion, steps):
         """The :class:`~jaxhb.integration.cycles.Outputs` of speeds."""
         linear = self.shafts + self.linear
-        return cycles.outputs_of(self.modes, self.system, self.shafts, linear, self.gear_sums, linear_motion, steps)
+        sums = self.gear_sums, self.beside
+        return cycles.outputs_of(self.modes, self.system, self.shafts, linear, sums, linear_motion, steps)
 
 
 @dataclass
@@ -228,11 +240,13 @@ def record_of(equations, march):
     assert next(signals, None) is None, "another order of the outputs"
 
     ends = radius[equations.system.tree.end_a][:shafts]
-    factors = zip(twists, stiffness[:shafts], ends, strict=True)
-    torques = transmitted(torques, [twist.scaled(k * r**2) for twist, k, r in factors])
+    factors, springs = zip(twists, stiffness[:shafts], ends, strict=True), {link for link, *_ in topology.springs}
+    # Of what acts beside a shaft the elastic part is not recorded by itself.
+    bent_shafts = [None if i in springs else twist.scaled(k * r**2) for i, (twist, k, r) in enumerate(factors)]
+    torques = transmitted(torques, bent_shafts)
     factors = zip(bent, stiffness[shafts + equations.linear], strict=True)
     forces = transmitted(forces, [deflection.scaled(k) for deflection, k in factors]) + transmitted(total, elastic)
-    order = np.argsort(np.concatenate([equations.linear, equations.own]))
+    order = np.argsort(np.concatenate([equations.linear, equations.own]))[: len(topology.mesh_names)]
     deflections, forces = (tuple(found[i] for i in order) for found in (bent + deflections, forces))
     contacts = _contacts(equations, march, forces)
     turning = 2 * np.pi / 60 * march.rpm * speed_ratios(equations.train)[np.array(topology.rotor, dtype=int)]
@@ -271,7 +285,7 @@ def _contacts(equations, march, forces):
     """:class:`SteadyContact` of every mesh."""
     above, below, impacts, hardest = _together(march, "above", "below", "impacts", "hardest")
     found = [SteadyContact(0.0, 0.0, 0.0, 0.0, int(np.sign(force.mean))) for force in forces]
-    for g, index in enumerate(equations.own):
+    for g, index in enumerate(equations.teeth):
         shares = above[:, g].mean(), below[:, g].mean()
         drive = int(np.sign(forces[index].mean))
         reverse = shares[0] if drive < 0 else shares[1]

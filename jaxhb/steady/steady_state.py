@@ -287,7 +287,8 @@ def _beside(other, state):
 
 def _differs(before, state):
     """Whether a speed may have another motion when it starts from the one before."""
-    return _kind(before) != _kind(state) or state.kind != "contact" and _distance(before, state) > APART
+    unique = state.kind == "contact" and state.topology.linear_in_contact
+    return _kind(before) != _kind(state) or (not unique and _distance(before, state) > APART)
 
 
 def _alike(one, other):

@@ -251,9 +251,16 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Top
         hz_links=tuple(i for i, e in enumerate(links) if e.over_hz),
         amplitude_links=tuple(i for i, e in enumerate(links) if e.over_amplitude),
         order_links=tuple(i for i, e in enumerate(links) if getattr(e, "order", None) is not None),
+        springs=tuple(spring for i, e in enumerate(links) for spring in _springs(i, e)),
         **named,
         **_computed_torques(t["cylinder"], turn),
     )
+
+
+def _springs(link, element):
+    """What acts beside the stiffness of a shaft or damper, as ``springs`` of the topology has it."""
+    yield from ((link, name, 0) for name in ("clearance", "friction") if getattr(element, name) is not None)
+    yield from ((link, name, row) for name in ("stages", "stops") for row in range(len(getattr(element, name))))
 
 
 def _computed_torques(cylinders, turn) -> dict:

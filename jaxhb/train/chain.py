@@ -18,7 +18,7 @@ import numpy as np
 
 from jaxhb._jax import namespace
 from jaxhb.equations.block_sweep import Slots, slots
-from jaxhb.equations.kinematics import speed_ratios
+from jaxhb.equations.kinematics import displacement_radii, speed_ratios
 from jaxhb.train.connections import breadth_first, neighbours
 from jaxhb.train.varying import refuse_varying
 
@@ -141,7 +141,7 @@ def span(topology):
     disks = len(topology.disk_names)
     root = topology.ground_disk[0] if topology.ground_disk else 0
     tree = span_links(ends, disks, root)
-    teeth = {disk for pair in topology.mesh_ends for disk in pair}
+    teeth = {disk for pair in (*topology.mesh_ends, *(ends[link] for link, *_ in topology.springs)) for disk in pair}
     return dataclasses.replace(tree, condensation=condense_chains(tree, root, teeth))
 
 
@@ -226,19 +226,6 @@ def span_links(ends, disks, root):
     end_a, end_b, node = _index([a for a, _ in ends]), _index([b for _, b in ends]), _index(order)
     from_a = end_a[link] == node if len(ends) else np.ones(disks, bool)
     return Tree(node, parent, slots(parent), link, from_a, _index(loops), end_a, end_b)
-
-
-def displacement_radii(train):
-    """``(S,)`` m: the radius R of every disk's rotor, x = R phi."""
-    xp = namespace(train.disks.radius)
-    topology = train.topology
-    scene_disks = train.disks.radius.shape[0]
-    first_gear = {}
-    for ends in topology.mesh_ends:
-        for disk in ends:
-            first_gear.setdefault(topology.rotor[disk], disk)
-    gear = np.array([first_gear.get(rotor, scene_disks) for rotor in topology.rotor])
-    return xp.append(xp.asarray(train.disks.radius), 1.0)[gear]
 
 
 def assemble(train):

@@ -141,6 +141,9 @@ def _row(train, table, field, index):
     """The part of a row that the scene gave (harmonics and traces are padded)."""
     place = _place(train, field, index)
     row = _vector(train, table, field)[place]
+    if field in ("stages", "stops"):
+        link = derived.link_number(train.topology, table, index)
+        return row[: sum((link, field) == spring[:2] for spring in train.topology.springs)]
     if field in ("harmonics", "gas_torque", *OF_PERIOD, *OF_GEARS):
         return row[: len(getattr(train.topology, f"mesh_{field}" if table == "mesh" else f"{table}_harmonics")[index])]
     if field.startswith("traces."):
@@ -193,12 +196,13 @@ def _with(train, table, field, new):
 
 
 def without_backlash(train):
-    """The same train with every mesh in contact all cycle, with its mean stiffness."""
+    """The same train with every mesh in contact all cycle, with its mean stiffness, and shafts and dampers of one
+    stiffness."""
     topology, meshes = train.topology, train.meshes
     linear, constant = (False,) * len(topology.mesh_names), ((),) * len(topology.mesh_names)
     return dataclasses.replace(
         train,
-        topology=dataclasses.replace(topology, mesh_backlash=linear, mesh_stiffness_orders=constant),
+        topology=dataclasses.replace(topology, mesh_backlash=linear, mesh_stiffness_orders=constant, springs=()),
         meshes=dataclasses.replace(meshes, backlash=0.0 * meshes.backlash, stiffness_orders=None),
     )
 

@@ -20,16 +20,19 @@ LAW_OF_FRIDMAN = {"epsilon": 0.03, "transition": 0.2}
 """The same of the law (18) of Fridman 2009, ``law = "fridman2009"``."""
 
 
+ROWS = "over_hz", "over_amplitude", "stages", "stops", *OF_PERIOD, *OF_GEARS  # of links
+
+
 def vectors_of(element):
     """Give a class one vector for each number of an element, and for its rows over frequency, amplitude or orders.
 
-    0 stands for a number that is absent. Those that no solve reads, and orders, are None where no element has them.
+    0 stands for a number that is absent. Those that not all links have, and most rows, are None where none has them.
     """
 
     def declare(cls):
-        rows = ("over_hz", "over_amplitude", *OF_PERIOD, *OF_GEARS)
-        kept = [f for f in dataclasses.fields(element) if f.metadata["kind"] == "number" or f.name in rows]
-        optional = {f.name: None for f in kept if f.name in (*derived.OPTIONAL, *derived.WITH, *OF_PERIOD, *OF_GEARS)}
+        kept = [f for f in dataclasses.fields(element) if f.metadata["kind"] == "number" or f.name in ROWS]
+        absent = *derived.OPTIONAL, *derived.WITH, *(name for name in ROWS if not name.startswith("over_"))
+        optional = {f.name: None for f in kept if f.name in absent}
         needed = [f.name for f in kept if f.name not in optional]
         cls.__annotations__ = dict.fromkeys([*needed, *optional], Array)
         for name, absent in optional.items():
@@ -57,7 +60,7 @@ class Shafts(Vectors):
     """The numbers of a :class:`~jaxhb.Shaft`, each [n_shafts].
 
     ``over_hz`` and ``over_amplitude`` [n_shafts, K, 3]: Hz or rad, factor of stiffness, factor of damping; K is 0
-    where no shaft has such rows.
+    where no shaft has such rows. ``stages`` and ``stops`` [n_shafts, K, 2]: deg, N m/rad.
     """
 
 
@@ -173,6 +176,11 @@ def _plain(cls, elements):
         absent = f.default is None and not any(getattr(e, f.name) for e in elements)
         if f.name in (*OF_PERIOD, *OF_GEARS):
             found[f.name] = None if absent else _harmonics([getattr(e, f.name) for e in elements])
+            continue
+        if f.name in ("stages", "stops"):
+            given = [getattr(e, f.name) for e in elements]
+            padded = None if absent else _padded([row or ((0.0, 0.0),) for row in given], 2, max(map(len, given)))
+            found[f.name] = padded
             continue
         collect = factor_rows if f.name.startswith("over_") else column
         found[f.name] = None if absent else collect(elements, f.name)

@@ -30,9 +30,10 @@ class Topology:
     per order of the own rotor; ``cylinder_gas`` and ``cylinder_inertia`` how many harmonics of the gas cycle
     and how many orders of the own rotor are computed. ``rotor_path`` holds for each rotor the pairs (driving
     disk, driven disk) that lead to it from the reference rotor. ``hz_links``, ``amplitude_links`` and
-    ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed. ``link_keys``
-    names for each link which of the keys that may be absent it has, of those that no solve reads; empty where no link
-    has any. ``rated_rpm`` is the rated speed of the reference rotor.
+    ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed. ``springs`` are
+    what acts beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or "friction", row).
+    ``link_keys`` names for each link which of the keys that may be absent it has, of those that no solve reads; empty
+    where no link has any. ``rated_rpm`` is the rated speed of the reference rotor.
 
     Its ``repr`` is whole: keys of compiled programs and of kept sweeps are made of it.
     """
@@ -83,6 +84,7 @@ class Topology:
     hz_links: tuple[int, ...] = ()
     amplitude_links: tuple[int, ...] = ()
     order_links: tuple[int, ...] = ()
+    springs: tuple[tuple[int, str, int], ...] = ()
     link_keys: tuple[tuple[str, ...], ...] = ()
     rated_rpm: float | None = None
     scenarios: str = "{}"
@@ -153,14 +155,21 @@ class Topology:
         return [name for name, *own in zip(self.mesh_names, *rows, strict=True) if any(own)]
 
     @property
-    def mesh_has_law(self) -> np.ndarray:
-        """Whether a mesh ``(M,)`` is no constant spring: it has backlash, or its stiffness varies."""
-        return np.array(self.mesh_backlash, dtype=bool) | self.mesh_varies
+    def has_law(self) -> np.ndarray:
+        """Whether a mesh is no constant spring, as it has backlash or its stiffness varies; then the ``springs``, which
+        all are none: ``(E,)``."""
+        meshes = np.array(self.mesh_backlash, dtype=bool) | self.mesh_varies
+        return np.concatenate([meshes, np.ones(len(self.springs), dtype=bool)])
+
+    @property
+    def linear_in_contact(self) -> bool:
+        """Whether the train is linear and constant as long as all teeth are in contact."""
+        return not (self.springs or self.mesh_varies.any())
 
     @property
     def law_index(self) -> np.ndarray:
-        """Meshes ``(G,)`` that are no constant springs, in the order of the scene."""
-        return np.flatnonzero(self.mesh_has_law)
+        """Meshes and ``springs`` ``(G,)`` that are no constant springs, in the order of :attr:`has_law`."""
+        return np.flatnonzero(self.has_law)
 
     @property
     def n_disks(self) -> int:
