@@ -125,7 +125,7 @@ def _of_response(found, lin, given, balance, harmonics):
     for deflection in (given, lin.deflection * lin.law.backlash[:, None]):
         value = fourier.synthesize(deflection, count)
         rate = fourier.synthesize(fourier.derivative(deflection, lin.frequency), count)
-        force = backlash.mesh_force(*backlash.at_samples(lin.meshes), value, rate)
+        force = backlash.mesh_force(*backlash.at_samples(lin.meshes, None), value, rate)
         motions.append((value, backlash.force(law, value), force))
     apart, elastic, total = (_largest(a - b) for a, b in zip(*motions, strict=True))
     return replace(

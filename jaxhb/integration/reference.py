@@ -169,7 +169,7 @@ def _between(l, rate, dt):
     # Hermite's cubics: the samples have the rates as well.
     values = (1 + 2 * s) * (1 - s) ** 2 * l + s * (1 - s) ** 2 * slope
     values += s**2 * (3 - 2 * s) * following + s**2 * (s - 1) * steepness
-    return np.moveaxis(values, 0, -1).reshape(len(l), -1)
+    return np.moveaxis(values, 0, -1).reshape(len(l), 16 * l.shape[1])
 
 
 def equations_of(train, rpm):

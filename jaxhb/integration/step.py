@@ -92,9 +92,13 @@ class Stepper:
         law = self.law if self.variation is None else backlash.at_instant(self.law, self.variation_at(row))
         return backlash.nonlinear_force(law, self.viscous, self.contact_damping, deflection, rate)
 
+    def nonlinear_force_at(self, w, row):
+        """phi ``(G,)`` N at ``w`` ``(2G,)``, deflections and rates of the states half a step ``row`` of the cycle."""
+        return self.nonlinear_force(self.with_fast_modes(w, row), jnp.split(w, 2)[1], row)
+
     def with_fast_modes(self, w, row):
-        """Deflections ``(G,)`` of w ``(2G,)``, deflections and rates of the states half a step ``row`` of the cycle,
-        with the static response of the fast modes, R the residual flexibility: ``l + R phi(l) = l of the states``.
+        """Deflections ``(G,)`` at w and ``row`` with the static response of the fast modes, R the residual flexibility:
+        ``l + R phi(l) = l of the states``.
 
         Two steps of Newton's method mesh by mesh: the fast modes have a small part of the compliance of a mesh. Their
         part of the rate is left out.
@@ -116,8 +120,7 @@ class Stepper:
         whole, half = last + whole, middle + half
 
         def force(w, half_steps):
-            row = (2 * k, *rows)[half_steps]
-            return self.nonlinear_force(self.with_fast_modes(w, row), jnp.split(w, 2)[1], row)
+            return self.nonlinear_force_at(w, (2 * k, *rows)[half_steps])
 
         change = _product(self.weights, *stages(force, _product, self, w, half, whole))
         return propagated(self.propagator, state) + change[: len(state)], whole + change[len(state) :]
