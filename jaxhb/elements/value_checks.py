@@ -76,6 +76,11 @@ def _is_list(value) -> bool:
     return isinstance(value, tuple | list)
 
 
+def _is_there(value) -> bool:
+    """Tell whether a key is given, not as no rows."""
+    return value is not None and not (_is_list(value) and not value)
+
+
 def _missing(where, f) -> str:
     """Sentence for a key that is not there."""
     limits, kind = f.metadata.get("range"), f.metadata["kind"]
@@ -211,8 +216,8 @@ def _spring_errors(link) -> list[str]:
         texts.append("clearance is given, and stiffness is 0. Give the stiffness once the play is used up.")
     if link.slip_speed is not None and link.friction is None:
         texts.append("slip_speed is given without friction. Give the friction torque in N m, or leave it out.")
-    ways = [key for key in ("clearance", "stages", "stops", "friction") if getattr(link, key) not in (None, ())]
-    varies = [key for key in ("over_hz", "over_amplitude", "order") if getattr(link, key, None) not in (None, ())]
+    ways = [key for key in ("clearance", "stages", "stops", "friction") if _is_there(getattr(link, key))]
+    varies = [key for key in ("over_hz", "over_amplitude", "order") if _is_there(getattr(link, key, None))]
     if ways and varies:
         texts.append(f"{ways[0]} is given together with {varies[0]}, which only linear links have. Keep one of them.")
     return texts
@@ -238,7 +243,7 @@ def mesh_errors(mesh) -> list[str]:
 
 def _shorthand_errors(mesh) -> list[str]:
     """Check that a mesh has one stiffness, and one way to its orders."""
-    own = [key for key in ("stiffness", "stiffness_table", "width") if getattr(mesh, key) not in (None, ())]
+    own = [key for key in ("stiffness", "stiffness_table", "width") if _is_there(getattr(mesh, key))]
     ways = [key for key in ("stiffness_orders", "stiffness_table", "contact_ratio") if getattr(mesh, key)]
     both = [keys for keys in (own, ways) if keys[1:]]
     texts = [f"{first} is given together with {_and(others)}. Keep one of them." for first, *others in both]
