@@ -4,6 +4,7 @@ from ._program import cache_programs as cache_programs
 from .balance.derivative import gradient_and_error as gradient_and_error
 from .balance.plan import Plan as Plan
 from .branches.branch import Branch as Branch, BranchOptions as BranchOptions, follow as follow
+from .branches.lift_off import LiftOff as LiftOff, lift_off as lift_off
 from .branches.search import PeriodicMotion as PeriodicMotion, solve_all as solve_all
 from .certificate.certificate import certify as certify
 from .design import tune as tune

@@ -2,6 +2,8 @@
 
 from typing import Any, Generic, TypeVar
 
+import numpy as np
+
 from jaxhb.train.topology import Topology
 
 SignalOf = TypeVar("SignalOf")
@@ -61,6 +63,23 @@ class Motion(Generic[SignalOf, ContactOf, NumberOf]):
     def deflection(self, a: str, b: str | None = None) -> SignalOf:
         """Deflection l = r_a phi_a - r_b phi_b of a mesh, m."""
         return self._read("deflection", *self._mesh_index(a, b))
+
+    def transmission_error(self, a: str, b: str | None = None) -> SignalOf:
+        """Loaded transmission error of a mesh in m, how far its gears approach each other along the pitch circle:
+        deflection and transmission error of the teeth; recorded cycles have none."""
+        return self._read("transmission_error", *self._mesh_index(a, b))
+
+    def whine(self, a: str, b: str | None = None, *, orders: int = 3) -> Any:
+        """Amplitudes ``(orders,)`` in N of the tooth force at the orders 1, 2, .. of the mesh period, which is known of
+        a mesh with ``stiffness_orders`` or ``transmission_error``; nan of those that are not recorded."""
+        index, _ = self._mesh_index(a, b)
+        period = self.topology.mesh_periods[index] / self.topology.revolutions_per_cycle
+        if not period:
+            name = self.topology.mesh_names[index]
+            raise ValueError(f"{name!r} has neither stiffness_orders nor transmission_error: nothing makes it whine")
+        force: Any = self.force(a, b)
+        known = max(force.orders, default=0.0)
+        return np.array([force.order(k * period) if k * period <= known else np.nan for k in range(1, orders + 1)])
 
     def gear_torque(self, name: str) -> SignalOf:
         """Torque that a gear passes to its mates, the sum of its mesh forces x radius, N m."""

@@ -170,8 +170,9 @@ class Record(Motion[RecordedSignal, SteadyContact, float]):
     solution = None
 
     def _read(self, quantity, index, sense=1):
-        if quantity == "acceleration":
-            raise ValueError("the motion has no period: its record holds no accelerations")
+        if quantity in ("acceleration", "transmission_error"):
+            what = {"acceleration": "accelerations"}.get(quantity, "transmission errors")
+            raise ValueError(f"the motion has no period: its record holds no {what}")
         if quantity == "power":
             return self.heat[index] if index < len(self.heat) else float("nan")
         if quantity == "twist":

@@ -157,6 +157,13 @@ class Response(Fields, Motion[Signal, Contact, Array]):
                 return self._signal(sense * self.forces[..., index, :], sense * self.elastic_forces[..., index, :])
             case "deflection":
                 return self._signal(sense * self.deflections[..., index, :])
+            case "transmission_error":
+                if self.train is None:
+                    raise ValueError(
+                        "the response comes out of a transformation without its train: solve outside of it"
+                    )
+                approach, error = self.deflections[..., index, :], backlash.all_meshes(self.train).error
+                return self._signal(sense * (approach if error is None else _sum(approach, error[index])))
             case "gear_torque":
                 senses = np.array([(a == index) - (b == index) for a, b in self.topology.mesh_ends], dtype=float)
                 both, radius = (self.forces, self.elastic_forces), self.radius[..., index, None]
@@ -196,6 +203,17 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         """Deflections of all meshes at ``count`` time samples of the cycle, ``(..., M, count)`` m."""
         return fourier.sample(self.deflections, count)
 
+    def impact_energy(self, a: str, b: str | None = None) -> float:
+        """Energy in J that the impacts of a mesh bring in a cycle, ``sum of m v^2 / 2`` over them: v the approach
+        speed, m of the two gears alone, ``m_a m_b / (m_a + m_b)``, J / r^2 each. ValueError without a train."""
+        if self.train is None:
+            raise ValueError("the response comes out of a transformation without its train: solve outside of it")
+        index, _ = self._mesh_index(a, b)
+        ends = list(self.topology.mesh_ends[index])
+        mass = np.asarray(self.train.disks.inertia)[ends] / np.asarray(self.train.disks.radius)[ends] ** 2
+        speeds = np.array([impact["speed"] for impact in self.mesh(a, b).impacts])
+        return float(mass.prod() / max(mass.sum(), 1e-300) * np.sum(speeds**2) / 2)
+
     def contacts(self) -> dict[str, Contact]:
         """:class:`Contact` of every mesh by name."""
         return {name: self.mesh(name) for name in self.topology.mesh_names}
@@ -218,6 +236,12 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         """
         motions = [self[i] for i in range(len(self))] if np.ndim(self.rpm) else [self]
         return to_xarray(motions, self.topology, np.asarray(self.rpm), orders=orders)
+
+
+def _sum(one, other):
+    """Coefficients of the sum of two signals, with the more harmonics of the two."""
+    most = max(one.shape[-1], other.shape[-1]) - 1
+    return fourier.resize(one, most) + fourier.resize(other, most)
 
 
 def with_gaps(response):

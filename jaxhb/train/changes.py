@@ -195,15 +195,24 @@ def _with(train, table, field, new):
     return dataclasses.replace(train, **{attribute: dataclasses.replace(numbers, **{inner: vector})})
 
 
-def without_backlash(train):
-    """The same train with every mesh in contact all cycle, with its mean stiffness, and shafts and dampers of one
-    stiffness."""
+def in_contact(train):
+    """The same train with every mesh in contact all cycle."""
     topology, meshes = train.topology, train.meshes
-    linear, constant = (False,) * len(topology.mesh_names), ((),) * len(topology.mesh_names)
     return dataclasses.replace(
         train,
-        topology=dataclasses.replace(topology, mesh_backlash=linear, mesh_stiffness_orders=constant, springs=()),
-        meshes=dataclasses.replace(meshes, backlash=0.0 * meshes.backlash, stiffness_orders=None),
+        topology=dataclasses.replace(topology, mesh_backlash=(False,) * len(topology.mesh_names)),
+        meshes=dataclasses.replace(meshes, backlash=0.0 * meshes.backlash),
+    )
+
+
+def without_backlash(train):
+    """The same with teeth of their mean stiffness, and shafts and dampers of one stiffness: linear."""
+    train = in_contact(train)
+    constant = ((),) * len(train.topology.mesh_names)
+    return dataclasses.replace(
+        train,
+        topology=dataclasses.replace(train.topology, mesh_stiffness_orders=constant, springs=()),
+        meshes=dataclasses.replace(train.meshes, stiffness_orders=None),
     )
 
 

@@ -11,6 +11,8 @@ from tolerances import ALGEBRAIC, GRADIENT, PATHS
 
 import jaxhb
 from jaxhb.elements.meshing import contact_orders, standard_stiffness, table_orders
+from jaxhb.report.answer import Answer
+from jaxhb.report.text.cases import solve_text
 
 HALF, NATURAL, TEETH = 1e-4, 500.0, 20  # m, half the backlash; rad/s, of the mean stiffness; of both gears
 CASES = reference("varying_mesh_stiffness")["cases"]
@@ -235,3 +237,17 @@ def test_shorthands_stand_for_a_stiffness_and_its_orders(tmp_path):
     train = jaxhb.load_scene(tmp_path / "pair.toml")
     assert train.value("a|b.stiffness") == 2e8 and train.topology.mesh_stiffness_orders == ((40,),)
     np.testing.assert_allclose(train.value("a|b.stiffness_orders"), [[-4 / np.pi**2, 0.0]], atol=ALGEBRAIC)
+
+
+def test_whine_transmission_error_and_energy_are_read_of_a_motion():
+    train = idler()
+    response = jaxhb.solve(train, rpm=1500.0)
+    approach = 0.05 * response.angles[0] - 0.1 * response.angles[1]
+    found = response.transmission_error("a", "b")
+    np.testing.assert_allclose(found.coefficients[: len(approach)], approach, rtol=0, atol=PATHS * HALF)
+    np.testing.assert_allclose(response.whine("a", "b", orders=2), 2 * np.abs(response.forces[0, [10, 20]]))
+    speeds = [one["speed"] for one in response.mesh("a", "b").impacts]
+    mass = 1 / (0.05**2 / 0.02 + 0.1**2 / 0.05)  # of the two gears alone
+    assert response.impact_energy("a", "b") == pytest.approx(mass * np.square(speeds).sum() / 2) and speeds
+    text = solve_text(Answer(train, jaxhb.steady_state(train, rpm=1500.0), jaxhb.linear_response(train, rpm=1500.0)))
+    assert "Gear whine" in text

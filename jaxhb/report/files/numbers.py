@@ -130,6 +130,21 @@ def _mesh_record(answer, name, of_signal):
         "knee_force": law.knee_force if law else 0.0,
         "pulling_force": details and details.pulling_force,
         "power_W": answer.power(name),
+    } | _meshing_record(answer, name)
+
+
+def _meshing_record(answer, name):
+    """Gear whine, transmission error and rattle of a mesh with a mesh period; nothing of others."""
+    topology, solution = answer.topology, answer.response
+    periods = topology.mesh_periods[topology.mesh_names.index(name)]
+    if not periods or not answer.known:
+        return {}
+    error = None if solution is None else solution.transmission_error(name).half_peak_to_peak
+    return {
+        "mesh_order": periods / topology.revolutions_per_cycle,
+        "mesh_order_amplitudes": answer.whine(name),
+        "transmission_error_half_peak_to_peak": error,
+        "impact_energy_J": None if solution is None else solution.impact_energy(name),
     }
 
 

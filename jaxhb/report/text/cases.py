@@ -1,5 +1,6 @@
 """One speed as text, and several cases of it side by side: verdicts, and tables of elements as specifications."""
 
+import math
 from dataclasses import dataclass
 
 from jaxhb.report import quantities
@@ -102,6 +103,7 @@ def _tables(answer):
         yield from peak_table(answer)
         title = "Contact, % of the time (apart: in the gap; reverse: on the flank that does not drive), impacts a cycle"
         yield element_table(title, "mesh", CONTACT, answer)
+        yield from meshing_table(answer)
         title = "Torque that a gear passes to its mates, N m"
         yield element_table(title, "gear", _swings("gear_torque"), answer, groups=pair)
     if topology.shaft_and_damper_names:
@@ -114,6 +116,29 @@ def _tables(answer):
     if answer.known and answer.response is not None:
         title = "Speed of disks, rpm; cyclic irregularity: (largest - smallest) / mean; acceleration, rad/s2, half p-p"
         yield element_table(title, "disk", SPEEDS, answer)
+
+
+def meshing_table(answer):
+    """Gear whine, transmission error and rattle of the meshes that have a mesh period, in a list."""
+    topology, solution = answer.topology, answer.response
+    names = [name for name, periods in zip(topology.mesh_names, topology.mesh_periods, strict=True) if periods]
+    if not names or not answer.known:
+        return []
+
+    def of_solution(read):
+        return lambda answer, name: math.nan if solution is None else read(name)
+
+    turns = answer.rpm / 60 / topology.revolutions_per_cycle
+    specs = [("mesh Hz", lambda answer, name: turns * topology.mesh_periods[topology.mesh_names.index(name)], "Hz")]
+    for k in range(3):
+        specs.append((f"order {k + 1} kN", lambda answer, name, k=k: answer.whine(name)[k] / 1e3, "kN"))
+    error = of_solution(lambda name: 2e6 * solution.transmission_error(name).half_peak_to_peak)
+    specs += [
+        ("error p-p um", error, "um"),
+        ("impacts mJ", of_solution(lambda n: 1e3 * solution.impact_energy(n)), "mJ"),
+    ]
+    title = "Gear whine: tooth force at orders of the mesh period; loaded transmission error; energy of impacts a cycle"
+    return [element_table(title, "mesh", specs, answer, names=names)]
 
 
 def peak_table(answer, begin="L"):

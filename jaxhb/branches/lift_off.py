@@ -1,0 +1,115 @@
+"""The lift-off boundary: the speeds at which teeth first part, over a second number of the train."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.optimize import brentq
+
+from jaxhb._jax import Numbers
+from jaxhb._shown import brief
+from jaxhb.elements.elements import SceneError
+from jaxhb.equations import fourier
+from jaxhb.linear.forced import forced_response
+from jaxhb.results.status import check
+from jaxhb.solutions.solve import solve
+from jaxhb.train.changes import in_contact, without_backlash
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import check_speed
+
+SAMPLES = 64  # per harmonic of the contact force, at which its smallest value is looked for
+TOLERANCE = 1e-9  # share of a speed to which a boundary is found
+
+
+@brief
+@dataclass(frozen=True)
+class LiftOff:
+    """Points at which the teeth of a mesh begin or cease to part; made by :func:`lift_off`.
+
+    Parameters
+    ----------
+    over : str or None, the second number; value : ``(K,)`` of it, nan without
+    rpm : ``(K,)``, of the reference rotor; mesh : tuple of K names
+    parts : ``(K,)`` bool, whether the teeth part above this speed, and not below it
+    never, always : values of the second number at which no teeth, or those of some mesh, part at every speed asked for
+    """
+
+    over: str | None
+    value: np.ndarray
+    rpm: np.ndarray
+    mesh: tuple
+    parts: np.ndarray
+    never: np.ndarray
+    always: np.ndarray
+
+
+def lift_off(train: DriveTrain, *, rpm: Numbers, over: str | None = None, values: Numbers = ()) -> LiftOff:
+    """Find the speeds at which teeth first part: where the smallest elastic force on a drive flank, all teeth in
+    contact, is zero (a grazing of the motion in contact).
+
+    Up to there the motion is that in contact: linear, or of teeth whose stiffness varies, or of shafts with stages, one
+    solve a speed. Beyond, others may exist besides, and teeth that part may go on to do so below
+    (:func:`jaxhb.steady_state`).
+
+    :class:`SceneError` for speeds that are no rising sequence of two or more, and where the second number is none.
+
+    Parameters
+    ----------
+    train : DriveTrain, concrete, with backlash
+    rpm : sequence of float ``(n,)``, rising
+        Speeds of the reference rotor. Boundaries between neighbours are refined; two between neighbours are not seen.
+    over : str, optional
+        ``"NAME.FIELD"`` of a second number, as a mean torque, a stiffness or a damping.
+    values : sequence of float, of the second number
+
+    Examples
+    --------
+    From which speed on does the pair hammer?
+
+    >>> pair = jaxhb.load_scene("spur_pair")
+    >>> found = lift_off(pair, rpm=[3000.0, 4000.0, 5000.0])
+    >>> found.mesh, found.parts.tolist(), found.rpm.round(-1).tolist()
+    (('gear a|gear b',), [True], [4620.0])
+    """
+    check_speed(train, rpm, many=True)
+    rpm = np.asarray(rpm, dtype=float)
+    if len(rpm) < 2 or (np.diff(rpm) <= 0).any():
+        raise SceneError(f"{train.topology.title}: lift_off needs two speeds or more that rise: {rpm.tolist()}.")
+    gaps = np.flatnonzero(train.topology.mesh_backlash)
+    rows, never, always = [], [], []
+    for value in np.asarray(values, dtype=float).tolist() if over else [np.nan]:
+        one = in_contact(train.replace({over: value}) if over else train)
+        margins = (
+            np.array([_margins(one, speed)[gaps] for speed in rpm]) if not one.topology.linear_in_contact else None
+        )
+        margins = _margins(one, rpm)[:, gaps] if margins is None else margins
+        if (margins > 0).all():
+            never.append(value)
+        if (margins <= 0).all(axis=0).any():
+            always.append(value)
+        for k, mesh in zip(*np.nonzero(np.diff(margins > 0, axis=0)), strict=True):
+            margin = partial(_margin, one, gaps[mesh])
+            at = brentq(margin, rpm[k], rpm[k + 1], rtol=TOLERANCE)
+            rows.append((value, at, train.topology.mesh_names[gaps[mesh]], margins[k, mesh] > 0))
+    value, at, mesh, parts = zip(*rows, strict=True) if rows else ((), (), (), ())
+    return LiftOff(over, np.array(value), np.array(at), mesh, np.array(parts, bool), np.array(never), np.array(always))
+
+
+def _margin(train, mesh, rpm):
+    return _margins(train, rpm)[mesh]
+
+
+def _margins(train, rpm):
+    """Smallest elastic force on the drive flank over the mean one, ``(..., M)``, of a train in contact."""
+    if train.topology.linear_in_contact:
+        response = forced_response(without_backlash(train), rpm=rpm)
+    else:
+        response = check(solve(train, rpm=float(rpm)))
+    force = np.asarray(response.elastic_forces)
+    mean = force[..., 0].real
+    values = np.sign(mean)[..., None] * fourier.synthesize(force, SAMPLES * force.shape[-1])
+    before, after = np.roll(values, 1, axis=-1), np.roll(values, -1, axis=-1)
+    # The smallest value between samples: the vertex of the parabola through three of them.
+    bend = np.maximum(before - 2 * values + after, 1e-300)
+    vertex = np.where((values <= before) & (values <= after), values - (after - before) ** 2 / (8 * bend), values)
+    return vertex.min(axis=-1) / np.abs(mean)
