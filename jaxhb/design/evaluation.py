@@ -189,7 +189,7 @@ class Evaluator:
         """The Point of designs ``(A, P)`` without motions."""
         spread = np.linspace(0, len(self.rpm) - 1, self.peaks * len(self.followed)).round().astype(int)
         speeds = np.tile(np.concatenate([self.rpm, self.rpm[spread]]), (len(z), 1))
-        motion = np.zeros((*speeds.shape, len(self.train.topology.mesh_names), 1), dtype=complex)
+        motion = np.zeros((*speeds.shape, len(self.train.topology.has_law), 1), dtype=complex)
         lost = np.full(speeds.shape, Status.MAX_STEPS)
         return self._planned(Point(z, speeds, lost, np.zeros_like(lost), motion, plans=(self.fallback,)))
 

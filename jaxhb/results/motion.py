@@ -1,6 +1,6 @@
 """Readers by name of any motion: of a response, of recorded cycles, and of a steady state, which is one of both."""
 
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 
@@ -69,15 +69,19 @@ class Motion(Generic[SignalOf, ContactOf, NumberOf]):
         deflection and transmission error of the teeth; recorded cycles have none."""
         return self._read("transmission_error", *self._mesh_index(a, b))
 
+    def mesh_order(self, a: str, b: str | None = None) -> float:
+        """Mesh periods in a revolution of the reference rotor: the order at which a mesh with ``stiffness_orders`` or
+        ``transmission_error`` whines; ValueError of others."""
+        index, _ = self._mesh_index(a, b)
+        if not self.topology.mesh_periods[index]:
+            name = self.topology.mesh_names[index]
+            raise ValueError(f"{name!r} has neither stiffness_orders nor transmission_error: nothing makes it whine")
+        return self.topology.mesh_periods[index] / self.topology.revolutions_per_cycle
+
     def whine(self, a: str, b: str | None = None, *, orders: int = 3) -> Any:
         """Amplitudes ``(orders,)`` in N of the tooth force at the orders 1, 2, .. of the mesh period, which is known of
         a mesh with ``stiffness_orders`` or ``transmission_error``; nan of those that are not recorded."""
-        index, _ = self._mesh_index(a, b)
-        period = self.topology.mesh_periods[index] / self.topology.revolutions_per_cycle
-        if not period:
-            name = self.topology.mesh_names[index]
-            raise ValueError(f"{name!r} has neither stiffness_orders nor transmission_error: nothing makes it whine")
-        force: Any = self.force(a, b)
+        period, force = self.mesh_order(a, b), cast(Any, self.force(a, b))
         known = max(force.orders, default=0.0)
         return np.array([force.order(k * period) if k * period <= known else np.nan for k in range(1, orders + 1)])
 

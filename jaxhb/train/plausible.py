@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jaxhb._jax import on_host
-from jaxhb.equations.kinematics import tooth_damping_ratios
+from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, tooth_damping_ratios
 from jaxhb.excitation import gas
 from jaxhb.excitation.mean_torques import gas_pressures, mean_torques
 from jaxhb.train import connections
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from jaxhb.train.drivetrain import DriveTrain
 
 _NOT_MM, _NOT_BAR = "is it in m, not in mm?", "is it in Pa, not in bar?"
+MOST_ERROR = 2e-4  # m, of a transmission error or runout: the coarsest gears
+
 USUAL = {
     "bore": (0.02, 1.2, "m", _NOT_MM),
     "stroke": (0.02, 4.5, "m", _NOT_MM),
@@ -248,6 +250,10 @@ def _links(train):
 
 def _meshes(train):
     topology, meshes, ratios = train.topology, train.meshes, tooth_damping_ratios(train)
+    for name in (OF_PERIOD[1], *OF_GEARS):
+        for i, rows in enumerate(getattr(meshes, name) if getattr(meshes, name) is not None else ()):
+            size, ask = np.hypot(*rows.T).max(initial=0.0), (0.0, MOST_ERROR, "m", "is it in m, not in um?")
+            yield from _unusual("mesh", topology.mesh_names[i], f"the largest amplitude of {name}", size, ask)
     for i in np.flatnonzero(topology.mesh_backlash):
         radii, mesh = train.disks.radius[list(topology.mesh_ends[i])], ("mesh", topology.mesh_names[i])
         yield from _unusual(*mesh, "backlash", meshes.backlash[i])

@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 from tolerances import GRADIENT, PATHS
 
 import jaxhb
+from jaxhb.design.quantities import Objective, Parameter
 from jaxhb.equations import fourier
 
 STIFFNESS, DAMPING, SMOOTH = 200.0, 0.4, 0.04  # N m/rad, N m s/rad; half the width of a stage over its twist
@@ -121,3 +122,21 @@ def test_what_is_not_served_is_refused():
         jaxhb.solve(train, rpm=RPM, method="chain")
     with pytest.raises(jaxhb.SceneError, match="exact integrals take no friction"):
         jaxhb.solve(train, rpm=RPM, integrals="exact")
+
+
+@pytest.mark.oracle
+def test_a_clutch_is_tuned_and_checked_by_marches():
+    train, rpm = clutch(**STAGED), np.linspace(500.0, 1200.0, 4)
+    given = [("stiffness", 50.0, 400.0), ("damping", 0.1, 4.0)]
+    found = jaxhb.tune(
+        train,
+        parameters=[Parameter(name=f"disc.{name}", low=low, high=high) for name, low, high in given],
+        rpm=rpm,
+        objective=Objective(quantity="shaft torque", of="disc"),
+        steps=6,
+    )
+    before, after = (jaxhb.steady_state(one, rpm=rpm) for one in (train, found.train))
+    worst = [max(state.torque("disc").half_peak_to_peak for state in sweep) for sweep in (before, after)]
+    told = [r.readings["shaft torque of disc"].max() for r in (found.before, found.after)]
+    np.testing.assert_allclose(worst, told, rtol=0.02)
+    assert worst[1] < 0.5 * worst[0]

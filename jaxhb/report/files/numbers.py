@@ -141,7 +141,7 @@ def _meshing_record(answer, name):
         return {}
     error = None if solution is None else solution.transmission_error(name).half_peak_to_peak
     return {
-        "mesh_order": periods / topology.revolutions_per_cycle,
+        "mesh_order": answer.mesh_order(name),
         "mesh_order_amplitudes": answer.whine(name),
         "transmission_error_half_peak_to_peak": error,
         "impact_energy_J": None if solution is None else solution.impact_energy(name),

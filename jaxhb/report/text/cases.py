@@ -128,8 +128,7 @@ def meshing_table(answer):
     def of_solution(read):
         return lambda answer, name: math.nan if solution is None else read(name)
 
-    turns = answer.rpm / 60 / topology.revolutions_per_cycle
-    specs = [("mesh Hz", lambda answer, name: turns * topology.mesh_periods[topology.mesh_names.index(name)], "Hz")]
+    specs = [("mesh Hz", lambda answer, name: answer.mesh_order(name) * answer.rpm / 60, "Hz")]
     for k in range(3):
         specs.append((f"order {k + 1} kN", lambda answer, name, k=k: answer.whine(name)[k] / 1e3, "kN"))
     error = of_solution(lambda name: 2e6 * solution.transmission_error(name).half_peak_to_peak)

@@ -1,10 +1,14 @@
 """What a scene comes to before anything vibrates: mean torques, tooth forces, damping, notes, referred numbers."""
 
+from functools import partial
+
 import numpy as np
 
 from jaxhb.design.quantities import check_all
 from jaxhb.design.table import read_table
 from jaxhb.elements.elements import SceneError
+from jaxhb.equations.backlash import all_meshes
+from jaxhb.equations.fourier import sample
 from jaxhb.equations.kinematics import referred, tooth_damping_ratios
 from jaxhb.excitation.mean_torques import mean_torques
 from jaxhb.report.text.columns import NONE, Table, from_rows
@@ -14,6 +18,7 @@ from jaxhb.train import connections
 from jaxhb.train.plausible import plausibility
 
 ANY_SPEED = 1000.0  # rpm, where no torque depends on the speed
+SAMPLES = 8192  # of a cycle, at which the stiffness of a mesh is looked at
 
 
 def referred_tables(train):
@@ -128,7 +133,23 @@ def check_text(train, responses, speeds, notes):
             "Mean tooth force, kN (positive: the first gear drives), backlash, and damping ratio of the two gears alone"
         )
         parts.append(from_rows(title, ["mesh", *heads, "backlash mm", "damping ratio"], rows))
+    meshing = [row for row in map(partial(_over_period, train), range(len(topology.mesh_names))) if row]
+    if meshing:
+        title = "Over the mesh period: order of the reference rotor, stiffness in % of its mean, errors of all kinds"
+        parts.append(from_rows(title, ["mesh", "order", "least %", "most %", "error p-p um"], meshing))
     return parts
+
+
+def _over_period(train, i):
+    """Row of a mesh whose stiffness varies, or that has errors; None of others."""
+    topology, meshes = train.topology, all_meshes(train)
+    if topology.mesh_names[i] not in topology.meshing:
+        return None
+    given = (None if a is None else sample(np.asarray(a)[i], SAMPLES) for a in (meshes.variation, meshes.error))
+    variation, error = (np.zeros(1) if values is None else values for values in given)
+    order = topology.mesh_periods[i] / topology.revolutions_per_cycle
+    told = 100 * (1 + variation.min()), 100 * (1 + variation.max()), 1e6 * np.ptp(error)
+    return [topology.mesh_names[i], f"{order:g}" if order else NONE, *(f"{value:.3g}" for value in told)]
 
 
 def check_record(train, responses, notes):
