@@ -12,13 +12,11 @@ from typing import Any
 from jaxhb.elements.checks import Parts
 from jaxhb.elements.elements import SceneError, table_of
 from jaxhb.elements.engine import cylinder_rows
-from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
 from jaxhb.scene.files import _READERS, _find, _parse, _read_elements, load_scene
 from jaxhb.scene.toml_text import TomlText
-from jaxhb.train.tables import LAW_OF_FRIDMAN
+from jaxhb.train.tables import LAW_OF_FRIDMAN, ROWS
 
-_CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "over_hz", "over_amplitude", "stiffness_table")
-_CSV += ("stages", "stops", *OF_PERIOD, *OF_GEARS)
+_CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "stiffness_table", *ROWS)
 
 
 def scene_text(name: str | Path, *, expand: bool = False, called: str | None = None) -> tuple[str, dict[str, Path]]:
