@@ -110,12 +110,13 @@ def same_motion(response, trace, meshes, train, most=SAME):
 
 
 def shortest_period(response, period):
-    """The smallest divisor of a number of cycles after which the motion over so many cycles repeats."""
-    deflections = np.abs(np.asarray(response.deflections))
+    """The smallest divisor of a number of cycles after which the motion over so many cycles repeats, as far as its
+    truncation error shows: whether a weaker subharmonic is there, the stability of the shorter motion tells."""
+    deflections, most = np.abs(np.asarray(response.deflections)), max(REPEATS, float(response.truncation_error))
     for divisor in range(1, period):
         if period % divisor == 0:
             others = np.arange(deflections.shape[-1]) % (period // divisor) != 0
-            if deflections[:, others].sum() <= REPEATS * deflections[:, 1:].sum():
+            if deflections[:, others].sum() <= most * deflections[:, 1:].sum():
                 return divisor
     return period
 
