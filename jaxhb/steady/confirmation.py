@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from jaxhb.balance.plan import MOST_HARMONICS
-from jaxhb.balance.program import active_deflections
+from jaxhb.balance.program import active_deflections, first_start, solve_once
 from jaxhb.equations import fourier
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.status import March, Status
@@ -15,7 +15,9 @@ from jaxhb.steady.closure import LONGEST_PERIOD
 MARGIN = 0.05  # share of the backlash beyond the knee that a mesh keeps which is taken to stay on its flank (verified)
 # Difference of deflections, relative to the largest and the gap, up to which a solution is the motion marched.
 SAME = 0.05
-REPEATS = 1e-4  # share of the sum of all amplitudes below which those of longer periods are none
+# Share of the sum of all amplitudes below which those of longer periods are none, at least, and over the truncation
+# error; and up to which they may be what Newton's method has left of a start.
+REPEATS, TRUNCATED, DOUBTED = 1e-4, 3.0, 0.02
 # Numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there may be no
 # solution near the motion.
 LEVELS = 3
@@ -44,11 +46,24 @@ def solve_marched(train, march, trace, period, request, *, steps, meshes, levels
         starts.refine(case, plan, given, event)
         higher = case.next_level(plan.harmonics)
         if case.status <= Status.TOLERANCE_NOT_MET:
-            return case.response if same_motion(case.response, trace, meshes, train) else None
+            response = case.response
+            if period > 1 and repetition(response, period) <= DOUBTED:
+                response = _exact(case)
+            return response if same_motion(response, trace, meshes, train) else None
         if request.harmonics or not higher:
             break
         plan, event = dataclasses.replace(plan, harmonics=higher), None
     return None
+
+
+def _exact(case):
+    """The response of a case solved on until its residual is exact: what the last step of Newton's method leaves is not
+    told from a weak subharmonic, which a march that still decays seems to have."""
+    plan = dataclasses.replace(case.reached, step_tolerance=0.0)
+    begin = first_start(plan, given=active_deflections(plan, case.response.deflections))
+    response, _ = solve_once(case.train, case.rpm, case.problem, plan, begin)
+    good = int(response.status) <= Status.TOLERANCE_NOT_MET
+    return dataclasses.replace(response, path=case.response.path) if good else case.response
 
 
 def _plan(train, rpm, request, deflection, meshes, period):
@@ -112,13 +127,16 @@ def same_motion(response, trace, meshes, train, most=SAME):
 def shortest_period(response, period):
     """The smallest divisor of a number of cycles after which the motion over so many cycles repeats, as far as its
     truncation error shows: whether a weaker subharmonic is there, the stability of the shorter motion tells."""
-    deflections, most = np.abs(np.asarray(response.deflections)), max(REPEATS, float(response.truncation_error))
-    for divisor in range(1, period):
-        if period % divisor == 0:
-            others = np.arange(deflections.shape[-1]) % (period // divisor) != 0
-            if deflections[:, others].sum() <= most * deflections[:, 1:].sum():
-                return divisor
-    return period
+    most = max(REPEATS, TRUNCATED * float(response.truncation_error))
+    divisors = (divisor for divisor in range(1, period) if period % divisor == 0)
+    return next((d for d in divisors if repetition(response, period, d) <= most), period)
+
+
+def repetition(response, period, divisor=1):
+    """Share of the amplitudes of a motion over ``period`` cycles that do not repeat after ``divisor`` of them."""
+    deflections = np.abs(np.asarray(response.deflections))
+    others = np.arange(deflections.shape[-1]) % (period // divisor) != 0
+    return deflections[:, others].sum() / max(deflections[:, 1:].sum(), 1e-300)
 
 
 def difference(one, other, period):
