@@ -15,9 +15,10 @@ from jaxhb.steady.closure import LONGEST_PERIOD
 MARGIN = 0.05  # share of the backlash beyond the knee that a mesh keeps which is taken to stay on its flank (verified)
 # Difference of deflections, relative to the largest and the gap, up to which a solution is the motion marched.
 SAME = 0.05
-# Share of the sum of all amplitudes below which those of longer periods are none, at least, and over the truncation
-# error; and up to which they may be what Newton's method has left of a start.
-REPEATS, TRUNCATED, DOUBTED = 1e-4, 3.0, 0.02
+# Share of the sum of all amplitudes below which those of longer periods are none: so many times the truncation error,
+# which is of one force and not of a sum, between these; and up to which they may be what Newton's method has left of a
+# start.
+TRUNCATED, REPEATS, WEAK, DOUBTED = 10.0, 1e-4, 5e-3, 0.02
 # Numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there may be no
 # solution near the motion.
 LEVELS = 3
@@ -127,7 +128,7 @@ def same_motion(response, trace, meshes, train, most=SAME):
 def shortest_period(response, period):
     """The smallest divisor of a number of cycles after which the motion over so many cycles repeats, as far as its
     truncation error shows: whether a weaker subharmonic is there, the stability of the shorter motion tells."""
-    most = max(REPEATS, TRUNCATED * float(response.truncation_error))
+    most = np.clip(TRUNCATED * float(response.truncation_error), REPEATS, WEAK)
     divisors = (divisor for divisor in range(1, period) if period % divisor == 0)
     return next((d for d in divisors if repetition(response, period, d) <= most), period)
 
