@@ -16,7 +16,7 @@ OPTIONAL = (
     *("length", "outer", "shear_modulus", *DAMPING, "diameter", "stress_concentration", "tensile_strength"),
     *("power_limit", "rated_torque", "clearance", "friction", "slip_speed"),
 )
-"""Keys that a link has or has not, so that None differs from 0; ``inner`` and ``bore`` are 0 where they are not given."""
+"""Keys that a link has or has not, so that None differs from 0; ``inner`` and ``bore`` are 0 where not given."""
 
 WITH = {"inner": "outer", "bore": "diameter"}  # keys that only have a meaning beside another one
 

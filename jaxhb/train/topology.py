@@ -32,7 +32,8 @@ class Topology:
     disk, driven disk) that lead to it from the reference rotor. ``hz_links``, ``amplitude_links`` and
     ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed. ``springs`` are
     what acts beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or "friction", row).
-    ``link_keys`` names for each link which of the keys that may be absent it has; empty where no link has any. ``rated_rpm`` is the rated speed of the reference rotor.
+    ``link_keys`` names for each link which of the keys that may be absent it has; empty where no link has any.
+    ``rated_rpm`` is the rated speed of the reference rotor.
 
     Its ``repr`` is whole: keys of compiled programs and of kept sweeps are made of it.
     """
