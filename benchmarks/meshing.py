@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 from numba import njit
+from records import device, versions
 
 import jaxhb
 from jaxhb.equations import fourier
@@ -233,7 +234,8 @@ def random(cases, seed, out):
     print(f"{taken:.0f} s for all steady states, compiling included")
     print(f"largest difference of a tooth force of the others with a period: {worst:.2%}")
     if out:
-        out.write_text("".join(json.dumps(row) + "\n" for row in rows))
+        common = {"benchmark": "meshing", "device": device(), "versions": versions(), "seed": seed}
+        out.write_text("".join(json.dumps(common | row) + "\n" for row in rows))
 
 
 def cost():

@@ -191,7 +191,7 @@ class Mesh(Link):
     its mean x (1 + sum Re((Re + i Im) exp(i order (psi + phase)))). ``transmission_error``, likewise a sum in m, is how
     far the gears must approach each other for the teeth to touch; ``first_gear_error`` and ``second_gear_error`` are
     the same by orders of the own revolution of a gear (runout, pitch errors). The mesh period needs ``teeth`` of a
-    gear. Shorthands, of which the first ``orders`` are kept, are in :mod:`jaxhb.elements.meshing`: ``stiffness_table``
+    gear. Shorthands, of which the first ``orders`` are kept, are in ``jaxhb.elements.meshing``: ``stiffness_table``
     = rows of (share of the mesh period, N/m), which also gives the mean; ``contact_ratio``; and instead of a stiffness
     the face ``width`` and the ``helix`` angle at the pitch circle, for standard steel gears.
     """
