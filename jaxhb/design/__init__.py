@@ -1,5 +1,5 @@
-"""Which numbers are best: objectives to be differentiated, and tuning by gradient. A train, parameters and objectives
-go in; a tuned train and its history come out."""
+"""Which numbers are best, and what do numbers do that nobody knows exactly? A train, parameters or tolerances, and
+objectives go in; a tuned train and its history, or the worst case and its place, come out."""
 
 import importlib
 from typing import TYPE_CHECKING
@@ -9,14 +9,18 @@ from jaxhb._jax import load
 from .quantities import Objective, Parameter, Penalty
 
 if TYPE_CHECKING:
+    from .tolerances import Tolerance, read_tolerances
     from .tuning import tune
+    from .worst_case import tolerance
 
 load()
 
-__all__ = ["Objective", "Parameter", "Penalty", "tune"]
+LATER = {"tune": "tuning", "tolerance": "worst_case"} | dict.fromkeys(("Tolerance", "read_tolerances"), "tolerances")
+"""Where names are whose import takes optax or scipy."""
+__all__ = ["Objective", "Parameter", "Penalty", "Tolerance", "read_tolerances", "tolerance", "tune"]
 
 
 def __getattr__(name):
-    if name == "tune":
-        return importlib.import_module(".tuning", __name__).tune
+    if name in LATER:
+        return getattr(importlib.import_module(f".{LATER[name]}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -176,7 +176,7 @@ class Evaluator:
         excited = listed_harmonic(train.topology)
         self.excited = excited or max(plan.harmonics for plan in (self.fallback, *plans))
         self.heavy = tuple((np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0).tolist())
-        moved = train.replace({p.name: train.value(p.name) for p in task.parameters})
+        moved = train.replace(task.named(task.unbounded(train)))
         leaves, structure = jax.tree.flatten((train, problem_at(train, float(rpm[0]), self.excited)))
         # What no parameter changes, as tables of pressures, is handed to programs once; the rest for each lane.
         same = [old is new for old, new in zip(jax.tree.leaves(train), jax.tree.leaves(moved), strict=True)]
@@ -237,13 +237,18 @@ class Evaluator:
         on_lanes : called with the Reading of the first design, again and again while its speeds are solved
         """
         wanted = np.broadcast_to(wanted, len(z))
-        which = np.broadcast_to(wanted[:, None], aim.counted.shape)
+        lanes, pull = self.solved(z, near, wanted[:, None] & aim.counted, rescues=rescues, on_lanes=on_lanes)
+        return self._valued(lanes, pull, aim, wanted, most)
+
+    def solved(self, z, near, which, *, rescues=MOST_RESCUES, on_lanes=None):
+        """The :class:`Lanes` of designs z near those of a Point, solved where ``which`` ``(A, n)``, and the pullback of
+        their numbers to z; arguments as of :meth:`at`."""
         numbers, pull = self.numbers_of(z, near.speeds)
         nothing = np.zeros((*which.shape, len(self.task.of_response)))
         motion = fourier.resize(near.motion, max(plan.harmonics for plan in near.plans))
         changes = {"motion": motion, "resumed": np.zeros_like(which), "smooth": nothing, "exact": nothing}
         point = dataclasses.replace(near, z=z, of_design=(), **changes)
-        lanes = Lanes(self, point, numbers, which & aim.counted, (z == near.z).all(1, keepdims=True), on_lanes)
+        lanes = Lanes(self, point, numbers, which, (z == near.z).all(1, keepdims=True), on_lanes)
         lanes = lanes.solve(which, near.solved)
         # What was lost from a march is tried from the motion of the design nearby, and the other way round.
         again = lanes.lost & near.solved & (lanes.point.status != Status.PLAN_VIOLATED)
@@ -252,8 +257,7 @@ class Evaluator:
         violated = lanes.lost & (lanes.point.status == Status.PLAN_VIOLATED)
         lanes = lanes.with_point(plan_number=np.where(violated, 0, lanes.point.plan_number)).solve(violated, False)
         lost = lanes.lost
-        lanes = lanes.rescue(lost & (lost.sum(1, keepdims=True) <= rescues))
-        return self._valued(lanes, pull, aim, wanted, most)
+        return lanes.rescue(lost & (lost.sum(1, keepdims=True) <= rescues)), pull
 
     def _valued(self, lanes, pull, aim, wanted, most):
         """The Point, with gradients where the value is at most ``most``; a speed without one counts as lost."""

@@ -186,7 +186,7 @@ def check_all(train, parameters, given, penalties, rpm):
     twice = sorted({name for name in names if names.count(name) > 1})
     faults += [f"{where}: parameter {name!r} is given twice: leave one out." for name in twice]
     found = [(f"parameter {one.name!r}", _parameter_faults(train, one)) for one in parameters]
-    found += [(f"objective {one.quantity!r}", _objective_faults(train, one, len(rpm))) for one in given]
+    found += [(f"objective {one.quantity!r}", objective_faults(train, one, len(rpm))) for one in given]
     found += [(f"penalty {one.quantity!r}", _penalty_faults(train, one)) for one in penalties]
     faults += [f"{where}, {head}: {text}" for head, texts in found for text in texts]
     if faults:
@@ -219,7 +219,7 @@ def _parameter_faults(train, parameter):
     return faults
 
 
-def _objective_faults(train, objective, speeds):
+def objective_faults(train, objective, speeds):
     if objective.quantity not in QUANTITIES:
         return [f"there is no such quantity.{suggestion(objective.quantity, QUANTITIES)}"]
     faults = _element_faults(train, objective)

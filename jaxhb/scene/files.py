@@ -23,6 +23,7 @@ _UNREADABLE = {
     ValueError: "an integer has too many digits to be read. Write it as 1e9.",  # Python reads no more than 4300
     RecursionError: "lists or tables are nested too deeply to be read. Write them flat.",
 }
+BESIDE = "scene", "scenario", "tune", "tolerance"  # tables that are no elements
 _SCENE_KEYS = [f.name for f in dataclasses.fields(Head)]
 
 
@@ -68,6 +69,7 @@ def load_scene(name: str | Path) -> DriveTrain:
         cycle=head.get("revolutions_per_cycle", 2),
         rated_rpm=head.get("rated_rpm"),
         tune=content.get("tune"),
+        tolerance=content.get("tolerance"),
         scenarios=content.get("scenario"),
         source=path.name,
         findings=errors,
@@ -123,11 +125,11 @@ def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, 
     elements, read, complete = [], {}, True
     for table, rows in content.items():
         engine = table == "engine"
-        if table in ("scene", "scenario", "tune"):
+        if table in BESIDE:
             continue
         rows = [rows] if engine and isinstance(rows, dict) else rows
         if table not in TABLES and not engine:
-            known = ["scene", *TABLES, "engine", "scenario", "tune"]
+            known = [*BESIDE, *TABLES, "engine"]
             errors.append(f"{path.name}: unknown table {table!r}.{suggestion(table, known)}")
             complete = False
         elif not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):

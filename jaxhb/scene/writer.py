@@ -12,7 +12,7 @@ from typing import Any
 from jaxhb.elements.checks import Parts
 from jaxhb.elements.elements import SceneError, table_of
 from jaxhb.elements.engine import cylinder_rows
-from jaxhb.scene.files import _READERS, _find, _parse, _read_elements, load_scene
+from jaxhb.scene.files import _READERS, BESIDE, _find, _parse, _read_elements, load_scene
 from jaxhb.scene.toml_text import TomlText
 from jaxhb.train.tables import LAW_OF_FRIDMAN, ROWS
 
@@ -54,6 +54,7 @@ def elements_text(
     revolutions_per_cycle: float = 2,
     rated_rpm: float | None = None,
     tune: dict[str, Any] | None = None,
+    tolerance: dict[str, Any] | None = None,
 ) -> str:
     """TOML that loads to the train that :func:`jaxhb.build` makes of the elements; arguments as there.
 
@@ -69,7 +70,8 @@ def elements_text(
     content: dict[str, Any] = {"scene": {key: value for key, value in head.items() if value is not None}}
     for element in elements:
         content.setdefault(table_of(element), []).append(_given(element))
-    return str(TomlText.of(content | ({"tune": tune} if tune else {})))
+    beside = {"tune": tune, "tolerance": tolerance}
+    return str(TomlText.of(content | {key: table for key, table in beside.items() if table}))
 
 
 def _given(element):
@@ -120,7 +122,7 @@ def _beside(content, folder):
                 if isinstance(inner, dict):
                     walk(inner)
 
-    walk({table: rows for table, rows in content.items() if table not in ("scene", "tune")})
+    walk({table: rows for table, rows in content.items() if table not in BESIDE})
     return found
 
 

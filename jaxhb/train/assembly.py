@@ -23,6 +23,7 @@ def build(
     revolutions_per_cycle: float = 2,
     rated_rpm: float | None = None,
     tune: dict[str, Any] | None = None,
+    tolerance: dict[str, Any] | None = None,
     scenarios: dict[str, dict[str, float]] | None = None,
     source: str = "scene",
 ) -> DriveTrain:
@@ -43,8 +44,8 @@ def build(
         Period of the excitation in revolutions of the reference rotor.
     rated_rpm : float, optional
         Rated speed of the reference rotor; limits of stresses depend on the speed over it.
-    tune, scenarios : dict, optional
-        The first is passed on untouched; ``{name: {"NAME.FIELD": value}}`` for :meth:`DriveTrain.scenario`.
+    tune, tolerance, scenarios : dict, optional
+        The first two are passed on untouched; ``{name: {"NAME.FIELD": value}}`` for :meth:`DriveTrain.scenario`.
 
     Examples
     --------
@@ -54,11 +55,12 @@ def build(
     >>> train.value("a|b.stiffness")
     10000.0
     """
-    return checked(elements, name, reference, revolutions_per_cycle, rated_rpm, tune, scenarios, source)
+    beside = {"tune": tune, "tolerance": tolerance, "scenarios": scenarios, "source": source}
+    return checked(elements, name, reference, revolutions_per_cycle, rated_rpm, **beside)
 
 
 def checked(
-    elements, name, reference, cycle, rated_rpm, tune, scenarios, source, *, findings=(), complete=True
+    elements, name, reference, cycle, rated_rpm, *, tune, tolerance, scenarios, source, findings=(), complete=True
 ) -> DriveTrain:
     """As :func:`build`, with sentences found before; ``complete`` is False where tables of the scene were not read.
 
@@ -95,10 +97,12 @@ def checked(
         raise SceneError(dict.fromkeys(errors))  # what cylinders of one engine share is said once
     disks = parts.tables["disk"]
     parts.tables["disk"] = [dataclasses.replace(d, radius=r) for d, r in zip(disks, radii, strict=False)]
-    topology = _topology(parts, rotors, main, name=name, cycle=float(cycle), tune=tune, ratio=ratio)
+    topology = _topology(parts, rotors, main, name=name, cycle=float(cycle), ratio=ratio)
     rated = None if rated_rpm is None else float(rated_rpm)
     # As text: a topology is hashed, and dictionaries are not.
-    topology = dataclasses.replace(topology, scenarios=json.dumps(scenarios), rated_rpm=rated)
+    tables_beside = {"scenarios": scenarios, "tune": tune or {}, "tolerance": tolerance or {}}
+    texts = {name: json.dumps(table, default=str) for name, table in tables_beside.items()}
+    topology = dataclasses.replace(topology, rated_rpm=rated, **texts)  # type: ignore[arg-type]
     # Only now: nothing follows from keys that a sentence was said about.
     for table in derived.LINKS:
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
@@ -202,7 +206,7 @@ def _orders(rows) -> list[float]:
     return [order for order in found if math.isfinite(order) and order > 0.0]
 
 
-def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Topology:
+def _topology(parts, rotors, reference_disk, *, name, cycle, ratio) -> Topology:
     """Collect the static half of the train."""
     t, links = parts.tables, [*parts.tables["shaft"], *parts.tables["damper"]]
     seats = {table: tuple(parts.sits_on(table)) for table in ("damper", "ground", "load", "torque", "cylinder")}
@@ -246,7 +250,6 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Top
         cylinder_turn=tuple(turn),
         cylinder_series=tuple(c.kinematics == "mendes2008" for c in t["cylinder"]),
         cylinder_fires=tuple(c.fires for c in t["cylinder"]),
-        tune=json.dumps(tune or {}, default=str),
         link_keys=derived.link_keys([link for table in derived.LINKS for link in t[table]]),
         hz_links=tuple(i for i, e in enumerate(links) if e.over_hz),
         amplitude_links=tuple(i for i, e in enumerate(links) if e.over_amplitude),

@@ -51,6 +51,11 @@ class DriveTrain:
         """The ``[tune]`` table of the scene, untouched."""
         return json.loads(self.topology.tune)
 
+    @property
+    def tolerance(self) -> dict[str, Any]:
+        """The ``[tolerance]`` table of the scene, untouched."""
+        return json.loads(self.topology.tolerance)
+
     def value(self, key: str) -> Any:
         """Read one number ``"NAME.FIELD"`` in the unit of the scene format, a float or an array.
 

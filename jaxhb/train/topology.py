@@ -89,6 +89,7 @@ class Topology:
     rated_rpm: float | None = None
     scenarios: str = "{}"
     tune: str = "{}"
+    tolerance: str = "{}"
 
     def __eq__(self, other):
         if not isinstance(other, Topology):

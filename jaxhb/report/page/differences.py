@@ -7,7 +7,7 @@ from jaxhb.report.page.parts import table
 from jaxhb.report.text.columns import NONE, plain_number
 
 WHOLE = {"revolutions_per_cycle": "", "rated_rpm": "rpm"}  # numbers of a scene as a whole, with their units
-BESIDE = ("name", "scenarios", "tune")  # what of a scene changes no motion
+BESIDE = ("name", "scenarios", "tune", "tolerance")  # what of a scene changes no motion
 
 
 def said(value, digits):

@@ -1,0 +1,136 @@
+"""Worst cases within tolerances: beside closed forms, dense grids and derivatives; and what is refused."""
+
+import numpy as np
+import pytest
+
+import jaxhb
+from jaxhb import Disk, Mesh, SceneError, Shaft, Torque, build
+from jaxhb.design import Objective, Tolerance
+
+RPM = np.array([900.0, 955.0, 1200.0])  # below, at and above the natural frequency of the train as it is
+DRIVE = 5.0  # N m
+
+
+def pair(tolerance=None):
+    """Two disks on a shaft, driven once a revolution."""
+    parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
+    parts += [Shaft(between=("a", "b"), stiffness=6.7e3, damping=4.0)]
+    parts += [Torque(disk="a", harmonics=[(1.0, DRIVE, 0.0)])]
+    return build(parts, name="pair", revolutions_per_cycle=1, tolerance=tolerance)
+
+
+def torque_of(rpm, stiffness, damping):
+    """Amplitude of the torque of the shaft: one equation of the twist."""
+    omega, reduced = np.pi / 30 * rpm, 2 / 3
+    force = stiffness + 1j * omega * damping
+    return np.abs(force * DRIVE * reduced / (force - reduced * omega**2))
+
+
+TORQUE = Objective(quantity="shaft torque", of="a|b")
+BOX = [
+    Tolerance(name="a|b.stiffness", low=5.7e3, high=7.7e3),
+    Tolerance(name="a|b.damping", low=3.0, high=6.0),
+]
+
+
+@pytest.fixture(scope="module")
+def found():
+    return jaxhb.tolerance(pair(), rpm=RPM, of=[TORQUE], tolerances=BOX, samples=40, harmonics=4)
+
+
+def test_the_worst_case_is_that_of_the_closed_form(found):
+    # The resonance is met inside the range at some speeds, at its end at others.
+    stiffness, damping = np.linspace(5.7e3, 7.7e3, 20001), 3.0
+    dense = [max(torque_of(rpm, stiffness, damping)) for rpm in RPM]
+    np.testing.assert_allclose(found.nominal[:, 0], torque_of(RPM, 6.7e3, 4.0), rtol=1e-5)
+    np.testing.assert_allclose(found.worst[:, 0], dense, rtol=1e-3)  # a step that wins less ends it
+    own = [found.values(i, 0) for i in range(3)]
+    told = [torque_of(rpm, own[i]["a|b.stiffness"], own[i]["a|b.damping"]) for i, rpm in enumerate(RPM)]
+    np.testing.assert_allclose(found.worst[:, 0], told, rtol=1e-5)
+
+
+def test_slopes_are_those_of_the_closed_form(found):
+    # What is differentiated is a smooth half peak-to-peak, a constant share of an amplitude.
+    step = 1e-4
+    by_stiffness = (torque_of(RPM, 6.7e3 + step, 4.0) - torque_of(RPM, 6.7e3 - step, 4.0)) / (2 * step)
+    by_damping = (torque_of(RPM, 6.7e3, 4.0 + step) - torque_of(RPM, 6.7e3, 4.0 - step)) / (2 * step)
+    expected = np.transpose([by_stiffness * 1e3, by_damping * 1.5])  # over half the range
+    share = found.slopes[:, 0] / expected
+    np.testing.assert_allclose(share, share[0, 0], rtol=1e-4)
+    assert 0.85 < share[0, 0] < 1.0
+
+
+def test_a_sample_is_of_the_ranges_and_no_response_exceeds_the_worst(found):
+    assert found.drawn.shape == (40, 2) and np.abs(found.drawn).max() <= 1.0 and (found.solved == 1.0).all()
+    stiffness, damping = (found.drawn * [1e3, 1.5] + [6.7e3, 4.5]).T
+    own = torque_of(RPM[:, None], stiffness, damping)
+    np.testing.assert_allclose(found.samples[..., 0], own, rtol=1e-5)
+    np.testing.assert_allclose(found.percentile(95.0)[:, 0], np.percentile(own, 95.0, axis=1), rtol=1e-5)
+    assert (found.samples[..., 0] <= found.worst).all()
+
+
+def test_normal_tolerances_are_sampled_normal_and_what_belongs_together_has_one_ratio():
+    scene = {"a|b.stiffness": {"std": 300.0, "together": ["a.inertia"]}}
+    found = jaxhb.tolerance(pair(scene), rpm=900.0, of=[TORQUE], samples=400, harmonics=4)
+    (one,) = found.tolerances
+    assert (one.low, one.high) == (6.7e3 - 900.0, 6.7e3 + 900.0)
+    assert abs(3 * found.drawn.std() - 1.0) < 0.05  # 3 deviations are the range; cut off there, 1.3 % less
+    own = found.values(0, 0)
+    assert own["a.inertia"] == pytest.approx(own["a|b.stiffness"] / 6.7e3)
+
+
+def test_teeth_that_hammer_are_worse_nowhere_on_a_grid():
+    parts = [
+        Disk(name="a", inertia=0.02, radius=0.05),
+        Disk(name="b", inertia=0.03, radius=0.05),
+        Mesh(between=("a", "b"), stiffness=1e8, damping=8e3, backlash=1e-4),
+        Torque(disk="a", mean=20.0, harmonics=[(1.0, 60.0, 0.0), (2.0, 30.0, 10.0)]),
+        jaxhb.Load(disk="b"),
+        jaxhb.Ground(disk="b", stiffness=1.0),
+    ]
+    train = build(parts, reference="a", revolutions_per_cycle=1)
+    force = Objective(quantity="tooth force", of="a|b")
+    box = [Tolerance(name="a|b.backlash", low=5e-5, high=2e-4), Tolerance(name="b.inertia", low=0.02, high=0.04)]
+    found = jaxhb.tolerance(train, rpm=15000.0, of=[force], tolerances=box, harmonics=64)
+    grid = [
+        float(
+            jaxhb.solve(train.replace({"a|b.backlash": g, "b.inertia": j}), rpm=15000.0)
+            .force("a", "b")
+            .half_peak_to_peak
+        )
+        for g in np.linspace(5e-5, 2e-4, 4)
+        for j in np.linspace(0.02, 0.04, 4)
+    ]
+    assert found.worst[0, 0] > 1.05 * found.nominal[0, 0]
+    assert found.worst[0, 0] > 0.98 * max(grid)  # 64 harmonics
+
+
+REFUSED = {
+    "the scene has no [tolerance] table": {},
+    "'a|c.stiffness'": {"a|c.stiffness": {"share": 0.1}},
+    "unknown key 'shares'. Did you mean 'share'?": {"a|b.stiffness": {"share": 0.1, "shares": 0.1}},
+    "no range is given, must be one of range, share and std": {"a|b.stiffness": {"together": []}},
+    "range and std is given, must be one of": {"a|b.stiffness": {"range": [1.0, 2.0], "std": 3.0}},
+    "range is [3.0], must be two numbers [low, high]": {"a|b.stiffness": {"range": [3.0]}},
+    "its range is 7000 to 6000, must be finite, low less than high": {"a|b.stiffness": {"range": [7e3, 6e3]}},
+    "its value 6700 lies outside its range 7000 to 8000": {"a|b.stiffness": {"range": [7e3, 8e3]}},
+    "share is -0.1, must be a number greater than 0": {"a|b.stiffness": {"share": -0.1}},
+    "at the end -6700 of its range": {"a|b.stiffness": {"share": 2.0}},
+    "'a|b.damping' has two tolerances": {
+        "a|b.stiffness": {"share": 0.1, "together": ["a|b.damping"]},
+        "a|b.damping": {"share": 0.1},
+    },
+    "is 0.1, must be a table": {"a|b.stiffness": 0.1},
+}
+
+
+@pytest.mark.parametrize("sentence", REFUSED)
+def test_a_table_that_cannot_be_is_refused_in_a_sentence(sentence):
+    with pytest.raises(SceneError) as caught:
+        jaxhb.tolerance(pair(REFUSED[sentence]), rpm=RPM, of=[TORQUE])
+    assert sentence in str(caught.value) and len(caught.value.sentences) == 1
+
+
+def test_dotted_keys_are_names_too():
+    scene = {"a": {"inertia": {"share": 0.1}}, "a|b.stiffness": {"range": [6e3, 7e3]}}
+    assert [one.name for one in jaxhb.design.read_tolerances(pair(scene))] == ["a.inertia", "a|b.stiffness"]
