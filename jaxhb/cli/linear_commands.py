@@ -14,7 +14,7 @@ from jaxhb.report.figures.speeds import plot_forced
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from jaxhb.report.selection import case_title
 from jaxhb.report.text import forced as told, linear as linear_text
-from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, tune_notes
+from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, table_notes
 from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.strength import strength_columns, strength_entry, strength_text
 from jaxhb.results.dataset import as_netcdf
@@ -29,7 +29,7 @@ def check(train, given, rpm, links_at, **_):
     speeds = rpm or own_speeds(train)
     response = forced_response(train, rpm=speeds or [ANY_SPEED], harmonics=1)
     responses = [dataclasses.replace(response[k], train=train) for k in range(len(response))]
-    remarks = scene_notes(responses) + tune_notes(train)
+    remarks = scene_notes(responses) + table_notes(train)
     parts, record = check_text(train, responses, speeds, remarks), check_record(train, responses, remarks)
     constant = _constant(train, None, links_at)
     if varying(constant.topology):

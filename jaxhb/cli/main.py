@@ -321,6 +321,33 @@ def tune():
     """
 
 
+@command(
+    STATUS,
+    "tolerance my_engine.toml --rpm 800:2400:17 --samples 200 --plot tolerance.png",
+    'tolerance my_engine.toml --rpm 1800 --of "tooth force of crank gear|idler" --csv worst.csv',
+)
+@options.SCENE
+@options.RPM
+@option(
+    '--of "QUANTITY of ELEMENT"',
+    'what is judged, as "shaft torque of cyl6|flywheel"; may be repeated (default: the largest tooth force, torque,'
+    " heat of a damper and stress over its limit)",
+    multiple=True,
+)
+@option("--samples N", "random trains whose 5, 50 and 95 % are told (default: none)", count)
+@option("--seed N", "seed of the sample (default 0)", count)
+@option("--harmonics N", "fixed number of harmonics (default: as many as needed)", whole)
+@option("--tolerance T", "as in solve", share, default="0.01", show_default=True)
+@options.files("as the scene is, the worst case and the sample over the speed", spectra=False)
+def tolerance():
+    """What do tolerances and wear do: the worst case, and which number makes it.
+
+    The [tolerance] table of the scene says how far numbers may be from theirs; a worn train is a [scenario.NAME]
+    (--scenario). At each speed the largest force, torque and heat within the tolerances is searched by gradient, and
+    what the train does there is told: docs/how_to/tolerances.md.
+    """
+
+
 SHELLS = "bash", "zsh", "fish", "powershell"
 
 

@@ -52,7 +52,10 @@ def of_elements(*tables):
 
 OWN_LINKS = "check", "modes", "holzer", "campbell"  # see to --links-at themselves, at speeds of their own
 MODULES = dict.fromkeys(("new", "scenes", "scene"), "inputs") | dict.fromkeys(("solve", "sweep", "tune"), "commands")
-MODULES |= {"report": "page_command"}  # where the work is; of the others in linear_commands.py
+MODULES |= {
+    "report": "page_command",
+    "tolerance": "tolerance_command",
+}  # where the work is; of the others in linear_commands.py
 SPEEDS = "--rpm", "--speed", "--speeds"
 NO_SPEED = "Natural frequencies do not depend on the speed; --at R takes the teeth as under the mean load of R rpm."
 MORE = " ...]"  # ends how an option is spelled that takes one or more values: ``--mode K [K ...]``
@@ -216,11 +219,12 @@ def plot(picture):
     return option("--plot FILE.png", f"draw {picture} (.png, .svg, .pdf; needs jaxhb[plot])")
 
 
-def files(picture):
-    """Files of numbers and a picture."""
+def files(picture, *, spectra=True):
+    """Files of numbers, where ``spectra`` are among them with an option of their own, and a picture."""
+    orders = option("--orders M", "list amplitudes in files up to this order (default: all; of a sweep none)", positive)
     return together(
         option("--json FILE", "all numbers in full precision, SI units; -: on standard output instead of the tables"),
-        option("--orders M", "list amplitudes in files up to this order (default: all; of a sweep none)", positive),
+        *([orders] if spectra else []),
         plot(picture),
         option("--csv FILE", "write one row per answer for spreadsheets, SI units"),
         option("--netcdf FILE.nc", "write labelled arrays (xarray, ncview, MATLAB, ...; needs jaxhb[data])"),

@@ -19,6 +19,7 @@ import numpy as np
 from jaxhb._jax import namespace
 from jaxhb._program import Program
 from jaxhb._shown import brief
+from jaxhb._threads import side_by_side
 from jaxhb.balance.derivative import all_finite, only_if
 from jaxhb.balance.plan import RESIDUAL
 from jaxhb.balance.problem import problem_at
@@ -356,9 +357,13 @@ class Lanes:
         for number in np.unique(self.point.plan_number[which]):
             plan = self.point.plans[number]
             own = np.broadcast_to(given & (plan.marches | self.unmoved | (not other)), which.shape)
-            for chunk, padded in batches(np.argwhere(which & (self.point.plan_number == number)), plan):
-                at = tuple(padded.T)
-                found, pull = self._read(plan, at, own[at], plan.marches and other)
+            chunks = list(batches(np.argwhere(which & (self.point.plan_number == number)), plan))
+
+            def read(pair, plan=plan, own=own):
+                at = tuple(pair[1].T)
+                return self._read(plan, at, own[at], plan.marches and other)
+
+            for (chunk, padded), (found, pull) in zip(chunks, side_by_side(read, chunks), strict=True):
                 for name, values in zip(SOLVED, found, strict=True):
                     changes[name][tuple(chunk.T)] = np.asarray(values)[: len(chunk)]
                 made = dataclasses.replace(made, batches=(*made.batches, (chunk, padded, pull)))
@@ -401,15 +406,17 @@ class Lanes:
         by_numbers = [np.zeros_like(leaf) for leaf in self.numbers]
         size = np.abs(by_smooth * self.point.smooth)
         # Of a smooth maximum few speeds have a weight: a gradient is pulled through these alone.
-        left = size.max(axis=(1, 2), keepdims=True) * NEGLIGIBLE < size
+        left, calls = size.max(axis=(1, 2), keepdims=True) * NEGLIGIBLE < size, []
         for chunk, padded, pull in reversed(self.batches):
             into, cotangent = tuple(chunk.T), np.zeros((len(padded), by_smooth.shape[-1]))
             own = left[into]
             left[into] = False  # of the attempts at a lane the last one counts
             if own.any():
                 cotangent[: len(chunk)] = np.where(own, by_smooth[into], 0.0)
-                for by, part in zip(by_numbers, pull(cotangent), strict=True):
-                    by[into] += np.asarray(part)[: len(chunk)]
+                calls.append((into, pull, cotangent))
+        for (into, *_), parts in zip(calls, side_by_side(lambda call: call[1](call[2]), calls), strict=True):
+            for by, part in zip(by_numbers, parts, strict=True):
+                by[into] += np.asarray(part)[: len(into[0])]
         return by_numbers
 
 

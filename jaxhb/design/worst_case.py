@@ -8,6 +8,7 @@ to larger responses.
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import numpy as np
@@ -16,9 +17,10 @@ from jaxhb._jax import Numbers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
 from jaxhb.design.evaluation import Evaluator, pull_back, where
-from jaxhb.design.quantities import Objective, label, objective_faults
+from jaxhb.design.quantities import QUANTITIES, Objective, label, objective_faults
 from jaxhb.design.tolerances import Tolerance, box_of, check_tolerances, read_tolerances
 from jaxhb.elements.elements import SceneError
+from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
@@ -28,6 +30,7 @@ APART, PROMISING = 1.0, 0.8  # difference of a share, and share of the best valu
 GAIN = 1e-3  # share of the value below which a step has won nothing
 ASCENT, CURVED = 1e-4, 1e-8
 """Share of the slope that a step has to win, Armijo's condition; cosine of step and change of the slope at least."""
+ARRAYS = "rpm", "nominal", "slopes", "worst", "shares", "samples"  # of a Spread, over the speeds
 QUANTITIES_ASKED = "tooth force", "shaft torque", "damper power", "stress over continuous limit"
 
 
@@ -75,6 +78,34 @@ class Spread:
                 found[i] = np.percentile(kept, q, axis=0)
         return found
 
+    def to_xarray(self) -> Any:
+        """Labelled arrays over ``rpm``, ``quantity`` and ``number``; needs ``jaxhb[data]``."""
+        import xarray
+
+        over = ("rpm", "quantity")
+        found = {
+            "nominal": (
+                over,
+                self.nominal,
+                {"long_name": "response of the scene as it is, in the unit of the quantity"},
+            ),
+            "worst": (over, self.worst, {"long_name": "largest response found within the tolerances"}),
+            "slope": ((*over, "number"), self.slopes, {"long_name": "change over half the range of a number"}),
+            "at_worst": ((*over, "number"), self.numbers, {"long_name": "number at the largest response"}),
+        }
+        if self.drawn.size:
+            found["sample"] = ("rpm", "draw", "quantity"), self.samples, {"long_name": "responses of a random sample"}
+            found["draw_share"] = ("draw", "number"), self.drawn, {"long_name": "place in the range, -1 to 1"}
+        units = ("quantity", [QUANTITIES[one.quantity].unit for one in self.of])
+        names = {"rpm": self.rpm, "quantity": self.labels, "number": [one.name for one in self.tolerances]}
+        return xarray.Dataset(found, coords=names | {"unit": units}, attrs={"scene": self.train.topology.name})
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """The numbers with a tolerance at the worst case of every speed and quantity ``(n, Q, P)``."""
+        low, high = np.array([(one.low, one.high) for one in self.tolerances]).T
+        return (high + low) / 2 + self.shares * (high - low) / 2
+
     def values(self, i: int, j: int) -> dict[str, float]:
         """Numbers of the train at the worst case of a speed and a quantity, for :meth:`jaxhb.DriveTrain.replace`."""
         return box_of(self.train, self.tolerances, self.of).named(self.shares[i, j])
@@ -89,7 +120,7 @@ def tolerance(
     samples: int = 0,
     seed: int = 0,
     harmonics: int | None = None,
-    accuracy: float = 0.01,
+    tolerance: float = 0.01,
     progress: Callable[[str], object] | None = None,
 ) -> Spread:
     """What the tolerances of a train do to its response at some speeds.
@@ -117,9 +148,8 @@ def tolerance(
         By default those of the ``[tolerance]`` table of the scene.
     samples, seed : int
         Trains of the sample, a Latin hypercube, and its seed.
-    harmonics, accuracy
-        Fixed number of harmonics, and truncation error as a share of the largest tooth force (``tolerance`` of
-        :func:`jaxhb.solve`).
+    harmonics, tolerance
+        As in :func:`jaxhb.solve_speeds`.
     progress : callable, optional
         Told in a sentence what is computed.
 
@@ -127,9 +157,9 @@ def tolerance(
     --------
     >>> from jaxhb.design import Objective, Tolerance
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
-    >>> rubber = Tolerance(name="pulley.inertia", low=0.009, high=0.0125)
+    >>> pulley = Tolerance(name="pulley.inertia", low=0.015, high=0.019)
     >>> torque = Objective(quantity="shaft torque", of="cyl6|flywheel")
-    >>> found = jaxhb.tolerance(train, rpm=[1800.0, 2100.0], of=[torque], tolerances=[rubber])
+    >>> found = jaxhb.tolerance(train, rpm=[1800.0, 2100.0], of=[torque], tolerances=[pulley])
     >>> bool((found.worst >= found.nominal).all())
     True
     """
@@ -142,7 +172,7 @@ def tolerance(
     faults = [(one.quantity, text) for one in of for text in objective_faults(train, one, len(rpm))]
     if faults:
         raise SceneError([f"{train.topology.title}, quantity {name!r}: {text}" for name, text in faults])
-    request = Request.of(train, harmonics, accuracy, integrals="sampled")
+    request = Request.of(train, harmonics, tolerance, integrals="sampled")
     search = _Search(train, rpm, box_of(train, tolerances, of), request, progress or (lambda text: None))
     search.start()
     drawn = search.box.sample(samples, seed) if samples else np.zeros((0, len(tolerances)))
@@ -155,25 +185,27 @@ def tolerance(
     )
 
 
+def joined(spreads: Sequence[Spread]) -> Spread:
+    """The Spread of the speeds of all, which ask the same."""
+    along = {name: np.concatenate([getattr(one, name) for one in spreads]) for name in ARRAYS}
+    evaluations = sum(one.evaluations for one in spreads)
+    return dataclasses.replace(spreads[0], **along, evaluations=evaluations)  # type: ignore[arg-type]
+
+
 def default_quantities(train, rpm, tolerances):
     """Of each kind of :data:`QUANTITIES_ASKED` the element where it is largest at the nominal speeds."""
-    candidates = []
+    topology, largest = train.topology, {}
+    kinds = {"tooth force": topology.mesh_names, "damper power": topology.damper_names}
+    responses = solve_speeds(train, rpm=rpm)
     for quantity in QUANTITIES_ASKED:
-        topology = train.topology
-        names = {"tooth force": topology.mesh_names, "damper power": topology.damper_names}.get(
-            quantity, topology.shaft_and_damper_names
-        )
-        asked = [Objective(quantity=quantity, of=name) for name in names]
-        candidates += [one for one in asked if not objective_faults(train, one, len(rpm))]
-    if not candidates:
-        raise SceneError(f"{train.topology.title}: it has no meshes, shafts or dampers, so there is no force to judge.")
-    request = Request.of(train, None, 0.01, integrals="sampled")
-    search = _Search(train, rpm, box_of(train, tolerances, candidates), request, lambda text: None)
-    values = np.nanmax(search.solve_nominal().exact[:, 0], axis=0)
-    largest = {}
-    for one, value in zip(candidates, values, strict=True):
-        if np.isfinite(value) and value > largest.get(one.quantity, (0.0,))[0]:
-            largest[one.quantity] = value, one
+        asked = [Objective(quantity=quantity, of=name) for name in kinds.get(quantity, topology.shaft_and_damper_names)]
+        for one in asked:
+            if not objective_faults(train, one, len(rpm)):
+                value = np.max(QUANTITIES[quantity].exact_value(responses, one.of, None, train))  # 0 where not solved
+                if value > largest.get(quantity, (0.0,))[0]:
+                    largest[quantity] = value, one
+    if not largest:
+        raise SceneError(f"{topology.title}: no shaft, damper or mesh vibrates, so there is nothing to judge.")
     return tuple(one for _, one in largest.values())
 
 
@@ -183,74 +215,65 @@ class _Search:
     def __init__(self, train, rpm, box, request, say):
         self.train, self.rpm, self.box, self.say = train, rpm, box, say
         self.evaluator = Evaluator(train, rpm, box, request)
+        self.room = 2 * len(rpm) * len(box.objectives)  # lanes of two searches for each speed and quantity
         self.evaluations = 0
 
-    def _take(self, point, which):
-        """The Point of some lanes."""
-        return jax.tree.map(lambda leaf: leaf[which], point)
-
     def _solve(self, u, near, which=True, rescues=0):
-        """Lanes of shares u ``(A, P)`` near a Point, and the pullback; what is solved counts for the worst case."""
-        which = np.broadcast_to(which, len(u))
+        """Lanes of shares u ``(A, P)`` near a Point: responses ``(A, Q)``, nan where not solved or not ``which``, the
+        Point, and a function from a quantity ``(A,)`` to its derivatives by the shares ``(A, P)``, 0 where none is."""
+        count, which = len(u), np.broadcast_to(which, len(u))
         self.evaluations += int(which.sum())
-        return self.evaluator.solved(u, near, which[:, None], rescues=rescues)
+        # Always as many lanes: their number is a shape, and a shape is a program.
+        filled = np.resize(np.arange(count), max(self.room, count))
+        asked = np.where(np.arange(len(filled)) < count, which[filled], False)
+        lanes, pull = self.evaluator.solved(u[filled], _take(near, filled), asked[:, None], rescues=rescues)
+        solved = lanes.point.solved & asked[:, None]
 
-    def solve_nominal(self):
-        """The train as it is at all speeds, with harmonics enough: a Point of n lanes."""
+        def slopes(quantity):
+            chosen = np.arange(len(self.box.objectives)) == quantity[filled][:, None]
+            by = np.asarray(pull_back(pull, lanes.pulled(np.where(solved, chosen, 0.0)[:, None, :])))
+            return np.where(np.isfinite(by), by, 0.0)[:count]
+
+        return np.where(solved, lanes.point.exact[:, 0], np.nan)[:count], _take(lanes.point, slice(count)), slopes
+
+    def start(self):
+        """The train as it is at all speeds, with harmonics enough: a Point of n lanes, nominal values and slopes."""
+        self.say("solving the scene as it is")
         begin = self.evaluator.unsolved(self.box.unbounded(self.train)[None])
         point = jax.tree.map(lambda leaf: np.moveaxis(leaf, 0, 1), begin)  # a lane for each speed
         point = dataclasses.replace(point, z=np.repeat(begin.z, len(self.rpm), axis=0))
         while point is not None:
-            self.lanes, self.pull = self._solve(point.z, point, rescues=1)
-            solved = self.lanes.point
-            point = self.evaluator.finer(solved, solved.solved)
-        return solved
-
-    def start(self):
-        """Nominal values and slopes; the first worst case."""
-        self.say("solving the scene as it is")
-        self.point = self.solve_nominal()
+            self.nominal, self.point, slopes = self._solve(point.z, point, rescues=1)
+            point = self.evaluator.finer(self.point, self.point.solved)
         if not self.point.solved.any():
             title = self.train.topology.title
             raise SceneError(f"{title}: no speed has a solution. jaxhb sweep shows what happens there.")
-        self.nominal = self._values(self.point)
-        count = len(self.box.objectives)
-        slopes = [self._slopes(self.lanes, self.pull, np.full(len(self.rpm), j)) for j in range(count)]
-        self.slopes = np.where(np.isfinite(self.nominal)[..., None], np.stack(slopes, axis=1), np.nan)
+        every = [slopes(np.full(len(self.rpm), j)) for j in range(len(self.box.objectives))]
+        self.slopes = np.where(np.isfinite(self.nominal)[..., None], np.stack(every, axis=1), np.nan)
         self.tried = [[(self.box.unbounded(self.train), own)] for own in self.nominal]
 
-    def _values(self, point):
-        """Responses ``(A, Q)``, nan where not solved."""
-        return np.where(point.solved, point.exact[:, 0], np.nan)
-
-    def _slopes(self, lanes, pull, quantity):
-        """Derivatives ``(A, P)`` of one quantity ``(A,)`` a lane by its shares; 0 where there is none."""
-        chosen = np.arange(len(self.box.objectives)) == quantity[:, None]
-        by = np.asarray(pull_back(pull, lanes.pulled(np.where(lanes.point.solved, chosen, 0.0)[:, None, :])))
-        return np.where(np.isfinite(by), by, 0.0)
-
     def _at(self, speed, u, which=True, near=None):
-        """Responses ``(A, Q)`` of lanes at speeds of index ``(A,)`` and shares u, with their Lanes and pullback; all
-        that is solved counts for all quantities."""
-        solved, pull = self._solve(u, self._take(self.point, speed) if near is None else near, which)
-        values = np.where(np.broadcast_to(which, len(u))[:, None], self._values(solved.point), np.nan)
-        for i, own, z in zip(speed, values, u, strict=True):
+        """As :meth:`_solve`, of lanes at speeds of index ``(A,)``; all that is solved counts for all quantities."""
+        found = self._solve(u, _take(self.point, speed) if near is None else near, which)
+        for i, own, z in zip(speed, found[0], u, strict=True):
             if np.isfinite(own).any():
                 self.tried[i].append((z, own))
-        return values, solved, pull
+        return found
 
     def sampled(self, drawn):
         """Responses ``(n, S, Q)`` of a sample, its lanes near those of the train as it is."""
+        speeds = np.flatnonzero(self.point.solved[:, 0])
         found = np.full((len(self.rpm), len(drawn), len(self.box.objectives)), np.nan)
-        speeds = np.arange(len(self.rpm))
-        for s, z in enumerate(drawn):
-            self.say(f"sample: {s} of {len(drawn)} trains")
-            found[:, s] = self._at(speeds, np.repeat(z[None], len(speeds), axis=0), self.point.solved[:, 0])[0]
+        together = max(1, self.room // len(speeds))
+        for first in range(0, len(drawn), together):
+            self.say(f"{first} of {len(drawn)} trains within the tolerances")
+            own = drawn[first : first + together]
+            values = self._at(np.tile(speeds, len(own)), np.repeat(own, len(speeds), axis=0))[0]
+            found[speeds, first : first + together] = np.moveaxis(values.reshape(len(own), len(speeds), -1), 0, 1)
         return found
 
     def explore(self, seed):
         """Some corners of the range, and for each quantity those to which its slope points and from which it does."""
-        self.say("worst case: where to search")
         self.sampled(self.box.corners(seed))
         speed, quantity = self._pairs()
         toward = np.where(self.slopes[speed, quantity] < 0, -1.0, 1.0)
@@ -274,9 +297,8 @@ class _Search:
             apart = [k for k in order[1:] if np.abs(u[k] - u[first]).max() > APART]
             starts += [(i, j, u[k]) for k in apart[:1] if values[k, j] > PROMISING * values[first, j]]
         speed, quantity, u = (np.array(part) for part in zip(*starts, strict=True))
-        values, solved, pull = self._at(speed, u)
-        slope = self._slopes(solved, pull, quantity)
-        self._ascend(speed, quantity, solved.point, u, values[np.arange(len(u)), quantity], slope)
+        values, point, slopes = self._at(speed, u)
+        self._ascend(speed, quantity, point, u, values[np.arange(len(u)), quantity], slopes(quantity))
 
     def worst(self):
         """The largest response of all trains solved, by speed and quantity ``(n, Q)``, and its shares ``(n, Q, P)``."""
@@ -303,15 +325,15 @@ class _Search:
             for _ in range(TRIALS):
                 trial = np.clip(u + length[:, None] * way, -1.0, 1.0)
                 rise = ((trial - u) * slope).sum(axis=1)
-                values, solved, pull = self._at(speed, trial, climbing, point)
+                values, solved, slopes = self._at(speed, trial, climbing, point)
                 own = values[lanes, quantity]
                 good = climbing & (own >= value + ASCENT * rise)
                 if good.any():
-                    steep = self._slopes(solved, pull, np.where(good, quantity, -1))
+                    steep = slopes(np.where(good, quantity, -1))
                     for k in np.flatnonzero(good):
                         curvature[k] = _updated(curvature[k], trial[k] - u[k], slope[k] - steep[k])
                     won, value = np.where(good, own - value, won), np.where(good, own, value)
-                    point, u, slope = where(good, (solved.point, trial, steep), (point, u, slope))
+                    point, u, slope = where(good, (solved, trial, steep), (point, u, slope))
                 climbing &= ~good
                 if not climbing.any():
                     break
@@ -320,6 +342,11 @@ class _Search:
                     vertex = 0.5 * rise / (value + rise - own)
                 length *= np.where(np.isfinite(vertex), np.clip(vertex, 0.1, 0.5), 0.5)
             moving &= won > GAIN * np.abs(value)
+
+
+def _take(point, which):
+    """The Point of some lanes."""
+    return jax.tree.map(lambda leaf: leaf[which], point)
 
 
 def _way(u, slope, curvature):

@@ -152,6 +152,30 @@ def certificate_of(answer, say=lambda text: None):
         return str(refusal)
 
 
+def check_spread(spread, say=lambda text: None):
+    """What trains do where a Spread found its worst cases: kinds of motion of the train as it is, ``nominal``, and in
+    the ``worst`` case of each speed and quantity, "" where there is none; ``differences``, a sentence for each that is
+    neither in contact nor periodic, or more than 2 % from what was found."""
+    train, solved = spread.train, np.isfinite(spread.nominal)
+    say("what does the train do as it is?")
+    kinds = [state.kind for state in steady_state(train, rpm=spread.rpm).states]
+    worst, told = [], []
+    for i, rpm in enumerate(spread.rpm):
+        worst.append([])
+        for j, one in enumerate(spread.of):
+            if not solved[i, j]:
+                worst[-1].append("")
+                continue
+            say(f"{rpm:g} rpm: what does the train do in its worst cases?")
+            design, own = train.replace(spread.values(i, j)), QUANTITIES[one.quantity]
+            state = steady_state(design, rpm=float(rpm))
+            worst[-1].append(state.kind)
+            value = float(own.exact_value(state, one.of, one.order, design)) if state.known and own.compared else np.nan
+            said = difference(state, {one: (value, float(spread.worst[i, j]))})
+            told += [f"In the worst case of {label(one)} the train {said}"] if said else []
+    return {"nominal": kinds, "worst": worst, "differences": told}
+
+
 def check_designs(train, asked, result, say=lambda text: None):
     """What the first and the last design of a Tuning do at its speeds: motions, ``readings`` that can be compared, and
     ``differences``, a sentence for each speed at which the motion is neither in contact nor periodic, or a quantity is

@@ -15,6 +15,7 @@ from jaxhb.report.figures.figure import (
     figure,
     kind_keys,
     line,
+    marks,
     motion_line,
     plain,
     speed_range,
@@ -24,6 +25,7 @@ from jaxhb.report.quantities import forces, separation, shaft_torques
 from jaxhb.report.selection import NOT_FIRING, hardest_shaft, train_name
 from jaxhb.report.text.strength import LIMITED, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
+from jaxhb.report.text.tuned import scaled_unit
 from jaxhb.results.response import with_gaps
 
 BESIDE = 0.006  # share of the axis between the bars of two meshes at one speed
@@ -103,6 +105,25 @@ def _cycles(quantity, names, cases, beside):
     look = {"color": "#555555", "dash": "solid", "width": 5}
     said = "5 to 95 % of the cycles"
     return [bars(*np.transpose(rows), said, look=look, opacity=0.45, hoverinfo="skip")] if rows else []
+
+
+def plot_tolerance(spread):
+    """Every quantity over the speed: as the scene is, the worst case found, and what 5 to 95 % of a sample have."""
+    rpm, figures = spread.rpm, []
+    for j, (one, name) in enumerate(zip(spread.of, spread.labels, strict=True)):
+        factor, unit = scaled_unit(one.quantity)
+        traces = [
+            line(rpm, factor * spread.nominal[:, j], "as the scene is", 1),
+            line(rpm, factor * spread.worst[:, j], "worst case found", 0),
+        ]
+        if len(spread.drawn):
+            low, middle, high = (factor * spread.percentile(q)[:, j] for q in (5, 50, 95))
+            look = {"color": "#555555", "dash": "solid", "width": 5}
+            traces.append(bars(rpm, low, high, "5 to 95 % of the sample", look=look, opacity=0.45))
+            traces.append(marks(rpm, middle, "half of the sample", "circle", size=5))
+        panels = [(f"{plain(name)}, {unit}".removesuffix(", "), top_of(traces))]
+        figures.append(figure(plain(name), "speed, rpm", panels, traces, x_range=speed_range(rpm)))
+    return drawn(*figures, title=f"{train_name(spread.train.topology)}: what the tolerances do")
 
 
 MOST = 4  # elements in one picture

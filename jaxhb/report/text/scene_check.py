@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxhb.design.quantities import check_all
 from jaxhb.design.table import read_table
+from jaxhb.design.tolerances import read_tolerances
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations.backlash import all_meshes
 from jaxhb.equations.fourier import sample
@@ -99,16 +100,20 @@ def scene_notes(responses):
     return plausibility(train) + torque_notes(responses) + outside
 
 
-def tune_notes(train):
-    """What ``jaxhb tune`` would refuse in the ``[tune]`` table of the scene; nothing where there is none."""
-    if not train.tune:
-        return []
-    try:
+def table_notes(train):
+    """What ``jaxhb tune`` and ``jaxhb tolerance`` would refuse in their tables of the scene."""
+
+    def tune():
         asked = read_table(train)
         check_all(train, asked["parameters"], asked["objective"], asked["penalties"], asked["rpm"])
-    except SceneError as error:
-        return [f"jaxhb tune will refuse this scene: {sentence}" for sentence in error.sentences]
-    return []
+
+    notes = []
+    for name, check in (("tune", tune), ("tolerance", lambda: read_tolerances(train))):
+        try:
+            _ = getattr(train, name) and check()
+        except SceneError as error:
+            notes += [f"jaxhb {name} will refuse this scene: {sentence}" for sentence in error.sentences]
+    return notes
 
 
 def check_text(train, responses, speeds, notes):

@@ -1,0 +1,157 @@
+"""What tolerances do to a train, in tables for people, a record for programs, and rows for spreadsheets."""
+
+import numpy as np
+
+from jaxhb.design.quantities import label, unit_of
+from jaxhb.report.answer import SPEED
+from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
+from jaxhb.report.text.sentences import paragraph
+from jaxhb.report.text.tuned import parameter_unit, scaled_unit
+
+PERCENT = 5, 50, 95  # of the sample
+MOVING = 5  # numbers told of a quantity, those that move it most
+NEGLIGIBLE = 0.002  # share of the nominal response below which a number moves nothing
+
+
+def tolerance_text(spread, checked):
+    """Tables of a Spread: the worst case of each quantity, over the speeds, which numbers move it, where it is."""
+    title, rpm = spread.train.topology.title, spread.rpm
+    span = SPEED.span(rpm) if len(rpm) > 1 else f"{rpm[0]:g} rpm"
+    solved = np.isfinite(spread.nominal).all(axis=1)
+    head = f"{title} at {span}: {len(spread.tolerances)} tolerances; {spread.evaluations} solves of a speed."
+    lost = f"NOT solved, and left out: {', '.join(f'{x:g}' for x in rpm[~solved])} rpm."
+    parts = ["\n".join([head, *([] if solved.all() else [lost])])]
+    if solved.any():
+        parts += [_worst_table(spread)]
+        parts += [_over_speeds(spread, j, checked) for j in range(len(spread.of))]
+        parts += [_moving(spread), _places(spread)]
+    parts += [
+        "The worst case is the largest response found, no bound: another train within the tolerances may do worse."
+    ]
+    if len(spread.drawn):
+        share = spread.solved[solved]
+        lines = (
+            f"Sample: {len(spread.drawn)} trains, of which {100 * share.min():.0f} % or more are solved at each speed."
+        )
+        parts.append(lines)
+    return "\n\n".join([*parts, *_differences(checked)])
+
+
+def _differences(checked):
+    """Sentences on motions that are not the periodic ones that were searched."""
+    if not checked or not checked["differences"]:
+        return []
+    head = "Steady states that are not the periodic motions searched"
+    return ["\n".join([head, *map(paragraph, checked["differences"])])]
+
+
+def _largest(spread, j):
+    """Index of the speed at which the worst case of a quantity is largest."""
+    return int(np.nanargmax(spread.worst[:, j]))
+
+
+def _worst_table(spread):
+    """Each quantity at its worst speed, as the scene is and within the tolerances."""
+    rows = []
+    for j, one in enumerate(spread.of):
+        factor, unit = scaled_unit(one.quantity)
+        at = [int(np.nanargmax(spread.nominal[:, j])), _largest(spread, j)]
+        old, new = factor * spread.nominal[at[0], j], factor * spread.worst[at[1], j]
+        rows.append([f"{label(one)}, {unit}".removesuffix(", "), count(old), f"{spread.rpm[at[0]]:g}"])
+        rows[-1] += [count(new), f"{spread.rpm[at[1]]:g}", f"{new / old:.2f}" if old else NONE]
+    heads = ["quantity, worst over the speeds", "as it is", "at rpm", "worst case", "at rpm", "ratio"]
+    return from_rows("Worst case over the tolerances (half peak-to-peak unless called peak or order)", heads, rows)
+
+
+def _over_speeds(spread, j, checked):
+    """One quantity over the speeds."""
+    factor, unit = scaled_unit(spread.of[j].quantity)
+    sampled = len(spread.drawn) > 0
+    shares = [factor * spread.percentile(q)[:, j] for q in PERCENT] if sampled else []
+    kinds = [checked["nominal"], [own[j] for own in checked["worst"]]] if checked else []
+    rows = []
+    for i, rpm in enumerate(spread.rpm):
+        nominal, worst = factor * spread.nominal[i, j], factor * spread.worst[i, j]
+        row = [f"{rpm:g}", nominal, worst, f"{worst / nominal:.2f}" if nominal > 0 else NONE]
+        rows.append([*row, *(own[i] for own in shares), *(own[i] for own in kinds)])
+    heads = ["rpm", ("as it is", 1), ("worst case", 1), "ratio", *((f"{q} %", 1) for q in PERCENT if sampled)]
+    heads += ["motion", "in the worst case"] if checked else []
+    return from_rows(
+        f"{label(spread.of[j])}, {unit}".removesuffix(", "),
+        heads,
+        rows,
+        left=range(len(heads) - 2, 9) if checked else (),
+    )
+
+
+def ranking(spread, i, j):
+    """Names and changes over half their ranges of the numbers that move a quantity at a speed, the largest first."""
+    slopes, size = spread.slopes[i, j], abs(spread.nominal[i, j])
+    order = [k for k in np.argsort(-np.abs(slopes), kind="stable") if abs(slopes[k]) > NEGLIGIBLE * size]
+    return [(spread.tolerances[k].name, float(slopes[k])) for k in order]
+
+
+def _moving(spread):
+    """Which numbers move each quantity, where its worst case is largest."""
+    rows = []
+    for j, one in enumerate(spread.of):
+        i = _largest(spread, j)
+        for name, slope in ranking(spread, i, j)[:MOVING]:
+            share = 100 * slope / spread.nominal[i, j]
+            rows.append([label(one), f"{spread.rpm[i]:g}", name, f"{share:+.1f}"])
+    title = "What moves them: change of the response over half the range of a number, by its derivative, %"
+    return from_rows(title, ["quantity", "at rpm", "number", "%"], rows, left=(2,))
+
+
+def _places(spread):
+    """The numbers of each worst case beside their ranges."""
+    train, places = spread.train, [_largest(spread, j) for j in range(len(spread.of))]
+    rows = []
+    for k, one in enumerate(spread.tolerances):
+        own = [plain_number(spread.numbers[i, j, k]) for j, i in enumerate(places)]
+        unit = parameter_unit(train, one.name) or NONE
+        rows.append([one.name, plain_number(float(train.value(one.name))), *own, unit])
+        rows[-1].append(f"{plain_number(one.low)} to {plain_number(one.high)}")
+    worst = [f"worst {j}" for j in range(1, len(places) + 1)]
+    told = "; ".join(f"{j} {label(one)}" for j, one in enumerate(spread.of, 1))
+    return from_rows(f"Numbers in the worst case of {told}", ["number", "as it is", *worst, "unit", "range"], rows)
+
+
+def tolerance_record(spread, checked):
+    """What ``tolerance --json`` writes, in SI units."""
+    worst = checked["worst"] if checked else None
+    return {
+        "scene": spread.train.topology.name,
+        "rpm": spread.rpm,
+        "tolerances": [
+            {"name": one.name, "low": one.low, "high": one.high, "std": one.std, "together": one.together}
+            | {"value": float(spread.train.value(one.name)), "unit": parameter_unit(spread.train, one.name)}
+            for one in spread.tolerances
+        ],
+        "quantities": [
+            {"name": name, "unit": unit_of(one.quantity), "nominal": spread.nominal[:, j], "worst": spread.worst[:, j]}
+            | {"slopes": spread.slopes[:, j], "numbers_at_worst": spread.numbers[:, j]}
+            | ({"percentiles": {str(q): spread.percentile(q)[:, j] for q in PERCENT}} if len(spread.drawn) else {})
+            | ({"kind_at_worst": [own[j] for own in worst]} if checked else {})
+            for j, (one, name) in enumerate(zip(spread.of, spread.labels, strict=True))
+        ],
+        "kind": checked["nominal"] if checked else None,
+        "samples": len(spread.drawn),
+        "solved": spread.solved if len(spread.drawn) else None,
+        "evaluations": spread.evaluations,
+    }
+
+
+def tolerance_rows(spread, checked):
+    """Rows of ``tolerance --csv``, one for each speed and quantity, SI units."""
+    names = [one.name for one in spread.tolerances]
+    sampled = {f"{q} %": spread.percentile(q) for q in PERCENT} if len(spread.drawn) else {}
+    for i, rpm in enumerate(spread.rpm):
+        for j, one in enumerate(spread.of):
+            row = {"rpm": rpm, "quantity": spread.labels[j], "unit": unit_of(one.quantity)}
+            row |= {"nominal": spread.nominal[i, j], "worst": spread.worst[i, j]}
+            row |= {head: own[i, j] for head, own in sampled.items()}
+            if checked:
+                row |= {"kind": checked["nominal"][i], "kind in the worst case": checked["worst"][i][j]}
+            row |= {f"moved by {name}": spread.slopes[i, j, k] for k, name in enumerate(names)}
+            yield row | {f"worst {name}": spread.numbers[i, j, k] for k, name in enumerate(names)}
