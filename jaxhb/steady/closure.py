@@ -34,7 +34,7 @@ TRANSIENT, WORK = (64, 1024), 4e6
 DECAYS = 8.0  # times the decay of the slowest mode that teeth notice, that a transient is given
 # Cycles of a transient for the sake of such modes, at most: where cycles take long, and where they do not; steps times
 # modes that these may take beyond the fewer, some seconds.
-SLOWEST, SLOW_WORK = (512, 1024), 2e7
+SLOWEST, SLOW_WORK = (512, 10_000), 4e7
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Cycles:
     """How long a march is at most.
 
     transient : cycles before the record, by default 64 to 1024, more of them for trains whose cycles are cheap; where a
-    mode that teeth notice decays slowly, eight times its decay, up to 512 if cycles take long and 1024 if not;
+    mode that teeth notice decays slowly, eight times its decay, up to 512 if cycles take long and 10,000 if not;
     recorded : cycles of the record of a motion that does not return, at least; most : cycles while closure errors still
     fall, with each length of steps.
     """

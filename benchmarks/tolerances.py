@@ -1,0 +1,108 @@
+"""The worst case within tolerances beside large samples and a dense search; what it costs.
+
+    python benchmarks/tolerances.py [--scenes engine_with_damper gear_train_30] [--samples 10000] [--seed 1] [--json F]
+
+Ten numbers of each train, twelve speeds, the tooth force of the hardest mesh. ``jaxhb.tolerance`` searches without a
+sample. Beside it: the largest of a sample (Latin hypercube), and, at speeds at which no tooth separates in any corner,
+the largest of all 1024 corners and of a search from the best eight of them. ``over`` is the largest other response over
+the worst case found, above 1 where it was missed. ``price`` is the processor time of the search over that of
+``jaxhb.solve_speeds`` of the same speeds, both again, without compilation.
+"""
+
+import itertools
+import time
+
+import numpy as np
+from records import command_line, started
+
+import jaxhb
+from jaxhb.balance.plan import Request
+from jaxhb.design import Objective, Tolerance, read_tolerances
+from jaxhb.design.tolerances import box_of
+from jaxhb.design.worst_case import _Search
+
+RPM = {"engine_with_damper": np.linspace(800.0, 2400.0, 12), "gear_train_30": np.linspace(700.0, 2450.0, 12)}
+MESH = {"engine_with_damper": "crank gear|idler", "gear_train_30": "crank gear|idler"}
+COLUMNS = {"scene": "<20s", "rpm": "6.0f", "nominal": "8.0f", "worst": "8.0f", "sample": "8.0f", "solved": "6.2f"}
+COLUMNS |= {"corners": "8.0f", "over": "7.4f", "notes": "<30s"}
+
+
+def box(train):
+    """Ten tolerances: those of the scene, or of its dampers, gears and shafts."""
+    if train.tolerance:
+        return read_tolerances(train)
+    names = [f"{name}.{field}" for name in ("crank damper", "cam damper A") for field in ("stiffness", "damping")]
+    meshes = [
+        f"{name}.{field}" for name in train.topology.mesh_names[:2] for field in ("stiffness", "damping", "backlash")
+    ]
+    return tuple(
+        Tolerance(name=name, low=0.85 * value, high=1.15 * value)
+        for name in [*names, *meshes]
+        for value in [float(train.value(name))]
+    )
+
+
+def dense(train, rpm, tolerances, of):
+    """The largest response of all corners and of a search from the best eight, of speeds in contact; nan elsewhere."""
+    search = _Search(train, rpm, box_of(train, tolerances, of), Request.of(train, None, 0.01), lambda text: None)
+    search.room = 8 * 64
+    search.start()
+    search.sampled(np.array(list(itertools.product((-1.0, 1.0), repeat=len(tolerances)))))
+    found = np.full(len(rpm), np.nan)
+    speeds, starts = [], []
+    for i, tried in enumerate(search.tried):
+        best = sorted(tried, key=lambda one: -one[1][0])[:8]
+        speeds += [i] * len(best)
+        starts += [u for u, _ in best]
+    speeds, starts = np.array(speeds), np.array(starts)
+    values, point, slopes = search._at(speeds, starts)
+    search._ascend(
+        speeds, np.zeros(len(speeds), dtype=int), point, starts, values[:, 0], slopes(np.zeros(len(speeds), int))
+    )
+    for i, tried in enumerate(search.tried):
+        found[i] = max(own[0] for _, own in tried)
+    return found
+
+
+def measured(call):
+    """What a call gives, its processor time and its time."""
+    begin, clock = time.process_time(), time.perf_counter()
+    found = call()
+    return found, time.process_time() - begin, time.perf_counter() - clock
+
+
+def main():
+    """Run what the command line asks for."""
+    parser = command_line(__doc__, core=-1)
+    parser.add_argument("--scenes", nargs="+", default=list(RPM))
+    parser.add_argument("--samples", type=int, default=10000)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    recorder = started("tolerances", options, COLUMNS)
+    jaxhb.cache_programs()
+    for scene in options.scenes:
+        train, rpm = jaxhb.load_scene(scene), RPM[scene]
+        of, tolerances = [Objective(quantity="tooth force", of=MESH[scene])], box(train)
+        asked = {"rpm": rpm, "of": of, "tolerances": tolerances}
+        for _ in range(2):
+            found, *search_taken = measured(lambda train=train, asked=asked: jaxhb.tolerance(train, **asked))
+            _, *nominal_taken = measured(lambda train=train, rpm=rpm: jaxhb.solve_speeds(train, rpm=rpm))
+        sampled = jaxhb.tolerance(train, **asked, samples=options.samples, seed=options.seed)
+        contact = [state.kind == "contact" for state in jaxhb.steady_state(train, rpm=rpm).states]
+        at_worst = [jaxhb.steady_state(train.replace(found.values(i, 0)), rpm=float(r)).kind for i, r in enumerate(rpm)]
+        quiet = np.array([one and kind == "contact" for one, kind in zip(contact, at_worst, strict=True)])
+        corners = np.full(len(rpm), np.nan)
+        if quiet.any():
+            corners[quiet] = dense(train, rpm[quiet], tolerances, of)
+        for i, speed in enumerate(rpm):
+            largest = np.nanmax(sampled.samples[i, :, 0])
+            over = np.nanmax([largest, corners[i]]) / found.worst[i, 0]
+            row = {"scene": scene, "rpm": speed, "nominal": found.nominal[i, 0], "worst": found.worst[i, 0]}
+            row |= {"sample": largest, "solved": sampled.solved[i], "corners": corners[i], "over": over}
+            recorder.add(**row, notes=f"{at_worst[i]} in the worst case")
+        cpu, wall = np.divide(search_taken, nominal_taken)
+        print(f"{scene}: {found.evaluations} solves, price {cpu:.1f} (wall {wall:.1f}) nominal sweeps", flush=True)
+
+
+if __name__ == "__main__":
+    main()
