@@ -54,6 +54,7 @@ class Task:
     parameters: tuple
     objectives: tuple
     penalties: tuple
+    smooth = True
 
     @property
     def of_response(self):
@@ -67,8 +68,9 @@ class Task:
 
     @property
     def asked(self):
-        """Quantity, element and order of each reading of a response."""
-        return tuple((chosen.quantity, chosen.of, chosen.order) for chosen in self.of_response)
+        """Quantity, element and order of each reading of a response, and whether its derivative is that of the smooth
+        one."""
+        return tuple((chosen.quantity, chosen.of, chosen.order, self.smooth) for chosen in self.of_response)
 
     def named(self, z):
         """Parameters by name, in their own units, from z ``(P,)``; floats on the host."""
@@ -241,9 +243,9 @@ class Evaluator:
         lanes, pull = self.solved(z, near, wanted[:, None] & aim.counted, rescues=rescues, on_lanes=on_lanes)
         return self._valued(lanes, pull, aim, wanted, most)
 
-    def solved(self, z, near, which, *, rescues=MOST_RESCUES, on_lanes=None):
-        """The :class:`Lanes` of designs z near those of a Point, solved where ``which`` ``(A, n)``, and the pullback of
-        their numbers to z; arguments as of :meth:`at`."""
+    def solved(self, z, near, which, *, again=True, rescues=MOST_RESCUES, on_lanes=None):
+        """The :class:`Lanes` of designs z near those of a Point, solved where ``which`` ``(A, n)``, lost ones from
+        another start ``again``, and the pullback of their numbers to z; other arguments as of :meth:`at`."""
         numbers, pull = self.numbers_of(z, near.speeds)
         nothing = np.zeros((*which.shape, len(self.task.of_response)))
         motion = fourier.resize(near.motion, max(plan.harmonics for plan in near.plans))
@@ -252,7 +254,7 @@ class Evaluator:
         lanes = Lanes(self, point, numbers, which, (z == near.z).all(1, keepdims=True), on_lanes)
         lanes = lanes.solve(which, near.solved)
         # What was lost from a march is tried from the motion of the design nearby, and the other way round.
-        again = lanes.lost & near.solved & (lanes.point.status != Status.PLAN_VIOLATED)
+        again = again & lanes.lost & near.solved & (lanes.point.status != Status.PLAN_VIOLATED)
         lanes = lanes.solve(again & ~lanes.point.resumed, True, other=False)
         lanes = lanes.solve(again & lanes.point.resumed, False)
         violated = lanes.lost & (lanes.point.status == Status.PLAN_VIOLATED)
@@ -498,9 +500,9 @@ def read_lanes(numbers, held, rpm, start, active_meshes, *, form, asked, sizes):
         train, problem = train_and_problem(form, numbers, held)
         found = find(problem, active_meshes, start, (1.0, RESIDUAL, 0.0), sizes)
         response = respond(train, speed, problem, found[0], sizes)
-        exact = [QUANTITIES[quantity].exact_value(response, of, order) for quantity, of, order in asked]
+        exact = [QUANTITIES[quantity].exact_value(response, of, order) for quantity, of, order, _ in asked]
         outcome = jnp.asarray(response.status), found[0].periodicity_error, response.deflections, jnp.stack(exact)
-        return _smooth(response, asked), found, outcome
+        return _differentiated(response, asked), found, outcome
 
     return _each(lane, numbers, rpm, start)
 
@@ -513,15 +515,21 @@ def pull_lanes(numbers, held, rpm, found, active_meshes, cotangent, *, form, ask
         def read(numbers):
             train, problem = train_and_problem(form, only_if(all_finite(numbers), numbers), held)
             outcome = differentiable(problem, active_meshes, found, sizes)
-            return _smooth(respond(train, speed, problem, outcome, sizes), asked)
+            return _differentiated(respond(train, speed, problem, outcome, sizes), asked)
 
         return jax.vjp(read, numbers)[1](cotangent)[0]
 
     return _each(lane, numbers, rpm, found, cotangent)
 
 
-def _smooth(response, asked):
-    return jnp.stack([QUANTITIES[quantity].read(response, of, order) for quantity, of, order in asked])
+def _differentiated(response, asked):
+    """What a gradient is taken of: smooth readings, or those for people."""
+    return jnp.stack(
+        [
+            (QUANTITIES[quantity].read if smooth else QUANTITIES[quantity].exact_value)(response, of, order, None)
+            for quantity, of, order, smooth in asked
+        ]
+    )
 
 
 def _each(lane, *batch):

@@ -13,7 +13,7 @@ from jaxhb.elements.value_checks import number_like, shown
 from jaxhb.train.drivetrain import DriveTrain
 
 DEVIATIONS = 3.0  # standard deviations to either side that the range of a ``std`` spans: 99.7 % of all
-EXPLORED = 8  # corners from which searches may begin, a power of 2
+EXPLORED = 4  # corners from which searches may begin, a power of 2
 KEYS = "range", "share", "std", "together"
 
 
@@ -150,6 +150,7 @@ class Box(Task):
     """
 
     own: tuple = ()
+    smooth = False  # of one speed a maximum over the cycle has a slope nearly everywhere, and the search wants its own
 
     def named(self, z):
         xp, found = namespace(z), {}

@@ -27,6 +27,7 @@ from jaxhb.train.speeds import check_speed
 CLIMBS = 12  # steps of a search for a worst case at most
 TRIALS = 5  # lengths of a step
 APART, PROMISING = 1.0, 0.8  # difference of a share, and share of the best value, from which a second start is worth it
+EXPLORED_LINEAR = 64  # trains where no tooth separates, from which searches may begin, beside the corners
 GAIN = 1e-3  # share of the value below which a step has won nothing
 ASCENT, CURVED = 1e-4, 1e-8
 """Share of the slope that a step has to win, Armijo's condition; cosine of step and change of the slope at least."""
@@ -226,7 +227,9 @@ class _Search:
         # Always as many lanes: their number is a shape, and a shape is a program.
         filled = np.resize(np.arange(count), max(self.room, count))
         asked = np.where(np.arange(len(filled)) < count, which[filled], False)
-        lanes, pull = self.evaluator.solved(u[filled], _take(near, filled), asked[:, None], rescues=rescues)
+        lanes, pull = self.evaluator.solved(
+            u[filled], _take(near, filled), asked[:, None], again=rescues > 0, rescues=rescues
+        )
         solved = lanes.point.solved & asked[:, None]
 
         def slopes(quantity):
@@ -260,12 +263,12 @@ class _Search:
                 self.tried[i].append((z, own))
         return found
 
-    def sampled(self, drawn):
-        """Responses ``(n, S, Q)`` of a sample, its lanes near those of the train as it is."""
-        speeds = np.flatnonzero(self.point.solved[:, 0])
+    def sampled(self, drawn, which=True):
+        """Responses ``(n, S, Q)`` of a sample, its lanes near those of the train as it is, at speeds ``which``."""
+        speeds = np.flatnonzero(self.point.solved[:, 0] & which)
         found = np.full((len(self.rpm), len(drawn), len(self.box.objectives)), np.nan)
-        together = max(1, self.room // len(speeds))
-        for first in range(0, len(drawn), together):
+        together = max(1, self.room // max(len(speeds), 1))
+        for first in range(0, len(drawn) if len(speeds) else 0, together):
             self.say(f"{first} of {len(drawn)} trains within the tolerances")
             own = drawn[first : first + together]
             values = self._at(np.tile(speeds, len(own)), np.repeat(own, len(speeds), axis=0))[0]
@@ -275,6 +278,9 @@ class _Search:
     def explore(self, seed):
         """Some corners of the range, and for each quantity those to which its slope points and from which it does."""
         self.sampled(self.box.corners(seed))
+        # Without separation the equations are linear, and trains beside each other cost hardly more than one.
+        linear = np.array([not plan.active for plan in self.point.plans])[self.point.plan_number[:, 0]]
+        self.sampled(self.box.sample(EXPLORED_LINEAR, seed), linear)
         speed, quantity = self._pairs()
         toward = np.where(self.slopes[speed, quantity] < 0, -1.0, 1.0)
         self._at(np.tile(speed, 2), np.concatenate([toward, -toward]))
@@ -353,7 +359,8 @@ def _way(u, slope, curvature):
     """BFGS's way up of one lane; numbers at an end of their range, beyond which it would rise, rest."""
     free = ~(((u >= 1.0) & (slope > 0)) | ((u <= -1.0) & (slope < 0))) & (slope != 0)
     way = np.zeros_like(u)
-    way[free] = np.linalg.solve(curvature[np.ix_(free, free)], slope[free])
+    # Beside a fold slopes are of any size, and the matrix may be singular to rounding.
+    way[free] = np.linalg.lstsq(curvature[np.ix_(free, free)], slope[free])[0]
     return way
 
 

@@ -50,14 +50,11 @@ def test_the_worst_case_is_that_of_the_closed_form(found):
 
 
 def test_slopes_are_those_of_the_closed_form(found):
-    # What is differentiated is a smooth half peak-to-peak, a constant share of an amplitude.
     step = 1e-4
     by_stiffness = (torque_of(RPM, 6.7e3 + step, 4.0) - torque_of(RPM, 6.7e3 - step, 4.0)) / (2 * step)
     by_damping = (torque_of(RPM, 6.7e3, 4.0 + step) - torque_of(RPM, 6.7e3, 4.0 - step)) / (2 * step)
     expected = np.transpose([by_stiffness * 1e3, by_damping * 1.5])  # over half the range
-    share = found.slopes[:, 0] / expected
-    np.testing.assert_allclose(share, share[0, 0], rtol=1e-4)
-    assert 0.85 < share[0, 0] < 1.0
+    np.testing.assert_allclose(found.slopes[:, 0], expected, rtol=1e-5)  # differences; 4096 places of the maximum
 
 
 def test_a_sample_is_of_the_ranges_and_no_response_exceeds_the_worst(found):
