@@ -523,10 +523,10 @@ def pull_lanes(numbers, held, rpm, found, active_meshes, cotangent, *, form, ask
 
 
 def _differentiated(response, asked):
-    """What a gradient is taken of: smooth readings, or those for people."""
+    """What a gradient is taken of: smooth readings, or sharp ones."""
     return jnp.stack(
         [
-            (QUANTITIES[quantity].read if smooth else QUANTITIES[quantity].exact_value)(response, of, order, None)
+            ((not smooth and QUANTITIES[quantity].sharp) or QUANTITIES[quantity].read)(response, of, order, None)
             for quantity, of, order, smooth in asked
         ]
     )

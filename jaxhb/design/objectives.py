@@ -73,6 +73,23 @@ def half_peak_to_peak(signal: Signal, *, p: float = 64) -> Array:
     return (p_norm(jnp.maximum(values, 0.0), p) + p_norm(jnp.maximum(-values, 0.0), p)) / 2
 
 
+def sharp_half_peak_to_peak(signal: Signal) -> Array:
+    """Half peak-to-peak between the time samples: the vertices of parabolas through the largest and the smallest value
+    and their neighbours, ``(...)``; its derivative is that of the maximum, not of the nearest sample."""
+    values = signal.samples(signal.resolution)
+    return (_vertex(values) + _vertex(-values)) / 2
+
+
+def _vertex(values):
+    """The height of the parabola through the largest of values over the cycle ``(..., M)`` and its neighbours."""
+    place = jnp.argmax(values, axis=-1)[..., None]
+    left, top, right = (
+        jnp.take_along_axis(values, (place + step) % values.shape[-1], axis=-1)[..., 0] for step in (-1, 0, 1)
+    )
+    bend = left + right - 2 * top  # at most 0, and 0 of a constant alone
+    return top - (right - left) ** 2 / (8 * jnp.where(bend < 0, bend, -1.0))
+
+
 def damper_power(response: Response, a: str, b: str | None = None) -> Array:
     """Mean power that a damper or shaft turns into heat, W ``(...)``; see :meth:`jaxhb.Response.power`."""
     return Response.power(usable(response), a, b)

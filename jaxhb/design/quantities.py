@@ -89,14 +89,16 @@ class Penalty:
 class Quantity:
     """A response quantity: its unit, and the kind of element that ``of`` names.
 
-    read : smooth, ``(response, of, order, train) -> (n,)``; exact : what ``read`` smooths, None where that is ``read``
-    itself; compared : whether a tuned design is compared with its steady states in it
+    read : smooth, ``(response, of, order, train) -> (n,)``; exact, sharp : what ``read`` smooths, at the time samples
+    for people and between them to be differentiated, None where that is ``read`` itself; compared : whether a tuned
+    design is compared with its steady states in it
     """
 
     unit: str
     kind: str
     read: Callable
     exact: Callable | None = None
+    sharp: Callable | None = None
     ordered: bool = False
     compared: bool = False
 
@@ -111,7 +113,8 @@ def _swing(unit, kind, reader, smooth=objectives.half_peak_to_peak, exact=lambda
     def of_signal(size):
         return lambda motion, of, *_: size(reader(objectives.usable(motion), of))
 
-    return Quantity(unit, kind, of_signal(smooth), of_signal(exact), compared=True)
+    sharp = objectives.sharp_half_peak_to_peak if smooth is objectives.half_peak_to_peak else exact
+    return Quantity(unit, kind, of_signal(smooth), of_signal(exact), of_signal(sharp), compared=True)
 
 
 def _order(unit, kind, reader):
@@ -125,9 +128,9 @@ def _order(unit, kind, reader):
 
 def _judged(unit, kind, value, *, compared=True, **more):
     """What is judged by a swing ``(motion, of, train=..., swing=...)``."""
-    exact = {"swing": lambda signal: signal.half_peak_to_peak}
-    both = (lambda m, of, _, train=None, how=how: value(m, of, train=train, **how, **more) for how in ({}, exact))
-    return Quantity(unit, kind, *both, compared=compared)
+    swings = ({}, {"swing": lambda signal: signal.half_peak_to_peak}, {"swing": objectives.sharp_half_peak_to_peak})
+    all_three = (lambda m, of, _, train=None, how=how: value(m, of, train=train, **how, **more) for how in swings)
+    return Quantity(unit, kind, *all_three, compared=compared)
 
 
 QUANTITIES = {

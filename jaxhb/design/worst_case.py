@@ -28,7 +28,7 @@ CLIMBS = 12  # steps of a search for a worst case at most
 TRIALS = 5  # lengths of a step
 APART, PROMISING = 1.0, 0.8  # difference of a share, and share of the best value, from which a second start is worth it
 EXPLORED_LINEAR = 64  # trains where no tooth separates, from which searches may begin, beside the corners
-GAIN = 1e-3  # share of the value below which a step has won nothing
+GAIN, PATIENCE = 1e-3, 2  # share of the value below which a step has won nothing; so many of them end a search
 ASCENT, CURVED = 1e-4, 1e-8
 """Share of the slope that a step has to win, Armijo's condition; cosine of step and change of the slope at least."""
 ARRAYS = "rpm", "nominal", "slopes", "worst", "shares", "samples"  # of a Spread, over the speeds
@@ -318,7 +318,7 @@ class _Search:
 
     def _ascend(self, speed, quantity, point, u, value, slope):
         """Climb of all lanes at once, by BFGS in the numbers that are free to move, along the projection of its way."""
-        lanes, moving = np.arange(len(u)), np.isfinite(value)
+        lanes, moving, idle = np.arange(len(u)), np.isfinite(value), np.zeros(len(u), dtype=int)
         # The first step leads to the corner to which the slope points.
         curvature = np.abs(slope)[:, :, None] * np.eye(u.shape[1]) / 2
         for climb in range(CLIMBS):
@@ -347,7 +347,8 @@ class _Search:
                 with np.errstate(divide="ignore", invalid="ignore"):
                     vertex = 0.5 * rise / (value + rise - own)
                 length *= np.where(np.isfinite(vertex), np.clip(vertex, 0.1, 0.5), 0.5)
-            moving &= won > GAIN * np.abs(value)
+            idle = np.where(won > GAIN * np.abs(value), 0, idle + 1)
+            moving &= idle < PATIENCE
 
 
 def _take(point, which):
