@@ -31,7 +31,7 @@ PERIODS = range(1, LONGEST_PERIOD + 1)
 READ = 3 * max(WINDOW, LONGEST_PERIOD) + LONGEST_PERIOD
 # Cycles before a record, fewest and most, and steps times modes that these may take beyond the fewest.
 TRANSIENT, WORK = (64, 1024), 4e6
-DECAYS = 8.0  # times the decay of the slowest mode that teeth notice, that a transient is given
+DECAYS = 16.0  # times the decay of the slowest mode that teeth notice, that a transient is given
 # Cycles of a transient for the sake of such modes, at most: where cycles take long, and where they do not; steps times
 # modes that these may take beyond the fewer, some seconds.
 SLOWEST, SLOW_WORK = (512, 10_000), 4e7
@@ -42,7 +42,7 @@ class Cycles:
     """How long a march is at most.
 
     transient : cycles before the record, by default 64 to 1024, more of them for trains whose cycles are cheap; where a
-    mode that teeth notice decays slowly, eight times its decay, up to 512 if cycles take long and 10,000 if not;
+    mode that teeth notice decays slowly, sixteen times its decay, up to 512 if cycles take long and 10,000 if not;
     recorded : cycles of the record of a motion that does not return, at least; most : cycles while closure errors still
     fall, with each length of steps.
     """
