@@ -10,6 +10,7 @@ what the train does    steady_state; stability, solve_all, lift_off
 linear                 natural_frequencies, damped_modes, campbell, holzer_table, at_mean_load, frequency_response
 judge                  strength, certify (a computed bound), shooting_correction (a check by time integration)
 tune                   tune; Objective, Parameter, Penalty and smooth objectives in jaxhb.design
+not known exactly      tolerance (the worst case); identify (numbers from measurements)
 read                   Response.force, .torque, .gear_torque, .twist, .disk: a Signal; Response.mesh: contact
 start at once          cache_programs
 =====================  ==============================================================================================

@@ -84,7 +84,7 @@ def read(given, constant_links):
 def _check_files(given):
     """Refuse what cannot be written, by the name of the option that was given."""
     named = {option: f"--{option}" if option.islower() else option for option in FILES}
-    if "output" in given:
+    if "optimizer" in given:  # of a tuning
         _name_tuned(given, named)
     files = {option: given[option] for option in FILES if given.get(option)}
     scenes = [given["scene"], given.get("tuned")] if files else []

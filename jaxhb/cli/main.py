@@ -11,7 +11,7 @@ from jaxhb import __version__
 from jaxhb.cli import options
 from jaxhb.cli.options import Command, of_elements, of_scenes, option
 from jaxhb.cli.streams import Ended, guarded, tell
-from jaxhb.cli.values import count, one_speed, orders, over, positive, share, speed_range, whole
+from jaxhb.cli.values import bounded, count, one_speed, orders, over, positive, share, speed_range, whole
 from jaxhb.report.files.output import INTERRUPTED
 from jaxhb.train.speeds import read_speed, read_speeds
 
@@ -345,6 +345,33 @@ def tolerance():
     The [tolerance] table of the scene says how far numbers may be from theirs; a worn train is a [scenario.NAME]
     (--scenario). At each speed the largest force, torque and heat within the tolerances is searched by gradient, and
     what the train does there is told: docs/how_to/tolerances.md.
+    """
+
+
+@command(
+    STATUS,
+    'identify my_engine.toml measured.csv --fit "cyl6|flywheel.stiffness=1e6:4e6" --output fitted.toml',
+    "identify my_engine.toml measured.csv --weak-cylinder",
+)
+@options.SCENE
+@click.argument("measured", metavar="MEASURED.csv", type=click.Path(), help="the measured orders")
+@option(
+    "--fit NAME.FIELD=LOW:HIGH",
+    "a number to fit and its bounds, SI units; may be repeated (default: those of the [tolerance] table)",
+    bounded,
+    multiple=True,
+)
+@option("--noise T", "relative standard deviation of measured amplitudes", share, default="0.03", show_default=True)
+@option("--weak-cylinder", "tell instead which cylinder has less gas torque than the others", to="weak")
+@option("--output FILE.toml", "write the scene with the fitted numbers and their [tolerance]")
+@option("--json FILE", "all numbers in full precision, SI units; -: on standard output instead of the tables")
+@options.plot("what was measured and what is computed over the speed")
+def identify():
+    """Which stiffness, damping or cylinder explains a measurement?
+
+    Fits numbers of a scene to measured orders of torque, angle, speed or acceleration (columns rpm, order, element,
+    quantity, amplitude, phase), teeth in contact, and says how well the data determine them:
+    docs/how_to/measurements.md.
     """
 
 

@@ -77,6 +77,15 @@ def over(text):
     return key.strip(), found
 
 
+def bounded(text):
+    """``(NAME.FIELD, (LOW, HIGH))`` from ``NAME.FIELD=LOW:HIGH``."""
+    key, equals, words = text.rpartition("=")
+    low, high = map(_number, words.split(":")) if words.count(":") == 1 else (math.nan, math.nan)
+    if not equals or not low < high:
+        raise ValueError(f'{text!r} is not NAME.FIELD=LOW:HIGH, as "cyl6|flywheel.stiffness=1e6:4e6"')
+    return key.strip(), (low, high)
+
+
 def place(text):
     """``(hz | amplitude | rpm, VALUE)``."""
     name, _, number = text.partition("=")

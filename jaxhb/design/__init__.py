@@ -9,6 +9,7 @@ from jaxhb._jax import load
 from .quantities import Objective, Parameter, Penalty
 
 if TYPE_CHECKING:
+    from .identification import Measured, identify, read_measured, weak_cylinder
     from .tolerances import Tolerance, read_tolerances
     from .tuning import tune
     from .worst_case import tolerance
@@ -16,8 +17,10 @@ if TYPE_CHECKING:
 load()
 
 LATER = {"tune": "tuning", "tolerance": "worst_case"} | dict.fromkeys(("Tolerance", "read_tolerances"), "tolerances")
+LATER |= dict.fromkeys(("Measured", "identify", "read_measured", "weak_cylinder"), "identification")
 """Where names are whose import takes optax or scipy."""
-__all__ = ["Objective", "Parameter", "Penalty", "Tolerance", "read_tolerances", "tolerance", "tune"]
+__all__ = ["Measured", "Objective", "Parameter", "Penalty", "Tolerance", "identify", "read_measured"]
+__all__ += ["read_tolerances", "tolerance", "tune", "weak_cylinder"]
 
 
 def __getattr__(name):

@@ -188,7 +188,7 @@ def check_all(train, parameters, given, penalties, rpm):
     faults += [] if given else [f"{where}: there is nothing to make small: name at least one objective."]
     twice = sorted({name for name in names if names.count(name) > 1})
     faults += [f"{where}: parameter {name!r} is given twice: leave one out." for name in twice]
-    found = [(f"parameter {one.name!r}", _parameter_faults(train, one)) for one in parameters]
+    found = [(f"parameter {one.name!r}", parameter_faults(train, one)) for one in parameters]
     found += [(f"objective {one.quantity!r}", objective_faults(train, one, len(rpm))) for one in given]
     found += [(f"penalty {one.quantity!r}", _penalty_faults(train, one)) for one in penalties]
     faults += [f"{where}, {head}: {text}" for head, texts in found for text in texts]
@@ -196,7 +196,7 @@ def check_all(train, parameters, given, penalties, rpm):
         raise SceneError(faults)
 
 
-def _parameter_faults(train, parameter):
+def parameter_faults(train, parameter):
     try:
         value = train.value(parameter.name)
     except SceneError as error:

@@ -41,6 +41,16 @@ class TomlText:
         number, path = next((part for part in parts if outer and outer in self._at(*part)), parts[0])
         self._change(number, [*path, outer] if outer else path, lambda node: _put(node, key, value))
 
+    def merge(self, table, entries):
+        """Put entries of ``[table]``, small tables themselves, in the place of those of the same keys, or add them."""
+        if not self._rows(table):
+            self.append(table, {})
+        number, path = self._rows(table)[0][0]
+        for key, entry in entries.items():
+            inline = tomlkit.inline_table()
+            inline.update(entry)
+            self._change(number, path, lambda node, key=key, inline=inline: node.update({key: inline}))
+
     def discard(self, table, row, key):
         """Take out one value, if it is there, and return it."""
         number, path = self._rows(table)[row][0]

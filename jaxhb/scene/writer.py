@@ -148,11 +148,12 @@ def scene_files(name):
     return [path, *(table for table in _beside(_parse(path, []), path.parent).values() if table.is_file())]
 
 
-def changed_scene(name, values, *, remark=""):
+def changed_scene(name, values, *, tolerances=None, remark=""):
     """The text of a scene with some numbers changed, and the tables beside it, as of :func:`scene_text`.
 
     ``values`` : ``{(table, number of the row in its table, field): value}``; an engine whose cylinder changes is
-    expanded. ``remark`` : lines of comment at the head.
+    expanded. ``tolerances`` : entries of ``[tolerance]``, ``{"NAME.FIELD": {"std": value}}``, in the place of those
+    there; ``remark`` : lines of comment at the head.
     """
     path = _find(name)
     content = _parse(path, [])
@@ -175,6 +176,8 @@ def changed_scene(name, values, *, remark=""):
             for key, number in LAW_OF_FRIDMAN.items():
                 text.set(table, row, key, number)
         text.set(table, row, field, value)
+    if tolerances:
+        text.merge("tolerance", tolerances)
     remark = "".join(f"# {line}{text.newline}" for line in remark.splitlines())
     return remark + text.newline * bool(remark) + str(text), _beside(content, path.parent)
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from jaxhb.design.identification import UNITS
 from jaxhb.linear.strength import strength
 from jaxhb.report.answer import SPEED, Case
 from jaxhb.report.figures.draw import drawn
@@ -21,7 +22,7 @@ from jaxhb.report.figures.figure import (
     speed_range,
     top_of,
 )
-from jaxhb.report.quantities import forces, separation, shaft_torques
+from jaxhb.report.quantities import forces, separation, shaft_torques, shown_unit
 from jaxhb.report.selection import NOT_FIRING, hardest_shaft, train_name
 from jaxhb.report.text.strength import LIMITED, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
@@ -126,7 +127,33 @@ def plot_tolerance(spread):
     return drawn(*figures, title=f"{train_name(spread.train.topology)}: what the tolerances do")
 
 
-MOST = 4  # elements in one picture
+def plot_identified(found):
+    """Measured and computed amplitudes over the speed, a panel for each element, the largest orders of each."""
+    rows, figures = found.measured, []
+    pairs = list(zip(rows.quantity, rows.element, strict=True))
+    for quantity, element in dict.fromkeys(pairs):
+        own = np.array([pair == (quantity, element) for pair in pairs])
+        factor, unit = shown_unit(UNITS[quantity])
+        orders = rows.order.astype(str)
+        largest = {order: rows.amplitude[own & (orders == order)].max() for order in orders[own]}
+        traces = []
+        for style, order in enumerate(sorted(largest, key=lambda one: -largest[one])[:MOST]):
+            at = np.flatnonzero(own & (orders == order))
+            at = at[np.argsort(rows.rpm[at])]
+            said = "sum of all orders" if order == "nan" else f"order {float(order):g}"
+            for computed, name, look in (
+                (found.computed, "fitted", {}),
+                (found.before_computed, "scene", {"width": 0.8, "dash": "dot"}),
+            ):
+                traces.append(line(rows.rpm[at], factor * np.abs(computed[at]), f"{said}, {name}", style, look=look))
+            traces.append(marks(rows.rpm[at], factor * rows.amplitude[at], f"{said}, measured", SYMBOLS[style], size=6))
+        panels = [(f"{quantity}, {unit}", top_of(traces))]
+        caption = f"{quantity} of {plain(element)}: amplitudes"
+        figures.append(figure(caption, "speed, rpm", panels, traces, x_range=speed_range(np.unique(rows.rpm))))
+    return drawn(*figures, title=f"{train_name(found.train.topology)}: measured and computed")
+
+
+MOST = 4  # elements, or orders, in one picture
 SYMBOLS = "circle", "square", "diamond", "triangle-up", "cross", "star"  # of the orders
 
 

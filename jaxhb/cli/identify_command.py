@@ -1,0 +1,63 @@
+"""The command of measurements: fit numbers of a scene, or find the weak cylinder."""
+
+from pathlib import Path
+
+from jaxhb.cli.progress import Progress
+from jaxhb.design.identification import identify as search, read_measured, weak_cylinder
+from jaxhb.design.quantities import Parameter
+from jaxhb.design.tolerances import read_tolerances
+from jaxhb.report.figures.speeds import plot_identified
+from jaxhb.report.files import output
+from jaxhb.report.text.identified import identified_record, identified_text, weak_record, weak_text
+from jaxhb.scene.writer import changed_scene, copies_beside
+from jaxhb.train.changes import scene_values
+
+
+def identify(train, given, measured, fit, noise, weak, plot, quiet, **_):
+    """Fit numbers of a scene to measured orders."""
+    rows = read_measured(measured, train)
+    if weak:
+        if fit or given.output or plot:
+            raise output.OutputError("--weak-cylinder: it fits no number. Leave out --fit, --output and --plot.")
+        found = weak_cylinder(train, rows, noise=noise)
+        record = output.changes(given) | {"scene": train.topology.name} | weak_record(found)
+        output.deliver(given, weak_text(found), json=lambda: output.as_json(record))
+        return output.ANSWERED
+    parameters, priors = _asked(train, fit)
+    with Progress(quiet=quiet) as progress:
+        progress.say("fitting the measurements")
+        found = search(train, rows, parameters=parameters, noise=noise, priors=priors)
+    output.deliver(
+        given,
+        identified_text(found),
+        json=lambda: output.as_json(output.changes(given) | identified_record(found)),
+        plot=lambda: output.as_picture(plot, plot_identified(found)),
+    )
+    if given.output:
+        _write(given, train, found)
+        if not quiet:
+            print(f"\nThe scene with the fitted numbers is {given.output}.")
+    return output.ANSWERED
+
+
+def _asked(train, fit):
+    """Parameters and priors: of ``--fit``, or those of the [tolerance] table, whose deviations are priors."""
+    if fit:
+        return [
+            Parameter(name=name, low=low, high=high, scale="log" if low > 0 else "linear") for name, (low, high) in fit
+        ], {}
+    tolerances = read_tolerances(train)
+    known = {one.name: one.std for one in tolerances if one.std}
+    made = [Parameter(name=o.name, low=o.low, high=o.high, scale="log" if o.low > 0 else "linear") for o in tolerances]
+    return made, known
+
+
+def _write(given, train, found):
+    """The scene with fitted numbers, and their deviations as its tolerances."""
+    values = dict(given.set) | {p.name: float(v) for p, v in zip(found.parameters, found.values, strict=True)}
+    known = {p.name: {"std": float(f"{s:.4g}")} for p, s in zip(found.parameters, found.std, strict=True) if s > 0}
+    remark = f"{given.scene}, fitted to {Path(given.measured).name} by jaxhb identify."
+    text, beside = changed_scene(given.scene, scene_values(train, values), tolerances=known, remark=remark)
+    copies = copies_beside(beside, Path(given.output).parent)
+    output.make_folders(copies)
+    output.write_files({path: [content] for path, content in copies.items()} | {given.output: [text.encode()]})

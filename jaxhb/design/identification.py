@@ -1,0 +1,421 @@
+"""Numbers of a train from measurements: a fit of computed to measured orders, and what the data leave open.
+
+    min over p   sum over rows |computed(p) - measured|^2 / sigma^2 + sum over priors (p - own)^2 / std^2
+
+Computed is the linear forced response, teeth in contact; its derivatives by the numbers are those of jax. Least squares
+are solved by the trust-region method of scipy, within bounds.
+"""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import least_squares
+
+from jaxhb._program import Program
+from jaxhb._shown import brief
+from jaxhb.design.evaluation import Task
+from jaxhb.design.quantities import Parameter, parameter_faults
+from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.excitation.torques import listed_harmonic
+from jaxhb.linear.forced import forced_response
+from jaxhb.results.dataset import SIGNALS
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import HIGHEST_RPM
+
+UNITS = {"torque": "N m", "angle": "rad", "speed": "rad/s", "acceleration": "rad/s2"}
+"""What may be measured, of shafts and dampers or of disks, and its unit."""
+
+COLUMNS = "rpm", "order", "element", "quantity", "amplitude", "phase"
+FLOOR = 0.05  # share of the largest amplitude of an element that sensors make noise of, too
+OPEN = 0.5  # share of the deviation that the bounds alone leave, from which a number counts as not determined
+ALIKE = 0.95  # correlation from which the data hardly tell two numbers apart
+NORMAL = 1.96  # deviations that 95 % of a normal distribution lie within
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Measured amplitudes, a row for each ``(R,)``.
+
+    rpm; order, of the reference rotor, nan for the sum of the amplitudes of all orders; element, quantity : tuples of
+    names, of a shaft, damper or disk and of :data:`UNITS`; amplitude, of a cosine, in SI units; phase in deg of
+    ``cos(order theta + phase)``, theta the angle of the reference rotor, nan where none was measured.
+    """
+
+    rpm: np.ndarray
+    order: np.ndarray
+    element: tuple
+    quantity: tuple
+    amplitude: np.ndarray
+    phase: np.ndarray
+
+
+def read_measured(path: str | Path, train: DriveTrain) -> Measured:
+    """The rows of a CSV file with the columns rpm, order, element, quantity, amplitude and, if measured, phase.
+
+    ``order`` may be ``sum``; # begins a comment. :class:`SceneError` tells unknown columns, elements and quantities,
+    numbers that are none or negative, orders that are no harmonic of the cycle and rows that are there twice, one
+    sentence each, all at once.
+    """
+    name, faults, found = Path(path).name, [], []
+    try:
+        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
+    except OSError as error:
+        raise SceneError(f"{path}: the file cannot be read: {error.strerror}.") from None
+    # Blank lines and comments keep their place, for the numbers of lines in sentences.
+    rows = csv.reader(line if not line.lstrip().startswith("#") else "" for line in lines)
+    kept = [(number, [cell.strip() for cell in row]) for number, row in enumerate(rows, 1) if row]
+    heads = kept[0][1] if kept else []
+    faults += [
+        f"{name}: there is no column {head!r}.{suggestion(head, COLUMNS)}" for head in heads if head not in COLUMNS
+    ]
+    faults += [f"{name}: the column {head!r} is missing." for head in COLUMNS[:-1] if head not in heads]
+    if faults:
+        raise SceneError(faults)
+    for number, cells in kept[1:]:
+        row = dict(zip(heads, cells, strict=False))
+        wrong = _row_faults(train, row)
+        faults += [f"{name}, line {number}: {text}" for text in wrong]
+        if not wrong:
+            key = float(row["rpm"]), _order(row["order"]), row["element"], row["quantity"]
+            phase = row.get("phase")
+            found.append((*key, float(row["amplitude"]), float(phase) if phase else np.nan))
+            if any(repr(one[:4]) == repr(key) for one in found[:-1]):
+                faults.append(f"{name}, line {number}: the row is there twice: leave one out.")
+    if not found and not faults:
+        faults.append(f"{name}: there are no rows of measurements below the heads.")
+    if faults:
+        raise SceneError(faults)
+    speeds, orders, elements, quantities, amplitudes, phases = zip(*found, strict=True)
+    numbers = np.array(amplitudes), np.array(phases)
+    return Measured(np.array(speeds), np.array(orders), elements, quantities, *numbers)
+
+
+def _order(text):
+    return np.nan if text == "sum" else float(text)
+
+
+def _row_faults(train, row):
+    """What is wrong with a row of the file."""
+    topology, faults, values = train.topology, [], {}
+    for head in ("rpm", "order", "amplitude", "phase"):
+        try:
+            values[head] = _order(row[head]) if head == "order" else float(row[head])
+        except (KeyError, ValueError):
+            values[head] = np.inf
+    for head, most in (("rpm", HIGHEST_RPM), ("order", np.inf)):
+        if not (0 < values[head] < most or row.get(head) == "sum"):
+            faults.append(f"{head} is {row.get(head, '')!r}, must be a number greater than 0.")
+    if not 0 <= values["amplitude"] < np.inf:
+        faults.append(f"amplitude is {row.get('amplitude', '')!r}, must be at least 0.")
+    if row.get("phase") and not np.isfinite(values["phase"]):
+        faults.append(f"phase is {row['phase']!r}, must be a number of degrees.")
+    harmonic = values["order"] * topology.revolutions_per_cycle
+    if 0 < harmonic < np.inf and abs(harmonic - round(harmonic)) > 1e-9:
+        step = 1 / topology.revolutions_per_cycle
+        faults.append(f"order {values['order']:g} is no harmonic of the cycle: use a multiple of {step:g}.")
+    quantity, element = row.get("quantity", ""), row.get("element", "")
+    if quantity not in UNITS:
+        faults.append(f"there is no quantity {quantity!r}.{suggestion(quantity, UNITS)}")
+    else:
+        names = topology.shaft_and_damper_names if quantity == "torque" else topology.disk_names
+        kind = "shaft or damper" if quantity == "torque" else "disk"
+        if element not in names:
+            faults.append(f"there is no {kind} {element!r}.{suggestion(element, names)}")
+    return faults
+
+
+@brief
+@dataclass(frozen=True)
+class Identification:
+    """Result of :func:`identify`: P numbers, R rows.
+
+    train : DriveTrain with the fitted numbers; parameters : tuple of Parameter
+    before, values, std : ``(P,)``, as the train had them, fitted, and their standard deviations
+    correlation : ``(P, P)``; open : names of the numbers that the data do not determine; at_bound : names
+    computed, before_computed : complex ``(R,)``, of the fitted train and of that given; sigma : ``(R,)``, standard
+    deviation that was taken for each row, in its unit; misfit : root mean square of the residuals over sigma
+    """
+
+    train: DriveTrain
+    measured: Measured
+    parameters: tuple
+    before: np.ndarray
+    values: np.ndarray
+    std: np.ndarray
+    correlation: np.ndarray
+    open: tuple
+    at_bound: tuple
+    computed: np.ndarray
+    before_computed: np.ndarray
+    sigma: np.ndarray
+    misfit: float
+
+    def within(self, values: Sequence[float]) -> np.ndarray:
+        """Whether true numbers lie inside the 95 % intervals ``(P,)``."""
+        return np.abs(self.values - np.asarray(values)) <= NORMAL * self.std
+
+    def alike(self) -> list[tuple[str, str, float]]:
+        """Pairs of numbers that the data hardly tell apart, with their correlation."""
+        names, found = [one.name for one in self.parameters], self.correlation
+        rows, columns = np.triu_indices(len(names), 1)
+        return [
+            (names[i], names[j], float(found[i, j]))
+            for i, j in zip(rows, columns, strict=True)
+            if abs(found[i, j]) > ALIKE
+        ]
+
+
+def identify(
+    train: DriveTrain,
+    measured: Measured,
+    *,
+    parameters: Sequence[Parameter],
+    noise: float = 0.03,
+    priors: Mapping[str, float] | None = None,
+) -> Identification:
+    """Fit numbers of a train to measured orders, teeth in contact.
+
+    The residual of a row is the difference of complex amplitudes where a phase was measured, else that of amplitudes,
+    over its standard deviation: ``noise`` x the root of the sum of squares of the amplitude and a twentieth of the
+    largest one of the same element and quantity. Covariances are those of the linearised fit, times the square of the
+    misfit where that is above 1: what the model cannot tell is noise as well.
+
+    :class:`SceneError` if names are unknown, bounds exclude the own values, or there are fewer rows than numbers, one
+    sentence each.
+
+    Parameters
+    ----------
+    measured : Measured
+        See :func:`read_measured`.
+    parameters : sequence of Parameter
+        Numbers to be fitted, with bounds and scale; ``CYLINDER.gas_factor`` scales the gas torque of a cylinder.
+    noise : float
+        Relative standard deviation of measured amplitudes.
+    priors : {name: standard deviation}, optional
+        Of numbers about which more is known than their bounds: the own values are then data, too.
+
+    Examples
+    --------
+    >>> from jaxhb.design import Measured, Parameter
+    >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=2.0)]
+    >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=6.7e3, damping=4.0)]
+    >>> parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)])]
+    >>> train = jaxhb.build(parts, revolutions_per_cycle=1)
+    >>> rpm = np.array([600.0, 900.0, 1200.0])
+    >>> truth = jaxhb.forced_response(train.replace({"a|b.stiffness": 6.2e3}), rpm=rpm)
+    >>> seen = truth.torque("a|b").order(1.0)
+    >>> rows = Measured(rpm, np.ones(3), ("a|b",) * 3, ("torque",) * 3, seen, np.full(3, np.nan))
+    >>> found = jaxhb.identify(train, rows, parameters=[Parameter(name="a|b.stiffness", low=5e3, high=9e3)])
+    >>> round(found.train.value("a|b.stiffness")), found.open
+    (6200, ())
+    """
+    parameters, priors, where = tuple(parameters), dict(priors or {}), train.topology.title
+    faults = [f"parameter {one.name!r}: {text}" for one in parameters for text in parameter_faults(train, one)]
+    rows = len(measured.rpm) + int(np.isfinite(measured.phase).sum())
+    if not parameters:
+        faults.append("there is nothing to fit: name at least one parameter.")
+    if rows + len(priors) < len(parameters):
+        faults.append(f"{rows} measured numbers and {len(priors)} priors are fewer than {len(parameters)} parameters.")
+    faults += [f"the prior {name!r} is of no parameter." for name in priors if name not in {p.name for p in parameters}]
+    if faults:
+        raise SceneError([f"{where}: {text}" for text in faults])
+    fit = Fit(train, measured, parameters, noise, priors)
+    free = np.arange(len(parameters))
+    begin = fit.shares(np.array([float(train.value(one.name)) for one in parameters]))
+    found, residuals, slopes = fit.solve(begin, free)
+    return fit.result(begin, found, residuals, slopes)
+
+
+@dataclass(frozen=True)
+class Shares(Task):
+    """Parameters as shares u ``(P,)`` of the way from low to high, 0 to 1, on their scales."""
+
+    def named(self, z):
+        found = {}
+        for k, one in enumerate(self.parameters):
+            found[one.name] = (
+                one.low * (one.high / one.low) ** z[k] if one.scale == "log" else one.low + z[k] * (one.high - one.low)
+            )
+        return found
+
+
+@partial(Program, static_argnames=("shares", "read", "harmonics"))
+def computed_rows(train, rpm, places, u, *, shares, read, harmonics):
+    """Complex amplitudes ``(R,)`` of rows at ``places`` (pair, speed, harmonic; 0 for a sum), and derivatives by u."""
+
+    def rows(u):
+        changed = train.replace(shares.named(u))
+        response = forced_response(changed, rpm=rpm, harmonics=harmonics)
+        signals = [getattr(response, SIGNALS[quantity][0])(name) for quantity, name in read]
+        sums = jnp.stack([signal.amplitudes.sum(axis=-1) for signal in signals])
+        return (2 * jnp.stack([signal.coefficients for signal in signals])).at[..., 0].set(sums)[places]
+
+    values, slopes = rows(u), jax.jacfwd(rows)(u)
+    return values, slopes
+
+
+class Fit:
+    """The residuals of rows and priors, and their least squares over some of the parameters."""
+
+    def __init__(self, train, measured, parameters, noise, priors):
+        self.train, self.measured, self.parameters = train, measured, parameters
+        self.task = Shares(parameters, (), ())
+        self.rpm, speed = np.unique(measured.rpm, return_inverse=True)
+        pairs = list(zip(measured.quantity, measured.element, strict=True))
+        self.read = tuple(dict.fromkeys(pairs))
+        pair = np.array([self.read.index(one) for one in pairs])
+        turn = np.nan_to_num(measured.order) * train.topology.revolutions_per_cycle
+        self.places = pair, speed, np.round(turn).astype(int)
+        self.harmonics = max(int(self.places[2].max()), listed_harmonic(train.topology), 1)
+        largest = np.array([measured.amplitude[pair == one].max() for one in pair])
+        self.sigma = noise * np.hypot(measured.amplitude, FLOOR * largest)
+        self.sigma = np.where(self.sigma > 0, self.sigma, 1.0)
+        self.phased = np.isfinite(measured.phase)
+        self.target = measured.amplitude * np.exp(1j * np.deg2rad(np.nan_to_num(measured.phase)))
+        self.own = np.array([float(train.value(one.name)) for one in parameters])
+        self.priors = np.array([priors.get(one.name, np.inf) for one in parameters])
+
+    def shares(self, values):
+        """Shares u of numbers ``(P,)``."""
+        low, high = np.array([(one.low, one.high) for one in self.parameters]).T
+        log = np.array([one.scale == "log" for one in self.parameters])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(log, np.log(values / low) / np.log(high / low), (values - low) / (high - low))
+
+    def numbers(self, u):
+        """Numbers ``(P,)`` of shares, and their derivatives by them."""
+        values = np.array([float(value) for value in self.task.named(u).values()])
+        log = np.array([one.scale == "log" for one in self.parameters])
+        low, high = np.array([(one.low, one.high) for one in self.parameters]).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return values, np.where(log, values * np.log(high / low), high - low)
+
+    def computed(self, u):
+        """Complex amplitudes ``(R,)`` and their derivatives ``(R, P)``."""
+        shape = {"shares": self.task, "read": self.read, "harmonics": self.harmonics}
+        return [np.asarray(part) for part in computed_rows(self.train, self.rpm, self.places, np.asarray(u), **shape)]
+
+    def residuals(self, u):
+        """Residuals over their deviations: of rows, the second half of those with a phase, priors; and derivatives."""
+        values, slopes = self.computed(u)
+        size = np.abs(values)
+        turned = np.where(size > 0, values.conj() / np.where(size > 0, size, 1.0), 1.0)
+        complex_off, amplitude_off = values - self.target, size - self.measured.amplitude
+        off = np.where(self.phased, complex_off.real, amplitude_off) / self.sigma
+        by = np.where(self.phased[:, None], slopes.real, (turned[:, None] * slopes).real) / self.sigma[:, None]
+        phased = self.phased
+        numbers, scale = self.numbers(u)
+        known = np.isfinite(self.priors)
+        more = (numbers - self.own)[known] / self.priors[known]
+        prior_slopes = np.diag(scale)[known] / self.priors[known][:, None]
+        off = np.concatenate([off, complex_off.imag[phased] / self.sigma[phased], more])
+        return off, np.concatenate([by, slopes.imag[phased] / self.sigma[phased][:, None], prior_slopes])
+
+    def solve(self, begin, free):
+        """Least squares over the ``free`` parameters, the others as in ``begin``: shares, residuals and derivatives."""
+        kept: dict = {}
+
+        def whole(part):
+            u = begin.copy()
+            u[free] = part
+            key = u.tobytes()
+            if key not in kept:
+                kept.clear()
+                kept[key] = self.residuals(u)
+            return kept[key]
+
+        inside = np.clip(begin[free], 1e-6, 1 - 1e-6)
+        options = {"bounds": (0.0, 1.0), "x_scale": "jac", "ftol": 1e-10, "xtol": 1e-10, "gtol": 1e-10}
+        found = least_squares(lambda u: whole(u)[0], inside, jac=lambda u: whole(u)[1][:, free], **options)
+        u = begin.copy()
+        u[free] = found.x
+        return u, *self.residuals(u)
+
+    def result(self, begin, u, residuals, slopes):
+        """The :class:`Identification` of a fit."""
+        values, scale = self.numbers(u)
+        freedom = max(len(residuals) - len(u), 1)
+        misfit = float(np.sqrt((residuals**2).sum() / freedom))
+        # Directions that no row sees keep the deviation that the bounds leave.
+        bounded = np.eye(len(u)) * 12.0
+        covariance = np.linalg.inv(slopes.T @ slopes / max(misfit, 1.0) ** 2 + bounded * 1e-9)
+        deviation = np.sqrt(np.diag(covariance))
+        left = np.sqrt(1 / 12.0)
+        names = np.array([one.name for one in self.parameters])
+        return Identification(
+            train=self.train.replace(dict(zip(names.tolist(), values.tolist(), strict=True))),
+            measured=self.measured,
+            parameters=self.parameters,
+            before=self.own,
+            values=values,
+            std=np.minimum(deviation, left) * scale,
+            correlation=covariance / np.outer(deviation, deviation),
+            open=tuple(names[deviation > OPEN * left].tolist()),
+            at_bound=tuple(names[(u < 1e-4) | (u > 1 - 1e-4)].tolist()),
+            computed=self.computed(u)[0],
+            before_computed=self.computed(begin)[0],
+            sigma=self.sigma,
+            misfit=misfit,
+        )
+
+
+@brief
+@dataclass(frozen=True)
+class WeakCylinder:
+    """Result of :func:`weak_cylinder`: C cylinders, the likeliest first.
+
+    names : tuple; gas_factor, std : ``(C,)``, of each if it alone differs; evidence : ``(C,)``, chi-square of the rows
+    less that of the first; all_equal : the same of a train in which none differs
+    """
+
+    names: tuple
+    gas_factor: np.ndarray
+    std: np.ndarray
+    evidence: np.ndarray
+    all_equal: float
+
+    @property
+    def likely(self) -> tuple:
+        """Names that the rows do not tell from the first: less than 4 of chi-square apart, two deviations."""
+        return tuple(name for name, more in zip(self.names, self.evidence, strict=True) if more < 4.0)
+
+
+def weak_cylinder(
+    train: DriveTrain, measured: Measured, *, noise: float = 0.03, least: float = 0.0, most: float = 1.3
+) -> WeakCylinder:
+    """Which cylinder, if one alone differs, explains the measured orders best, and how much gas torque it has.
+
+    Each cylinder that fires is fitted by itself between ``least`` and ``most`` of its gas torque. Low orders of a
+    flywheel with phases tell all cylinders apart; amplitudes alone do not tell cylinders that fire half a cycle or a
+    symmetric angle apart. Arguments as of :func:`identify`; :class:`SceneError` if no cylinder fires.
+    """
+    names = [
+        name for name, fires in zip(train.topology.cylinder_names, train.topology.cylinder_fires, strict=True) if fires
+    ]
+    if not names:
+        raise SceneError(f"{train.topology.title}: no cylinder fires, so none can be weak.")
+    train = train.replace({f"{name}.gas_factor": 1.0 for name in names})
+    parameters = tuple(Parameter(name=f"{name}.gas_factor", low=least, high=most, scale="linear") for name in names)
+    fit = Fit(train, measured, parameters, noise, {})
+    begin = fit.shares(np.ones(len(names)))
+    same = float((fit.residuals(begin)[0] ** 2).sum())
+    found = []
+    for k, name in enumerate(names):
+        # Amplitudes alone have a kink where all are equal, and grow to both sides of it.
+        both = [np.where(np.arange(len(names)) == k, side, begin) for side in (begin[k] / 2, (1 + begin[k]) / 2)]
+        tries = [fit.solve(own, np.array([k])) for own in both]
+        u, residuals, slopes = min(tries, key=lambda one: (one[1] ** 2).sum())
+        values, scale = fit.numbers(u)
+        deviation = scale[k] / max(float(np.linalg.norm(slopes[:, k])), 1e-300)
+        found.append((float((residuals**2).sum()), name, values[k], deviation))
+    found.sort()
+    evidence, ordered, factors, deviations = zip(*found, strict=True)
+    return WeakCylinder(
+        ordered, np.array(factors), np.array(deviations), np.array(evidence) - evidence[0], same - evidence[0]
+    )

@@ -1,0 +1,57 @@
+"""``jaxhb identify``: tables, files, the fitted scene, the weak cylinder."""
+
+import numpy as np
+import pytest
+
+import jaxhb
+
+
+@pytest.fixture
+def measured(tmp_path):
+    """Orders of the diesel with a softer shaft and a weak cylinder."""
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    truth = train.replace({"cyl6|flywheel.stiffness": 1.8e6, "cylinder 4.gas_factor": 0.8})
+    lines = ["rpm,order,element,quantity,amplitude,phase"]
+    for rpm in (1500.0, 1900.0, 2200.0):
+        speed = jaxhb.forced_response(truth, rpm=rpm).speed("flywheel")
+        for order in (0.5, 1.5, 3.0, 6.0):
+            c = 2 * complex(np.asarray(speed.coefficients)[round(2 * order)])
+            lines.append(f"{rpm},{order},flywheel,speed,{abs(c):.12g},{np.rad2deg(np.angle(c)):.12g}")
+    path = tmp_path / "measured.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path
+
+
+def test_the_fitted_scene_loads_with_its_numbers_and_tolerances(measured, tmp_path, run):
+    line = '--fit "cyl6|flywheel.stiffness=1e6:4e6" --fit "cylinder 4.gas_factor=0.5:1.2"'
+    fitted = tmp_path / "out" / "fitted.toml"
+    fitted.parent.mkdir()
+    called = run(f"identify six_cylinder_diesel {measured} {line} --output {fitted}", "json", "plot")
+    assert called.status == 0 and called.is_drawn
+    train = jaxhb.load_scene(fitted)
+    assert train.value("cyl6|flywheel.stiffness") == pytest.approx(1.8e6, rel=1e-4)
+    assert train.value("cylinder 4.gas_factor") == pytest.approx(0.8, rel=1e-4)
+    first = called.json["parameters"][0]
+    assert train.tolerance["cyl6|flywheel.stiffness"]["std"] == pytest.approx(first["std"], rel=1e-3)
+    assert len(called.json["rows"]) == 12 and called.json["misfit"] < 0.1
+    assert "cyl6|flywheel.stiffness" in called.out
+
+
+def test_the_weak_cylinder_is_told(measured, run):
+    called = run(f"identify six_cylinder_diesel {measured} --weak-cylinder", "json")
+    assert called.status == 0 and called.out.startswith("cylinder 4 has 80 % of its gas torque.")
+    assert called.json["weak_cylinder"][0]["name"] == "cylinder 4"
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("--fit pulley.inertia=3", "is not NAME.FIELD=LOW:HIGH"),
+        ("--fit pulley.inertia=0.02:0.03", "lies outside its bounds 0.02 to 0.03"),
+        ("", "the scene has no [tolerance] table"),
+        ("--weak-cylinder --fit pulley.inertia=0.01:0.03", "it fits no number"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused_in_a_sentence(measured, run, line, sentence):
+    called = run(f"identify six_cylinder_diesel {measured} {line}")
+    assert called.status == 2 and sentence in called.err
