@@ -1,6 +1,7 @@
 """The worst case within tolerances beside large samples and a dense search; what it costs.
 
     python benchmarks/tolerances.py [--scenes engine_with_damper gear_train_30] [--samples 10000] [--seed 1] [--json F]
+    python benchmarks/tolerances.py --robust 5
 
 Ten numbers of each train, twelve speeds, the tooth force of the hardest mesh. ``jaxhb.tolerance`` searches without a
 sample. Beside it: the largest of a sample (Latin hypercube), and, at speeds at which no tooth separates in any corner,
@@ -17,7 +18,7 @@ from records import command_line, started
 
 import jaxhb
 from jaxhb.balance.plan import Request
-from jaxhb.design import Objective, Tolerance, read_tolerances
+from jaxhb.design import Objective, Parameter, Tolerance, read_tolerances
 from jaxhb.design.tolerances import box_of
 from jaxhb.design.worst_case import _Search
 
@@ -64,6 +65,26 @@ def dense(train, rpm, tolerances, of):
     return found
 
 
+def robust(seeds):
+    """Robust against nominal dampers: worst case and largest response of a fresh sample, for several seeds."""
+    train = jaxhb.load_scene("engine_with_damper")
+    names = {"viscous damper.damping": (3.0, 300.0), "rubber damper.stiffness": (1e4, 3e5)}
+    asked = {
+        "parameters": [Parameter(name=name, low=low, high=high) for name, (low, high) in names.items()],
+        "objective": Objective(quantity="tooth force", of=MESH["engine_with_damper"]),
+        "rpm": np.linspace(1000.0, 2600.0, 9),
+        "steps": 12,
+    }
+    for seed in range(seeds):
+        for kind in ("worst", "p95"):
+            found = jaxhb.tune(train, **asked, robust=kind, seed=seed)
+            cells = []
+            for said, one in found.robust.spreads.items():
+                numbers = one.nominal, one.worst, one.percentile(95), one.samples
+                cells.append(f"{said}: " + ", ".join(f"{np.nanmax(own):.0f}" for own in numbers))
+            print(f"seed {seed}, {kind} (N: itself, worst case, 95 %, largest): {'; '.join(cells)}", flush=True)
+
+
 def measured(call):
     """What a call gives, its processor time and its time."""
     begin, clock = time.process_time(), time.perf_counter()
@@ -77,9 +98,13 @@ def main():
     parser.add_argument("--scenes", nargs="+", default=list(RPM))
     parser.add_argument("--samples", type=int, default=10000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--robust", type=int, metavar="SEEDS", help="compare robust dampers instead")
     options = parser.parse_args()
-    recorder = started("tolerances", options, COLUMNS)
     jaxhb.cache_programs()
+    if options.robust:
+        robust(options.robust)
+        return
+    recorder = started("tolerances", options, COLUMNS)
     for scene in options.scenes:
         train, rpm = jaxhb.load_scene(scene), RPM[scene]
         of, tolerances = [Objective(quantity="tooth force", of=MESH[scene])], box(train)

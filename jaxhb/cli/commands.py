@@ -46,9 +46,9 @@ def tune(train, given, plot, quiet, **options):
     from jaxhb.design.table import read_table
     from jaxhb.design.tuning import tune as search
 
-    names = ("rpm", "optimizer", "steps", "starts", "seed", "tolerance")
+    names = ("rpm", "optimizer", "robust", "steps", "starts", "seed", "tolerance")
     asked = read_table(train, {name: options[name] for name in names if options[name] is not None})
-    with Progress(asked.get("steps", 0), quiet=quiet) as progress:
+    with Progress(0 if "robust" in asked else asked.get("steps", 0), quiet=quiet) as progress:  # steps of several
         files = _TunedFiles(given, train, asked["rpm"], progress)
         progress.say("solving the scene as it is")
         try:
@@ -109,9 +109,12 @@ class _TunedFiles:
 
     def write(self, parameters, record):
         """The scene with these parameters, and a record."""
+        from jaxhb.design.robust import moved_ranges  # imports scipy
+
         given = self.given
         values = scene_values(self.train, dict(given.set) | parameters)
-        text, _ = changed_scene(given.scene, values, remark=f"{given.scene}, tuned by jaxhb tune.")
+        ranges = moved_ranges(self.train, parameters)
+        text, _ = changed_scene(given.scene, values, tolerances=ranges, remark=f"{given.scene}, tuned by jaxhb tune.")
         made = {path: [content] for path, content in self.copies.items()} | {given.output: [text.encode()]}
         output.write_files(made | {given.json: output.as_json(output.changes(given) | record)})
 

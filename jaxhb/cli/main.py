@@ -305,6 +305,11 @@ def report():
 @options.SCENE_OF_TUNING
 @option("--rpm A:B:COUNT", "speeds instead of those of the [tune] table, rpm: A:B:COUNT or R1,R2,...", read_speeds)
 @option("--optimizer {lbfgs,adam}", "default: lbfgs", ("lbfgs", "adam"))
+@option(
+    "--robust {worst,p95}",
+    "tune what the worst train within the [tolerance] table does, or what 95 of 100 stay below",
+    ("worst", "p95"),
+)
 @option("--steps N", "maximum number of steps", whole)
 @option("--starts N", "number of designs tuned together: the scene and random ones", whole)
 @option("--seed N", "seed of the random designs (default 0)", count)

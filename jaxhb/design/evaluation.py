@@ -167,19 +167,27 @@ class Reading:
     solved: np.ndarray
     readings: dict
 
+    def of_first(self, count):
+        """The same of the first speeds."""
+        cut = {name: own[:count] if np.ndim(own) else own for name, own in self.readings.items()}
+        return dataclasses.replace(self, solved=self.solved[:count], readings=cut)
+
 
 class Evaluator:
     """Evaluates designs of one train on the host; it holds what stays the same all the way down."""
 
-    def __init__(self, train, rpm, task, request, peaks=0):
-        """``peaks`` speeds are added for every objective that is a maximum, to follow its highest peaks."""
+    def __init__(self, train, rpm, task, request, peaks=0, scatter=None):
+        """``peaks`` speeds are added for every objective that is a maximum, to follow its highest peaks; ``scatter`` is
+        None, or the :class:`~jaxhb.design.robust.Scatter` of the trains at these speeds."""
         self.train, self.rpm, self.task, self.request, self.peaks = train, rpm, task, request, peaks
         self.followed = [j for j, objective in enumerate(task.objectives) if objective.over == "worst"] if peaks else []
         self.fallback, plans = plan_designs(train, rpm, request)
         excited = listed_harmonic(train.topology)
         self.excited = excited or max(plan.harmonics for plan in (self.fallback, *plans))
         self.heavy = tuple((np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0).tolist())
+        self.box, self.shares = (scatter.box, scatter.shares) if scatter else (None, np.zeros((len(rpm), 0)))
         moved = train.replace(task.named(task.unbounded(train)))
+        moved = scatter.of_lanes(moved) if scatter else moved
         leaves, structure = jax.tree.flatten((train, problem_at(train, float(rpm[0]), self.excited)))
         # What no parameter changes, as tables of pressures, is handed to programs once; the rest for each lane.
         same = [old is new for old, new in zip(jax.tree.leaves(train), jax.tree.leaves(moved), strict=True)]
@@ -301,8 +309,9 @@ class Evaluator:
 
     def numbers_of(self, z, speeds):
         """Numbers of all lanes ``(A, n, ...)`` of designs z, and the pullback to z."""
-        shape = {"task": self.task, "excited": self.excited, "held": self.form[1]}
-        numbers, pull = problems_of_designs(self.train, speeds, z, **shape)
+        shape = {"task": self.task, "box": self.box, "excited": self.excited, "held": self.form[1]}
+        shares = np.resize(self.shares, (speeds.shape[1], self.shares.shape[1]))  # of a box there are no added speeds
+        numbers, pull = problems_of_designs(self.train, speeds, shares, z, **shape)
         return [np.asarray(leaf) for leaf in numbers], pull
 
     def reading(self, point, design):
@@ -394,7 +403,8 @@ class Lanes:
         point, plan, found = self.point, self.point.plans[0], np.zeros_like(which)
         motion = point.motion.copy()
         for a, i in np.argwhere(which) if plan.active else ():
-            train = self.evaluator.train.replace(self.evaluator.task.named(point.z[a]))
+            train, box = self.evaluator.train.replace(self.evaluator.task.named(point.z[a])), self.evaluator.box
+            train = train.replace(box.scaled(train, self.evaluator.shares[i])) if box else train
             own = {"harmonics": plan.harmonics, "integrals": plan.integrals, "seconds": RESCUE_SECONDS}
             response = solve(train, rpm=float(point.speeds[a, i]), **own)
             if response.status <= Status.TOLERANCE_NOT_MET:
@@ -471,17 +481,18 @@ def highest_peaks(speeds, values, most):
     return places[middle], x[middle] + (rise * right + fall * left) / (2 * (rise - fall))
 
 
-@partial(Program, static_argnames=("task", "excited", "held"))
-def problems_of_designs(train, rpm, z, *, task, excited, held):
-    """The numbers of train and problem, less those ``held``, of every lane at ``rpm`` ``(A, n)``: arrays ``(A, n,
-    ...)``, and their pullback to z ``(A, P)``."""
+@partial(Program, static_argnames=("task", "box", "excited", "held"))
+def problems_of_designs(train, rpm, shares, z, *, task, box, excited, held):
+    """The numbers of train and problem, less those ``held``, of every lane at ``rpm`` ``(A, n)``, of a ``box`` at the
+    ``shares`` ``(n, ...)``: arrays ``(A, n, ...)``, and their pullback to z ``(A, P)``."""
 
-    def lane(z, speed):
+    def lane(z, speed, share):
         changed = train.replace(task.named(z))
+        changed = changed.replace(box.scaled(changed, share)) if box else changed
         leaves = jax.tree.leaves((changed, problem_at(changed, speed, excited)))
         return [leaf for leaf, keep in zip(leaves, held, strict=True) if not keep]
 
-    return jax.vjp(lambda z: jax.vmap(jax.vmap(lane, (None, 0)))(z, rpm), z)
+    return jax.vjp(lambda z: jax.vmap(jax.vmap(lane, (None, 0, 0)), (0, 0, None))(z, rpm, shares), z)
 
 
 def train_and_problem(form, numbers, held):

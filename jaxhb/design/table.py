@@ -11,6 +11,7 @@ from jaxhb.train.speeds import read_speeds
 
 _ROWS = {"parameter": Parameter, "objective": Objective, "penalty": Penalty}
 _KINDS: dict[str, type] = dict.fromkeys(("steps", "starts", "seed", "harmonics", "peaks"), int)
+WORDS = "optimizer", "robust"  # checked where they are used
 _KINDS |= {"tolerance": float, "rate": float, "widths": tuple}
 
 
@@ -27,7 +28,7 @@ def read_table(train, instead=None):
     if not isinstance(table, dict):
         raise SceneError(f"{where}: 'tune' is a list of tables, must be one. Write [tune].")
     table, faults = table | (instead or {}), []
-    known = ["rpm", "optimizer", *_KINDS, *_ROWS]
+    known = ["rpm", *WORDS, *_KINDS, *_ROWS]
     faults += [f"{where}, [tune]: unknown key {k!r}.{suggestion(k, known)}" for k in table if k not in known]
     names = {"parameters": "parameter", "objective": "objective", "penalties": "penalty"}
     asked = {name: _rows(table, key, where, faults) for name, key in names.items()}
@@ -36,7 +37,7 @@ def read_table(train, instead=None):
         faults += [f"{where}, [tune]: {key} {text}" for text in _kind_faults(table[key], _KINDS[key])]
     if faults:
         raise SceneError(faults)
-    return asked | {key: _hashable(table[key]) for key in ("optimizer", *_KINDS) if key in table}
+    return asked | {key: _hashable(table[key]) for key in (*WORDS, *_KINDS) if key in table}
 
 
 def _hashable(value):

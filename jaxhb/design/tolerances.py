@@ -159,6 +159,11 @@ class Box(Task):
             found |= {name: own * number / value for name, own in others}
         return found if xp is not np else {name: float(number) for name, number in found.items()}
 
+    def scaled(self, train, z):
+        """Numbers of a train in the ratio that those of shares ``(P,)`` have to the box's own."""
+        numbers, own = self.named(z), dict(pair for several in self.own for pair in several)
+        return {name: train.value(name) * (number / own[name]) for name, number in numbers.items()}
+
     def unbounded(self, train):
         return self.shares(np.array([value for (_, value), *_ in self.own]))
 

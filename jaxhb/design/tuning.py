@@ -1,5 +1,6 @@
 """Tuning: the numbers of a train that make a response small over a range of speeds, by gradient."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,9 @@ from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
 from jaxhb.design.descent import OPTIMIZERS, Descent, Step, best_of
 from jaxhb.design.evaluation import Evaluator, Reading, Task
-from jaxhb.design.quantities import Objective, Parameter, Penalty, check_all
+from jaxhb.design.quantities import Objective, Parameter, Penalty, check_all, label
+from jaxhb.design.robust import Robustness, check_robust, tune_robust
+from jaxhb.design.tolerances import Tolerance, check_tolerances, read_tolerances
 from jaxhb.elements.elements import SceneError
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
@@ -23,7 +26,7 @@ class Tuning:
 
     train : DriveTrain, tuned; rpm : ``(n,)``; before, after : Reading; history : tuple of Step
     outcomes : tuple of (objective, parameters, valid speeds) of every start; stopped : why it ended, a sentence;
-    interrupted : whether the user ended it
+    interrupted : whether the user ended it; robust : of a robust tuning what it is compared with
     """
 
     train: DriveTrain
@@ -34,6 +37,7 @@ class Tuning:
     outcomes: tuple
     stopped: str
     interrupted: bool
+    robust: Robustness | None = None
 
 
 def tune(
@@ -55,6 +59,8 @@ def tune(
     tolerance: float = 0.01,
     integrals: str = "sampled",
     peaks: int = 0,
+    robust: str | None = None,
+    tolerances: Sequence[Tolerance] = (),
     on_step: Callable[[Step], object] | None = None,
     on_start: Callable[[Reading], object] | None = None,
 ) -> Tuning:
@@ -92,6 +98,11 @@ def tune(
     peaks : int
         Speeds added for each objective that is a maximum: whenever a width is done they move to its highest peaks, so
         that no peak hides between two of the speeds asked for.
+    robust : "worst" or "p95", optional
+        Make small what the worst train within the tolerances does, or what 95 of 100 stay below, instead of what the
+        train with just these numbers does. It begins with the nominal optimum, and compares both on a fresh sample.
+    tolerances : sequence of Tolerance, optional
+        For ``robust``; by default those of the ``[tolerance]`` table of the scene. Ranges move with tuned numbers.
     on_step, on_start : callable, optional
         Called with every :class:`Step`; and with the :class:`Reading` of the train as it is, again and again while its
         speeds are solved before the first step.
@@ -118,24 +129,47 @@ def tune(
     check_speed(train, rpm, many=True)
     check_all(train, task.parameters, given, task.penalties, rpm)
     _check_numbers(train, optimizer, steps, starts, seed, peaks, widths)
-    evaluator = Evaluator(train, rpm, task, Request.of(train, harmonics, tolerance, integrals=integrals), peaks)
+    request = Request.of(train, harmonics, tolerance, integrals=integrals)
     options = {"rate": rate, "widths": tuple(widths), "improvement": improvement, "patience": patience}
-    descent = Descent(evaluator, optimizer, **options, on_step=on_step or (lambda step: None), on_start=on_start)
-    shares = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, len(task.parameters)))
-    z = np.concatenate([task.unbounded(train)[None], np.log(shares / (1 - shares))])
-    first, best, stopped, interrupted = descent.run(z, steps)
-    after = evaluator.reading(best, best_of(best))
+    options |= {"on_step": on_step or (lambda step: None), "on_start": on_start}
+    drawn = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, len(task.parameters)))
+
+    def tuned(train, speeds, scatter):
+        own = tuple(
+            dataclasses.replace(one, weights=tuple(np.array(one.weights)[speeds])) if one.weights else one
+            for one in given
+        )
+        evaluator = Evaluator(train, rpm[speeds], dataclasses.replace(task, objectives=own), request, peaks, scatter)
+        descent = Descent(evaluator, optimizer, **options)
+        z = np.concatenate([task.unbounded(train)[None], np.log(drawn / (1 - drawn))])
+        return _result(train, rpm, evaluator, descent, *descent.run(z, steps))
+
+    if robust is None:
+        return tuned(train, np.arange(len(rpm)), None)[0]
+    tolerances = tuple(tolerances) or read_tolerances(train)
+    check_tolerances(train, tolerances)
+    check_robust(train, robust, tolerances, peaks)
+    accuracy = {"harmonics": harmonics, "tolerance": tolerance}
+    return tune_robust(train, rpm, given, tolerances, robust, seed, tuned, **accuracy)
+
+
+def _result(train, rpm, evaluator, descent, first, best, stopped, interrupted):
+    """The :class:`Tuning`, and the largest response to each objective ``(Q,)`` of all lanes of the best design."""
+    design = best_of(best)
+    after = evaluator.reading(best, design)
     designs = zip(best.value, best.z, best.solved, strict=True)
-    return Tuning(
+    task = evaluator.task
+    made = Tuning(
         train=train.replace(after.parameters),
         rpm=rpm,
-        before=evaluator.reading(first, 0),
-        after=after,
+        before=evaluator.reading(first, 0).of_first(len(rpm)),
+        after=after.of_first(len(rpm)),
         history=tuple(descent.history),
         outcomes=tuple((float(v), task.named(z), int(solved[: len(rpm)].sum())) for v, z, solved in designs),
         stopped=stopped,
         interrupted=interrupted,
     )
+    return made, np.array([np.nanmax(after.readings[label(one)]) for one in task.objectives])
 
 
 def _check_numbers(train, optimizer, steps, starts, seed, peaks, widths):

@@ -22,21 +22,38 @@ EXCESS = 0.01  # share of a limit by which a penalty lets it be exceeded before 
 def tuned_record(train, asked, result):
     """What ``tune --json`` writes, in SI units: of the ``train`` as it was, ``asked`` as its table, and a Tuning."""
     before, after = result.before, result.after
-    return progress_record(train, asked["rpm"], result.history) | {
-        "stopped": result.stopped,
-        "interrupted": result.interrupted,
-        "parameters": {
-            p.name: {"before": before.parameters[p.name], "after": after.parameters[p.name]}
-            | {"low": p.low, "high": p.high, "unit": parameter_unit(train, p.name)}
-            for p in asked["parameters"]
-        },
-        "readings": {
-            name: {"unit": unit_of(chosen.quantity), "before": first, "after": last}
-            for chosen, name, first, last in _readings(asked, result)
-        },
-        "solved": {"before": before.solved, "after": after.solved},
-        "outcomes": [{"objective": value, "parameters": own, "valid": valid} for value, own, valid in result.outcomes],
+    return (
+        progress_record(train, asked["rpm"], result.history)
+        | _robust_record(result)
+        | {
+            "stopped": result.stopped,
+            "interrupted": result.interrupted,
+            "parameters": {
+                p.name: {"before": before.parameters[p.name], "after": after.parameters[p.name]}
+                | {"low": p.low, "high": p.high, "unit": parameter_unit(train, p.name)}
+                for p in asked["parameters"]
+            },
+            "readings": {
+                name: {"unit": unit_of(chosen.quantity), "before": first, "after": last}
+                for chosen, name, first, last in _readings(asked, result)
+            },
+            "solved": {"before": before.solved, "after": after.solved},
+            "outcomes": [
+                {"objective": value, "parameters": own, "valid": valid} for value, own, valid in result.outcomes
+            ],
+        }
+    )
+
+
+def _robust_record(result):
+    """Of a robust tuning its designs within the tolerances."""
+    if not result.robust:
+        return {}
+    designs = {
+        said: {"nominal": spread.nominal, "worst": spread.worst, "p95": spread.percentile(95), "solved": spread.solved}
+        for said, spread in result.robust.spreads.items()
     }
+    return {"robust": {"kind": result.robust.kind, "designs": designs}}
 
 
 def progress_record(train, rpm, history):
@@ -89,7 +106,25 @@ def tuned_parts(train, asked, result):
     ]
     heads = ["parameter", ("before", plain_number), ("after", plain_number), "unit", "bounds"]
     parameters = from_rows("Parameters", heads, rows)
-    return ["\n".join(head), parameters, quantities, *_limits_exceeded(asked, rpm, result)]
+    robust = [_robust_table(asked, result)] if result.robust else []
+    return ["\n".join(head), parameters, quantities, *robust, *_limits_exceeded(asked, rpm, result)]
+
+
+def _robust_table(asked, result):
+    """The scene, the nominal and the robust design over the tolerances, at their worst speeds."""
+    rows = []
+    for j, one in enumerate(asked["objective"]):
+        factor, unit = scaled_unit(one.quantity)
+        for said, spread in result.robust.spreads.items():
+            values = spread.nominal[:, j], spread.worst[:, j], spread.percentile(95)[:, j], spread.samples[..., j]
+            numbers = [count(factor * np.nanmax(own)) for own in values]
+            rows.append(
+                [f"{label(one)}, {unit}".removesuffix(", "), said, *numbers, f"{100 * spread.solved.min():.0f}"]
+            )
+    drawn = len(next(iter(result.robust.spreads.values())).drawn)
+    heads = ["worst over the speeds", "design", "itself", "worst case", "95 %", "largest", "solved, %"]
+    title = f"Within the tolerances: the design itself, the worst case found, and a fresh sample of {drawn} trains"
+    return from_rows(title, heads, rows, left=(1,))
 
 
 def _not_solved(rpm, result):
