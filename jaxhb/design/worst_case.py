@@ -70,6 +70,19 @@ class Spread:
         """Share of the samples that are solved ``(n,)``."""
         return np.isfinite(self.samples).all(axis=2).mean(axis=1)
 
+    @property
+    def effects(self) -> np.ndarray:
+        """Change of the responses over half the range of each number ``(n, Q, P)``: by linear regression on the sample,
+        where that has at least three trains for each number, else the slopes, which hold for small changes: where
+        teeth hammer a force is no smooth function of the numbers."""
+        found, count = self.slopes.copy(), 3 * self.drawn.shape[1]
+        for i, own in enumerate(self.samples):
+            kept = np.isfinite(own).all(axis=1)
+            if kept.sum() >= count:
+                shares = np.column_stack([np.ones(kept.sum()), self.drawn[kept]])
+                found[i] = np.linalg.lstsq(shares, own[kept])[0][1:].T
+        return found
+
     def percentile(self, q: float) -> np.ndarray:
         """Of the samples that are solved ``(n, Q)``; nan where none is."""
         found = np.full(self.nominal.shape, np.nan)

@@ -64,6 +64,9 @@ def test_a_sample_is_of_the_ranges_and_no_response_exceeds_the_worst(found):
     np.testing.assert_allclose(found.samples[..., 0], own, rtol=1e-5)
     np.testing.assert_allclose(found.percentile(95.0)[:, 0], np.percentile(own, 95.0, axis=1), rtol=1e-5)
     assert (found.samples[..., 0] <= found.worst).all()
+    # The effects of a linear response are its slopes; of this one those of the plane through the sample.
+    plane = np.linalg.lstsq(np.column_stack([np.ones(40), found.drawn]), own.T)[0][1:].T
+    np.testing.assert_allclose(found.effects[:, 0], plane, rtol=1e-4)
 
 
 def test_normal_tolerances_are_sampled_normal_and_what_belongs_together_has_one_ratio():

@@ -86,7 +86,7 @@ def _over_speeds(spread, j, checked):
 
 def ranking(spread, i, j):
     """Names and changes over half their ranges of the numbers that move a quantity at a speed, the largest first."""
-    slopes, size = spread.slopes[i, j], abs(spread.nominal[i, j])
+    slopes, size = spread.effects[i, j], abs(spread.nominal[i, j])
     order = [k for k in np.argsort(-np.abs(slopes), kind="stable") if abs(slopes[k]) > NEGLIGIBLE * size]
     return [(spread.tolerances[k].name, float(slopes[k])) for k in order]
 
@@ -99,7 +99,8 @@ def _moving(spread):
         for name, slope in ranking(spread, i, j)[:MOVING]:
             share = 100 * slope / spread.nominal[i, j]
             rows.append([label(one), f"{spread.rpm[i]:g}", name, f"{share:+.1f}"])
-    title = "What moves them: change of the response over half the range of a number, by its derivative, %"
+    how = "by regression on the sample" if len(spread.drawn) >= 3 * len(spread.tolerances) else "by its derivative"
+    title = f"What moves them: change of the response over half the range of a number, {how}, %"
     return from_rows(title, ["quantity", "at rpm", "number", "%"], rows, left=(2,))
 
 
@@ -130,7 +131,7 @@ def tolerance_record(spread, checked):
         ],
         "quantities": [
             {"name": name, "unit": unit_of(one.quantity), "nominal": spread.nominal[:, j], "worst": spread.worst[:, j]}
-            | {"slopes": spread.slopes[:, j], "numbers_at_worst": spread.numbers[:, j]}
+            | {"slopes": spread.slopes[:, j], "effects": spread.effects[:, j], "numbers_at_worst": spread.numbers[:, j]}
             | ({"percentiles": {str(q): spread.percentile(q)[:, j] for q in PERCENT}} if len(spread.drawn) else {})
             | ({"kind_at_worst": [own[j] for own in worst]} if checked else {})
             for j, (one, name) in enumerate(zip(spread.of, spread.labels, strict=True))
@@ -145,7 +146,7 @@ def tolerance_record(spread, checked):
 def tolerance_rows(spread, checked):
     """Rows of ``tolerance --csv``, one for each speed and quantity, SI units."""
     names = [one.name for one in spread.tolerances]
-    sampled = {f"{q} %": spread.percentile(q) for q in PERCENT} if len(spread.drawn) else {}
+    effects, sampled = spread.effects, {f"{q} %": spread.percentile(q) for q in PERCENT} if len(spread.drawn) else {}
     for i, rpm in enumerate(spread.rpm):
         for j, one in enumerate(spread.of):
             row = {"rpm": rpm, "quantity": spread.labels[j], "unit": unit_of(one.quantity)}
@@ -153,5 +154,5 @@ def tolerance_rows(spread, checked):
             row |= {head: own[i, j] for head, own in sampled.items()}
             if checked:
                 row |= {"kind": checked["nominal"][i], "kind in the worst case": checked["worst"][i][j]}
-            row |= {f"moved by {name}": spread.slopes[i, j, k] for k, name in enumerate(names)}
+            row |= {f"moved by {name}": effects[i, j, k] for k, name in enumerate(names)}
             yield row | {f"worst {name}": spread.numbers[i, j, k] for k, name in enumerate(names)}
