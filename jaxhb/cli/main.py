@@ -290,6 +290,7 @@ def sweep():
 @options.certify(", at the speed of --at")
 @option("--html FILE.html", "write a page to print and sign: one file, no network (needs jaxhb[report])")
 @option("--tuned SCENE", "on the page, another design, as jaxhb tune writes it", shell_complete=of_scenes)
+@option("--tolerances", "on the page, the worst case within the [tolerance] table of the scene; takes minutes")
 @option("--tune", "on the page, the design tuned as the [tune] table of the scene asks; takes minutes")
 def report():
     """Several speeds, in normal running and with a misfire.

@@ -15,14 +15,18 @@ from jaxhb.cli.commands import check_files, misfire_trains, status
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.design.table import read_table
-from jaxhb.report.compute import Asked, certificate_of, solve_cases
+from jaxhb.design.tolerances import read_tolerances
+from jaxhb.design.worst_case import tolerance as search
+from jaxhb.report.compute import Asked, certificate_of, check_spread, solve_cases
 from jaxhb.report.figures.cycle import plot_cycle
+from jaxhb.report.figures.speeds import tolerance_figures
 from jaxhb.report.files.numbers import answer_row, cases_record, netcdf, on_scene, rows_csv
 from jaxhb.report.files.output import NOT_ANSWERED, OutputError, as_json, as_picture, changed_text, deliver
 from jaxhb.report.page.parts import Report, shown_misfire
 from jaxhb.report.selection import NOT_FIRING, case_title
 from jaxhb.report.text import cases as told
 from jaxhb.report.text.sentences import warnings
+from jaxhb.report.text.tolerances import tolerance_parts
 from jaxhb.report.text.tuned import tuned_parts
 from jaxhb.scene.files import _find, load_scene, scene_description
 from jaxhb.scene.writer import element_files, elements_of, scene_text
@@ -30,6 +34,7 @@ from jaxhb.solutions.misfires import same_factor
 from jaxhb.train.changes import scene_values
 
 SECOND, TUNED = "second design", "tuned design"
+SAMPLE = 100  # trains within the tolerances
 
 
 def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, html, quiet, **_):
@@ -57,17 +62,18 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
         (second, tuning), shown = (_tuned(train, progress) if tune else (other, ())), shown_misfire(cases)
         designs = _second_designs(second, shown, given, each) if second else {}
         own = folder / SECOND if folder and not tune else None
-        return cases, place, solve_cases(designs, rpm, asked, folder=own, **tell), tuning
+        known = _tolerances(train, rpm, given, progress.say) if given.tolerances else ()
+        return cases, place, solve_cases(designs, rpm, asked, folder=own, **tell), tuning, known
 
     runs = len(designs) + tune + bool(misfire and (other or tune))
     with Progress(runs * len(rpm), quiet=quiet) as progress:
         left = f"no file is written, but what was found is kept; {GOES_ON}"
-        cases, place, seconds, tuning = kept.run(compute, lambda: left if kept.folder else "nothing more is written")
+        cases, place, seconds, *beside = kept.run(compute, lambda: left if kept.folder else "nothing more is written")
     worst, whole = {"worst_misfire": told.worst_misfire(cases)} if each else {}, True
     if html:
         from jaxhb.report.page.page import as_page
 
-        page, whole = as_page(_report_of(given, cases, place, seconds, tuning))
+        page, whole = as_page(_report_of(given, cases, place, seconds, *beside))
     deliver(
         given,
         "\n\n".join(
@@ -89,8 +95,12 @@ def _checked_page(train, given):
     if (given.tuned or given.tune) and not given.html:
         told_of = f"--{'tune' if given.tune else 'tuned'}: the second design appears on the page only"
         raise OutputError(f"{told_of}. Add --html FILE.html.")
+    if given.tolerances and not given.html:
+        raise OutputError("--tolerances: they appear on the page only. Add --html FILE.html.")
     if given.tune:
         read_table(train)
+    if given.tolerances:
+        read_tolerances(train)
     return load_scene(given.tuned) if given.tuned else None
 
 
@@ -103,6 +113,13 @@ def _tuned(train, progress):
     line = "tuning: step {0.number}, objective {0.objective:.4g}"
     result = tune(train, **asked, on_step=lambda step: progress.say(line.format(step)))
     return result.train, tuple(tuned_parts(train, asked, result))
+
+
+def _tolerances(train, rpm, given, say):
+    """Figures, words and tables on what the tolerances of the scene do."""
+    asked = {"harmonics": given.harmonics, "tolerance": given.tolerance, "samples": SAMPLE, "progress": say}
+    spread = search(train, rpm=rpm, **asked)
+    return *tolerance_figures(spread), *tolerance_parts(spread, check_spread(spread, say))
 
 
 def _second_designs(second, misfire, given, each):
@@ -137,7 +154,7 @@ def second_text(cases, seconds):
     return "\n".join(lines)
 
 
-def _report_of(given, cases, place, seconds, tuning):
+def _report_of(given, cases, place, seconds, tuning, tolerances):
     """The :class:`Report` of what was computed."""
     accuracy = f"{given.harmonics} harmonics, as asked"
     if not given.harmonics:
@@ -161,6 +178,7 @@ def _report_of(given, cases, place, seconds, tuning):
         gear=given.gear,
         seconds=seconds,
         tuning=tuning,
+        tolerances=tolerances,
         facts=facts,
         description=scene_description(given.scene),
         scene=scene_text(given.scene)[0],

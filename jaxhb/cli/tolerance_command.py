@@ -13,7 +13,7 @@ from jaxhb.elements.elements import suggestion
 from jaxhb.report.compute import check_spread
 from jaxhb.report.figures.speeds import plot_tolerance
 from jaxhb.report.files import numbers, output
-from jaxhb.report.text.tolerances import tolerance_record, tolerance_rows, tolerance_text
+from jaxhb.report.text.tolerances import tolerance_parts, tolerance_record, tolerance_rows
 
 TOGETHER = 8  # speeds that are searched and kept together
 
@@ -45,7 +45,7 @@ def tolerance(train, given, rpm, of, samples, seed, plot, quiet, **_):
         checked = check_spread(spread, progress.say)
     output.deliver(
         given,
-        tolerance_text(spread, checked),
+        "\n\n".join(tolerance_parts(spread, checked)),
         json=lambda: output.as_json(numbers.on_scene(given, train) | tolerance_record(spread, checked)),
         csv=lambda: numbers.rows_csv(list(tolerance_rows(spread, checked))),
         netcdf=lambda: [numbers.as_netcdf(spread.to_xarray())],

@@ -81,3 +81,13 @@ def test_what_is_kept_of_some_speeds_is_not_computed_again(scene, tmp_path, monk
 def test_what_cannot_be_asked_is_refused_in_a_sentence(scene, run, line, sentence):
     called = run(f"tolerance {scene} --rpm 900 {line}")
     assert called.status == 2 and sentence in called.err
+
+
+def test_the_page_of_a_report_has_the_worst_cases(scene, run, tmp_path):
+    pytest.importorskip("plotly")
+    page = tmp_path / "page.html"
+    called = run(f"report {scene} --rpm 900,1000 --tolerances --html {page}")
+    text = page.read_text(encoding="utf-8")
+    assert called.status == 0 and "Worst case over the tolerances" in text and "worst case found" in text
+    called = run(f"report {scene} --rpm 900,1000 --tolerances")
+    assert called.status == 2 and "--tolerances: they appear on the page only" in called.err

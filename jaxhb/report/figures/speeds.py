@@ -110,6 +110,12 @@ def _cycles(quantity, names, cases, beside):
 
 def plot_tolerance(spread):
     """Every quantity over the speed: as the scene is, the worst case found, and what 5 to 95 % of a sample have."""
+    title = f"{train_name(spread.train.topology)}: what the tolerances do"
+    return drawn(*tolerance_figures(spread), title=title)
+
+
+def tolerance_figures(spread):
+    """The same as specifications, one for each quantity."""
     rpm, figures = spread.rpm, []
     for j, (one, name) in enumerate(zip(spread.of, spread.labels, strict=True)):
         factor, unit = scaled_unit(one.quantity)
@@ -124,7 +130,7 @@ def plot_tolerance(spread):
             traces.append(marks(rpm, middle, "half of the sample", "circle", size=5))
         panels = [(f"{plain(name)}, {unit}".removesuffix(", "), top_of(traces))]
         figures.append(figure(plain(name), "speed, rpm", panels, traces, x_range=speed_range(rpm)))
-    return drawn(*figures, title=f"{train_name(spread.train.topology)}: what the tolerances do")
+    return figures
 
 
 def plot_identified(found):

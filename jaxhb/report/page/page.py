@@ -26,6 +26,7 @@ PARTS = {
     "Heat of dampers": lambda report: swings(heat(report.train), report.shown),
     "One speed in full": one_speed,
     "Limits": limits,
+    "Tolerances": lambda report: list(report.tolerances),
     "Second design": second_design,
     "Accuracy and computed bounds": accuracy,
     "Notes": notes_of,

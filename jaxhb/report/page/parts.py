@@ -31,6 +31,7 @@ class Report:
     gear : whose torque is shown over the cycle
     seconds : another design at the same speeds as it runs, then with the misfire that is shown, if it can have it
     tuning : words and tables that tell how it was found
+    tolerances : figures, words and tables on what the tolerances of the scene do
     facts : where the page comes from; description, scene : what the scene says that it is, and its text
     elements, second_elements : what the scenes say of both designs, see :func:`elements_of`
     files : names of the files that torques and cylinders take their rows from, see :func:`element_files`
@@ -42,6 +43,7 @@ class Report:
     gear: str | None = None
     seconds: list[Case] = field(default_factory=list)
     tuning: tuple = ()
+    tolerances: tuple = ()
     facts: dict = field(default_factory=dict)
     description: str = ""
     scene: str = ""

@@ -13,8 +13,8 @@ MOVING = 5  # numbers told of a quantity, those that move it most
 NEGLIGIBLE = 0.002  # share of the nominal response below which a number moves nothing
 
 
-def tolerance_text(spread, checked):
-    """Tables of a Spread: the worst case of each quantity, over the speeds, which numbers move it, where it is."""
+def tolerance_parts(spread, checked):
+    """Words and tables of a Spread: the worst case of each quantity, over the speeds, which numbers move it, where."""
     title, rpm = spread.train.topology.title, spread.rpm
     span = SPEED.span(rpm) if len(rpm) > 1 else f"{rpm[0]:g} rpm"
     solved = np.isfinite(spread.nominal).all(axis=1)
@@ -34,7 +34,7 @@ def tolerance_text(spread, checked):
             f"Sample: {len(spread.drawn)} trains, of which {100 * share.min():.0f} % or more are solved at each speed."
         )
         parts.append(lines)
-    return "\n\n".join([*parts, *_differences(checked)])
+    return [*parts, *_differences(checked)]
 
 
 def _differences(checked):
