@@ -251,6 +251,6 @@ def test_a_trace_is_the_motion_over_the_crank_angle(run):
     np.testing.assert_allclose(values["angle deg"], force.angles_deg(len(rows)), rtol=1e-12)
     assert values["time s"][1] == pytest.approx(values["angle deg"][1] / 360 / 5000 * 60)
     called.path("trace").unlink()
-    called = run(f"solve spur_pair --rpm 6000 --set '{MESH}.damping=10'", "trace")
+    called = run("solve spur_pair --rpm 6000 --set drive.mean=12.5 --set brake.mean=-12.5", "trace")
     assert called.status == 1 and "--trace: no file, the motion never repeats" in called.err
     assert not called.path("trace").exists()

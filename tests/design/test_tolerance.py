@@ -192,3 +192,15 @@ def test_what_cannot_be_robust_is_refused_in_a_sentence(sentence):
     with pytest.raises(SceneError) as caught:
         jaxhb.tune(absorbed(), parameters=[damping], objective=TORQUE, rpm=[900.0], **known | ROBUST[sentence])
     assert sentence in str(caught.value)
+
+
+def test_speeds_without_a_solution_are_nan_and_not_an_error():
+    # Nothing damps this resonance: at its speed there is no motion.
+    parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0), Shaft(between=("a", "b"), stiffness=6e3)]
+    train = build([*parts, Torque(disk="a", harmonics=[(1.0, DRIVE, 0.0)])], revolutions_per_cycle=1)
+    resonance = 30 / np.pi * np.sqrt(6e3 * 1.5)
+    known = [Tolerance(name="b.inertia", low=1.9, high=2.1)]
+    found = jaxhb.tolerance(train, rpm=[resonance], of=[TORQUE], tolerances=known, samples=5, harmonics=4)
+    assert np.isnan(found.nominal).all() and np.isnan(found.worst).all() and (found.solved == 0).all()
+    found = jaxhb.tolerance(train, rpm=[resonance, 500.0], of=[TORQUE], tolerances=known, samples=5, harmonics=4)
+    assert np.isnan(found.worst[0, 0]) and found.worst[1, 0] > found.nominal[1, 0] > 0

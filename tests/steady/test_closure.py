@@ -66,7 +66,7 @@ def test_a_slow_mode_that_teeth_notice_is_given_time():
     few, most = closure.TRANSIENT
     assert Cycles().before_record(1e9, 0.1) == few
     assert Cycles().before_record(1.0, 0.1) == most
-    assert Cycles().before_record(1e9, 40.0) == 40 * closure.DECAYS
+    assert Cycles().before_record(1e9, 20.0) == 20 * closure.DECAYS
     fewer, more = closure.SLOWEST
     assert Cycles().before_record(1e9, np.inf) == fewer
     assert Cycles().before_record(1.0, np.inf) == more
