@@ -15,7 +15,7 @@ MESH = "gear a|gear b"
 DAMPING = f"{MESH}.damping"
 PERIODIC, IRREGULAR = "two cycles", "none"
 SETTINGS = {PERIODIC: {DAMPING: 106.1}, IRREGULAR: {"drive.mean": 12.5, "brake.mean": -12.5}}
-"""Tooth damping in N s/m and mean torques in N m with which the pair has a period of two cycles at 6000 rpm, or none."""
+"""Tooth damping in N s/m and mean torques in N m with which the pair has two cycles as period at 6000 rpm, or none."""
 
 
 @pytest.fixture(scope="module")
