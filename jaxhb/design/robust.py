@@ -94,11 +94,14 @@ def tune_robust(train, rpm, given, tolerances, kind, seed, tuned, **accuracy):
         return search(design, rpm=rpm, **own, **accuracy)
 
     nominal, largest = tuned(train, every, None)
+    if nominal.interrupted:
+        return nominal
     design = best = nominal
     if kind == "p95":
         at, more = np.repeat(every, SAMPLE), np.tile(box.sample(SAMPLE, seed), (len(every), 1))
         scatter = Scatter(box, np.concatenate([shares, more]))
         best, _ = tuned(design.train, np.concatenate([every, at]), scatter)
+        design = best
     else:
         speeds, weights, least, sizes = every, np.array([one.weight for one in given]), np.inf, None
         for number in range(1, ROUNDS + 1):
@@ -108,11 +111,15 @@ def tune_robust(train, rpm, given, tolerances, kind, seed, tuned, **accuracy):
             value = float((weights * worst / sizes).sum())
             if value < least:
                 best, least = design, value
-            if design.interrupted or number == ROUNDS or (number > 1 and (worst <= (1 + SLACK) * largest).all()):
+            if number == ROUNDS or (number > 1 and (worst <= (1 + SLACK) * largest).all()):
                 break
             at, j = np.nonzero(np.isfinite(found.worst))
             speeds, shares = np.concatenate([speeds, at]), np.concatenate([shares, found.shares[at, j]])
             design, largest = tuned(design.train, speeds, Scatter(box, shares))
+            if design.interrupted:
+                break
+    if design.interrupted:  # who stops a tuning does not wait for more
+        return dataclasses.replace(best, before=nominal.before, interrupted=True)
     designs = {"as it is": train, "nominal optimum": nominal.train, "robust": best.train}
     spreads = {said: spread_of(one, CHECKED) for said, one in designs.items()}
     return dataclasses.replace(best, before=nominal.before, robust=Robustness(kind, nominal, spreads))

@@ -204,3 +204,19 @@ def test_speeds_without_a_solution_are_nan_and_not_an_error():
     assert np.isnan(found.nominal).all() and np.isnan(found.worst).all() and (found.solved == 0).all()
     found = jaxhb.tolerance(train, rpm=[resonance, 500.0], of=[TORQUE], tolerances=known, samples=5, harmonics=4)
     assert np.isnan(found.worst[0, 0]) and found.worst[1, 0] > found.nominal[1, 0] > 0
+
+
+def test_a_robust_tuning_that_is_stopped_gives_the_best_design_so_far_and_searches_no_more():
+    def stop(step):
+        # Of the nominal tuning nothing is stopped, of the first robust one its first step.
+        seen.append(step.number)
+        if seen.count(0) == 2 and step.number == 1:
+            raise KeyboardInterrupt
+
+    seen: list = []
+    known = [Tolerance(name="absorber.stiffness", low=720.0, high=1080.0)]
+    damping = Parameter(name="absorber.damping", low=0.1, high=20.0)
+    asked = {"parameters": [damping], "objective": TORQUE, "rpm": [900.0, 1000.0], "harmonics": 4, "steps": 6}
+    tuned = jaxhb.tune(absorbed(), **asked, robust="worst", tolerances=known, on_step=stop)
+    assert tuned.interrupted and tuned.robust is None and seen.count(0) == 2
+    assert tuned.train.value("absorber.damping") != 1.0
