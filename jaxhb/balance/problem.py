@@ -148,7 +148,7 @@ def power_defect(problem, displacement, force, found):
     """
     system, harmonics = problem.system, displacement.shape[-1] - 1
     velocity = fourier.derivative(displacement, problem.frequency)
-    load = fourier.resize(jnp.asarray(problem.load), harmonics)
+    load = fourier.resize(jnp.asarray(problem.load), min(problem.load.shape[-1] - 1, harmonics))
     worked = problem.meshes.variation is not None or problem.meshes.error is not None
     teeth = fourier.resize(found.forces - (0.0 if worked else found.elastic_forces), harmonics)
     count, links = len(teeth) - problem.meshes.springs, jnp.asarray(problem.meshes.link)
@@ -157,10 +157,11 @@ def power_defect(problem, displacement, force, found):
         own = problem.meshes.law.linear[count:, None] * found.deflections[count:] if worked else 0.0
         force = force.at[links[count:]].add(teeth[count:] - own)
     # Power of each harmonic is Re(q conj(v)), n > 0 counted twice: a common factor of all terms, left out.
-    given = (load * jnp.conj(velocity)).real
+    driven = velocity[:, : load.shape[1]]
+    given = (load * jnp.conj(driven)).real
     taken = (force * jnp.conj(system.deflections(velocity))).real.sum()
     taken += (jnp.asarray(system.damping)[:, None] * jnp.abs(velocity) ** 2).sum()
-    exchanged = (jnp.abs(load) * jnp.abs(velocity)).sum()
+    exchanged = (jnp.abs(load) * jnp.abs(driven)).sum()
     return (given.sum() - taken) / jnp.where(exchanged > 0, exchanged, 1.0)
 
 

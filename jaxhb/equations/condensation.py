@@ -130,8 +130,13 @@ class CondensedTrain:
         # phi acts against the deflection: D^T phi on the side of the loads.
         load = fourier.resize(self.load, harmonics) - self.columns @ nonlinear_force
         omega = frequencies(self.frequency, harmonics)
-        displacement, force = solve_linear(self.system, omega, load[:, None])
-        return displacement[:, 0], self.less_error(force[:, 0], omega)
+
+        def swept(chunk):
+            displacement, force = solve_linear(self.system, chunk[0], chunk[1][:, None])
+            return displacement[:, 0], force[:, 0]
+
+        displacement, force = (_joined(a, harmonics) for a in lax.map(swept, (_cut(omega), _cut(load))))
+        return displacement, self.less_error(force, omega)
 
     def less_error(self, force, omega):
         """Forces ``(L, n+1)`` N of the linear links at teeth with errors, from those of the bodies alone."""
@@ -141,6 +146,21 @@ class CondensedTrain:
         links = jnp.asarray(self.meshes.link)
         stiffness = link_stiffness(self.system, omega)[links]
         return force.at[links].add(-stiffness * fourier.resize(error, omega.shape[-1] - 1))
+
+
+def _cut(values):
+    """Values ``(..., N+1)`` of harmonics in chunks ``(chunks, ..., size)`` for a sweep of each; the last repeats."""
+    count = values.shape[-1]
+    chunks = -(-count // CHUNK)
+    size = -(-count // chunks)
+    # Equal chunks make one program; harmonics that fill the last one up are dropped again.
+    filled = jnp.concatenate([values, jnp.repeat(values[..., -1:], chunks * size - count, axis=-1)], axis=-1)
+    return jnp.moveaxis(filled.reshape(*values.shape[:-1], chunks, size), -2, 0)
+
+
+def _joined(chunks, harmonics):
+    """The values ``(..., N+1)`` of :func:`_cut` again."""
+    return jnp.moveaxis(chunks, 0, -2).reshape(*chunks.shape[1:-1], -1)[..., : harmonics + 1]
 
 
 def condense(system, frequency, load, harmonics, every, meshes, active):
@@ -155,9 +175,7 @@ def condense(system, frequency, load, harmonics, every, meshes, active):
     excited = frequencies(frequency, load.shape[-1] - 1)
     displacement, force = (a[:, 0] for a in solve_linear(system, excited, load[:, None]))
     linear = backlash.less_error(meshes, system.deflections(displacement, meshes.link)) * active[:, None]
-    # Equal chunks make one program; harmonics that fill the last one up are dropped again.
-    chunks = -(-(harmonics + 1) // CHUNK)
-    omega = frequencies(frequency, chunks * -(-(harmonics + 1) // chunks) - 1).reshape(chunks, -1)
+    omega = _cut(frequencies(frequency, harmonics))
     receptances = lax.map(lambda omega: receptance(system, omega, columns), omega)
     receptances = receptances.reshape(omega.size, *receptances.shape[2:])[: harmonics + 1]
     linear = fourier.resize(linear, harmonics)
