@@ -1,7 +1,8 @@
 """Checks of single elements on the host: a finding is a sentence with element, value and remedy.
 
 Scenarios are named sets of values of a scene, as a coupling that is warm or worn: ``[scenario.NAME]`` holds
-``"ELEMENT.FIELD" = value`` or ``ELEMENT.FIELD = value``, in the units of the scene.
+``"ELEMENT.FIELD" = value`` or ``ELEMENT.FIELD = value``, in the units of the scene, ``CYLINDER.fires`` and, with the
+orders of the scene, ``harmonics`` or ``gas_torque``. ``without = [ELEMENT, ...]`` leaves elements out, as an open clutch.
 """
 
 import dataclasses
@@ -9,7 +10,7 @@ from collections import Counter
 
 from jaxhb.elements.elements import TABLES, SceneError, suggestion, table_of
 from jaxhb.elements.engine import Engine, cylinders, engine_errors
-from jaxhb.elements.value_checks import TOGETHER, field_errors, shown, value_errors
+from jaxhb.elements.value_checks import TOGETHER, field_errors, row_errors, shown
 
 
 def read_scenarios(parts, scenarios) -> tuple[dict, list[str]]:
@@ -25,7 +26,7 @@ def read_scenarios(parts, scenarios) -> tuple[dict, list[str]]:
         f"{parts.source}, [scenario.{name}]: {text}"
         for name, values in found.items()
         for key, value in values.items()
-        for text in _errors(places, key, value)
+        for text in _errors(parts, places, key, value)
     ]
     return found, errors
 
@@ -39,19 +40,31 @@ def _flat(values, before=""):
             yield f"{before}{key}", value
 
 
-def _errors(places, key, value) -> list[str]:
+def _errors(parts, places, key, value) -> list[str]:
     name, dot, field = key.rpartition(".")
+    if key == "without":
+        names = value if isinstance(value, list) else [value]
+        lost = [n for n in names if not (isinstance(n, str) and n in places)]
+        return [f"without: there is no element {shown(n)}.{suggestion(n, places)}" for n in lost]
     if not dot:
         return [f"{key!r} names no field. Write 'NAME.FIELD', as 'coupling.stiffness'."]
     if name not in places:
         return [f"there is no element {name!r} in {key!r}.{suggestion(name, places)}"]
-    table, _ = places[name]
-    fields = {f.name: f for f in dataclasses.fields(TABLES[table]) if f.metadata["kind"] == "number"}
+    (table, i), taken = places[name], ("number", "flag")
+    fields = {f.name: f for f in dataclasses.fields(TABLES[table]) if f.metadata["kind"] in taken}
+    if field in ("harmonics", "gas_torque") and (rows := getattr(parts.tables[table][i], field, None)):
+        errors = row_errors(field, ("order", "Re", "Im"), value)
+        orders = [row[0] for row in rows]
+        if errors or [row[0] for row in value] == orders:
+            return [f"{name!r}: {text}" for text in errors]
+        return [
+            f"{key} has other orders than the scene, must have {', '.join(f'{o:g}' for o in orders)}, in this order."
+        ]
     if field not in fields:
         return [f"a [[{table}]] as {name!r} has no number {field!r}.{suggestion(field, fields)}"]
     if isinstance(value, list):
         return [f"{key} is {shown(value)}, must be a number."]
-    return [f"{name!r}: {text}" for text in value_errors(fields[field], value)]
+    return field_errors(repr(name), fields[field], value) or []
 
 
 LINKS = ("shaft", "mesh")

@@ -24,7 +24,7 @@ def build(
     rated_rpm: float | None = None,
     tune: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
-    scenarios: dict[str, dict[str, float]] | None = None,
+    scenarios: dict[str, dict[str, Any]] | None = None,
     source: str = "scene",
 ) -> DriveTrain:
     """Check elements and put them together to a drive train.
@@ -235,6 +235,7 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, ratio) -> Topology:
         teeth=tuple(int(d.teeth or 0) for d in t["disk"]),
         rotor=rotors.rotor,
         n_rotors=len(rotors.ratio),
+        reference_disk=reference_disk,
         reference_rotor=rotors.rotor[reference_disk],
         rotor_path=rotors.path,
         shaft_ends=tuple(parts.ends("shaft")),

@@ -33,7 +33,7 @@ class Topology:
     ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed. ``springs`` are
     what acts beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or "friction", row).
     ``link_keys`` names for each link which of the keys that may be absent it has; empty where no link has any.
-    ``rated_rpm`` is the rated speed of the reference rotor.
+    ``rated_rpm`` is the rated speed of the reference rotor, on which ``reference_disk`` sits.
 
     Its ``repr`` is whole: keys of compiled programs and of kept sweeps are made of it.
     """
@@ -87,6 +87,7 @@ class Topology:
     springs: tuple[tuple[int, str, int], ...] = ()
     link_keys: tuple[tuple[str, ...], ...] = ()
     rated_rpm: float | None = None
+    reference_disk: int = 0
     scenarios: str = "{}"
     tune: str = "{}"
     tolerance: str = "{}"
