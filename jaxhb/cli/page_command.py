@@ -170,7 +170,10 @@ def _report_of(given, cases, place, seconds, tuning, tolerances):
         "versions": f"jaxhb {__version__}, Python {platform.python_version()}, {packages}, {platform.platform()}",
     }
     train = cases[0].answers[0].train
-    settings = train.scenarios.get(given.scenario, {}) | dict(given.set)
+    changed = train.scenarios.get(given.scenario, {}) | dict(given.set)
+    settings = {key: value for key, value in changed.items() if isinstance(value, int | float | str)}
+    # Rows of the file are those of the whole train, of which a scenario may leave some out.
+    written = elements_of(given.scene, scene_values(load_scene(given.scene).replace(settings), settings))
     return Report(
         cases,
         place=place,
@@ -182,7 +185,7 @@ def _report_of(given, cases, place, seconds, tuning, tolerances):
         facts=facts,
         description=scene_description(given.scene),
         scene=scene_text(given.scene)[0],
-        elements=elements_of(given.scene, scene_values(train, settings)),
+        elements={name: element for name, element in written.items() if name in train.topology.elements},
         second_elements=elements_of(given.tuned) if given.tuned else {},
         files=element_files(given.scene),
     )

@@ -2,7 +2,8 @@
 
 Scenarios are named sets of values of a scene, as a coupling that is warm or worn: ``[scenario.NAME]`` holds
 ``"ELEMENT.FIELD" = value`` or ``ELEMENT.FIELD = value``, in the units of the scene, ``CYLINDER.fires`` and, with the
-orders of the scene, ``harmonics`` or ``gas_torque``. ``without = [ELEMENT, ...]`` leaves elements out, as an open clutch.
+orders of the scene, ``harmonics`` or ``gas_torque``. ``without = [ELEMENT, ...]`` leaves elements out, as a clutch that
+is open.
 """
 
 import dataclasses
