@@ -61,6 +61,6 @@ def test_a_report_and_its_page_tell_every_mode(run, tmp_path):
     assert found.status == 0
     pages = {path.stem: path.read_text(encoding="utf-8") for path in tmp_path.glob("*.html")}
     assert set(pages) == {"page_as_written", "page_port_alone", "page_zero_pitch"}
-    assert "starboard engine" in pages["page_as_written"] and "starboard engine" not in pages["page_port_alone"]
+    assert ">starboard engine<" in pages["page_as_written"] and ">starboard engine<" not in pages["page_port_alone"]
     assert {row["scenario"] for row in found.rows} == set(MODES)
     assert found.json["worst"]["line torque half peak-to-peak N m"]["scenario"] in MODES
