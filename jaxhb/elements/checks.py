@@ -125,7 +125,7 @@ class Parts:
     def _give_names(self):
         count = Counter()
         for table, i, element in self.rows():
-            if self.names[table][i] is not None or table in ("disk", "damper"):
+            if self.names[table][i] is not None or table in ("disk", "damper", "phase"):
                 continue
             if table in LINKS:
                 ends = element.between if isinstance(element.between, tuple | list) else ()
@@ -165,6 +165,15 @@ class Parts:
         found = [(i, self.disk(element.disk)) for i, element in enumerate(self.tables[table])]
         rings = len(self.tables["disk"])
         return [(i, d) for i, d in found if d is not None and not (table == "damper" and d == rings + i)]
+
+    def phased(self, i: int) -> dict[str, list[int]]:
+        """Cylinders and torques that a phase names, by table; of a name that is none, the cylinders of that engine."""
+        named = self.tables["phase"][i].of
+        named = [name for name in named if isinstance(name, str)] if isinstance(named, tuple | list) else []
+        # "port" is the engine of the cylinders "port 1", "port A2", ...
+        cylinders = [n if n in named else str(n).rpartition(" ")[0] for n in self.names["cylinder"]]
+        both = {"cylinder": cylinders, "torque": self.names["torque"]}
+        return {table: [k for k, name in enumerate(own) if name in named] for table, own in both.items()}
 
     def ends(self, table: str) -> list[tuple[int, int]]:
         """Pairs of disks that the links of a table join."""

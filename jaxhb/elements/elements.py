@@ -357,6 +357,20 @@ class Cylinder(CrankSlider):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Phase:
+    """``[[phase]]``: how far one engine is turned against the rest of the train, as its clutch happened to close.
+
+    All that the cylinders and torques in ``of`` excite comes later by ``angle``, counted on their rotor, which must be
+    one. ``of`` names cylinders and torques; a name as "port" stands for "port 1", "port 2" and so on, the cylinders of
+    the engine of that name.
+    """
+
+    name: str = declared("name")
+    of: tuple = declared("list")
+    angle: float = quantity("deg", 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Head:
     """``[scene]``: what belongs to the whole train."""
 
@@ -373,7 +387,7 @@ def table_of(element) -> str:
 
 
 TABLES: dict[str, Any] = {
-    cls.__name__.lower(): cls for cls in (Disk, Shaft, Mesh, Damper, Ground, Load, Torque, Cylinder)
+    cls.__name__.lower(): cls for cls in (Disk, Shaft, Mesh, Damper, Ground, Load, Torque, Cylinder, Phase)
 }
 
 

@@ -90,6 +90,7 @@ def checked(
         errors += train_checks.cycle_errors(parts, _harmonic_needs(parts, ratio), cycle)
     errors += train_checks.hold_errors(parts, main)
     errors += train_checks.balance_errors(parts, ratio) if not locked else []
+    errors += train_checks.phase_errors(parts, ratio)
     errors += value_checks.rated_errors(parts, rated_rpm)
     scenarios, unknown = checks.read_scenarios(parts, scenarios)
     errors += unknown
@@ -213,13 +214,15 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, ratio) -> Topology:
     own = [ratio[d] if e.orders_of == "own" else 1.0 for d, e in zip(seats["torque"], t["torque"], strict=True)]
     named: dict[str, Any] = {f"{table}_names": tuple(n) for table, n in parts.names.items() if table != "disk"}
     named |= {f"{table}_disk": disks for table, disks in seats.items()}
-    # Ratios of radii round: what is whole to 1e-6 is whole.
-    turn = [ratio[d] * cycle for d in seats["cylinder"]]
-    turn = [float(round(v)) if train_checks.whole(v) else v for v in turn]
+    turn = [_whole(ratio[d] * cycle) for d in seats["cylinder"]]
 
     def harmonics(rows, per_order):
         return tuple(tuple(round(row[0] * factor) for row in own) for own, factor in zip(rows, per_order, strict=True))
 
+    phased = [parts.phased(i) for i in range(len(t["phase"]))]
+    for table in ("cylinder", "torque"):
+        named[f"phase_{table}s"] = tuple(tuple(own[table]) for own in phased)
+    on = [seats["cylinder" if own["cylinder"] else "torque"][[*own["cylinder"], *own["torque"]][0]] for own in phased]
     mesh_ends = tuple(parts.ends("mesh"))
     per_revolution = [_mesh_periods(parts, ends, ratio) or 0.0 for ends in mesh_ends]
     needed = [any(getattr(m, name) for name in OF_PERIOD) for m in t["mesh"]]
@@ -249,6 +252,7 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, ratio) -> Topology:
         load_harmonics=harmonics([e.harmonics for e in t["load"]], [ratio[d] * cycle for d in seats["load"]]),
         cylinder_harmonics=harmonics([c.gas_torque or () for c in t["cylinder"]], turn),
         cylinder_turn=tuple(turn),
+        phase_turn=tuple(_whole(ratio[disk] * cycle) for disk in on),
         cylinder_series=tuple(c.kinematics == "mendes2008" for c in t["cylinder"]),
         cylinder_fires=tuple(c.fires for c in t["cylinder"]),
         link_keys=derived.link_keys([link for table in derived.LINKS for link in t[table]]),
@@ -259,6 +263,11 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, ratio) -> Topology:
         **named,
         **_computed_torques(t["cylinder"], turn),
     )
+
+
+def _whole(number):
+    """What is whole to 1e-6 is whole: ratios of radii round."""
+    return float(round(number)) if train_checks.whole(number) else number
 
 
 def _springs(link, element):

@@ -15,7 +15,7 @@ from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation import gas
 from jaxhb.train import changes, omission, varying
-from jaxhb.train.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
+from jaxhb.train.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Phases, Shafts, Torques
 from jaxhb.train.topology import Topology
 
 
@@ -39,6 +39,7 @@ class DriveTrain:
     loads: Loads
     torques: Torques
     cylinders: Cylinders
+    phases: Phases
 
     def __repr__(self):
         return f"<DriveTrain {self.topology.name or 'without a name'}: {self.topology.parts_text}>"

@@ -48,6 +48,10 @@ def _kept(topology, out):
     for table in (*LINKS, *SEATED):
         own = [i for (kind, i), on in seats.items() if kind == table and there.issuperset(on)]
         keep[table] = [i for i in own if (table, i) not in out]
+    phased = zip(topology.phase_cylinders, topology.phase_torques, strict=True)
+    both = {*keep["cylinder"]}, {*keep["torque"]}
+    stays = [any(own.intersection(row) for own, row in zip(both, rows, strict=True)) for rows in phased]
+    keep["phase"] = [i for i, there in enumerate(stays) if there and ("phase", i) not in out]
     return keep, disks
 
 
@@ -83,6 +87,9 @@ def _topology(topology, keep, disks):
             rows = [place[disk] for disk in rows]
         elif what == "ends":
             rows = [(place[a], place[b]) for a, b in rows]
+        elif what in ("cylinders", "torques"):  # of a phase
+            own = keep[what.removesuffix("s")]
+            rows = [tuple(own.index(i) for i in row if i in own) for row in rows]
         found[field.name] = tuple(rows)
     varying = {name: getattr(topology, name) for name in ("hz_links", "amplitude_links", "order_links")}
     found |= {name: tuple(number[i] for i in own if i in number) for name, own in varying.items()}
