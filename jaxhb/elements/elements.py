@@ -97,6 +97,8 @@ _PRESSURE = ("angle", "pressure")
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
 # No shaft is thicker: what is more is in mm.
 _IN_METRES: dict[str, Any] = {"most": 5.0, "remedy": "Give it in m."}
+RULES = ("M68", *(f"KR {of}crankshaft {kind}" for of in ("", "generator ") for kind in "AB"), "KR generator shaft")
+"""Sets of limits by which shafts are judged; ``jaxhb.linear.strength`` has their formulae and sources."""
 _FORM_FACTOR = (
     "It is the factor C_K of IACS UR M68: 1 for an integral flange, 0.6 for a keyway on a taper; for a notch with"
     " stress concentration factor scf give 1.45 / scf."
@@ -157,8 +159,8 @@ class Shaft(Spring):
     (:mod:`jaxhb.train.varying`); only the linear forced response takes that.
     :func:`jaxhb.strength` alone reads the rest: ``diameter`` and ``bore`` of the section that is judged (``outer`` and
     ``inner`` unless given), the factor C_K of its form in IACS UR M68 (``stress_concentration``, 1 for an integral
-    flange, less for what concentrates stresses), the ``tensile_strength`` sigma_B, and ``power_limit``, the heat that
-    it can give off.
+    flange, less for what concentrates stresses), the ``tensile_strength`` sigma_B, the ``rule`` whose limits hold (C_K
+    is of M68 alone, ``yield_strength`` of the others), and ``power_limit``, the heat that it can give off.
     """
 
     between: tuple[str, str] = declared("pair")
@@ -176,6 +178,8 @@ class Shaft(Spring):
     bore: float = quantity("m", 0.0, least=0.0, **_IN_METRES)
     stress_concentration: float | None = quantity("", None, above=0.0, most=1.0, remedy=_FORM_FACTOR)
     tensile_strength: float | None = quantity("Pa", None, least=1e8, most=5e9, remedy="Give it in Pa: 600 MPa is 6e8.")
+    yield_strength: float | None = quantity("Pa", None, least=1e8, most=5e9, remedy="Give it in Pa: 300 MPa is 3e8.")
+    rule: str = choice(*RULES)
     power_limit: float | None = positive("W", None)
 
 

@@ -242,6 +242,7 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, ratio) -> Topology:
         reference_rotor=rotors.rotor[reference_disk],
         rotor_path=rotors.path,
         shaft_ends=tuple(parts.ends("shaft")),
+        shaft_rules=tuple(shaft.rule for shaft in t["shaft"]),
         mesh_ends=mesh_ends,
         mesh_periods=tuple(periods),
         mesh_internal=tuple(m.kind == "internal" for m in t["mesh"]),

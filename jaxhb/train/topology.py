@@ -32,9 +32,9 @@ class Topology:
     disk, driven disk) that lead to it from the reference rotor. ``hz_links``, ``amplitude_links`` and
     ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed. ``springs`` are
     what acts beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or "friction", row).
-    ``phase_cylinders`` and ``phase_torques`` are what each phase turns, ``phase_turn`` the harmonics of the cycle per
-    order of their rotor. ``link_keys`` names for each link which of the keys that may be absent it has; empty where no
-    link has any.
+    ``shaft_rules`` name the limits of each shaft. ``phase_cylinders`` and ``phase_torques`` are what each phase turns,
+    ``phase_turn`` the harmonics of the cycle per order of their rotor. ``link_keys`` names for each link which of the
+    keys that may be absent it has; empty where no link has any.
     ``rated_rpm`` is the rated speed of the reference rotor, on which ``reference_disk`` sits.
 
     Its ``repr`` is whole: keys of compiled programs and of kept sweeps are made of it.
@@ -83,6 +83,7 @@ class Topology:
     cylinder_series: tuple[bool, ...]
     cylinder_fires: tuple[bool, ...]
     load_harmonics: tuple[tuple[int, ...], ...] = ()
+    shaft_rules: tuple[str, ...] = ()
     phase_names: tuple[str, ...] = ()
     phase_cylinders: tuple[tuple[int, ...], ...] = ()
     phase_torques: tuple[tuple[int, ...], ...] = ()
