@@ -334,7 +334,7 @@ class CrankSlider:
     gas_torque_mean: float | None = quantity("N m", None)
     gas_torque: tuple | None = rows(_HARMONICS, None)
     gas_factor: float | None = not_negative("", None, "0 is allowed: a misfire.")
-    orders: float = positive("", 12.0)
+    orders: float | None = positive("", None)
     kinematics: str = choice("exact", "mendes2008")
     fires: bool = declared("flag", True)
     scale: tuple = rows(_SCALE)
@@ -348,7 +348,8 @@ class Cylinder(CrankSlider):
     The gas torque is computed from ``pressure`` = rows of (crank angle deg, Pa), from several such tables over speed
     and load (``traces``), or from a model (``combustion``); or it is given by ``gas_torque_mean`` and ``gas_torque`` =
     rows of (order, Re, Im) for firing at 0, orders of its own rotor.
-    ``orders`` is the largest order of its own rotor that is kept of computed torques. ``ambient_pressure``
+    ``orders`` is the largest order of its own rotor that is kept of computed torques, 12 unless given, of a two-stroke
+    15, up to which rules ask for orders. ``ambient_pressure``
     acts on the other side of the piston. A table that goes beyond 360 deg or over more than 360 deg is that of two
     revolutions and fires at 360 deg, one within fires at 0, unless ``table_firing_tdc`` says otherwise.
     ``load`` = rows of (rpm, share of full load) says which of the ``traces`` hold, and multiplies ``heat`` or ``imep``.

@@ -302,7 +302,7 @@ class Strength:
         for name, rule in self.rules.items():
             known = np.isfinite(np.broadcast_to(self.stresses[name].stress, np.shape(self.rpm)))
             reached = float(np.max(np.where(known, self.rpm, 0.0)))
-            limits, asked = (share * self.rated_rpm for share in (RULE[rule].highest, RULE[rule].asked))
+            limits, asked = (share * (self.rated_rpm or 0.0) for share in (RULE[rule].highest, RULE[rule].asked))
             found.setdefault(rule, Judged(RULE[rule].source, limits, asked, reached, reached >= (1 - NEAR) * asked))
         return found
 

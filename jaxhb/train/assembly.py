@@ -14,6 +14,8 @@ from jaxhb.train import connections, tables, train_checks
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
 
+ORDERS, ORDERS_OF_TWO_STROKES = 12.0, 15.0  # largest that are kept of computed torques, where a scene says nothing
+
 
 def build(
     elements: Iterable[Any],
@@ -288,6 +290,7 @@ def _computed_torques(cylinders, turn) -> dict:
         kinds["step"].append(round(per_order / turns) if computed else 0)
         kinds["gas_revolutions"].append(turns)
         # 1e-9 keeps a product that rounds below a whole number.
-        kinds["gas"].append(math.floor(c.orders * turns + 1e-9) if computed else 0)
-        kinds["inertia"].append(math.floor(c.orders + 1e-9) if moves else 0)
+        orders = c.orders or (ORDERS_OF_TWO_STROKES if computed and turns == 1 else ORDERS)
+        kinds["gas"].append(math.floor(orders * turns + 1e-9) if computed else 0)
+        kinds["inertia"].append(math.floor(orders + 1e-9) if moves else 0)
     return {f"cylinder_{kind}": tuple(values) for kind, values in kinds.items()}

@@ -39,7 +39,7 @@ class DriveTrain:
     loads: Loads
     torques: Torques
     cylinders: Cylinders
-    phases: Phases
+    phases: Phases | None = None
 
     def __repr__(self):
         return f"<DriveTrain {self.topology.name or 'without a name'}: {self.topology.parts_text}>"

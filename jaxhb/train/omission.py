@@ -25,7 +25,8 @@ def without(train, names):
             " the reference."
         )
     keep, disks = _kept(topology, {elements[name] for name in names})
-    tables = {own: _rows(getattr(train, own), keep[table]) for table, own in TABLE_OF.items()}
+    given = {table: (own, getattr(train, own)) for table, own in TABLE_OF.items()}
+    tables = {own: rows if rows is None else _rows(rows, keep[table]) for table, (own, rows) in given.items()}
     changed = dataclasses.replace(train, topology=_topology(topology, keep, disks), **tables)
     if errors := connections.train_errors(changed):
         raise SceneError(errors)

@@ -205,7 +205,7 @@ def of_elements(elements: dict) -> dict:
         "dampers": _plain(Dampers, elements["damper"]),
         "grounds": _plain(Grounds, elements["ground"]),
         "loads": Loads(share=column(elements["load"], "share"), harmonics=harmonics),
-        "phases": Phases(angle=column(elements["phase"], "angle")),
+        "phases": Phases(angle=column(elements["phase"], "angle")) if elements["phase"] else None,
         "torques": torque_table(elements["torque"]),
         "cylinders": cylinder_table(elements["cylinder"]),
     }
