@@ -88,20 +88,20 @@ def _rows(name):
 def _worst(rows, axis):
     """Of every quantity of the rows of all modes its largest value, with the mode and the place; at what is in the
     column ``axis``, by default the second one."""
-    found = {}
+    worst = {}
     for title, several in rows.items():
         for row in several:
-            own = {head: value for head, value in row.items() if QUANTITY.fullmatch(head)}
-            if "worst" in row:  # of tolerances, one row for each quantity
-                own = {f"{row['quantity']} {row['unit']}": row["worst"]}
+            own = {head: (found[2], row[head]) for head in row if (found := QUANTITY.fullmatch(head))}
+            if "worst" in row:  # of tolerances and phases, one row for each quantity
+                own = {f"{row['quantity']} {row['unit']}": (row["unit"], row["worst"])}
             place = axis or list(row)[1]
             case = row.get("misfire") or row.get("case") or ""
-            for head, text in own.items():
+            for head, (unit, text) in own.items():
                 value = float(text) if text else 0.0
-                if value > found.get(head, {"value": 0.0})["value"]:
+                if value > worst.get(head, {"value": 0.0})["value"]:
                     where = {"scenario": title, "case": case, place: float(row[place])}
-                    found[head] = {"value": value, **where}
-    return found
+                    worst[head] = {"value": value, "unit": unit, **where}
+    return worst
 
 
 def _table(worst):
@@ -111,10 +111,8 @@ def _table(worst):
 
     lines = []
     for head, one in worst.items():
-        match = QUANTITY.fullmatch(head)
-        si = match[2] if match else head.rpartition(" ")[2]
+        value, si, mode, case, place = one.values()
         factor, unit = shown_unit(si)
-        value, mode, case, place = one.values()
         where = f"{mode}, {case}" if case else mode
         lines.append([head.removesuffix(f" {si}"), plain_number(factor * value), unit, f"{place:g}", where])
     at = f"at {list(worst[head])[-1]}"

@@ -338,7 +338,9 @@ def _check_ratios(before, after):
     errors, where = [], topology.title
     given = zip(topology.torque_names, topology.torque_disk, topology.torque_own, strict=True)
     own = [*zip(topology.cylinder_names, topology.cylinder_disk, strict=True)]
-    own += [(name, disk) for name, disk, is_own in given if is_own]
+    # A phase counts on the rotor, whatever the orders of a torque count on.
+    turned = {k for row in topology.phase_torques for k in row}
+    own += [(name, disk) for k, (name, disk, is_own) in enumerate(given) if is_own or k in turned]
     for name, disk in own:
         rotor = topology.rotor[disk]
         if abs(new[rotor] / old[rotor] - 1.0) > RATIO_TOLERANCE:

@@ -33,7 +33,7 @@ def test_the_worst_of_every_quantity_is_named_with_its_mode_and_speed(forced):
     worst, head = forced["all"].json["worst"], "port clutch half peak-to-peak N m"
     rows = [(float(r[head]), name, float(r["rpm"])) for name in MODES for r in forced[name].rows]
     value, mode, rpm = max(rows, key=lambda row: row[0])
-    assert worst[head] == {"value": value, "scenario": mode, "case": "", "rpm": rpm}
+    assert worst[head] == {"value": value, "unit": "N m", "scenario": mode, "case": "", "rpm": rpm}
     assert "line stress Pa" in worst and not any("limit" in name for name in worst)
     table = forced["all"].out.split("Largest over all modes")[1]
     (line,) = (line for line in table.splitlines() if "port clutch half" in line)
@@ -79,4 +79,8 @@ def test_the_command_of_phases_finds_the_worst_angle_in_every_mode(run):
     assert [row["angle"] for row in found.json["phases"]] == pytest.approx(wanted.angle[:, 0].tolist(), rel=1e-12)
     assert "phase turn, turned through 720 deg of its rotor, 2 speeds" in found.words
     every = run(f"{line} --scenario all", "json")
-    assert every.json["worst"]["shaft torque of line N m"]["scenario"] in MODES
+    worst = every.json["worst"]["shaft torque of line N m"]
+    assert worst["scenario"] in MODES and worst["unit"] == "N m"
+    (told,) = [line for line in every.out.split("Largest over all modes")[1].splitlines() if "line" in line]
+    assert " ".join(told.split()).endswith(f"N m {worst['rpm']:g} {worst['scenario']}")
+    assert float(told.split()[4]) == pytest.approx(worst["value"], rel=1e-3)

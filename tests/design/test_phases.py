@@ -47,6 +47,8 @@ def test_a_phase_is_the_same_as_every_firing_angle_changed():
     found = built(phases=[dataclasses.replace(TURN, of=("port",))])
     one, two = (jaxhb.forced_response(t, rpm=RPM) for t in (found, built((25.0, 385.0))))
     np.testing.assert_allclose(one.torques, two.torques, rtol=0, atol=1e-11 * np.abs(two.torques).max())
+    twice = jaxhb.forced_response(found.repeated(2), rpm=RPM).torques[..., ::2]
+    np.testing.assert_allclose(twice, one.torques, rtol=0, atol=1e-11 * np.abs(two.torques).max())
     # Of what orders of the reference are given the rotor counts: 25 deg of it, order 1.5, are 12.5 deg at order 3.
     turned = jaxhb.forced_response(built(phases=[dataclasses.replace(TURN, of=("pump",))]), rpm=RPM)
     later = complex(60.0, -30.0) * np.exp(-1.5j * np.deg2rad(25.0))
