@@ -84,3 +84,17 @@ def test_the_command_of_phases_finds_the_worst_angle_in_every_mode(run):
     (told,) = [line for line in every.out.split("Largest over all modes")[1].splitlines() if "line" in line]
     assert " ".join(told.split()).endswith(f"N m {worst['rpm']:g} {worst['scenario']}")
     assert float(told.split()[4]) == pytest.approx(worst["value"], rel=1e-3)
+
+
+def test_a_sweep_goes_over_the_phase_in_every_mode(run, tmp_path):
+    line = f"sweep {PLANT} --rpm 350 --over turn.angle=0:360:3 --scenario all"
+    found = run(f"{line} --out {tmp_path}/kept", "csv", "json")
+    assert found.status == 0
+    train, head = jaxhb.load_scene(PLANT), "line torque half peak-to-peak N m"
+    for row in found.rows:
+        mode = train if row["scenario"] == "as written" else train.scenario(row["scenario"])
+        one = mode.replace({"turn.angle": float(row["turn.angle, deg"])})
+        wanted = jaxhb.forced_response(one, rpm=350.0).torque("line").half_peak_to_peak
+        assert float(row[head]) == pytest.approx(float(wanted), rel=1e-4)
+    assert len(found.rows) == 9
+    assert found.json["worst"][head]["turn.angle, deg"] in (0.0, 180.0, 360.0)
