@@ -7,7 +7,7 @@ from .branches.branch import Branch as Branch, BranchOptions as BranchOptions, f
 from .branches.lift_off import LiftOff as LiftOff, lift_off as lift_off
 from .branches.search import PeriodicMotion as PeriodicMotion, solve_all as solve_all
 from .certificate.certificate import certify as certify
-from .design import identify as identify, tolerance as tolerance, tune as tune
+from .design import identify as identify, tolerance as tolerance, tune as tune, worst_phase as worst_phase
 from .elements.derived import shaft_stiffness as shaft_stiffness, viscous_damping as viscous_damping
 from .elements.elements import (
     Combustion as Combustion,
@@ -17,6 +17,7 @@ from .elements.elements import (
     Ground as Ground,
     Load as Load,
     Mesh as Mesh,
+    Phase as Phase,
     SceneError as SceneError,
     Shaft as Shaft,
     Torque as Torque,

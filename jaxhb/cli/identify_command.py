@@ -9,6 +9,7 @@ from jaxhb.design.tolerances import read_tolerances
 from jaxhb.report.figures.speeds import plot_identified
 from jaxhb.report.files import output
 from jaxhb.report.text.identified import identified_record, identified_text, weak_record, weak_text
+from jaxhb.scene.files import load_scene
 from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.train.changes import scene_values
 
@@ -34,7 +35,7 @@ def identify(train, given, measured, fit, noise, weak, plot, quiet, **_):
         plot=lambda: output.as_picture(plot, plot_identified(found)),
     )
     if given.output:
-        _write(given, train, found)
+        _write(given, found)
         if not quiet:
             print(f"\nThe scene with the fitted numbers is {given.output}.")
     return output.ANSWERED
@@ -52,12 +53,13 @@ def _asked(train, fit):
     return made, known
 
 
-def _write(given, train, found):
+def _write(given, found):
     """The scene with fitted numbers, and their deviations as its tolerances."""
     values = dict(given.set) | {p.name: float(v) for p, v in zip(found.parameters, found.values, strict=True)}
     known = {p.name: {"std": float(f"{s:.4g}")} for p, s in zip(found.parameters, found.std, strict=True) if s > 0}
     remark = f"{given.scene}, fitted to {Path(given.measured).name} by jaxhb identify."
-    text, beside = changed_scene(given.scene, scene_values(train, values), tolerances=known, remark=remark)
+    whole = load_scene(given.scene).replace(values)  # a scenario may leave elements out
+    text, beside = changed_scene(given.scene, scene_values(whole, values), tolerances=known, remark=remark)
     copies = copies_beside(beside, Path(given.output).parent)
     output.make_folders(copies)
     output.write_files({path: [content] for path, content in copies.items()} | {given.output: [text.encode()]})

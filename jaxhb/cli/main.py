@@ -355,6 +355,29 @@ def tolerance():
 
 
 @command(
+    LINEAR_STATUS,
+    'phase two_engines.toml --rpm 200:700:51 --of "shaft torque of line" --csv phases.csv',
+)
+@options.SCENE
+@options.RPM
+@option("--phase NAME", "the [[phase]] that is turned (default: the only one)", to="name")
+@option(
+    '--of "QUANTITY of ELEMENT"',
+    'what is judged, as "shaft torque of line"; may be repeated (default: every tooth force and shaft torque)',
+    multiple=True,
+)
+@option("--phases N", "phases of the scan (default: 24; without backlash 16 for each harmonic)", whole)
+@option("--json FILE", "all numbers in full precision, SI units; -: on standard output instead of the tables")
+@option("--csv FILE", "write one row per speed and quantity for spreadsheets, SI units")
+def phase():
+    """Two engines on one gear: the worst angle between them.
+
+    A [[phase]] of the scene turns all that one engine excites. Without backlash its worst phase is found exactly over
+    the full circle, with backlash by solving all round: docs/how_to/strength.md.
+    """
+
+
+@command(
     STATUS,
     'identify my_engine.toml measured.csv --fit "cyl6|flywheel.stiffness=1e6:4e6" --output fitted.toml',
     "identify my_engine.toml measured.csv --weak-cylinder",

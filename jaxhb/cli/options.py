@@ -56,6 +56,7 @@ MODULES |= {
     "report": "page_command",
     "tolerance": "tolerance_command",
     "identify": "identify_command",
+    "phase": "phase_command",
 }  # where the work is; of the others in linear_commands.py
 SPEEDS = "--rpm", "--speed", "--speeds"
 NO_SPEED = "Natural frequencies do not depend on the speed; --at R takes the teeth as under the mean load of R rpm."
@@ -70,7 +71,7 @@ class Command(click.Command):
 
     def invoke(self, ctx):
         """The exit status of that function: of the options, and but for those of inputs.py of the train first."""
-        from jaxhb.cli import inputs
+        from jaxhb.cli import inputs, operating_modes
 
         given, module = ctx.params, MODULES.get(self.name, "linear_commands")
         for first, second in (("hz", "mode"), ("tuned", "tune")):
@@ -78,7 +79,13 @@ class Command(click.Command):
                 raise click.UsageError(f"--{first} and --{second} exclude each other.", ctx)
         if module == "inputs":
             return getattr(inputs, self.name)(**given)
-        train = inputs.read(given, self.name not in OWN_LINKS)  # takes a fraction of the time of importing jax
+        asked = operating_modes.modes(given)
+
+        def read(given):
+            return inputs.read(given, self.name not in OWN_LINKS)
+
+        given = given | ({"scenario": [*asked.values()][0]} if len(asked) == 1 and "scenario" in given else {})
+        train = read(given) if len(asked) == 1 else None  # takes a fraction of the time of importing jax
         from jaxhb._program import keep_programs
         from jaxhb._store import user_folder
 
@@ -86,7 +93,11 @@ class Command(click.Command):
         # With Python's 700 or so new objects between collections these take a third of the time of tracing.
         gc.set_threshold(50_000)
         function = getattr(importlib.import_module(f"jaxhb.cli.{module}"), self.name)
-        return function(train, SimpleNamespace(**given), **given)
+
+        def run(train, given):
+            return function(train, SimpleNamespace(**given), **given)
+
+        return run(train, given) if train is not None else operating_modes.each(run, given, asked, read)
 
     def parse_args(self, ctx, args):
         """As click, but for what the class says; every fault knows its command."""
@@ -159,7 +170,12 @@ SET = option(
 SCENE_OF_TUNING = together(SCENE_ARGUMENT, QUIET, SET)
 SCENE = together(
     SCENE_OF_TUNING,
-    option("--scenario NAME", "take the values of [scenario.NAME] of the scene"),
+    option(
+        "--scenario NAME",
+        "take what [scenario.NAME] of the scene changes; may be repeated, and all: every one in turn, in which each"
+        " quantity is largest",
+        multiple=True,
+    ),
     option(
         "--links-at hz=VALUE",
         "make links that vary constant: as they are at this frequency (hz), amplitude (rad) or speed (rpm)",

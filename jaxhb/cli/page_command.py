@@ -17,6 +17,7 @@ from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.design.table import read_table
 from jaxhb.design.tolerances import read_tolerances
 from jaxhb.design.worst_case import tolerance as search
+from jaxhb.elements.elements import TABLES, table_of
 from jaxhb.report.compute import Asked, certificate_of, check_spread, solve_cases
 from jaxhb.report.figures.cycle import plot_cycle
 from jaxhb.report.figures.speeds import tolerance_figures
@@ -170,7 +171,18 @@ def _report_of(given, cases, place, seconds, tuning, tolerances):
         "versions": f"jaxhb {__version__}, Python {platform.python_version()}, {packages}, {platform.platform()}",
     }
     train = cases[0].answers[0].train
-    settings = train.scenarios.get(given.scenario, {}) | dict(given.set)
+    changed = train.scenarios.get(given.scenario, {}) | dict(given.set)
+    settings = {key: value for key, value in changed.items() if not isinstance(value, bool | list)}
+    # Rows of the file are those of the whole train, of which a scenario may leave some out.
+    written = elements_of(given.scene, scene_values(load_scene(given.scene).replace(settings), settings))
+    for key in changed.keys() - settings.keys() - {"without"}:  # cylinders that fire, and rows
+        name, _, field = key.rpartition(".")
+        written[name] = dataclasses.replace(written[name], **{field: changed[key]})
+    names, there = {kind: [n for n, e in written.items() if table_of(e) == kind] for kind in TABLES}, train.topology
+    files = {
+        kind: [own for name, own in zip(names[kind], rows, strict=True) if name in there.elements]
+        for kind, rows in element_files(given.scene).items()
+    }
     return Report(
         cases,
         place=place,
@@ -182,9 +194,9 @@ def _report_of(given, cases, place, seconds, tuning, tolerances):
         facts=facts,
         description=scene_description(given.scene),
         scene=scene_text(given.scene)[0],
-        elements=elements_of(given.scene, scene_values(train, settings)),
+        elements={name: element for name, element in written.items() if name in there.elements},
         second_elements=elements_of(given.tuned) if given.tuned else {},
-        files=element_files(given.scene),
+        files=files,
     )
 
 

@@ -22,7 +22,7 @@ def tolerance(train, given, rpm, of, samples, seed, plot, quiet, **_):
     """What the tolerances of a scene do to its response."""
     tolerances = read_tolerances(train)
     asked = {"samples": samples or 0, "seed": seed or 0, "harmonics": given.harmonics, "tolerance": given.tolerance}
-    quantities = tuple(map(_quantity, of))
+    quantities = tuple(map(asked_quantity, of))
     kept = Kept([train], ("tolerance", rpm, quantities, tolerances, asked))
     with Progress(len(rpm), quiet=quiet) as progress:
         progress.say("solving the scene as it is")
@@ -55,7 +55,7 @@ def tolerance(train, given, rpm, of, samples, seed, plot, quiet, **_):
     return output.ANSWERED if np.isfinite(spread.nominal).all() else output.NOT_ANSWERED
 
 
-def _quantity(text):
+def asked_quantity(text):
     """The Objective of ``"QUANTITY of ELEMENT"``, where a quantity may end in an order."""
     name, found, element = text.partition(" of ")
     order = re.fullmatch(r"(.*) ([\d.]+)", name)

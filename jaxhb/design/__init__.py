@@ -10,17 +10,19 @@ from .quantities import Objective, Parameter, Penalty
 
 if TYPE_CHECKING:
     from .identification import Measured, identify, read_measured, weak_cylinder
+    from .phases import worst_phase
     from .tolerances import Tolerance, read_tolerances
     from .tuning import tune
     from .worst_case import tolerance
 
 load()
 
-LATER = {"tune": "tuning", "tolerance": "worst_case"} | dict.fromkeys(("Tolerance", "read_tolerances"), "tolerances")
+LATER = {"tune": "tuning", "tolerance": "worst_case", "worst_phase": "phases"}
+LATER |= dict.fromkeys(("Tolerance", "read_tolerances"), "tolerances")
 LATER |= dict.fromkeys(("Measured", "identify", "read_measured", "weak_cylinder"), "identification")
 """Where names are whose import takes optax or scipy."""
 __all__ = ["Measured", "Objective", "Parameter", "Penalty", "Tolerance", "identify", "read_measured"]
-__all__ += ["read_tolerances", "tolerance", "tune", "weak_cylinder"]
+__all__ += ["read_tolerances", "tolerance", "tune", "weak_cylinder", "worst_phase"]
 
 
 def __getattr__(name):

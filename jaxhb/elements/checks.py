@@ -1,7 +1,9 @@
 """Checks of single elements on the host: a finding is a sentence with element, value and remedy.
 
 Scenarios are named sets of values of a scene, as a coupling that is warm or worn: ``[scenario.NAME]`` holds
-``"ELEMENT.FIELD" = value`` or ``ELEMENT.FIELD = value``, in the units of the scene.
+``"ELEMENT.FIELD" = value`` or ``ELEMENT.FIELD = value``, in the units of the scene, ``CYLINDER.fires`` and, with the
+orders of the scene, ``harmonics`` or ``gas_torque``. ``without = [ELEMENT, ...]`` leaves elements out, as a clutch that
+is open.
 """
 
 import dataclasses
@@ -9,7 +11,7 @@ from collections import Counter
 
 from jaxhb.elements.elements import TABLES, SceneError, suggestion, table_of
 from jaxhb.elements.engine import Engine, cylinders, engine_errors
-from jaxhb.elements.value_checks import TOGETHER, field_errors, shown, value_errors
+from jaxhb.elements.value_checks import TOGETHER, field_errors, row_errors, shown
 
 
 def read_scenarios(parts, scenarios) -> tuple[dict, list[str]]:
@@ -25,7 +27,7 @@ def read_scenarios(parts, scenarios) -> tuple[dict, list[str]]:
         f"{parts.source}, [scenario.{name}]: {text}"
         for name, values in found.items()
         for key, value in values.items()
-        for text in _errors(places, key, value)
+        for text in _errors(parts, places, key, value)
     ]
     return found, errors
 
@@ -39,19 +41,31 @@ def _flat(values, before=""):
             yield f"{before}{key}", value
 
 
-def _errors(places, key, value) -> list[str]:
+def _errors(parts, places, key, value) -> list[str]:
     name, dot, field = key.rpartition(".")
+    if key == "without":
+        names = value if isinstance(value, list) else [value]
+        lost = [n for n in names if not (isinstance(n, str) and n in places)]
+        return [f"without: there is no element {shown(n)}.{suggestion(n, places)}" for n in lost]
     if not dot:
         return [f"{key!r} names no field. Write 'NAME.FIELD', as 'coupling.stiffness'."]
     if name not in places:
         return [f"there is no element {name!r} in {key!r}.{suggestion(name, places)}"]
-    table, _ = places[name]
-    fields = {f.name: f for f in dataclasses.fields(TABLES[table]) if f.metadata["kind"] == "number"}
+    (table, i), taken = places[name], ("number", "flag")
+    fields = {f.name: f for f in dataclasses.fields(TABLES[table]) if f.metadata["kind"] in taken}
+    if field in ("harmonics", "gas_torque") and (rows := getattr(parts.tables[table][i], field, None)):
+        errors = row_errors(field, ("order", "Re", "Im"), value)
+        orders = [row[0] for row in rows]
+        if errors or [row[0] for row in value] == orders:
+            return [f"{name!r}: {text}" for text in errors]
+        return [
+            f"{key} has other orders than the scene, must have {', '.join(f'{o:g}' for o in orders)}, in this order."
+        ]
     if field not in fields:
         return [f"a [[{table}]] as {name!r} has no number {field!r}.{suggestion(field, fields)}"]
     if isinstance(value, list):
         return [f"{key} is {shown(value)}, must be a number."]
-    return [f"{name!r}: {text}" for text in value_errors(fields[field], value)]
+    return field_errors(repr(name), fields[field], value) or []
 
 
 LINKS = ("shaft", "mesh")
@@ -111,7 +125,7 @@ class Parts:
     def _give_names(self):
         count = Counter()
         for table, i, element in self.rows():
-            if self.names[table][i] is not None or table in ("disk", "damper"):
+            if self.names[table][i] is not None or table in ("disk", "damper", "phase"):
                 continue
             if table in LINKS:
                 ends = element.between if isinstance(element.between, tuple | list) else ()
@@ -151,6 +165,15 @@ class Parts:
         found = [(i, self.disk(element.disk)) for i, element in enumerate(self.tables[table])]
         rings = len(self.tables["disk"])
         return [(i, d) for i, d in found if d is not None and not (table == "damper" and d == rings + i)]
+
+    def phased(self, i: int) -> dict[str, list[int]]:
+        """Cylinders and torques that a phase names, by table; of a name that is none, the cylinders of that engine."""
+        named = self.tables["phase"][i].of
+        named = [name for name in named if isinstance(name, str)] if isinstance(named, tuple | list) else []
+        # "port" is the engine of the cylinders "port 1", "port A2", ...
+        cylinders = [n if n in named else str(n).rpartition(" ")[0] for n in self.names["cylinder"]]
+        both = {"cylinder": cylinders, "torque": self.names["torque"]}
+        return {table: [k for k, name in enumerate(own) if name in named] for table, own in both.items()}
 
     def ends(self, table: str) -> list[tuple[int, int]]:
         """Pairs of disks that the links of a table join."""

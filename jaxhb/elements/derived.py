@@ -14,6 +14,7 @@ DIMENSIONS = ("length", "outer", "inner", "shear_modulus")
 DAMPING = ("magnifier", "damping_ratio", "damping_hz")
 OPTIONAL = (
     *("length", "outer", "shear_modulus", *DAMPING, "diameter", "stress_concentration", "tensile_strength"),
+    "yield_strength",
     *("power_limit", "rated_torque", "clearance", "friction", "slip_speed"),
 )
 """Keys that a link has or has not, so that None differs from 0; ``inner`` and ``bore`` are 0 where not given."""

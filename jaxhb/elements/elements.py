@@ -97,6 +97,8 @@ _PRESSURE = ("angle", "pressure")
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
 # No shaft is thicker: what is more is in mm.
 _IN_METRES: dict[str, Any] = {"most": 5.0, "remedy": "Give it in m."}
+RULES = ("M68", *(f"KR {of}crankshaft {kind}" for of in ("", "generator ") for kind in "AB"), "KR generator shaft")
+"""Sets of limits by which shafts are judged; ``jaxhb.linear.strength`` has their formulae and sources."""
 _FORM_FACTOR = (
     "It is the factor C_K of IACS UR M68: 1 for an integral flange, 0.6 for a keyway on a taper; for a notch with"
     " stress concentration factor scf give 1.45 / scf."
@@ -157,8 +159,8 @@ class Shaft(Spring):
     (:mod:`jaxhb.train.varying`); only the linear forced response takes that.
     :func:`jaxhb.strength` alone reads the rest: ``diameter`` and ``bore`` of the section that is judged (``outer`` and
     ``inner`` unless given), the factor C_K of its form in IACS UR M68 (``stress_concentration``, 1 for an integral
-    flange, less for what concentrates stresses), the ``tensile_strength`` sigma_B, and ``power_limit``, the heat that
-    it can give off.
+    flange, less for what concentrates stresses), the ``tensile_strength`` sigma_B, the ``rule`` whose limits hold (C_K
+    is of M68 alone, ``yield_strength`` of the others), and ``power_limit``, the heat that it can give off.
     """
 
     between: tuple[str, str] = declared("pair")
@@ -176,6 +178,8 @@ class Shaft(Spring):
     bore: float = quantity("m", 0.0, least=0.0, **_IN_METRES)
     stress_concentration: float | None = quantity("", None, above=0.0, most=1.0, remedy=_FORM_FACTOR)
     tensile_strength: float | None = quantity("Pa", None, least=1e8, most=5e9, remedy="Give it in Pa: 600 MPa is 6e8.")
+    yield_strength: float | None = quantity("Pa", None, least=1e8, most=5e9, remedy="Give it in Pa: 300 MPa is 3e8.")
+    rule: str = choice(*RULES)
     power_limit: float | None = positive("W", None)
 
 
@@ -330,7 +334,7 @@ class CrankSlider:
     gas_torque_mean: float | None = quantity("N m", None)
     gas_torque: tuple | None = rows(_HARMONICS, None)
     gas_factor: float | None = not_negative("", None, "0 is allowed: a misfire.")
-    orders: float = positive("", 12.0)
+    orders: float | None = positive("", None)
     kinematics: str = choice("exact", "mendes2008")
     fires: bool = declared("flag", True)
     scale: tuple = rows(_SCALE)
@@ -344,7 +348,8 @@ class Cylinder(CrankSlider):
     The gas torque is computed from ``pressure`` = rows of (crank angle deg, Pa), from several such tables over speed
     and load (``traces``), or from a model (``combustion``); or it is given by ``gas_torque_mean`` and ``gas_torque`` =
     rows of (order, Re, Im) for firing at 0, orders of its own rotor.
-    ``orders`` is the largest order of its own rotor that is kept of computed torques. ``ambient_pressure``
+    ``orders`` is the largest order of its own rotor that is kept of computed torques, 12 unless given, of a two-stroke
+    15, up to which rules ask for orders. ``ambient_pressure``
     acts on the other side of the piston. A table that goes beyond 360 deg or over more than 360 deg is that of two
     revolutions and fires at 360 deg, one within fires at 0, unless ``table_firing_tdc`` says otherwise.
     ``load`` = rows of (rpm, share of full load) says which of the ``traces`` hold, and multiplies ``heat`` or ``imep``.
@@ -354,6 +359,20 @@ class Cylinder(CrankSlider):
     """
 
     disk: str = declared("disk")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Phase:
+    """``[[phase]]``: how far one engine is turned against the rest of the train, as its clutch happened to close.
+
+    All that the cylinders and torques in ``of`` excite comes later by ``angle``, counted on their rotor, which must be
+    one. ``of`` names cylinders and torques; a name as "port" stands for "port 1", "port 2" and so on, the cylinders of
+    the engine of that name.
+    """
+
+    name: str = declared("name")
+    of: tuple = declared("list")
+    angle: float = quantity("deg", 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -373,7 +392,7 @@ def table_of(element) -> str:
 
 
 TABLES: dict[str, Any] = {
-    cls.__name__.lower(): cls for cls in (Disk, Shaft, Mesh, Damper, Ground, Load, Torque, Cylinder)
+    cls.__name__.lower(): cls for cls in (Disk, Shaft, Mesh, Damper, Ground, Load, Torque, Cylinder, Phase)
 }
 
 

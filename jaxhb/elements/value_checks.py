@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.elements import Combustion, Trace, Unread, suggestion
+from jaxhb.elements.elements import RULES, Combustion, Trace, Unread, suggestion
 from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
 
@@ -367,10 +367,17 @@ def _section_errors(shaft) -> list[str]:
     elif bore:
         texts += _hole_errors(shaft, "bore", "diameter")
     asked = _given(shaft, "stress_concentration", "tensile_strength")
+    form, other = "stress_concentration", shaft.rule in RULES[1:]
     lacking = [key for key in _ASKED if getattr(shaft, key) is None and (key != "diameter" or shaft.outer is None)]
+    if other:
+        asked, lacking = ["rule"], [key for key in lacking if key != form]
     if asked and lacking:
-        limits = f"{_and(asked)} {'ask' if len(asked) > 1 else 'asks'} for the stress limits of IACS UR M68"
+        rule = shaft.rule if other else "IACS UR M68"
+        limits = f"{_and(asked)} {'ask' if len(asked) > 1 else 'asks'} for the stress limits of {rule}"
         texts.append(f"{limits}, without {_and(lacking)}. Give {_and(_ASKED[key] for key in lacking)}.")
+    unread = form if other else "yield_strength"
+    if getattr(shaft, unread) is not None and shaft.rule in RULES:
+        texts.append(f"{unread} has no part in the limits of {shaft.rule}. Leave it out, or name another rule.")
     return texts
 
 

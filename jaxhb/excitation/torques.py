@@ -80,8 +80,13 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
     seats = np.array([*topology.torque_disk, *topology.cylinder_disk], dtype=int)
     cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
     torque = added(torque, (seats, 0), mean_torques(train.torques, train.cylinders, *cycle, rpm))
-    own = topology.torque_disk, topology.torque_harmonics, train.torques.harmonics
-    torque = _add_given(torque, *own, scale_at(train.torques, rpm))
+    own, scale = (topology.torque_disk, topology.torque_harmonics), scale_at(train.torques, rpm)
+    rows = train.torques.harmonics
+
+    def later(i, k, n):
+        return scale[i] * _coefficients(rows, i, k) * _turned(train, topology.phase_torques, i, n)
+
+    torque = _add_listed(torque, *own, later)
     if topology.cylinder_names:
         torque = _add_cylinders(torque, train, rpm, ratio)
     # Power of the mean torques over the speed of the reference rotor: torque x speed ratio, summed.
@@ -105,7 +110,8 @@ def _add_cylinders(torque, train, rpm, ratio):
     def phase(i, n):
         """exp(-i order alpha) of cylinder i at harmonic n of the cycle; order in revolutions of its own rotor."""
         order, xp = n / np.array(topology.cylinder_turn)[i], namespace(table.firing_angle)
-        return xp.exp(-1j * order * xp.deg2rad(table.firing_angle)[i])
+        turned = xp.exp(-1j * order * xp.deg2rad(table.firing_angle)[i])
+        return turned * _turned(train, topology.phase_cylinders, i, n)
 
     def given(i, k, n):
         return factor[i] * (scale[i] * _coefficients(table.gas_torque, i, k)) * phase(i, n)
@@ -131,6 +137,16 @@ def _add_cylinders(torque, train, rpm, ratio):
     turns = zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)
     lists = [tuple(round(j * turn) for j in range(1, min(kept, CRANK_SAMPLES // 2) + 1)) for kept, turn in turns]
     return _add_listed(torque, disks, lists, inertia)
+
+
+def _turned(train, members, i, n):
+    """exp(-i n alpha / turn) of elements i at harmonics n of the cycle, for every phase of which they are members."""
+    if not members:
+        return 1.0
+    xp, angle = namespace(train.phases), train.phases.angle
+    own = np.array([np.isin(i, row) for row in members])
+    turns = own * n / np.array(train.topology.phase_turn)[:, None]
+    return xp.exp(-1j * (xp.deg2rad(angle) @ turns))
 
 
 def _add_listed(torque, disks, numbers, values):

@@ -2,11 +2,15 @@
 
 The rule: IACS Unified Requirement M68, "Dimensions of propulsion shafts and their permissible torsional vibration
 stresses", for intermediate, thrust and propeller shafts. Crankshafts have another one, UR M53, which is not computed
-here. To be checked against its current text: an aid to evaluation, no approval by a class.
+here. Beside it, for the torsional stresses of crankshafts and generator shafts: Korean Register, Rules for the
+Classification of Steel Ships 2025 (RA-05-E), Part 5, Chapter 4. To be checked against their current texts: an aid to
+evaluation, no approval by a class.
 """
 
+from __future__ import annotations
+
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,14 +18,36 @@ import numpy as np
 from jaxhb._jax import Array, Number, concrete, namespace, traced
 from jaxhb._shown import brief
 from jaxhb.elements.derived import link_number
+from jaxhb.elements.elements import RULES, suggestion
 from jaxhb.train.drivetrain import DriveTrain
 
 CAP = 800e6
 """Tensile strength in Pa beyond which the rule gives no higher limit, for alloy steels; for other steels and for
 propeller shafts it says less, which whoever gives the tensile strength has to observe."""
-PLATEAU, HIGHEST = 0.9, 1.05  # speed ratios from which the limit is constant, and up to which there is one
+PLATEAU = 0.9  # speed ratio from which the limit of M68 is constant
+NEAR = 0.01  # share of the highest speed of a rule that may be missing
 SHARE_OF_RATED = 1.0 / 3.0  # vibratory torque that a mesh may pass on, over its rated torque
-NOT_ABOVE = 0.8  # share of the rated speed above which the rule does not accept barred ranges in normal operation
+KR_CAP = 835e6
+"""The same as CAP of the rules of the Korean Register: beyond it they leave the limit to the society."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Limits by the name of a rule: its ``source``, and shares of the rated speed: ``highest``, up to which it has
+    limits, ``asked``, up to which it asks for stresses, ``passed``, above which it accepts no barred range."""
+
+    source: str
+    highest: float
+    asked: float
+    passed: float
+
+
+_M68 = "IACS UR M68"
+_KR = "Korean Register, Rules for the Classification of Steel Ships 2025, Part 5, Chapter 4, "
+RULE = dict.fromkeys(RULES[3:], Rule(f"{_KR}203 (generators)", 1.1, 1.2, 0.9))
+RULE |= dict.fromkeys(RULES[1:3], Rule(f"{_KR}201 (main engines)", 1.15, 1.2, 0.8))
+RULE |= {RULES[0]: Rule(_M68, 1.05, 1.05, 0.8)}
+"""By its name; 102 of the Korean Register asks for the stresses up to 120 % of the rated speed."""
 
 
 def torsional_stress(torque: Number, *, diameter: Number, bore: Number = 0.0) -> Number:
@@ -37,11 +63,18 @@ def torsional_stress(torque: Number, *, diameter: Number, bore: Number = 0.0) ->
 
 
 def permissible_stress(
-    *, diameter: Number, stress_concentration: Number, tensile_strength: Number, speed_ratio: Number
+    *,
+    tensile_strength: Number,
+    speed_ratio: Number,
+    diameter: Number = math.nan,
+    stress_concentration: Number = math.nan,
+    yield_strength: Number = 0.0,
+    rule: str = "M68",
 ) -> tuple[Array, Array]:
-    """Permissible amplitudes of the torsional vibration stress after IACS UR M68, continuous and transient.
+    """Permissible amplitudes of the torsional vibration stress after a rule, continuous and transient.
 
-    For intermediate, thrust and propeller shafts (M68.5), not for crankshafts (UR M53). In MPa and mm::
+    After IACS UR M68, for intermediate, thrust and propeller shafts (M68.5), not for crankshafts (UR M53). In MPa and
+    mm::
 
         tau_C = (sigma_B + 160) / 18 C_K C_D (3 - 2 lambda^2)     lambda < 0.9
         tau_C = (sigma_B + 160) / 18 C_K C_D 1.38                 0.9 <= lambda <= 1.05
@@ -55,6 +88,23 @@ def permissible_stress(
     the rated speed. Numbers or arrays ``(...)``, the limits in Pa: infinite where lambda is above 1.05, for which the
     rule says nothing. Differentiable; numpy on the host.
 
+    The others are those of the Korean Register, Rules for the Classification of Steel Ships 2025 (RA-05-E), Part 5,
+    Chapter 4, to be checked against the current text. Kind A is a four-stroke in line, or in vee with firing intervals
+    of 45 or 60 deg; B is a two-stroke, or a four-stroke in another vee. In MPa, ``tau_T`` up to the lambda given, above
+    it ``tau_C``, as no passing is accepted there::
+
+        KR crankshaft (201)             tau_C = f (45 - c lambda^2)                              lambda <= 1
+            c = 24 (A), 29 (B)          tau_C = f (45 - c + 237 (lambda - 0.8) sqrt(lambda - 1)) 1 < lambda <= 1.15
+                                        tau_T = 2 (45 - c lambda^2) g                            lambda <= 0.8
+        KR generator crankshaft (203.1) tau_C = 21 f (A), 16 f (B)                               lambda <= 1.1
+                                        tau_T = 90 g                                             lambda <= 0.9
+        KR generator shaft (203.2)      tau_C = 31 f                                             lambda <= 1.1
+                                        tau_T = 118 g                                            lambda <= 0.9
+        201.4, 203.3                    f = 1 + 2/3 (sigma_B / 440 - 1), g = Y / 225, both at least 1
+
+    with the ``yield_strength`` Y in Pa, and sigma_B, counted up to 835 MPa, of which the rule counts 590 MPa at the
+    most for carbon steels. They do not depend on the diameter. ValueError of another rule.
+
     Examples
     --------
     >>> form = {"diameter": 0.4, "stress_concentration": 1.0, "tensile_strength": 6e8}
@@ -62,8 +112,12 @@ def permissible_stress(
     >>> [(limit / 1e6).round(2).tolist() for limit in limits]
     [[66.56, 36.74, 36.74], [113.16, 62.46, 62.46]]
     """
-    xp = namespace(diameter, stress_concentration, tensile_strength, speed_ratio)
+    if rule not in RULE:
+        raise ValueError(f"there is no rule {rule!r}.{suggestion(rule, RULES)}")
+    xp = namespace(diameter, stress_concentration, tensile_strength, yield_strength, speed_ratio)
     ratio = xp.asarray(speed_ratio, dtype=float)
+    if rule != RULES[0]:
+        return _korean(xp, rule, ratio, tensile_strength, yield_strength)
     # The numbers of the rule are for mm and MPa.
     size = 0.35 + 0.93 * (1e3 * diameter) ** -0.2
     strength = xp.minimum(tensile_strength, CAP) / 1e6
@@ -71,7 +125,23 @@ def permissible_stress(
     continuous = 1e6 * (strength + 160.0) / 18.0 * stress_concentration * size * slope
     # both are masked, not one computed from the other: the derivative of what is infinite would be nan
     limits = continuous, 1.7 * continuous / stress_concentration**0.5
-    return tuple(xp.where(ratio > HIGHEST, math.inf, limit) for limit in limits)
+    return tuple(xp.where(ratio > RULE[rule].highest, math.inf, limit) for limit in limits)
+
+
+def _korean(xp, rule, ratio, tensile_strength, yield_strength):
+    """:func:`permissible_stress` after the Korean Register."""
+    continuous = xp.ones_like(ratio) * (31.0 if rule == RULES[5] else 21.0 if rule.endswith("A") else 16.0)
+    passing = xp.ones_like(ratio) * (118.0 if rule == RULES[5] else 90.0)
+    if rule in RULES[1:3]:
+        below = 45.0 - (24.0 if rule.endswith("A") else 29.0) * ratio**2
+        # The root has no derivative at 1: another number stands there.
+        above = 237.0 * (ratio - 0.8) * xp.where(ratio > 1.0, ratio - 1.0, 1.0) ** 0.5
+        passing, continuous = 2.0 * below, xp.where(ratio > 1.0, continuous + above, below)
+    strength = xp.minimum(xp.asarray(tensile_strength, dtype=float), KR_CAP) / 440e6
+    continuous = 1e6 * continuous * xp.maximum(1.0 + 2.0 / 3.0 * (strength - 1.0), 1.0)
+    passing = 1e6 * passing * xp.maximum(xp.asarray(yield_strength, dtype=float) / 225e6, 1.0)
+    limits = continuous, xp.where(ratio > RULE[rule].passed, continuous, passing)
+    return tuple(xp.where(ratio > RULE[rule].highest, math.inf, limit) for limit in limits)
 
 
 @dataclass(frozen=True)
@@ -101,7 +171,7 @@ class BarredRange:
 
 
 def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array) -> tuple[BarredRange, ...]:
-    """Speed ranges of IACS UR M68 in which a stress is above its continuous limit, by rising speed; on the host.
+    """Speed ranges in which a stress is above its continuous limit, by rising speed; on the host.
 
     Bounds lie where stress less limit, linear between computed speeds, is zero: what is narrower than their step may be
     missed. The numbers have derivatives, the bounds those of that zero.
@@ -183,6 +253,17 @@ class Heat(NamedTuple):
     limit: np.ndarray
 
 
+class Judged(NamedTuple):
+    """Source of a rule; rpm up to which it has limits, up to which it asks for stresses, and up to which these are
+    known; and whether that is all it asks for, but for 1 %."""
+
+    source: str
+    limits_to_rpm: float
+    asked_to_rpm: float
+    known_to_rpm: float
+    complete: bool
+
+
 @brief
 @dataclass(frozen=True)
 class Strength:
@@ -194,6 +275,7 @@ class Strength:
     stresses : dict, :class:`Stress` of every shaft with a ``diameter`` or ``outer``
     tooth_torques : dict, :class:`ToothTorque` of every mesh with a ``rated_torque``
     heat : dict, :class:`Heat` of every shaft and damper with a ``power_limit``
+    rules : dict, name of the rule of every shaft with limits
     """
 
     rpm: np.ndarray
@@ -201,6 +283,7 @@ class Strength:
     stresses: dict
     tooth_torques: dict
     heat: dict
+    rules: dict = field(default_factory=dict)
 
     def __bool__(self):
         """Whether the scene gives anything to be judged by."""
@@ -212,6 +295,17 @@ class Strength:
         limited = {name: row for name, row in self.stresses.items() if row.continuous is not None}
         return {name: barred_ranges(self.rpm, *row) for name, row in limited.items()}
 
+    @property
+    def judged(self) -> dict[str, Judged]:
+        """Of every rule the speeds that it has limits for and asks for, and those that the stresses reach."""
+        found = {}
+        for name, rule in self.rules.items():
+            known = np.isfinite(np.broadcast_to(self.stresses[name].stress, np.shape(self.rpm)))
+            reached = float(np.max(np.where(known, self.rpm, 0.0)))
+            limits, asked = (share * (self.rated_rpm or 0.0) for share in (RULE[rule].highest, RULE[rule].asked))
+            found.setdefault(rule, Judged(RULE[rule].source, limits, asked, reached, reached >= (1 - NEAR) * asked))
+        return found
+
 
 def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     """Stresses, tooth torques and heat of a motion beside the limits that the scene gives.
@@ -219,10 +313,11 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     Of a Response or ForcedResponse of one speed or of several, or a SteadyState. ``train`` is what is judged, by
     default that of the response: one that comes out of a jax transformation has none, nor has a motion that never
     repeats, and ValueError asks for it. Differentiable. Of every shaft with a ``diameter`` (or ``outer``) half of the
-    peak-to-peak torque over W_p, and with a ``tensile_strength`` its limits after IACS UR M68 at this speed over
-    ``rated_rpm``, see :func:`jaxhb.permissible_stress` (not for crankshafts). Of every mesh with a ``rated_torque``
-    half of the peak-to-peak torque on its first gear, which must not exceed a third of the rated torque, nor may the
-    torque reverse. Of every shaft and damper with a ``power_limit`` its heat. An aid to evaluation, no class approval.
+    peak-to-peak torque over W_p, and with a ``tensile_strength`` its limits at this speed over ``rated_rpm`` after its
+    ``rule``, see :func:`jaxhb.permissible_stress` (IACS UR M68: not for crankshafts). Of every mesh with a
+    ``rated_torque`` half of the peak-to-peak torque on its first gear, which must not exceed a third of the rated
+    torque, nor may the torque reverse. Of every shaft and damper with a ``power_limit`` its heat. An aid to evaluation,
+    no class approval.
 
     >>> import math
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
@@ -248,11 +343,12 @@ def train_of(response, train=None):
 def judged(train, rpm, motion) -> Strength:
     """The :class:`Strength` of a train whose ``motion`` tells ``power(name)``, and of ``torque(name)`` and
     ``force(name)`` the ``mean``, ``min``, ``max`` and ``half_peak_to_peak``."""
-    topology, stresses = train.topology, {}
+    topology, stresses, rules = train.topology, {}, {}
     for name in having(topology, "shaft", "outer", "diameter"):
         stress = stress_of(train, name, motion.torque(name).half_peak_to_peak)
         limited = topology.has_key(topology.link_index(name)[0], "tensile_strength")
         stresses[name] = Stress(stress, *(stress_limits(train, name, rpm) if limited else (None, None)))
+        rules |= {name: topology.shaft_rules[topology.link_index(name)[0]]} if limited else {}
 
     def tooth_torque(name):
         force, (radius, limit) = motion.force(name), rated_gear(train, name)
@@ -269,6 +365,7 @@ def judged(train, rpm, motion) -> Strength:
             for table in ("shaft", "damper")
             for name in having(topology, table, "power_limit")
         },
+        rules=rules,
     )
 
 
@@ -297,11 +394,14 @@ def stress_of(train, name, torque):
 def stress_limits(train, name, rpm):
     """Continuous and transient limit in Pa of a shaft at speeds of the reference rotor."""
     i, shafts = train.topology.link_index(name)[0], train.shafts
+    has = train.topology.has_key
+    keys = [key for key in ("stress_concentration", "yield_strength") if has(i, key)]
     return permissible_stress(
+        **{key: getattr(shafts, key)[i] for key in keys},
         diameter=section(train, name)[0],
-        stress_concentration=shafts.stress_concentration[i],
         tensile_strength=shafts.tensile_strength[i],
         speed_ratio=namespace(rpm).asarray(rpm) / train.topology.rated_rpm,
+        rule=train.topology.shaft_rules[i],
     )
 
 

@@ -217,7 +217,8 @@ class _SpeedSweep:
 
     def alone(self, index):
         """The steady state of one speed, from the start that was given or from teeth in contact."""
-        if self.start is not None:
+        # A train of constant links has one motion, wherever it starts from, and nothing to march.
+        if self.start is not None and self.classifier.train.topology.has_law.any():
             return self.chunk_by_chunk([index], {index: self.start}, self.progress)[index]
         self._from_contact([index])
         return self.classifier.known[index]

@@ -14,6 +14,8 @@ from jaxhb.train import connections, tables, train_checks
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
 
+ORDERS, ORDERS_OF_TWO_STROKES = 12.0, 15.0  # largest that are kept of computed torques, where a scene says nothing
+
 
 def build(
     elements: Iterable[Any],
@@ -24,7 +26,7 @@ def build(
     rated_rpm: float | None = None,
     tune: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
-    scenarios: dict[str, dict[str, float]] | None = None,
+    scenarios: dict[str, dict[str, Any]] | None = None,
     source: str = "scene",
 ) -> DriveTrain:
     """Check elements and put them together to a drive train.
@@ -90,6 +92,7 @@ def checked(
         errors += train_checks.cycle_errors(parts, _harmonic_needs(parts, ratio), cycle)
     errors += train_checks.hold_errors(parts, main)
     errors += train_checks.balance_errors(parts, ratio) if not locked else []
+    errors += train_checks.phase_errors(parts, ratio)
     errors += value_checks.rated_errors(parts, rated_rpm)
     scenarios, unknown = checks.read_scenarios(parts, scenarios)
     errors += unknown
@@ -213,13 +216,15 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, ratio) -> Topology:
     own = [ratio[d] if e.orders_of == "own" else 1.0 for d, e in zip(seats["torque"], t["torque"], strict=True)]
     named: dict[str, Any] = {f"{table}_names": tuple(n) for table, n in parts.names.items() if table != "disk"}
     named |= {f"{table}_disk": disks for table, disks in seats.items()}
-    # Ratios of radii round: what is whole to 1e-6 is whole.
-    turn = [ratio[d] * cycle for d in seats["cylinder"]]
-    turn = [float(round(v)) if train_checks.whole(v) else v for v in turn]
+    turn = [_whole(ratio[d] * cycle) for d in seats["cylinder"]]
 
     def harmonics(rows, per_order):
         return tuple(tuple(round(row[0] * factor) for row in own) for own, factor in zip(rows, per_order, strict=True))
 
+    phased = [parts.phased(i) for i in range(len(t["phase"]))]
+    for table in ("cylinder", "torque"):
+        named[f"phase_{table}s"] = tuple(tuple(own[table]) for own in phased)
+    on = [seats["cylinder" if own["cylinder"] else "torque"][[*own["cylinder"], *own["torque"]][0]] for own in phased]
     mesh_ends = tuple(parts.ends("mesh"))
     per_revolution = [_mesh_periods(parts, ends, ratio) or 0.0 for ends in mesh_ends]
     needed = [any(getattr(m, name) for name in OF_PERIOD) for m in t["mesh"]]
@@ -235,9 +240,11 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, ratio) -> Topology:
         teeth=tuple(int(d.teeth or 0) for d in t["disk"]),
         rotor=rotors.rotor,
         n_rotors=len(rotors.ratio),
+        reference_disk=reference_disk,
         reference_rotor=rotors.rotor[reference_disk],
         rotor_path=rotors.path,
         shaft_ends=tuple(parts.ends("shaft")),
+        shaft_rules=tuple(shaft.rule for shaft in t["shaft"]),
         mesh_ends=mesh_ends,
         mesh_periods=tuple(periods),
         mesh_internal=tuple(m.kind == "internal" for m in t["mesh"]),
@@ -248,6 +255,7 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, ratio) -> Topology:
         load_harmonics=harmonics([e.harmonics for e in t["load"]], [ratio[d] * cycle for d in seats["load"]]),
         cylinder_harmonics=harmonics([c.gas_torque or () for c in t["cylinder"]], turn),
         cylinder_turn=tuple(turn),
+        phase_turn=tuple(_whole(ratio[disk] * cycle) for disk in on),
         cylinder_series=tuple(c.kinematics == "mendes2008" for c in t["cylinder"]),
         cylinder_fires=tuple(c.fires for c in t["cylinder"]),
         link_keys=derived.link_keys([link for table in derived.LINKS for link in t[table]]),
@@ -258,6 +266,11 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, ratio) -> Topology:
         **named,
         **_computed_torques(t["cylinder"], turn),
     )
+
+
+def _whole(number):
+    """What is whole to 1e-6 is whole: ratios of radii round."""
+    return float(round(number)) if train_checks.whole(number) else number
 
 
 def _springs(link, element):
@@ -277,6 +290,7 @@ def _computed_torques(cylinders, turn) -> dict:
         kinds["step"].append(round(per_order / turns) if computed else 0)
         kinds["gas_revolutions"].append(turns)
         # 1e-9 keeps a product that rounds below a whole number.
-        kinds["gas"].append(math.floor(c.orders * turns + 1e-9) if computed else 0)
-        kinds["inertia"].append(math.floor(c.orders + 1e-9) if moves else 0)
+        orders = c.orders or (ORDERS_OF_TWO_STROKES if computed and turns == 1 else ORDERS)
+        kinds["gas"].append(math.floor(orders * turns + 1e-9) if computed else 0)
+        kinds["inertia"].append(math.floor(orders + 1e-9) if moves else 0)
     return {f"cylinder_{kind}": tuple(values) for kind, values in kinds.items()}

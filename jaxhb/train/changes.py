@@ -78,7 +78,7 @@ def scene_values(train, settings):
     return found
 
 
-_TABLE_OF = {table: f"{table}s" for table in TABLES} | {"mesh": "meshes"}
+TABLE_OF = {table: f"{table}s" for table in TABLES} | {"mesh": "meshes"}
 _VARYING = {key: links for links, (key, _) in NEEDS.items()}
 _INNER = {"traces": Trace, "combustion": Combustion}
 
@@ -108,7 +108,7 @@ def declared_field(table: str, field: str):
 def _locate(train, key: str):
     """Find table, field and index of ``"NAME.FIELD"`` that the train has."""
     table, field, index = locate(train.topology, key)
-    numbers, inner = getattr(train, _TABLE_OF[table]), field
+    numbers, inner = getattr(train, TABLE_OF[table]), field
     where = f"{train.topology.title}, [[{table}]] {key[: -len(field) - 1]!r}"
     if "." in field:
         outer, _, inner = field.partition(".")
@@ -125,7 +125,7 @@ def _locate(train, key: str):
 
 def _vector(train, table, field):
     """A field of a table over its elements; gas factors that nobody gave are 1."""
-    numbers = getattr(train, _TABLE_OF[table])
+    numbers = getattr(train, TABLE_OF[table])
     outer, _, inner = field.rpartition(".")
     vector = getattr(getattr(numbers, outer) if outer else numbers, inner)
     return np.ones(len(train.topology.cylinder_names)) if vector is None and field == "gas_factor" else vector
@@ -188,7 +188,7 @@ def replace(train, values):
 
 def _with(train, table, field, new):
     """The train with values ``{index: value}`` in the vector of one field."""
-    attribute, (outer, _, inner) = _TABLE_OF[table], field.rpartition(".")
+    attribute, (outer, _, inner) = TABLE_OF[table], field.rpartition(".")
     numbers, vector = getattr(train, attribute), _set(_vector(train, table, field), new)
     if outer:
         inner, vector = outer, dataclasses.replace(getattr(numbers, outer), **{inner: vector})
@@ -240,7 +240,7 @@ def within_range(train):
     import jax.numpy as jnp
 
     inside = [jnp.array(True)]
-    given = [(TABLES[table], getattr(train, attribute)) for table, attribute in _TABLE_OF.items()]
+    given = [(TABLES[table], getattr(train, attribute)) for table, attribute in TABLE_OF.items()]
     for cls, numbers in [*given, (Combustion, train.cylinders.combustion)]:
         for declared in dataclasses.fields(cls):
             limits, values = declared.metadata.get("range"), getattr(numbers, declared.name, None)
@@ -338,7 +338,9 @@ def _check_ratios(before, after):
     errors, where = [], topology.title
     given = zip(topology.torque_names, topology.torque_disk, topology.torque_own, strict=True)
     own = [*zip(topology.cylinder_names, topology.cylinder_disk, strict=True)]
-    own += [(name, disk) for name, disk, is_own in given if is_own]
+    # A phase counts on the rotor, whatever the orders of a torque count on.
+    turned = {k for row in topology.phase_torques for k in row}
+    own += [(name, disk) for k, (name, disk, is_own) in enumerate(given) if is_own or k in turned]
     for name, disk in own:
         rotor = topology.rotor[disk]
         if abs(new[rotor] / old[rotor] - 1.0) > RATIO_TOLERANCE:

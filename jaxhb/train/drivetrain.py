@@ -14,8 +14,8 @@ from jaxhb._shown import html_table
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation import gas
-from jaxhb.train import changes, varying
-from jaxhb.train.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
+from jaxhb.train import changes, omission, varying
+from jaxhb.train.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Phases, Shafts, Torques
 from jaxhb.train.topology import Topology
 
 
@@ -39,6 +39,7 @@ class DriveTrain:
     loads: Loads
     torques: Torques
     cylinders: Cylinders
+    phases: Phases | None = None
 
     def __repr__(self):
         return f"<DriveTrain {self.topology.name or 'without a name'}: {self.topology.parts_text}>"
@@ -136,12 +137,13 @@ class DriveTrain:
         return dataclasses.replace(self, topology=self.topology.repeated(cycles))
 
     @property
-    def scenarios(self) -> dict[str, dict[str, float]]:
-        """Values of every ``[scenario.NAME]`` of the scene."""
+    def scenarios(self) -> dict[str, dict[str, Any]]:
+        """Values of every ``[scenario.NAME]`` of the scene, and what it leaves out (``without``)."""
         return json.loads(self.topology.scenarios)
 
     def scenario(self, name: str) -> DriveTrain:
-        """Return the train with the values of its ``[scenario.NAME]``, by :meth:`replace`, with its errors.
+        """Return the train of its ``[scenario.NAME]``: :meth:`without` what it leaves out, with the cylinders that fire
+        there, and its values by :meth:`replace`, with the errors of both.
 
         >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=2.0)]
         >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e4)]
@@ -151,7 +153,28 @@ class DriveTrain:
         if name not in self.scenarios:
             others = suggestion(name, self.scenarios) if self.scenarios else " The scene has none."
             raise SceneError(f"{self.topology.title}: there is no scenario {name!r}.{others}")
-        return self.replace(self.scenarios[name])
+        values = dict(self.scenarios[name])
+        train = self.without(*values.pop("without", ()))
+        names = train.topology.cylinder_names
+        both = zip(names, train.topology.cylinder_fires, strict=True)
+        fires = tuple(values.pop(f"{cylinder}.fires", fires) for cylinder, fires in both)
+        topology = dataclasses.replace(train.topology, cylinder_fires=fires)
+        # Rows are (order, Re, Im), of the orders that the train has.
+        numbers = {key: np.array(v)[:, 1:] if isinstance(v, list) else v for key, v in values.items()}
+        return dataclasses.replace(train, topology=topology).replace(numbers)
+
+    def without(self, *names: str) -> DriveTrain:
+        """Return the train without elements, as with a clutch open (its shaft left out) or a pump taken off.
+
+        With a disk goes all that sits on it, and whatever no link joins to the reference disk any more goes as well,
+        such as an engine behind an open clutch: it stands still, or turns by itself. :class:`SceneError` if there is no
+        such element, if the reference disk goes, or if a mean torque is left that nothing holds.
+
+        >>> train = jaxhb.load_scene("gear_train_30").without("crank damper")
+        >>> "crank damper" in train.topology.elements
+        False
+        """
+        return omission.without(self, names) if names else self
 
     def misfire(self, *cylinders: str) -> DriveTrain:
         """Return the train with cylinders, by their names, that do not fire: no gas torque, the inertia torque stays.

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jaxhb._jax import on_host
+from jaxhb.elements.elements import RULES
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, tooth_damping_ratios
 from jaxhb.excitation import gas
 from jaxhb.excitation.mean_torques import gas_pressures, mean_torques
@@ -243,7 +244,7 @@ def _links(train):
             yield from _unusual(table, name, "loss_factor", value)
     throws = set(topology.cylinder_disk)
     for i, ends in enumerate(topology.shaft_ends if strengths is not None else ()):
-        if strengths[i] and throws.issuperset(ends):
+        if strengths[i] and throws.issuperset(ends) and topology.shaft_rules[i] == RULES[0]:
             said = "tensile_strength sets the limits of IACS UR M68, which do not hold for crankshafts: UR M53 does,"
             yield "shaft", topology.shaft_names[i], f"{said} and it lies between two disks with cylinders"
 

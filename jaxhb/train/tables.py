@@ -91,6 +91,13 @@ class Loads:
 
 
 @table
+class Phases:
+    """Angles by which what each phase names comes later, deg of its rotor, [n_phases]."""
+
+    angle: Array
+
+
+@table
 class Torques:
     """Mean [nt] (N m), harmonics [nt, K, 2] (Re, Im of the peak amplitude, N m), scale over rpm [nt, L].
 
@@ -198,6 +205,7 @@ def of_elements(elements: dict) -> dict:
         "dampers": _plain(Dampers, elements["damper"]),
         "grounds": _plain(Grounds, elements["ground"]),
         "loads": Loads(share=column(elements["load"], "share"), harmonics=harmonics),
+        "phases": Phases(angle=column(elements["phase"], "angle")) if elements["phase"] else None,
         "torques": torque_table(elements["torque"]),
         "cylinders": cylinder_table(elements["cylinder"]),
     }

@@ -32,8 +32,10 @@ class Topology:
     disk, driven disk) that lead to it from the reference rotor. ``hz_links``, ``amplitude_links`` and
     ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed. ``springs`` are
     what acts beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or "friction", row).
-    ``link_keys`` names for each link which of the keys that may be absent it has; empty where no link has any.
-    ``rated_rpm`` is the rated speed of the reference rotor.
+    ``shaft_rules`` name the limits of each shaft. ``phase_cylinders`` and ``phase_torques`` are what each phase turns,
+    ``phase_turn`` the harmonics of the cycle per order of their rotor. ``link_keys`` names for each link which of the
+    keys that may be absent it has; empty where no link has any.
+    ``rated_rpm`` is the rated speed of the reference rotor, on which ``reference_disk`` sits.
 
     Its ``repr`` is whole: keys of compiled programs and of kept sweeps are made of it.
     """
@@ -81,12 +83,18 @@ class Topology:
     cylinder_series: tuple[bool, ...]
     cylinder_fires: tuple[bool, ...]
     load_harmonics: tuple[tuple[int, ...], ...] = ()
+    shaft_rules: tuple[str, ...] = ()
+    phase_names: tuple[str, ...] = ()
+    phase_cylinders: tuple[tuple[int, ...], ...] = ()
+    phase_torques: tuple[tuple[int, ...], ...] = ()
+    phase_turn: tuple[float, ...] = ()
     hz_links: tuple[int, ...] = ()
     amplitude_links: tuple[int, ...] = ()
     order_links: tuple[int, ...] = ()
     springs: tuple[tuple[int, str, int], ...] = ()
     link_keys: tuple[tuple[str, ...], ...] = ()
     rated_rpm: float | None = None
+    reference_disk: int = 0
     scenarios: str = "{}"
     tune: str = "{}"
     tolerance: str = "{}"
@@ -132,7 +140,7 @@ class Topology:
     def repeated(self, cycles: int) -> Topology:
         """The same with a cycle ``cycles`` times as long; harmonic n of the cycle becomes harmonic ``cycles n``."""
         numbers: dict[str, Any] = {"revolutions_per_cycle": cycles * self.revolutions_per_cycle}
-        for name in ("cylinder_step", "cylinder_turn", "mesh_periods"):
+        for name in ("cylinder_step", "cylinder_turn", "mesh_periods", "phase_turn"):
             numbers[name] = tuple(cycles * number for number in getattr(self, name))
         of_meshes = (f"mesh_{name}" for name in (*OF_PERIOD, *OF_GEARS))
         for name in ("torque_harmonics", "cylinder_harmonics", "load_harmonics", *of_meshes):

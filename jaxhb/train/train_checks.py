@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.elements import Torque
+from jaxhb.elements import value_checks
+from jaxhb.elements.elements import Torque, suggestion
 from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
 from jaxhb.excitation.mean_torques import mean_torques as mean_torques_at
@@ -130,6 +131,33 @@ def fitting_cycle(per_revolution) -> float | None:
     fits = all(abs(float(n) - v) <= 1e-9 * max(1.0, abs(v)) for n, v in zip(near, per_revolution, strict=True))
     least = math.lcm(*(fraction.denominator for fraction in near))
     return float(least) if fits and least <= 1000 else None
+
+
+def phase_errors(parts, ratio) -> list[str]:
+    """Find phases of what is no cylinder or torque, and of what turns at different speeds."""
+    errors = []
+    for i, phase in enumerate(parts.tables["phase"]):
+        known = [name for table in ("cylinder", "torque") for name in parts.names[table] if isinstance(name, str)]
+        engines = {str(name).rpartition(" ")[0] for name in parts.names["cylinder"]} - {""}
+        groups = [*known, *sorted(engines)]
+        named = phase.of if isinstance(phase.of, tuple | list) else []
+        errors += [
+            f"{parts.where('phase', i)}: of: there is no cylinder, torque or engine {value_checks.shown(name)}."
+            f"{suggestion(name, groups)}"
+            for name in named
+            if name not in groups
+        ]
+        if parts.usable("phase", i, "of") and not named:
+            errors.append(f"{parts.where('phase', i)}: of is empty. Name the cylinders and torques, or their engine.")
+        seats = {table: dict(parts.seats(table)) for table in ("cylinder", "torque")}
+        disks = [seats[table].get(k) for table, own in parts.phased(i).items() for k in own]
+        speeds = {round(ratio[d], 9) for d in disks if d is not None and ratio[d] is not None}
+        if len(speeds) > 1:
+            errors.append(
+                f"{parts.where('phase', i)}: what it names turns at {len(speeds)} speeds, must be on one rotor. Give"
+                " each rotor a [[phase]]."
+            )
+    return errors
 
 
 def inertia_errors(parts) -> list[str]:

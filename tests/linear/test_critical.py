@@ -54,3 +54,49 @@ def test_rigid_modes_and_rings_alone_have_no_critical_speed():
 def test_ranges_that_do_not_rise_and_orders_of_0_are_refused(rpm, orders):
     with pytest.raises(jaxhb.SceneError, match="rising order|greater than 0"):
         campbell(pendulum(), rpm=rpm, orders=orders)
+
+
+def two_stroke(**more):
+    """Two cylinders on two throws before a heavy flywheel, one cycle a revolution."""
+    burning = jaxhb.Combustion(compression_ratio=14.0, charge_pressure=2e5, start=-4.0, duration=35.0, imep=1e6, **more)
+    gas = {"bore": 0.3, "stroke": 0.6, "rod": 1.2, "combustion": burning}
+    yield from (
+        jaxhb.Disk(name=name, inertia=J, damping=10.0) for name, J in (("a", 80.0), ("b", 80.0), ("wheel", 4e3))
+    )
+    yield jaxhb.Shaft(between=("a", "b"), stiffness=4e7, damping=4e3)
+    yield jaxhb.Shaft(between=("b", "wheel"), stiffness=4e7, damping=4e3)
+    for k, disk in enumerate("ab"):
+        yield jaxhb.Cylinder(name=f"cylinder {k + 1}", disk=disk, firing_angle=180.0 * k, **gas)
+    yield jaxhb.Load(disk="wheel")
+
+
+def test_a_two_stroke_has_all_whole_orders_to_15_with_and_without_a_misfire():
+    train = jaxhb.build([*two_stroke(stroke_cycle=2)], revolutions_per_cycle=1)
+    firing, misfire = train, train.misfires()["cylinder 2"]
+    whole = [float(n) for n in range(1, 16)]
+    assert excited_orders(firing, rpm=[300.0]) == excited_orders(misfire, rpm=[300.0]) == whole
+    speeds = [100.0, 2000.0]
+    for one in (firing, misfire):
+        critical = campbell(one, rpm=speeds, count=2).critical
+        assert {c.order for c in critical} >= {15.0, 14.0, 13.0}
+    response = jaxhb.forced_response(misfire, rpm=300.0)
+    assert np.asarray(response.torque("b", "wheel").orders)[-1] == 15.0
+    # The harmonics are those of the torque over the crank angle.
+    more = jaxhb.build(
+        [*two_stroke(stroke_cycle=2)][:-3]
+        + [
+            jaxhb.Cylinder(**{**vars(c), "orders": 20.0})
+            for c in two_stroke(stroke_cycle=2)
+            if isinstance(c, jaxhb.Cylinder)
+        ]
+        + [jaxhb.Load(disk="wheel")],
+        revolutions_per_cycle=1,
+    )
+    wide = jaxhb.forced_response(more.misfire("cylinder 2"), rpm=300.0).torque("b", "wheel").order(15.0)
+    assert float(response.torque("b", "wheel").order(15.0)) == pytest.approx(float(wide), rel=1e-9) and float(wide) > 0
+
+
+def test_a_four_stroke_keeps_its_orders_to_12():
+    train = jaxhb.build([*two_stroke()], revolutions_per_cycle=2)
+    assert max(excited_orders(train, rpm=[300.0])) <= 12.0
+    assert train.topology.cylinder_gas == (24, 24)

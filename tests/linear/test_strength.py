@@ -167,3 +167,61 @@ def record_of(state):
 def test_a_limit_without_the_rated_speed_is_refused():
     with pytest.raises(SceneError, match="the key 'rated_rpm' is missing; the stress limits of 'coupling' and 'wheel"):
         jaxhb.build(GEARED, reference="engine")
+
+
+KOREAN = (  # rule, sigma_B and Y in MPa, lambda; tau_C and tau_T in MPa, by hand from the text of the rule
+    ("KR crankshaft A", 440, 225, 0.5, 39.0, 78.0),
+    ("KR crankshaft A", 590, 225, 0.8, 29.64 * (1 + 2 / 3 * 150 / 440), 59.28),
+    ("KR crankshaft B", 400, 450, 0.7, 30.79, 123.16),
+    ("KR crankshaft B", 440, 450, 0.9, 21.51, 21.51),  # no passing above 0.8
+    ("KR crankshaft A", 440, 0, 1.09, 21.0 + 237 * 0.29 * 0.3, 21.0 + 237 * 0.29 * 0.3),
+    ("KR crankshaft B", 440, 0, 1.04, 16.0 + 237 * 0.24 * 0.2, 16.0 + 237 * 0.24 * 0.2),
+    ("KR crankshaft B", 440, 0, 1.16, np.inf, np.inf),
+    ("KR generator crankshaft A", 440, 0, 0.9, 21.0, 90.0),
+    ("KR generator crankshaft B", 1000, 300, 0.3, 16.0 * (1 + 2 / 3 * 395 / 440), 120.0),  # counted as 835 MPa
+    ("KR generator shaft", 440, 225, 0.5, 31.0, 118.0),
+    ("KR generator shaft", 550, 225, 1.1, 31.0 * 7 / 6, 31.0 * 7 / 6),
+    ("KR generator shaft", 550, 225, 1.11, np.inf, np.inf),
+)
+
+
+@pytest.mark.parametrize("row", KOREAN)
+def test_limits_of_crankshafts_and_generator_shafts_are_those_of_the_rule_worked_out_by_hand(row):
+    rule, sigma, flow, ratio, *wanted = row
+    found = jaxhb.permissible_stress(
+        rule=rule, tensile_strength=1e6 * sigma, yield_strength=1e6 * flow, speed_ratio=ratio
+    )
+    np.testing.assert_allclose(np.array(found) / 1e6, wanted, rtol=1e-12)
+
+
+def test_every_rule_that_a_scene_may_name_has_its_source():
+    assert set(strength.RULE) == set(strength.RULES)
+    with pytest.raises(ValueError, match="there is no rule 'M86'. Did you mean 'M68'?"):
+        jaxhb.permissible_stress(rule="M86", tensile_strength=4e8, speed_ratio=1.0)
+    slope = jax.grad(lambda x: jaxhb.permissible_stress(rule="KR crankshaft A", tensile_strength=5e8, speed_ratio=x)[0])
+    assert np.isfinite([float(slope(x)) for x in (0.5, 1.0, 1.1)]).all()
+
+
+def test_a_shaft_is_judged_by_the_rule_that_it_names():
+    generator = {"rule": "KR generator shaft", "tensile_strength": 5e8, "yield_strength": 3e8}
+    parts = [
+        dataclasses.replace(e, **generator, stress_concentration=None)
+        if isinstance(e, Shaft) and e.between[0] == "wheel"
+        else e
+        for e in GEARED
+    ]
+    train = geared(parts)
+    found = jaxhb.strength(jaxhb.forced_response(train, rpm=RPM))
+    wanted = jaxhb.permissible_stress(**generator, speed_ratio=RPM / 3000.0)
+    np.testing.assert_allclose(found.stresses["wheel|mill"][1:], wanted, rtol=1e-12)
+    assert found.rules == {"coupling": "M68", "wheel|mill": "KR generator shaft"}
+    # 3300 rpm is 1.1 of the rated speed: limits end there, and 102 asks for stresses up to 1.2.
+    judged = found.judged
+    assert judged["M68"][1:] == (pytest.approx(3150.0), pytest.approx(3150.0), 3300.0, True)
+    assert judged["KR generator shaft"][1:] == (pytest.approx(3300.0), pytest.approx(3600.0), 3300.0, False)
+    more = train.replace({"wheel|mill.tensile_strength": 8e8})
+    assert (strength.stress_limits(more, "wheel|mill", 3000.0)[0] > wanted[0][-4]).all()
+    with pytest.raises(SceneError, match="stress_concentration has no part in the limits of KR generator shaft"):
+        geared([dataclasses.replace(e, stress_concentration=1.0) if e in parts[5:6] else e for e in parts])
+    with pytest.raises(SceneError, match="rule asks for the stress limits of KR generator shaft, without tensile_str"):
+        geared([dataclasses.replace(e, tensile_strength=None) if e in parts[5:6] else e for e in parts])

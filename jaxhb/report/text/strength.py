@@ -4,21 +4,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb.linear.strength import HIGHEST, NOT_ABOVE, judged
+from jaxhb.elements.elements import RULES
+from jaxhb.linear.strength import NEAR, RULE as OF_RULE, judged
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import NONE, from_rows, ranges, ratio
 from jaxhb.results.record import Motions
 
 AID = "evaluation aid, no class approval"
 
-ENOUGH, NEAR = 50, 0.01
-"""Speeds from which barred ranges are found; share of the highest speed of the rule that may be missing."""
+ENOUGH = 50  # speeds from which barred ranges are found
 
 RULE = """\
 Limits after IACS UR M68 for intermediate, thrust and propeller shafts, lambda = speed / {rated:g} rpm: to be checked
 against its current text. Tensile strengths count up to 800 MPa; of carbon steels and propeller shafts the rule counts
 at most 600 MPa. They do NOT hold for crankshafts: these have a rule of their own, IACS UR M53, which adds bending,
 fillets and oil holes, and is not computed here."""
+
+
+OTHER = """\
+Limits after {source},
+lambda = speed / {rated:g} rpm: to be checked against its current text. A: four-strokes in line, or in vee with firing
+intervals of 45 or 60 deg; B: two-strokes and other vees. Tensile strengths count up to 835 MPa; of carbon steels the
+rule counts at most 590 MPa. The strength of a crankshaft after IACS UR M53 is not computed here."""
 
 
 @dataclass(frozen=True)
@@ -71,14 +78,21 @@ def answers_strength(answers):
 
 def strength_text(judged):
     """Tables of the worst of each element, of one :class:`jaxhb.Strength` or more by headings ("" without one)."""
-    parts, limited = [], ""
+    parts, limited = [], {}
     for title, found in judged.items():
         own = [_table(found, kind) for kind in LIMITED if getattr(found, kind)]
         if any(row.continuous is not None for row in found.stresses.values()):
-            limited = RULE.format(rated=found.rated_rpm)
-            own += [_barred_text(found)] if len(found.rpm) > 1 else []
+            limited |= {rule: _source(rule, found.rated_rpm) for rule in found.judged}
+            own += [_barred_text(found, rule) for rule in found.judged] if len(found.rpm) > 1 else []
         parts += ([f"{title}\n{own[0]}"] if title and own else own[:1]) + own[1:]
-    return [*parts, limited] if limited else parts
+    return parts + list(dict.fromkeys(limited.values()))
+
+
+def _source(rule, rated):
+    """Where the limits of a rule come from, and what they hold for."""
+    if rule == RULES[0]:
+        return RULE.format(rated=rated)
+    return OTHER.format(source=OF_RULE[rule].source, rated=rated)
 
 
 def _table(found, kind):
@@ -108,21 +122,22 @@ def _where(rpm, happens):
     return f"at {ranges(list(rpm), rpm[happens])} rpm" if np.any(happens) else NONE
 
 
-def _barred_text(found):
-    """What is barred of several speeds, one range a line, from how many it was judged, and where it was not."""
-    barred = [(name, one) for name, several in found.barred.items() for one in several]
-    limited = {name: row for name, row in found.stresses.items() if row.continuous is not None}
+def _barred_text(found, rule):
+    """What a rule bars of several speeds, one range a line, from how many it was judged, and where it was not."""
+    limited = {name: found.stresses[name] for name, own in found.rules.items() if own == rule}
+    barred = [(name, one) for name in limited for one in found.barred[name]]
+    after, share, judged = f" after {rule}" * (rule != RULES[0]), OF_RULE[rule].highest, found.judged[rule]
     first, rpm, rated = next(iter(limited.values())), np.asarray(found.rpm), found.rated_rpm
     within, said = np.isfinite(first.continuous), []
     if within.any():
         head = "Barred speed ranges" if barred else "No barred speed range"
-        said = [f"{head} between {rpm[within].min():g} and {rpm[within].max():g} rpm ({AID})"]
-        said += [_range_text(name, one, rated) for name, one in barred]
-        speeds, highest = rpm[within & np.isfinite(first.stress)], HIGHEST * rated
+        said = [f"{head}{after} between {rpm[within].min():g} and {rpm[within].max():g} rpm ({AID})"]
+        said += [_range_text(name, one, OF_RULE[rule].passed, rated) for name, one in barred]
+        speeds, highest = rpm[within & np.isfinite(first.stress)], share * rated
         few = f": resonances between them are NOT seen, take {ENOUGH} or more" if len(speeds) < ENOUGH else ""
         said.append(f"Judged from {len(speeds)} speed{'s' * (len(speeds) != 1)}{few}.")
         if len(speeds) and speeds.max() < (1 - NEAR) * highest:
-            said[-1] += f" The rule looks up to {highest:g} rpm, {HIGHEST:g} of the rated speed: NOT judged there."
+            said[-1] += f" The rule looks up to {highest:g} rpm, {share:g} of the rated speed: NOT judged there."
     if not within.all():
         beyond = {
             name: np.where(within, -np.inf, np.nan_to_num(row.stress, nan=-np.inf)) for name, row in limited.items()
@@ -134,18 +149,22 @@ def _barred_text(found):
         ]
         told = f"; largest there: {', '.join(largest)}" if largest else ""
         said.append(
-            f"Above {HIGHEST * rated:g} rpm, {HIGHEST:g} of the rated speed, the rule has no limit: NOT judged{told}."
+            f"Above {share * rated:g} rpm, {share:g} of the rated speed, the rule has no limit: NOT judged{told}."
         )
+    if judged.asked_to_rpm > judged.limits_to_rpm and not judged.complete:
+        asked = f"{OF_RULE[rule].asked:g} of the rated speed = {judged.asked_to_rpm:g} rpm"
+        ends = f"the speeds end at {judged.known_to_rpm:g} rpm" if judged.known_to_rpm else "none is known"
+        said.append(f"The rule asks for stresses up to {asked}; {ends}.")
     return "\n".join(said)
 
 
-def _range_text(name, one, rated):
+def _range_text(name, one, share, rated):
     """One barred range as a line."""
     low, high = (f"{speed:.4g}" for speed in (one.low, one.high))
     low, high = f"{low} or below" if one.open_below else low, f"{high} or above" if one.open_above else high
     said = f"  {name}: {low} to {high} rpm, {one.share:.2f} of the continuous limit at {one.at:g} rpm"
     beyond = f"ABOVE THE TRANSIENT LIMIT ({one.transient_share:.2f} of it)"
-    late = f"; not accepted above {NOT_ABOVE:g} of the rated speed" if one.high > NOT_ABOVE * rated else ""
+    late = f"; not accepted above {share:g} of the rated speed" if one.high > share * rated else ""
     return f"{said}, {'within the transient limit' if one.passable else beyond}{late}"
 
 
@@ -155,6 +174,7 @@ def strength_record(found, *, one_speed=False):
     if not found:
         return {}
     record = {"note": AID, "rated_rpm": found.rated_rpm}
+    record |= {"rules": found.rules, "judged": {r: one._asdict() for r, one in found.judged.items()}}
     for kind, limited in LIMITED.items():
         ends = dict.fromkeys(limited.heads, f"_{limited.si_unit.replace(' ', '')}")
         record[kind] = {

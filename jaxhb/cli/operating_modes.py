@@ -1,0 +1,119 @@
+"""A command for several scenarios in one call, as the operating modes of an installation: one after the other, their
+numbers in one file, and for every quantity the mode in which it is largest."""
+
+import csv
+import json
+import re
+import tempfile
+from pathlib import Path
+
+from jaxhb.cli import inputs
+from jaxhb.report.files import output
+from jaxhb.scene.files import load_scene
+
+EVERY, AS_WRITTEN = "all", "as written"
+OWN_FILES = "plot", "netcdf", "html", "trace", "folder"  # options whose file each mode has for itself
+QUANTITY = re.compile(r"(?!.* limit of ).* (half peak-to-peak|max|heat|stress|vibratory torque) (rad|N m|N|W|Pa)")
+"""Heads of CSV files, behind the element, of what is compared."""
+
+
+def modes(given):
+    """The scenarios that are asked for, None for the scene as written; and their titles."""
+    asked = list(dict.fromkeys(given.get("scenario") or ()))
+    if EVERY in asked:
+        known = load_scene(given["scene"]).scenarios
+        if EVERY not in known:
+            if len(asked) > 1 or not known:
+                why = "takes all there are. Leave out the other --scenario" if known else "the scene has no scenario"
+                raise output.OutputError(f"--scenario {EVERY}: {why}.")
+            asked = [None, *known]
+    return {name or AS_WRITTEN: name for name in asked or [None]}
+
+
+def each(run, given, asked, read):
+    """``run(train, given)`` of a command for every mode of :func:`modes`; its exit status, the highest of all.
+
+    JSON and CSV files hold all modes, other files have the mode in their name.
+    """
+    if given.get("measured"):
+        raise output.OutputError("--scenario: a measurement was taken in one of them. Name one.")
+    inputs._check_files(given)
+    merged = [option for option in ("json", "csv") if option in given]
+    streamed = output.STANDARD_OUTPUT in [given.get(option) for option in (*merged, "trace")]
+    if given.get("trace") == output.STANDARD_OUTPUT:
+        raise output.OutputError("--trace: each scenario has a file of its own. Give a name.")
+    with tempfile.TemporaryDirectory() as folder:
+        own, status = {}, []
+        for k, (title, name) in enumerate(asked.items()):
+            files = {option: _named(given[option], title) for option in OWN_FILES if given.get(option)}
+            files |= {option: f"{folder}/{k}.{option}" for option in merged if given[option] or option == "csv"}
+            own[title] = given | files | {"scenario": name, "quiet": given["quiet"] or streamed}
+        # What one of them refuses is refused before the first is computed.
+        trains = {title: read(changed) for title, changed in own.items()}
+        for title, changed in own.items():
+            try:
+                if not changed["quiet"]:
+                    print(*["\n"] * bool(status), f"Mode: {title}\n\n", sep="", end="", flush=True)
+                status.append(run(trains[title], changed))
+            except KeyboardInterrupt as stop:
+                stop.__notes__ = [f"{len(status)} of {len(own)} modes are done, and their numbers are not written"]
+                raise
+        rows = {title: _rows(changed["csv"]) for title, changed in own.items()} if "csv" in given else {}
+        worst = _worst(rows, "rpm" if not given.get("over") else None)
+        contents = {}
+        if given.get("csv"):
+            heads = list(dict.fromkeys(head for several in rows.values() for row in several for head in row))
+            lines = [[title, *map(row.get, heads)] for title, several in rows.items() for row in several]
+            contents[given["csv"]] = output.as_csv(["scenario", *heads], lines)
+        if given.get("json"):
+            records = {title: json.loads(Path(one["json"]).read_text("utf-8")) for title, one in own.items()}
+            contents[given["json"]] = output.as_json({"scenarios": records, "worst": worst})
+        output.write_files(contents)
+    if worst and not (given["quiet"] or streamed):
+        print(f"\n{_table(worst)}")
+    return max(status)
+
+
+def _named(name, title):
+    """The name of a file with that of the mode in it."""
+    path, own = Path(name), re.sub(r"[^\w.-]+", "_", title)
+    return str(path.with_name(f"{path.stem}_{own}{path.suffix}"))
+
+
+def _rows(name):
+    with Path(name).open(encoding="utf-8", newline="") as text:
+        return list(csv.DictReader(text))
+
+
+def _worst(rows, axis):
+    """Of every quantity of the rows of all modes its largest value, with the mode and the place; at what is in the
+    column ``axis``, by default the second one."""
+    worst = {}
+    for title, several in rows.items():
+        for row in several:
+            own = {head: (found[2], row[head]) for head in row if (found := QUANTITY.fullmatch(head))}
+            if "worst" in row:  # of tolerances and phases, one row for each quantity
+                own = {f"{row['quantity']} {row['unit']}": (row["unit"], row["worst"])}
+            place = axis or list(row)[1]
+            case = row.get("misfire") or row.get("case") or ""
+            for head, (unit, text) in own.items():
+                value = float(text) if text else 0.0
+                if value > worst.get(head, {"value": 0.0})["value"]:
+                    where = {"scenario": title, "case": case, place: float(row[place])}
+                    worst[head] = {"value": value, "unit": unit, **where}
+    return worst
+
+
+def _table(worst):
+    """The same for people."""
+    from jaxhb.report.quantities import shown_unit
+    from jaxhb.report.text.columns import from_rows, plain_number
+
+    lines = []
+    for head, one in worst.items():
+        value, si, mode, case, place = one.values()
+        factor, unit = shown_unit(si)
+        where = f"{mode}, {case}" if case else mode
+        lines.append([head.removesuffix(f" {si}"), plain_number(factor * value), unit, f"{place:g}", where])
+    at = f"at {list(worst[head])[-1]}"
+    return from_rows("Largest over all modes", ["", "value", "unit", at, "mode"], lines, left=(2, 4))

@@ -1,0 +1,212 @@
+"""The worst phase between engines that drive one train: the largest value of a quantity over the full circle.
+
+The response of a linear train is linear in its excitation: turned by the angle alpha, what one engine adds to harmonic
+n of the cycle is multiplied by exp(-i n alpha / turn). One response and its derivative by the angle give the motions of
+all phases exactly. Trains with backlash are solved at phases all round the circle, and near the worst.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from jaxhb._jax import Array, on_host
+from jaxhb._shown import brief
+from jaxhb.design.quantities import QUANTITIES, Objective, label, objective_faults
+from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.linear.forced import forced_response
+from jaxhb.results.response import Fields
+from jaxhb.solutions.speeds import solve_speeds
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import check_speed
+
+LINEAR_STEPS, STEPS = 40, 8  # of the golden section round the worst phase of the scan; with backlash each is a solve
+GOLDEN = (5**0.5 - 1) / 2
+PHASES = 24  # of the scan of a train that is solved at each
+PER_HARMONIC = 16  # phases of the scan of a linear train for each harmonic that the engine excites
+PEAKS = 3  # of the scan of a linear train that are refined: the highest of it need not be that of the circle
+
+
+@brief
+@dataclass(frozen=True)
+class WorstPhase:
+    """The worst phase of every quantity at every speed; made by :func:`worst_phase`.
+
+    Parameters
+    ----------
+    name : str, of the phase; circle : float, deg of its rotor after which all repeats
+    of : tuple of Objective, Q quantities; labels : tuple of str, what they are called
+    rpm : ``(S,)``
+    nominal : ``(S, Q)``, with the phase that the train has
+    angle, worst : ``(S, Q)`` deg, and the largest value, there; nan where nothing is solved
+    best_angle, best : ``(S, Q)``, the least of the phases of the scan
+    angles, values : ``(P,)`` deg and ``(S, Q, P)``, the scan
+    """
+
+    name: str
+    circle: float
+    of: tuple
+    rpm: np.ndarray
+    nominal: np.ndarray
+    angle: np.ndarray
+    worst: np.ndarray
+    best_angle: np.ndarray
+    best: np.ndarray
+    angles: np.ndarray
+    values: np.ndarray
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """As ``"shaft torque of line"``."""
+        return tuple(map(label, self.of))
+
+
+def worst_phase(
+    train: DriveTrain,
+    name: str,
+    *,
+    rpm: Sequence[float] | Array,
+    of: Sequence[Objective] = (),
+    phases: int | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> WorstPhase:
+    """Search the phase at which each quantity is largest, over the full circle of the rotor of a ``[[phase]]``.
+
+    Of a linear train exactly, at every speed. With backlash, or links that vary with their amplitude, a scan of the
+    circle by :func:`jaxhb.solve_speeds`, and round the worst phase of each quantity, at the speed at which it is
+    largest, a golden section: what is narrower than a step of the scan may be missed. :class:`SceneError` of unknown
+    names.
+
+    Parameters
+    ----------
+    train : DriveTrain, concrete
+    name : str
+        Of the ``[[phase]]``.
+    rpm : sequence of float ``(S,)``
+    of : sequence of :class:`jaxhb.design.Objective`, optional
+        Default: tooth force of every mesh, torque of every shaft and damper.
+    phases : int, optional
+        How many of the circle are scanned; default 24, of linear trains 16 for each harmonic.
+    progress : callable, optional
+        Told what is done.
+
+    Examples
+    --------
+    Two equal engines excite one disk: in phase they add.
+
+    >>> parts = [jaxhb.Disk(name=n, inertia=1.0) for n in "ab"] + [jaxhb.Shaft(between=("a", "b"), stiffness=1e4)]
+    >>> parts += [jaxhb.Torque(name=n, disk="a", harmonics=[(2.0, 10.0, 0.0)]) for n in ("port", "starboard")]
+    >>> parts += [jaxhb.Phase(name="turn", of=["port"], angle=45.0)]
+    >>> found = worst_phase(jaxhb.build(parts, revolutions_per_cycle=1), "turn", rpm=[100.0])
+    >>> float(found.circle), [round(float(x), 6) for x in (found.nominal[0, 0] / found.worst[0, 0], found.best[0, 0])]
+    (360.0, [0.707107, 0.0])
+    """
+    topology = train.topology
+    check_speed(train, rpm, many=True)
+    if name not in topology.phase_names:
+        why = suggestion(name, topology.phase_names) if topology.phase_names else " The scene has no [[phase]]."
+        raise SceneError(f"{topology.title}: there is no phase {name!r}.{why}")
+    rpm = np.asarray(rpm, dtype=float)
+    every = [Objective(quantity="tooth force", of=mesh) for mesh in topology.mesh_names]
+    every += [Objective(quantity="shaft torque", of=link) for link in topology.shaft_and_damper_names]
+    chosen = tuple(of) or tuple(every)
+    faults = [f"{topology.title}, {label(one)}: {text}" for one in chosen for text in objective_faults(train, one, 1)]
+    if faults:
+        raise SceneError(faults)
+    turn = topology.phase_turn[topology.phase_names.index(name)]
+    circle, linear = 360.0 * turn, not (topology.has_law.any() or topology.amplitude_links)
+    read, highest = _linear(train, name, rpm, turn) if linear else (_solved(train, name, rpm), 0)
+    count = phases or (max(PHASES, PER_HARMONIC * highest) if linear else PHASES)
+    angles = np.arange(count) * (circle / count)
+    values = np.empty((len(rpm), len(chosen), count))
+    for k, angle in enumerate(angles):
+        if progress and not linear:
+            progress(f"phase {angle:g} of {circle:g} deg")
+        values[..., k] = read(np.full(len(rpm), angle), chosen)
+    nominal = read(np.full(len(rpm), float(train.value(f"{name}.angle"))), chosen)
+    known = np.isfinite(values)
+    best, ranked = np.where(known, values, np.inf).argmin(-1), np.where(known, values, -np.inf)
+    peak = (ranked >= np.roll(ranked, 1, -1)) & (ranked >= np.roll(ranked, -1, -1))
+    tops = np.argsort(-np.where(peak, ranked, -np.inf), axis=-1, kind="stable")[..., : PEAKS if linear else 1]
+    at, worst = angles[tops[..., 0]], values.max(-1, initial=-np.inf, where=known)
+    worst[~known.any(-1)] = np.nan
+    for q, one in enumerate(chosen):
+        places = np.flatnonzero(np.isfinite(worst[:, q]))
+        places = places if linear else places[np.argsort(-worst[places, q])][:1]
+        own = read if linear else _solved(train, name, rpm[places])
+        for k in range(tops.shape[-1] if len(places) else 0):
+            how = {"width": circle / count, "steps": LINEAR_STEPS if linear else STEPS}
+            middle = angles[tops[places, q, k]]
+            found, value = _golden(lambda a, one=one, own=own: own(a, (one,))[:, 0], middle, **how)
+            better = value > worst[places, q]
+            at[places[better], q], worst[places[better], q] = found[better] % circle, value[better]
+    least = np.take_along_axis(values, best[..., None], -1)[..., 0]
+    return WorstPhase(name, circle, chosen, rpm, nominal, at, worst, angles[best], least, angles, values)
+
+
+def _linear(train, name, rpm, turn):
+    """A function of phases ``(S,)`` deg, one for each speed, and of quantities, to their values ``(S, Q)``; and the
+    highest harmonic that the phase turns."""
+    start, key = float(train.value(f"{name}.angle")), f"{name}.angle"
+    parts = [field.name for field in dataclasses.fields(Fields)]
+
+    def fields(angle):
+        response = forced_response(train.replace({key: angle}), rpm=rpm)
+        return {part: getattr(response, part) for part in parts}
+
+    response = forced_response(train, rpm=rpm)
+    whole, slope = on_host(jax.jvp(fields, (start,), (1.0,)))
+
+    def per_degree(values):
+        return -1j * np.deg2rad(np.arange(values.shape[-1])) / turn
+
+    # What the phase turns: its derivative is its own multiple.
+    own = {part: slope[part] / np.where(per_degree(slope[part]) == 0, 1.0, per_degree(slope[part])) for part in parts}
+    size = np.abs(own["torques"]).max((0, 1), initial=0.0)
+    size = size + np.abs(own["angles"]).max((0, 1), initial=0.0) * (size.max() or 1.0)
+    solved = np.asarray(response.converged)
+
+    def read(angle, chosen):
+        turned = {
+            part: whole[part] + own[part] * np.expm1(per_degree(own[part]) * (angle - start)[:, None, None])
+            for part in parts
+        }
+        motion = dataclasses.replace(response, **turned)
+        found = [QUANTITIES[one.quantity].exact_value(motion, one.of, one.order, train) for one in chosen]
+        return np.where(solved[:, None], np.stack(found, axis=-1), np.nan)
+
+    return read, int(np.flatnonzero(size > 1e-9 * size.max()).max(initial=1))
+
+
+def _solved(train, name, rpm):
+    """The same of a train that is solved anew for every phase; the phases of all speeds are mostly one."""
+
+    def read(angle, chosen):
+        values = np.full((len(rpm), len(chosen)), np.nan)
+        for one in np.unique(angle):
+            own, design = np.flatnonzero(angle == one), train.replace({f"{name}.angle": float(one)})
+            motion = solve_speeds(design, rpm=rpm[own])
+            found = [QUANTITIES[c.quantity].exact_value(motion, c.of, c.order, design) for c in chosen]
+            values[own] = np.where(np.asarray(motion.converged)[:, None], np.stack(found, axis=-1), np.nan)
+        return values
+
+    return read
+
+
+def _golden(value, middle, *, width, steps):
+    """The largest of a function of angles ``(S,)`` within ``width`` of each, by golden sections."""
+    low, high = middle - width, middle + width
+    inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
+    values = [np.nan_to_num(value(x), nan=-np.inf) for x in inner]
+    for _ in range(steps):
+        left = values[0] > values[1]
+        low, high = np.where(left, low, inner[0]), np.where(left, inner[1], high)
+        kept = np.where(left, inner[0], inner[1]), np.where(left, values[0], values[1])
+        fresh = np.where(left, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
+        told = np.nan_to_num(value(fresh), nan=-np.inf)
+        inner = [np.where(left, fresh, kept[0]), np.where(left, kept[0], fresh)]
+        values = [np.where(left, told, kept[1]), np.where(left, kept[1], told)]
+    first = values[0] > values[1]
+    return np.where(first, inner[0], inner[1]), np.where(first, values[0], values[1])
