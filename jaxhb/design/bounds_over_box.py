@@ -1,0 +1,417 @@
+"""Upper bounds of the responses of all trains within tolerances, where the equations are linear.
+
+With all teeth in contact a train is linear, ``Z(n) x = T(n)`` at every harmonic. Numbers of links and disks change it by
+``A D A^T``, A the deflections of the links, and the motions of the disks, whose numbers vary, D diagonal: ``dk (1 + i
+eta) + i n Omega dr``, ``-(n Omega)^2 dJ + i n Omega dd``. With ``G = A^T Z^-1 A`` at the centre of a box, its
+deflections and any observed force or motion follow from small matrices alone (Woodbury's identity),
+
+    y = y0 - G D y,      q = q0 - g D y.
+
+Over the box ``D = sum_j delta_j w_j``, ``|delta_j| <= 1``, and ``|D| <= d = sum_j |w_j|``; y0 and q0 may depend on
+delta as well (torques). Then ``y = y0 + sum_j delta_j y_j + e`` with ``y_j = y0_j - G w_j y0``, and
+
+    q = q0 + sum_j delta_j (q0_j - g w_j y0) - sum_jk delta_j delta_k g w_j y_k + r,
+    |r| <= |g| d |G| d v,    |e| <= |G| d v,    v = (1 - |G| d)^-1 sum_j |y_j|,
+
+elementwise, where ``1 - |G| d`` is a nonsingular M-matrix, which is so if it maps some positive vector to a positive one:
+then the train is regular all over the box, and the series of D converges.
+
+Theorem. The largest value over the box of a linear function of q, as a signal at an instant, is at most that of the
+quadratic polynomial and ``sum |r|``. A polynomial in delta is at most its value at the corner to which its slopes point,
+for all delta_j whose slope has one sign over the box, and the sum of the sizes of its terms in the others. A signal of
+harmonics up to N that at M instants is within a range of half width a is within one of ``a / cos(pi N / M)`` about the
+same middle (Ehlich & Zeller, Math. Z. 86 (1964) 41). The bound over the tolerances is the largest over boxes that
+cover them, each halved until its bound is hardly above a response found.
+
+It is proved up to rounding, for the motion whose teeth stay in contact, which the same bounds of the deflections at the
+teeth show to exist in every train within the tolerances; where teeth can part another motion may coexist with it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxhb._program import Program
+from jaxhb.balance.problem import problem_at
+from jaxhb.equations import backlash, dynamic_stiffness, fourier
+from jaxhb.excitation.torques import listed_harmonic
+from jaxhb.linear import strength
+from jaxhb.train.changes import locate
+
+CLOSE = 1.02  # bound over the largest response found at which a box is halved no more
+BOXES = 2000  # for a quantity at a speed, at most
+TOGETHER = 16  # boxes that are halved at a time
+SAMPLES = 32  # instants per harmonic: bounds between them are 0.5 % larger
+INSTANTS, COMBINED = 200, 4000  # highest and lowest instants, and pairs of them, whose polynomials are looked at
+SIGNALS = "tooth force", "shaft torque", "gear torque", "angle", "tooth torque over limit", "stress"
+SIGNALS += "stress over continuous limit", "stress over transient limit"
+READ_AS = dict.fromkeys(SIGNALS, "swing") | {"tooth force peak": "peak"}
+READ_AS |= dict.fromkeys(("tooth force order", "shaft torque order", "angle order"), "order")
+READ_AS |= dict.fromkeys(("damper power", "power over limit"), "power")
+"""What of a signal, or a power, a quantity is."""
+OF_LINKS, OF_DISKS = ("stiffness", "damping", "loss_factor"), ("inertia", "damping")
+OF_LOADS = {"torque": ("mean",), "cylinder": ("gas_factor", "gas_torque_mean", "reciprocating_mass")}
+OF_LOADS["mesh"] = ("backlash",)
+"""Numbers on which torques, or the places of the flanks, depend linearly."""
+
+
+def bounds_over_box(train, rpm, box, found, harmonics=None):
+    """Upper bounds ``(n, Q)`` of the responses of all trains in a :class:`~jaxhb.design.tolerances.Box`, nan where none
+    is guaranteed, and ``(n, Q)`` sentences why, "" where one is; ``found`` ``(n, Q)`` the largest responses known."""
+    bound, why = np.full(found.shape, np.nan), np.full(found.shape, "", dtype=object)
+    numbers, fault = _numbers(train, box)
+    for i, speed in enumerate(rpm):
+        if fault or not np.isfinite(found[i]).all():
+            why[i] = fault or "the scene as it is was not solved"
+            continue
+        lanes = _Speed(train, float(speed), box, numbers, harmonics)
+        parting = lanes.parting()
+        for j, one in enumerate(box.objectives):
+            if parting or one.quantity not in READ_AS:
+                why[i, j] = parting or f"no bound of {one.quantity} is known"
+                continue
+            value = lanes.bound(one, found[i, j])
+            bound[i, j], why[i, j] = (value, "") if np.isfinite(value) else (np.nan, "no bound was found")
+    return bound, why.astype(str)
+
+
+@dataclass(frozen=True)
+class _Number:
+    """A number within its tolerance: ``middle + u[share] slope``, own in the scene; the ``element`` of the equations
+    that it changes, ("link", i) or ("disk", i), None of loads, and how."""
+
+    name: str
+    share: int
+    middle: float
+    slope: float
+    own: float
+    element: tuple | None
+    field: str
+
+
+def _numbers(train, box):
+    """The numbers of a box as :class:`_Number`, and why there is no bound over it, "" where there may be one."""
+    topology, found, loaded = train.topology, [], []
+    if not topology.linear_in_contact:
+        beside = [topology.link_names[link] for link, *_ in topology.springs]
+        varying = [name for name, own in zip(topology.mesh_names, topology.mesh_varies, strict=True) if own]
+        return (), f"the stiffness of {(beside + varying)[0]} is not constant"
+    for j, (one, own) in enumerate(zip(box.parameters, box.own, strict=True)):
+        for name, value in own:
+            table, field, index = locate(topology, name)
+            element = None
+            if table in ("shaft", "damper", "mesh") and field in OF_LINKS:
+                element = "link", topology.link_names.index(name[: -len(field) - 1])
+            elif table in ("disk", "damper") and field in OF_DISKS:
+                element = "disk", index + (topology.n_scene_disks if table == "damper" else 0)
+            elif (table, field) == ("ground", "stiffness"):
+                element, field = ("disk", topology.ground_disk[index]), "ground"
+            elif field not in OF_LOADS.get(table, ()):
+                return (), f"the response is no simple function of {name}"
+            else:
+                loaded.append((table, index))
+            if element and element[0] == "link" and field == "stiffness" and value == 0:
+                return (), f"{name} is 0 in the scene"
+            # With one number of 0 none is together, and the ratio is of no use.
+            ratio = value / own[0][1] if own[0][1] else 1.0
+            half = (one.high - one.low) / 2
+            found.append(_Number(name, j, ratio * (one.low + half), ratio * half, value, element, field))
+    if len(set(loaded)) < len(loaded):
+        return (), "two numbers of one excitation multiply each other"
+    return tuple(found), ""
+
+
+_motions = Program(dynamic_stiffness.solve_linear)
+
+
+class _Speed:
+    """The train at one speed. Arrays have harmonics first: ``y`` (H, K, R) and ``G`` (H, K, K) of the K elements whose
+    numbers vary, their deflections and motions under R loads, the own one and its changes with the P shares, and under
+    forces at each other; ``forces``, ``deflections``, ``motions`` (H, L or S, R + K) of all links and disks."""
+
+    def __init__(self, train, rpm, box, numbers, harmonics):
+        self.train, self.rpm, self.box, self.numbers = train, rpm, box, numbers
+        listed = listed_harmonic(train.topology)
+        self.harmonics = min(harmonics or listed, listed)
+        self.elements = list(dict.fromkeys(number.element for number in numbers if number.element))
+        self.own, self.flank = box.unbounded(train), np.zeros(len(train.topology.mesh_names))
+        self._solve()
+        if any(train.topology.mesh_backlash):
+            # Which flanks are pressed, linear springs tell: on a wrong one no teeth are found in contact.
+            self.flank = np.sign(self.forces[0, len(self.forces[0]) - len(self.flank) :, 0].real)
+            self._solve()
+
+    def _loads(self, share=None, end=0.0):
+        """Load on the disks ``(S, H)`` N, how far teeth are from l = 0 without a force ``(M, H)`` m, and how much they
+        deflect from there at least in contact ``(M,)`` m; of the train, or with one share of its loads at an end."""
+        own = [one for one in self.numbers if one.share == share and not one.element]
+        train = self.train.replace({one.name: one.middle + end * one.slope for one in own}) if own else self.train
+        problem = problem_at(train, self.rpm, self.harmonics)
+        meshes, gap = problem.meshes, np.array(train.topology.mesh_backlash, dtype=bool)
+        load = backlash.error_load(problem.system, meshes, problem.frequency, problem.load)
+        error = np.zeros((len(gap), 1), complex) if meshes.error is None else meshes.error
+        load, error = (np.array(fourier.resize(a, self.harmonics)) for a in (load, error))
+        # Beyond the knee f = c (l - e): e is where the flank would be without a transition.
+        place = np.where(gap, backlash.offset(meshes.law) / meshes.law.stiffness, 0.0)
+        load[:, 0] += problem.system.spread(meshes.law.stiffness * self.flank * place, meshes.link)
+        error[:, 0] += self.flank * place
+        return problem, (load, error, np.where(gap, meshes.law.knee - place, 0.0))
+
+    def _solve(self):
+        problem, base = self._loads()
+        system, meshes = problem.system, problem.meshes.link
+        loads, loaded = [base], {number.share for number in self.numbers if not number.element}
+        for share in range(len(self.own)):
+            ends = [self._loads(share, end)[1] if share in loaded else base for end in (-1.0, 1.0)]
+            loads.append(tuple((high - low) / 2 for low, high in zip(*ends, strict=True)))
+        load, error, self.knee = (np.stack(parts, axis=1) for parts in zip(*loads, strict=True))
+        incidence, disks = np.asarray(system.incidence()), np.eye(len(system.mass))
+        columns = [incidence[:, i] if kind == "link" else disks[i] for kind, i in self.elements]
+        units = np.broadcast_to(np.array(columns, complex).reshape(-1, len(disks)).T[..., None], (len(disks), len(columns), self.harmonics + 1))
+        omega = float(problem.frequency) * np.arange(self.harmonics + 1)
+        moved, force = map(np.array, _motions(system, omega, np.concatenate([load, units], axis=1)))
+        stiffness = np.asarray(dynamic_stiffness.link_stiffness(system, omega))[:, None]
+        count = load.shape[1]
+        force[meshes, :count] -= stiffness[meshes] * error
+        # From the forces: differences of displacements lose the digits of stiff links.
+        bent = np.where(stiffness == 0, system.deflections(moved), force / np.where(stiffness == 0, 1.0, stiffness))
+        of_elements = [(bent if kind == "link" else moved)[i] for kind, i in self.elements]
+        seen = np.array(of_elements, complex).reshape(len(columns), count + len(columns), len(omega)).transpose(2, 0, 1)
+        self.y, self.G, self.omega, self.system = seen[..., :count], seen[..., count:], omega, system
+        self.forces, self.deflections, self.motions = (a.transpose(2, 0, 1).copy() for a in (force, bent, moved))
+        for k, (kind, i) in enumerate(self.elements):
+            if kind == "link":  # its force is (C + D) y, and D y the force of the unit load
+                self.forces[:, i, count + k] -= 1.0
+
+    def _changes(self, u, half, omega):
+        """What numbers change of the elements ``(B, H, K)`` at the centres u ``(B, P)`` of boxes, and over half their
+        widths ``(B, H, K, P + E)``; behind the shares stand products of two of them, as numbers of their own."""
+        at = [number.middle + u[:, number.share, None] * number.slope for number in self.numbers]
+        moves = [half[:, number.share, None] * number.slope for number in self.numbers]
+        centre = np.zeros((len(u), len(omega), len(self.elements)), complex)
+        self.products: list = []
+        changes = [np.zeros(centre.shape, complex) for _ in range(u.shape[1])]
+        for number, value, move in zip(self.numbers, at, moves, strict=True):
+            if not number.element:
+                continue
+            k, factor = self.elements.index(number.element), self._factor(number, omega)
+            centre[..., k] += factor * (value - number.own)
+            changes[number.share][..., k] += factor * move
+            for other, second, other_move in zip(self.numbers, at, moves, strict=True):
+                if number.field == "stiffness" and (other.element, other.field) == (number.element, "loss_factor"):
+                    # k eta, of which the factor of either number has the part at the own value of the other
+                    factor = 1j * (omega > 0) / self._square(number.element)
+                    centre[..., k] += factor * (value - number.own) * (second - other.own)
+                    changes[number.share][..., k] += factor * move * (second - other.own)
+                    changes[other.share][..., k] += factor * (value - number.own) * other_move
+                    both = np.zeros(centre.shape, complex)
+                    both[..., k] = factor * move * other_move
+                    changes.append(both)
+                    self.products.append((number.share, other.share))
+        return centre, np.stack(changes, axis=-1)
+
+    def _square(self, element):
+        """The square of the radius that a number of an element is of, 1 of a mesh."""
+        kind, i = element
+        if kind == "link" and i >= len(self.system.loss) - len(self.flank):
+            return 1.0
+        return float(self.system.radius[self.system.tree.end_a[i] if kind == "link" else i]) ** 2
+
+    def _factor(self, number, omega):
+        """``(H,)`` what a unit of a number changes of the stiffness of its element, N/m, other numbers being own."""
+        kind, i = number.element
+        moving = omega > 0
+        factors = {"damping": 1j * omega, "inertia": -(omega**2), "ground": np.ones(len(omega))}
+        if kind == "link":
+            factors["stiffness"] = 1 + 1j * moving * float(self.system.loss[i])
+            # of stiffnesses per radius squared already
+            factors["loss_factor"] = 1j * moving * float(self.system.stiffness[i]) * self._square(number.element)
+        return factors[number.field] / self._square(number.element)
+
+    def _models(self, rows, which, low, high):
+        """Of observed rows ``(H, O, R + K)`` at some harmonics over boxes between shares low and high ``(B, P)`` the terms of the
+        polynomials: ``(B, H, O)``, ``(B, H, O, P + E)``, ``(B, H, O, P + E, P + E)``, and what is left at most,
+        ``(B, H, O)``, infinite where nothing is known; and what every number has to do with that, ``(B, P)``."""
+        u, half = (low + high) / 2, (high - low) / 2
+        centre, w = self._changes(u, half, self.omega[which])
+        rows, G = rows[which], self.G[which]
+        count, shares = self.y.shape[-1], u.shape[1]
+
+        def loaded(values):
+            """Of ``(H, X, R)`` what the loads make at the centres ``(B, H, X)``, and over half the widths."""
+            own = values[..., 0] + np.einsum("bp,hxp->bhx", u - self.own, values[..., 1:])
+            return own, np.pad(values[None, ..., 1:] * half[:, None, None], [(0, 0)] * 3 + [(0, w.shape[-1] - shares)])
+
+        y, y_loads = loaded(self.y[which])
+        q, q_loads = loaded(rows[..., :count])
+        given = np.concatenate([np.broadcast_to(G, (len(u), *G.shape)), y[..., None], y_loads], axis=-1)
+        moved = np.linalg.solve(np.eye(len(self.elements)) + G * centre[..., None, :], given)
+        G, y, y_loads = np.split(moved, [len(self.elements), len(self.elements) + 1], axis=-1)
+        g = rows[..., count:] * centre[..., None, :]
+        q, q_loads, g = q - (g @ y)[..., 0], q_loads - g @ y_loads, rows[..., count:] - g @ G
+        first = y_loads - G @ (w * y)
+        gw = g[..., None] * w[:, :, None]
+        linear, quadratic = q_loads - (gw * y[:, :, None]).sum(-2), -np.einsum("bhokj,bhkl->bhojl", gw, first)
+        size, change = np.abs(G), np.abs(w).sum(-1)[..., None]
+        grown = size * change.swapaxes(-1, -2)
+        both = np.stack([np.ones(y.shape[:-1]), np.abs(first).sum(-1)], axis=-1)
+        one, v = np.moveaxis(np.linalg.solve(np.eye(len(self.elements)) - grown, both), -1, 0)
+        regular = (one > 0).all(-1)
+        beyond = size @ (change * v[..., None])
+        observed = np.abs(g) @ (change * beyond)
+        left = np.where(regular[..., None], observed[..., 0], np.inf)
+        # A number takes part as the first or the second change of what is left, or in what keeps boxes irregular.
+        shared = np.abs(g) @ (np.abs(w) * beyond) + (np.abs(g) * change.swapaxes(-1, -2)) @ size @ (np.abs(w) * v[..., None])
+        share = np.where(regular[..., None], shared.sum(2), 0.0)
+        share = np.where(regular.all(1)[:, None, None], share, (~regular)[..., None] * (size @ np.abs(w)).sum(2))
+        score = share.sum(1)
+        for e, pair in enumerate(self.products):
+            score[:, pair] += score[:, [shares + e]]
+        return (q, linear, quadratic, left), score[:, :shares]
+
+    def parting(self):
+        """Which teeth are not known to stay in contact all over the tolerances, "" if all are."""
+        for mesh in np.flatnonzero(self.train.topology.mesh_backlash):
+            # How far its teeth are from the knee, on the other side: never above 0 in contact.
+            row = -self.flank[mesh] * self.deflections[:, self.deflections.shape[1] - len(self.flank) + mesh]
+            row[0, : self.knee.shape[1]] += self.knee[mesh]
+            if self._largest(row[:, None], "max", 0.0, 0.0) > 0:
+                return f"teeth of {self.train.topology.mesh_names[mesh]} may separate"
+        return ""
+
+    def bound(self, one, found):
+        """The bound of an Objective, infinite where there is none, ``found`` the largest response known."""
+        topology, name, train, kind = self.train.topology, one.of, self.train, READ_AS[one.quantity]
+        factor = 1.0
+        if one.quantity.startswith("angle"):
+            i = topology.disk_index(name)
+            rows = self.motions[:, [i]] / float(self.system.radius[i])
+        elif one.quantity == "gear torque":
+            i, meshes = topology.disk_index(name), len(self.flank)
+            senses = np.array([(a == i) - (b == i) for a, b in topology.mesh_ends], dtype=float)
+            rows = np.einsum("m,hmk->hk", senses, self.forces[:, -meshes:])[:, None] * float(train.disks.radius[i])
+        else:
+            i = topology.link_index(name)[0]
+            # From N to N m on the pitch circle of the rotor; the power is that of force and deflection.
+            arm = 1.0 if name in topology.mesh_names else float(self.system.radius[self.system.tree.end_a[i]])
+            rows = self.forces[:, [i]] * (1.0 if kind == "power" else arm)
+            if kind == "power":
+                rows = np.concatenate([rows, self.deflections[:, [i]]], axis=1)
+        if one.quantity == "power over limit":
+            factor = 1 / float(strength.power_limit(train, name))
+        elif one.quantity == "tooth torque over limit":
+            factor = float(np.divide(*strength.rated_gear(train, name)))
+        elif one.quantity.startswith("stress"):
+            factor = float(strength.stress_of(train, name, 1.0))
+            if kind_of_limit := one.quantity.partition(" over ")[2]:
+                factor /= float(strength.stress_limits(train, name, self.rpm)["transient" in kind_of_limit])
+        if kind == "order":
+            n = round(one.order * topology.revolutions_per_cycle)
+            return factor * self._largest(rows, n, found / factor, CLOSE) if n <= self.harmonics else 0.0
+        return factor * self._largest(rows, kind, found / factor, CLOSE) if factor else 0.0
+
+    def _largest(self, rows, kind, found, close):
+        """The bound over all tolerances of rows ``(H, O, R + K)`` read as ``kind``, the number of a harmonic for its
+        amplitude; near ``close`` times the largest value ``found`` where that takes few boxes."""
+        if not rows.any():
+            return 0.0
+        low, high = -np.ones((1, len(self.own))), np.ones((1, len(self.own)))
+        bounds, scores, found = self._bounds(rows, kind, low, high, found)
+        while len(bounds) < BOXES:
+            chosen = np.argsort(-bounds, kind="stable")[:TOGETHER]
+            chosen = chosen[(bounds[chosen] > close * found) & (scores[chosen] > 0).any(1)]
+            if not len(chosen) or (kind == "max" and found > 0):
+                break
+            at, along = np.repeat(chosen, 2), np.repeat(scores[chosen].argmax(1), 2)
+            new_low, new_high, rows_at = low[at], high[at], np.arange(len(at))
+            middle = (new_low + new_high)[rows_at, along] / 2
+            new_low[rows_at[1::2], along[1::2]] = middle[1::2]
+            new_high[rows_at[::2], along[::2]] = middle[::2]
+            new_bounds, new_scores, found = self._bounds(rows, kind, new_low, new_high, found)
+            # What is known of the whole holds of its halves.
+            new_bounds = np.minimum(new_bounds, bounds[at])
+            pairs = (low, new_low), (high, new_high), (scores, new_scores), (bounds, new_bounds)
+            low, high, scores, bounds = (np.concatenate([np.delete(old, chosen, 0), new]) for old, new in pairs)
+        return float(bounds.max())
+
+    def _bounds(self, rows, kind, low, high, found):
+        """Bounds ``(B,)`` over boxes, or ``found`` where that is more, what each number has to do with them ``(B, P)``,
+        and the largest value found, at their centres too."""
+        which = np.arange(len(self.omega)) if kind in ("max", "peak") else np.arange(1, len(self.omega))
+        which, waves = (np.array([kind]), 1) if isinstance(kind, int) else (which, self.harmonics)
+        (q, linear, quadratic, left), scores = self._models(rows, which, low, high)
+        if kind == "power":
+            values, slopes, squares, left = _powers(q, linear, quadratic, left, 2 * self.omega[which])
+            return np.maximum(_over_corners(values, slopes, squares) + left, found), scores, max(found, values.max())
+        q, linear, quadratic, left = (a[:, :, 0] for a in (q, linear, quadratic, left))
+        turns = np.minimum(which, waves)[:, None] * np.arange(SAMPLES * waves) / (SAMPLES * waves)
+        phase = np.where(which > 0, 2.0, 1.0)[:, None] * np.exp(2j * np.pi * turns)
+        signs = np.array([1.0, -1.0] if kind == "peak" else [1.0])[:, None, None]
+        phase = np.concatenate(list(signs * phase), axis=1)
+        values, slopes = (q @ phase).real, (linear.swapaxes(1, 2) @ phase).real.swapaxes(1, 2)
+        weight = np.where(which > 0, 2.0, 1.0)
+        curved, left = np.abs(quadratic).sum((2, 3)) @ weight, left @ weight
+        own = (values.max(1) - values.min(1)) / 2 if kind == "swing" else values.max(1)
+        found, between = max(found, own.max()), 1 / np.cos(np.pi / SAMPLES)
+        bounds = np.full(len(low), np.inf)
+        for i in np.flatnonzero(np.isfinite(left)):
+            polynomials = values[i], slopes[i], lambda at, i=i: np.einsum("hjk,ht->tjk", quadratic[i], phase[:, at]).real
+            bounds[i] = _largest_of(*polynomials, curved[i], left[i], found, kind == "swing")
+        if kind == "max":
+            moving = np.abs(q[:, 1:]).sum(1) + np.abs(linear[:, 1:]).sum((1, 2))
+            return bounds + (between - 1) * (2 * moving + curved + left), scores, found
+        return bounds * between, scores, found
+
+
+def _largest_of(values, slopes, quadratic, curved, left, least, swing):
+    """The bound of polynomials at instants ``(M,)``, ``(M, P)`` and, for some of them, ``(T, P, P)``, all of whose
+    quadratic terms are at most ``curved``; with ``swing`` of half the differences of any two; at least ``least``."""
+    reach, beyond = np.abs(slopes).sum(1), curved + left
+    if swing:
+        high, low = values + reach, values - reach
+        top, out = _highest((high - low.min()) / 2 + beyond, least, INSTANTS)
+        bottom, below = _highest((high.max() - low) / 2 + beyond, least, INSTANTS)
+        i, j = (index.ravel() for index in np.meshgrid(np.arange(len(top)), np.arange(len(bottom)), indexing="ij"))
+        values, slopes = (values[top][i] - values[bottom][j]) / 2, (slopes[top][i] - slopes[bottom][j]) / 2
+        kept, lost = _highest(values + np.abs(slopes).sum(1) + beyond, least, COMBINED)
+        squares = (quadratic(top)[i[kept]] - quadratic(bottom)[j[kept]]) / 2
+        out = max(out, below, lost)
+    else:
+        kept, out = _highest(values + reach + beyond, least, COMBINED)
+        squares = quadratic(kept)
+    return max(least, out, (_over_corners(values[kept], slopes[kept], squares) + left).max(initial=-np.inf))
+
+
+def _highest(values, least, most):
+    """The places of at most so many values, the largest above ``least``, and the largest that is left out."""
+    order = np.argsort(-values)[: most + 1]
+    order = order[values[order] > least]
+    return order[:most], values[order[most]] if len(order) > most else -np.inf
+
+
+def _over_corners(values, slopes, squares):
+    """The bound ``(T,)`` of quadratic polynomials over -1 to 1 in each of P numbers."""
+    squares = (squares + squares.swapaxes(1, 2)) / 2
+    steep = np.abs(slopes) >= 2 * np.abs(squares).sum(2)
+    corner = np.where(steep, np.sign(slopes), 0.0)
+    turned = (squares @ corner[..., None])[..., 0]
+    # A square is never negative, its term at most 0 where its factor is less.
+    sizes, own = np.abs(squares), np.einsum("tjj->tj", squares)
+    mixed = ((sizes @ ~steep[..., None])[..., 0] - (np.abs(own) - own) / 2) * ~steep
+    return values + (corner * (slopes + turned) + ~steep * np.abs(slopes + 2 * turned) + mixed).sum(1)
+
+
+def _powers(q, linear, quadratic, left, weight):
+    """Of the power ``sum weight Im(f conj(y))`` of a link, with rows f and y, as of a signal at one instant ``(B,)``:
+    the values, the slopes ``(B, P)``, the quadratic terms ``(B, P, P)``, and what is left at most."""
+    (f, y), (f1, y1), (f2, y2), (fr, yr) = (np.moveaxis(a, 2, 0) for a in (q, linear, quadratic, left))
+
+    y, y1, y2 = (weight.reshape(-1, *[1] * (a.ndim - 2)) * np.conj(a) for a in (y, y1, y2))
+    values = (f * y).imag.sum(1)
+    slopes = (f1 * y[..., None] + f[..., None] * y1).imag.sum(1)
+    squares = (f2 * y[..., None, None] + f1[..., None] * y1[..., None, :] + f[..., None, None] * y2).imag.sum(1)
+    F1, Y1, F2, Y2 = (np.abs(a).sum(tuple(range(2, a.ndim))) for a in (f1, y1, f2, y2))
+    F, Y = np.abs(f) + F1 + F2, np.abs(y) + Y1 + Y2
+    with np.errstate(invalid="ignore"):
+        left = (F1 * Y2 + F2 * Y1 + F2 * Y2 + fr * Y + (F + fr) * weight * yr).sum(1)
+    return values, slopes, squares, np.where(np.isfinite(left), left, np.inf)
