@@ -178,6 +178,7 @@ class _Speed:
         of_elements = [(bent if kind == "link" else moved)[i] for kind, i in self.elements]
         seen = np.array(of_elements, complex).reshape(len(columns), count + len(columns), len(omega)).transpose(2, 0, 1)
         self.y, self.G, self.omega, self.system = seen[..., :count], seen[..., count:], omega, system
+        self.stiffness = stiffness[:, 0].T
         self.forces, self.deflections, self.motions = (a.transpose(2, 0, 1).copy() for a in (force, bent, moved))
         for k, (kind, i) in enumerate(self.elements):
             if kind == "link":  # its force is (C + D) y, and D y the force of the unit load
@@ -228,46 +229,36 @@ class _Speed:
             factors["loss_factor"] = 1j * moving * float(self.system.stiffness[i]) * self._square(number.element)
         return factors[number.field] / self._square(number.element)
 
-    def _models(self, rows, which, low, high):
-        """Of observed rows ``(H, O, R + K)`` at some harmonics over boxes between shares low and high ``(B, P)`` the terms of the
-        polynomials: ``(B, H, O)``, ``(B, H, O, P + E)``, ``(B, H, O, P + E, P + E)``, and what is left at most,
-        ``(B, H, O)``, infinite where nothing is known; and what every number has to do with that, ``(B, P)``."""
-        u, half = (low + high) / 2, (high - low) / 2
-        centre, w = self._changes(u, half, self.omega[which])
-        rows, G = rows[which], self.G[which]
-        count, shares = self.y.shape[-1], u.shape[1]
-
-        def loaded(values):
-            """Of ``(H, X, R)`` what the loads make at the centres ``(B, H, X)``, and over half the widths."""
-            own = values[..., 0] + np.einsum("bp,hxp->bhx", u - self.own, values[..., 1:])
-            return own, np.pad(values[None, ..., 1:] * half[:, None, None], [(0, 0)] * 3 + [(0, w.shape[-1] - shares)])
-
-        y, y_loads = loaded(self.y[which])
-        q, q_loads = loaded(rows[..., :count])
-        given = np.concatenate([np.broadcast_to(G, (len(u), *G.shape)), y[..., None], y_loads], axis=-1)
-        moved = np.linalg.solve(np.eye(len(self.elements)) + G * centre[..., None, :], given)
-        G, y, y_loads = np.split(moved, [len(self.elements), len(self.elements) + 1], axis=-1)
-        g = rows[..., count:] * centre[..., None, :]
-        q, q_loads, g = q - (g @ y)[..., 0], q_loads - g @ y_loads, rows[..., count:] - g @ G
-        first = y_loads - G @ (w * y)
-        gw = g[..., None] * w[:, :, None]
-        linear, quadratic = q_loads - (gw * y[:, :, None]).sum(-2), -np.einsum("bhokj,bhkl->bhojl", gw, first)
-        size, change = np.abs(G), np.abs(w).sum(-1)[..., None]
-        grown = size * change.swapaxes(-1, -2)
-        both = np.stack([np.ones(y.shape[:-1]), np.abs(first).sum(-1)], axis=-1)
-        one, v = np.moveaxis(np.linalg.solve(np.eye(len(self.elements)) - grown, both), -1, 0)
+    def _model(self, row, which, half, u, centre, w):
+        """Of an observed row ``(H, R + K)`` at some harmonics over boxes the terms of the polynomials, ``(B, H)``,
+        ``(B, H, P + E)``, ``(B, H, P + E, P + E)``, and what is left at most, ``(B, H)``, infinite where nothing is known;
+        and what every number has to do with that, ``(B, P + E)``. u, half : ``(B, P)``; centre, w : of the boxes."""
+        count, G, every = self.y.shape[-1], self.G[which], np.eye(len(self.elements))
+        # The observed stands in one array with the deflections, behind them.
+        loads = np.concatenate([self.y[which], row[which, None, :count]], axis=1)
+        own = loads[..., 0] + np.einsum("bp,hxp->bhx", u - self.own, loads[..., 1:])
+        moved = loads[None, ..., 1:] * half[:, None, None]
+        moved = np.pad(moved, [(0, 0)] * 3 + [(0, w.shape[-1] - moved.shape[-1])])
+        given = np.concatenate([np.broadcast_to(G, (len(u), *G.shape)), own[..., :-1, None], moved[..., :-1, :]], axis=-1)
+        given = np.linalg.solve(every + G * centre[..., None, :], given)
+        G, y, moved_y = np.split(given, [len(every), len(every) + 1], axis=-1)
+        held, g = row[which, count:] * centre, row[which, None, count:]
+        q = own[..., -1] - (held * y[..., 0]).sum(-1)
+        moved_q, g = ((b - held[..., None, :] @ a)[..., 0, :] for a, b in ((moved_y, moved[..., -1:, :]), (G, g)))
+        first, gw = moved_y - G @ (w * y), g[..., None] * w
+        linear, quadratic = moved_q - (gw * y).sum(-2), -gw.swapaxes(-1, -2) @ first
+        size, parts, g = np.abs(G), np.abs(w), np.abs(g)[..., None, :]
+        change = parts.sum(-1)
+        both = np.stack([np.ones(change.shape), np.abs(first).sum(-1)], axis=-1)
+        one, v = np.moveaxis(np.linalg.solve(every - size * change[..., None, :], both), -1, 0)
         regular = (one > 0).all(-1)
-        beyond = size @ (change * v[..., None])
-        observed = np.abs(g) @ (change * beyond)
-        left = np.where(regular[..., None], observed[..., 0], np.inf)
-        # A number takes part as the first or the second change of what is left, or in what keeps boxes irregular.
-        shared = np.abs(g) @ (np.abs(w) * beyond) + (np.abs(g) * change.swapaxes(-1, -2)) @ size @ (np.abs(w) * v[..., None])
-        share = np.where(regular[..., None], shared.sum(2), 0.0)
-        share = np.where(regular.all(1)[:, None, None], share, (~regular)[..., None] * (size @ np.abs(w)).sum(2))
-        score = share.sum(1)
-        for e, pair in enumerate(self.products):
-            score[:, pair] += score[:, [shares + e]]
-        return (q, linear, quadratic, left), score[:, :shares]
+        beyond = (size @ (change * v)[..., None])[..., 0]
+        left = np.where(regular, (g[..., 0, :] * change * beyond).sum(-1), np.inf)
+        # A number takes part as the first or the second change of what is left, or in what keeps the train irregular.
+        part = g @ (parts * beyond[..., None]) + (g * change[..., None, :]) @ size @ (parts * v[..., None])
+        all_regular = regular.all(1)[:, None, None]
+        part = np.where(all_regular, part[..., 0, :], (size @ parts).sum(2) * ~regular[..., None])
+        return (q, linear, quadratic, left), part.sum(1)
 
     def parting(self):
         """Which teeth are not known to stay in contact all over the tolerances, "" if all are."""
@@ -275,92 +266,95 @@ class _Speed:
             # How far its teeth are from the knee, on the other side: never above 0 in contact.
             row = -self.flank[mesh] * self.deflections[:, self.deflections.shape[1] - len(self.flank) + mesh]
             row[0, : self.knee.shape[1]] += self.knee[mesh]
-            if self._largest(row[:, None], "max", 0.0, 0.0) > 0:
+            if self._largest(row, "max", 0, 0.0, 0.0) > 0:
                 return f"teeth of {self.train.topology.mesh_names[mesh]} may separate"
         return ""
 
     def bound(self, one, found):
         """The bound of an Objective, infinite where there is none, ``found`` the largest response known."""
-        topology, name, train, kind = self.train.topology, one.of, self.train, READ_AS[one.quantity]
-        factor = 1.0
-        if one.quantity.startswith("angle"):
+        topology, train, quantity, name = self.train.topology, self.train, one.quantity, one.of
+        kind, at, factor = READ_AS[quantity], 0, 1.0
+        if quantity.startswith("angle"):
             i = topology.disk_index(name)
-            rows = self.motions[:, [i]] / float(self.system.radius[i])
-        elif one.quantity == "gear torque":
+            row = self.motions[:, i] / float(self.system.radius[i])
+        elif quantity == "gear torque":
             i, meshes = topology.disk_index(name), len(self.flank)
             senses = np.array([(a == i) - (b == i) for a, b in topology.mesh_ends], dtype=float)
-            rows = np.einsum("m,hmk->hk", senses, self.forces[:, -meshes:])[:, None] * float(train.disks.radius[i])
+            row = np.einsum("m,hmk->hk", senses, self.forces[:, -meshes:]) * float(train.disks.radius[i])
         else:
-            i = topology.link_index(name)[0]
-            # From N to N m on the pitch circle of the rotor; the power is that of force and deflection.
+            i = at = topology.link_index(name)[0]
+            # From N to N m on the pitch circle of the rotor.
             arm = 1.0 if name in topology.mesh_names else float(self.system.radius[self.system.tree.end_a[i]])
-            rows = self.forces[:, [i]] * (1.0 if kind == "power" else arm)
-            if kind == "power":
-                rows = np.concatenate([rows, self.deflections[:, [i]]], axis=1)
-        if one.quantity == "power over limit":
+            row = self.deflections[:, i] if kind == "power" else arm * self.forces[:, i]
+        if quantity == "power over limit":
             factor = 1 / float(strength.power_limit(train, name))
-        elif one.quantity == "tooth torque over limit":
+        elif quantity == "tooth torque over limit":
             factor = float(np.divide(*strength.rated_gear(train, name)))
-        elif one.quantity.startswith("stress"):
+        elif quantity.startswith("stress"):
             factor = float(strength.stress_of(train, name, 1.0))
-            if kind_of_limit := one.quantity.partition(" over ")[2]:
-                factor /= float(strength.stress_limits(train, name, self.rpm)["transient" in kind_of_limit])
+            if " over " in quantity:
+                factor /= float(strength.stress_limits(train, name, self.rpm)["transient" in quantity])
         if kind == "order":
-            n = round(one.order * topology.revolutions_per_cycle)
-            return factor * self._largest(rows, n, found / factor, CLOSE) if n <= self.harmonics else 0.0
-        return factor * self._largest(rows, kind, found / factor, CLOSE) if factor else 0.0
-
-    def _largest(self, rows, kind, found, close):
-        """The bound over all tolerances of rows ``(H, O, R + K)`` read as ``kind``, the number of a harmonic for its
-        amplitude; near ``close`` times the largest value ``found`` where that takes few boxes."""
-        if not rows.any():
+            at = round(one.order * topology.revolutions_per_cycle)
+        if factor == 0 or (kind == "order" and at > self.harmonics):
             return 0.0
+        return factor * self._largest(row, kind, at, found / factor, CLOSE)
+
+    def _largest(self, row, kind, at, found, close):
+        """The bound over all tolerances of a row ``(H, R + K)`` read as ``kind``, of harmonic or link ``at``: near
+        ``close`` times the largest value ``found`` where that takes few boxes."""
         low, high = -np.ones((1, len(self.own))), np.ones((1, len(self.own)))
-        bounds, scores, found = self._bounds(rows, kind, low, high, found)
+        bounds, parts, found = self._bounds(row, kind, at, low, high, found)
         while len(bounds) < BOXES:
             chosen = np.argsort(-bounds, kind="stable")[:TOGETHER]
-            chosen = chosen[(bounds[chosen] > close * found) & (scores[chosen] > 0).any(1)]
+            chosen = chosen[(bounds[chosen] > close * found) & (parts[chosen] > 0).any(1)]
             if not len(chosen) or (kind == "max" and found > 0):
                 break
-            at, along = np.repeat(chosen, 2), np.repeat(scores[chosen].argmax(1), 2)
-            new_low, new_high, rows_at = low[at], high[at], np.arange(len(at))
-            middle = (new_low + new_high)[rows_at, along] / 2
-            new_low[rows_at[1::2], along[1::2]] = middle[1::2]
-            new_high[rows_at[::2], along[::2]] = middle[::2]
-            new_bounds, new_scores, found = self._bounds(rows, kind, new_low, new_high, found)
-            # What is known of the whole holds of its halves.
-            new_bounds = np.minimum(new_bounds, bounds[at])
-            pairs = (low, new_low), (high, new_high), (scores, new_scores), (bounds, new_bounds)
-            low, high, scores, bounds = (np.concatenate([np.delete(old, chosen, 0), new]) for old, new in pairs)
+            which, along = np.repeat(chosen, 2), np.repeat(parts[chosen].argmax(1), 2)
+            new_low, new_high, lower = low[which], high[which], np.arange(0, len(which), 2)
+            middle = (new_low + new_high)[lower, along[::2]] / 2
+            new_high[lower, along[::2]] = new_low[lower + 1, along[::2]] = middle
+            new_bounds, new_parts, found = self._bounds(row, kind, at, new_low, new_high, found)
+            # What holds of the whole holds of its halves.
+            new_bounds = np.minimum(new_bounds, bounds[which])
+            pairs = (low, new_low), (high, new_high), (parts, new_parts), (bounds, new_bounds)
+            low, high, parts, bounds = (np.concatenate([np.delete(old, chosen, 0), new]) for old, new in pairs)
         return float(bounds.max())
 
-    def _bounds(self, rows, kind, low, high, found):
+    def _bounds(self, row, kind, at, low, high, found):
         """Bounds ``(B,)`` over boxes, or ``found`` where that is more, what each number has to do with them ``(B, P)``,
-        and the largest value found, at their centres too."""
-        which = np.arange(len(self.omega)) if kind in ("max", "peak") else np.arange(1, len(self.omega))
-        which, waves = (np.array([kind]), 1) if isinstance(kind, int) else (which, self.harmonics)
-        (q, linear, quadratic, left), scores = self._models(rows, which, low, high)
+        and the largest value found, at the centres too."""
+        constant = kind in ("max", "peak")
+        which = np.array([at]) if kind == "order" else np.arange(0 if constant else 1, len(self.omega))
+        u, half = (low + high) / 2, (high - low) / 2
+        centre, w = self._changes(u, half, self.omega[which])
+        (q, linear, quadratic, left), parts = self._model(row, which, half, u, centre, w)
+        for e, pair in enumerate(self.products):
+            parts[:, pair] += parts[:, [low.shape[1] + e]]
+        parts = parts[:, : low.shape[1]]
         if kind == "power":
-            values, slopes, squares, left = _powers(q, linear, quadratic, left, 2 * self.omega[which])
-            return np.maximum(_over_corners(values, slopes, squares) + left, found), scores, max(found, values.max())
-        q, linear, quadratic, left = (a[:, :, 0] for a in (q, linear, quadratic, left))
-        turns = np.minimum(which, waves)[:, None] * np.arange(SAMPLES * waves) / (SAMPLES * waves)
-        phase = np.where(which > 0, 2.0, 1.0)[:, None] * np.exp(2j * np.pi * turns)
-        signs = np.array([1.0, -1.0] if kind == "peak" else [1.0])[:, None, None]
-        phase = np.concatenate(list(signs * phase), axis=1)
-        values, slopes = (q @ phase).real, (linear.swapaxes(1, 2) @ phase).real.swapaxes(1, 2)
+            # What of the square of its deflection a link turns into heat.
+            heat, own = 2 * self.omega[which], np.array([one == ("link", at) for one in self.elements], dtype=float)
+            damping = heat * (self.stiffness[which, at] + centre @ own).imag, heat[:, None] * (own @ w).imag
+            values, slopes, squares, left = _power(*damping, q, linear, quadratic, left)
+            return np.maximum(_over_corners(values, slopes, squares) + left, found), parts, max(found, values.max())
+        waves = 1 if kind == "order" else self.harmonics
         weight = np.where(which > 0, 2.0, 1.0)
+        turns = np.minimum(which, waves)[:, None] * np.arange(SAMPLES * waves) / (SAMPLES * waves)
+        phase = weight[:, None] * np.exp(2j * np.pi * turns)
+        if kind == "peak":
+            phase = np.concatenate([phase, -phase], axis=1)
+        values, slopes = (q @ phase).real, (linear.swapaxes(1, 2) @ phase).real.swapaxes(1, 2)
         curved, left = np.abs(quadratic).sum((2, 3)) @ weight, left @ weight
         own = (values.max(1) - values.min(1)) / 2 if kind == "swing" else values.max(1)
         found, between = max(found, own.max()), 1 / np.cos(np.pi / SAMPLES)
+        moving = 2 * np.abs(q[:, 1:]).sum(1) + 2 * np.abs(linear[:, 1:]).sum((1, 2)) + curved + left
+        more = (between - 1) * moving if kind == "max" else np.zeros(len(low))  # without a middle at 0
         bounds = np.full(len(low), np.inf)
         for i in np.flatnonzero(np.isfinite(left)):
             polynomials = values[i], slopes[i], lambda at, i=i: np.einsum("hjk,ht->tjk", quadratic[i], phase[:, at]).real
-            bounds[i] = _largest_of(*polynomials, curved[i], left[i], found, kind == "swing")
-        if kind == "max":
-            moving = np.abs(q[:, 1:]).sum(1) + np.abs(linear[:, 1:]).sum((1, 2))
-            return bounds + (between - 1) * (2 * moving + curved + left), scores, found
-        return bounds * between, scores, found
+            bounds[i] = more[i] + _largest_of(*polynomials, curved[i], left[i], found - more[i], kind == "swing")
+        return bounds if kind == "max" else bounds * between, parts, found
 
 
 def _largest_of(values, slopes, quadratic, curved, left, least, swing):
@@ -401,17 +395,17 @@ def _over_corners(values, slopes, squares):
     return values + (corner * (slopes + turned) + ~steep * np.abs(slopes + 2 * turned) + mixed).sum(1)
 
 
-def _powers(q, linear, quadratic, left, weight):
-    """Of the power ``sum weight Im(f conj(y))`` of a link, with rows f and y, as of a signal at one instant ``(B,)``:
-    the values, the slopes ``(B, P)``, the quadratic terms ``(B, P, P)``, and what is left at most."""
-    (f, y), (f1, y1), (f2, y2), (fr, yr) = (np.moveaxis(a, 2, 0) for a in (q, linear, quadratic, left))
-
-    y, y1, y2 = (weight.reshape(-1, *[1] * (a.ndim - 2)) * np.conj(a) for a in (y, y1, y2))
-    values = (f * y).imag.sum(1)
-    slopes = (f1 * y[..., None] + f[..., None] * y1).imag.sum(1)
-    squares = (f2 * y[..., None, None] + f1[..., None] * y1[..., None, :] + f[..., None, None] * y2).imag.sum(1)
-    F1, Y1, F2, Y2 = (np.abs(a).sum(tuple(range(2, a.ndim))) for a in (f1, y1, f2, y2))
-    F, Y = np.abs(f) + F1 + F2, np.abs(y) + Y1 + Y2
-    with np.errstate(invalid="ignore"):
-        left = (F1 * Y2 + F2 * Y1 + F2 * Y2 + fr * Y + (F + fr) * weight * yr).sum(1)
-    return values, slopes, squares, np.where(np.isfinite(left), left, np.inf)
+def _power(damping, damping1, y, y1, y2, yr):
+    """Of ``sum damping |y|^2`` over harmonics ``(B, H)`` the polynomials ``(B,)``, ``(B, P)``, ``(B, P, P)`` and what
+    is left at most ``(B,)``."""
+    sizes = np.abs(y), np.abs(y1).sum(2), np.abs(y2).sum((2, 3))
+    own, both = np.conj(y)[..., None], (np.conj(y1)[..., None] * y1[..., None, :]).real
+    square, square1, square2 = sizes[0] ** 2, 2 * (own * y1).real, both + 2 * (own[..., None] * y2).real
+    c = damping[..., None]
+    values, slopes = (damping * square).sum(1), (c * square1 + damping1 * square[..., None]).sum(1)
+    squares = (c[..., None] * square2 + damping1[..., None] * square1[..., None, :]).sum(1)
+    Y, Y1, Y2 = sizes
+    grown, all_of_y = np.abs(damping1).sum(2), Y + Y1 + Y2
+    third = (2 * Y1 + Y2) * Y2
+    left = damping * third + grown * (Y1**2 + 2 * Y * Y2 + third) + (damping + grown) * (2 * all_of_y + yr) * yr
+    return values, slopes, squares, left.sum(1)
