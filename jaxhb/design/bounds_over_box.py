@@ -18,10 +18,10 @@ then the train is regular all over the box, and the series of D converges.
 
 Theorem. The largest value over the box of a linear function of q, as a signal at an instant, is at most that of the
 quadratic polynomial and ``sum |r|``. A polynomial in delta is at most its value at the corner to which its slopes point,
-for all delta_j whose slope has one sign over the box, and the sum of the sizes of its terms in the others. A signal of
-harmonics up to N that at M instants is within a range of half width a is within one of ``a / cos(pi N / M)`` about the
-same middle (Ehlich & Zeller, Math. Z. 86 (1964) 41). The bound over the tolerances is the largest over boxes that
-cover them, each halved until its bound is hardly above a response found.
+for all delta_j whose slope has one sign over the box, and the sum of the sizes of its terms in the others. Between M
+instants a signal is larger by at most ``sum_n n^2 |s_n| (pi / M)^2``, half of its largest second derivative times the
+square of the way to the nearest. The bound over the tolerances is the largest over boxes that cover them, each halved
+until its bound is hardly above a response found.
 
 It is proved up to rounding, for the motion whose teeth stay in contact, which the same bounds of the deflections at the
 teeth show to exist in every train within the tolerances; where teeth can part another motion may coexist with it.
@@ -41,7 +41,7 @@ from jaxhb.train.changes import locate
 CLOSE = 1.02  # bound over the largest response found at which a box is halved no more
 BOXES = 2000  # for a quantity at a speed, at most
 TOGETHER = 16  # boxes that are halved at a time
-SAMPLES = 32  # instants per harmonic: bounds between them are 0.5 % larger
+SAMPLES, PHASES = 32, 256  # instants per harmonic, phases of an order: bounds between them are 0.5 % larger at most
 INSTANTS, COMBINED = 200, 4000  # highest and lowest instants, and pairs of them, whose polynomials are looked at
 SIGNALS = "tooth force", "shaft torque", "gear torque", "angle", "tooth torque over limit", "stress"
 SIGNALS += "stress over continuous limit", "stress over transient limit"
@@ -57,7 +57,9 @@ OF_LOADS["mesh"] = ("backlash",)
 
 def bounds_over_box(train, rpm, box, found, harmonics=None):
     """Upper bounds ``(n, Q)`` of the responses of all trains in a :class:`~jaxhb.design.tolerances.Box`, nan where none
-    is guaranteed, and ``(n, Q)`` sentences why, "" where one is; ``found`` ``(n, Q)`` the largest responses known."""
+    is guaranteed, ``(n, Q)`` sentences why, "" where one is, and the index of a speed and the shares of each train found
+    on the way whose response is above ``found`` ``(n, Q)``, the largest known."""
+    places: list = []
     bound, why = np.full(found.shape, np.nan), np.full(found.shape, "", dtype=object)
     numbers, fault = _numbers(train, box)
     for i, speed in enumerate(rpm):
@@ -70,9 +72,10 @@ def bounds_over_box(train, rpm, box, found, harmonics=None):
             if parting or one.quantity not in READ_AS:
                 why[i, j] = parting or f"no bound of {one.quantity} is known"
                 continue
-            value = lanes.bound(one, found[i, j])
+            value, place = lanes.bound(one, found[i, j])
             bound[i, j], why[i, j] = (value, "") if np.isfinite(value) else (np.nan, "no bound was found")
-    return bound, why.astype(str)
+            places += [] if place is None else [(i, place)]
+    return bound, why.astype(str), places
 
 
 @dataclass(frozen=True)
@@ -266,12 +269,13 @@ class _Speed:
             # How far its teeth are from the knee, on the other side: never above 0 in contact.
             row = -self.flank[mesh] * self.deflections[:, self.deflections.shape[1] - len(self.flank) + mesh]
             row[0, : self.knee.shape[1]] += self.knee[mesh]
-            if self._largest(row, "max", 0, 0.0, 0.0) > 0:
+            if self._largest(row, "max", 0, -np.inf, 0.0)[0] > 0:
                 return f"teeth of {self.train.topology.mesh_names[mesh]} may separate"
         return ""
 
     def bound(self, one, found):
-        """The bound of an Objective, infinite where there is none, ``found`` the largest response known."""
+        """The bound of an Objective, infinite where there is none, ``found`` the largest response known; and shares of a
+        train that has a larger one, or None."""
         topology, train, quantity, name = self.train.topology, self.train, one.quantity, one.of
         kind, at, factor = READ_AS[quantity], 0, 1.0
         if quantity.startswith("angle"):
@@ -297,33 +301,36 @@ class _Speed:
         if kind == "order":
             at = round(one.order * topology.revolutions_per_cycle)
         if factor == 0 or (kind == "order" and at > self.harmonics):
-            return 0.0
-        return factor * self._largest(row, kind, at, found / factor, CLOSE)
+            return 0.0, None
+        value, place = self._largest(row, kind, at, found / factor, CLOSE)
+        return factor * value, place
 
     def _largest(self, row, kind, at, found, close):
-        """The bound over all tolerances of a row ``(H, R + K)`` read as ``kind``, of harmonic or link ``at``: near
-        ``close`` times the largest value ``found`` where that takes few boxes."""
-        low, high = -np.ones((1, len(self.own))), np.ones((1, len(self.own)))
-        bounds, parts, found = self._bounds(row, kind, at, low, high, found)
-        while len(bounds) < BOXES:
+        """The bound over all tolerances of a row ``(H, R + K)`` read as ``kind``, of harmonic or link ``at``, near
+        ``close`` times the largest value where that takes few boxes; and shares with more than was ``found``, or None."""
+        low, high, place = -np.ones((1, len(self.own))), np.ones((1, len(self.own))), None
+        bounds = parts = np.zeros(0)
+        new, chosen, limits = (low, high), np.zeros(0, dtype=int), np.inf
+        low, high, parts = low[:0], high[:0], low[:0]
+        while True:
+            new_bounds, new_parts, own = self._bounds(row, kind, at, *new, found)
+            if own.max() > found:
+                found, place = own.max(), new[0][own.argmax()] / 2 + new[1][own.argmax()] / 2
+            # What holds of the whole holds of its halves.
+            pairs = (low, new[0]), (high, new[1]), (parts, new_parts), (bounds, np.minimum(new_bounds, limits))
+            low, high, parts, bounds = (np.concatenate([np.delete(old, chosen, 0), more]) for old, more in pairs)
             chosen = np.argsort(-bounds, kind="stable")[:TOGETHER]
             chosen = chosen[(bounds[chosen] > close * found) & (parts[chosen] > 0).any(1)]
-            if not len(chosen) or (kind == "max" and found > 0):
-                break
-            which, along = np.repeat(chosen, 2), np.repeat(parts[chosen].argmax(1), 2)
-            new_low, new_high, lower = low[which], high[which], np.arange(0, len(which), 2)
-            middle = (new_low + new_high)[lower, along[::2]] / 2
-            new_high[lower, along[::2]] = new_low[lower + 1, along[::2]] = middle
-            new_bounds, new_parts, found = self._bounds(row, kind, at, new_low, new_high, found)
-            # What holds of the whole holds of its halves.
-            new_bounds = np.minimum(new_bounds, bounds[which])
-            pairs = (low, new_low), (high, new_high), (parts, new_parts), (bounds, new_bounds)
-            low, high, parts, bounds = (np.concatenate([np.delete(old, chosen, 0), new]) for old, new in pairs)
-        return float(bounds.max())
+            if not len(chosen) or len(bounds) >= BOXES or (kind == "max" and found > 0):
+                return float(bounds.max()), place
+            which, lower, along = np.repeat(chosen, 2), np.arange(0, 2 * len(chosen), 2), parts[chosen].argmax(1)
+            new, limits = (low[which], high[which]), bounds[which]
+            middle = (low + high)[chosen, along] / 2
+            new[1][lower, along] = new[0][lower + 1, along] = middle
 
     def _bounds(self, row, kind, at, low, high, found):
-        """Bounds ``(B,)`` over boxes, or ``found`` where that is more, what each number has to do with them ``(B, P)``,
-        and the largest value found, at the centres too."""
+        """Bounds ``(B,)`` over boxes, or what is found where that is more, what each number has to do with them
+        ``(B, P)``, and the values at the centres ``(B,)``."""
         constant = kind in ("max", "peak")
         which = np.array([at]) if kind == "order" else np.arange(0 if constant else 1, len(self.omega))
         u, half = (low + high) / 2, (high - low) / 2
@@ -337,24 +344,23 @@ class _Speed:
             heat, own = 2 * self.omega[which], np.array([one == ("link", at) for one in self.elements], dtype=float)
             damping = heat * (self.stiffness[which, at] + centre @ own).imag, heat[:, None] * (own @ w).imag
             values, slopes, squares, left = _power(*damping, q, linear, quadratic, left)
-            return np.maximum(_over_corners(values, slopes, squares) + left, found), parts, max(found, values.max())
-        waves = 1 if kind == "order" else self.harmonics
-        weight = np.where(which > 0, 2.0, 1.0)
-        turns = np.minimum(which, waves)[:, None] * np.arange(SAMPLES * waves) / (SAMPLES * waves)
-        phase = weight[:, None] * np.exp(2j * np.pi * turns)
-        if kind == "peak":
-            phase = np.concatenate([phase, -phase], axis=1)
+            return np.maximum(_over_corners(values, slopes, squares) + left, found), parts, values
+        weight, count = np.where(which > 0, 2.0, 1.0), SAMPLES * self.harmonics
+        # The amplitude of an order is the largest value of a cosine, whatever its harmonic.
+        waves, count = (np.ones(1), PHASES) if kind == "order" else (which, count)
+        phase = weight[:, None] * np.exp(2j * np.pi / count * waves[:, None] * np.arange(count))
+        phase = np.concatenate([phase, -phase], axis=1) if kind == "peak" else phase
         values, slopes = (q @ phase).real, (linear.swapaxes(1, 2) @ phase).real.swapaxes(1, 2)
-        curved, left = np.abs(quadratic).sum((2, 3)) @ weight, left @ weight
         own = (values.max(1) - values.min(1)) / 2 if kind == "swing" else values.max(1)
-        found, between = max(found, own.max()), 1 / np.cos(np.pi / SAMPLES)
-        moving = 2 * np.abs(q[:, 1:]).sum(1) + 2 * np.abs(linear[:, 1:]).sum((1, 2)) + curved + left
-        more = (between - 1) * moving if kind == "max" else np.zeros(len(low))  # without a middle at 0
-        bounds = np.full(len(low), np.inf)
+        found = max(found, own.max())
+        curved = np.abs(quadratic).sum((2, 3))
+        # From a largest value to the nearest instant a signal falls by its second derivative at most.
+        between = (np.abs(q) + np.abs(linear).sum(2) + curved + left) @ (weight * (np.pi / count * waves) ** 2 / 2)
+        curved, left, bounds = curved @ weight, left @ weight, np.full(len(low), np.inf)
         for i in np.flatnonzero(np.isfinite(left)):
             polynomials = values[i], slopes[i], lambda at, i=i: np.einsum("hjk,ht->tjk", quadratic[i], phase[:, at]).real
-            bounds[i] = more[i] + _largest_of(*polynomials, curved[i], left[i], found - more[i], kind == "swing")
-        return bounds if kind == "max" else bounds * between, parts, found
+            bounds[i] = between[i] + _largest_of(*polynomials, curved[i], left[i], found - between[i], kind == "swing")
+        return bounds, parts, own
 
 
 def _largest_of(values, slopes, quadratic, curved, left, least, swing):
