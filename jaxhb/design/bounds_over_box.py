@@ -40,6 +40,7 @@ from jaxhb.train.changes import locate
 
 CLOSE = 1.02  # bound over the largest response found at which a box is halved no more
 BOXES = 2000  # for a quantity at a speed, at most
+FINEST = 1e-6  # share of its tolerance below which a number is halved no more: no damping bounds a resonance there
 TOGETHER = 16  # boxes that are halved at a time
 SAMPLES, PHASES = 32, 256  # instants per harmonic, phases of an order: bounds between them are 0.5 % larger at most
 INSTANTS, COMBINED = 200, 4000  # highest and lowest instants, and pairs of them, whose polynomials are looked at
@@ -73,7 +74,7 @@ def bounds_over_box(train, rpm, box, found, harmonics=None):
                 why[i, j] = parting or f"no bound of {one.quantity} is known"
                 continue
             value, place = lanes.bound(one, found[i, j])
-            bound[i, j], why[i, j] = (value, "") if np.isfinite(value) else (np.nan, "no bound was found")
+            bound[i, j], why[i, j] = (value, "") if np.isfinite(value) else (np.nan, "no bound was found, as at a resonance without damping")
             places += [] if place is None else [(i, place)]
     return bound, why.astype(str), places
 
@@ -338,7 +339,7 @@ class _Speed:
         (q, linear, quadratic, left), parts = self._model(row, which, half, u, centre, w)
         for e, pair in enumerate(self.products):
             parts[:, pair] += parts[:, [low.shape[1] + e]]
-        parts = parts[:, : low.shape[1]]
+        parts = parts[:, : low.shape[1]] * (half > FINEST)
         if kind == "power":
             # What of the square of its deflection a link turns into heat.
             heat, own = 2 * self.omega[which], np.array([one == ("link", at) for one in self.elements], dtype=float)
