@@ -39,11 +39,11 @@ from jaxhb.linear import strength
 from jaxhb.train.changes import locate
 
 CLOSE = 1.02  # bound over the largest response found at which a box is halved no more
-BOXES = 2000  # for a quantity at a speed, at most
+BOXES = 1000  # for a quantity at a speed, at most
 FINEST = 1e-6  # share of its tolerance below which a number is halved no more: no damping bounds a resonance there
 TOGETHER = 16  # boxes that are halved at a time
-SAMPLES, PHASES = 32, 256  # instants per harmonic, phases of an order: bounds between them are 0.5 % larger at most
-INSTANTS, COMBINED = 200, 4000  # highest and lowest instants, and pairs of them, whose polynomials are looked at
+BETWEEN = 2e-3  # share of its root mean square by which a signal may be larger between the instants looked at
+INSTANTS, COMBINED = 100, 1000  # highest and lowest instants, and pairs of them, whose polynomials are looked at
 SIGNALS = "tooth force", "shaft torque", "gear torque", "angle", "tooth torque over limit", "stress"
 SIGNALS += "stress over continuous limit", "stress over transient limit"
 READ_AS = dict.fromkeys(SIGNALS, "swing") | {"tooth force peak": "peak"}
@@ -346,9 +346,11 @@ class _Speed:
             damping = heat * (self.stiffness[which, at] + centre @ own).imag, heat[:, None] * (own @ w).imag
             values, slopes, squares, left = _power(*damping, q, linear, quadratic, left)
             return np.maximum(_over_corners(values, slopes, squares) + left, found), parts, values
-        weight, count = np.where(which > 0, 2.0, 1.0), SAMPLES * self.harmonics
         # The amplitude of an order is the largest value of a cosine, whatever its harmonic.
-        waves, count = (np.ones(1), PHASES) if kind == "order" else (which, count)
+        weight, waves = np.where(which > 0, 2.0, 1.0), np.ones(1) if kind == "order" else which
+        bend = weight * (np.pi * waves) ** 2 / 2
+        size = np.sqrt(np.abs(q) ** 2 @ weight)
+        count = int(np.ceil(np.sqrt(np.max(np.abs(q) @ bend / np.where(size > 0, size, 1.0)) / BETWEEN))) + 4
         phase = weight[:, None] * np.exp(2j * np.pi / count * waves[:, None] * np.arange(count))
         phase = np.concatenate([phase, -phase], axis=1) if kind == "peak" else phase
         values, slopes = (q @ phase).real, (linear.swapaxes(1, 2) @ phase).real.swapaxes(1, 2)
@@ -356,11 +358,15 @@ class _Speed:
         found = max(found, own.max())
         curved = np.abs(quadratic).sum((2, 3))
         # From a largest value to the nearest instant a signal falls by its second derivative at most.
-        between = (np.abs(q) + np.abs(linear).sum(2) + curved + left) @ (weight * (np.pi / count * waves) ** 2 / 2)
+        between = (np.abs(q) + np.abs(linear).sum(2) + curved + left) @ bend / count**2
         curved, left, bounds = curved @ weight, left @ weight, np.full(len(low), np.inf)
         for i in np.flatnonzero(np.isfinite(left)):
-            polynomials = values[i], slopes[i], lambda at, i=i: np.einsum("hjk,ht->tjk", quadratic[i], phase[:, at]).real
-            bounds[i] = between[i] + _largest_of(*polynomials, curved[i], left[i], found - between[i], kind == "swing")
+
+            def squares(at, own=quadratic[i]):
+                return (own.reshape(len(own), -1).T @ phase[:, at]).real.T.reshape(-1, *own.shape[1:])
+
+            polynomials = values[i], slopes[i], squares, curved[i], left[i]
+            bounds[i] = between[i] + _largest_of(*polynomials, found - between[i], kind == "swing")
         return bounds, parts, own
 
 
