@@ -74,7 +74,9 @@ def bounds_over_box(train, rpm, box, found, harmonics=None):
                 why[i, j] = parting or f"no bound of {one.quantity} is known"
                 continue
             value, place = lanes.bound(one, found[i, j])
-            bound[i, j], why[i, j] = (value, "") if np.isfinite(value) else (np.nan, "no bound was found, as at a resonance without damping")
+            bound[i, j], why[i, j] = (
+                (value, "") if np.isfinite(value) else (np.nan, "no bound was found, as at a resonance without damping")
+            )
             places += [] if place is None else [(i, place)]
     return bound, why.astype(str), places
 
@@ -171,7 +173,10 @@ class _Speed:
         load, error, self.knee = (np.stack(parts, axis=1) for parts in zip(*loads, strict=True))
         incidence, disks = np.asarray(system.incidence()), np.eye(len(system.mass))
         columns = [incidence[:, i] if kind == "link" else disks[i] for kind, i in self.elements]
-        units = np.broadcast_to(np.array(columns, complex).reshape(-1, len(disks)).T[..., None], (len(disks), len(columns), self.harmonics + 1))
+        units = np.broadcast_to(
+            np.array(columns, complex).reshape(-1, len(disks)).T[..., None],
+            (len(disks), len(columns), self.harmonics + 1),
+        )
         omega = float(problem.frequency) * np.arange(self.harmonics + 1)
         moved, force = map(np.array, _motions(system, omega, np.concatenate([load, units], axis=1)))
         stiffness = np.asarray(dynamic_stiffness.link_stiffness(system, omega))[:, None]
@@ -243,7 +248,9 @@ class _Speed:
         own = loads[..., 0] + np.einsum("bp,hxp->bhx", u - self.own, loads[..., 1:])
         moved = loads[None, ..., 1:] * half[:, None, None]
         moved = np.pad(moved, [(0, 0)] * 3 + [(0, w.shape[-1] - moved.shape[-1])])
-        given = np.concatenate([np.broadcast_to(G, (len(u), *G.shape)), own[..., :-1, None], moved[..., :-1, :]], axis=-1)
+        given = np.concatenate(
+            [np.broadcast_to(G, (len(u), *G.shape)), own[..., :-1, None], moved[..., :-1, :]], axis=-1
+        )
         given = np.linalg.solve(every + G * centre[..., None, :], given)
         G, y, moved_y = np.split(given, [len(every), len(every) + 1], axis=-1)
         held, g = row[which, count:] * centre, row[which, None, count:]

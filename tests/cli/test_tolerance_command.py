@@ -43,16 +43,21 @@ def test_the_worst_case_is_told_and_written(scene, run):
     (one,) = called.json["quantities"]
     assert one["name"] == "shaft torque of a|b" and one["unit"] == "N m"
     assert all(worst >= nominal for worst, nominal in zip(one["worst"], one["nominal"], strict=True))
+    assert all(worst <= bound < 1.03 * worst for worst, bound in zip(one["worst"], one["bound"], strict=True))
+    assert one["no_bound"] == [""] * 4 and "at most" in called.out
+    assert "No train within the tolerances has more than stands under 'at most'." in called.out
     # The resonance is inside the range at 900 rpm and at its end at 1200.
     stiffness = np.array(one["numbers_at_worst"])[:, 0]
     assert 5.7e3 < stiffness[0] < 7.7e3 and stiffness[-1] == 7.7e3
     rows = called.rows
     assert [float(row["worst"]) for row in rows] == one["worst"] and len(rows) == 4
+    assert [float(row["bound"]) for row in rows] == one["bound"] and rows[0]["no bound"] == ""
     assert called.json["kind"] == ["contact"] * 4 and called.json["solved"] == [1.0] * 4
     import xarray
 
     with xarray.open_dataset(called.path("netcdf")) as data:
         np.testing.assert_array_equal(data.worst.values[:, 0], one["worst"])
+        np.testing.assert_array_equal(data.bound.values[:, 0], one["bound"])
         assert data.unit.values.tolist() == ["N m"] and data.sample.shape == (4, 16, 1)
     largest = called.json["rpm"][int(np.argmax(one["worst"]))]
     head = next(line for line in called.out.splitlines() if line.startswith("  shaft torque of a|b, N m"))
@@ -67,7 +72,25 @@ def test_what_is_kept_of_some_speeds_is_not_computed_again(scene, tmp_path, monk
     monkeypatch.setattr("jaxhb.cli.tolerance_command.search", None)
     again = _part(train, [900.0, 1000.0], asked, tmp_path / "kept")
     np.testing.assert_array_equal(again.worst, first.worst)
+    np.testing.assert_array_equal(again.bound, first.bound)
     assert again.values(0, 0) == first.values(0, 0) and again.evaluations == first.evaluations
+
+
+def test_where_there_is_no_bound_a_sentence_says_why(tmp_path, run):
+    path = tmp_path / "pair.toml"
+    gears = 'radius = 0.05\n[[disk]]\nname = "c"\ninertia = 0.001\nradius = 0.05\n[[mesh]]\nbetween = ["b", "c"]\n'
+    teeth = gears + "stiffness = 1e8\ndamping = 1e3\nbacklash = 1e-4\n[[shaft]]"
+    path.write_text(
+        SCENE.replace("[[shaft]]", teeth, 1).replace("[scene]", '[scene]\nreference = "a"'), encoding="utf-8"
+    )
+    asked = "--of 'shaft torque of a|b' --of 'separated fraction of b|c'"
+    called = run(f"tolerance {path} --rpm 900,1200 {asked}", "json", "csv")
+    # Without a mean torque the teeth hammer at every speed.
+    assert "No bound at 900, 1200 rpm: teeth of b|c may separate." in called.out and "at most" not in called.out
+    assert "The worst case is the largest response found: another train" in called.out
+    one, _ = called.json["quantities"]
+    assert one["bound"] == [None, None] and one["no_bound"] == ["teeth of b|c may separate"] * 2
+    assert [row["no bound"] for row in called.rows] == ["teeth of b|c may separate"] * 4
 
 
 @pytest.mark.parametrize(

@@ -171,7 +171,7 @@ FORCE = Objective(quantity="tooth force", of="a|b")
 
 
 def test_teeth_that_part_in_one_corner_leave_no_bound():
-    train, rpm = parting(), 38500.0
+    train, rpm = parting(), 38800.0
 
     def known(share):
         own = {"a|b.stiffness": 1e8, "b.inertia": 0.03}
@@ -220,7 +220,9 @@ def test_backlash_in_a_closed_loop_preloads_the_teeth():
         assert (peaks <= bound[0] * (1 + 1e-9)).all()
         largest = np.maximum(largest, peaks)
     assert (bound[0] < 1.03 * largest).all()
-    preloaded = [float(jaxhb.solve(train.replace({"a|b.backlash": h}), rpm=12000.0).force("c|d").mean) for h in (9e-5, 1.2e-4)]
+    preloaded = [
+        float(jaxhb.solve(train.replace({"a|b.backlash": h}), rpm=12000.0).force("c|d").mean) for h in (9e-5, 1.2e-4)
+    ]
     assert preloaded[1] > 1.1 * preloaded[0]
 
 
@@ -241,7 +243,9 @@ def test_what_cannot_be_bounded_says_why():
     )
     _, why = bounds(loose, [100.0], [Tolerance(name="a.inertia", low=0.9, high=1.1)], [TORQUE])
     assert why[0, 0] == "the stiffness of a|b is not constant"
-    found = jaxhb.tolerance(train, rpm=30000.0, of=[FORCE], tolerances=[Tolerance(name="t.mean", low=190.0, high=210.0)], bounds=False)
+    found = jaxhb.tolerance(
+        train, rpm=30000.0, of=[FORCE], tolerances=[Tolerance(name="t.mean", low=190.0, high=210.0)], bounds=False
+    )
     assert np.isnan(found.bound).all() and found.no_bound[0, 0] == "it was not asked for"
 
 
