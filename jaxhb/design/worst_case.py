@@ -45,8 +45,8 @@ class Spread:
     nominal : ``(n, Q)``, of the train as the scene has it
     slopes : ``(n, Q, P)``, change of the response over half the range of a number, by the derivative at the own values
     worst, shares : ``(n, Q)`` and ``(n, Q, P)``, the largest response found and the shares u of the numbers there
-    bound, no_bound : ``(n, Q)``, what the response of no train within the tolerances exceeds, its teeth in contact, where
-        that is proved, else nan; and why there is none, "" where there is one
+    bound, no_bound : ``(n, Q)``, what no response within the tolerances exceeds, teeth in contact, where that is proved,
+        else nan; and why there is none, "" where there is one
     samples, drawn : ``(n, S, Q)`` and ``(S, P)``, responses of a sample and the shares u drawn
     evaluations : solves of one speed, those of the sample included
     """
@@ -157,9 +157,9 @@ def tolerance(
     solved on the way, or in the sample, counts for all quantities. It is the largest value *found*.
 
     ``bound`` is beside it where the equations are linear: no tooth leaves contact in any train within the tolerances,
-    which is proved too, and the tolerances are of stiffness, damping, loss factors, inertia, backlash, mean torques, gas
-    factors or reciprocating masses. It is 2 % above the worst case, more beside lightly damped resonances, and holds for
-    the motion in contact (:mod:`jaxhb.design.bounds_over_box`).
+    which is proved too, and these are of stiffness, damping, loss factors, inertia, backlash, mean torques, gas factors
+    or reciprocating masses. It is 2 % above the worst case, more near lightly damped resonances, and holds for the
+    motion in contact (:mod:`jaxhb.design.bounds_over_box`).
 
     :class:`SceneError` if names are unknown, ranges do not hold the own values and the like, one sentence each.
 
@@ -210,9 +210,10 @@ def tolerance(
         search.climb()
     none = np.full(search.nominal.shape, np.nan), np.full(search.nominal.shape, "it was not asked for")
     bound, no_bound = search.bounded(harmonics) if bounds else none
-    worst = search.worst()
-    given = train, of, tolerances, rpm, search.nominal, search.slopes, *worst, bound, no_bound, sampled, drawn
-    return Spread(*given, search.evaluations)
+    worst, shares = search.worst()
+    found = {"worst": worst, "shares": shares, "bound": bound, "no_bound": no_bound}
+    found |= {"rpm": rpm, "nominal": search.nominal, "slopes": search.slopes, "samples": sampled, "drawn": drawn}
+    return Spread(train, of, tolerances, **found, evaluations=search.evaluations)
 
 
 def joined(spreads: Sequence[Spread]) -> Spread:

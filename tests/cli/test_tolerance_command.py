@@ -76,23 +76,6 @@ def test_what_is_kept_of_some_speeds_is_not_computed_again(scene, tmp_path, monk
     assert again.values(0, 0) == first.values(0, 0) and again.evaluations == first.evaluations
 
 
-def test_where_there_is_no_bound_a_sentence_says_why(tmp_path, run):
-    path = tmp_path / "pair.toml"
-    gears = 'radius = 0.05\n[[disk]]\nname = "c"\ninertia = 0.001\nradius = 0.05\n[[mesh]]\nbetween = ["b", "c"]\n'
-    teeth = gears + "stiffness = 1e8\ndamping = 1e3\nbacklash = 1e-4\n[[shaft]]"
-    path.write_text(
-        SCENE.replace("[[shaft]]", teeth, 1).replace("[scene]", '[scene]\nreference = "a"'), encoding="utf-8"
-    )
-    asked = "--of 'shaft torque of a|b' --of 'separated fraction of b|c'"
-    called = run(f"tolerance {path} --rpm 900,1200 {asked}", "json", "csv")
-    # Without a mean torque the teeth hammer at every speed.
-    assert "No bound at 900, 1200 rpm: teeth of b|c may separate." in called.out and "at most" not in called.out
-    assert "The worst case is the largest response found: another train" in called.out
-    one, _ = called.json["quantities"]
-    assert one["bound"] == [None, None] and one["no_bound"] == ["teeth of b|c may separate"] * 2
-    assert [row["no bound"] for row in called.rows] == ["teeth of b|c may separate"] * 4
-
-
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [

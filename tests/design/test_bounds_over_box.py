@@ -14,6 +14,7 @@ from jaxhb.design import Objective, Tolerance, read_tolerances
 from jaxhb.design.bounds_over_box import bounds_over_box
 from jaxhb.design.quantities import QUANTITIES
 from jaxhb.design.tolerances import box_of
+from jaxhb.report.text.tolerances import tolerance_parts, tolerance_rows
 
 DRIVE, INERTIA = 5.0, 2.0  # N m on a, kg m2 of b
 TORQUE = Objective(quantity="shaft torque", of="a|b")
@@ -188,10 +189,21 @@ def test_teeth_that_part_in_one_corner_leave_no_bound():
     bound, why = bounds(train, [rpm], known(0.02), [FORCE])
     values = sampled(train, rpm, known(0.02), [FORCE], 508)
     assert why[0, 0] == "" and values.max() <= bound[0, 0] < 1.05 * values.max()
-    # At the resonance teeth part in every train, and the sweep tells the speed alone.
-    found = jaxhb.tolerance(train, rpm=[30000.0, 43500.0], of=[FORCE], tolerances=known(0.02))
+
+
+def test_where_teeth_hammer_there_is_no_bound_and_a_sentence_says_so():
+    known = [Tolerance(name="a|b.stiffness", low=0.98e8, high=1.02e8)]
+    found = jaxhb.tolerance(parting(), rpm=[30000.0, 43500.0], of=[FORCE], tolerances=known, harmonics=32)
     assert found.no_bound[:, 0].tolist() == ["", "teeth of a|b may separate"]
     assert found.worst[0, 0] <= found.bound[0, 0] < 1.03 * found.worst[0, 0] and np.isnan(found.bound[1, 0])
+    text = "\n\n".join(tolerance_parts(found, None))
+    assert "more than stands under 'at most', as long as its teeth stay in contact" in text
+    assert "No bound at 43500 rpm: teeth of a|b may separate." in text
+    assert "There the worst case is the largest response found: another train" in text
+    (row,) = [line.split() for line in text.splitlines() if line.startswith("  43500 ")][:1]
+    assert row[3] == "-"
+    rows = list(tolerance_rows(found, None))
+    assert [row["no bound"] for row in rows] == ["", "teeth of a|b may separate"] and np.isnan(rows[1]["bound"])
 
 
 def test_backlash_in_a_closed_loop_preloads_the_teeth():

@@ -109,7 +109,7 @@ def _cycles(quantity, names, cases, beside):
 
 
 def plot_tolerance(spread):
-    """Every quantity over the speed: as the scene is, the worst case found, its bound, and what 5 to 95 % of a sample have."""
+    """Every quantity over the speed: as the scene is, worst case found and bound, 5 to 95 % of a sample."""
     title = f"{train_name(spread.train.topology)}: what the tolerances do"
     return drawn(*tolerance_figures(spread), title=title)
 

@@ -24,8 +24,7 @@ def tolerance_parts(spread, checked):
     if solved.any():
         parts += [_worst_table(spread)]
         parts += [_over_speeds(spread, j, checked) for j in range(len(spread.of))]
-        parts += [_moving(spread), _places(spread)]
-    parts.append(_guarantee(spread, solved))
+        parts += [_moving(spread), _places(spread), _guarantee(spread, solved)]
     if len(spread.drawn):
         share = spread.solved[solved]
         lines = (
