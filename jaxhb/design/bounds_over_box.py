@@ -1,8 +1,8 @@
 """Upper bounds of the responses of all trains within tolerances, where the equations are linear.
 
-With all teeth in contact a train is linear, ``Z(n) x = T(n)`` at every harmonic. Numbers of links and disks change it by
-``A D A^T``, A the deflections of the links, and the motions of the disks, whose numbers vary, D diagonal: ``dk (1 + i
-eta) + i n Omega dr``, ``-(n Omega)^2 dJ + i n Omega dd``. With ``G = A^T Z^-1 A`` at the centre of a box, its
+With all teeth in contact a train is linear, ``Z(n) x = T(n)`` at every harmonic. Numbers of links and disks change it
+by ``A D A^T``, A the deflections of the links, and the motions of the disks, whose numbers vary, D diagonal: ``dk (1 +
+i eta) + i n Omega dr``, ``-(n Omega)^2 dJ + i n Omega dd``. With ``G = A^T Z^-1 A`` at the centre of a box, its
 deflections and any observed force or motion follow from small matrices alone (Woodbury's identity),
 
     y = y0 - G D y,      q = q0 - g D y.
@@ -13,20 +13,21 @@ delta as well (torques). Then ``y = y0 + sum_j delta_j y_j + e`` with ``y_j = y0
     q = q0 + sum_j delta_j (q0_j - g w_j y0) - sum_jk delta_j delta_k g w_j y_k + r,
     |r| <= |g| d |G| d v,    |e| <= |G| d v,    v = (1 - |G| d)^-1 sum_j |y_j|,
 
-elementwise, where ``1 - |G| d`` is a nonsingular M-matrix, which is so if it maps some positive vector to a positive one:
-then the train is regular all over the box, and the series of D converges.
+elementwise, where ``1 - |G| d`` is a nonsingular M-matrix, which is so if it maps some positive vector to a positive
+one: then the train is regular all over the box.
 
 Theorem. The largest value over the box of a linear function of q, as a signal at an instant, is at most that of the
-quadratic polynomial and ``sum |r|``. A polynomial in delta is at most its value at the corner to which its slopes point,
-for all delta_j whose slope has one sign over the box, and the sum of the sizes of its terms in the others. Between M
-instants a signal is larger by at most ``sum_n n^2 |s_n| (pi / M)^2``, half of its largest second derivative times the
-square of the way to the nearest. The bound over the tolerances is the largest over boxes that cover them, each halved
-until its bound is hardly above a response found.
+quadratic polynomial and ``sum |r|``. A polynomial in delta is at most its value at the corner to which its slopes
+point, for all delta_j whose slope has one sign over the box, and the sum of the sizes of its terms in the others.
+Between M instants a signal is larger by at most ``sum_n n^2 |s_n| (pi / M)^2``, half of its largest second derivative
+times the square of the way to the nearest. The bound over the tolerances is the largest over boxes that cover them,
+each halved until its bound is hardly above a response found.
 
 It is proved up to rounding, for the motion whose teeth stay in contact, which the same bounds of the deflections at the
-teeth show to exist in every train within the tolerances; where teeth can part another motion may coexist with it.
+teeth show to exist in every train within the tolerances; another motion, in which teeth part, may coexist with it.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,13 +45,12 @@ FINEST = 1e-6  # share of its tolerance below which a number is halved no more: 
 TOGETHER = 16  # boxes that are halved at a time
 BETWEEN = 2e-3  # share of its root mean square by which a signal may be larger between the instants looked at
 INSTANTS, COMBINED = 100, 1000  # highest and lowest instants, and pairs of them, whose polynomials are looked at
-SIGNALS = "tooth force", "shaft torque", "gear torque", "angle", "tooth torque over limit", "stress"
-SIGNALS += "stress over continuous limit", "stress over transient limit"
-READ_AS = dict.fromkeys(SIGNALS, "swing") | {"tooth force peak": "peak"}
+READ_AS = {"tooth force peak": "peak", "damper power": "power", "power over limit": "power"}
+READ_AS |= dict.fromkeys(("tooth force", "shaft torque", "gear torque", "angle", "tooth torque over limit"), "swing")
+READ_AS |= dict.fromkeys(("stress", "stress over continuous limit", "stress over transient limit"), "swing")
 READ_AS |= dict.fromkeys(("tooth force order", "shaft torque order", "angle order"), "order")
-READ_AS |= dict.fromkeys(("damper power", "power over limit"), "power")
 """What of a signal, or a power, a quantity is."""
-OF_LINKS, OF_DISKS = ("stiffness", "damping", "loss_factor"), ("inertia", "damping")
+OF_LINKS, OF_DISKS = ("stiffness", "loss_factor", "damping"), ("inertia", "damping")
 OF_LOADS = {"torque": ("mean",), "cylinder": ("gas_factor", "gas_torque_mean", "reciprocating_mass")}
 OF_LOADS["mesh"] = ("backlash",)
 """Numbers on which torques, or the places of the flanks, depend linearly."""
@@ -58,8 +58,8 @@ OF_LOADS["mesh"] = ("backlash",)
 
 def bounds_over_box(train, rpm, box, found, harmonics=None):
     """Upper bounds ``(n, Q)`` of the responses of all trains in a :class:`~jaxhb.design.tolerances.Box`, nan where none
-    is guaranteed, ``(n, Q)`` sentences why, "" where one is, and the index of a speed and the shares of each train found
-    on the way whose response is above ``found`` ``(n, Q)``, the largest known."""
+    is guaranteed, ``(n, Q)`` sentences why, "" where one is, and the index of a speed and the shares of each train on
+    the way whose response is above ``found`` ``(n, Q)``, the largest known."""
     places: list = []
     bound, why = np.full(found.shape, np.nan), np.full(found.shape, "", dtype=object)
     numbers, fault = _numbers(train, box)
@@ -74,23 +74,23 @@ def bounds_over_box(train, rpm, box, found, harmonics=None):
                 why[i, j] = parting or f"no bound of {one.quantity} is known"
                 continue
             value, place = lanes.bound(one, found[i, j])
-            bound[i, j], why[i, j] = (
-                (value, "") if np.isfinite(value) else (np.nan, "no bound was found, as at a resonance without damping")
-            )
+            if np.isfinite(value):
+                bound[i, j] = value
+            else:
+                why[i, j] = "no bound was found, as at a resonance without damping"
             places += [] if place is None else [(i, place)]
     return bound, why.astype(str), places
 
 
 @dataclass(frozen=True)
 class _Number:
-    """A number within its tolerance: ``middle + u[share] slope``, own in the scene; the ``element`` of the equations
-    that it changes, ("link", i) or ("disk", i), None of loads, and how."""
+    """A number within its tolerance, ``middle + u[share] slope``, and the ``element`` of the equations that it changes,
+    ("link", i) or ("disk", i), None of loads."""
 
     name: str
     share: int
     middle: float
     slope: float
-    own: float
     element: tuple | None
     field: str
 
@@ -121,7 +121,7 @@ def _numbers(train, box):
             # With one number of 0 none is together, and the ratio is of no use.
             ratio = value / own[0][1] if own[0][1] else 1.0
             half = (one.high - one.low) / 2
-            found.append(_Number(name, j, ratio * (one.low + half), ratio * half, value, element, field))
+            found.append(_Number(name, j, ratio * (one.low + half), ratio * half, element, field))
     if len(set(loaded)) < len(loaded):
         return (), "two numbers of one excitation multiply each other"
     return tuple(found), ""
@@ -140,6 +140,9 @@ class _Speed:
         listed = listed_harmonic(train.topology)
         self.harmonics = min(harmonics or listed, listed)
         self.elements = list(dict.fromkeys(number.element for number in numbers if number.element))
+        pairs = itertools.product(numbers, repeat=2)
+        both = [(a, b) for a, b in pairs if a.element == b.element and (a.field, b.field) == OF_LINKS[:2]]
+        self.products = sorted({(a.share, b.share) for a, b in both})
         self.own, self.flank = box.unbounded(train), np.zeros(len(train.topology.mesh_names))
         self._solve()
         if any(train.topology.mesh_backlash):
@@ -173,10 +176,7 @@ class _Speed:
         load, error, self.knee = (np.stack(parts, axis=1) for parts in zip(*loads, strict=True))
         incidence, disks = np.asarray(system.incidence()), np.eye(len(system.mass))
         columns = [incidence[:, i] if kind == "link" else disks[i] for kind, i in self.elements]
-        units = np.broadcast_to(
-            np.array(columns, complex).reshape(-1, len(disks)).T[..., None],
-            (len(disks), len(columns), self.harmonics + 1),
-        )
+        units = dynamic_stiffness.unit_forces(np.reshape(columns, (-1, len(disks))).T, self.harmonics + 1)
         omega = float(problem.frequency) * np.arange(self.harmonics + 1)
         moved, force = map(np.array, _motions(system, omega, np.concatenate([load, units], axis=1)))
         stiffness = np.asarray(dynamic_stiffness.link_stiffness(system, omega))[:, None]
@@ -193,54 +193,43 @@ class _Speed:
             if kind == "link":  # its force is (C + D) y, and D y the force of the unit load
                 self.forces[:, i, count + k] -= 1.0
 
+    def _stiffness_at(self, u, omega):
+        """Dynamic stiffness ``(B, H, K)`` N/m of the elements that vary, at shares u ``(B, P)``."""
+        system, found, shafts = self.system, [], len(self.system.loss) - len(self.flank)
+        for kind, i in self.elements:
+            square = float(system.radius[system.tree.end_a[i] if kind == "link" else i]) ** 2
+            square = 1.0 if kind == "link" and i >= shafts else square
+            if kind == "link":
+                law = dynamic_stiffness.complex_stiffness
+                own = {"stiffness": system.stiffness[i], "loss_factor": system.loss[i], "damping": system.viscous[i]}
+            else:
+                law = dynamic_stiffness.disk_stiffness
+                own = {"inertia": system.mass[i], "damping": system.damping[i], "ground": system.ground[i]}
+            for number in self.numbers:
+                if number.element == (kind, i):
+                    value = number.middle + u[:, [number.share]] * number.slope
+                    own[number.field] = value / (1.0 if number.field == "loss_factor" else square)
+            found.append(np.broadcast_to(law(omega, *own.values()), (len(u), len(omega))))
+        return np.array(found, complex).reshape(-1, len(u), len(omega)).transpose(1, 2, 0)
+
     def _changes(self, u, half, omega):
-        """What numbers change of the elements ``(B, H, K)`` at the centres u ``(B, P)`` of boxes, and over half their
-        widths ``(B, H, K, P + E)``; behind the shares stand products of two of them, as numbers of their own."""
-        at = [number.middle + u[:, number.share, None] * number.slope for number in self.numbers]
-        moves = [half[:, number.share, None] * number.slope for number in self.numbers]
-        centre = np.zeros((len(u), len(omega), len(self.elements)), complex)
-        self.products: list = []
-        changes = [np.zeros(centre.shape, complex) for _ in range(u.shape[1])]
-        for number, value, move in zip(self.numbers, at, moves, strict=True):
-            if not number.element:
-                continue
-            k, factor = self.elements.index(number.element), self._factor(number, omega)
-            centre[..., k] += factor * (value - number.own)
-            changes[number.share][..., k] += factor * move
-            for other, second, other_move in zip(self.numbers, at, moves, strict=True):
-                if number.field == "stiffness" and (other.element, other.field) == (number.element, "loss_factor"):
-                    # k eta, of which the factor of either number has the part at the own value of the other
-                    factor = 1j * (omega > 0) / self._square(number.element)
-                    centre[..., k] += factor * (value - number.own) * (second - other.own)
-                    changes[number.share][..., k] += factor * move * (second - other.own)
-                    changes[other.share][..., k] += factor * (value - number.own) * other_move
-                    both = np.zeros(centre.shape, complex)
-                    both[..., k] = factor * move * other_move
-                    changes.append(both)
-                    self.products.append((number.share, other.share))
-        return centre, np.stack(changes, axis=-1)
+        """How far the elements are from their own stiffness ``(B, H, K)`` at the centres u ``(B, P)`` of boxes, and its
+        changes over half their widths ``(B, H, K, P + E)``; behind the shares stand products of two of them."""
 
-    def _square(self, element):
-        """The square of the radius that a number of an element is of, 1 of a mesh."""
-        kind, i = element
-        if kind == "link" and i >= len(self.system.loss) - len(self.flank):
-            return 1.0
-        return float(self.system.radius[self.system.tree.end_a[i] if kind == "link" else i]) ** 2
+        def at(move):
+            return self._stiffness_at(u + move, omega)
 
-    def _factor(self, number, omega):
-        """``(H,)`` what a unit of a number changes of the stiffness of its element, N/m, other numbers being own."""
-        kind, i = number.element
-        moving = omega > 0
-        factors = {"damping": 1j * omega, "inertia": -(omega**2), "ground": np.ones(len(omega))}
-        if kind == "link":
-            factors["stiffness"] = 1 + 1j * moving * float(self.system.loss[i])
-            # of stiffnesses per radius squared already
-            factors["loss_factor"] = 1j * moving * float(self.system.stiffness[i]) * self._square(number.element)
-        return factors[number.field] / self._square(number.element)
+        # Exact, as no number but stiffness times loss factor is a product.
+        steps, middle = half * np.eye(u.shape[1])[:, None], at(0.0)
+        changes = [(at(step) - at(-step)) / 2 for step in steps]
+        for a, b in ((steps[j], steps[k]) for j, k in self.products):
+            mixed = (at(a + b) - at(a - b) - at(b - a) + at(-a - b)) / 4
+            changes.append((at(a) + at(-a)) / 2 - middle if (a == b).all() else mixed)
+        return middle - self._stiffness_at(self.own[None], omega), np.stack(changes, axis=-1)
 
     def _model(self, row, which, half, u, centre, w):
         """Of an observed row ``(H, R + K)`` at some harmonics over boxes the terms of the polynomials, ``(B, H)``,
-        ``(B, H, P + E)``, ``(B, H, P + E, P + E)``, and what is left at most, ``(B, H)``, infinite where nothing is known;
+        ``(B, H, P + E)``, ``(B, H, P + E, P + E)``, and what is left at most, ``(B, H)``, infinite where none is known;
         and what every number has to do with that, ``(B, P + E)``. u, half : ``(B, P)``; centre, w : of the boxes."""
         count, G, every = self.y.shape[-1], self.G[which], np.eye(len(self.elements))
         # The observed stands in one array with the deflections, behind them.
@@ -282,8 +271,8 @@ class _Speed:
         return ""
 
     def bound(self, one, found):
-        """The bound of an Objective, infinite where there is none, ``found`` the largest response known; and shares of a
-        train that has a larger one, or None."""
+        """The bound of an Objective, infinite where there is none, ``found`` the largest response known; and shares of
+        a train that has a larger one, or None."""
         topology, train, quantity, name = self.train.topology, self.train, one.quantity, one.of
         kind, at, factor = READ_AS[quantity], 0, 1.0
         if quantity.startswith("angle"):
@@ -315,7 +304,7 @@ class _Speed:
 
     def _largest(self, row, kind, at, found, close):
         """The bound over all tolerances of a row ``(H, R + K)`` read as ``kind``, of harmonic or link ``at``, near
-        ``close`` times the largest value where that takes few boxes; and shares with more than was ``found``, or None."""
+        ``close`` times the largest value where that takes few boxes; and shares with more than ``found``, or None."""
         low, high, place = -np.ones((1, len(self.own))), np.ones((1, len(self.own))), None
         bounds = parts = np.zeros(0)
         new, chosen, limits = (low, high), np.zeros(0, dtype=int), np.inf
