@@ -240,7 +240,7 @@ class _Speed:
         given = np.concatenate(
             [np.broadcast_to(G, (len(u), *G.shape)), own[..., :-1, None], moved[..., :-1, :]], axis=-1
         )
-        given = np.linalg.solve(every + G * centre[..., None, :], given)
+        given, solved = _solved(every + G * centre[..., None, :], given)
         G, y, moved_y = np.split(given, [len(every), len(every) + 1], axis=-1)
         held, g = row[which, count:] * centre, row[which, None, count:]
         q = own[..., -1] - (held * y[..., 0]).sum(-1)
@@ -250,8 +250,9 @@ class _Speed:
         size, parts, g = np.abs(G), np.abs(w), np.abs(g)[..., None, :]
         change = parts.sum(-1)
         both = np.stack([np.ones(change.shape), np.abs(first).sum(-1)], axis=-1)
-        one, v = np.moveaxis(np.linalg.solve(every - size * change[..., None, :], both), -1, 0)
-        regular = (one > 0).all(-1)
+        ends, contracting = _solved(every - size * change[..., None, :], both)
+        one, v = np.moveaxis(ends, -1, 0)
+        regular = (one > 0).all(-1) & solved & contracting
         beyond = (size @ (change * v)[..., None])[..., 0]
         left = np.where(regular, (g[..., 0, :] * change * beyond).sum(-1), np.inf)
         # A number takes part as the first or the second change of what is left, or in what keeps the train irregular.
@@ -364,6 +365,17 @@ class _Speed:
             polynomials = values[i], slopes[i], squares, curved[i], left[i]
             bounds[i] = between[i] + _largest_of(*polynomials, found - between[i], kind == "swing")
         return bounds, parts, own
+
+
+def _solved(matrices, right):
+    """Solutions of linear equations, 0 where a matrix is singular, and where none is."""
+    try:
+        found = np.linalg.solve(matrices, right)
+    except np.linalg.LinAlgError:
+        regular = np.linalg.matrix_rank(matrices) == matrices.shape[-1]
+        found = np.linalg.solve(np.where(regular[..., None, None], matrices, np.nan), right)
+    good = np.isfinite(found).all((-2, -1))
+    return np.where(good[..., None, None], found, 0.0), good
 
 
 def _largest_of(values, slopes, quadratic, curved, left, least, swing):

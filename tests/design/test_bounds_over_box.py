@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 import jaxhb
 from jaxhb import Disk, Mesh, Shaft, Torque, build
 from jaxhb.design import Objective, Tolerance, read_tolerances
-from jaxhb.design.bounds_over_box import bounds_over_box
+from jaxhb.design.bounds_over_box import _solved, bounds_over_box
 from jaxhb.design.quantities import QUANTITIES
 from jaxhb.design.tolerances import box_of
 from jaxhb.report.text.tolerances import tolerance_parts, tolerance_rows
@@ -99,6 +99,25 @@ def test_a_resonance_without_damping_within_the_tolerances_has_no_bound():
     bound, why = bounds(train, [955.0, 2000.0], known, [TORQUE])
     assert np.isnan(bound[0, 0]) and why[0, 0] == "no bound was found, as at a resonance without damping"
     assert bound[1, 0] >= torque_of(2000.0, np.linspace(6e3, 7.4e3, 2001), 0.0, 0.0, 1.0).max()
+
+
+def test_a_singular_matrix_is_no_error_and_its_box_not_regular():
+    matrices = np.array([[[2.0, 0.0], [0.0, 4.0]], [[1.0, 1.0], [1.0, 1.0]]])
+    found, good = _solved(matrices, np.ones((2, 2, 1)))
+    assert good.tolist() == [True, False] and found[..., 0].tolist() == [[0.5, 0.25], [0.0, 0.0]]
+    # A stiffness down to nothing: half of its range is as large as its middle, |G| d = 1 where no torque alternates.
+    train = build(
+        [
+            Disk(name="a", inertia=1.0),
+            Disk(name="b", inertia=INERTIA),
+            Shaft(between=("a", "b"), stiffness=5e3, damping=4.0),
+            Torque(disk="a", harmonics=[(1.0, DRIVE, 0.0)]),
+        ],
+        revolutions_per_cycle=1,
+    )
+    bound, why = bounds(train, [955.0], [Tolerance(name="a|b.stiffness", low=0.0, high=1e4)], [TORQUE])
+    dense = torque_of(955.0, np.linspace(0.0, 1e4, 100001), 4.0, 0.0, 1.0).max()
+    assert why[0, 0] == "" and dense * (1 - 1e-12) <= bound[0, 0] < 1.0205 * dense
 
 
 def sampled(train, rpm, tolerances, of, count, seed=0):
