@@ -91,7 +91,7 @@ def tune_robust(train, rpm, given, tolerances, kind, seed, tuned, **accuracy):
 
     def spread_of(design, samples=0):
         own = {"of": given, "tolerances": moved(tolerances, train, design), "samples": samples, "seed": seed + 1}
-        return search(design, rpm=rpm, **own, **accuracy)
+        return search(design, rpm=rpm, bounds=False, **own, **accuracy)
 
     nominal, largest = tuned(train, every, None)
     if nominal.interrupted:

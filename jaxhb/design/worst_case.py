@@ -16,6 +16,7 @@ import numpy as np
 from jaxhb._jax import Numbers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
+from jaxhb.design.bounds_over_box import bounds_over_box
 from jaxhb.design.evaluation import Evaluator, pull_back, where
 from jaxhb.design.quantities import QUANTITIES, Objective, label, objective_faults
 from jaxhb.design.tolerances import Tolerance, box_of, check_tolerances, read_tolerances
@@ -31,7 +32,7 @@ EXPLORED_LINEAR = 64  # trains where no tooth separates, from which searches may
 GAIN, PATIENCE = 1e-3, 2  # share of the value below which a step has won nothing; so many of them end a search
 ASCENT, CURVED = 1e-4, 1e-8
 """Share of the slope that a step has to win, Armijo's condition; cosine of step and change of the slope at least."""
-ARRAYS = "rpm", "nominal", "slopes", "worst", "shares", "samples"  # of a Spread, over the speeds
+ARRAYS = "rpm", "nominal", "slopes", "worst", "shares", "bound", "no_bound", "samples"  # of a Spread, over the speeds
 QUANTITIES_ASKED = "tooth force", "shaft torque", "damper power", "stress over continuous limit"
 
 
@@ -44,6 +45,8 @@ class Spread:
     nominal : ``(n, Q)``, of the train as the scene has it
     slopes : ``(n, Q, P)``, change of the response over half the range of a number, by the derivative at the own values
     worst, shares : ``(n, Q)`` and ``(n, Q, P)``, the largest response found and the shares u of the numbers there
+    bound, no_bound : ``(n, Q)``, what no response within the tolerances exceeds, teeth in contact, where it is proved,
+        else nan; and why there is none, "" where there is one
     samples, drawn : ``(n, S, Q)`` and ``(S, P)``, responses of a sample and the shares u drawn
     evaluations : solves of one speed, those of the sample included
     """
@@ -56,6 +59,8 @@ class Spread:
     slopes: np.ndarray
     worst: np.ndarray
     shares: np.ndarray
+    bound: np.ndarray
+    no_bound: np.ndarray
     samples: np.ndarray
     drawn: np.ndarray
     evaluations: int
@@ -104,6 +109,8 @@ class Spread:
                 {"long_name": "response of the scene as it is, in the unit of the quantity"},
             ),
             "worst": (over, self.worst, {"long_name": "largest response found within the tolerances"}),
+            "bound": (over, self.bound, {"long_name": "what no response exceeds within the tolerances, where proved"}),
+            "no_bound": (over, self.no_bound, {"long_name": "why there is no bound"}),
             "slope": ((*over, "number"), self.slopes, {"long_name": "change over half the range of a number"}),
             "at_worst": ((*over, "number"), self.numbers, {"long_name": "number at the largest response"}),
         }
@@ -135,18 +142,24 @@ def tolerance(
     seed: int = 0,
     harmonics: int | None = None,
     tolerance: float = 0.01,
+    bounds: bool = True,
     progress: Callable[[str], object] | None = None,
 ) -> Spread:
     """What the tolerances of a train do to its response at some speeds.
 
     At each speed and of each quantity: the value of the train as it is; by the derivative of :func:`jaxhb.solve`, which
     number moves it how far over its own tolerance; the largest value within all tolerances that is found, and where;
-    and percentiles of a random sample.
+    what no value exceeds, where that can be proved; and percentiles of a random sample.
 
     The worst case is searched by projected gradients (BFGS in the numbers inside their ranges, Bertsekas, 1982), from
     the best of the train as it is, the corners of the range that its derivatives point to and from, and eight more, all
     speeds and quantities side by side; where a corner is the worst case it is reached in one step. Any train that is
-    solved on the way, or in the sample, counts for all quantities. It is the largest value *found*, no bound.
+    solved on the way, or in the sample, counts for all quantities. It is the largest value *found*.
+
+    ``bound`` is beside it where the equations are linear: no tooth leaves contact in any train within the tolerances,
+    which is proved too, and these are of stiffness, damping, loss factors, inertia, backlash, mean torques, gas factors
+    or reciprocating masses. It is 2 % above the worst case, more near lightly damped resonances, and holds for the
+    motion in contact (:mod:`jaxhb.design.bounds_over_box`).
 
     :class:`SceneError` if names are unknown, ranges do not hold the own values and the like, one sentence each.
 
@@ -163,6 +176,8 @@ def tolerance(
         Trains of the sample, a Latin hypercube, and its seed.
     harmonics, tolerance
         As in :func:`jaxhb.solve_speeds`.
+    bounds : bool
+        Whether bounds are asked for, which take up to some seconds for each speed and quantity.
     progress : callable, optional
         Told in a sentence what is computed.
 
@@ -193,10 +208,12 @@ def tolerance(
     if search.point.solved.any():
         search.explore(seed)
         search.climb()
+    none = np.full(search.nominal.shape, np.nan), np.full(search.nominal.shape, "it was not asked for")
+    bound, no_bound = search.bounded(harmonics) if bounds else none
     worst, shares = search.worst()
-    return Spread(
-        train, of, tolerances, rpm, search.nominal, search.slopes, worst, shares, sampled, drawn, search.evaluations
-    )
+    found = {"worst": worst, "shares": shares, "bound": bound, "no_bound": no_bound}
+    found |= {"rpm": rpm, "nominal": search.nominal, "slopes": search.slopes, "samples": sampled, "drawn": drawn}
+    return Spread(train, of, tolerances, **found, evaluations=search.evaluations)
 
 
 def joined(spreads: Sequence[Spread]) -> Spread:
@@ -315,6 +332,16 @@ class _Search:
         speed, quantity, u = (np.array(part) for part in zip(*starts, strict=True))
         values, point, slopes = self._at(speed, u)
         self._ascend(speed, quantity, point, u, values[np.arange(len(u)), quantity], slopes(quantity))
+
+    def bounded(self, harmonics):
+        """Bounds and why there is none ``(n, Q)``; what is larger than all found so far on their way is solved too."""
+        self.say("bounds over all trains within the tolerances")
+        worst, _ = self.worst()
+        bound, no_bound, places = bounds_over_box(self.train, self.rpm, self.box, worst, harmonics)
+        if places:
+            speed, u = zip(*places, strict=True)
+            self._at(np.array(speed), np.array(u))
+        return bound, no_bound
 
     def worst(self):
         """The largest response of all trains solved, by speed and quantity ``(n, Q)``, and its shares ``(n, Q, P)``."""

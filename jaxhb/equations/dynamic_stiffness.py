@@ -21,10 +21,11 @@ def frequencies(frequency, harmonics):
 def link_stiffness(system, omega):
     """Complex stiffness ``(L, H)`` of every link: k (1 + i eta) + i omega r, without loss factor at the mean."""
     fields = system.stiffness, system.loss, system.viscous
-    return _of_link(omega, *(field if field.ndim == 2 else field[:, None] for field in fields))
+    return complex_stiffness(omega, *(field if field.ndim == 2 else field[:, None] for field in fields))
 
 
-def _of_link(omega, stiffness, loss, viscous):
+def complex_stiffness(omega, stiffness, loss, viscous):
+    """k (1 + i eta) + i omega r of a link."""
     return stiffness * (1 + 1j * loss * (omega > 0)) + 1j * omega * viscous
 
 
@@ -161,9 +162,9 @@ def condensed_chains(system, omega):
     def take_out(state, item):
         (link, begin, end), chains = state
         chain, first, held, before, after, disk = item
-        link = jnp.where(first, jnp.where(held, _of_link(omega, *before), 0.0), link)
+        link = jnp.where(first, jnp.where(held, complex_stiffness(omega, *before), 0.0), link)
         begin, end = jnp.where(first, 0.0, begin), jnp.where(first, 0.0, end)
-        onward, own = _of_link(omega, *after), disk_stiffness(omega, *disk) + end
+        onward, own = complex_stiffness(omega, *after), disk_stiffness(omega, *disk) + end
         inverse = quotient(1.0, nonzero_pivot(link + onward + own, link + onward))
         # What the chain so far is seen as: a link k = C1 C2 / (C1 + C2 + g), and stiffnesses to ground at its two ends.
         now = (link * onward * inverse, begin + link * own * inverse, onward * own * inverse)
@@ -179,7 +180,9 @@ def condensed_chains(system, omega):
     if len(condensation.end):
         (_, chains), _ = lax.scan(take_out, (nothing, chains), items)
     plain = condensation.plain
-    link = jnp.concatenate([chains[0][:joined], _of_link(omega, *(a[:, None] for a in numbers(*elastic, at=plain)))])
+    link = jnp.concatenate(
+        [chains[0][:joined], complex_stiffness(omega, *(a[:, None] for a in numbers(*elastic, at=plain)))]
+    )
     node = node_stiffness(system, omega)[condensation.kept]
     node = node.at[condensation.begin].add(chains[1][:joined]).at[condensation.end].add(chains[2])
     arms = {name: jnp.concatenate([jnp.ones(joined), *numbers(name, at=plain)]) for name in ("arm_a", "arm_b")}

@@ -43,16 +43,21 @@ def test_the_worst_case_is_told_and_written(scene, run):
     (one,) = called.json["quantities"]
     assert one["name"] == "shaft torque of a|b" and one["unit"] == "N m"
     assert all(worst >= nominal for worst, nominal in zip(one["worst"], one["nominal"], strict=True))
+    assert all(worst <= bound < 1.03 * worst for worst, bound in zip(one["worst"], one["bound"], strict=True))
+    assert one["no_bound"] == [""] * 4 and "at most" in called.out
+    assert "No train within the tolerances has more than stands under 'at most'." in called.out
     # The resonance is inside the range at 900 rpm and at its end at 1200.
     stiffness = np.array(one["numbers_at_worst"])[:, 0]
     assert 5.7e3 < stiffness[0] < 7.7e3 and stiffness[-1] == 7.7e3
     rows = called.rows
     assert [float(row["worst"]) for row in rows] == one["worst"] and len(rows) == 4
+    assert [float(row["bound"]) for row in rows] == one["bound"] and rows[0]["no bound"] == ""
     assert called.json["kind"] == ["contact"] * 4 and called.json["solved"] == [1.0] * 4
     import xarray
 
     with xarray.open_dataset(called.path("netcdf")) as data:
         np.testing.assert_array_equal(data.worst.values[:, 0], one["worst"])
+        np.testing.assert_array_equal(data.bound.values[:, 0], one["bound"])
         assert data.unit.values.tolist() == ["N m"] and data.sample.shape == (4, 16, 1)
     largest = called.json["rpm"][int(np.argmax(one["worst"]))]
     head = next(line for line in called.out.splitlines() if line.startswith("  shaft torque of a|b, N m"))
@@ -67,6 +72,7 @@ def test_what_is_kept_of_some_speeds_is_not_computed_again(scene, tmp_path, monk
     monkeypatch.setattr("jaxhb.cli.tolerance_command.search", None)
     again = _part(train, [900.0, 1000.0], asked, tmp_path / "kept")
     np.testing.assert_array_equal(again.worst, first.worst)
+    np.testing.assert_array_equal(again.bound, first.bound)
     assert again.values(0, 0) == first.values(0, 0) and again.evaluations == first.evaluations
 
 

@@ -109,7 +109,7 @@ def _cycles(quantity, names, cases, beside):
 
 
 def plot_tolerance(spread):
-    """Every quantity over the speed: as the scene is, the worst case found, and what 5 to 95 % of a sample have."""
+    """Every quantity over the speed: as the scene is, worst case found and bound, 5 to 95 % of a sample."""
     title = f"{train_name(spread.train.topology)}: what the tolerances do"
     return drawn(*tolerance_figures(spread), title=title)
 
@@ -123,6 +123,8 @@ def tolerance_figures(spread):
             line(rpm, factor * spread.nominal[:, j], "as the scene is", 1),
             line(rpm, factor * spread.worst[:, j], "worst case found", 0),
         ]
+        if np.isfinite(spread.bound[:, j]).any():
+            traces.append(line(rpm, factor * spread.bound[:, j], "at most", 0, look={"width": 0.8, "dash": "dot"}))
         if len(spread.drawn):
             low, middle, high = (factor * spread.percentile(q)[:, j] for q in (5, 50, 95))
             look = {"color": "#555555", "dash": "solid", "width": 5}

@@ -24,10 +24,7 @@ def tolerance_parts(spread, checked):
     if solved.any():
         parts += [_worst_table(spread)]
         parts += [_over_speeds(spread, j, checked) for j in range(len(spread.of))]
-        parts += [_moving(spread), _places(spread)]
-    parts += [
-        "The worst case is the largest response found, no bound: another train within the tolerances may do worse."
-    ]
+        parts += [_moving(spread), _places(spread), _guarantee(spread, solved)]
     if len(spread.drawn):
         share = spread.solved[solved]
         lines = (
@@ -35,6 +32,26 @@ def tolerance_parts(spread, checked):
         )
         parts.append(lines)
     return [*parts, *_differences(checked)]
+
+
+def _guarantee(spread, solved):
+    """What is proved of the worst cases, and where and why it is not."""
+    asked = spread.no_bound[solved]
+    bounded, free = bool((asked == "").any()), bool((asked != "").any())
+    loose = any(spread.train.topology.mesh_backlash)
+    told = []
+    if bounded:
+        teeth = ", as long as its teeth stay in contact, in which all of them can run" if loose else ""
+        told.append(f"No train within the tolerances has more than stands under 'at most'{teeth}.")
+    for reason in dict.fromkeys(asked[asked != ""].tolist()):
+        here = (spread.no_bound == reason) & solved[:, None]
+        names = [name for name, own in zip(spread.labels, here.any(0), strict=True) if own]
+        own = "" if len(names) == len(spread.of) else f" of {', '.join(names)}"
+        told.append(f"No bound{own} at {', '.join(f'{x:g}' for x in spread.rpm[here.any(1)])} rpm: {reason}.")
+    if free:
+        there = "There the worst case" if bounded else "The worst case"
+        told.append(f"{there} is the largest response found: another train within the tolerances may do worse.")
+    return "\n".join(["Bounds", *map(paragraph, told)])
 
 
 def _differences(checked):
@@ -66,21 +83,23 @@ def _worst_table(spread):
 def _over_speeds(spread, j, checked):
     """One quantity over the speeds."""
     factor, unit = scaled_unit(spread.of[j].quantity)
-    sampled = len(spread.drawn) > 0
+    sampled, bounded = len(spread.drawn) > 0, np.isfinite(spread.bound[:, j]).any()
     shares = [factor * spread.percentile(q)[:, j] for q in PERCENT] if sampled else []
     kinds = [checked["nominal"], [own[j] for own in checked["worst"]]] if checked else []
     rows = []
     for i, rpm in enumerate(spread.rpm):
         nominal, worst = factor * spread.nominal[i, j], factor * spread.worst[i, j]
-        row = [f"{rpm:g}", nominal, worst, f"{worst / nominal:.2f}" if nominal > 0 else NONE]
+        row = [f"{rpm:g}", nominal, worst, *([factor * spread.bound[i, j]] if bounded else [])]
+        row.append(f"{worst / nominal:.2f}" if nominal > 0 else NONE)
         rows.append([*row, *(own[i] for own in shares), *(own[i] for own in kinds)])
-    heads = ["rpm", ("as it is", 1), ("worst case", 1), "ratio", *((f"{q} %", 1) for q in PERCENT if sampled)]
+    heads = ["rpm", ("as it is", 1), ("worst case", 1), *([("at most", 1)] if bounded else []), "ratio"]
+    heads += [(f"{q} %", 1) for q in PERCENT if sampled]
     heads += ["motion", "in the worst case"] if checked else []
     return from_rows(
         f"{label(spread.of[j])}, {unit}".removesuffix(", "),
         heads,
         rows,
-        left=range(len(heads) - 2, 9) if checked else (),
+        left=range(len(heads) - 2, len(heads)) if checked else (),
     )
 
 
@@ -131,6 +150,7 @@ def tolerance_record(spread, checked):
         ],
         "quantities": [
             {"name": name, "unit": unit_of(one.quantity), "nominal": spread.nominal[:, j], "worst": spread.worst[:, j]}
+            | {"bound": spread.bound[:, j], "no_bound": spread.no_bound[:, j].tolist()}
             | {"slopes": spread.slopes[:, j], "effects": spread.effects[:, j], "numbers_at_worst": spread.numbers[:, j]}
             | ({"percentiles": {str(q): spread.percentile(q)[:, j] for q in PERCENT}} if len(spread.drawn) else {})
             | ({"kind_at_worst": [own[j] for own in worst]} if checked else {})
@@ -151,6 +171,7 @@ def tolerance_rows(spread, checked):
         for j, one in enumerate(spread.of):
             row = {"rpm": rpm, "quantity": spread.labels[j], "unit": unit_of(one.quantity)}
             row |= {"nominal": spread.nominal[i, j], "worst": spread.worst[i, j]}
+            row |= {"bound": spread.bound[i, j], "no bound": spread.no_bound[i, j]}
             row |= {head: own[i, j] for head, own in sampled.items()}
             if checked:
                 row |= {"kind": checked["nominal"][i], "kind in the worst case": checked["worst"][i][j]}
