@@ -159,21 +159,3 @@ def test_an_engine_beside_a_cylinder_on_its_disk_is_refused():
         build([*TRAIN, other, engine()])
     single = {"cylinders": 1, "disks": ["b"], "firing_order": [1], "bank_angle": None}
     assert build([*TRAIN, other, engine(**single)]).topology.cylinder_names == ("extra", "cylinder 1")
-
-
-def test_unknown_keys_of_an_engine_and_its_combustion_are_told(tmp_path):
-    path = tmp_path / "gears.toml"
-    head = '[[disk]]\nname = "a"\ninertia = 1.0\n[[load]]\ndisk = "a"\n'
-    path.write_text(head + "[engine]\ncylinder = 1\n[engine.combustion]\nstrt = 3\n")
-    with pytest.raises(SceneError) as caught:
-        load_scene(path)
-    said = "\n".join(caught.value.sentences)
-    for text in (
-        "[engine]: unknown key 'cylinder'. Did you mean 'cylinders'?",
-        "unknown key 'strt'. Did you mean 'start'?",
-    ):
-        assert text in said
-    for key in ("disks", "firing_order"):
-        assert f"[engine]: the key {key!r} is missing" in said
-    for key in ("compression_ratio", "charge_pressure", "duration"):
-        assert f"[engine], combustion: the key {key!r} is missing" in said
