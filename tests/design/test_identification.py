@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from reference_data import reference
 
 import jaxhb
 from jaxhb import Disk, SceneError, Shaft, Torque, build
@@ -112,25 +113,10 @@ def test_a_file_is_read_with_comments_and_sums(tmp_path):
     assert abs(single) == pytest.approx(total.real)  # one order alone is excited
 
 
-HEAD = "rpm,order,element,quantity,amplitude,phase\n"
-REFUSED = {
-    "there is no column 'ampl'. Did you mean 'amplitude'?": "rpm,order,element,quantity,amplitude,ampl\n",
-    "the column 'order' is missing": "rpm,element,quantity,amplitude\n",
-    "there are no rows of measurements": HEAD,
-    "line 2: there is no shaft or damper 'a|c'": HEAD + "900,1,a|c,torque,20,\n",
-    "line 2: there is no disk 'a|b'": HEAD + "900,1,a|b,angle,20,\n",
-    "line 2: there is no quantity 'torsion'": HEAD + "900,1,a|b,torsion,20,\n",
-    "line 2: order 0.5 is no harmonic of the cycle": HEAD + "900,0.5,a|b,torque,20,\n",
-    "line 2: amplitude is '-2', must be at least 0": HEAD + "900,1,a|b,torque,-2,\n",
-    "line 2: rpm is 'fast', must be a number greater than 0": HEAD + "fast,1,a|b,torque,2,\n",
-    "line 3: the row is there twice": HEAD + "900,1,a|b,torque,20,\n900,1,a|b,torque,21,\n",
-}
-
-
-@pytest.mark.parametrize("sentence", REFUSED)
-def test_a_file_that_cannot_be_is_refused_in_a_sentence(sentence, tmp_path):
+@pytest.mark.parametrize(("text", "sentence"), reference("cases")["files of measurements"])
+def test_a_file_that_cannot_be_is_refused_in_a_sentence(text, sentence, tmp_path):
     path = tmp_path / "measured.csv"
-    path.write_text(REFUSED[sentence], encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(SceneError) as caught:
         read_measured(path, pair())
     assert sentence in str(caught.value) and len(caught.value.sentences) == 1

@@ -289,60 +289,23 @@ def test_ctrl_c_returns_the_best_design_so_far_and_its_history():
     assert dict(enumerate(best.z[best_of(best)].tolist())) == descent.history[-1].parameters
 
 
-def parameter(low, high, name="ring.damping", **more):
-    return {"parameters": [Parameter(name=name, low=low, high=high, **more)]}
+KINDS = {"parameters": Parameter, "objective": Objective, "penalties": Penalty}
 
 
-def objective(quantity, of="pump", **more):
-    return {"objective": Objective(quantity=quantity, of=of, **more)}
-
-
-def penalty(quantity, **more):
-    return {"penalties": [Penalty(quantity=quantity, **more)]}
-
-
-WRONG = {
-    "there is no element 'rong' in 'rong.damping'. Did you mean 'ring'": parameter(1, 9, "rong.damping"),
-    "there is no field 'dampin'. Did you mean 'damping'": parameter(1, 9, "ring.dampin"),
-    "parameter 'ring.damping': its value 6 lies outside its bounds 8 to 20": parameter(8.0, 20.0),
-    "'ring.loss_factor': its value is 0, must be greater than 0 on a log": parameter(0.1, 1.0, "ring.loss_factor"),
-    "parameter 'ring.damping': low is -1, must be greater than 0 on a log scale": parameter(-1.0, 20.0),
-    "its bounds are 9 and 1, must be finite, low less than high": parameter(9.0, 1.0),
-    "parameter 'ring.damping': at the bound -1": parameter(-1.0, 20.0, scale="linear"),
-    "parameter 'ring.damping' is given twice": {"parameters": PARAMETERS[:1] * 2},
-    "there is nothing to tune": {"parameters": []},
-    "there is no such quantity. Did you mean 'tooth force'": objective("tooth farce", "crank gear|idler"),
-    "no mesh 'crank gear|idle'. Did you mean 'crank gear|idler'": objective("tooth force", "crank gear|idle"),
-    "it needs an order": objective("angle order"),
-    "order 0.3 is no harmonic of the cycle": objective("angle order", order=0.3),
-    "2 weights are given for 4 speeds": objective("angle", weights=(1.0, 2.0)),
-    "over is 'most', must be 'worst' or 'mean'": objective("angle", over="most"),
-    "it has no limit: give most or least": penalty("inertia added"),
-    "mode is 12, must be a mode number": penalty("natural frequency", mode=12, most=9.0),
-    "penalty 'damper pwoer': there is no such quantity": penalty("damper pwoer", most=1.0),
-    "optimizer is 'newton', must be 'lbfgs' or 'adam'": {"optimizer": "newton"},
-    "steps is 0, must be a whole number of at least 1": {"steps": 0},
-    "widths is ()": {"widths": ()},
-    "the speed is -5 rpm": {"rpm": [-5.0]},
-    "no speed is given": {"rpm": []},
-    "'ring' has no power_limit: give it one in the scene": penalty("power over limit", of="ring", most=1.0),
-    "'crank gear|idler' has no rated_torque": penalty("tooth torque over limit", of="crank gear|idler", most=1.0),
-    "'flywheel|crank gear' has no tensile_strength": penalty(
-        "stress over continuous limit", of="flywheel|crank gear", most=1.0
-    ),
-}
-
-
-@pytest.mark.parametrize("sentence", WRONG)
-def test_bad_input_is_one_clear_sentence(sentence):
-    good = {"parameters": PARAMETERS, "objective": OBJECTIVES[0], "penalties": PENALTIES, "rpm": SPEEDS}
+@pytest.mark.parametrize(("sentence", "given"), reference("cases")["tunings"])
+def test_bad_input_is_one_clear_sentence(sentence, given):
+    asked = {"parameters": PARAMETERS, "objective": OBJECTIVES[0], "penalties": PENALTIES, "rpm": SPEEDS}
+    for key, value in given.items():
+        several = [KINDS[key](**one) if key in KINDS else one for one in value] if isinstance(value, list) else None
+        asked[key] = KINDS[key](**value) if isinstance(value, dict) else value if several is None else tuple(several)
     with pytest.raises(jaxhb.SceneError) as caught:
-        jaxhb.tune(hammering(), **good | WRONG[sentence])
+        jaxhb.tune(hammering(), **asked)
     assert sentence in str(caught.value) and len(caught.value.sentences) == 1
 
 
 def test_contact_of_a_mesh_without_backlash_cannot_be_tuned():
-    given = parameter(1.0, 9.0, "viscous ring.damping") | objective("impact severity", "input 1|lay 1")
+    given = {"parameters": [Parameter(name="viscous ring.damping", low=1.0, high=9.0)]}
+    given["objective"] = Objective(quantity="impact severity", of="input 1|lay 1")
     with pytest.raises(jaxhb.SceneError, match="mesh 'input 1|lay 1' has no backlash, its teeth never part"):
         jaxhb.tune(build(gearbox_parts(), reference="motor"), rpm=[900.0], **given)
 

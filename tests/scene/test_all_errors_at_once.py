@@ -3,7 +3,7 @@
 import tomllib
 
 import pytest
-from reference_data import DATA
+from reference_data import DATA, reference
 
 from jaxhb.elements.elements import Cylinder, Disk, Load, SceneError, Shaft
 from jaxhb.scene.files import load_scene
@@ -46,15 +46,7 @@ def test_a_pressure_table_covers_the_gas_cycle_but_for_one_step(span, good):
 
 
 @pytest.mark.parametrize("digits", ["9" * 400, "9" * 5000, "0x" + "f" * 5000], ids=["400", "5000", "hex"])
-@pytest.mark.parametrize(
-    "place",
-    [
-        "[[shaft]]\nbetween = ['a', 'b']\nstiffness = {}",
-        "[[torque]]\ndisk = 'a'\nharmonics = [[{}, 1, 1]]",
-        "[scene]\nrevolutions_per_cycle = {}",
-        "[[disk]]\nname = 'c'\ninertia = 1\nradius = 1\nteeth = {}",
-    ],
-)
+@pytest.mark.parametrize("place", reference("cases")["places of integers"])
 def test_an_integer_too_large_for_a_double_is_a_sentence(tmp_path, digits, place):
     disks = "[[disk]]\nname = 'a'\ninertia = 1\n[[disk]]\nname = 'b'\ninertia = 1\n"
     said = refusal(tmp_path, disks + place.format(digits))

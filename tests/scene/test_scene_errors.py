@@ -64,13 +64,7 @@ def test_sentence_on_the_head(tmp_path, head, sentence):
     assert sentence in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "content, sentence",
-    [
-        ("0, 1e5\n10; 2e5; 3\n", "p.csv, line 2 is '10; 2e5; 3', must be 2 numbers angle, pressure"),
-        ("# angle, Pa\n", "p.csv holds no rows. Give angle, pressure on each line."),
-    ],
-)
+@pytest.mark.parametrize("content, sentence", reference("cases")["tables of pressures"])
 def test_sentence_on_a_csv(tmp_path, content, sentence):
     (tmp_path / "p.csv").write_text(content)
     with pytest.raises(SceneError) as caught:

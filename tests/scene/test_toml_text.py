@@ -38,22 +38,7 @@ def test_only_the_lines_of_changed_values_change(mixed):
         ("mesh", 0, "backlash"): 1.2345678901234567e-4,
     }
     text, _ = changed_scene(mixed, values, remark="mixed, tuned.")
-    gone, new = changes(MIXED, text)
-    assert gone == [
-        "inertia = 1.20e-1       # kg m2, from the drawing",
-        "inertia = 1             # to be weighed",
-        "backlash = 0.10e-3",
-    ]
-    assert new == [
-        "# mixed, tuned.",
-        "",
-        "inertia = 0.131       # kg m2, from the drawing",
-        "damping = 30.5",
-        "inertia = 1.25             # to be weighed",
-        "backlash = 0.00012345678901234567",
-    ]
-    lines = text.splitlines()
-    assert lines[lines.index("damping = 30.5") - 1] == "]" and lines[lines.index("damping = 30.5") + 1] == ""
+    assert text == text_of("pump_drive_changed.toml").removesuffix("\n")
     read = tomllib.loads(text)
     assert all(read[table][row][field] == value for (table, row, field), value in values.items())
 

@@ -63,14 +63,7 @@ def test_pressures_count_with_their_scale(scene):
     assert scene(("rod = 0.145", "scale = [[800, 0.5e5], [4500, 1e5]]\nrod = 0.145"), **bar) == []
 
 
-@pytest.mark.parametrize(
-    "change, where",
-    [
-        ("table_firing_tdc = 180.0", "169 deg before"),
-        ("table_firing_tdc = -90.0", "101 deg after"),
-        ("", "349 deg before"),
-    ],
-)
+@pytest.mark.parametrize("change, where", reference("cases")["dead centres"])
 def test_a_table_read_from_another_dead_centre_is_noted(scene, change, where):
     said = f"the pressure is largest {where} firing top dead centre, usual 15 deg before to 45 deg after: "
     said += "is table_firing_tdc the angle at which the table fires?"
