@@ -65,12 +65,3 @@ def test_where_the_teeth_stay_in_contact_exact_integrals_change_nothing():
     assert found.converged and found.path[0].active_meshes == 0
     linear = jaxhb.linear_response(pressed, rpm=rpm, harmonics=found.harmonics)
     np.testing.assert_allclose(found.deflections[:, 1:], linear.deflections[:, 1:], rtol=0, atol=1e-14)  # rounding
-
-
-def test_exact_integrals_are_refused_where_there_are_none():
-    with pytest.raises(ValueError, match="exact integrals need method 'reduced'"):
-        jaxhb.plan(train(), rpm=1500.0, method="chain", integrals="exact")
-    with pytest.raises(ValueError, match="give 'sampled' or 'exact'"):
-        jaxhb.solve(train(), rpm=1500.0, integrals="gauss")
-    with pytest.raises(ValueError, match="belong to the plan"):
-        jaxhb.solve(train(), rpm=1500.0, plan=SAMPLED, integrals="exact")

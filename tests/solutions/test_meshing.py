@@ -7,10 +7,11 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
+from differences import TIGHT
 from reference_data import reference
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from tolerances import ALGEBRAIC, GRADIENT, PATHS
+from tolerances import ALGEBRAIC, GRADIENT, PATHS, RESIDUAL
 
 import jaxhb
 from jaxhb.elements.meshing import contact_orders, standard_stiffness, table_orders
@@ -71,12 +72,12 @@ GEARS = ("a", 0.02, 0.05, 10), ("b", 0.05, 0.1, 20), ("c", 0.01, 0.05, 10)
 @pytest.fixture(scope="module")
 def exact():
     """The idler at 1500 rpm with exact integrals."""
-    return jaxhb.solve(idler(), rpm=1500.0, harmonics=96, integrals="exact")
+    return jaxhb.solve(idler(), rpm=1500.0, harmonics=256, integrals="exact")
 
 
 @cache
 def hammering(rpm):
-    return jaxhb.solve(idler(), rpm=rpm, tolerance=1e-3)
+    return jaxhb.solve(idler(), rpm=rpm, harmonics=768, tolerance=1e-3)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -189,20 +190,26 @@ def test_two_meshes_with_phases_and_runout_follow_their_equations(rpm):
 
 
 def test_whole_train_and_condensed_equation_agree():
-    train = idler()
-    chain, reduced = (jaxhb.solve(train, rpm=1500.0, harmonics=64, method=m) for m in ("chain", "reduced"))
-    np.testing.assert_allclose(chain.deflections, reduced.deflections, rtol=0, atol=1e-6 * HALF)
+    """Solved to rounding: what is compared is the methods, not where they stop."""
+    train, found = idler(), []
+    for method in ("chain", "reduced"):
+        plan = jaxhb.plan(train, rpm=1500.0, harmonics=64, method=method)
+        plan = dataclasses.replace(plan, **TIGHT | {"max_steps": 24})
+        found.append(jaxhb.solve(train, rpm=1500.0, plan=plan))
+        assert found[-1].residual < RESIDUAL
+    for name in ("angles", "torques", "elastic_torques", "deflections", "forces", "elastic_forces"):
+        chain, reduced = (np.asarray(getattr(one, name)) for one in found)
+        np.testing.assert_allclose(chain, reduced, rtol=0, atol=PATHS * np.abs(reduced).max(initial=0.0))
 
 
-def test_shooting_corrects_exact_integrals_by_what_the_harmonics_leave_out(exact):
+def test_shooting_hardly_corrects_exact_integrals(exact):
     correction = jaxhb.shooting_correction(exact)
-    print("CORR", correction.error, exact.truncation_error)
     assert correction.orbit.settled and correction.error < 2e-3
 
 
 def test_gradients_are_those_of_differences(exact):
     """Each number by itself; forwards and backwards are two programs for all of them."""
-    train, plan = idler(), jaxhb.plan(idler(), rpm=1500.0, harmonics=96, integrals="exact")
+    train, plan = idler(), jaxhb.plan(idler(), rpm=1500.0, harmonics=256, integrals="exact")
     weight = np.random.default_rng(2).normal(size=(2, 39))
 
     def amplitude(*values):
