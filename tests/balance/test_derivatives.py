@@ -53,7 +53,10 @@ def changed(factors, rpm, plan):
 
 @pytest.fixture(scope="module")
 def batch():
-    """A batch linearised: plain, without convergence, not finite, plain; (value, aux), gradient, change along ALONG."""
+    """A batch linearised: plain, without convergence, not finite, plain, backwards; and plain ones alone.
+
+    Each (value, aux), gradient, change along ALONG.
+    """
 
     def value(factors):
         response = changed(factors, 1500.0, SEPARATING)
@@ -63,21 +66,23 @@ def batch():
         number, push, aux = jax.linearize(value, factors, has_aux=True)
         return (number, aux), jax.linear_transpose(push, factors)(1.0)[0], push(ALONG)
 
-    lanes = np.tile(ONES, (4, 1))
-    lanes[1, RPM] = 0.6
+    plain, linearised = np.tile(ONES, (5, 1)), jax.jit(jax.vmap(lane))
+    lanes = plain.copy()
+    lanes[1:, RPM] = 0.6, 1.0, 1.001, -1.0
     lanes[2, KEYS.index("flywheel.inertia")] = np.nan
-    lanes[3, RPM] = 1.001
-    return jax.jit(jax.vmap(lane))(lanes)
+    return jax.tree.map(np.asarray, (linearised(lanes), linearised(plain)))
 
 
 def test_a_failed_lane_has_zero_gradient_and_spoils_no_other(batch):
-    (_, (status, deflection)), gradient, along = batch
+    ((_, (status, deflection)), gradient, along), (_, alone, _) = batch
     gap = 0.5 * (1 - 0.3) * 1e-4
     assert np.all(np.mean(np.abs(deflection[0]) < gap, axis=-1) > 0.05)  # both meshes separate
     assert status[0] == status[3] == jaxhb.Status.CONVERGED
     assert status[1] == jaxhb.Status.MAX_STEPS and status[2] == jaxhb.Status.NONFINITE
-    assert not gradient[1:3].any() and np.isnan(along[1])
+    assert status[4] == jaxhb.Status.INVALID_INPUT
+    assert not gradient[[1, 2, 4]].any() and np.isnan(along[1])
     assert np.isfinite(gradient).all() and np.all(gradient[0] != 0)
+    np.testing.assert_allclose(gradient[0], alone[0], rtol=1e-9)
     assert np.abs(gradient[3] / gradient[0] - 1).max() < 1  # a neighbour, in speed 0.1 % away
 
 

@@ -3,7 +3,6 @@
 import dataclasses
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiling import executables
@@ -360,26 +359,6 @@ def test_nothing_computed_is_told_of_a_speed_that_is_not_solved(place, pair, pla
     with pytest.raises(jaxhb.NotConverged, match=jaxhb.Status(int(response.status)).name):
         jaxhb.check(response)
     assert not np.isnan(jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=plan, start=response).residual)
-
-
-@pytest.mark.oracle
-def test_a_lane_that_is_not_solved_leaves_the_others_their_derivatives(pair, plan):
-    """Masked as users do it, after reading; against lanes that are all solved."""
-
-    @jax.jit
-    @jax.grad
-    def slope(damping, rpm):
-        def peak(speed):
-            response = jaxhb.solve(pair.replace({"gear a|gear b.damping": damping}), rpm=speed, plan=plan)
-            return response.force("gear a", "gear b").smooth_peak(), response.converged
-
-        values, good = jax.vmap(peak)(rpm)
-        return jnp.where(good, values, 0.0).sum()
-
-    one, other = 5500.0, HAMMERING_RPM
-    twice = [slope(1200.0, jnp.array(rpm)) for rpm in ([one, one, other], [one, other, other])]
-    assert float(slope(1200.0, jnp.array([one, -5.0, other]))) == pytest.approx(float(sum(twice)) / 3, rel=1e-9)
-    assert float(slope(1200.0, jnp.full(3, -5.0))) == 0.0
 
 
 def test_the_numbers_of_every_packaged_scene_are_within_their_ranges():
