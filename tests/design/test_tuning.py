@@ -6,21 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trains
 from differences import differences, tight_plan
 from reference_data import reference
 from tolerances import GRADIENT, PATHS
-from trains import (
-    INERTIA,
-    NATURAL,
-    around_optimum,
-    branched_parts,
-    build,
-    exact_peak,
-    gearbox_parts,
-    main_mass,
-    one_mass_parts,
-    tuned_main_mass,
-)
 
 import jaxhb
 from jaxhb.balance.plan import Request
@@ -36,24 +25,24 @@ def optimum(case):
         return entry["mu"], 0.0, entry["zeta_opt_formula"], (2 + entry["mu"]) / entry["mu"], np.concatenate(ratios)
     entry = reference("damper_optima")["tuned_damper_Den_Hartog"]["rows"][case]
     exact = entry["exact_Hinf"]
-    return entry["mu"], exact["f"], exact["zeta"], exact["peak"], around_optimum()
+    return entry["mu"], exact["f"], exact["zeta"], exact["peak"], trains.around_optimum()
 
 
 @pytest.mark.oracle
 @pytest.mark.parametrize(("case", "stiffer", "stronger"), [(0, 0.1, 10.0), (1, 10.0, 0.1), ("viscous", 1.0, 0.1)])
 def test_a_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(case, stiffer, stronger):
     mu, tuned, zeta, peak, ratios = optimum(case)
-    ring = mu * INERTIA
-    own = {"damper.stiffness": (tuned * NATURAL) ** 2 * ring, "damper.damping": 2 * zeta * ring * NATURAL}
+    ring = mu * trains.INERTIA
+    own = {"damper.stiffness": (tuned * trains.NATURAL) ** 2 * ring, "damper.damping": 2 * zeta * ring * trains.NATURAL}
     if case == "viscous":  # its damping ratio is over that of the main mass
-        own = {"damper.damping": 2 * zeta * INERTIA * NATURAL}
+        own = {"damper.damping": 2 * zeta * trains.INERTIA * trains.NATURAL}
     bounds = [Parameter(name=name, low=value / 100, high=value * 100) for name, value in own.items()]
     start = stiffer * own.get("damper.stiffness", 0.0), stronger * own["damper.damping"]
-    found = tuned_main_mass(main_mass(ring, *start), bounds, ratios).after.parameters
+    found = trains.tuned_main_mass(trains.main_mass(ring, *start), bounds, ratios).after.parameters
     stiffness, damping = found.get("damper.stiffness", 0.0), found["damper.damping"]
-    assert exact_peak(ring, stiffness, damping) == pytest.approx(peak, abs=5e-4)  # four digits
+    assert trains.exact_peak(ring, stiffness, damping) == pytest.approx(peak, abs=5e-4)  # four digits
     assert zeta * damping / own["damper.damping"] == pytest.approx(zeta, abs=5e-4)  # three digits
-    assert np.sqrt(stiffness / ring) / NATURAL == pytest.approx(tuned, abs=5e-4)
+    assert np.sqrt(stiffness / ring) / trains.NATURAL == pytest.approx(tuned, abs=5e-4)
 
 
 def test_summits_are_where_the_parabola_culminates_and_resolved_by_the_speeds():
@@ -90,7 +79,7 @@ PLAN = tight_plan(
 
 @cache
 def hammering():
-    return build(branched_parts(), reference="crank gear")
+    return trains.build(trains.branched_parts(), reference="crank gear")
 
 
 def planned(*_, **__):
@@ -307,14 +296,14 @@ def test_contact_of_a_mesh_without_backlash_cannot_be_tuned():
     given = {"parameters": [Parameter(name="viscous ring.damping", low=1.0, high=9.0)]}
     given["objective"] = Objective(quantity="impact severity", of="input 1|lay 1")
     with pytest.raises(jaxhb.SceneError, match="mesh 'input 1|lay 1' has no backlash, its teeth never part"):
-        jaxhb.tune(build(gearbox_parts(), reference="motor"), rpm=[900.0], **given)
+        jaxhb.tune(trains.build(trains.gearbox_parts(), reference="motor"), rpm=[900.0], **given)
 
 
 @pytest.mark.parametrize("backlash", [None, 1e-4])
 def test_a_range_in_which_no_speed_converges_is_told_with_a_way_on(backlash):
     class Lost(Bowl):
         law = {"eps": backlash and 0.1, "transition": backlash and 0.2, "h": backlash}
-        train = build(one_mass_parts(m=1.0, b=0.1, c=1.0, q0=0.0, q1=1.0, **law), reference="a")
+        train = trains.build(trains.one_mass_parts(m=1.0, b=0.1, c=1.0, q0=0.0, q1=1.0, **law), reference="a")
 
         def at(self, z, near, aim, **_):
             return near

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from built_trains import same
-from reference_data import reference, text_of
+from reference_data import DATA, reference, text_of
 
 from jaxhb import Combustion, Cylinder, Damper, Disk, Engine, Ground, Load, Mesh, SceneError, Shaft, Torque, Trace
 from jaxhb.linear.modal import natural_frequencies
@@ -29,12 +29,7 @@ def gear(name, teeth, parent=None):
 
 def gearbox(**changes):
     """A motor that drives two shafts by gears."""
-    parts = {
-        "motor": [disk("rotor", 4e-4), shaft("s", 1e4)],
-        "box": [gear("g1", 20), gear("g2", 30, "g1"), gear("g3", 40, "g1")],
-        "left": [shaft("a", 5e3), disk("wheel", 7e-4)],
-        "right": [shaft("a", 6e3), disk("hub", 7e-4), shaft("long", 7e4), disk("fan", 1e-3)],
-    }
+    parts = json.loads(text_of("gearbox.json"))
     components = [{"name": name, "elements": elements} for name, elements in (parts | changes).items()]
     joints = [["motor.s", "box.g1"], ["box.g2", "left.a"], ["box.g3", "right.a"]]
     return {"structure": joints, "components": components}
@@ -97,22 +92,9 @@ def test_a_round_shaft_has_the_stiffness_and_inertia_of_its_sizes(tmp_path):
 CSV = text_of("pump.csv")
 
 
-def pump():
-    return build(
-        [
-            Disk(name="crank", inertia=0.24, damping=1.5),
-            Disk(name="crank gear", inertia=0.03, radius=0.08, teeth=40),
-            Disk(name="pump gear", inertia=0.05, radius=0.16, teeth=80, damping=0.05),
-            Shaft(between=("crank", "crank gear"), stiffness=5e6, damping=60.0, loss_factor=0.02),
-            Mesh(between=("crank gear", "pump gear"), stiffness=5e8, damping=2800.0, backlash=1.5e-4),
-        ],
-        reference="crank",
-    )
-
-
 @pytest.mark.parametrize("text", [CSV, CSV.replace(",", ";")], ids=["commas", "semicolons"])
 def test_two_tables_of_a_csv_file_are_a_train(tmp_path, text):
-    assert same(load_scene(write(tmp_path, "pump.csv", text)), pump())
+    assert same(load_scene(write(tmp_path, "pump.csv", text)), load_scene(DATA / "scenes" / "pump.toml"))
 
 
 @pytest.mark.parametrize("name, content", [("box.json", gearbox()), ("pump.csv", CSV)])
