@@ -8,7 +8,7 @@ import pytest
 from event_exact import long_run, multipliers
 from peers import chain_train, rpm_of
 from reference_data import reference
-from scipy.optimize import minimize_scalar
+from scipy.optimize import root
 from trains import ONE_RADIAN_PER_SECOND, Pair, pair_train
 
 import jaxhb
@@ -39,30 +39,16 @@ def dense_residual(x, w):
     return x - linear + receptance @ (chain_task.ANALYSIS @ (force - l)), matrix
 
 
-def dense_fold(before, after):
-    """Extreme frequency of the dense equations between two points ``(x, w)`` of their curve.
+def dense_fold(x, w):
+    """Frequency at which the dense equations are singular near a point ``(x, w)`` of their curve."""
 
-    Along the curve x is held by its part along the line through both points, and w is free: what is left is the extreme
-    of a function of one number.
-    """
-    (x0, w0), (x1, w1) = before, after
-    along = (x1 - x0) / np.linalg.norm(x1 - x0)
+    def singular(y):
+        x, v, w = y[: len(x0)], y[len(x0) : -1], y[-1]
+        value, matrix = dense_residual(x, w)
+        return np.concatenate([value, matrix @ v, [v @ v - 1]])
 
-    def frequency(share):
-        x, w, place = x0 + share * (x1 - x0), w0 + share * (w1 - w0), along @ (x0 + share * (x1 - x0))
-        for _ in range(12):
-            value, matrix = dense_residual(x, w)
-            by_w = (dense_residual(x, w + 1e-6)[0] - dense_residual(x, w - 1e-6)[0]) / 2e-6
-            whole = np.block([[matrix, by_w[:, None]], [along, np.zeros(1)]])
-            change = np.linalg.solve(whole, np.append(value, along @ x - place))
-            x, w = x - change[:-1], w - change[-1]
-        return w
-
-    sense = np.sign(frequency(0.5) - (w0 + w1) / 2)
-    found = minimize_scalar(
-        lambda share: -sense * frequency(share), bounds=(0, 1), method="bounded", options={"xatol": 1e-6}
-    )
-    return frequency(found.x)
+    x0, v = x, np.linalg.svd(dense_residual(x, w)[1])[2][-1]
+    return root(singular, np.concatenate([x, v, [w]]), tol=1e-13).x[-1]
 
 
 def dense_point(branch, number):
@@ -82,8 +68,8 @@ def test_the_eight_folds_of_the_chain_are_found_at_any_limit_of_the_steps(longes
     np.testing.assert_allclose(folds, PUBLISHED, atol=1.5e-3)
     points = [point for point in branch.special if point.kind == "fold"]
     for point, w in zip(points, folds, strict=True):
-        ends = [dense_point(branch, point.after + shift) for shift in (-1, 2)]
-        assert abs(dense_fold(*ends) - w) < 1e-8 * w
+        beside = zip(*(dense_point(branch, point.after + shift) for shift in (0, 1)), strict=True)
+        assert abs(dense_fold(*(sum(pair) / 2 for pair in beside)) - w) < 1e-8 * w
 
 
 def test_every_change_of_stability_has_its_name():

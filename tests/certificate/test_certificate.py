@@ -64,7 +64,7 @@ def test_the_theorem_fails_above_one_half_and_says_so():
     assert not case.holds and np.isnan(case.radius)
 
 
-@pytest.mark.parametrize("harmonics", [8, 16, 32])
+@pytest.mark.parametrize("harmonics", [8, 32])
 def test_one_mass_the_true_motion_lies_within_the_bound_and_hardly_nearer(harmonics):
     response = solved(harmonics)
     found, h = certify(response), parameters()["h"]
@@ -199,7 +199,7 @@ def test_bounds_hold_for_both_laws_of_damping_and_for_loss_factors(changes):
     assert response.mesh("a", "b").separated_fraction > 0
     found = certify(response)
     assert found.holds, found.reason
-    fine = jaxhb.solve(train, rpm=1500.0, harmonics=2048, integrals="exact", start=response)
+    fine = jaxhb.solve(train, rpm=1500.0, harmonics=768, integrals="exact", start=response)
     (value, force), (true_value, true_force) = forces(response), forces(fine)
     apart, off = np.abs(value - true_value).max(), np.abs(force - true_force).max()
     assert apart <= found.deflection_bound[0] <= WITHIN * apart
