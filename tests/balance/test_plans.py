@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 from compiling import executables
-from reference_data import reference
+from reference_data import reference, refused
 from trains import build, pinions_parts
 
 import jaxhb
@@ -80,8 +80,7 @@ def test_what_is_constant_is_checked_under_jit_too(pair, plan):
     def solved(damping, **asked):
         return jaxhb.solve(pair.replace({"gear a|gear b.damping": damping}), **asked).load_kW
 
-    with pytest.raises(jaxhb.SceneError, match="must be greater than 0 rpm"):
-        jax.jit(lambda damping: solved(damping, rpm=-3000.0, plan=plan))(1.0)
+    refused(lambda: jax.jit(lambda damping: solved(damping, rpm=-3000.0, plan=plan))(1.0), "must be greater than 0 rpm")
     engine = jaxhb.load_scene("six_cylinder_diesel")
     held = jaxhb.plan(engine, rpm=1500.0)
 
@@ -107,16 +106,14 @@ def test_a_mesh_that_leaves_its_flank_violates_the_plan(pair):
     assert contact.active == () and contact.unknowns == 0
     response = jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=contact)
     assert int(response.status) == jaxhb.Status.PLAN_VIOLATED
-    with pytest.raises(jaxhb.NotConverged, match="PLAN_VIOLATED.*plan again"):
-        jaxhb.check(response)
+    refused(lambda: jaxhb.check(response), "PLAN_VIOLATED.*plan again", jaxhb.NotConverged)
 
 
 def test_too_few_harmonics_are_told_as_such_whatever_a_second_try_ends_in(pair, monkeypatch):
     response = jaxhb.solve(pair, rpm=HAMMERING_RPM, harmonics=50, tolerance=1e-6)
     assert int(response.status) == jaxhb.Status.TOLERANCE_NOT_MET
     assert response.residual < 1e-10
-    with pytest.raises(jaxhb.NotConverged, match="use more harmonics"):
-        jaxhb.check(response)
+    refused(lambda: jaxhb.check(response), "use more harmonics", jaxhb.NotConverged)
     lost = dataclasses.replace(response, status=np.array(jaxhb.Status.STALLED))
     monkeypatch.setattr(speeds, "solve_again", lambda *_: lost)
     found = speeds.try_again(pair, 0, [response], Request(tolerance=1e-6), None)
@@ -356,8 +353,7 @@ def test_nothing_computed_is_told_of_a_speed_that_is_not_solved(place, pair, pla
     read += [force.order(3.2e6), force.smooth_peak(), force.sum_of_amplitudes, response.power("gear a", "gear b")]
     read += [contact.separated_fraction, contact.reverse_contact_fraction, contact.pulling_force]
     assert np.isnan(read).all() and contact.impacts == []
-    with pytest.raises(jaxhb.NotConverged, match=jaxhb.Status(int(response.status)).name):
-        jaxhb.check(response)
+    refused(lambda: jaxhb.check(response), jaxhb.Status(int(response.status)).name, jaxhb.NotConverged)
     assert not np.isnan(jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=plan, start=response).residual)
 
 

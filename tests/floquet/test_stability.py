@@ -7,7 +7,7 @@ import dense
 import numpy as np
 import pytest
 import scipy.linalg
-from reference_data import method_case, reference
+from reference_data import method_case, reference, refused
 from trains import ONE_RADIAN_PER_SECOND, build, gearbox_parts, one_mass_parts, refined
 
 import jaxhb
@@ -214,14 +214,11 @@ def test_how_stability_is_lost_is_named(critical, name, words):
 
 def test_what_has_no_multipliers_is_refused_with_a_sentence():
     train = jaxhb.load_scene("spur_pair")
-    with pytest.raises(ValueError, match="sweep of 2 speeds"):
-        jaxhb.stability(jaxhb.solve_speeds(train, rpm=[1000.0, 1100.0]))
+    refused(lambda: jaxhb.stability(jaxhb.solve_speeds(train, rpm=[1000.0, 1100.0])), "sweep of 2 speeds", ValueError)
     response = floating()
-    with pytest.raises(ValueError, match="without its train"):
-        jaxhb.stability(dataclasses.replace(response, train=None))
+    refused(lambda: jaxhb.stability(dataclasses.replace(response, train=None)), "without its train", ValueError)
     with pytest.raises(NotConverged, match="3000 rpm is no periodic motion"):
         jaxhb.stability(dataclasses.replace(response, status=np.array(4)))
     massless = jaxhb.solve(train.replace({"gear a.inertia": 0.0}), rpm=500.0)
     assert stability.attracts(massless)[:2] == (None, None)
-    with pytest.raises(ValueError, match="carries a backlash mesh: no equation of motion in time"):
-        jaxhb.stability(massless)
+    refused(lambda: jaxhb.stability(massless), "carries a backlash mesh: no equation of motion in time", ValueError)
