@@ -64,13 +64,8 @@ def test_an_expanded_scene_is_the_same_train(six, tmp_path):
 
 
 def test_a_combustion_in_an_engine_is_expanded_with_a_value_for_each_cylinder(tmp_path):
-    head = "".join(f'[[disk]]\nname = "{d}"\ninertia = 1.0\n' for d in "ab")
-    head += '[[shaft]]\nbetween = ["a", "b"]\nstiffness = 1e6\n[[load]]\ndisk = "b"\n'
-    own = '[engine]\nname = "port"\ncylinders = 2\ndisks = ["a", "b"]\nfiring_order = [1, 2]\nstroke_cycle = 2\n'
-    own += "bore = 0.1\nstroke = 0.12\nrod = [0.2, 0.21]\nfires = [true, false]\nfiring_angle = [0.0, 1.5]\n"
-    own += "[engine.combustion]\ncompression_ratio = 16\ncharge_pressure = 2e5\nstart = [-5, -4.5]\nduration = 60\n"
     path, out = tmp_path / "two.toml", tmp_path / "out.toml"
-    path.write_text(head + own + "heat = 900\n")
+    path.write_text(text_of("two_strokes.toml"))
     train = load_scene(path)
     assert train.topology.cylinder_names == ("port 1", "port 2") and train.topology.cylinder_fires == (True, False)
     assert train.topology.cylinder_gas_revolutions == (1, 1)

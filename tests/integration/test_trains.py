@@ -3,6 +3,7 @@
 import dataclasses
 from types import SimpleNamespace
 
+import dense
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -45,18 +46,14 @@ def adaptive(system, meshes, frequency, load, x, v, cycles, samples):
     mass, load = np.asarray(system.mass), np.asarray(load)
     B -= columns @ np.diag(np.asarray(system.viscous)[link]) @ columns.T
     K -= columns @ np.diag(np.asarray(system.stiffness)[link]) @ columns.T
-    c, eps, tau, h = (
-        np.asarray(p) for p in (meshes.law.stiffness, meshes.law.epsilon, meshes.law.transition, meshes.law.backlash)
-    )
+    law = SimpleNamespace(**{name: np.asarray(value) for name, value in vars(meshes.law).items()})
     gated, r = np.asarray(meshes.contact_damping), np.asarray(meshes.viscous)
     disks, n = mass.size, np.arange(load.shape[1])
 
     def motion(t, y):
         l, rate = columns.T @ y[:disks], columns.T @ y[disks:]
-        u = np.clip(np.abs(l) - (1 - tau) * h / 2, 0, tau * h)
-        w = np.maximum(np.abs(l) - (1 + tau) * h / 2, 0)
-        f = eps * c * l + np.sign(l) * c * (1 - eps) * (u**2 / (2 * tau * h) + w)
-        f = f + r * rate * np.where(gated, u / (tau * h), 1.0)
+        f, share = dense.law(law, l)
+        f = f + r * rate * np.where(gated, share, 1.0)
         wave = np.exp(1j * n * frequency * t) * np.where(n == 0, 1, 2)
         q = (load @ wave).real
         return np.concatenate([y[disks:], (q - columns @ f - B @ y[disks:] - K @ y[:disks]) / mass])
@@ -202,27 +199,14 @@ def test_only_more_steps_that_close_overrule_a_correction_that_contradicts_the_e
 
 
 def test_what_cannot_be_integrated_is_refused_with_its_name():
-    lossy = build(
-        [
-            Disk(name="a", inertia=1.0),
-            Disk(name="b", inertia=1.0),
-            Shaft(between=("a", "b"), stiffness=1e4, loss_factor=0.05),
-            Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)]),
-        ],
-        revolutions_per_cycle=1,
-    )
-    with pytest.raises(ValueError, match=r"'a\|b'.*with_viscous_damping"):
-        integrate(lossy, rpm=1000.0)
-    light = [
-        Disk(name="a", inertia=0.0, radius=0.1),
-        Disk(name="b", inertia=1.0, radius=0.1),
-        Mesh(between=("a", "b"), stiffness=1e6, backlash=1e-4),
-        Torque(disk="b", harmonics=[(1.0, 5.0, 0.0)]),
-    ]
-    with pytest.raises(ValueError, match="'a' has no inertia and carries a backlash mesh"):
-        integrate(build(light, revolutions_per_cycle=1, reference="a"), rpm=1000.0)
-    with pytest.raises(ValueError, match="cycles is 0, must be at least 1"):
-        integrate(load_scene("spur_pair"), rpm=3000.0, cycles=0)
+    light = load_scene("spur_pair")
+    for train, asked, sentence in (
+        (load_scene("engine_with_damper"), {}, r"'hub\|crank gear'.*with_viscous_damping"),
+        (light.replace({"gear a.inertia": 0.0}), {}, "'gear a' has no inertia and carries a backlash mesh"),
+        (light, {"cycles": 0}, "cycles is 0, must be at least 1"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            integrate(train, rpm=1000.0, **asked)
 
 
 def test_the_reference_integration_is_driven_by_all_harmonics_that_are_listed():

@@ -106,13 +106,7 @@ def test_cylinders_of_an_engine_come_behind_those_of_the_scene():
 
 
 def test_a_scene_of_lists_above_all_heads_can_be_written_and_expanded(tmp_path):
-    text = """# by hand
-disk = [{name = "a", inertia = 1.0}, {name = "b", inertia = 2.0}]
-shaft = [{between = ["a", "b"], stiffness = 1e5}]
-load = [{disk = "b"}]
-cylinder = [{disk = "b", gas_torque_mean = 2.0}]
-engine = {cylinders = 1, disks = ["a"], firing_order = [1], gas_torque_mean = 5.0}
-"""
+    text = text_of("inline.toml")
     path, out = tmp_path / "inline.toml", tmp_path / "out.toml"
     for given in (text, text + "\n# the torque\n[[torque]]\ndisk = 'a'\n", text.replace("cylinder =", "#")):
         path.write_text(given)
