@@ -11,6 +11,10 @@ TIGHT = {"residual_tolerance": 1e-13, "max_steps": 12, "slope_samples": 1}
 """Of plans solved to rounding, as differences divide what is left of the residual by the step, and differentiated at
 the time samples of their solve: differences are those of the sampled equations."""
 
+BOTH_SEPARATE = {"harmonics": 32, "active": (0, 1), "flank": (0, 0), "start": "march", "time_steps": 768}
+BOTH_SEPARATE |= {"tolerance": 0.5, "excited": 3}
+"""Of plans of ``branched_parts`` at 1500 rpm."""
+
 
 def tight_plan(**given):
     """Such a plan, without the estimate of the truncation error, which has no derivative."""

@@ -5,32 +5,20 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
-from differences import tight_plan
+from differences import BOTH_SEPARATE, tight_plan
 from trains import branched_parts, build
 
 import jaxhb
 
-KEYS = (
-    "flywheel.inertia",
-    "crank gear|idler.stiffness",
-    "flywheel|crank gear.stiffness",
-    "crank gear|idler.damping",
-    "pump gear|pump.loss_factor",
-    "pump gear|idler.backlash",
-    "pump gear.radius",
-    "flywheel:torque.harmonics",
-    "crank gear|idler.epsilon",
-    "pump gear|idler.transition",
-    "ring.damping",
-)
+KEYS = ["flywheel.inertia", "crank gear|idler.stiffness", "flywheel|crank gear.stiffness", "crank gear|idler.damping"]
+KEYS += ["pump gear|pump.loss_factor", "pump gear|idler.backlash", "pump gear.radius", "flywheel:torque.harmonics"]
+KEYS += ["crank gear|idler.epsilon", "pump gear|idler.transition", "ring.damping"]
 RPM = len(KEYS)
 ONES = np.ones(RPM + 1)
 ALONG = np.random.default_rng(0).normal(size=RPM + 1)
 
 
-SEPARATING = tight_plan(
-    harmonics=32, active=(0, 1), flank=(0, 0), start="march", time_steps=768, tolerance=0.5, excited=3
-)
+SEPARATING = tight_plan(**BOTH_SEPARATE)
 
 
 @cache

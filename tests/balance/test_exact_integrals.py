@@ -6,28 +6,17 @@ from functools import cache, partial
 import jax
 import numpy as np
 import pytest
-from differences import tight_plan
+from differences import BOTH_SEPARATE, tight_plan
 from trains import ONE_RADIAN_PER_SECOND, branched_parts, build, one_mass_parts
 
 import jaxhb
 
 pytestmark = pytest.mark.oracle
 
-KEYS = (
-    "crank gear|idler.stiffness",
-    "crank gear|idler.damping",
-    "pump gear|idler.backlash",
-    "pump gear|idler.damping",
-    "ring.damping",
-)
+KEYS = ["crank gear|idler.stiffness", "crank gear|idler.damping", "pump gear|idler.backlash"]
+KEYS += ["pump gear|idler.damping", "ring.damping"]
 ONES = np.ones(len(KEYS))
-HARMONICS = 32
-
-
-COMMON = {"harmonics": HARMONICS, "active": (0, 1), "flank": (0, 0), "start": "march", "time_steps": 768}
-
-
-SAMPLED = tight_plan(**COMMON, tolerance=0.5, excited=3, slope_samples=16)
+SAMPLED = tight_plan(**BOTH_SEPARATE, slope_samples=16)
 EXACT = dataclasses.replace(SAMPLED, integrals="exact")
 
 

@@ -109,9 +109,8 @@ def test_a_sweep_both_ways_tells_hysteresis(told):
     assert record["direction"] == "both" and "responses" not in record
     kinds = {way: [row["motion"]["kind"] for row in record[way]] for way in ("up", "down")}
     assert kinds == {"up": ["contact", "periodic"], "down": ["periodic", "periodic"]}
-    listed = [
-        (way, rpm, kind) for way, own in kinds.items() for rpm, kind in zip(("4500.0", "5000.0"), own, strict=True)
-    ]
+    rpm = "4500.0", "5000.0"
+    listed = [(way, *one) for way, own in kinds.items() for one in zip(rpm, own, strict=True)]
     assert [(row["direction"], row["rpm"], row["motion"]) for row in called.rows] == listed
     assert called.is_drawn
 
@@ -156,9 +155,8 @@ def test_the_picture_of_an_irregular_motion_shows_the_distribution_over_the_cycl
     (axes,) = [one for one in plot_cycle(answer).axes if one.get_ylabel() == "cycles below it, %"]
     assert axes.get_lines()[0].get_drawstyle() == "steps-post"
     low, _, high = force.per_cycle.max / 1e3
-    (bars,) = [
-        one for one in figures_of(plot_sweep, {"up": [answer]})[0].traces if one["name"] == "5 to 95 % of the cycles"
-    ]
+    traces = figures_of(plot_sweep, {"up": [answer]})[0].traces
+    (bars,) = [one for one in traces if one["name"] == "5 to 95 % of the cycles"]
     assert bars["x"] == [6000.0, 6000.0, None] and bars["y"][:2] == pytest.approx([low, high], rel=digits)
 
 

@@ -73,17 +73,13 @@ def test_true_numbers_lie_inside_the_intervals_as_often_as_they_say():
 def test_a_number_that_no_row_sees_is_told_as_open_and_a_prior_keeps_it():
     # Far below resonance the amplitude is that of the rigid train: the stiffness has no part in it.
     rpm = np.array([20.0, 30.0, 40.0])
-    measured = Measured(
-        rpm, np.ones(3), ("a|b",) * 3, ("torque",) * 3, np.abs(torque_of(rpm, 6.2e3, 4.0, 2.3)), np.full(3, np.nan)
-    )
+    size = np.abs(torque_of(rpm, 6.2e3, 4.0, 2.3))
+    measured = Measured(rpm, np.ones(3), ("a|b",) * 3, ("torque",) * 3, size, np.full(3, np.nan))
     found = identify(pair(), measured, parameters=[PARAMETERS[0], PARAMETERS[2]])
     assert found.open == ("a|b.stiffness",)
     kept = identify(pair(), measured, parameters=[PARAMETERS[0], PARAMETERS[2]], priors={"a|b.stiffness": 50.0})
-    assert (
-        not kept.open
-        and kept.values[0] == pytest.approx(6.7e3, abs=50.0)
-        and kept.std[0] == pytest.approx(50.0, rel=0.01)
-    )
+    assert not kept.open and kept.values[0] == pytest.approx(6.7e3, abs=50.0)
+    assert kept.std[0] == pytest.approx(50.0, rel=0.01)
 
 
 @pytest.mark.parametrize("phases", [True, False])
@@ -103,9 +99,8 @@ def test_the_weak_cylinder_is_found_from_low_orders_of_the_flywheel(phases):
 
 def test_a_file_is_read_with_comments_and_sums(tmp_path):
     path = tmp_path / "measured.csv"
-    path.write_text(
-        "# of a run\nrpm,order,element,quantity,amplitude,phase\n900,1,a|b,torque,20,-30\n900,sum,a|b,torque,21,\n"
-    )
+    head = "# of a run\nrpm,order,element,quantity,amplitude,phase\n"
+    path.write_text(head + "900,1,a|b,torque,20,-30\n900,sum,a|b,torque,21,\n")
     found = read_measured(path, pair())
     assert found.element == ("a|b", "a|b") and np.isnan(found.order[1]) and np.isnan(found.phase[1])
     fit = Fit(pair(), found, (PARAMETERS[0],), 0.03, {})

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trains
-from differences import differences, tight_plan
+from differences import BOTH_SEPARATE, differences, tight_plan
 from reference_data import reference
 from tolerances import GRADIENT, PATHS
 
@@ -72,9 +72,7 @@ PENALTIES = (
     Penalty(quantity="natural frequency", mode=2, least=180.0, weight=1.0),
 )
 LOST = SimpleNamespace(status=jaxhb.Status.STALLED)
-PLAN = tight_plan(
-    harmonics=32, active=(0, 1), flank=(0, 0), start="march", time_steps=768, tolerance=0.5, excited=3, estimated=True
-)
+PLAN = tight_plan(**BOTH_SEPARATE, estimated=True)
 
 
 @cache
@@ -110,9 +108,8 @@ def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assesse
     along = np.array([0.6, -0.5, 0.8])
 
     def values(steps):
-        pairs = [
-            made.at(point.z + step * np.stack([along, 0 * along]), point, aim(point.solved)) for step in steps[:, 0]
-        ]
+        both = np.stack([along, 0 * along])
+        pairs = [made.at(point.z + step * both, point, aim(point.solved)) for step in steps[:, 0]]
         return np.array([pair.value[0] for pair in pairs])
 
     wanted = differences(values, np.zeros(1), np.full(1, 3e-4))
@@ -234,17 +231,15 @@ class Bowl:
 
     def unsolved(self, z):
         lost = np.full((len(z), 2), jaxhb.Status.MAX_STEPS)
-        return evaluation.Point(
-            z, np.ones((len(z), 2)), lost, 0 * lost, np.zeros(lost.shape), exact=np.zeros((0, 2, 0))
-        )
+        none = np.zeros((0, 2, 0))
+        return evaluation.Point(z, np.ones((len(z), 2)), lost, 0 * lost, np.zeros(lost.shape), exact=none)
 
     def at(self, z, near, aim, **_):
         status = np.zeros((len(z), 2), dtype=int)
         status[:, 1] = np.where((z > 1.0).any(1), jaxhb.Status.STALLED, 0)
         value, gradient = ((z - 3) ** 2).sum(1), 2 * (z - 3)
-        return dataclasses.replace(
-            near, z=z, status=status, value=value, gradient=gradient, exact=np.zeros((len(z), 2, 0))
-        )
+        found = {"status": status, "value": value, "gradient": gradient}
+        return dataclasses.replace(near, z=z, **found, exact=np.zeros((len(z), 2, 0)))
 
     def finer(self, point, counted):
         return None
@@ -254,9 +249,8 @@ class Bowl:
 
 
 def descended(optimizer, on_step=lambda step: None, evaluator=None):
-    descent = Descent(
-        evaluator or Bowl(), optimizer, rate=0.4, widths=(0.1,), improvement=1e-6, patience=3, on_step=on_step
-    )
+    given = {"rate": 0.4, "widths": (0.1,), "improvement": 1e-6, "patience": 3}
+    descent = Descent(evaluator or Bowl(), optimizer, **given, on_step=on_step)
     return descent, *descent.run(np.array([[0.0, -0.5], [0.3, 0.2]]), 20)
 
 

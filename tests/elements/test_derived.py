@@ -41,9 +41,8 @@ def test_a_mesh_has_the_tooth_damping_ratio_at_its_own_frequency():
     masses = 2.0 / 0.1**2, 3.0 / 0.2**2
     m, c = masses[0] * masses[1] / sum(masses), 1e8
     hz = np.sqrt(c / m) / (2 * np.pi)
-    made = jaxhb.build(
-        [*AB, Mesh(between=("a", "b"), stiffness=c, damping_ratio=0.03, damping_hz=hz)], reference="a", name="pair"
-    )
+    mesh = Mesh(between=("a", "b"), stiffness=c, damping_ratio=0.03, damping_hz=hz)
+    made = jaxhb.build([*AB, mesh], reference="a", name="pair")
     assert made.value("a|b.damping") / (2 * np.sqrt(c * m)) == pytest.approx(0.03, rel=ALGEBRAIC)
     assert jaxhb.damped_modes(made).damping_ratio[0] == pytest.approx(0.03, rel=1e-9)
 
@@ -129,9 +128,8 @@ def test_referred_numbers_keep_the_energies():
     reference = angle / found.factor
     ends = np.array(topology.link_ends)
     twist = reference[ends[:, 0]] - reference[ends[:, 1]]
-    assert (found.inertia_referred * reference**2).sum() / 2 == pytest.approx(
-        float(jaxhb.kinetic_energy(made, angle)), rel=ALGEBRAIC
-    )
+    kinetic = (found.inertia_referred * reference**2).sum() / 2
+    assert kinetic == pytest.approx(float(jaxhb.kinetic_energy(made, angle)), rel=ALGEBRAIC)
     ground = topology.ground_disk[0]
     held = made.grounds.stiffness[0] * angle[ground] ** 2
     energy = ((found.stiffness_referred * twist**2).sum() + held) / 2

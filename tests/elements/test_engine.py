@@ -84,9 +84,8 @@ def test_a_vee_ten_fires_as_its_crank_and_bank_angle_say():
     found = angles(cylinders=10, disks=["a"] * 5, firing_order=order, bank_angle=90.0)
     train = load_scene("gear_train_30")
     names = train.topology.cylinder_names
-    assert {f"cylinder {label}": angle for label, angle in found.items()} == {
-        name: train.value(f"{name}.firing_angle") for name in names
-    }
+    packaged = {name: train.value(f"{name}.firing_angle") for name in names}
+    assert {f"cylinder {label}": angle for label, angle in found.items()} == packaged
 
 
 @pytest.mark.parametrize("alpha", [30, 45, 60, 80, 90])
@@ -132,9 +131,8 @@ def test_an_engine_of_python_makes_cylinders():
 
 
 TWO_SOURCES = SIZES | {"combustion": Combustion(imep=1e6, **BURNING)}
-BAD = reference("cases")["engines"] | {
-    "two sources": [TWO_SOURCES, ["combustion and gas_torque are both given. Keep one of them."]]
-}
+BAD = reference("cases")["engines"]
+BAD |= {"two sources": [TWO_SOURCES, ["combustion and gas_torque are both given. Keep one of them."]]}
 
 
 @pytest.mark.parametrize("case", BAD)

@@ -169,16 +169,12 @@ def test_a_floating_train_with_a_damped_massless_disk_is_closed(floating):
         shooting_correction(turned)
 
 
-@pytest.mark.parametrize(
-    ("found", "error", "steps"),
-    [
-        ([(0.001, True)], 0.001, [None]),
-        ([(0.2, True), (0.001, True)], 0.001, [None, 400]),
-        ([(0.2, True), (0.2, True), (0.2, True)], 0.2, [None, 400, 1600]),
-        ([(0.2, True), (0.001, False)], 0.2, [None, 400]),
-        ([(0.2, False)], 0.2, [None]),
-    ],
-)
+SHOTS = [([(0.001, True)], 0.001, [None]), ([(0.2, True), (0.001, True)], 0.001, [None, 400])]
+SHOTS += [([(0.2, True)] * 3, 0.2, [None, 400, 1600]), ([(0.2, True), (0.001, False)], 0.2, [None, 400])]
+SHOTS += [([(0.2, False)], 0.2, [None])]
+
+
+@pytest.mark.parametrize(("found", "error", "steps"), SHOTS)
 def test_only_more_steps_that_close_overrule_a_correction_that_contradicts_the_estimate(
     monkeypatch, floating, found, error, steps
 ):
@@ -191,9 +187,8 @@ def test_only_more_steps_that_close_overrule_a_correction_that_contradicts_the_e
         return SimpleNamespace(settled=settled, deflection=np.zeros((1, steps or 100)), error=error)
 
     monkeypatch.setattr(reference, "reference_orbit", shot)
-    monkeypatch.setattr(
-        reference, "_difference", lambda *given: SimpleNamespace(error=given[-1].error, orbit=given[-1])
-    )
+    same = lambda *given: SimpleNamespace(error=given[-1].error, orbit=given[-1])  # noqa: E731
+    monkeypatch.setattr(reference, "_difference", same)
     assert shooting_correction(response).error == error
     assert asked == steps
 

@@ -138,9 +138,8 @@ def test_multipliers_beyond_1_are_marked_with_how_stability_is_lost():
 def test_the_mesh_shown_is_the_hardest_of_all_speeds_and_a_train_without_one_is_refused():
     def state(**peaks):
         forces = {mesh: SimpleNamespace(highest=np.array([peak]), lowest=-0.5) for mesh, peak in peaks.items()}
-        return SimpleNamespace(
-            topology=SimpleNamespace(mesh_names=tuple(peaks), name="t"), known=True, force=forces.get
-        )
+        topology = SimpleNamespace(mesh_names=tuple(peaks), name="t")
+        return SimpleNamespace(topology=topology, known=True, force=forces.get)
 
     assert (
         pictures.hardest_mesh([state(cam=1.0, pump=2.0), state(cam=4.0, pump=3.0), state(cam=1.0, pump=2.0)]) == "cam"

@@ -75,13 +75,8 @@ def test_disks_of_one_node_are_added_and_gears_of_one_node_joined(tmp_path):
 
 
 def test_a_round_shaft_has_the_stiffness_and_inertia_of_its_sizes(tmp_path):
-    round_shaft = {
-        "type": "ShaftContinuous",
-        "name": "r",
-        "length": 500.0,
-        "outerDiameter": 40.0,
-        "innerDiameter": 20.0,
-    }
+    round_shaft = {"type": "ShaftContinuous", "name": "r", "length": 500.0}
+    round_shaft |= {"outerDiameter": 40.0, "innerDiameter": 20.0}
     parts = {"name": "c", "elements": [disk("a", 1.0), round_shaft, disk("b", 1.0)]}
     train = load_scene(write(tmp_path, "round.json", {"structure": [], "components": [parts]}))
     polar = np.pi / 32 * (0.04**4 - 0.02**4)

@@ -30,13 +30,8 @@ def changes(before, after):
 
 
 def test_only_the_lines_of_changed_values_change(mixed):
-    values = {
-        ("disk", 0, "inertia"): 0.131,
-        ("disk", 1, "inertia"): 1.25,
-        ("disk", 2, "inertia"): 0.05,
-        ("shaft", 0, "damping"): 30.5,
-        ("mesh", 0, "backlash"): 1.2345678901234567e-4,
-    }
+    values = {("disk", number, "inertia"): value for number, value in enumerate((0.131, 1.25, 0.05))}
+    values |= {("shaft", 0, "damping"): 30.5, ("mesh", 0, "backlash"): 1.2345678901234567e-4}
     text, _ = changed_scene(mixed, values, remark="mixed, tuned.")
     assert text == text_of("pump_drive_changed.toml").removesuffix("\n")
     read = tomllib.loads(text)

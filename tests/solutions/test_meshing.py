@@ -33,15 +33,10 @@ def pair(case, backlash=True, varying=True):
     mass = inertia / radius**2 / 2
     gears = [jaxhb.Disk(name=name, inertia=inertia, radius=radius, teeth=TEETH) for name in "ab"]
     law = {"backlash": 2 * HALF, "epsilon": 1e-5, "transition": 0.01} if backlash else {}
-    mesh = jaxhb.Mesh(
-        between=("a", "b"),
-        stiffness=mass * NATURAL**2,
-        damping=2 * case["zeta"] * mass * NATURAL,
-        damping_law="always",
-        stiffness_orders=[(k, share, 0.0) for k, share in enumerate(case["kappa"], 1) if share and varying],
-        transmission_error=[(k, HALF * size, 0.0) for k, size in enumerate(case["F"], 1) if size],
-        **law,
-    )
+    law |= {"stiffness": mass * NATURAL**2, "damping": 2 * case["zeta"] * mass * NATURAL, "damping_law": "always"}
+    law["stiffness_orders"] = [(k, share, 0.0) for k, share in enumerate(case["kappa"], 1) if share and varying]
+    law["transmission_error"] = [(k, HALF * size, 0.0) for k, size in enumerate(case["F"], 1) if size]
+    mesh = jaxhb.Mesh(between=("a", "b"), **law)
     torque = jaxhb.Torque(disk="a", mean=case["Fm"] * HALF * mass * NATURAL**2 * radius)
     train = jaxhb.build([*gears, mesh, torque, jaxhb.Load(disk="b")], reference="a", revolutions_per_cycle=1 / TEETH)
     return train, NATURAL * 60 / (2 * np.pi) / TEETH
@@ -51,12 +46,8 @@ def idler():
     """Three gears, the second an idler, with errors of teeth and of a gear, and phases."""
     gears = [jaxhb.Disk(name=n, inertia=j, radius=r, teeth=z) for n, j, r, z in GEARS]
     law = {"stiffness": 2e8, "damping": 2e3, "damping_law": "always", "backlash": 2 * HALF, "epsilon": 1e-3}
-    first = {
-        "stiffness_orders": [(1, 0.2, 0.1), (2, 0.0, -0.05)],
-        "transmission_error": [(1, 4e-6, 2e-6)],
-        "phase": 40.0,
-    }
-    own = {"first_gear_error": [(1, 6e-6, 0.0)]}
+    first = {"stiffness_orders": [(1, 0.2, 0.1), (2, 0.0, -0.05)], "transmission_error": [(1, 4e-6, 2e-6)]}
+    own = {"first_gear_error": [(1, 6e-6, 0.0)], "phase": 40.0}
     meshes = [
         jaxhb.Mesh(between=("a", "b"), **law, **first, **own),
         jaxhb.Mesh(between=("c", "b"), **law, stiffness_orders=[(1, 0.15, 0.0)], phase=-70.0),

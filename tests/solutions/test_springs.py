@@ -75,9 +75,8 @@ def test_motion_and_torque_follow_the_equations(more):
     np.testing.assert_allclose(found, twist[:-1], rtol=0, atol=1e-3 * size)
     np.testing.assert_allclose(twist[-1], twist[0], rtol=0, atol=1e-3 * size)
     torque, wanted = response.torque("disc"), torque_of(twist, rate, **more)
-    np.testing.assert_allclose(
-        [torque.max, torque.min], [wanted.max(), wanted.min()], rtol=0, atol=4e-3 * np.ptp(wanted)
-    )
+    ends = [wanted.max(), wanted.min()]
+    np.testing.assert_allclose([torque.max, torque.min], ends, rtol=0, atol=4e-3 * np.ptp(wanted))
     heat = DAMPING * rate**2 + more.get("friction", 0.0) * rate * np.clip(rate / more.get("slip_speed", 0.1), -1, 1)
     assert float(response.power("disc")) == pytest.approx(heat[:-1].mean(), rel=5e-3)
     assert jaxhb.stability(response).stable
@@ -128,13 +127,9 @@ def test_what_is_not_served_is_refused():
 def test_a_clutch_is_tuned_and_checked_by_marches():
     train, rpm = clutch(**STAGED), np.linspace(500.0, 1200.0, 4)
     given = [("stiffness", 50.0, 400.0), ("damping", 0.1, 4.0)]
-    found = jaxhb.tune(
-        train,
-        parameters=[Parameter(name=f"disc.{name}", low=low, high=high) for name, low, high in given],
-        rpm=rpm,
-        objective=Objective(quantity="shaft torque", of="disc"),
-        steps=6,
-    )
+    parameters = [Parameter(name=f"disc.{name}", low=low, high=high) for name, low, high in given]
+    objective = Objective(quantity="shaft torque", of="disc")
+    found = jaxhb.tune(train, parameters=parameters, rpm=rpm, objective=objective, steps=6)
     before, after = (jaxhb.steady_state(one, rpm=rpm) for one in (train, found.train))
     worst = [max(state.torque("disc").half_peak_to_peak for state in sweep) for sweep in (before, after)]
     told = [r.readings["shaft torque of disc"].max() for r in (found.before, found.after)]

@@ -26,9 +26,8 @@ def pair():
 
 
 def swept(train, folder, **given):
-    return jaxhb.steady_state(
-        train, rpm=OMEGA * trains.ONE_RADIAN_PER_SECOND, out=folder, **{"chunk": 2, "harmonics": 64} | given
-    )
+    given = {"chunk": 2, "harmonics": 64} | given
+    return jaxhb.steady_state(train, rpm=OMEGA * trains.ONE_RADIAN_PER_SECOND, out=folder, **given)
 
 
 def same(one, other):
