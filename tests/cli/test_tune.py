@@ -100,13 +100,9 @@ def test_ctrl_c_before_the_first_step_leaves_the_speeds_that_are_solved(done, sc
     monkeypatch.setattr(commands._TunedFiles, "begin", stop)
     called = tune()
     assert called.status == 130 and not (tmp_path / "better.toml").exists()
-    said = (
-        f"stopped; no design is there yet and no scene is written; {done} of 4 speeds of the scene as it is are solved"
-    )
-    assert (
-        called.err
-        == f"stopped; {said}" + f", and their numbers are in {str(called.path('json'))!r}" * bool(done) + "\n"
-    )
+    said = f"{done} of 4 speeds of the scene as it is are solved"
+    said += f", and their numbers are in {str(called.path('json'))!r}" * bool(done)
+    assert called.err == f"stopped; no design is there yet and no scene is written; {said}\n"
     assert called.path("json").exists() == bool(done)
     if done:
         record = called.json
