@@ -204,7 +204,7 @@ def test_loss_factors_are_damping_in_the_march_and_themselves_in_the_answer():
     train = trains.build([lossy(p) for p in trains.pinions_parts(20.0)], reference="crank gear")
     state = jaxhb.steady_state(train, rpm=1500.0)
     assert state.kind == "periodic"
-    assert "loss factors by damping of each mode" in state.notes[0]
+    assert "loss factors" in state.notes[0]
     assert state.response.train is not None and state.stability.stable
     found = jaxhb.solve(train, rpm=1500.0, start=state.response)
     assert found.converged
