@@ -4,7 +4,7 @@ here."""
 import jax
 import numpy as np
 import pytest
-from refusals import refused
+from reference_data import refused
 from scipy.integrate import solve_ivp
 from tolerances import GRADIENT, PATHS
 
