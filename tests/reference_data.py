@@ -6,6 +6,9 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
+
+from jaxhb import SceneError
 
 DATA = Path(__file__).parent / "data"
 
@@ -40,3 +43,9 @@ def complex_numbers(pairs):
 def torsional_model(name):
     """One entry of torsional_models.json."""
     return next(model for model in reference("torsional_models") if model["id"] == name)
+
+
+def refused(call, pattern, error=SceneError):
+    """A call is refused with a sentence in which a regular expression is found."""
+    with pytest.raises(error, match=pattern):
+        call()

@@ -4,8 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from chain_task import SWEEP, condensed_sweep, extremes, full_sweep, published
+from design_gradients import FORCE, many_parameters, viscous_engine
+from figures import curves, draw, read
+from peers import ALLOWED, chain_train, deviation, listed, rpm_of
+from refined_trains import refined, tooth_damping_ratio, with_tooth_damping
 
 import jaxhb
+from jaxhb.design.quantities import check_all
 from jaxhb.equations.backlash import law_meshes
 from jaxhb.train import chain
 
@@ -21,15 +27,11 @@ def gears():
 
 
 def test_tooth_damping_is_set_by_its_ratio(gears):
-    from refined_trains import tooth_damping_ratio, with_tooth_damping
-
     np.testing.assert_allclose(tooth_damping_ratio(gears), 0.05, rtol=2e-5)
     np.testing.assert_allclose(tooth_damping_ratio(with_tooth_damping(gears, 0.02)), 0.02, rtol=1e-12)
 
 
 def test_a_refined_train_keeps_inertia_stiffness_and_low_frequencies(gears):
-    from refined_trains import refined
-
     fine = refined(gears, 300)
     assert fine.topology.n_disks == 300
     assert np.isclose(fine.disks.inertia.sum(), gears.disks.inertia.sum(), rtol=1e-12)
@@ -42,8 +44,6 @@ def test_a_refined_train_keeps_inertia_stiffness_and_low_frequencies(gears):
 
 
 def test_a_refined_train_is_what_build_makes_of_its_pieces():
-    from refined_trains import refined
-
     def parts(inertia, shafts):
         made = [jaxhb.Disk(name=name, inertia=J) for name, J in inertia.items()]
         made += [jaxhb.Shaft(between=ends, stiffness=k, damping=r, name=n) for n, (ends, k, r) in shafts.items()]
@@ -91,16 +91,13 @@ def test_the_implicit_integrator_is_of_second_order_while_teeth_stay_in_contact(
     wide = task.model._replace(low=-1e3 + 0 * task.model.low, width=1e3 + 0 * task.model.width)
     task = dataclasses.replace(task, model=wide._replace(soft=wide.mesh_k))
     finest = march(task, "rk4", 8000, cycles=1).deflection
-    errors = [
-        np.abs(march(task, "implicit", n, cycles=1).deflection - finest[:, :: 8000 // n]).max() for n in (2000, 4000)
-    ]
+    coarse = {n: march(task, "implicit", n, cycles=1).deflection for n in (2000, 4000)}
+    errors = [np.abs(found - finest[:, :: 8000 // n]).max() for n, found in coarse.items()]
     assert 3.5 < errors[0] / errors[1] < 4.5
 
 
 @pytest.mark.parametrize(("masses", "frequency"), [(3, 1.10), (10, 0.94)])
 def test_the_chain_task_has_its_published_points(masses, frequency):
-    from chain_task import condensed_sweep, extremes, full_sweep, published
-
     told = published()["single"]
     ends = {3: (0.218, 1.303), 10: (0.180, 1.225)}[masses]
     assert all(f"{end:.3f}" in told for end in ends)
@@ -111,9 +108,6 @@ def test_the_chain_task_has_its_published_points(masses, frequency):
 
 
 def test_the_chain_as_a_drive_train_moves_like_the_numpy_floor():
-    from chain_task import condensed_sweep
-    from peers import chain_train, deviation, listed, rpm_of
-
     speeds = np.linspace(1.30, 0.94, 30)
     response = jaxhb.solve(chain_train(10), rpm=float(rpm_of(speeds[-1])), harmonics=15, tolerance=0.5)
     assert response.converged
@@ -125,9 +119,7 @@ def test_the_chain_as_a_drive_train_moves_like_the_numpy_floor():
 
 def test_a_peer_solves_the_same_chain():
     pytest.importorskip("harmonicbalance")
-    from chain_task import SWEEP, full_sweep
     from peer_codes import harmonicbalance_sweep
-    from peers import ALLOWED, deviation
 
     found, _ = harmonicbalance_sweep(3, SWEEP[:2])
     assert deviation(found, full_sweep(3, SWEEP[:2])) < ALLOWED
@@ -139,8 +131,6 @@ def _row(method, setting, seconds, error, status="settled", rpm=1833.0):
 
 
 def test_a_curve_has_medians_over_speeds_and_no_setting_that_another_beats():
-    from figures import curves
-
     rows = [
         *(_row("rk4", "steps 10", s, e, rpm=r) for s, e, r in ((1.0, 0.1, 1), (2.0, 0.2, 2), (9.0, 0.9, 3))),
         *(_row("rk4", "steps 20", s, 0.01, rpm=r) for s, r in ((3.0, 1), (4.0, 2), (5.0, 3))),
@@ -153,8 +143,6 @@ def test_a_curve_has_medians_over_speeds_and_no_setting_that_another_beats():
 
 def test_the_stored_rows_are_drawn(tmp_path):
     pytest.importorskip("matplotlib")
-    from figures import draw, read
-
     stored = read(sorted((FOLDER / "results").glob("*.jsonl")))
     drawn = draw(stored)
     assert set(drawn) == {"work_precision", "scaling", "peers"}
@@ -167,10 +155,6 @@ def test_the_stored_rows_are_drawn(tmp_path):
 
 
 def test_a_hundred_numbers_of_the_engine_can_be_tuned():
-    from design_gradients import FORCE, many_parameters, viscous_engine
-
-    from jaxhb.design.quantities import check_all
-
     train = viscous_engine()
     parameters = many_parameters(train, 100)
     assert len({parameter.name for parameter in parameters}) == 100

@@ -189,7 +189,7 @@ def test_a_folder_that_others_may_write_is_refused_and_one_that_cannot_be_made_k
     store.save("key", None)
     tmp_path.chmod(0o777)
     assert _store.Store(tmp_path).own_folder is None
-    assert "which others may write. Make it yours alone (chmod 700)" in capsys.readouterr().err
+    assert "(chmod 700)" in capsys.readouterr().err
 
 
 def test_the_folder_is_in_the_cache_of_the_user_unless_the_environment_says_otherwise(tmp_path, monkeypatch):

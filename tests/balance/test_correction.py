@@ -56,9 +56,7 @@ def test_meshes_are_swept_in_blocks_of_any_length(monkeypatch):
     meshes = 3
     names = [str(k) for k in range(meshes + 1)]
     parts = [Disk(name=name, inertia=0.01, radius=0.1, damping=0.1) for name in names]
-    parts += [
-        Mesh(between=pair, stiffness=1e8, damping=1e3, backlash=1e-4) for pair in zip(names, names[1:], strict=False)
-    ]
+    parts += [Mesh(between=pair, stiffness=1e8, damping=1e3, backlash=1e-4) for pair in itertools.pairwise(names)]
     problem = problem_at(build(parts, reference="0"), RPM, HARMONICS)
     model = approximate(problem.system, problem.meshes.link, np.ones(meshes), problem.frequency, time_steps=512)
     draw = np.random.default_rng(3)
@@ -94,9 +92,8 @@ def test_correction_solves_the_jacobian_of_autodiff(case):
     operator = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
     solver = jax.jit(correction.correct, static_argnums=(4, 6))
     found, left, used = solver(reduced, operator, l, fourier.unpack(value.reshape(2, -1)), SAMPLES, 1e-11, 60)
-    np.testing.assert_allclose(
-        np.asarray(fourier.pack(found)).reshape(-1), wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max()
-    )
+    found = np.asarray(fourier.pack(found)).reshape(-1)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max())
     assert left <= 1e-11 and 0 < used <= 30
 
 
@@ -189,9 +186,8 @@ def sliced(pieces):
 def receptance_of(train, frequency, harmonic):
     """Of a ReducedOrderModel, ``(2, 2)``."""
     A, E, L = (np.asarray(a) for a in (train.space.transition, train.space.forcing, train.space.observation))
-    return (
-        -L[:2] @ np.linalg.solve(1j * harmonic * float(frequency) * np.eye(len(A)) - A, E) + train.residual_flexibility
-    )
+    turned = 1j * harmonic * float(frequency) * np.eye(len(A))
+    return train.residual_flexibility - L[:2] @ np.linalg.solve(turned - A, E)
 
 
 def test_few_modes_stand_for_a_shaft_of_many_disks():

@@ -128,14 +128,10 @@ def test_without_a_plan_differentiation_outside_jit_works():
 
     at = (2e8, 3000.0)
     gradient = jax.grad(peak, argnums=(0, 1))(*at)
-    compare(
-        np.array(gradient),
-        [(peak(2e8 + 2e3, 3e3) - peak(2e8 - 2e3, 3e3)) / 4e3, (peak(2e8, 3e3 + 0.03) - peak(2e8, 3e3 - 0.03)) / 0.06],
-        GRADIENT,
-    )
+    wanted = [(peak(2e8 + 2e3, 3e3) - peak(2e8 - 2e3, 3e3)) / 4e3]
+    wanted.append((peak(2e8, 3e3 + 0.03) - peak(2e8, 3e3 - 0.03)) / 0.06)
+    compare(np.array(gradient), wanted, GRADIENT)
     assert jax.jvp(peak, at, (1.0, 0.0))[1] == pytest.approx(float(gradient[0]), rel=TANGENT)
-    with pytest.raises(TypeError, match="jit or vmap traces solve: pass plan=jaxhb.plan"):
-        jax.vmap(jax.grad(peak), (0, None))(np.array([2e8]), 3000.0)
 
 
 CASES = [(path, kind) for path in PLANS if path != "exact" for kind in parameters(path)]

@@ -5,32 +5,20 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
-from differences import tight_plan
+from differences import BOTH_SEPARATE, tight_plan
 from trains import branched_parts, build
 
 import jaxhb
 
-KEYS = (
-    "flywheel.inertia",
-    "crank gear|idler.stiffness",
-    "flywheel|crank gear.stiffness",
-    "crank gear|idler.damping",
-    "pump gear|pump.loss_factor",
-    "pump gear|idler.backlash",
-    "pump gear.radius",
-    "flywheel:torque.harmonics",
-    "crank gear|idler.epsilon",
-    "pump gear|idler.transition",
-    "ring.damping",
-)
+KEYS = ["flywheel.inertia", "crank gear|idler.stiffness", "flywheel|crank gear.stiffness", "crank gear|idler.damping"]
+KEYS += ["pump gear|pump.loss_factor", "pump gear|idler.backlash", "pump gear.radius", "flywheel:torque.harmonics"]
+KEYS += ["crank gear|idler.epsilon", "pump gear|idler.transition", "ring.damping"]
 RPM = len(KEYS)
 ONES = np.ones(RPM + 1)
 ALONG = np.random.default_rng(0).normal(size=RPM + 1)
 
 
-SEPARATING = tight_plan(
-    harmonics=32, active=(0, 1), flank=(0, 0), start="march", time_steps=768, tolerance=0.5, excited=3
-)
+SEPARATING = tight_plan(**BOTH_SEPARATE)
 
 
 @cache
@@ -53,7 +41,10 @@ def changed(factors, rpm, plan):
 
 @pytest.fixture(scope="module")
 def batch():
-    """A batch linearised: plain, without convergence, not finite, plain; (value, aux), gradient, change along ALONG."""
+    """A batch linearised: plain, without convergence, not finite, plain, backwards; and plain ones alone.
+
+    Each (value, aux), gradient, change along ALONG.
+    """
 
     def value(factors):
         response = changed(factors, 1500.0, SEPARATING)
@@ -63,21 +54,23 @@ def batch():
         number, push, aux = jax.linearize(value, factors, has_aux=True)
         return (number, aux), jax.linear_transpose(push, factors)(1.0)[0], push(ALONG)
 
-    lanes = np.tile(ONES, (4, 1))
-    lanes[1, RPM] = 0.6
+    plain, linearised = np.tile(ONES, (5, 1)), jax.jit(jax.vmap(lane))
+    lanes = plain.copy()
+    lanes[1:, RPM] = 0.6, 1.0, 1.001, -1.0
     lanes[2, KEYS.index("flywheel.inertia")] = np.nan
-    lanes[3, RPM] = 1.001
-    return jax.jit(jax.vmap(lane))(lanes)
+    return jax.tree.map(np.asarray, (linearised(lanes), linearised(plain)))
 
 
 def test_a_failed_lane_has_zero_gradient_and_spoils_no_other(batch):
-    (_, (status, deflection)), gradient, along = batch
+    ((_, (status, deflection)), gradient, along), (_, alone, _) = batch
     gap = 0.5 * (1 - 0.3) * 1e-4
     assert np.all(np.mean(np.abs(deflection[0]) < gap, axis=-1) > 0.05)  # both meshes separate
     assert status[0] == status[3] == jaxhb.Status.CONVERGED
     assert status[1] == jaxhb.Status.MAX_STEPS and status[2] == jaxhb.Status.NONFINITE
-    assert not gradient[1:3].any() and np.isnan(along[1])
+    assert status[4] == jaxhb.Status.INVALID_INPUT
+    assert not gradient[[1, 2, 4]].any() and np.isnan(along[1])
     assert np.isfinite(gradient).all() and np.all(gradient[0] != 0)
+    np.testing.assert_allclose(gradient[0], alone[0], rtol=1e-9)
     assert np.abs(gradient[3] / gradient[0] - 1).max() < 1  # a neighbour, in speed 0.1 % away
 
 

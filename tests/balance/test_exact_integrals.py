@@ -6,28 +6,17 @@ from functools import cache, partial
 import jax
 import numpy as np
 import pytest
-from differences import tight_plan
+from differences import BOTH_SEPARATE, tight_plan
 from trains import ONE_RADIAN_PER_SECOND, branched_parts, build, one_mass_parts
 
 import jaxhb
 
 pytestmark = pytest.mark.oracle
 
-KEYS = (
-    "crank gear|idler.stiffness",
-    "crank gear|idler.damping",
-    "pump gear|idler.backlash",
-    "pump gear|idler.damping",
-    "ring.damping",
-)
+KEYS = ["crank gear|idler.stiffness", "crank gear|idler.damping", "pump gear|idler.backlash"]
+KEYS += ["pump gear|idler.damping", "ring.damping"]
 ONES = np.ones(len(KEYS))
-HARMONICS = 32
-
-
-COMMON = {"harmonics": HARMONICS, "active": (0, 1), "flank": (0, 0), "start": "march", "time_steps": 768}
-
-
-SAMPLED = tight_plan(**COMMON, tolerance=0.5, excited=3, slope_samples=16)
+SAMPLED = tight_plan(**BOTH_SEPARATE, slope_samples=16)
 EXACT = dataclasses.replace(SAMPLED, integrals="exact")
 
 
@@ -65,12 +54,3 @@ def test_where_the_teeth_stay_in_contact_exact_integrals_change_nothing():
     assert found.converged and found.path[0].active_meshes == 0
     linear = jaxhb.linear_response(pressed, rpm=rpm, harmonics=found.harmonics)
     np.testing.assert_allclose(found.deflections[:, 1:], linear.deflections[:, 1:], rtol=0, atol=1e-14)  # rounding
-
-
-def test_exact_integrals_are_refused_where_there_are_none():
-    with pytest.raises(ValueError, match="exact integrals need method 'reduced'"):
-        jaxhb.plan(train(), rpm=1500.0, method="chain", integrals="exact")
-    with pytest.raises(ValueError, match="give 'sampled' or 'exact'"):
-        jaxhb.solve(train(), rpm=1500.0, integrals="gauss")
-    with pytest.raises(ValueError, match="belong to the plan"):
-        jaxhb.solve(train(), rpm=1500.0, plan=SAMPLED, integrals="exact")

@@ -38,9 +38,8 @@ def by_hand(harmonics, *, m, b, c, eps, h, q0, q1):
     load[0], load[1] = q0, q1 / 2
     law = backlash.Law(*(np.array([v]) for v in (c, eps, 0.2, h)))
     nothing = np.zeros(1)
-    return condensation.CondensedEquation(
-        (receptance * load)[None], receptance[:, None, None], np.array(1.0), law, nothing, nothing > 0
-    )
+    linear = (receptance * load)[None]
+    return condensation.CondensedEquation(linear, receptance[:, None, None], np.array(1.0), law, nothing, nothing > 0)
 
 
 def mass_in_time(*, m, b, c, **_):

@@ -31,9 +31,9 @@ def test_the_json_holds_every_element_in_full_precision(answer, response):
     assert record["rpm"] == response.rpm.tolist() and record["status"] == ["CONVERGED"] * 5
     assert record["orders"] == [k / 2 for k in range(1, 25)]
     assert record["input_power_W"] == response.input_power.tolist()
+    signals = [("shafts", name, response.torque(name)) for name in (SHAFT, DAMPER)]
     for kind, name, signal in (
-        ("shafts", SHAFT, response.torque(SHAFT)),
-        ("shafts", DAMPER, response.torque(DAMPER)),
+        *signals,
         ("meshes", MESH, response.force(MESH)),
         ("disks", DAMPER, response.disk(DAMPER)),
     ):
@@ -141,9 +141,8 @@ def test_what_was_changed_is_told_below_the_tables_and_a_misfire_above_them_too(
 def test_the_worst_of_all_misfires_is_that_of_python(told):
     called = told(f"{DIESEL} --rpm 1800:2400:4 --misfire each", "json", "csv", "plot")
     record, train = called.json, jaxhb.load_scene("six_cylinder_diesel")
-    worst = jaxhb.misfire_each(train, rpm=RPM, solve=jaxhb.forced_response).worst(
-        lambda r: r.torque(NAMED).half_peak_to_peak
-    )
+    misfires = jaxhb.misfire_each(train, rpm=RPM, solve=jaxhb.forced_response)
+    worst = misfires.worst(lambda r: r.torque(NAMED).half_peak_to_peak)
     wanted = {"cylinder": worst.cylinder, "rpm": worst.rpm, "quantity": "torque", "unit": "N m"}
     assert record["worst_misfires"][NAMED] == wanted | {"value": worst.value, "firing": worst.firing}
     values = {name: record["worst_misfires"][name]["value"] for name in train.topology.shaft_names}

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from reference_data import reference
 
 import jaxhb
 
@@ -43,15 +44,7 @@ def test_the_weak_cylinder_is_told(measured, run):
     assert called.json["weak_cylinder"][0]["name"] == "cylinder 4"
 
 
-@pytest.mark.parametrize(
-    ("line", "sentence"),
-    [
-        ("--fit pulley.inertia=3", "is not NAME.FIELD=LOW:HIGH"),
-        ("--fit pulley.inertia=0.02:0.03", "lies outside its bounds 0.02 to 0.03"),
-        ("", "the scene has no [tolerance] table"),
-        ("--weak-cylinder --fit pulley.inertia=0.01:0.03", "it fits no number"),
-    ],
-)
+@pytest.mark.parametrize(("line", "sentence"), reference("cases")["identifications"])
 def test_what_cannot_be_asked_is_refused_in_a_sentence(measured, run, line, sentence):
     called = run(f"identify six_cylinder_diesel {measured} {line}")
     assert called.status == 2 and sentence in called.err

@@ -48,7 +48,7 @@ def test_modes_campbell_and_holzer_take_the_teeth_at_the_mean_load_of_a_speed(tm
     found = []
     for command in ("modes", "holzer", "campbell --rpm 100:100000"):
         called = run(f"{command} {tmp_path / 'idle.toml'} --at 900", "json", "plot")
-        assert "undamped, teeth at the mean load of 900 rpm" in called.words and called.is_drawn
+        assert "mean load" in called.words and called.is_drawn
         last = called.out.splitlines()[-1]
         assert last == "Mean load of 900 rpm: a|b 0.002 kN in the gap, 0.1 % of its stiffness."
         found.append(called.json)

@@ -69,7 +69,7 @@ def test_a_motion_of_two_cycles_has_impacts_over_both_and_a_multiplier(answers, 
     assert [11.25 < hit["theta_deg"] < 22.5 for hit in mesh["impacts"]] == [True]
     assert mesh["impacts_per_cycle"] == 0.5
     assert mesh["amplitudes"][0][0] == 16.0  # half the tooth frequency
-    assert "motion: period of 2 cycles (of 0.0625 revolutions); stable" in called.out
+    assert "(of 0.0625 revolutions); stable" in called.out
 
 
 def test_a_motion_that_never_repeats_has_a_distribution_and_no_solution(answers, told):
@@ -80,7 +80,7 @@ def test_a_motion_that_never_repeats_has_a_distribution_and_no_solution(answers,
     assert [record["motion"][key] for key in ("stable", "multiplier")] == [None, None]
     assert record["meshes"][MESH]["impacts"] is None
     assert all(phase is None for _, _, phase in record["meshes"][MESH]["amplitudes"])
-    assert "irregular: the motion never repeats; numbers are the extremes over 64 recorded cycles" in said
+    assert "never repeats" in said and "64 recorded" in said
     per_cycle = answers[IRREGULAR].state.force(MESH).per_cycle.max / 1e3
     line = said[said.index("Largest tooth force of a cycle") :].splitlines()[2]
     assert line.split()[-3:] == [f"{value:.3f}" for value in per_cycle]
@@ -104,14 +104,12 @@ def test_a_sweep_both_ways_tells_hysteresis(told):
     called = told("sweep spur_pair --rpm 4500,5000 --direction both", "json", "csv", "plot")
     said, record = called.out, called.json
     assert said.startswith("Upwards: Teeth separate at 1 of 2 speeds between 4500 and 5000 rpm: 5000 rpm.")
-    assert "Downwards: Teeth separate at 2 of 2 speeds" in said
-    assert "Upwards and downwards differ at 4500 rpm" in said
+    assert said.count(": Teeth separate at ") == 2 and "downwards differ" in said
     assert record["direction"] == "both" and "responses" not in record
     kinds = {way: [row["motion"]["kind"] for row in record[way]] for way in ("up", "down")}
     assert kinds == {"up": ["contact", "periodic"], "down": ["periodic", "periodic"]}
-    listed = [
-        (way, rpm, kind) for way, own in kinds.items() for rpm, kind in zip(("4500.0", "5000.0"), own, strict=True)
-    ]
+    rpm = "4500.0", "5000.0"
+    listed = [(way, *one) for way, own in kinds.items() for one in zip(rpm, own, strict=True)]
     assert [(row["direction"], row["rpm"], row["motion"]) for row in called.rows] == listed
     assert called.is_drawn
 
@@ -138,9 +136,7 @@ def test_a_sweep_of_orbits_says_which_are_unstable(figures_of):
         assert answer.stable == truth.stable == stable
         # The cheap multiplier of a sweep is good to 10 % (its docstring).
         assert answer.stability.largest == pytest.approx(truth.largest, rel=0.1)
-    said = sweep_text(sweep)
-    assert "UNSTABLE, the train does not run in these motions, at 6000 rpm." in said
-    assert "The periodic motion at 6000 rpm is UNSTABLE (a disturbance grows" in said
+    assert "UNSTABLE, the train does not run in these motions, at 6000 rpm." in sweep_text(sweep)
     assert figures_of(plot_sweep, sweep)[0].traces[0]["marker"]["symbol"] == ["square", "triangle-down"]
     assert answer_one(train, 6000.0, Asked()).state.kind != "periodic"
 
@@ -158,9 +154,8 @@ def test_the_picture_of_an_irregular_motion_shows_the_distribution_over_the_cycl
     (axes,) = [one for one in plot_cycle(answer).axes if one.get_ylabel() == "cycles below it, %"]
     assert axes.get_lines()[0].get_drawstyle() == "steps-post"
     low, _, high = force.per_cycle.max / 1e3
-    (bars,) = [
-        one for one in figures_of(plot_sweep, {"up": [answer]})[0].traces if one["name"] == "5 to 95 % of the cycles"
-    ]
+    traces = figures_of(plot_sweep, {"up": [answer]})[0].traces
+    (bars,) = [one for one in traces if one["name"] == "5 to 95 % of the cycles"]
     assert bars["x"] == [6000.0, 6000.0, None] and bars["y"][:2] == pytest.approx([low, high], rel=digits)
 
 
@@ -181,11 +176,5 @@ def test_a_sweep_that_is_kept_goes_on_and_a_folder_of_another_sweep_is_refused(t
     written = first.path("json").read_bytes()
     assert first.json["complete"] and len(list((tmp_path / "kept").glob("*.npz"))) == 2
     assert run(f"{line} --chunk 1", "json") == first and first.path("json").read_bytes() == written
-    refused = {
-        "other options: speeds of a chunk 1 there, 16 now": "",
-        "the same scene with other numbers": "--chunk 1 --set 'gear a.inertia=0.02'",
-        "answers steady states there, periodic solutions now": "--chunk 1 --orbit",
-    }
-    for words, wrong in refused.items():
-        called = run(f"{line} {wrong}")
-        assert called.status == 2 and words in called.err
+    called = run(f"{line} --chunk 1 --orbit")  # others: tests/steady/test_checkpoint.py
+    assert called.status == 2 and "answers steady states there, periodic solutions now" in called.err

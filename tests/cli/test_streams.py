@@ -84,16 +84,7 @@ def test_a_signal_ends_a_command_as_ctrl_c_does():
     assert signal.getsignal(signal.SIGTERM) == before
 
 
-@pytest.mark.parametrize(
-    ("line", "option"),
-    [
-        ("solve SCENE --rpm 2000 --json SCENE", "--json"),
-        ("sweep SCENE --rpm 2000 --netcdf LINK", "--netcdf"),
-        ("report SCENE --rpm 2000 --csv TABLE", "--csv"),
-        ("scene SCENE --out SCENE", "--out"),
-        ("tune SCENE --output SCENE", "--output"),
-    ],
-)
+@pytest.mark.parametrize(("line", "option"), reference("cases")["never written over"])
 def test_what_a_command_reads_is_never_written_over(line, option, scene, run):
     table, link = scene.with_name("spur_pair_omega_squared.csv"), scene.with_name("link")
     link.symlink_to(table)

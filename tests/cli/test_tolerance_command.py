@@ -2,32 +2,13 @@
 
 import numpy as np
 import pytest
+from reference_data import reference, text_of
 
 import jaxhb
 from jaxhb.cli.tolerance_command import _part
 from jaxhb.design import Objective, read_tolerances
 
-SCENE = """
-[scene]
-name = "pair"
-revolutions_per_cycle = 1
-[[disk]]
-name = "a"
-inertia = 1.0
-[[disk]]
-name = "b"
-inertia = 2.0
-[[shaft]]
-between = ["a", "b"]
-stiffness = 6.7e3
-damping = 4.0
-[[torque]]
-disk = "a"
-harmonics = [[1.0, 5.0, 0.0]]
-[tolerance]
-"a|b.stiffness" = { range = [5.7e3, 7.7e3] }
-a.inertia = { share = 0.01 }
-"""
+SCENE = text_of("toleranced_pair.toml")
 
 
 @pytest.fixture
@@ -76,14 +57,7 @@ def test_what_is_kept_of_some_speeds_is_not_computed_again(scene, tmp_path, monk
     assert again.values(0, 0) == first.values(0, 0) and again.evaluations == first.evaluations
 
 
-@pytest.mark.parametrize(
-    ("line", "sentence"),
-    [
-        ("--of 'shaft torq of a|b'", "Did you mean 'shaft torque'?"),
-        ("--of 'shaft torque of a|c'", "there is no shaft or damper 'a|c'"),
-        ("--samples -3", "must be a whole number of at least 0"),
-    ],
-)
+@pytest.mark.parametrize(("line", "sentence"), reference("cases")["tolerances"])
 def test_what_cannot_be_asked_is_refused_in_a_sentence(scene, run, line, sentence):
     called = run(f"tolerance {scene} --rpm 900 {line}")
     assert called.status == 2 and sentence in called.err

@@ -57,13 +57,13 @@ def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, tmp_path, 
     assert record["solved"]["after"] == [True] * 4 and not record["interrupted"]
     worst = record["rpm"][int(np.argmax(truth))]
     assert f"{round(max(swing['after']), -1):.0f} N m at {worst:g} rpm after" in said
-    assert "NOT within its limits" not in said
+    assert "NOT within" not in said
     assert "pulley.inertia" in said and "0.005 to 0.05" in said and "at least -0.006" in said
     # A linear train does what was tuned.
     checked = record["steady_state"]["after"]
     assert (checked["kind"], checked["differences"]) == (["contact"] * 4, [])
     np.testing.assert_allclose(checked["readings"]["shaft torque of cyl6|flywheel"], truth, rtol=1e-9)
-    assert "Both designs do at all speeds what was tuned" in said
+    assert "Both designs" in said
     old, new = (path.read_text(encoding="utf-8") for path in (scene, tmp_path / "better.toml"))
     assert tomllib.loads(new)["tune"] == tomllib.loads(TABLE)["tune"]
     lines = [line for line in difflib.ndiff(old.splitlines(), new.splitlines()) if line[0] in "+-"]
@@ -100,10 +100,9 @@ def test_ctrl_c_before_the_first_step_leaves_the_speeds_that_are_solved(done, sc
     monkeypatch.setattr(commands._TunedFiles, "begin", stop)
     called = tune()
     assert called.status == 130 and not (tmp_path / "better.toml").exists()
-    said = (
-        "stopped; no design is there yet and no scene is written; {} of 4 speeds of the scene as it is are solved{}\n"
-    )
-    assert called.err == said.format(done, f", and their numbers are in {str(called.path('json'))!r}" * bool(done))
+    said = f"{done} of 4 speeds of the scene as it is are solved"
+    said += f", and their numbers are in {str(called.path('json'))!r}" * bool(done)
+    assert called.err == f"stopped; no design is there yet and no scene is written; {said}\n"
     assert called.path("json").exists() == bool(done)
     if done:
         record = called.json
@@ -163,20 +162,14 @@ def test_a_design_whose_tuned_orbit_is_not_what_the_train_does_is_told():
     """A lightly loaded pair: attracted to one cycle at 4000 rpm, irregular at 6000 rpm, where an orbit exists too."""
     mesh = "gear a|gear b"
     train = jaxhb.load_scene("spur_pair").replace({"drive.mean": 12.5, "brake.mean": -12.5})
-    asked = {
-        "rpm": np.array([4000.0, 6000.0]),
-        "parameters": [Parameter(name=f"{mesh}.damping", low=900.0, high=1200.0)],
-        "objective": [Objective(quantity="tooth force peak", of=mesh)],
-        "penalties": [],
-    }
+    asked = {"rpm": np.array([4000.0, 6000.0]), "objective": [Objective(quantity="tooth force peak", of=mesh)]}
+    asked |= {"parameters": [Parameter(name=f"{mesh}.damping", low=900.0, high=1200.0)], "penalties": []}
     result = jaxhb.tune(train, **asked, steps=1)
     found = check_designs(train, asked, result)
     state = jaxhb.steady_state(train, rpm=asked["rpm"])[1]
     orbit = result.before.readings[f"tooth force peak of {mesh}"][1]
     assert found["before"]["kind"] == ["periodic", "irregular"]
     (said,) = found["before"]["differences"]
-    assert said == (
-        f"The first design at 6000 rpm is irregular: tooth force peak of {mesh} "
-        f"{state.force(mesh).peak / 1e3:.3g} kN instead of {orbit / 1e3:.3g} kN."
-    )
+    forces = f"{state.force(mesh).peak / 1e3:.3g} kN instead of {orbit / 1e3:.3g} kN."
+    assert said == f"The first design at 6000 rpm is irregular: tooth force peak of {mesh} {forces}"
     assert said in " ".join(check_text(found).split())

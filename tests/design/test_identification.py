@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from reference_data import reference
 
 import jaxhb
 from jaxhb import Disk, SceneError, Shaft, Torque, build
@@ -72,17 +73,13 @@ def test_true_numbers_lie_inside_the_intervals_as_often_as_they_say():
 def test_a_number_that_no_row_sees_is_told_as_open_and_a_prior_keeps_it():
     # Far below resonance the amplitude is that of the rigid train: the stiffness has no part in it.
     rpm = np.array([20.0, 30.0, 40.0])
-    measured = Measured(
-        rpm, np.ones(3), ("a|b",) * 3, ("torque",) * 3, np.abs(torque_of(rpm, 6.2e3, 4.0, 2.3)), np.full(3, np.nan)
-    )
+    size = np.abs(torque_of(rpm, 6.2e3, 4.0, 2.3))
+    measured = Measured(rpm, np.ones(3), ("a|b",) * 3, ("torque",) * 3, size, np.full(3, np.nan))
     found = identify(pair(), measured, parameters=[PARAMETERS[0], PARAMETERS[2]])
     assert found.open == ("a|b.stiffness",)
     kept = identify(pair(), measured, parameters=[PARAMETERS[0], PARAMETERS[2]], priors={"a|b.stiffness": 50.0})
-    assert (
-        not kept.open
-        and kept.values[0] == pytest.approx(6.7e3, abs=50.0)
-        and kept.std[0] == pytest.approx(50.0, rel=0.01)
-    )
+    assert not kept.open and kept.values[0] == pytest.approx(6.7e3, abs=50.0)
+    assert kept.std[0] == pytest.approx(50.0, rel=0.01)
 
 
 @pytest.mark.parametrize("phases", [True, False])
@@ -102,9 +99,8 @@ def test_the_weak_cylinder_is_found_from_low_orders_of_the_flywheel(phases):
 
 def test_a_file_is_read_with_comments_and_sums(tmp_path):
     path = tmp_path / "measured.csv"
-    path.write_text(
-        "# of a run\nrpm,order,element,quantity,amplitude,phase\n900,1,a|b,torque,20,-30\n900,sum,a|b,torque,21,\n"
-    )
+    head = "# of a run\nrpm,order,element,quantity,amplitude,phase\n"
+    path.write_text(head + "900,1,a|b,torque,20,-30\n900,sum,a|b,torque,21,\n")
     found = read_measured(path, pair())
     assert found.element == ("a|b", "a|b") and np.isnan(found.order[1]) and np.isnan(found.phase[1])
     fit = Fit(pair(), found, (PARAMETERS[0],), 0.03, {})
@@ -112,25 +108,10 @@ def test_a_file_is_read_with_comments_and_sums(tmp_path):
     assert abs(single) == pytest.approx(total.real)  # one order alone is excited
 
 
-HEAD = "rpm,order,element,quantity,amplitude,phase\n"
-REFUSED = {
-    "there is no column 'ampl'. Did you mean 'amplitude'?": "rpm,order,element,quantity,amplitude,ampl\n",
-    "the column 'order' is missing": "rpm,element,quantity,amplitude\n",
-    "there are no rows of measurements": HEAD,
-    "line 2: there is no shaft or damper 'a|c'": HEAD + "900,1,a|c,torque,20,\n",
-    "line 2: there is no disk 'a|b'": HEAD + "900,1,a|b,angle,20,\n",
-    "line 2: there is no quantity 'torsion'": HEAD + "900,1,a|b,torsion,20,\n",
-    "line 2: order 0.5 is no harmonic of the cycle": HEAD + "900,0.5,a|b,torque,20,\n",
-    "line 2: amplitude is '-2', must be at least 0": HEAD + "900,1,a|b,torque,-2,\n",
-    "line 2: rpm is 'fast', must be a number greater than 0": HEAD + "fast,1,a|b,torque,2,\n",
-    "line 3: the row is there twice": HEAD + "900,1,a|b,torque,20,\n900,1,a|b,torque,21,\n",
-}
-
-
-@pytest.mark.parametrize("sentence", REFUSED)
-def test_a_file_that_cannot_be_is_refused_in_a_sentence(sentence, tmp_path):
+@pytest.mark.parametrize(("text", "sentence"), reference("cases")["files of measurements"])
+def test_a_file_that_cannot_be_is_refused_in_a_sentence(text, sentence, tmp_path):
     path = tmp_path / "measured.csv"
-    path.write_text(REFUSED[sentence], encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(SceneError) as caught:
         read_measured(path, pair())
     assert sentence in str(caught.value) and len(caught.value.sentences) == 1

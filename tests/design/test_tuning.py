@@ -6,21 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from differences import differences, tight_plan
+import trains
+from differences import BOTH_SEPARATE, differences, tight_plan
 from reference_data import reference
 from tolerances import GRADIENT, PATHS
-from trains import (
-    INERTIA,
-    NATURAL,
-    around_optimum,
-    branched_parts,
-    build,
-    exact_peak,
-    gearbox_parts,
-    main_mass,
-    one_mass_parts,
-    tuned_main_mass,
-)
 
 import jaxhb
 from jaxhb.balance.plan import Request
@@ -36,24 +25,24 @@ def optimum(case):
         return entry["mu"], 0.0, entry["zeta_opt_formula"], (2 + entry["mu"]) / entry["mu"], np.concatenate(ratios)
     entry = reference("damper_optima")["tuned_damper_Den_Hartog"]["rows"][case]
     exact = entry["exact_Hinf"]
-    return entry["mu"], exact["f"], exact["zeta"], exact["peak"], around_optimum()
+    return entry["mu"], exact["f"], exact["zeta"], exact["peak"], trains.around_optimum()
 
 
 @pytest.mark.oracle
 @pytest.mark.parametrize(("case", "stiffer", "stronger"), [(0, 0.1, 10.0), (1, 10.0, 0.1), ("viscous", 1.0, 0.1)])
 def test_a_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(case, stiffer, stronger):
     mu, tuned, zeta, peak, ratios = optimum(case)
-    ring = mu * INERTIA
-    own = {"damper.stiffness": (tuned * NATURAL) ** 2 * ring, "damper.damping": 2 * zeta * ring * NATURAL}
+    ring = mu * trains.INERTIA
+    own = {"damper.stiffness": (tuned * trains.NATURAL) ** 2 * ring, "damper.damping": 2 * zeta * ring * trains.NATURAL}
     if case == "viscous":  # its damping ratio is over that of the main mass
-        own = {"damper.damping": 2 * zeta * INERTIA * NATURAL}
+        own = {"damper.damping": 2 * zeta * trains.INERTIA * trains.NATURAL}
     bounds = [Parameter(name=name, low=value / 100, high=value * 100) for name, value in own.items()]
     start = stiffer * own.get("damper.stiffness", 0.0), stronger * own["damper.damping"]
-    found = tuned_main_mass(main_mass(ring, *start), bounds, ratios).after.parameters
+    found = trains.tuned_main_mass(trains.main_mass(ring, *start), bounds, ratios).after.parameters
     stiffness, damping = found.get("damper.stiffness", 0.0), found["damper.damping"]
-    assert exact_peak(ring, stiffness, damping) == pytest.approx(peak, abs=5e-4)  # four digits
+    assert trains.exact_peak(ring, stiffness, damping) == pytest.approx(peak, abs=5e-4)  # four digits
     assert zeta * damping / own["damper.damping"] == pytest.approx(zeta, abs=5e-4)  # three digits
-    assert np.sqrt(stiffness / ring) / NATURAL == pytest.approx(tuned, abs=5e-4)
+    assert np.sqrt(stiffness / ring) / trains.NATURAL == pytest.approx(tuned, abs=5e-4)
 
 
 def test_summits_are_where_the_parabola_culminates_and_resolved_by_the_speeds():
@@ -83,14 +72,12 @@ PENALTIES = (
     Penalty(quantity="natural frequency", mode=2, least=180.0, weight=1.0),
 )
 LOST = SimpleNamespace(status=jaxhb.Status.STALLED)
-PLAN = tight_plan(
-    harmonics=32, active=(0, 1), flank=(0, 0), start="march", time_steps=768, tolerance=0.5, excited=3, estimated=True
-)
+PLAN = tight_plan(**BOTH_SEPARATE, estimated=True)
 
 
 @cache
 def hammering():
-    return build(branched_parts(), reference="crank gear")
+    return trains.build(trains.branched_parts(), reference="crank gear")
 
 
 def planned(*_, **__):
@@ -121,9 +108,8 @@ def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assesse
     along = np.array([0.6, -0.5, 0.8])
 
     def values(steps):
-        pairs = [
-            made.at(point.z + step * np.stack([along, 0 * along]), point, aim(point.solved)) for step in steps[:, 0]
-        ]
+        both = np.stack([along, 0 * along])
+        pairs = [made.at(point.z + step * both, point, aim(point.solved)) for step in steps[:, 0]]
         return np.array([pair.value[0] for pair in pairs])
 
     wanted = differences(values, np.zeros(1), np.full(1, 3e-4))
@@ -245,17 +231,15 @@ class Bowl:
 
     def unsolved(self, z):
         lost = np.full((len(z), 2), jaxhb.Status.MAX_STEPS)
-        return evaluation.Point(
-            z, np.ones((len(z), 2)), lost, 0 * lost, np.zeros(lost.shape), exact=np.zeros((0, 2, 0))
-        )
+        none = np.zeros((0, 2, 0))
+        return evaluation.Point(z, np.ones((len(z), 2)), lost, 0 * lost, np.zeros(lost.shape), exact=none)
 
     def at(self, z, near, aim, **_):
         status = np.zeros((len(z), 2), dtype=int)
         status[:, 1] = np.where((z > 1.0).any(1), jaxhb.Status.STALLED, 0)
         value, gradient = ((z - 3) ** 2).sum(1), 2 * (z - 3)
-        return dataclasses.replace(
-            near, z=z, status=status, value=value, gradient=gradient, exact=np.zeros((len(z), 2, 0))
-        )
+        found = {"status": status, "value": value, "gradient": gradient}
+        return dataclasses.replace(near, z=z, **found, exact=np.zeros((len(z), 2, 0)))
 
     def finer(self, point, counted):
         return None
@@ -265,9 +249,8 @@ class Bowl:
 
 
 def descended(optimizer, on_step=lambda step: None, evaluator=None):
-    descent = Descent(
-        evaluator or Bowl(), optimizer, rate=0.4, widths=(0.1,), improvement=1e-6, patience=3, on_step=on_step
-    )
+    given = {"rate": 0.4, "widths": (0.1,), "improvement": 1e-6, "patience": 3}
+    descent = Descent(evaluator or Bowl(), optimizer, **given, on_step=on_step)
     return descent, *descent.run(np.array([[0.0, -0.5], [0.3, 0.2]]), 20)
 
 
@@ -289,69 +272,32 @@ def test_ctrl_c_returns_the_best_design_so_far_and_its_history():
     assert dict(enumerate(best.z[best_of(best)].tolist())) == descent.history[-1].parameters
 
 
-def parameter(low, high, name="ring.damping", **more):
-    return {"parameters": [Parameter(name=name, low=low, high=high, **more)]}
+KINDS = {"parameters": Parameter, "objective": Objective, "penalties": Penalty}
 
 
-def objective(quantity, of="pump", **more):
-    return {"objective": Objective(quantity=quantity, of=of, **more)}
-
-
-def penalty(quantity, **more):
-    return {"penalties": [Penalty(quantity=quantity, **more)]}
-
-
-WRONG = {
-    "there is no element 'rong' in 'rong.damping'. Did you mean 'ring'": parameter(1, 9, "rong.damping"),
-    "there is no field 'dampin'. Did you mean 'damping'": parameter(1, 9, "ring.dampin"),
-    "parameter 'ring.damping': its value 6 lies outside its bounds 8 to 20": parameter(8.0, 20.0),
-    "'ring.loss_factor': its value is 0, must be greater than 0 on a log": parameter(0.1, 1.0, "ring.loss_factor"),
-    "parameter 'ring.damping': low is -1, must be greater than 0 on a log scale": parameter(-1.0, 20.0),
-    "its bounds are 9 and 1, must be finite, low less than high": parameter(9.0, 1.0),
-    "parameter 'ring.damping': at the bound -1": parameter(-1.0, 20.0, scale="linear"),
-    "parameter 'ring.damping' is given twice": {"parameters": PARAMETERS[:1] * 2},
-    "there is nothing to tune": {"parameters": []},
-    "there is no such quantity. Did you mean 'tooth force'": objective("tooth farce", "crank gear|idler"),
-    "no mesh 'crank gear|idle'. Did you mean 'crank gear|idler'": objective("tooth force", "crank gear|idle"),
-    "it needs an order": objective("angle order"),
-    "order 0.3 is no harmonic of the cycle": objective("angle order", order=0.3),
-    "2 weights are given for 4 speeds": objective("angle", weights=(1.0, 2.0)),
-    "over is 'most', must be 'worst' or 'mean'": objective("angle", over="most"),
-    "it has no limit: give most or least": penalty("inertia added"),
-    "mode is 12, must be a mode number": penalty("natural frequency", mode=12, most=9.0),
-    "penalty 'damper pwoer': there is no such quantity": penalty("damper pwoer", most=1.0),
-    "optimizer is 'newton', must be 'lbfgs' or 'adam'": {"optimizer": "newton"},
-    "steps is 0, must be a whole number of at least 1": {"steps": 0},
-    "widths is ()": {"widths": ()},
-    "the speed is -5 rpm": {"rpm": [-5.0]},
-    "no speed is given": {"rpm": []},
-    "'ring' has no power_limit: give it one in the scene": penalty("power over limit", of="ring", most=1.0),
-    "'crank gear|idler' has no rated_torque": penalty("tooth torque over limit", of="crank gear|idler", most=1.0),
-    "'flywheel|crank gear' has no tensile_strength": penalty(
-        "stress over continuous limit", of="flywheel|crank gear", most=1.0
-    ),
-}
-
-
-@pytest.mark.parametrize("sentence", WRONG)
-def test_bad_input_is_one_clear_sentence(sentence):
-    good = {"parameters": PARAMETERS, "objective": OBJECTIVES[0], "penalties": PENALTIES, "rpm": SPEEDS}
+@pytest.mark.parametrize(("sentence", "given"), reference("cases")["tunings"])
+def test_bad_input_is_one_clear_sentence(sentence, given):
+    asked = {"parameters": PARAMETERS, "objective": OBJECTIVES[0], "penalties": PENALTIES, "rpm": SPEEDS}
+    for key, value in given.items():
+        several = [KINDS[key](**one) if key in KINDS else one for one in value] if isinstance(value, list) else None
+        asked[key] = KINDS[key](**value) if isinstance(value, dict) else value if several is None else tuple(several)
     with pytest.raises(jaxhb.SceneError) as caught:
-        jaxhb.tune(hammering(), **good | WRONG[sentence])
+        jaxhb.tune(hammering(), **asked)
     assert sentence in str(caught.value) and len(caught.value.sentences) == 1
 
 
 def test_contact_of_a_mesh_without_backlash_cannot_be_tuned():
-    given = parameter(1.0, 9.0, "viscous ring.damping") | objective("impact severity", "input 1|lay 1")
+    given = {"parameters": [Parameter(name="viscous ring.damping", low=1.0, high=9.0)]}
+    given["objective"] = Objective(quantity="impact severity", of="input 1|lay 1")
     with pytest.raises(jaxhb.SceneError, match="mesh 'input 1|lay 1' has no backlash, its teeth never part"):
-        jaxhb.tune(build(gearbox_parts(), reference="motor"), rpm=[900.0], **given)
+        jaxhb.tune(trains.build(trains.gearbox_parts(), reference="motor"), rpm=[900.0], **given)
 
 
 @pytest.mark.parametrize("backlash", [None, 1e-4])
 def test_a_range_in_which_no_speed_converges_is_told_with_a_way_on(backlash):
     class Lost(Bowl):
         law = {"eps": backlash and 0.1, "transition": backlash and 0.2, "h": backlash}
-        train = build(one_mass_parts(m=1.0, b=0.1, c=1.0, q0=0.0, q1=1.0, **law), reference="a")
+        train = trains.build(trains.one_mass_parts(m=1.0, b=0.1, c=1.0, q0=0.0, q1=1.0, **law), reference="a")
 
         def at(self, z, near, aim, **_):
             return near

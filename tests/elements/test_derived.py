@@ -7,7 +7,7 @@ from reference_data import reference
 from tolerances import ALGEBRAIC, GRADIENT
 
 import jaxhb
-from jaxhb import Damper, Disk, Mesh, SceneError, Shaft, Torque
+from jaxhb import Disk, Mesh, SceneError, Shaft, Torque
 from jaxhb.scene.writer import changed_scene, elements_text
 
 AB = [Disk(name="a", inertia=2.0, radius=0.1), Disk(name="b", inertia=3.0, radius=0.2)]
@@ -41,9 +41,8 @@ def test_a_mesh_has_the_tooth_damping_ratio_at_its_own_frequency():
     masses = 2.0 / 0.1**2, 3.0 / 0.2**2
     m, c = masses[0] * masses[1] / sum(masses), 1e8
     hz = np.sqrt(c / m) / (2 * np.pi)
-    made = jaxhb.build(
-        [*AB, Mesh(between=("a", "b"), stiffness=c, damping_ratio=0.03, damping_hz=hz)], reference="a", name="pair"
-    )
+    mesh = Mesh(between=("a", "b"), stiffness=c, damping_ratio=0.03, damping_hz=hz)
+    made = jaxhb.build([*AB, mesh], reference="a", name="pair")
     assert made.value("a|b.damping") / (2 * np.sqrt(c * m)) == pytest.approx(0.03, rel=ALGEBRAIC)
     assert jaxhb.damped_modes(made).damping_ratio[0] == pytest.approx(0.03, rel=1e-9)
 
@@ -78,23 +77,13 @@ def test_a_traced_wall_without_thickness_is_invalid_input():
     assert int(status(0.05)) == jaxhb.Status.CONVERGED and int(status(0.2)) == jaxhb.Status.INVALID_INPUT
 
 
-REFUSED = {
-    "a|b.stiffness": "the stiffness comes from length, outer, inner and shear_modulus. Change these.",
-    "a|b.damping": "the damping comes from magnifier and damping_hz. Change these.",
-    "b|c.outer": "it has no effect, as the shaft was built without outer. Build the scene with it.",
-    "b|c.magnifier": "it has no effect, as the shaft was built without magnifier. Build the scene with it.",
-    "a|b.diameter": "nothing in the scene has diameter. Build the scene with it.",
-    "a|b.length": "length is -1 m, must be greater than 0 m.",
-}
-
-
-@pytest.mark.parametrize("key", REFUSED)
-def test_numbers_without_effect_are_refused(key):
+@pytest.mark.parametrize(("key", "sentence"), reference("cases")["changes of what follows"])
+def test_numbers_without_effect_are_refused(key, sentence):
     parts = [*AB, Disk(name="c", inertia=1.0), Shaft(between=("b", "c"), stiffness=1e4)]
     made = jaxhb.build([*parts, Shaft(between=("a", "b"), **SIZE, magnifier=25.0, damping_hz=50.0)])
     with pytest.raises(SceneError) as caught:
         made.replace({key: -1.0 if "length" in key else 0.3})
-    assert REFUSED[key] in str(caught.value)
+    assert sentence in str(caught.value)
 
 
 FAULTS = reference("cases")["shafts"]
@@ -107,22 +96,6 @@ def test_each_fault_is_one_sentence(case):
         jaxhb.build([*AB, Shaft(between=("a", "b"), **keys)], rated_rpm=1000.0)
     assert len(caught.value.sentences) == 1 and wanted in caught.value.sentences[0], caught.value
     assert caught.value.sentences[0].startswith("scene, [[shaft]] no. 1: ")
-
-
-def test_faults_of_several_elements_are_told_at_once():
-    parts = [*AB, Shaft(between=("a", "b"), name="line", length=0.5, bore=0.1, tensile_strength=6e8)]
-    parts += [Damper(name="ring", disk="a", inertia=1.0, magnifier=30.0, damping_hz=9.0)]
-    with pytest.raises(SceneError) as caught:
-        jaxhb.build(parts)
-    texts = (
-        "without outer and",
-        "bore = 0.1 m",
-        "asks for the stress limits",
-        "needs a stiffness",
-        "'rated_rpm' is miss",
-    )
-    assert len(caught.value.sentences) == len(texts)
-    assert all(text in sentence for text, sentence in zip(texts, caught.value.sentences, strict=True))
 
 
 @pytest.mark.parametrize("rated", [0.0, -5.0, "fast", float("nan")])
@@ -155,9 +128,8 @@ def test_referred_numbers_keep_the_energies():
     reference = angle / found.factor
     ends = np.array(topology.link_ends)
     twist = reference[ends[:, 0]] - reference[ends[:, 1]]
-    assert (found.inertia_referred * reference**2).sum() / 2 == pytest.approx(
-        float(jaxhb.kinetic_energy(made, angle)), rel=ALGEBRAIC
-    )
+    kinetic = (found.inertia_referred * reference**2).sum() / 2
+    assert kinetic == pytest.approx(float(jaxhb.kinetic_energy(made, angle)), rel=ALGEBRAIC)
     ground = topology.ground_disk[0]
     held = made.grounds.stiffness[0] * angle[ground] ** 2
     energy = ((found.stiffness_referred * twist**2).sum() + held) / 2

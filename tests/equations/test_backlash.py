@@ -69,9 +69,8 @@ def test_teeth_part_below_the_gap_and_are_stiff_beyond_the_knee():
 def test_autodiff_of_the_force_is_the_slope_and_of_the_energy_the_force():
     for law in random_laws():
         l = sweep_of(law)
-        np.testing.assert_allclose(
-            per_sample(law, l)[1], backlash.slope(law, l), rtol=0, atol=ALGEBRAIC * law.stiffness
-        )
+        slope = backlash.slope(law, l)
+        np.testing.assert_allclose(per_sample(law, l)[1], slope, rtol=0, atol=ALGEBRAIC * law.stiffness)
         scale = law.stiffness * law.backlash
         np.testing.assert_allclose(energy_slopes(law, l)[1], backlash.force(law, l), rtol=0, atol=ALGEBRAIC * scale)
 

@@ -106,10 +106,8 @@ def test_reduced_and_full_residual_are_the_same_equation(case):
 
 
 def test_reduced_and_full_residual_are_the_same_equation_where_two_meshes_close_a_loop(case):
-    parts = [
-        dataclasses.replace(p, backlash=1e-4, epsilon=0.02, transition=0.3) if isinstance(p, Mesh) else p
-        for p in gearbox_parts()
-    ]
+    law = {"backlash": 1e-4, "epsilon": 0.02, "transition": 0.3}
+    parts = [dataclasses.replace(p, **law) if isinstance(p, Mesh) else p for p in gearbox_parts()]
     problem = problem_at(build(parts, reference="motor"), RPM, HARMONICS)
     assert len(problem.system.tree.loops) == 1
     reduced, condensed = reduce(problem, HARMONICS, ActiveMeshes(np.ones(3), np.arange(3), np.zeros(3)))

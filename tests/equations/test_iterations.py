@@ -29,9 +29,8 @@ def test_conjugate_residuals_take_as_many_steps_as_there_are_unknowns_and_one_wi
     matrix, b = np.eye(12) + 0.3 * draw.normal(size=(12, 12)), draw.normal(size=12)
     inverse = np.linalg.inv(matrix)
     for precondition, most in ((np.eye(12), 12), (inverse, 1)):
-        x, left, used = iterations.gcr(
-            lambda v: matrix @ v, lambda v, m=precondition: m @ v, b, tolerance=1e-12, steps=20
-        )
+        given = lambda v: matrix @ v, lambda v, m=precondition: m @ v
+        x, left, used = iterations.gcr(*given, b, tolerance=1e-12, steps=20)
         np.testing.assert_allclose(x, inverse @ b, rtol=1e-10)
         assert used <= most and left <= 1e-11
     x, left, used = iterations.gcr(lambda v: 2 * v, lambda v: v, 0 * b, tolerance=1e-12, steps=20)

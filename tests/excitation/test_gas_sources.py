@@ -173,53 +173,6 @@ def test_a_torque_with_a_rated_speed_grows_with_a_power_of_the_speed():
     np.testing.assert_allclose(load, [225.0])
 
 
-BAD = {
-    "an exponent without a speed": (Torque(disk="a", speed_exponent=2.0), "speed_exponent is given without rated_rpm"),
-    "an order between harmonics": (Load(disk="a", harmonics=[(0.3, 1.0, 0.0)]), "order 0.3 is harmonic 0.6 of a cycle"),
-    "a doubled order": (Load(disk="a", harmonics=[(1.0, 1, 0), (1.0, 1, 0)]), "harmonics: order 1 stands 2 times"),
-    "two traces of a speed": (cylinder(traces=[*traces(1e3), *traces(1e3)]), "traces: 2 of them are for 1000 rpm"),
-    "a hole in the grid": (cylinder(traces=traces(1e3, 2e3, loads=(0.5, 1.0))[:-1]), "traces: there is none for"),
-    "a trace of a part": (
-        cylinder(traces=[Trace(rpm=1e3, pressure=trace(1e6)[:3])]),
-        "traces no. 1: pressure covers 0 to 370 deg, must cover a whole gas cycle of 720 deg",
-    ),
-    "unsorted rows": (cylinder(traces=[Trace(rpm=1e3, pressure=trace(1e6)[::-1])]), "traces no. 1: pressure, row 2:"),
-    "a doubled row": (
-        cylinder(traces=[Trace(rpm=1e3, pressure=[*trace(1e6)[:1], *trace(1e6)])]),
-        "traces no. 1: pressure, row 2: angle 0 after 0; must increase.",
-    ),
-    "a trace without speed": (cylinder(traces=[Trace(rpm=None, pressure=trace(1e6))]), "traces no. 1: the key 'rpm'"),
-    "two cycles": (
-        cylinder(traces=[*traces(1e3), Trace(rpm=2e3, pressure=[(0.0, 1e5), (180.0, 1e6), (360.0, 1e5)])]),
-        "traces: some span 720 deg, some 360 deg.",
-    ),
-    "no traces": (cylinder(traces=[]), "traces is [], must be one table or more. Write [[….traces]]."),
-    "no table": (cylinder(combustion=3.0), "combustion is 3.0, must be a table. Write [….combustion]."),
-    "traces and pressure": (cylinder(traces=traces(1e3), pressure=trace(1e6)), "pressure and traces are both given."),
-    "no bore": (cylinder(traces=traces(1e3), bore=None), "the key 'bore' is missing; traces needs it."),
-    "heat and imep": (cylinder(combustion=Combustion(heat=1.0, imep=1.0, **BURNING)), "combustion: heat and imep"),
-    "no heat": (cylinder(combustion=Combustion(**BURNING)), "combustion: neither heat nor imep is given."),
-    "a ratio of 1": (
-        cylinder(combustion=Combustion(heat=1.0, **(BURNING | {"compression_ratio": 1.0}))),
-        "combustion: compression_ratio is 1, must be greater than 1.",
-    ),
-    "three strokes": (
-        cylinder(combustion=Combustion(heat=1.0, stroke_cycle=3, **BURNING)),
-        "combustion: stroke_cycle is 3, must be 2 or 4.",
-    ),
-    "a load of a table": (cylinder(pressure=trace(1e6), load=[(0.0, 0.5)]), "which it acts on. Give scale instead."),
-}
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_each_fault_is_one_sentence(case):
-    element, sentence = BAD[case]
-    with pytest.raises(SceneError) as caught:
-        pair(element)
-    assert len(caught.value.sentences) == 1, caught.value
-    assert sentence in str(caught.value)
-
-
 @pytest.mark.parametrize(
     "key, value, sentence",
     reference("cases")["changes of a train"] + [("one.pressure", np.ones(7200), "the cylinder has no pressure table")],

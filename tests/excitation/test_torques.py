@@ -63,9 +63,8 @@ def test_gas_torque_has_the_tangential_pressure_harmonics_of_the_reference():
 @pytest.mark.parametrize("ambient", [0.0, 101325.0])
 def test_cylinder_torque_is_the_direct_sum_of_gas_and_inertia(ambient):
     rpm, alpha, scale = 1500.0, 130.0, [(1000.0, 0.5), (2000.0, 1.0)]
-    cylinder = Cylinder(
-        disk="a", **CRANK, pressure=TRACE, firing_angle=alpha, ambient_pressure=ambient, scale=scale, orders=400.0
-    )
+    more = {"firing_angle": alpha, "ambient_pressure": ambient, "scale": scale, "orders": 400.0}
+    cylinder = Cylinder(disk="a", **CRANK, pressure=TRACE, **more)
     torque, _, _ = excitation(pair(cylinder), rpm, 800)
     theta = np.linspace(0.0, 4 * np.pi, 97)
     own = theta - np.deg2rad(alpha)

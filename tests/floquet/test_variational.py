@@ -6,10 +6,9 @@ import jax
 import numpy as np
 import pytest
 from integrated_trains import one_mass, posed
-from reference_data import method_case
+from reference_data import DATA, method_case
 
 import jaxhb
-from jaxhb import Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.equations import exact_integrals, fourier
 from jaxhb.equations.state_space import partition, state_space
 from jaxhb.floquet import variational
@@ -66,22 +65,10 @@ def test_a_motion_is_known_between_its_samples():
     np.testing.assert_allclose(variational.motion(deflection, 3.0, share), expected, rtol=0, atol=1e-10)
 
 
-LAW = {"backlash": 2e-4, "epsilon": 1e-2, "transition": 0.1}
-
-
 def three_disks(damping_law):
     """A lightly loaded pair of gears driven through a shaft: the teeth separate and strike at 900 rpm."""
-    parts = [
-        Disk(name="motor", inertia=0.5, damping=0.5),
-        Disk(name="pinion", inertia=0.01, radius=0.05),
-        Disk(name="wheel", inertia=0.05, radius=0.1, damping=0.4),
-        Shaft(between=("motor", "pinion"), stiffness=2e4, damping=6.0),
-        Mesh(between=("pinion", "wheel"), stiffness=2e7, damping=1200.0, damping_law=damping_law, **LAW),
-        Ground(disk="motor", stiffness=20.0),
-        Torque(disk="motor", mean=10.0, harmonics=[(1.0, 20.0, -10.0), (3.0, 0.0, 8.0)]),
-        Torque(disk="wheel", mean=-20.0, harmonics=[(2.0, 25.0, 30.0)]),
-    ]
-    return jaxhb.build(parts, revolutions_per_cycle=1, reference="motor", name="three disks")
+    train = jaxhb.load_scene(DATA / "scenes" / "driven_pair.toml")
+    return train.replace({"pinion|wheel.damping_law": damping_law})
 
 
 @pytest.mark.parametrize("damping_law", ["contact", "always"])

@@ -23,9 +23,8 @@ def dense(equations, batch, place, cycles):
     rpm = float(batch.marches[place].rpm)
     system, meshes = equations.system, equations.meshes
     load = np.asarray(excitation(train, rpm, listed_harmonic(train.topology))[0]) / np.asarray(system.radius)[:, None]
-    stepper = _discretize(
-        system, meshes, float(linear_motion.frequency[place]), load, steps=STEPS, parts=equations.parts
-    )
+    frequency = float(linear_motion.frequency[place])
+    stepper = _discretize(system, meshes, frequency, load, steps=STEPS, parts=equations.parts)
     state = stepper.space.coordinates @ batch.motion(batch.marches[place]) - stepper.linear_state
     return np.asarray(_march(stepper, state, tolerance=-1.0, max_cycles=cycles)[1].deflection)
 
@@ -38,9 +37,8 @@ def pushed(equations, rpm):
 
 def gearbox():
     """A closed loop, massless disks with and without damping, rings with and without spring, free rotation; a gap."""
-    parts = [
-        part for part in trains.gearbox_parts(grounded=False) if getattr(part, "between", None) != ("lay 3", "output")
-    ]
+    parts = trains.gearbox_parts(grounded=False)
+    parts = [part for part in parts if getattr(part, "between", None) != ("lay 3", "output")]
     parts = [dataclasses.replace(p, loss_factor=0.0) if getattr(p, "loss_factor", 0) else p for p in parts]
     parts = [dataclasses.replace(p, inertia=0.001) if p.name == "lay 3" else p for p in parts]
     mesh = Mesh(between=("lay 3", "output"), stiffness=1.5e8, damping=300.0, backlash=1e-4)

@@ -3,7 +3,6 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from integrated_trains import one_mass
 from reference_data import method_case, reference
 
@@ -62,23 +61,3 @@ def test_sharp_dead_zone_solutions_are_approached_quadratically_in_the_transitio
         assert abs(values.max() - row["max"]) < 3 * transition**2
     assert max(errors[0.01]) < 3e-4
     assert max(errors[0.001]) < 3e-6
-
-
-@pytest.fixture(scope="module")
-def coexisting():
-    """Periodic motions of the case of docs/theory A4.2 (ii), from a grid of starts."""
-    case = one_mass(mass=1, damping=0.05, stiffness=2, epsilon=0.05, transition=0.2, backlash=1)
-    stepper = stepper_of(case, 1.0, [0.1, 0.1], 512)
-    x, v = (g.ravel() for g in np.meshgrid(np.linspace(-1.5, 1.5, 5), np.linspace(-1, 1, 3)))
-    starts = jax.jit(jax.vmap(lambda a, b: state_of(stepper, a, b)))(x, v)
-    states, periodicity_errors, _ = jax.jit(jax.vmap(lambda z: shoot(stepper, z)))(starts)
-    found = {}
-    for state in states[np.asarray(periodicity_errors) < 1e-10]:
-        key = tuple(np.round(np.asarray(state), 6) + 0.0)
-        found[key] = np.abs(np.linalg.eigvals(multiply(stepper, state)[0])).max()
-    return found
-
-
-def test_shooting_finds_one_stable_and_two_unstable_motions(coexisting):
-    assert len(coexisting) == 3
-    assert sum(radius > 1 for radius in coexisting.values()) == 2

@@ -3,6 +3,7 @@
 import dataclasses
 from types import SimpleNamespace
 
+import dense
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -45,18 +46,14 @@ def adaptive(system, meshes, frequency, load, x, v, cycles, samples):
     mass, load = np.asarray(system.mass), np.asarray(load)
     B -= columns @ np.diag(np.asarray(system.viscous)[link]) @ columns.T
     K -= columns @ np.diag(np.asarray(system.stiffness)[link]) @ columns.T
-    c, eps, tau, h = (
-        np.asarray(p) for p in (meshes.law.stiffness, meshes.law.epsilon, meshes.law.transition, meshes.law.backlash)
-    )
+    law = SimpleNamespace(**{name: np.asarray(value) for name, value in vars(meshes.law).items()})
     gated, r = np.asarray(meshes.contact_damping), np.asarray(meshes.viscous)
     disks, n = mass.size, np.arange(load.shape[1])
 
     def motion(t, y):
         l, rate = columns.T @ y[:disks], columns.T @ y[disks:]
-        u = np.clip(np.abs(l) - (1 - tau) * h / 2, 0, tau * h)
-        w = np.maximum(np.abs(l) - (1 + tau) * h / 2, 0)
-        f = eps * c * l + np.sign(l) * c * (1 - eps) * (u**2 / (2 * tau * h) + w)
-        f = f + r * rate * np.where(gated, u / (tau * h), 1.0)
+        f, share = dense.law(law, l)
+        f = f + r * rate * np.where(gated, share, 1.0)
         wave = np.exp(1j * n * frequency * t) * np.where(n == 0, 1, 2)
         q = (load @ wave).real
         return np.concatenate([y[disks:], (q - columns @ f - B @ y[disks:] - K @ y[:disks]) / mass])
@@ -172,16 +169,12 @@ def test_a_floating_train_with_a_damped_massless_disk_is_closed(floating):
         shooting_correction(turned)
 
 
-@pytest.mark.parametrize(
-    ("found", "error", "steps"),
-    [
-        ([(0.001, True)], 0.001, [None]),
-        ([(0.2, True), (0.001, True)], 0.001, [None, 400]),
-        ([(0.2, True), (0.2, True), (0.2, True)], 0.2, [None, 400, 1600]),
-        ([(0.2, True), (0.001, False)], 0.2, [None, 400]),
-        ([(0.2, False)], 0.2, [None]),
-    ],
-)
+SHOTS = [([(0.001, True)], 0.001, [None]), ([(0.2, True), (0.001, True)], 0.001, [None, 400])]
+SHOTS += [([(0.2, True)] * 3, 0.2, [None, 400, 1600]), ([(0.2, True), (0.001, False)], 0.2, [None, 400])]
+SHOTS += [([(0.2, False)], 0.2, [None])]
+
+
+@pytest.mark.parametrize(("found", "error", "steps"), SHOTS)
 def test_only_more_steps_that_close_overrule_a_correction_that_contradicts_the_estimate(
     monkeypatch, floating, found, error, steps
 ):
@@ -194,35 +187,21 @@ def test_only_more_steps_that_close_overrule_a_correction_that_contradicts_the_e
         return SimpleNamespace(settled=settled, deflection=np.zeros((1, steps or 100)), error=error)
 
     monkeypatch.setattr(reference, "reference_orbit", shot)
-    monkeypatch.setattr(
-        reference, "_difference", lambda *given: SimpleNamespace(error=given[-1].error, orbit=given[-1])
-    )
+    same = lambda *given: SimpleNamespace(error=given[-1].error, orbit=given[-1])  # noqa: E731
+    monkeypatch.setattr(reference, "_difference", same)
     assert shooting_correction(response).error == error
     assert asked == steps
 
 
 def test_what_cannot_be_integrated_is_refused_with_its_name():
-    lossy = build(
-        [
-            Disk(name="a", inertia=1.0),
-            Disk(name="b", inertia=1.0),
-            Shaft(between=("a", "b"), stiffness=1e4, loss_factor=0.05),
-            Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)]),
-        ],
-        revolutions_per_cycle=1,
-    )
-    with pytest.raises(ValueError, match=r"'a\|b'.*with_viscous_damping"):
-        integrate(lossy, rpm=1000.0)
-    light = [
-        Disk(name="a", inertia=0.0, radius=0.1),
-        Disk(name="b", inertia=1.0, radius=0.1),
-        Mesh(between=("a", "b"), stiffness=1e6, backlash=1e-4),
-        Torque(disk="b", harmonics=[(1.0, 5.0, 0.0)]),
-    ]
-    with pytest.raises(ValueError, match="'a' has no inertia and carries a backlash mesh"):
-        integrate(build(light, revolutions_per_cycle=1, reference="a"), rpm=1000.0)
-    with pytest.raises(ValueError, match="cycles is 0, must be at least 1"):
-        integrate(load_scene("spur_pair"), rpm=3000.0, cycles=0)
+    light = load_scene("spur_pair")
+    for train, asked, sentence in (
+        (load_scene("engine_with_damper"), {}, r"'hub\|crank gear'.*with_viscous_damping"),
+        (light.replace({"gear a.inertia": 0.0}), {}, "'gear a' has no inertia and carries a backlash mesh"),
+        (light, {"cycles": 0}, "cycles is 0, must be at least 1"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            integrate(train, rpm=1000.0, **asked)
 
 
 def test_the_reference_integration_is_driven_by_all_harmonics_that_are_listed():

@@ -1,7 +1,6 @@
 """Natural frequencies and shapes against published systems and closed forms."""
 
 import numpy as np
-import pytest
 from reference_data import method_case, numbers, torsional_model
 from tolerances import ALGEBRAIC, half_unit
 from trains import build, chain_parts
@@ -52,12 +51,11 @@ def test_case_b_three_disks_have_their_rational_modes():
     np.testing.assert_allclose(as_printed(modes.shapes), wanted, rtol=0, atol=20 * ALGEBRAIC)
 
 
-@pytest.mark.parametrize(("case", "ground"), [("free_free", None), ("seed_bc", 1.0), ("ring", None)])
-def test_case_b_uniform_chains_have_their_closed_forms(case, ground):
-    """Shapes: those of the long chain in test_incidence.py."""
-    params, expected = method_case(f"B_uniform_{case}")
-    n = params.get("n") or params["S"]
-    ring = [Shaft(between=("1", str(n)), stiffness=1.0)] if case == "ring" else []
-    modes = jaxhb.natural_frequencies(build(chain_parts([1.0] * n, [1.0] * (n - 1), ground=ground) + ring))
+def test_case_b_a_uniform_ring_has_its_closed_form():
+    """Of the open chains: the long ones of test_incidence.py."""
+    params, expected = method_case("B_uniform_ring")
+    n = params["n"]
+    ring = Shaft(between=("1", str(n)), stiffness=1.0)
+    modes = jaxhb.natural_frequencies(build([*chain_parts([1.0] * n, [1.0] * (n - 1)), ring]))
     squares = (2 * np.pi * modes.frequencies_hz) ** 2
     np.testing.assert_allclose(squares, numbers(expected["omega2"]), rtol=ALGEBRAIC, atol=ALGEBRAIC)

@@ -119,10 +119,8 @@ def test_case_c_damped_approximation_and_its_error():
     params, expected = method_case("C_damped_approximation")
     inertia = 1 / numbers(params["Delta"])
     parts = chain_parts(inertia, numbers(params["c"]))
-    shafts = [
-        Shaft(between=p.between, stiffness=p.stiffness, damping=r)
-        for p, r in zip(dense.of_kind(parts, Shaft), numbers(params["r"]), strict=True)
-    ]
+    undamped = zip(dense.of_kind(parts, Shaft), numbers(params["r"]), strict=True)
+    shafts = [Shaft(between=p.between, stiffness=p.stiffness, damping=r) for p, r in undamped]
     train, omega = build(dense.of_kind(parts, Disk) + shafts), float(params["omega"])
     found = damped_approximation(train, np.array([omega]))
     exact, approximate = (complex_numbers([expected[key]])[0] for key in ("exact", "approx"))

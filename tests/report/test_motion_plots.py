@@ -3,17 +3,10 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import motion_pictures as pictures
 import numpy as np
 import pytest
 import trains
-from motion_pictures import (
-    hardest_mesh,
-    plot_branch,
-    plot_cycle_peaks,
-    plot_motions,
-    plot_multipliers,
-    plot_waterfall,
-)
 
 import jaxhb
 from jaxhb.report.figures.figure import DIGITS
@@ -66,7 +59,7 @@ def peaks(state):
 def test_every_motion_is_marked_by_its_kind_with_its_period_and_the_range_of_its_cycles_beside_periodic_ones(sweep):
     orbits = {"rpm": sweep.rpm, "converged": [True, False, True, True]}
     orbits = SimpleNamespace(**orbits, force=lambda mesh: SimpleNamespace(peak=np.array([1e3, 2e3, 3e3, 4e3])))
-    (axes,) = plot_motions(sweep, orbits=orbits).axes
+    (axes,) = pictures.plot_motions(sweep, orbits=orbits).axes
     for place, marker in ((0, "s"), (1, "D"), (2, "*")):
         ((x, y),) = lines(axes, marker=marker)
         np.testing.assert_allclose([x[0], y[0]], [sweep.rpm[place], peaks(sweep[place]).max()], **ROUNDED)
@@ -82,7 +75,7 @@ def test_every_motion_is_marked_by_its_kind_with_its_period_and_the_range_of_its
 
 def test_motions_upwards_are_filled_and_downwards_hollow_on_the_branch_that_has_both(loaded):
     branch, both = loaded
-    (axes,) = plot_motions(*both, branches=[branch]).axes
+    (axes,) = pictures.plot_motions(*both, branches=[branch]).axes
     squares = [one for one in axes.get_lines() if one.get_marker() == "s" and np.isfinite(one.get_xdata()).all()]
     faces = [one.get_markerfacecolor() == "none" for one in squares]
     assert faces == [False, True]
@@ -93,7 +86,7 @@ def test_motions_upwards_are_filled_and_downwards_hollow_on_the_branch_that_has_
 
 
 def test_a_bifurcation_diagram_has_as_many_points_a_speed_as_the_motion_has_cycles(sweep):
-    (axes,) = plot_cycle_peaks(sweep).axes
+    (axes,) = pictures.plot_cycle_peaks(sweep).axes
     for place, marker, count in ((0, "s", 1), (1, "D", 2), (2, "*", sweep[2].record.cycles), (3, "x", 1)):
         ((x, y),) = lines(axes, marker=marker)
         np.testing.assert_allclose(x, [sweep.rpm[place]] * count, **ROUNDED)
@@ -101,7 +94,7 @@ def test_a_bifurcation_diagram_has_as_many_points_a_speed_as_the_motion_has_cycl
 
 
 def test_a_waterfall_has_a_stem_for_each_order_of_each_speed_in_one_scale(sweep):
-    (axes,) = plot_waterfall(sweep, highest=3.0).axes
+    (axes,) = pictures.plot_waterfall(sweep, highest=3.0).axes
     _, stems, (_, scale) = lines(axes, style="-")
     x, low, high = stems[0][::3], stems[1][::3], stems[1][1::3]
     largest = max(float(np.max(state.force("a|b").amplitudes)) for state in sweep if state.known)
@@ -117,7 +110,7 @@ def test_a_waterfall_has_a_stem_for_each_order_of_each_speed_in_one_scale(sweep)
 
 def test_a_branch_is_solid_where_stable_and_dashed_between_its_folds(loaded):
     branch, _ = loaded
-    above, below = plot_branch(branch).axes
+    above, below = pictures.plot_branch(branch).axes
     solid, dashed = lines(above, style="-"), lines(above, style="--")
     assert (len(solid), len(dashed)) == (2, 1)
     ((x, y),) = dashed
@@ -136,7 +129,7 @@ def test_multipliers_beyond_1_are_marked_with_how_stability_is_lost():
     stable = SimpleNamespace(multipliers=np.array([0.5j, 1.0]), rotation=np.array([False, True]), largest=0.5)
     lost = SimpleNamespace(**vars(stable) | {"largest": 1.2}, stable=False, loses_by="period doubling")
     stable.stable, stable.loses_by = True, None
-    (axes,) = plot_multipliers([1000.0, 2000.0, 3000.0], [stable, lost, None]).axes
+    (axes,) = pictures.plot_multipliers([1000.0, 2000.0, 3000.0], [stable, lost, None]).axes
     places = {marker: [np.ravel(data).tolist() for data in lines(axes, marker=marker)] for marker in "o^x"}
     assert places == {"o": [[1e3, 2e3, 0.5, 0.5], [1e3, 0.5], [2e3, 1.2]], "^": [[2e3, 1.2]], "x": [[3e3, 0.05]]}
     assert any((np.asarray(y) == 1).all() for _, y in lines(axes, style="-"))
@@ -145,10 +138,11 @@ def test_multipliers_beyond_1_are_marked_with_how_stability_is_lost():
 def test_the_mesh_shown_is_the_hardest_of_all_speeds_and_a_train_without_one_is_refused():
     def state(**peaks):
         forces = {mesh: SimpleNamespace(highest=np.array([peak]), lowest=-0.5) for mesh, peak in peaks.items()}
-        return SimpleNamespace(
-            topology=SimpleNamespace(mesh_names=tuple(peaks), name="t"), known=True, force=forces.get
-        )
+        topology = SimpleNamespace(mesh_names=tuple(peaks), name="t")
+        return SimpleNamespace(topology=topology, known=True, force=forces.get)
 
-    assert hardest_mesh([state(cam=1.0, pump=2.0), state(cam=4.0, pump=3.0), state(cam=1.0, pump=2.0)]) == "cam"
+    assert (
+        pictures.hardest_mesh([state(cam=1.0, pump=2.0), state(cam=4.0, pump=3.0), state(cam=1.0, pump=2.0)]) == "cam"
+    )
     with pytest.raises(ValueError, match="t has no mesh"):
-        plot_motions([state()])
+        pictures.plot_motions([state()])

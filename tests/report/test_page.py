@@ -113,23 +113,17 @@ def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
     assert float(heat.columns[5][0]) == pytest.approx(largest, rel=1e-3)
     shares = tables(parts["Second design"])[-1]
     titles = [title for title, *_ in shares.groups]
-    assert titles[1:] == [
-        "second design (second)",
-        "first design, two not firing",
-        "second design (second), two not firing",
-    ]
+    second = "second design (second)"
+    assert titles[1:] == [second, "first design, two not firing", f"{second}, two not firing"]
     assert float(shares.columns[5][shares.columns[0].index("Dämpfer")]) == pytest.approx(largest / 500.0, abs=0.006)
     misfiring = report.seconds[1].answers[0].train
     assert misfiring.topology.cylinder_fires == (True, False)
     assert misfiring.value("Dämpfer.damping") == 25.0
     assert "was run without a misfire" not in parts["Second design"].html
     told = second_text(report.cases, report.seconds).splitlines()
-    force, first = (
-        max(float(a.force("Kurbel|Räder").peak) for a in c.answers) for c in (report.seconds[0], report.cases[0])
-    )
-    assert told[0].startswith(
-        f"The second design (second): largest tooth force {force / 1e3:.4g} kN in Kurbel|Räder at "
-    )
+    both = report.seconds[0], report.cases[0]
+    force, first = (max(float(a.force("Kurbel|Räder").peak) for a in case.answers) for case in both)
+    assert told[0].startswith(f"The {second}: largest tooth force {force / 1e3:.4g} kN in Kurbel|Räder at ")
     assert told[0].endswith(f" rpm ({100 * (force / first - 1):+.1f} %).") and "two not firing" in told[1]
 
 

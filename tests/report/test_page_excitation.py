@@ -82,11 +82,8 @@ def test_given_orders_are_amplitudes_and_phases_of_the_reference_rotor_the_same_
 
 def test_orders_of_a_shaft_of_its_own_are_counted_in_revolutions_of_the_reference_rotor():
     tables = told("inline_four_timing_drive", [900.0])
-    assert tables["Orders"][-1].columns[0] == [
-        "1.5",
-        "3",
-        "4.5",
-    ]  # of the pump, 3, 6 and 9 of its own at half the speed
+    # Of the pump, 3, 6 and 9 of its own at half the speed.
+    assert tables["Orders"][-1].columns[0] == ["1.5", "3", "4.5"]
     assert dict(zip(*tables["Numbers"].columns, strict=True))["ambient pressure bar"] == "1"
 
 
@@ -111,8 +108,6 @@ def test_what_the_assumptions_advise_keeps_the_compression_of_a_cylinder():
         report = Report([Case("", [SimpleNamespace(train=train, orbit=False)])], facts={"date": "today"})
         (part,) = parts_of(report, {"": assumptions})
         (key,) = re.findall(r"--set &#34;(.*)=0&#34;", part.html)
-        swings = [
-            float(jaxhb.forced_response(one, rpm=1000.0).torque("a|b").half_peak_to_peak)
-            for one in (train, train.replace({key: 0.0}), train.misfire("x"))
-        ]
+        each = [jaxhb.forced_response(t, rpm=1000.0) for t in (train, train.replace({key: 0.0}), train.misfire("x"))]
+        swings = [float(one.torque("a|b").half_peak_to_peak) for one in each]
         assert swings[0] > 1.05 * swings[1] and swings[1] > 10.0 and swings[2] < 1e-9

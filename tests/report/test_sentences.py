@@ -18,9 +18,8 @@ from jaxhb.report.text.tuned import _compared, _not_solved, _worst
 def test_notes_on_elements_whose_names_differ_in_a_digit_stay_apart(name):
     names = [repr(name.format(k)) for k in (1, 2)]
     told = [(rpm, f"the speed lies outside of {own} ({rpm / 3:g} rpm)") for rpm in (900.0, 600.0) for own in names]
-    assert once_alike(told) == [
-        f"At 600 rpm the speed lies outside of {own} (200 rpm) (alike at 900 rpm)." for own in names
-    ]
+    wanted = "At 600 rpm the speed lies outside of {} (200 rpm) (alike at 900 rpm)."
+    assert once_alike(told) == [wanted.format(own) for own in names]
 
 
 @pytest.mark.parametrize(("first", "second"), [("5.24e+03 N", "0.01 N"), ("1e-05", "3"), ("2.5 cycles.", "31 cycles.")])

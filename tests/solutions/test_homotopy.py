@@ -49,9 +49,8 @@ def on_the_way(train, rpm, p):
 def test_the_path_begins_at_a_linear_law_and_ends_at_the_wanted_one(hammering):
     motion = np.random.default_rng(0).normal(size=(50, 4)) * [2e-4, 2e-4, 0.3, 0.3]
     stepper, end = on_the_way(*hammering, 1.0)
-    wanted, found = (
-        np.asarray(jax.jit(jax.vmap(lambda w, s=s: s.nonlinear_force_at(w, 0)))(motion)) for s in (stepper, end)
-    )
+    forces = (jax.jit(jax.vmap(lambda w, s=s: s.nonlinear_force_at(w, 0))) for s in (stepper, end))
+    wanted, found = (np.asarray(force(motion)) for force in forces)
     np.testing.assert_allclose(found, wanted, atol=ALGEBRAIC * np.abs(wanted).max())
     begin = on_the_way(*hammering, 0.0)[1]
     slopes = jax.jit(jax.vmap(jax.jacfwd(lambda w: begin.nonlinear_force_at(w, 0))))

@@ -1,18 +1,24 @@
 """Teeth whose stiffness varies over the mesh period, with transmission errors: against published motions, a closed
 form, and integration by scipy of equations written out here."""
 
+import dataclasses
+from functools import cache
+
 import jax
 import numpy as np
 import pytest
+from differences import TIGHT
 from reference_data import reference
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from tolerances import ALGEBRAIC, GRADIENT, PATHS
+from tolerances import ALGEBRAIC, GRADIENT, PATHS, RESIDUAL
 
 import jaxhb
 from jaxhb.elements.meshing import contact_orders, standard_stiffness, table_orders
 from jaxhb.report.answer import Answer
 from jaxhb.report.text.cases import solve_text
+from jaxhb.results.steady import orbit_state
+from jaxhb.solutions import starts
 
 HALF, NATURAL, TEETH = 1e-4, 500.0, 20  # m, half the backlash; rad/s, of the mean stiffness; of both gears
 CASES = reference("varying_mesh_stiffness")["cases"]
@@ -27,15 +33,10 @@ def pair(case, backlash=True, varying=True):
     mass = inertia / radius**2 / 2
     gears = [jaxhb.Disk(name=name, inertia=inertia, radius=radius, teeth=TEETH) for name in "ab"]
     law = {"backlash": 2 * HALF, "epsilon": 1e-5, "transition": 0.01} if backlash else {}
-    mesh = jaxhb.Mesh(
-        between=("a", "b"),
-        stiffness=mass * NATURAL**2,
-        damping=2 * case["zeta"] * mass * NATURAL,
-        damping_law="always",
-        stiffness_orders=[(k, share, 0.0) for k, share in enumerate(case["kappa"], 1) if share and varying],
-        transmission_error=[(k, HALF * size, 0.0) for k, size in enumerate(case["F"], 1) if size],
-        **law,
-    )
+    law |= {"stiffness": mass * NATURAL**2, "damping": 2 * case["zeta"] * mass * NATURAL, "damping_law": "always"}
+    law["stiffness_orders"] = [(k, share, 0.0) for k, share in enumerate(case["kappa"], 1) if share and varying]
+    law["transmission_error"] = [(k, HALF * size, 0.0) for k, size in enumerate(case["F"], 1) if size]
+    mesh = jaxhb.Mesh(between=("a", "b"), **law)
     torque = jaxhb.Torque(disk="a", mean=case["Fm"] * HALF * mass * NATURAL**2 * radius)
     train = jaxhb.build([*gears, mesh, torque, jaxhb.Load(disk="b")], reference="a", revolutions_per_cycle=1 / TEETH)
     return train, NATURAL * 60 / (2 * np.pi) / TEETH
@@ -45,12 +46,8 @@ def idler():
     """Three gears, the second an idler, with errors of teeth and of a gear, and phases."""
     gears = [jaxhb.Disk(name=n, inertia=j, radius=r, teeth=z) for n, j, r, z in GEARS]
     law = {"stiffness": 2e8, "damping": 2e3, "damping_law": "always", "backlash": 2 * HALF, "epsilon": 1e-3}
-    first = {
-        "stiffness_orders": [(1, 0.2, 0.1), (2, 0.0, -0.05)],
-        "transmission_error": [(1, 4e-6, 2e-6)],
-        "phase": 40.0,
-    }
-    own = {"first_gear_error": [(1, 6e-6, 0.0)]}
+    first = {"stiffness_orders": [(1, 0.2, 0.1), (2, 0.0, -0.05)], "transmission_error": [(1, 4e-6, 2e-6)]}
+    own = {"first_gear_error": [(1, 6e-6, 0.0)], "phase": 40.0}
     meshes = [
         jaxhb.Mesh(between=("a", "b"), **law, **first, **own),
         jaxhb.Mesh(between=("c", "b"), **law, stiffness_orders=[(1, 0.15, 0.0)], phase=-70.0),
@@ -63,9 +60,9 @@ def idler():
 GEARS = ("a", 0.02, 0.05, 10), ("b", 0.05, 0.1, 20), ("c", 0.01, 0.05, 10)
 
 
-@pytest.fixture(scope="module")
-def published():
-    return pair(CASES[0])
+@cache
+def hammering(rpm):
+    return jaxhb.solve(idler(), rpm=rpm, harmonics=768, tolerance=1e-3)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -81,8 +78,10 @@ def test_motions_up_and_down_are_those_published(case):
         assert (np.abs(extremes - wanted).max(axis=1) < 0.002 * wanted[:, 0]).all()
 
 
-def test_coexisting_motions_are_found(published):
-    train, unit = published
+def test_coexisting_motions_are_found(monkeypatch):
+    # A small part of the effort finds them.
+    monkeypatch.setattr(starts, "LONG", dataclasses.replace(starts.LONG, finer=1, orbits=4))
+    train, unit = pair(CASES[0])
     found = jaxhb.solve_all(train, rpm=0.6 * unit)
     assert {round(float(one.response.deflection("a", "b").max) / HALF, 2) for one in found} >= {1.24, 1.69}
 
@@ -165,7 +164,7 @@ def integrated_idler(response, rpm):
 
 @pytest.mark.parametrize("rpm", [1500.0, 600.0])
 def test_two_meshes_with_phases_and_runout_follow_their_equations(rpm):
-    response = jaxhb.solve(idler(), rpm=rpm, tolerance=1e-3)
+    response = hammering(rpm)
     assert response and response.mesh("a", "b").separated_fraction > 0.01
     wanted = integrated_idler(response, rpm)
     found = response.deflection_samples(512)
@@ -176,36 +175,45 @@ def test_two_meshes_with_phases_and_runout_follow_their_equations(rpm):
 
 
 def test_whole_train_and_condensed_equation_agree():
-    train = idler()
-    chain, reduced = (jaxhb.solve(train, rpm=1500.0, harmonics=64, method=m) for m in ("chain", "reduced"))
-    np.testing.assert_allclose(chain.deflections, reduced.deflections, rtol=0, atol=1e-6 * HALF)
+    """Solved to rounding: what is compared is the methods, not where they stop."""
+    train, found = idler(), []
+    for method in ("chain", "reduced"):
+        plan = jaxhb.plan(train, rpm=1500.0, harmonics=64, method=method)
+        plan = dataclasses.replace(plan, **TIGHT | {"max_steps": 24})
+        found.append(jaxhb.solve(train, rpm=1500.0, plan=plan))
+        assert found[-1].residual < RESIDUAL
+    for name in ("angles", "torques", "elastic_torques", "deflections", "forces", "elastic_forces"):
+        chain, reduced = (np.asarray(getattr(one, name)) for one in found)
+        np.testing.assert_allclose(chain, reduced, rtol=0, atol=PATHS * np.abs(reduced).max(initial=0.0))
 
 
-def test_exact_integrals_are_what_shooting_corrects_least():
-    train = idler()
-    response = jaxhb.solve(train, rpm=1500.0, integrals="exact", tolerance=1e-3)
-    correction = jaxhb.shooting_correction(response)
+def test_shooting_hardly_corrects_exact_integrals():
+    correction = jaxhb.shooting_correction(jaxhb.solve(idler(), rpm=1500.0, harmonics=256, integrals="exact"))
     assert correction.orbit.settled and correction.error < 2e-3
 
 
-@pytest.mark.parametrize("name, step", STEPS.items())
-def test_gradients_are_those_of_differences(name, step):
-    train, rpm = idler(), 1500.0
-    start = jaxhb.solve(train, rpm=rpm, harmonics=96, integrals="exact")
-    plan = jaxhb.plan(train, rpm=rpm, harmonics=96, integrals="exact")
+def test_gradients_are_those_of_differences():
+    """Each number by itself; forwards and backwards are two programs for all of them."""
+    train, asked = idler(), {"rpm": 1500.0, "harmonics": 96, "integrals": "exact"}
+    plan, start = jaxhb.plan(train, **asked), jaxhb.solve(train, **asked)
     weight = np.random.default_rng(2).normal(size=(2, 39))
 
-    def amplitude(value):
-        forces = jaxhb.solve(train.replace({name: value}), rpm=rpm, plan=plan, start=start).forces
+    def amplitude(*values):
+        changed = train.replace(dict(zip(STEPS, values, strict=True)))
+        forces = jaxhb.solve(changed, rpm=1500.0, plan=plan, start=start).forces
         return (forces[:, 1:40].real * weight).sum()
 
-    value = np.asarray(train.value(name))
-    direction = np.random.default_rng(3).normal(size=value.shape) * max(np.abs(value).max(), 1e-6)
-    slope = float(jax.jvp(amplitude, (value,), (direction,))[1])
-    reverse = float(np.sum(np.asarray(jax.grad(amplitude)(value)) * direction))
-    differences = [amplitude(value + k * step * direction) for k in (-2, -1, 1, 2)]
-    wanted = (differences[0] - 8 * differences[1] + 8 * differences[2] - differences[3]) / (12 * step)
-    np.testing.assert_allclose([slope, reverse], wanted, rtol=GRADIENT)
+    values = [np.asarray(train.value(name)) for name in STEPS]
+    gradients = jax.grad(amplitude, argnums=tuple(range(len(values))))(*values)
+    for place, (step, value) in enumerate(zip(STEPS.values(), values, strict=True)):
+        along = [np.zeros_like(value) for value in values]
+        along[place] = np.random.default_rng(3).normal(size=value.shape) * max(np.abs(value).max(), 1e-6)
+        slope = jax.jvp(amplitude, values, along)[1]
+        reverse = np.sum(np.asarray(gradients[place]) * along[place])
+        away = [[v + k * step * a for v, a in zip(values, along, strict=True)] for k in (-2, -1, 1, 2)]
+        differences = [amplitude(*one) for one in away]
+        wanted = (differences[0] - 8 * differences[1] + 8 * differences[2] - differences[3]) / (12 * step)
+        np.testing.assert_allclose([slope, reverse], wanted, rtol=GRADIENT)
 
 
 def test_a_longer_cycle_has_the_same_motion():
@@ -240,8 +248,7 @@ def test_shorthands_stand_for_a_stiffness_and_its_orders(tmp_path):
 
 
 def test_whine_transmission_error_and_energy_are_read_of_a_motion():
-    train = idler()
-    response = jaxhb.solve(train, rpm=1500.0)
+    response = hammering(1500.0)
     approach = 0.05 * response.angles[0] - 0.1 * response.angles[1]
     found = response.transmission_error("a", "b")
     np.testing.assert_allclose(found.coefficients[: len(approach)], approach, rtol=0, atol=PATHS * HALF)
@@ -249,5 +256,5 @@ def test_whine_transmission_error_and_energy_are_read_of_a_motion():
     speeds = [one["speed"] for one in response.mesh("a", "b").impacts]
     mass = 1 / (0.05**2 / 0.02 + 0.1**2 / 0.05)  # of the two gears alone
     assert response.impact_energy("a", "b") == pytest.approx(mass * np.square(speeds).sum() / 2) and speeds
-    text = solve_text(Answer(train, jaxhb.steady_state(train, rpm=1500.0), jaxhb.linear_response(train, rpm=1500.0)))
-    assert "Gear whine" in text
+    linear = jaxhb.linear_response(response.train, rpm=1500.0)
+    assert "Gear whine" in solve_text(Answer(response.train, orbit_state(response), linear, orbit=True))

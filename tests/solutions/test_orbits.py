@@ -58,17 +58,13 @@ def test_every_closed_orbit_is_found_once():
 @pytest.mark.parametrize(("fewer", "more", "followed"), [(64, 96, False), (1536, 4096, True)])
 def test_another_number_of_steps_compiles_nothing_where_it_follows_the_modes_of_the_teeth_alike(fewer, more, followed):
     """March and shot have two programs: where modes are too fast for the steps, these add their static response."""
-    train, programs = (
-        jaxhb.load_scene("gear_train_30"),
-        (orbits._equations, orbits._visited, orbits._shot),
-    )
-    compiled = []
+    train, compiled = jaxhb.load_scene("gear_train_30"), []
     for time_steps in (fewer, more):
         search = orbits.OrbitSearch(train, RPM, dataclasses.replace(PLAN, time_steps=time_steps))
         search.march(np.inf)
         next(search.shoot())
         assert (search.stepper.residual_flexibility is None) == followed
-        compiled.append([executables(program) for program in programs])
+        compiled.append([executables(program) for program in (orbits._equations, orbits._visited, orbits._shot)])
     assert compiled[0] == compiled[1]
 
 
@@ -93,9 +89,8 @@ def attempted(search, wanted, **effort):
     """The case after strategies with another search, and the time steps that were searched with."""
     train = jaxhb.load_scene("gear_train_30")
     (plan,) = planning.plan_speeds(train, np.array([RPM]), Request())
-    case = starts.Case(
-        train, RPM, Request(), plan, effort=dataclasses.replace(starts.LONG, **effort), search_with=search
-    )
+    effort = dataclasses.replace(starts.LONG, **effort)
+    case = starts.Case(train, RPM, Request(), plan, effort=effort, search_with=search)
     found = starts.first_solved(case, wanted)
     return found, sorted({steps for _, _, steps in case.searches})
 

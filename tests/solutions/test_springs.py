@@ -4,6 +4,7 @@ here."""
 import jax
 import numpy as np
 import pytest
+from reference_data import refused
 from scipy.integrate import solve_ivp
 from tolerances import GRADIENT, PATHS
 
@@ -74,9 +75,8 @@ def test_motion_and_torque_follow_the_equations(more):
     np.testing.assert_allclose(found, twist[:-1], rtol=0, atol=1e-3 * size)
     np.testing.assert_allclose(twist[-1], twist[0], rtol=0, atol=1e-3 * size)
     torque, wanted = response.torque("disc"), torque_of(twist, rate, **more)
-    np.testing.assert_allclose(
-        [torque.max, torque.min], [wanted.max(), wanted.min()], rtol=0, atol=4e-3 * np.ptp(wanted)
-    )
+    ends = [wanted.max(), wanted.min()]
+    np.testing.assert_allclose([torque.max, torque.min], ends, rtol=0, atol=4e-3 * np.ptp(wanted))
     heat = DAMPING * rate**2 + more.get("friction", 0.0) * rate * np.clip(rate / more.get("slip_speed", 0.1), -1, 1)
     assert float(response.power("disc")) == pytest.approx(heat[:-1].mean(), rel=5e-3)
     assert jaxhb.stability(response).stable
@@ -97,44 +97,39 @@ def test_below_the_first_stage_the_shaft_is_linear():
     np.testing.assert_allclose(far.angles[:, :5], linear.angles[:, :5], rtol=0, atol=PATHS)
 
 
-@pytest.mark.parametrize("name, step", [("disc.stages", 1e-3), ("disc.stiffness", 1e-3), ("disc.stops", 1e-3)])
-def test_gradients_are_those_of_differences(name, step):
+def test_gradients_are_those_of_differences():
+    names, step = ("disc.stages", "disc.stiffness", "disc.stops"), 1e-3
     train = clutch(stages=[(2.0, 800.0)], stops=[(3.0, 1500.0)])
     start = jaxhb.solve(train, rpm=RPM, harmonics=64, integrals="exact")
     plan = jaxhb.plan(train, rpm=RPM, harmonics=64, integrals="exact")
 
-    def torque(value):
-        return jaxhb.solve(train.replace({name: value}), rpm=RPM, plan=plan, start=start).torques[0, 2].real
+    def torque(values):
+        return jaxhb.solve(train.replace(values), rpm=RPM, plan=plan, start=start).torques[0, 2].real
 
-    value = np.asarray(train.value(name))
-    direction = np.random.default_rng(1).normal(size=value.shape) * value
-    slope = float(np.sum(np.asarray(jax.grad(torque)(value)) * direction))
-    ends = [float(torque(value + k * step * direction)) for k in (-2, -1, 1, 2)]
-    assert slope == pytest.approx((ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * step), rel=GRADIENT)
+    values = {name: np.asarray(train.value(name)) for name in names}
+    gradients = jax.grad(torque)(values)
+    for name, value in values.items():
+        direction = np.random.default_rng(1).normal(size=value.shape) * value
+        slope = float(np.sum(np.asarray(gradients[name]) * direction))
+        ends = [float(torque(values | {name: value + k * step * direction})) for k in (-2, -1, 1, 2)]
+        assert slope == pytest.approx((ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * step), rel=GRADIENT)
 
 
 def test_what_is_not_served_is_refused():
     train = clutch(**MIXED)
     response = jaxhb.solve(train, rpm=RPM)
-    with pytest.raises(ValueError, match="'disc': no bound"):
-        jaxhb.certify(response)
-    with pytest.raises(jaxhb.SceneError, match="method 'chain' takes no play"):
-        jaxhb.solve(train, rpm=RPM, method="chain")
-    with pytest.raises(jaxhb.SceneError, match="exact integrals take no friction"):
-        jaxhb.solve(train, rpm=RPM, integrals="exact")
+    refused(lambda: jaxhb.certify(response), "'disc': no bound", ValueError)
+    refused(lambda: jaxhb.solve(train, rpm=RPM, method="chain"), "method 'chain' takes no play")
+    refused(lambda: jaxhb.solve(train, rpm=RPM, integrals="exact"), "exact integrals take no friction")
 
 
 @pytest.mark.oracle
 def test_a_clutch_is_tuned_and_checked_by_marches():
     train, rpm = clutch(**STAGED), np.linspace(500.0, 1200.0, 4)
     given = [("stiffness", 50.0, 400.0), ("damping", 0.1, 4.0)]
-    found = jaxhb.tune(
-        train,
-        parameters=[Parameter(name=f"disc.{name}", low=low, high=high) for name, low, high in given],
-        rpm=rpm,
-        objective=Objective(quantity="shaft torque", of="disc"),
-        steps=6,
-    )
+    parameters = [Parameter(name=f"disc.{name}", low=low, high=high) for name, low, high in given]
+    objective = Objective(quantity="shaft torque", of="disc")
+    found = jaxhb.tune(train, parameters=parameters, rpm=rpm, objective=objective, steps=6)
     before, after = (jaxhb.steady_state(one, rpm=rpm) for one in (train, found.train))
     worst = [max(state.torque("disc").half_peak_to_peak for state in sweep) for sweep in (before, after)]
     told = [r.readings["shaft torque of disc"].max() for r in (found.before, found.after)]

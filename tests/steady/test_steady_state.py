@@ -101,17 +101,11 @@ def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is
     train = jaxhb.load_scene("gear_train_30")
     state = jaxhb.steady_state(train, rpm=2400.0, cycles=Cycles(transient=8, recorded=16), exact=False)
     assert (state.record.cycles, state.cycles) == (16, 24)
-    response = hammering
-    for read in (
-        lambda r: r.force("crank gear", "idler"),
-        lambda r: r.gear_torque("idler"),
-        lambda r: r.torque("throw 1", "throw 2"),
-        lambda r: r.torque("cam damper A"),
-        lambda r: r.twist("throw 1", "throw 2"),
-        lambda r: r.disk("flywheel"),
-        lambda r: r.deflection("crank gear", "idler"),
-        lambda r: r.speed("cam gear A"),
-    ):
+    response, ends = hammering, ("throw 1", "throw 2")
+    signals = [lambda r: r.force("crank gear", "idler"), lambda r: r.gear_torque("idler"), lambda r: r.torque(*ends)]
+    signals += [lambda r: r.torque("cam damper A"), lambda r: r.twist(*ends), lambda r: r.disk("flywheel")]
+    signals += [lambda r: r.deflection("crank gear", "idler"), lambda r: r.speed("cam gear A")]
+    for read in signals:
         signal, other = read(state), read(response)
         assert signal.min <= signal.mean <= signal.max
         assert signal.rms <= signal.peak
@@ -172,9 +166,8 @@ def test_a_sweep_keeps_the_motion_of_its_neighbour_where_two_are_possible():
     train = one_mass(0.85)
     speeds = rpm(np.linspace(0.6, 1.1, 11))
     told = {"up": {}, "down": {}}
-    up, down = jaxhb.steady_state(
-        train, rpm=speeds, direction="both", on_states=lambda states, way: told[way].update(states)
-    )
+    given = {"direction": "both", "on_states": lambda states, way: told[way].update(states)}
+    up, down = jaxhb.steady_state(train, rpm=speeds, **given)
     for sweep in (up, down):  # what was reported last is what is returned
         assert all(told[sweep.direction][i] is sweep[i] for i in range(11))
     assert up.kind.shape == up.period.shape == (11,)
@@ -195,18 +188,12 @@ def test_a_sweep_keeps_the_motion_of_its_neighbour_where_another_is_as_large():
 
 
 def test_a_massless_gear_with_backlash_is_unknown_with_its_reason():
-    parts = trains.pinions_parts(2.0)
-    parts = [
-        dataclasses.replace(p, inertia=0.0) if getattr(p, "name", "") == "cam gear" and hasattr(p, "radius") else p
-        for p in parts
-    ]
-    train = trains.build(parts, reference="crank gear")
-    state = jaxhb.steady_state(train, rpm=1500.0)
-    assert state.kind == "unknown"
-    assert not state.known
-    assert "'cam gear' has no inertia and carries a backlash mesh" in state.notes[0]
+    light = {"gear a.inertia": 0.0, "drive.mean": 1.0, "brake.mean": -1.0}
+    state = jaxhb.steady_state(jaxhb.load_scene("spur_pair").replace(light), rpm=6000.0)
+    assert state.kind == "unknown" and not state.known
+    assert "'gear a' has no inertia and carries a backlash mesh" in state.notes[0]
     with pytest.raises(ValueError, match="no inertia"):
-        state.force("crank gear", "cam gear")
+        state.force("gear a", "gear b")
 
 
 @pytest.mark.oracle
@@ -217,7 +204,7 @@ def test_loss_factors_are_damping_in_the_march_and_themselves_in_the_answer():
     train = trains.build([lossy(p) for p in trains.pinions_parts(20.0)], reference="crank gear")
     state = jaxhb.steady_state(train, rpm=1500.0)
     assert state.kind == "periodic"
-    assert "loss factors by damping of each mode" in state.notes[0]
+    assert "loss factors" in state.notes[0]
     assert state.response.train is not None and state.stability.stable
     found = jaxhb.solve(train, rpm=1500.0, start=state.response)
     assert found.converged
@@ -264,9 +251,8 @@ def test_a_motion_of_one_cycle_that_is_approached_in_turns_is_no_subharmonic_one
     train = jaxhb.load_scene("spur_pair").replace({"gear a|gear b.damping": 106.1})
     state = jaxhb.steady_state(train, rpm=6500.0)
     assert (state.kind, state.period) == ("periodic", 1)
-    assert float(state.force("gear a", "gear b").max) == pytest.approx(
-        float(jaxhb.solve(train, rpm=6500.0).force("gear a", "gear b").max), rel=5e-3
-    )
+    largest, wanted = (float(r.force("gear a", "gear b").max) for r in (state, jaxhb.solve(train, rpm=6500.0)))
+    assert largest == pytest.approx(wanted, rel=5e-3)
 
 
 @pytest.mark.oracle

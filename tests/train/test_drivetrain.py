@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from reference_data import reference
+from reference_data import reference, refused
 
 from jaxhb.elements.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, SceneError, Shaft, Torque
 from jaxhb.equations.kinematics import inertias, speed_ratios
@@ -47,8 +47,7 @@ def test_elements_without_a_name_are_called_by_their_disks():
     assert t.torque_names == ("a:torque", "a:torque#2")
     assert t.shaft_names == ("b|c", "b|c#2")
     assert (t.ground_names, t.load_names, t.cylinder_names) == (("c:ground",), ("c:load",), ("a:cylinder",))
-    with pytest.raises(SceneError, match=r"several links join 'b' and 'c': 'b\|c', 'b\|c#2'. Ask for one"):
-        t.link_index("b", "c")
+    refused(lambda: t.link_index("b", "c"), r"several links join 'b' and 'c': 'b\|c', 'b\|c#2'. Ask for one")
 
 
 def test_every_leaf_is_a_double_vector_over_its_elements(train):
@@ -129,18 +128,14 @@ def test_viscous_damping_dissipates_as_the_loss_factor_at_its_frequency(train):
     np.testing.assert_allclose(viscous.shafts.damping, [5.0 + 0.1 * 1e4 / omega])
     np.testing.assert_allclose(viscous.dampers.damping, [7.0 + 0.2 * 100.0 / omega])
     assert viscous.shafts.loss_factor == 0.0 and viscous.dampers.loss_factor == 0.0
-    with pytest.raises(SceneError, match="hz is 0.0, must be greater than 0 Hz"):
-        train.with_viscous_damping(hz=0.0)
+    refused(lambda: train.with_viscous_damping(hz=0.0), "hz is 0.0, must be greater than 0 Hz")
 
 
 def test_the_law_has_its_defaults_and_those_of_fridman_2009():
     kinds = [{}, {"law": "fridman2009"}, {"epsilon": 0.01}, {"transition": 0.5}]
     disks = [Disk(name=n, inertia=1.0, radius=0.1) for n in "abcde"]
-    meshes = [
-        Mesh(between=ends, stiffness=1e8, backlash=1e-4, **kind)
-        for ends, kind in zip(("ab", "bc", "cd", "de"), kinds, strict=True)
-    ]
-    meshes = [dataclasses.replace(m, between=tuple(m.between)) for m in meshes]
+    pairs = zip(("ab", "bc", "cd", "de"), kinds, strict=True)
+    meshes = [Mesh(between=tuple(ends), stiffness=1e8, backlash=1e-4, **kind) for ends, kind in pairs]
     train = build([*disks, *meshes], reference="a")
     np.testing.assert_array_equal(train.meshes.epsilon, [1e-3, 0.03, 0.01, 1e-3])
     np.testing.assert_array_equal(train.meshes.transition, [0.04, 0.2, 0.04, 0.5])
@@ -158,19 +153,10 @@ def test_a_mesh_without_backlash_is_always_in_contact():
                 call(0.5)
 
 
-SENTENCES = {
-    "hub.inertia": r"there is no element 'hub' in 'hub.inertia'. Known: 'b\|c'",
-    "rinc.inertia": "Did you mean 'ring'?",
-    "ring.inertja": r"\[\[damper\]\] 'ring': there is no field 'inertja'. Did you mean 'inertia'?",
-    "inertia": "'inertia' names no field. Write 'NAME.FIELD'",
-}
-
-
-@pytest.mark.parametrize("key", SENTENCES)
-def test_unknown_names_and_fields_are_named(train, key):
+@pytest.mark.parametrize("key, sentence", reference("cases")["names of numbers"])
+def test_unknown_names_and_fields_are_named(train, key, sentence):
     for ask in (lambda: train.replace({key: 1.0}), lambda: train.value(key)):
-        with pytest.raises(SceneError, match=SENTENCES[key]):
-            ask()
+        refused(ask, sentence)
 
 
 def test_all_errors_of_a_replace_are_collected(train):
@@ -190,12 +176,9 @@ def test_radii_that_turn_an_engine_at_another_speed_are_refused():
 
 
 def test_unknown_disks_and_links_are_named_with_the_nearest(train):
-    with pytest.raises(SceneError, match="there is no disk 'rin'. Did you mean 'ring'?"):
-        train.topology.disk_index("rin")
-    with pytest.raises(SceneError, match="there is no link 'a|c'. Did you mean"):
-        train.topology.link_index("a|c")
-    with pytest.raises(SceneError, match=r"no link joins 'a' and 'c'. Links there: b\|c, ring, a\|b"):
-        train.topology.link_index("a", "c")
+    refused(lambda: train.topology.disk_index("rin"), "there is no disk 'rin'. Did you mean 'ring'?")
+    refused(lambda: train.topology.link_index("a|c"), "there is no link 'a|c'. Did you mean")
+    refused(lambda: train.topology.link_index("a", "c"), r"no link joins 'a' and 'c'. Links there: b\|c, ring, a\|b")
 
 
 @pytest.mark.parametrize("geometry", [{}, {"stroke": 0.1}, {"stroke": 0.1, "rod": 0.2, "orders": 0.5}])
@@ -205,8 +188,7 @@ def test_a_reciprocating_mass_without_inertia_torque_is_refused(geometry):
         train.replace({"p.reciprocating_mass": 3.0})
     with pytest.raises(SceneError, match="it has no effect"):
         jax.jit(lambda m: train.replace({"p.reciprocating_mass": m}).cylinders.reciprocating_mass)(3.0)
-    with pytest.raises(SceneError, match="has no pressure table"):
-        train.replace({"p.bore": 0.1})
+    refused(lambda: train.replace({"p.bore": 0.1}), "has no pressure table")
     train.replace({"p.reciprocating_mass": 0.0})
 
 

@@ -30,10 +30,8 @@ def test_gear_train_30_is_its_specification():
         ends = dict(zip(t.link_names, t.link_ends, strict=True))
         for link, k, r in zip(names, table.stiffness, table.damping, strict=True):
             links[frozenset(t.disk_names[d] for d in ends[link])] = (k, r)
-    given = spec["shafts"]
-    assert links == {
-        frozenset(name[n] for n in s["between"]): (s["stiffness_Nm_rad"], s["damping_Nms_rad"]) for s in given
-    }
+    values = {tuple(s["between"]): (s["stiffness_Nm_rad"], s["damping_Nms_rad"]) for s in spec["shafts"]}
+    assert links == {frozenset(name[n] for n in between): own for between, own in values.items()}
     assert t.mesh_names == tuple(f"{name[m['driver']]}|{name[m['driven']]}" for m in spec["meshes"])
     np.testing.assert_array_equal(train.meshes.damping, [m["damping_N_s_m"] for m in spec["meshes"]])
     assert set(t.mesh_damping_law) == {"always"}

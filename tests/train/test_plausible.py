@@ -63,14 +63,7 @@ def test_pressures_count_with_their_scale(scene):
     assert scene(("rod = 0.145", "scale = [[800, 0.5e5], [4500, 1e5]]\nrod = 0.145"), **bar) == []
 
 
-@pytest.mark.parametrize(
-    "change, where",
-    [
-        ("table_firing_tdc = 180.0", "169 deg before"),
-        ("table_firing_tdc = -90.0", "101 deg after"),
-        ("", "349 deg before"),
-    ],
-)
+@pytest.mark.parametrize("change, where", reference("cases")["dead centres"])
 def test_a_table_read_from_another_dead_centre_is_noted(scene, change, where):
     said = f"the pressure is largest {where} firing top dead centre, usual 15 deg before to 45 deg after: "
     said += "is table_firing_tdc the angle at which the table fires?"
@@ -147,11 +140,9 @@ def test_the_tooth_damping_ratio_is_that_of_two_free_gears():
 def test_limits_of_propulsion_shafts_on_a_crank_are_noted(scene):
     steel = "diameter = 0.05\nstress_concentration = 1.0\ntensile_strength = 6e8\n"
     rated = ("[scene]\n", "[scene]\nrated_rpm = 4000\n")
-    throws, behind = (
-        f'between = ["{a}", "{b}"]\n' for a, b in (("throw 2", "throw 3"), ("throw 4", "flywheel primary"))
-    )
+    ends = ("throw 2", "throw 3"), ("throw 4", "flywheel primary")
+    throws, behind = (f'between = ["{a}", "{b}"]\n' for a, b in ends)
     (note,) = scene(rated, (throws, f"{throws}{steel}"))
-    assert note.startswith(
-        "[[shaft]] 'throw 2|throw 3': tensile_strength sets the limits of IACS UR M68, which do not hold"
-    )
+    said = "tensile_strength sets the limits of IACS UR M68, which do not hold"
+    assert note.startswith(f"[[shaft]] 'throw 2|throw 3': {said}")
     assert scene(rated, (behind, f"{behind}{steel}")) == []
