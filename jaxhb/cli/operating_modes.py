@@ -2,6 +2,7 @@
 numbers in one file, and for every quantity the mode in which it is largest."""
 
 import csv
+import itertools
 import json
 import re
 import tempfile
@@ -50,28 +51,37 @@ def each(run, given, asked, read):
             own[title] = given | files | {"scenario": name, "quiet": given["quiet"] or streamed}
         # What one of them refuses is refused before the first is computed.
         trains = {title: read(changed) for title, changed in own.items()}
-        for title, changed in own.items():
-            try:
+        try:
+            for title, changed in own.items():
                 if not changed["quiet"]:
                     print(*["\n"] * bool(status), f"Mode: {title}\n\n", sep="", end="", flush=True)
                 status.append(run(trains[title], changed))
-            except KeyboardInterrupt as stop:
-                stop.__notes__ = [f"{len(status)} of {len(own)} modes are done, and their numbers are not written"]
-                raise
-        rows = {title: _rows(changed["csv"]) for title, changed in own.items()} if "csv" in given else {}
-        worst = _worst(rows, "rpm" if not given.get("over") else None)
-        contents = {}
-        if given.get("csv"):
-            heads = list(dict.fromkeys(head for several in rows.values() for row in several for head in row))
-            lines = [[title, *map(row.get, heads)] for title, several in rows.items() for row in several]
-            contents[given["csv"]] = output.as_csv(["scenario", *heads], lines)
-        if given.get("json"):
-            records = {title: json.loads(Path(one["json"]).read_text("utf-8")) for title, one in own.items()}
-            contents[given["json"]] = output.as_json({"scenarios": records, "worst": worst})
-        output.write_files(contents)
+        except KeyboardInterrupt as stop:
+            done = dict(itertools.islice(own.items(), len(status)))
+            files = ", ".join(_write(given, done)[1]) if done else ""
+            kept = f": their numbers are in {files}" if files else ""
+            stop.__notes__ = [f"{len(status)} of {len(own)} modes are done{kept}"]
+            raise
+        worst, _ = _write(given, own)
     if worst and not (given["quiet"] or streamed):
         print(f"\n{_table(worst)}")
     return max(status)
+
+
+def _write(given, own):
+    """Write JSON and CSV of modes that are done; the largest values of all, and the files written."""
+    rows = {title: _rows(changed["csv"]) for title, changed in own.items()} if "csv" in given else {}
+    worst = _worst(rows, "rpm" if not given.get("over") else None)
+    contents = {}
+    if given.get("csv"):
+        heads = list(dict.fromkeys(head for several in rows.values() for row in several for head in row))
+        lines = [[title, *map(row.get, heads)] for title, several in rows.items() for row in several]
+        contents[given["csv"]] = output.as_csv(["scenario", *heads], lines)
+    if given.get("json"):
+        records = {title: json.loads(Path(one["json"]).read_text("utf-8")) for title, one in own.items()}
+        contents[given["json"]] = output.as_json({"scenarios": records, "worst": worst})
+    output.write_files(contents)
+    return worst, list(contents)
 
 
 def _named(name, title):

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 import jaxhb
+from jaxhb.cli import linear_commands
 
 PLANT = Path(__file__).parents[1] / "data" / "scenes" / "two_engines.toml"
 MODES = {"as written": "", "port alone": " --scenario 'port alone'", "zero pitch": " --scenario 'zero pitch'"}
@@ -98,3 +99,18 @@ def test_a_sweep_goes_over_the_phase_in_every_mode(run, tmp_path):
         assert float(row[head]) == pytest.approx(float(wanted), rel=1e-4)
     assert len(found.rows) == 9
     assert found.json["worst"][head]["turn.angle, deg"] in (0.0, 180.0, 360.0)
+
+
+def test_modes_that_are_done_are_written_when_another_is_stopped(run, monkeypatch):
+    own, called = linear_commands.modes, []
+
+    def stopped(*given, **more):
+        called.append(1)
+        if len(called) == 2:
+            raise KeyboardInterrupt
+        return own(*given, **more)
+
+    monkeypatch.setattr(linear_commands, "modes", stopped)
+    found = run(f"modes {PLANT} --scenario all", "json")
+    assert found.status == 130 and list(found.json["scenarios"]) == ["as written"]
+    assert "1 of 3 modes are done" in found.err
