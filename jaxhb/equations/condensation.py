@@ -160,7 +160,8 @@ def _cut(values):
 
 def _joined(chunks, harmonics):
     """The values ``(..., N+1)`` of :func:`_cut` again."""
-    return jnp.moveaxis(chunks, 0, -2).reshape(*chunks.shape[1:-1], -1)[..., : harmonics + 1]
+    values = jnp.moveaxis(chunks, 0, -2)
+    return values.reshape(*values.shape[:-2], values.shape[-2] * values.shape[-1])[..., : harmonics + 1]
 
 
 def condense(system, frequency, load, harmonics, every, meshes, active):

@@ -89,14 +89,14 @@ def test_a_damaged_file_is_made_again(pair, kept, tmp_path):
 
 def test_what_a_folder_holds_has_to_be_what_is_asked_for(pair, kept, tmp_path):
     folder, _ = kept
-    refused = {
+    others = {
         "the same scene with other numbers": (pair.replace({"a.inertia": 3.0}), {}),
         "other options: harmonics 64 there, 128 now": (pair, {"harmonics": 128}),
         "other options: speeds of a chunk 2 there, 3 now": (pair, {"chunk": 3}),
         "other options: exact True there, False now": (pair, {"exact": False}),
         "scene 'test train'": (jaxhb.load_scene("spur_pair"), {}),
     }
-    for words, (train, given) in refused.items():
+    for words, (train, given) in others.items():
         with pytest.raises(CheckpointError, match=words):
             swept(train, folder, **given)
     refused(lambda: swept(pair, folder, chunk=0), "chunk is 0", CheckpointError)
