@@ -11,6 +11,7 @@ import jax
 import numpy as np
 import pytest
 import trains
+from reference_data import refused
 
 import jaxhb
 from jaxhb.results.serial import pack, unpack
