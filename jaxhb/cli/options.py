@@ -56,7 +56,7 @@ MODULES |= {
     "report": "page_command",
     "tolerance": "tolerance_command",
     "identify": "identify_command",
-    "phase": "phase_command",
+    "phase": "tolerance_command",
 }  # where the work is; of the others in linear_commands.py
 SPEEDS = "--rpm", "--speed", "--speeds"
 NO_SPEED = "Natural frequencies do not depend on the speed; --at R takes the teeth as under the mean load of R rpm."
