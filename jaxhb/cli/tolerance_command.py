@@ -1,5 +1,5 @@
-"""The commands of what is not known exactly: the worst case of tolerances, at many speeds, a few at a time, kept until all
-are done; and the worst phase between two engines."""
+"""Commands of what is not known exactly: the worst case of tolerances, some speeds at a time, kept until all are done;
+and the worst phase between two engines."""
 
 import re
 
