@@ -70,6 +70,7 @@ def refined(train, disks, *, share=SHARE):
         rotor=(*old.rotor[:first], *rotor, *old.rotor[first:]),
         shaft_names=tuple(names),
         shaft_ends=tuple((int(a), int(b)) for a, b in ends),
+        shaft_rules=tuple(np.repeat(old.shaft_rules, new + 1).tolist()),
     )
     nothing = np.zeros(extra)
     table = train.disks

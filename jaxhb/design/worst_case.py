@@ -45,8 +45,8 @@ class Spread:
     nominal : ``(n, Q)``, of the train as the scene has it
     slopes : ``(n, Q, P)``, change of the response over half the range of a number, by the derivative at the own values
     worst, shares : ``(n, Q)`` and ``(n, Q, P)``, the largest response found and the shares u of the numbers there
-    bound, no_bound : ``(n, Q)``, what no response within the tolerances exceeds, teeth in contact, where it is proved,
-        else nan; and why there is none, "" where there is one
+    bound : ``(n, Q)``, what no response within the tolerances exceeds, teeth in contact, nan where that is not proved
+    no_bound : ``(n, Q)``, why there is no bound, "" where there is one
     samples, drawn : ``(n, S, Q)`` and ``(S, P)``, responses of a sample and the shares u drawn
     evaluations : solves of one speed, those of the sample included
     """
