@@ -159,7 +159,7 @@ def tolerance(
     ``bound`` is beside it where the equations are linear: no tooth leaves contact in any train within the tolerances,
     which is proved too, and these are of stiffness, damping, loss factors, inertia, backlash, mean torques, gas factors
     or reciprocating masses. It is 2 % above the worst case, more near lightly damped resonances, and holds for the
-    motion in contact (:mod:`jaxhb.design.bounds_over_box`).
+    motion in contact (docs/theory A4.6).
 
     :class:`SceneError` if names are unknown, ranges do not hold the own values and the like, one sentence each.
 

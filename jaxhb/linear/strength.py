@@ -93,14 +93,14 @@ def permissible_stress(
     of 45 or 60 deg; B is a two-stroke, or a four-stroke in another vee. In MPa, ``tau_T`` up to the lambda given, above
     it ``tau_C``, as no passing is accepted there::
 
-        KR crankshaft (201)             tau_C = f (45 - c lambda^2)                              lambda <= 1
-            c = 24 (A), 29 (B)          tau_C = f (45 - c + 237 (lambda - 0.8) sqrt(lambda - 1)) 1 < lambda <= 1.15
-                                        tau_T = 2 (45 - c lambda^2) g                            lambda <= 0.8
-        KR generator crankshaft (203.1) tau_C = 21 f (A), 16 f (B)                               lambda <= 1.1
-                                        tau_T = 90 g                                             lambda <= 0.9
-        KR generator shaft (203.2)      tau_C = 31 f                                             lambda <= 1.1
-                                        tau_T = 118 g                                            lambda <= 0.9
-        201.4, 203.3                    f = 1 + 2/3 (sigma_B / 440 - 1), g = Y / 225, both at least 1
+        tau_C = f (45 - c lambda^2)                                  201: crankshafts, lambda <= 1
+        tau_C = f (45 - c + 237 (lambda - 0.8) sqrt(lambda - 1))     1 < lambda <= 1.15, c = 24 (A) or 29 (B)
+        tau_T = 2 g (45 - c lambda^2)                                lambda <= 0.8
+        tau_C = 21 f (A), 16 f (B)                                   203.1: crankshafts of generators, lambda <= 1.1
+        tau_T = 90 g                                                 lambda <= 0.9
+        tau_C = 31 f                                                 203.2: generator shafts, lambda <= 1.1
+        tau_T = 118 g                                                lambda <= 0.9
+        f = 1 + 2/3 (sigma_B / 440 - 1), g = Y / 225                 201.4, 203.3: both at least 1
 
     with the ``yield_strength`` Y in Pa, and sigma_B, counted up to 835 MPa, of which the rule counts 590 MPa at the
     most for carbon steels. They do not depend on the diameter. ValueError of another rule.
