@@ -32,10 +32,10 @@ def solve(train, given, rpm, orders, trace, gear, plot, quiet, **_):
     output.deliver(
         given,
         solve_text(answer),
-        json=lambda: output.as_json(numbers.on_scene(given, train) | numbers.both_record(answer, orders)),
-        csv=lambda: numbers.rows_csv([numbers.answer_row(answer)]),
+        json=lambda: numbers.on_scene(train) | numbers.both_record(answer, orders),
+        csv=lambda: output.rows_csv([numbers.answer_row(answer)]),
         netcdf=lambda: numbers.netcdf({"": [answer]}, orders),
-        plot=lambda: output.as_picture(plot, plot_cycle(answer, gear)),
+        plot=lambda: plot_cycle(answer, gear),
         **({} if why else {"trace": lambda: numbers.trace_csv(answer)}),
     )
     return status([*([f"--trace: no file, {why}."] if why else []), *warnings([answer])])
@@ -191,7 +191,7 @@ def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet,
             json=lambda: files.json(found, complete=True),
             csv=lambda: files.csv(found),
             netcdf=lambda: files.netcdf(found),
-            plot=lambda: output.as_picture(plot, plot_sweep(found)),
+            plot=lambda: plot_sweep(found),
         )
     kept.forget()
     return status(warnings([answer for answers in found.values() for answer in answers]))
@@ -238,7 +238,7 @@ class _SweepFiles:
             judged = {way: strength_record(answers_strength(answers)) for way, answers in found.items()}
             if any(judged.values()):
                 head["strength"] = judged if self.both else [*judged.values()][0]
-        return output.as_sweep_json(numbers.on_scene(self.given, self.train) | head, lists)
+        return output.as_json(output.changes(self.given) | numbers.on_scene(self.train) | head, **lists)
 
     def _record(self, answer):
         """The record of an answer as bytes, made once but for those of all orders."""
@@ -253,7 +253,7 @@ class _SweepFiles:
         heads = [] if self.axis == SPEED else [self.axis.label]
         answers = [(way, answer) for way, own in found.items() for answer in own]
         rows = [numbers.answer_row(a, **dict.fromkeys(heads, a.place), direction=way) for way, a in answers]
-        return numbers.rows_csv(rows)
+        return output.rows_csv(rows)
 
     def netcdf(self, found):
         """Labelled arrays."""

@@ -21,8 +21,7 @@ def identify(train, given, measured, fit, noise, weak, plot, quiet, **_):
         if fit or given.output or plot:
             raise output.OutputError("--weak-cylinder: it fits no number. Leave out --fit, --output and --plot.")
         found = weak_cylinder(train, rows, noise=noise)
-        record = output.changes(given) | {"scene": train.topology.name} | weak_record(found)
-        output.deliver(given, weak_text(found), json=lambda: output.as_json(record))
+        output.deliver(given, weak_text(found), json=lambda: {"scene": train.topology.name} | weak_record(found))
         return output.ANSWERED
     parameters, priors = _asked(train, fit)
     with Progress(quiet=quiet) as progress:
@@ -31,8 +30,8 @@ def identify(train, given, measured, fit, noise, weak, plot, quiet, **_):
     output.deliver(
         given,
         identified_text(found),
-        json=lambda: output.as_json(output.changes(given) | identified_record(found)),
-        plot=lambda: output.as_picture(plot, plot_identified(found)),
+        json=lambda: identified_record(found),
+        plot=lambda: plot_identified(found),
     )
     if given.output:
         _write(given, found)

@@ -11,7 +11,7 @@ from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load
 from jaxhb.report.figures.linear import plot_campbell, plot_holzer, plot_modes
 from jaxhb.report.figures.speeds import plot_forced
-from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
+from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, deliver, rows_csv
 from jaxhb.report.selection import case_title
 from jaxhb.report.text import forced as told, linear as linear_text
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, table_notes
@@ -38,7 +38,7 @@ def check(train, given, rpm, links_at, **_):
         found, kinds, ratios = modes_of(constant)
         parts.append(linear_text.modes_text(found, train.topology.name, kinds, ratios, linear_text.in_contact(train)))
         record |= {"modes": linear_text.modes_record(found, kinds, ratios)}
-    deliver(given, "\n\n".join([*parts, *remarks_text(remarks)]), json=lambda: as_json(changes(given) | record))
+    deliver(given, "\n\n".join([*parts, *remarks_text(remarks)]), json=lambda: record)
     return status(told.forced_failures(response))
 
 
@@ -55,8 +55,8 @@ def modes(train, given, at, links_at, plot, **_):
     deliver(
         given,
         "\n\n".join([linear_text.modes_text(found, train.topology.name, kinds, ratios, teeth), *energies, *below]),
-        json=lambda: as_json(changes(given) | linear_text.modes_record(found, kinds, ratios) | more),
-        plot=lambda: as_picture(plot, plot_modes(train, found, elastic, ratios)),
+        json=lambda: linear_text.modes_record(found, kinds, ratios) | more,
+        plot=lambda: plot_modes(train, found, elastic, ratios),
     )
     return ANSWERED
 
@@ -75,8 +75,8 @@ def holzer(train, given, at, links_at, hz, mode, plot, **_):
     deliver(
         given,
         "\n\n".join([linear_text.holzer_text(tables, name, teeth), *below]),
-        json=lambda: as_json(changes(given) | linear_text.holzer_record(tables, name) | more),
-        plot=lambda: as_picture(plot, plot_holzer(train, tables, zeros)),
+        json=lambda: linear_text.holzer_record(tables, name) | more,
+        plot=lambda: plot_holzer(train, tables, zeros),
     )
     return ANSWERED
 
@@ -93,9 +93,9 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     deliver(
         given,
         "\n\n".join([linear_text.campbell_text(found, modes, name, misfires, teeth), *below]),
-        json=lambda: as_json(changes(given) | linear_text.campbell_record(found, modes, name, misfires) | more),
+        json=lambda: linear_text.campbell_record(found, modes, name, misfires) | more,
         csv=lambda: as_csv(*linear_text.campbell_rows(found, misfires)),
-        plot=lambda: as_picture(plot, plot_campbell(found, modes, name)),
+        plot=lambda: plot_campbell(found, modes, name),
     )
     return ANSWERED
 
@@ -120,10 +120,11 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
     deliver(
         given,
         "\n\n".join(parts),
-        json=lambda: as_json(changes(given) | told.forced_record(cases, found, worst, orders=orders, more=limits)),
-        csv=lambda: as_csv(*told.forced_rows(cases, found, columns)),
+        json=lambda: told.forced_record(cases, found, worst, orders=orders, more=limits),
+        # An order that a response does not have has no column there: its amplitude is 0.
+        csv=lambda: rows_csv(told.forced_rows(cases, found, columns), missing=0.0),
         netcdf=lambda: [as_netcdf(response.to_xarray(orders=orders))],
-        plot=lambda: as_picture(plot, plot_forced(cases, found, worst)),
+        plot=lambda: plot_forced(cases, found, worst),
     )
     return status(failures)
 

@@ -21,8 +21,8 @@ from jaxhb.elements.elements import TABLES, table_of
 from jaxhb.report.compute import Asked, certificate_of, check_spread, solve_cases
 from jaxhb.report.figures.cycle import plot_cycle
 from jaxhb.report.figures.speeds import tolerance_figures
-from jaxhb.report.files.numbers import answer_row, cases_record, netcdf, on_scene, rows_csv
-from jaxhb.report.files.output import NOT_ANSWERED, OutputError, as_json, as_picture, changed_text, deliver
+from jaxhb.report.files.numbers import answer_row, cases_record, netcdf, on_scene
+from jaxhb.report.files.output import NOT_ANSWERED, OutputError, changed_text, deliver, rows_csv
 from jaxhb.report.page.parts import Report, shown_misfire
 from jaxhb.report.selection import NOT_FIRING, case_title
 from jaxhb.report.text import cases as told
@@ -80,10 +80,10 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
         "\n\n".join(
             filter(None, [told.misfires_text(cases) if each else told.cases_text(cases), second_text(cases, seconds)])
         ),
-        json=lambda: as_json(on_scene(given, train) | cases_record(cases, orders=orders) | worst),
+        json=lambda: on_scene(train) | cases_record(cases, orders=orders) | worst,
         csv=lambda: rows_csv([answer_row(answer, case=case.title) for case in cases for answer in case.answers]),
         netcdf=lambda: netcdf({case.title: case.answers for case in cases}, orders, along="case"),
-        plot=lambda: as_picture(plot, plot_cycle(cases[0].answers[place], gear)),
+        plot=lambda: plot_cycle(cases[0].answers[place], gear),
         html=lambda: page,
     )
     kept.forget()

@@ -51,10 +51,10 @@ def tolerance(train, given, rpm, of, samples, seed, plot, quiet, **_):
     output.deliver(
         given,
         "\n\n".join(tolerance_parts(spread, checked)),
-        json=lambda: output.as_json(numbers.on_scene(given, train) | tolerance_record(spread, checked)),
-        csv=lambda: numbers.rows_csv(list(tolerance_rows(spread, checked))),
+        json=lambda: numbers.on_scene(train) | tolerance_record(spread, checked),
+        csv=lambda: output.rows_csv(list(tolerance_rows(spread, checked))),
         netcdf=lambda: [numbers.as_netcdf(spread.to_xarray())],
-        plot=lambda: output.as_picture(plot, plot_tolerance(spread)),
+        plot=lambda: plot_tolerance(spread),
     )
     kept.forget()
     return output.ANSWERED if np.isfinite(spread.nominal).all() else output.NOT_ANSWERED
@@ -105,8 +105,8 @@ def phase(train, given, rpm, name, of, phases, quiet, **_):
     output.deliver(
         given,
         _phase_text(train, found),
-        json=lambda: output.as_json(numbers.on_scene(given, train) | record | {"phases": rows}),
-        csv=lambda: numbers.rows_csv(rows),
+        json=lambda: numbers.on_scene(train) | record | {"phases": rows},
+        csv=lambda: output.rows_csv(rows),
     )
     return output.ANSWERED if np.isfinite(found.nominal).all() else output.NOT_ANSWERED
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.report.answer import UNCONFIRMED
-from jaxhb.report.files.output import as_csv, changes
+from jaxhb.report.files.output import as_csv
 from jaxhb.report.quantities import WITHOUT, number
 from jaxhb.report.text.certified import certificate_record
 from jaxhb.report.text.mean_torques import mean_angles_of, torques_of
@@ -67,9 +67,9 @@ def answer_record(answer, *, orders=None):
     return found | (certificate_record(answer.certificate) if answer.certificate is not None else {})
 
 
-def on_scene(arguments, train):
-    """What was changed in the scene and what is noted of it, once for all speeds."""
-    return changes(arguments) | {"scene_notes": plausibility(train)}
+def on_scene(train):
+    """What is noted of the scene, once for all speeds."""
+    return {"scene_notes": plausibility(train)}
 
 
 def both_record(answer, orders=None):
@@ -165,12 +165,6 @@ def answer_row(answer, **first):
         "truncation error": None if solved is None else float(solved.truncation_error),
     }
     return about | (_numbers(answer) if answer.answered else dict.fromkeys(_numbers(answer)))
-
-
-def rows_csv(rows):
-    """The CSV file of such rows."""
-    heads = dict.fromkeys(head for row in rows for head in row)
-    return as_csv(list(heads), [[row.get(head) for head in heads] for row in rows])
 
 
 CELLS = {

@@ -67,14 +67,10 @@ def _sentence(name=None):
         raise OutputError(f"{name or error.filename!r} cannot be written: {error.strerror}.") from None
 
 
-def as_json(record):
-    """The file of a record (see :func:`jaxhb.report.files.numbers.answer_record`)."""
-    return [as_bytes(record), b"\n"]
-
-
-def as_sweep_json(head, lists):
-    """``{**head, key: [...], ...}``; each list holds, or generates, records as :func:`as_bytes` makes them."""
-    yield as_bytes(head)[:-1]
+def as_json(record, **lists):
+    """The file of a record (see :func:`jaxhb.report.files.numbers.answer_record`), behind which stand ``lists`` that
+    hold, or generate, records as :func:`as_bytes` makes them."""
+    yield as_bytes(record)[:-1]
     for key, records in lists.items():
         yield b", " + as_bytes(key) + b": ["
         for i, record in enumerate(records):
@@ -108,6 +104,12 @@ def as_csv(heads, rows):
     return [text.getvalue().encode()]
 
 
+def rows_csv(rows, missing=None):
+    """The file of rows by heads, in which what a row does not have is ``missing``."""
+    heads = dict.fromkeys(head for row in rows for head in row)
+    return as_csv(list(heads), [[row.get(head, missing) for head in heads] for row in rows])
+
+
 def as_picture(name, figure):
     """A matplotlib figure as the kind that ``name`` ends in."""
     content = io.BytesIO()
@@ -131,10 +133,17 @@ def changed_text(arguments):
 
 
 def deliver(arguments, text, **makers):
-    """Make all that was asked for, then write it, then print, unless a file is standard output; all or nothing."""
+    """Make all that was asked for, then write it, then print, unless a file is standard output; all or nothing.
+
+    Of a record, what is in ``json``, the file tells too what was changed in the scene; ``plot`` is a matplotlib figure.
+    """
     given = vars(arguments)
-    files = {given[option]: make() for option, make in makers.items() if given.get(option)}
-    silent = arguments.quiet or STANDARD_OUTPUT in files
-    write_files(files)
+    made = {option: make() for option, make in makers.items() if given.get(option)}
+    if isinstance(made.get("json"), dict):
+        made["json"] = as_json(changes(arguments) | made["json"])
+    if "plot" in made:
+        made["plot"] = as_picture(arguments.plot, made["plot"])
+    silent = arguments.quiet or STANDARD_OUTPUT in map(given.get, made)
+    write_files({given[option]: content for option, content in made.items()})
     if not silent:
         print("\n\n".join(filter(None, [text, changed_text(arguments)])))

@@ -198,16 +198,14 @@ def _record(response, found, orders):
 
 
 def forced_rows(cases, found, more=None):
-    """Heads and rows of ``forced --csv``: one row per speed, SI units; of several cases the cylinder comes first,
-    ``more`` columns by their heads, of every case, last."""
+    """Rows of ``forced --csv`` by heads, one per speed, SI units; of several cases the cylinder comes first, ``more``
+    columns by their heads, of every case, last."""
     rows = []
     for name, response in cases.items():
         own = {"misfire": [name] * len(response.rpm)} if len(cases) > 1 else {}
         own |= _columns(response, [one.of(response) for one in found], (more or {}).get(name, {}))
         rows += [dict(zip(own, row, strict=True)) for row in zip(*own.values(), strict=True)]
-    heads = dict.fromkeys(head for row in rows for head in row)
-    # An order that a response does not have has no column there: its amplitude is 0.
-    return list(heads), [[row.get(head, 0.0) for head in heads] for row in rows]
+    return rows
 
 
 def _columns(response, found, more):
