@@ -115,8 +115,8 @@ class _TunedFiles:
         values = scene_values(self.train, dict(given.set) | parameters)
         ranges = moved_ranges(self.train, parameters)
         text, _ = changed_scene(given.scene, values, tolerances=ranges, remark=f"{given.scene}, tuned by jaxhb tune.")
-        made = {path: [content] for path, content in self.copies.items()} | {given.output: [text.encode()]}
-        output.write_files(made | {given.json: output.as_json(output.changes(given) | record)})
+        record = output.changes(given) | record
+        output.write_files(self.copies | {given.output: text.encode(), given.json: output.as_json(record)})
 
 
 def check_files(train, given):

@@ -42,14 +42,11 @@ def identify(train, given, measured, fit, noise, weak, plot, quiet, **_):
 
 def _asked(train, fit):
     """Parameters and priors: of ``--fit``, or those of the [tolerance] table, whose deviations are priors."""
-    if fit:
-        return [
-            Parameter(name=name, low=low, high=high, scale="log" if low > 0 else "linear") for name, (low, high) in fit
-        ], {}
-    tolerances = read_tolerances(train)
-    known = {one.name: one.std for one in tolerances if one.std}
-    made = [Parameter(name=o.name, low=o.low, high=o.high, scale="log" if o.low > 0 else "linear") for o in tolerances]
-    return made, known
+    known = [] if fit else read_tolerances(train)
+    bounds = fit or [(one.name, (one.low, one.high)) for one in known]
+    scales = (("log" if low > 0 else "linear") for _, (low, _) in bounds)
+    made = [Parameter(name=name, low=a, high=b, scale=s) for (name, (a, b)), s in zip(bounds, scales, strict=True)]
+    return made, {one.name: one.std for one in known if one.std}
 
 
 def _write(given, found):
@@ -61,4 +58,4 @@ def _write(given, found):
     text, beside = changed_scene(given.scene, scene_values(whole, values), tolerances=known, remark=remark)
     copies = copies_beside(beside, Path(given.output).parent)
     output.make_folders(copies)
-    output.write_files({path: [content] for path, content in copies.items()} | {given.output: [text.encode()]})
+    output.write_files(copies | {given.output: text.encode()})

@@ -33,7 +33,7 @@ def new(file, scene, quiet):
         raise output.OutputError(f"FILE: {file!r} is there already, and is not overwritten. Give another name.")
     text, beside = scene_text(scene, called=path.stem)
     copies = copies_beside(beside, path.parent, "FILE")
-    output.write_files({path: [content] for path, content in copies.items()} | {file: [text.encode()]})
+    output.write_files(copies | {file: text.encode()})
     if not quiet:
         print("".join(f"{name} is written.\n" for name in (file, *copies)), end="")
         print(f"Try: jaxhb check {shlex.quote(file)}")
@@ -54,7 +54,7 @@ def scene(scene, quiet, expand, out, referred, plot):
             raise output.OutputError(f"--plot: {error}") from None
     if out:
         copies = copies_beside(beside, Path(out).parent, "--out")
-        files |= {out: [text.encode()]} | {path: [content] for path, content in copies.items()}
+        files |= {out: text.encode()} | copies
     output.write_files(files)
     if referred and not quiet:
         from jaxhb.report.text.scene_check import referred_tables

@@ -44,9 +44,7 @@ def check(train, given, rpm, links_at, **_):
 
 def modes(train, given, at, links_at, plot, **_):
     """Natural frequencies of a scene."""
-    train = _constant(train, at, links_at)
-    with_teeth, teeth, below, more = _teeth(train, at, links_at)
-    train = with_teeth(train)
+    (train,), teeth, below, more = _with_teeth(at, links_at, _constant(train, at, links_at))
     found, kinds, ratios = modes_of(train)
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
     if plot and not elastic:
@@ -63,9 +61,7 @@ def modes(train, given, at, links_at, plot, **_):
 
 def holzer(train, given, at, links_at, hz, mode, plot, **_):
     """Holzer's tables."""
-    train = _constant(train, at, links_at)
-    with_teeth, teeth, below, more = _teeth(train, at, links_at)
-    train = with_teeth(train)
+    (train,), teeth, below, more = _with_teeth(at, links_at, _constant(train, at, links_at))
     name, found = train.topology.title, natural_frequencies(train)
     kinds = mode_kinds(found, train.topology.damper_names)
     natural = {k: float(frequency) for k, frequency in enumerate(found.frequencies_hz)}
@@ -84,11 +80,10 @@ def holzer(train, given, at, links_at, hz, mode, plot, **_):
 def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     """Natural frequencies and orders over the speed."""
     name, trains = train.topology.title, misfire_trains(train, given, each=True)
-    with_teeth, teeth, below, more = _teeth(trains[""], at, links_at)
-    trains = {cylinder: with_teeth(one) for cylinder, one in trains.items()}
-    orders = orders or {order for one in trains.values() for order in excited_orders(one, rpm=rpm)}
+    every, teeth, below, more = _with_teeth(at, links_at, *trains.values())
+    orders = orders or {order for one in every for order in excited_orders(one, rpm=rpm)}
     asked = {"rpm": rpm, "orders": orders, "count": modes, "links_at": dict(links_at)}
-    misfires = {cylinder: campbell_of(one, **asked) for cylinder, one in trains.items()}
+    misfires = {cylinder: campbell_of(one, **asked) for cylinder, one in zip(trains, every, strict=True)}
     found = misfires.pop("")
     deliver(
         given,
@@ -135,16 +130,12 @@ def _constant(train, at, links_at):
     return train.with_constant_links(**given) if given else train
 
 
-def _teeth(train, at, links_at):
-    """A function that gives a train teeth as ``--at`` asks, how stiff they are, a sentence on them in a list, and a
-    record."""
+def _with_teeth(at, links_at, *trains):
+    """Trains with teeth as ``--at`` asks, those of the first: how stiff they are, a sentence in a list, a record."""
     if at is None:
-        return lambda train: train, linear_text.in_contact(train), [], {}
-    load = at_mean_load(_constant(train, at, links_at), rpm=at)
-    sentence, record = linear_text.mean_load_text(load, at), linear_text.mean_load_record(load, at)
-
-    def with_teeth(train):
-        # Links that vary go on doing so: only the equilibrium needed them constant.
-        return dataclasses.replace(without_backlash(train), meshes=load.train.meshes)
-
-    return with_teeth, f"teeth at the mean load of {at:g} rpm", [sentence], record
+        return trains, linear_text.in_contact(trains[0]), [], {}
+    load = at_mean_load(_constant(trains[0], at, links_at), rpm=at)
+    # Links that vary go on doing so: only the equilibrium needed them constant.
+    made = [dataclasses.replace(without_backlash(one), meshes=load.train.meshes) for one in trains]
+    told = [linear_text.mean_load_text(load, at)]
+    return made, f"teeth at the mean load of {at:g} rpm", told, linear_text.mean_load_record(load, at)

@@ -26,7 +26,7 @@ from jaxhb.report.quantities import forces, separation, shaft_torques, shown_uni
 from jaxhb.report.selection import NOT_FIRING, hardest_shaft, train_name
 from jaxhb.report.text.strength import LIMITED, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
-from jaxhb.report.text.tuned import scaled_unit
+from jaxhb.report.text.tuned import scaled_unit, with_unit
 from jaxhb.results.response import with_gaps
 
 BESIDE = 0.006  # share of the axis between the bars of two meshes at one speed
@@ -118,7 +118,7 @@ def tolerance_figures(spread):
     """The same as specifications, one for each quantity."""
     rpm, figures = spread.rpm, []
     for j, (one, name) in enumerate(zip(spread.of, spread.labels, strict=True)):
-        factor, unit = scaled_unit(one.quantity)
+        factor, _ = scaled_unit(one.quantity)
         traces = [
             line(rpm, factor * spread.nominal[:, j], "as the scene is", 1),
             line(rpm, factor * spread.worst[:, j], "worst case found", 0),
@@ -130,7 +130,7 @@ def tolerance_figures(spread):
             look = {"color": "#555555", "dash": "solid", "width": 5}
             traces.append(bars(rpm, low, high, "5 to 95 % of the sample", look=look, opacity=0.45))
             traces.append(marks(rpm, middle, "half of the sample", "circle", size=5))
-        panels = [(f"{plain(name)}, {unit}".removesuffix(", "), top_of(traces))]
+        panels = [(plain(with_unit(one)), top_of(traces))]
         figures.append(figure(plain(name), "speed, rpm", panels, traces, x_range=speed_range(rpm)))
     return figures
 

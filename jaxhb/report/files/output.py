@@ -48,7 +48,9 @@ def make_folders(names):
 
 
 def write_files(contents):
-    """Write all files of ``{name: iterable of bytes}`` or none, what is named "-" to standard output, after them."""
+    """Write all files of ``{name: bytes or an iterable of them}`` or none; what is named "-" goes to standard output,
+    after them."""
+    contents = {name: [content] if isinstance(content, bytes) else content for name, content in contents.items()}
     streamed = contents.pop(STANDARD_OUTPUT, None)
     for path in map(Path, contents):
         clear_parts(path.resolve().parent, glob.escape(path.resolve().name))

@@ -5,21 +5,23 @@ import numpy as np
 from jaxhb.design.identification import UNITS
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
-from jaxhb.report.text.sentences import paragraph
+from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.tuned import parameter_unit
 
 
 def identified_text(found):
     """Fitted numbers beside the scene's, what the data leave open, and how far orders are off before and after."""
-    rows = found.measured
-    speeds = len(np.unique(rows.rpm))
+    rows, speeds = found.measured, len(np.unique(found.measured.rpm))
     head = f"{found.train.topology.title}: {len(rows.rpm)} measured amplitudes at {speeds} speeds, "
     head += f"{int(np.isfinite(rows.phase).sum())} with a phase; {len(found.parameters)} numbers fitted."
     told = f"Residuals are {found.misfit:.2f} times the noise that was taken" + (
         ": intervals are as much wider, and something is not in the scene." if found.misfit > 2 else "."
     )
-    parts = ["\n".join([head, told]), _numbers(found), *_open(found), _residuals(found)]
-    return "\n\n".join(parts)
+    said = [f"NOT determined by these data: {', '.join(found.open)}. Measure elsewhere, or keep the scene's numbers."]
+    said = said * bool(found.open)
+    if pairs := [f"{a} and {b} ({value:+.2f})" for a, b, value in found.alike()]:
+        said.append(f"Hardly told apart (correlation): {'; '.join(pairs)}.")
+    return "\n\n".join(["\n".join([head, told]), _numbers(found), *remarks_text(said, ""), _residuals(found)])
 
 
 def _numbers(found):
@@ -33,44 +35,30 @@ def _numbers(found):
     return from_rows("Numbers", heads, rows, left=(7,))
 
 
-def _open(found):
-    """Sentences on what the data do not determine."""
-    said = []
-    if found.open:
-        said.append(
-            f"NOT determined by these data: {', '.join(found.open)}. Measure elsewhere, or keep the scene's numbers."
-        )
-    pairs = [f"{a} and {b} ({value:+.2f})" for a, b, value in found.alike()]
-    if pairs:
-        said.append(f"Hardly told apart (correlation): {'; '.join(pairs)}.")
-    return ["\n".join(map(paragraph, said))] if said else []
-
-
 def _residuals(found):
     """Root mean squares of what is measured and of its difference from what is computed, by element and order."""
-    rows, measured = [], found.measured
-    target = measured.amplitude * np.exp(1j * np.deg2rad(np.nan_to_num(measured.phase)))
-    groups = dict.fromkeys(zip(measured.quantity, measured.element, map(str, measured.order), strict=True))
+    rows, measured, size = [], found.measured, found.measured.amplitude
+    target = size * np.exp(1j * np.deg2rad(np.nan_to_num(measured.phase)))
+    both = [
+        np.where(np.isfinite(measured.phase), np.abs(computed - target), np.abs(computed) - size)
+        for computed in (found.before_computed, found.computed)
+    ]
     keys = list(zip(measured.quantity, measured.element, map(str, measured.order), strict=True))
-    for quantity, element, order in groups:
+    for quantity, element, order in dict.fromkeys(keys):
         own = np.array([key == (quantity, element, order) for key in keys])
         factor, unit = shown_unit(UNITS[quantity])
-        offs = []
-        for computed in (found.before_computed, found.computed):
-            off = np.where(
-                np.isfinite(measured.phase), np.abs(computed - target), np.abs(computed) - measured.amplitude
-            )
-            offs.append(100 * np.sqrt((off[own] ** 2).mean() / (measured.amplitude[own] ** 2).mean()))
-        size = factor * np.sqrt((measured.amplitude[own] ** 2).mean())
+        offs = [100 * np.sqrt((off[own] ** 2).mean() / (size[own] ** 2).mean()) for off in both]
         called = "sum" if order == "nan" else f"{float(order):g}"
-        rows.append([f"{quantity} of {element}", called, f"{count(size)} {unit}", *(f"{off:.1f}" for off in offs)])
+        mean = count(factor * np.sqrt((size[own] ** 2).mean()))
+        rows.append([f"{quantity} of {element}", called, f"{mean} {unit}", *(f"{off:.1f}" for off in offs)])
     heads = ["measured", "order", "root mean square", "scene off, %", "fitted off, %"]
     return from_rows("Residuals over the speeds", heads, rows)
 
 
 def identified_record(found):
     """What ``identify --json`` writes, in SI units."""
-    rows = found.measured
+    fields = "rpm", "order", "quantity", "element", "amplitude", "phase"
+    measured = zip(*(getattr(found.measured, field) for field in fields), strict=True)
     return {
         "scene": found.train.topology.name,
         "misfit": found.misfit,
@@ -81,26 +69,9 @@ def identified_record(found):
         ],
         "correlation": found.correlation,
         "rows": [
-            {
-                "rpm": rpm,
-                "order": order,
-                "quantity": quantity,
-                "element": element,
-                "amplitude": amplitude,
-                "phase": phase,
-            }
+            dict(zip(fields, row, strict=True))
             | {"computed": abs(own), "computed_phase": float(np.rad2deg(np.angle(own))), "sigma": sigma}
-            for rpm, order, quantity, element, amplitude, phase, own, sigma in zip(
-                rows.rpm,
-                rows.order,
-                rows.quantity,
-                rows.element,
-                rows.amplitude,
-                rows.phase,
-                found.computed,
-                found.sigma,
-                strict=True,
-            )
+            for row, own, sigma in zip(measured, found.computed, found.sigma, strict=True)
         ],
     }
 

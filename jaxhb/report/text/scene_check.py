@@ -1,7 +1,5 @@
 """What a scene comes to before anything vibrates: mean torques, tooth forces, damping, notes, referred numbers."""
 
-from functools import partial
-
 import numpy as np
 
 from jaxhb.design.quantities import check_all
@@ -138,23 +136,24 @@ def check_text(train, responses, speeds, notes):
             "Mean tooth force, kN (positive: the first gear drives), backlash, and damping ratio of the two gears alone"
         )
         parts.append(from_rows(title, ["mesh", *heads, "backlash mm", "damping ratio"], rows))
-    meshing = [row for row in map(partial(_over_period, train), range(len(topology.mesh_names))) if row]
+    meshing = _over_period(train)
     if meshing:
         title = "Over the mesh period: order of the reference rotor, stiffness in % of its mean, errors of all kinds"
         parts.append(from_rows(title, ["mesh", "order", "least %", "most %", "error p-p um"], meshing))
     return parts
 
 
-def _over_period(train, i):
-    """Row of a mesh whose stiffness varies, or that has errors; None of others."""
-    topology, meshes = train.topology, all_meshes(train)
-    if topology.mesh_names[i] not in topology.meshing:
-        return None
-    given = (None if a is None else sample(np.asarray(a)[i], SAMPLES) for a in (meshes.variation, meshes.error))
-    variation, error = (np.zeros(1) if values is None else values for values in given)
-    order = topology.mesh_periods[i] / topology.revolutions_per_cycle
-    told = 100 * (1 + variation.min()), 100 * (1 + variation.max()), 1e6 * np.ptp(error)
-    return [topology.mesh_names[i], f"{order:g}" if order else NONE, *(f"{value:.3g}" for value in told)]
+def _over_period(train):
+    """A row for every mesh whose stiffness varies, or that has errors."""
+    topology, meshes, rows = train.topology, all_meshes(train), []
+    given = meshes.variation, meshes.error
+    for i, name in enumerate(topology.mesh_names):
+        if name in topology.meshing:
+            variation, error = (np.zeros(1) if own is None else sample(np.asarray(own)[i], SAMPLES) for own in given)
+            order = topology.mesh_periods[i] / topology.revolutions_per_cycle
+            told = 100 * (1 + variation.min()), 100 * (1 + variation.max()), 1e6 * np.ptp(error)
+            rows.append([name, f"{order:g}" if order else NONE, *(f"{value:.3g}" for value in told)])
+    return rows
 
 
 def check_record(train, responses, notes):

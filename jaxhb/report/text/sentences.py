@@ -182,14 +182,11 @@ def notes_text(*answers):
     return remarks_text([*plausibility(answers[0].train), *notes(*answers)])
 
 
-def remarks_text(remarks):
-    """Sentences as one paragraph in a list; an empty list where there are none."""
-    return ["\n".join(["Notes", *map(paragraph, remarks)])] if remarks else []
-
-
-def paragraph(text):
-    """A sentence of a list, in lines."""
-    return textwrap.fill(text, 116, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+def remarks_text(remarks, head="Notes"):
+    """Sentences as one paragraph under a head in a list; an empty list where there are none."""
+    style = {"initial_indent": "  ", "subsequent_indent": "    ", "break_on_hyphens": False}
+    lines = [textwrap.fill(remark, 116, **style) for remark in remarks]
+    return ["\n".join([head, *lines] if head else lines)] if lines else []
 
 
 def _tooth_notes(known):

@@ -5,8 +5,8 @@ import numpy as np
 from jaxhb.design.quantities import label, unit_of
 from jaxhb.report.answer import SPEED
 from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
-from jaxhb.report.text.sentences import paragraph
-from jaxhb.report.text.tuned import parameter_unit, scaled_unit
+from jaxhb.report.text.sentences import remarks_text
+from jaxhb.report.text.tuned import parameter_unit, scaled_unit, with_unit
 
 PERCENT = 5, 50, 95  # of the sample
 MOVING = 5  # numbers told of a quantity, those that move it most
@@ -24,18 +24,16 @@ def tolerance_parts(spread, checked):
     if solved.any():
         parts += [_worst_table(spread)]
         parts += [_over_speeds(spread, j, checked) for j in range(len(spread.of))]
-        parts += [_moving(spread), _places(spread), _guarantee(spread, solved)]
+        parts += [_moving(spread), _places(spread), *remarks_text(_guarantee(spread, solved), "Bounds")]
     if len(spread.drawn):
-        share = spread.solved[solved]
-        lines = (
-            f"Sample: {len(spread.drawn)} trains, of which {100 * share.min():.0f} % or more are solved at each speed."
-        )
-        parts.append(lines)
-    return [*parts, *_differences(checked)]
+        share = 100 * spread.solved[solved].min()
+        parts.append(f"Sample: {len(spread.drawn)} trains, of which {share:.0f} % or more are solved at each speed.")
+    differences = checked["differences"] if checked else []
+    return parts + remarks_text(differences, "Steady states that are not the periodic motions searched")
 
 
 def _guarantee(spread, solved):
-    """What is proved of the worst cases, and where and why it is not."""
+    """Sentences on what is proved of the worst cases, and where and why it is not."""
     asked = spread.no_bound[solved]
     bounded, free = bool((asked == "").any()), bool((asked != "").any())
     loose = any(spread.train.topology.mesh_backlash)
@@ -51,15 +49,7 @@ def _guarantee(spread, solved):
     if free:
         there = "There the worst case" if bounded else "The worst case"
         told.append(f"{there} is the largest response found: another train within the tolerances may do worse.")
-    return "\n".join(["Bounds", *map(paragraph, told)])
-
-
-def _differences(checked):
-    """Sentences on motions that are not the periodic ones that were searched."""
-    if not checked or not checked["differences"]:
-        return []
-    head = "Steady states that are not the periodic motions searched"
-    return ["\n".join([head, *map(paragraph, checked["differences"])])]
+    return told
 
 
 def _largest(spread, j):
@@ -71,10 +61,10 @@ def _worst_table(spread):
     """Each quantity at its worst speed, as the scene is and within the tolerances."""
     rows = []
     for j, one in enumerate(spread.of):
-        factor, unit = scaled_unit(one.quantity)
+        factor, _ = scaled_unit(one.quantity)
         at = [int(np.nanargmax(spread.nominal[:, j])), _largest(spread, j)]
         old, new = factor * spread.nominal[at[0], j], factor * spread.worst[at[1], j]
-        rows.append([f"{label(one)}, {unit}".removesuffix(", "), count(old), f"{spread.rpm[at[0]]:g}"])
+        rows.append([with_unit(one), count(old), f"{spread.rpm[at[0]]:g}"])
         rows[-1] += [count(new), f"{spread.rpm[at[1]]:g}", f"{new / old:.2f}" if old else NONE]
     heads = ["quantity, worst over the speeds", "as it is", "at rpm", "worst case", "at rpm", "ratio"]
     return from_rows("Worst case over the tolerances (half peak-to-peak unless called peak or order)", heads, rows)
@@ -82,7 +72,7 @@ def _worst_table(spread):
 
 def _over_speeds(spread, j, checked):
     """One quantity over the speeds."""
-    factor, unit = scaled_unit(spread.of[j].quantity)
+    factor, _ = scaled_unit(spread.of[j].quantity)
     sampled, bounded = len(spread.drawn) > 0, np.isfinite(spread.bound[:, j]).any()
     shares = [factor * spread.percentile(q)[:, j] for q in PERCENT] if sampled else []
     kinds = [checked["nominal"], [own[j] for own in checked["worst"]]] if checked else []
@@ -95,19 +85,8 @@ def _over_speeds(spread, j, checked):
     heads = ["rpm", ("as it is", 1), ("worst case", 1), *([("at most", 1)] if bounded else []), "ratio"]
     heads += [(f"{q} %", 1) for q in PERCENT if sampled]
     heads += ["motion", "in the worst case"] if checked else []
-    return from_rows(
-        f"{label(spread.of[j])}, {unit}".removesuffix(", "),
-        heads,
-        rows,
-        left=range(len(heads) - 2, len(heads)) if checked else (),
-    )
-
-
-def ranking(spread, i, j):
-    """Names and changes over half their ranges of the numbers that move a quantity at a speed, the largest first."""
-    slopes, size = spread.effects[i, j], abs(spread.nominal[i, j])
-    order = [k for k in np.argsort(-np.abs(slopes), kind="stable") if abs(slopes[k]) > NEGLIGIBLE * size]
-    return [(spread.tolerances[k].name, float(slopes[k])) for k in order]
+    left = range(len(heads) - 2, len(heads)) if checked else ()
+    return from_rows(with_unit(spread.of[j]), heads, rows, left=left)
 
 
 def _moving(spread):
@@ -115,9 +94,11 @@ def _moving(spread):
     rows = []
     for j, one in enumerate(spread.of):
         i = _largest(spread, j)
-        for name, slope in ranking(spread, i, j)[:MOVING]:
-            share = 100 * slope / spread.nominal[i, j]
-            rows.append([label(one), f"{spread.rpm[i]:g}", name, f"{share:+.1f}"])
+        slopes, size = spread.effects[i, j], spread.nominal[i, j]
+        order = [k for k in np.argsort(-np.abs(slopes), kind="stable") if abs(slopes[k]) > NEGLIGIBLE * abs(size)]
+        for k in order[:MOVING]:
+            share = 100 * float(slopes[k]) / size
+            rows.append([label(one), f"{spread.rpm[i]:g}", spread.tolerances[k].name, f"{share:+.1f}"])
     how = "by regression on the sample" if len(spread.drawn) >= 3 * len(spread.tolerances) else "by its derivative"
     title = f"What moves them: change of the response over half the range of a number, {how}, %"
     return from_rows(title, ["quantity", "at rpm", "number", "%"], rows, left=(2,))

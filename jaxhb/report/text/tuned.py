@@ -9,7 +9,7 @@ from jaxhb.design.quantities import OF_DESIGN, label, unit_of
 from jaxhb.report.answer import SPEED
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
-from jaxhb.report.text.sentences import paragraph
+from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.strength import AID
 from jaxhb.train.changes import declared_field, locate
 
@@ -22,38 +22,28 @@ EXCESS = 0.01  # share of a limit by which a penalty lets it be exceeded before 
 def tuned_record(train, asked, result):
     """What ``tune --json`` writes, in SI units: of the ``train`` as it was, ``asked`` as its table, and a Tuning."""
     before, after = result.before, result.after
-    return (
-        progress_record(train, asked["rpm"], result.history)
-        | _robust_record(result)
-        | {
-            "stopped": result.stopped,
-            "interrupted": result.interrupted,
-            "parameters": {
-                p.name: {"before": before.parameters[p.name], "after": after.parameters[p.name]}
-                | {"low": p.low, "high": p.high, "unit": parameter_unit(train, p.name)}
-                for p in asked["parameters"]
-            },
-            "readings": {
-                name: {"unit": unit_of(chosen.quantity), "before": first, "after": last}
-                for chosen, name, first, last in _readings(asked, result)
-            },
-            "solved": {"before": before.solved, "after": after.solved},
-            "outcomes": [
-                {"objective": value, "parameters": own, "valid": valid} for value, own, valid in result.outcomes
-            ],
+    record = progress_record(train, asked["rpm"], result.history)
+    if result.robust:
+        designs = {
+            said: {"nominal": one.nominal, "worst": one.worst, "p95": one.percentile(95), "solved": one.solved}
+            for said, one in result.robust.spreads.items()
         }
-    )
-
-
-def _robust_record(result):
-    """Of a robust tuning its designs within the tolerances."""
-    if not result.robust:
-        return {}
-    designs = {
-        said: {"nominal": spread.nominal, "worst": spread.worst, "p95": spread.percentile(95), "solved": spread.solved}
-        for said, spread in result.robust.spreads.items()
+        record["robust"] = {"kind": result.robust.kind, "designs": designs}
+    return record | {
+        "stopped": result.stopped,
+        "interrupted": result.interrupted,
+        "parameters": {
+            p.name: {"before": before.parameters[p.name], "after": after.parameters[p.name]}
+            | {"low": p.low, "high": p.high, "unit": parameter_unit(train, p.name)}
+            for p in asked["parameters"]
+        },
+        "readings": {
+            name: {"unit": unit_of(chosen.quantity), "before": first, "after": last}
+            for chosen, name, first, last in _readings(asked, result)
+        },
+        "solved": {"before": before.solved, "after": after.solved},
+        "outcomes": [{"objective": value, "parameters": own, "valid": valid} for value, own, valid in result.outcomes],
     }
-    return {"robust": {"kind": result.robust.kind, "designs": designs}}
 
 
 def progress_record(train, rpm, history):
@@ -73,16 +63,19 @@ def tuned_parts(train, asked, result):
     rpm, last = np.asarray(asked["rpm"]), result.history[-1]
     span = SPEED.span(rpm) if len(rpm) > 1 else f"{rpm[0]:g} rpm"
     won, rows = [], []
-    for chosen, name, *both in _compared(asked, result):
-        (old, old_rpm), (new, new_rpm) = found = [_worst(rpm, values, chosen) for values in both]
+    both = result.before.solved & result.after.solved
+    for chosen, name, *values in _readings(asked, result):
+        # Speeds that only one of the designs has solved count in neither, unless no speed is solved in both.
+        values = [np.where(both, one, np.nan) if np.shape(one) == both.shape and both.any() else one for one in values]
+        (old, old_rpm), (new, new_rpm) = found = [_worst(rpm, own, chosen) for own in values]
         if len(won) < len(asked["objective"]):
             change = f", {100 * (new / old - 1):+.0f} %" if old else ""
             won.append(
                 f"{name[0].upper()}{name[1:]} at its worst: {shown_value(chosen, old)} at {old_rpm:g} rpm before, "
                 f"{shown_value(chosen, new)} at {new_rpm:g} rpm after{change}."
             )
-        factor, unit = scaled_unit(chosen.quantity)
-        rows.append([f"{name}, {unit}".removesuffix(", ")])
+        factor, _ = scaled_unit(chosen.quantity)
+        rows.append([with_unit(chosen)])
         for value, at in found:
             rows[-1] += [count(factor * value), NONE if chosen.quantity in OF_DESIGN else f"{at:g}"]
         rows[-1].append(_limit(chosen) or NONE)
@@ -114,13 +107,11 @@ def _robust_table(asked, result):
     """The scene, the nominal and the robust design over the tolerances, at their worst speeds."""
     rows = []
     for j, one in enumerate(asked["objective"]):
-        factor, unit = scaled_unit(one.quantity)
+        factor, _ = scaled_unit(one.quantity)
         for said, spread in result.robust.spreads.items():
             values = spread.nominal[:, j], spread.worst[:, j], spread.percentile(95)[:, j], spread.samples[..., j]
             numbers = [count(factor * np.nanmax(own)) for own in values]
-            rows.append(
-                [f"{label(one)}, {unit}".removesuffix(", "), said, *numbers, f"{100 * spread.solved.min():.0f}"]
-            )
+            rows.append([with_unit(one), said, *numbers, f"{100 * spread.solved.min():.0f}"])
     drawn = len(next(iter(result.robust.spreads.values())).drawn)
     heads = ["worst over the speeds", "design", "itself", "worst case", "95 %", "largest", "solved, %"]
     title = f"Within the tolerances: the design itself, the worst case found, and a fresh sample of {drawn} trains"
@@ -160,14 +151,6 @@ def _readings(asked, result):
         yield chosen, name, result.before.readings[name], result.after.readings[name]
 
 
-def _compared(asked, result):
-    """The same with NaN at speeds that only one of the designs has solved, unless no speed is solved in both."""
-    both = result.before.solved & result.after.solved
-    for chosen, name, *values in _readings(asked, result):
-        masked = (np.where(both, one, np.nan) if np.shape(one) == both.shape and both.any() else one for one in values)
-        yield chosen, name, *masked
-
-
 def _worst(rpm, values, chosen):
     """Largest value and its speed; the smallest where only a lower limit is set."""
     values = np.atleast_1d(np.asarray(values, dtype=float))
@@ -193,6 +176,11 @@ def _limit(chosen):
 def scaled_unit(quantity):
     """Factor from SI, and the unit in which people read a quantity."""
     return shown_unit(unit_of(quantity))
+
+
+def with_unit(chosen):
+    """What is read, and the unit for people behind it where there is one."""
+    return f"{label(chosen)}, {scaled_unit(chosen.quantity)[1]}".removesuffix(", ")
 
 
 def parameter_unit(train, name):
@@ -222,7 +210,5 @@ def difference(state, pairs):
 def check_text(found):
     """The sentences of :func:`jaxhb.report.compute.check_designs`, or one that there is nothing to tell."""
     differences = [said for told in found.values() for said in told["differences"]]
-    if not differences:
-        return "Both designs do at all speeds what was tuned: their steady states are the periodic motions tuned."
-    head = "Steady states that are not the periodic motions tuned"
-    return "\n".join([head, *map(paragraph, differences)])
+    alike = "Both designs do at all speeds what was tuned: their steady states are the periodic motions tuned."
+    return "".join(remarks_text(differences, "Steady states that are not the periodic motions tuned")) or alike
