@@ -236,8 +236,9 @@ class _SweepFiles:
             head["over"] = {"name": self.axis.name, "unit": self.axis.unit, "values": [a.place for a in first]}
         elif complete:
             judged = {way: strength_record(answers_strength(answers)) for way, answers in found.items()}
-            if any(judged.values()):
-                head["strength"] = judged if self.both else [*judged.values()][0]
+            if all(judged.values()):  # the scene gives limits
+                records = {way: one["strength"] for way, one in judged.items()}
+                head["strength"] = records if self.both else [*records.values()][0]
         return output.as_json(output.changes(self.given) | numbers.on_scene(self.train) | head, **lists)
 
     def _record(self, answer):

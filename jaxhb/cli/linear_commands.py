@@ -16,7 +16,7 @@ from jaxhb.report.selection import case_title
 from jaxhb.report.text import forced as told, linear as linear_text
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, table_notes
 from jaxhb.report.text.sentences import remarks_text
-from jaxhb.report.text.strength import strength_columns, strength_entry, strength_text
+from jaxhb.report.text.strength import strength_text
 from jaxhb.results.dataset import as_netcdf
 from jaxhb.results.response import with_gaps
 from jaxhb.train.chain import span
@@ -108,16 +108,14 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
         cases = {"": response}  # no misfire has an answer to compare with
     found, judged = told.readings(response, element), {name: strength(with_gaps(one)) for name, one in cases.items()}
     worst = told.worst_of(cases, found) if len(cases) > 1 else None
-    limits = {name: strength_entry(one) for name, one in judged.items()}
-    columns = {name: strength_columns(one) for name, one in judged.items()}
     parts = [told.forced_text(cases, found, worst, each=bool(element))]
     parts += strength_text({f"With {titles[name]}" if worst else "": one for name, one in judged.items()})
     deliver(
         given,
         "\n\n".join(parts),
-        json=lambda: told.forced_record(cases, found, worst, orders=orders, more=limits),
+        json=lambda: told.forced_record(cases, found, judged, worst, orders=orders),
         # An order that a response does not have has no column there: its amplitude is 0.
-        csv=lambda: rows_csv(told.forced_rows(cases, found, columns), missing=0.0),
+        csv=lambda: rows_csv(told.forced_rows(cases, found, judged), missing=0.0),
         netcdf=lambda: [as_netcdf(response.to_xarray(orders=orders))],
         plot=lambda: plot_forced(cases, found, worst),
     )

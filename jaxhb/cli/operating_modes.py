@@ -70,7 +70,10 @@ def each(run, given, asked, read):
 
 def _write(given, own):
     """Write JSON and CSV of modes that are done; the largest values of all, and the files written."""
-    rows = {title: _rows(changed["csv"]) for title, changed in own.items()} if "csv" in given else {}
+    rows = {}
+    for title, changed in own.items() if "csv" in given else ():
+        with Path(changed["csv"]).open(encoding="utf-8", newline="") as text:
+            rows[title] = list(csv.DictReader(text))
     worst = _worst(rows, "rpm" if not given.get("over") else None)
     contents = {}
     if given.get("csv"):
@@ -88,11 +91,6 @@ def _named(name, title):
     """The name of a file with that of the mode in it."""
     path, own = Path(name), re.sub(r"[^\w.-]+", "_", title)
     return str(path.with_name(f"{path.stem}_{own}{path.suffix}"))
-
-
-def _rows(name):
-    with Path(name).open(encoding="utf-8", newline="") as text:
-        return list(csv.DictReader(text))
 
 
 def _worst(rows, axis):

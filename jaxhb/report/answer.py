@@ -39,7 +39,9 @@ class Axis:
         return "speeds" if self == SPEED else f"values of {self.name}"
 
     def span(self, values, word="from", to="to"):
-        """``8 speeds from 700 to 2450 rpm``, or ``5 values of NAME.FIELD from 100 to 400 N m s/rad``."""
+        """``8 speeds from 700 to 2450 rpm``, or ``5 values of NAME.FIELD from 100 to 400 N m s/rad``; of one itself."""
+        if len(values) == 1:
+            return self.said(f"{values[0]:g}")
         return f"{len(values)} {self.counted} {word} {min(values):g} {to} {max(values):g} {self.unit}".rstrip()
 
     def said(self, values):

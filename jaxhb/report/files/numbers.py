@@ -11,7 +11,7 @@ from jaxhb.report.quantities import WITHOUT, number
 from jaxhb.report.text.certified import certificate_record
 from jaxhb.report.text.mean_torques import mean_angles_of, torques_of
 from jaxhb.report.text.sentences import notes, verdict
-from jaxhb.report.text.strength import answers_strength, strength_columns, strength_entry
+from jaxhb.report.text.strength import answers_strength, strength_columns, strength_record
 from jaxhb.results.dataset import CONTACT, as_netcdf, names_of, to_xarray
 from jaxhb.results.record import PERCENT
 from jaxhb.results.signal import MISSED
@@ -63,7 +63,7 @@ def answer_record(answer, *, orders=None):
         "gears": of_each("gear", lambda name: of_signal(answer.gear_torque(name))),
         "meshes": of_each("mesh", lambda name: _mesh_record(answer, name, of_signal)),
     }
-    found |= strength_entry(answers_strength([answer]), one_speed=True)
+    found |= strength_record(answers_strength([answer]), one_speed=True)
     return found | (certificate_record(answer.certificate) if answer.certificate is not None else {})
 
 
@@ -87,7 +87,7 @@ def cases_record(cases, *, orders=None):
             "title": case.title,
             "responses": [answer_record(answer, orders=orders) for answer in case.answers],
             "without_backlash": [answer_record(answer.without_backlash, orders=orders) for answer in case.answers],
-            **strength_entry(answers_strength(case.answers)),
+            **strength_record(answers_strength(case.answers)),
         }
         for case in cases
     ]

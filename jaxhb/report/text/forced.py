@@ -6,10 +6,12 @@ from functools import cached_property
 import numpy as np
 
 from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.report.answer import SPEED
 from jaxhb.report.quantities import READERS, shown_unit
 from jaxhb.report.selection import case_title, train_name
 from jaxhb.report.text.columns import NONE, from_rows, ranges, ratio
 from jaxhb.report.text.sentences import misfire_text
+from jaxhb.report.text.strength import strength_columns, strength_record
 from jaxhb.results.dataset import SIGNALS, names_of
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
@@ -103,8 +105,7 @@ def forced_text(cases, found, worst=None, *, each):
     several ``cases``, :class:`jaxhb.ForcedResponse` by the cylinder that does not fire, the ``worst`` misfires."""
     response = cases[""]
     name, rpm, good = train_name(response.topology), response.rpm, np.asarray(response.converged)
-    speeds = f"{len(rpm)} speeds from {rpm.min():g} to {rpm.max():g}" if len(rpm) > 1 else f"{rpm[0]:g}"
-    parts = [f"{name}: linear forced response, teeth in contact, {speeds} rpm"]
+    parts = [f"{name}: linear forced response, teeth in contact, {SPEED.span(rpm)}"]
     if worst:
         return "\n\n".join([*parts, *_misfire_parts(cases, found, worst, each)])
     parts += [_speed_table(one, good) for one in found] if each else worst_tables(response, found)
@@ -159,10 +160,10 @@ def _over_speeds(found, what, heads, rows, groups=(), left=()):
     return from_rows(title, [element, *heads], rows, groups, left)
 
 
-def forced_record(cases, found, worst=None, *, orders=None, more=None):
-    """What ``forced --json`` writes, see ``docs/how_to/linear.md``; orders up to ``orders``, ``more`` of each case."""
-    more = more or {}
-    records = {name: _record(one, found, orders) | more.get(name, {}) for name, one in cases.items()}
+def forced_record(cases, found, judged, worst=None, *, orders=None):
+    """What ``forced --json`` writes, see ``docs/how_to/linear.md``; orders up to ``orders``, ``judged`` as of
+    :func:`forced_rows`."""
+    records = {name: _record(one, found, orders) | strength_record(judged[name]) for name, one in cases.items()}
     record = records.pop("")
     if worst:
         rows = {one.name: _worst_record(one, worst) for one in found}
@@ -197,13 +198,13 @@ def _record(response, found, orders):
     } | {kind: {one.name: of_element(one) for one in found if one.kind == kind} for kind in KINDS}
 
 
-def forced_rows(cases, found, more=None):
-    """Rows of ``forced --csv`` by heads, one per speed, SI units; of several cases the cylinder comes first, ``more``
-    columns by their heads, of every case, last."""
+def forced_rows(cases, found, judged):
+    """Rows of ``forced --csv`` by heads, one per speed, SI units; of several cases the cylinder comes first, what the
+    :class:`jaxhb.Strength` of every case, ``judged``, says last."""
     rows = []
     for name, response in cases.items():
         own = {"misfire": [name] * len(response.rpm)} if len(cases) > 1 else {}
-        own |= _columns(response, [one.of(response) for one in found], (more or {}).get(name, {}))
+        own |= _columns(response, [one.of(response) for one in found], strength_columns(judged[name]))
         rows += [dict(zip(own, row, strict=True)) for row in zip(*own.values(), strict=True)]
     return rows
 

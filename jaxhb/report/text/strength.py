@@ -82,17 +82,12 @@ def strength_text(judged):
     for title, found in judged.items():
         own = [_table(found, kind) for kind in LIMITED if getattr(found, kind)]
         if any(row.continuous is not None for row in found.stresses.values()):
-            limited |= {rule: _source(rule, found.rated_rpm) for rule in found.judged}
+            for rule in found.judged:
+                told = RULE if rule == RULES[0] else OTHER
+                limited[rule] = told.format(source=OF_RULE[rule].source, rated=found.rated_rpm)
             own += [_barred_text(found, rule) for rule in found.judged] if len(found.rpm) > 1 else []
         parts += ([f"{title}\n{own[0]}"] if title and own else own[:1]) + own[1:]
     return parts + list(dict.fromkeys(limited.values()))
-
-
-def _source(rule, rated):
-    """Where the limits of a rule come from, and what they hold for."""
-    if rule == RULES[0]:
-        return RULE.format(rated=rated)
-    return OTHER.format(source=OF_RULE[rule].source, rated=rated)
 
 
 def _table(found, kind):
@@ -169,8 +164,8 @@ def _range_text(name, one, share, rated):
 
 
 def strength_record(found, *, one_speed=False):
-    """What the JSON holds of a :class:`jaxhb.Strength`, see ``docs/how_to/data_and_files.md``: SI units, lists over the
-    speeds (of ``one_speed`` numbers, and no ranges), None where there is no limit; empty without any in the scene."""
+    """``{"strength": ...}`` of a :class:`jaxhb.Strength`, see ``docs/how_to/data_and_files.md``: SI units, lists over
+    the speeds (of ``one_speed`` numbers, and no ranges), None where there is no limit; empty without any limits."""
     if not found:
         return {}
     record = {"note": AID, "rated_rpm": found.rated_rpm}
@@ -186,12 +181,7 @@ def strength_record(found, *, one_speed=False):
         }
     for name, ranges_of in () if one_speed else found.barred.items():
         record["stresses"][name]["barred"] = [vars(one) | {"passable": one.passable} for one in ranges_of]
-    return record
-
-
-def strength_entry(found, **how):
-    """``{"strength": ...}`` of a :func:`strength_record`; empty where the scene gives no limits."""
-    return {"strength": strength_record(found, **how)} if found else {}
+    return {"strength": record}
 
 
 def strength_columns(found):

@@ -15,10 +15,8 @@ NEGLIGIBLE = 0.002  # share of the nominal response below which a number moves n
 
 def tolerance_parts(spread, checked):
     """Words and tables of a Spread: the worst case of each quantity, over the speeds, which numbers move it, where."""
-    title, rpm = spread.train.topology.title, spread.rpm
-    span = SPEED.span(rpm) if len(rpm) > 1 else f"{rpm[0]:g} rpm"
-    solved = np.isfinite(spread.nominal).all(axis=1)
-    head = f"{title} at {span}: {len(spread.tolerances)} tolerances; {spread.evaluations} solves of a speed."
+    title, rpm, solved = spread.train.topology.title, spread.rpm, np.isfinite(spread.nominal).all(axis=1)
+    head = f"{title} at {SPEED.span(rpm)}: {len(spread.tolerances)} tolerances; {spread.evaluations} solves of a speed."
     lost = f"NOT solved, and left out: {', '.join(f'{x:g}' for x in rpm[~solved])} rpm."
     parts = ["\n".join([head, *([] if solved.all() else [lost])])]
     if solved.any():

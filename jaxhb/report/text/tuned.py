@@ -61,7 +61,6 @@ def start_record(train, rpm, reading):
 def tuned_parts(train, asked, result):
     """Before and after in the words of an engineer: what was won, parameters, quantities at their worst speeds."""
     rpm, last = np.asarray(asked["rpm"]), result.history[-1]
-    span = SPEED.span(rpm) if len(rpm) > 1 else f"{rpm[0]:g} rpm"
     won, rows = [], []
     both = result.before.solved & result.after.solved
     for chosen, name, *values in _readings(asked, result):
@@ -82,7 +81,7 @@ def tuned_parts(train, asked, result):
     head = [
         *won,
         "",
-        f"{train.topology.title} at {span}: {last.number} steps, {last.evaluations} evaluations, "
+        f"{train.topology.title} at {SPEED.span(rpm)}: {last.number} steps, {last.evaluations} evaluations, "
         f"{last.seconds:.0f} s; {result.stopped}",
         f"solved: {result.before.solved.sum()} of {len(rpm)} speeds before, {result.after.solved.sum()} after",
         *_not_solved(rpm, result),
