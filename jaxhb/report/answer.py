@@ -33,16 +33,12 @@ class Axis:
         """For axes of pictures and heads of columns."""
         return "rpm" if self == SPEED else f"{self.name}, {self.unit}".removesuffix(", ")
 
-    @property
-    def counted(self):
-        """What there are many of."""
-        return "speeds" if self == SPEED else f"values of {self.name}"
-
     def span(self, values, word="from", to="to"):
         """``8 speeds from 700 to 2450 rpm``, or ``5 values of NAME.FIELD from 100 to 400 N m s/rad``; of one itself."""
         if len(values) == 1:
             return self.said(f"{values[0]:g}")
-        return f"{len(values)} {self.counted} {word} {min(values):g} {to} {max(values):g} {self.unit}".rstrip()
+        counted = "speeds" if self == SPEED else f"values of {self.name}"
+        return f"{len(values)} {counted} {word} {min(values):g} {to} {max(values):g} {self.unit}".rstrip()
 
     def said(self, values):
         """Values as text: ``600, 1200 rpm``, or ``NAME.FIELD = 100, 300 N m s/rad``."""

@@ -132,9 +132,9 @@ def plot_tuning(objectives, result):
             line(result.rpm, factor * reading.readings[name], said, style, mode="lines+markers")
             for style, (said, reading) in enumerate((("before", result.before), ("after", result.after)))
         ]
-        panels = [(f"{objective.quantity}, {unit}".removesuffix(", "), top_of(traces))]
+        said = f"{objective.quantity}, {unit}".removesuffix(", ")
         traces += crosses(result.rpm[~(result.before.solved | result.after.solved)])
-        figures.append(figure(plain(name), "speed, rpm", panels, traces, x_range=axis))
+        figures.append(figure(plain(name), "speed, rpm", said, traces, x_range=axis))
     steps, values = zip(*((step.number, step.objective) for step in result.history), strict=True)
     traces = [line(steps, values, "objective, 1 at the start", 1, mode="lines+markers")]
     panels = [("objective", top_of(traces))]

@@ -50,7 +50,9 @@ class Figure:
 
 
 def figure(caption, x_title, panels, traces, *, x_range=None, height=PANEL, shapes=(), annotations=()):
-    """A :class:`Figure` of panels above one another, each a (title, range or None) from the top, over one axis."""
+    """A :class:`Figure` of panels above one another, each a (title, range or None) from the top, over one axis; or of
+    one panel, given by its title, which begins at zero and holds all numbers."""
+    panels = [(panels, top_of(traces))] if isinstance(panels, str) else panels
     keys = sum(trace.get("showlegend", True) for trace in traces)
     rows = -(-keys // legend_columns(traces)) if keys > 1 else 0  # one name needs no legend
     above, gap = 12 + LEGEND_ROW * rows, 26

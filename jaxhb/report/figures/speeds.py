@@ -20,7 +20,6 @@ from jaxhb.report.figures.figure import (
     motion_line,
     plain,
     speed_range,
-    top_of,
 )
 from jaxhb.report.quantities import forces, separation, shaft_torques, shown_unit
 from jaxhb.report.selection import NOT_FIRING, hardest_shaft, train_name
@@ -87,11 +86,10 @@ def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
     axis = speed_range(places)
     if quantity.called == "tooth force" and names[0]:
         traces += _cycles(quantity, names, cases, BESIDE * (axis[1] - axis[0]))
-    panels = [(f"{quantity.called}, {quantity.unit}", top_of(traces))]
     traces += kind_keys(*(case.answers for case in cases))
     title = "speed, rpm" if first[0].axis == SPEED else first[0].axis.label
     caption = caption or f"{plain(names[0])}: {quantity.small_title}, {quantity.unit}"
-    return figure(caption, title, panels, traces, x_range=axis, **layout)
+    return figure(caption, title, f"{quantity.called}, {quantity.unit}", traces, x_range=axis, **layout)
 
 
 def _cycles(quantity, names, cases, beside):
@@ -130,8 +128,7 @@ def tolerance_figures(spread):
             look = {"color": "#555555", "dash": "solid", "width": 5}
             traces.append(bars(rpm, low, high, "5 to 95 % of the sample", look=look, opacity=0.45))
             traces.append(marks(rpm, middle, "half of the sample", "circle", size=5))
-        panels = [(plain(with_unit(one)), top_of(traces))]
-        figures.append(figure(plain(name), "speed, rpm", panels, traces, x_range=speed_range(rpm)))
+        figures.append(figure(plain(name), "speed, rpm", plain(with_unit(one)), traces, x_range=speed_range(rpm)))
     return figures
 
 
@@ -155,9 +152,8 @@ def plot_identified(found):
             ):
                 traces.append(line(rows.rpm[at], factor * np.abs(computed[at]), f"{said}, {name}", style, look=look))
             traces.append(marks(rows.rpm[at], factor * rows.amplitude[at], f"{said}, measured", SYMBOLS[style], size=6))
-        panels = [(f"{quantity}, {unit}", top_of(traces))]
-        caption = f"{quantity} of {plain(element)}: amplitudes"
-        figures.append(figure(caption, "speed, rpm", panels, traces, x_range=speed_range(np.unique(rows.rpm))))
+        caption, axis = f"{quantity} of {plain(element)}: amplitudes", speed_range(np.unique(rows.rpm))
+        figures.append(figure(caption, "speed, rpm", f"{quantity}, {unit}", traces, x_range=axis))
     return drawn(*figures, title=f"{train_name(found.train.topology)}: measured and computed")
 
 
@@ -210,11 +206,11 @@ def orders_figure(response, element, misfires, title=""):
         marker = {"symbol": SYMBOLS[number % len(SYMBOLS)], "size": 6, "maxdisplayed": 12}
         more = {"mode": "lines+markers", "marker": marker, "look": {"width": 1.0}}
         traces.append(line(rpm, certain * signal.amplitudes[:, k], f"order {signal.orders[k]:g}", 2 + number, **more))
-    panels = [(f"{element.called}, {unit}", top_of(traces))]
     traces += crosses(rpm[~converged])
-    across = (rpm[0], rpm[-1]) if len(rpm) > 1 else None
+    layout = {"x_range": (rpm[0], rpm[-1]) if len(rpm) > 1 else None, "height": 220}
     said = f"linear forced response over the speed, {title}".removesuffix(", ")
-    return figure(f"{plain(element.name)}: {said}, {unit}", "speed, rpm", panels, traces, x_range=across, height=220)
+    caption = f"{plain(element.name)}: {said}, {unit}"
+    return figure(caption, "speed, rpm", f"{element.called}, {unit}", traces, **layout)
 
 
 def hardest_elements(found):
@@ -259,5 +255,5 @@ def limit_figure(judged, key, name):
     shaded = "; grey: barred" + " in one of these cases" * (len(judged) > 1) if barred else ""
     against = " against its limits" if len(traces) > len(judged) else ""
     caption = f"{plain(name)}: {called}{against}, {unit}{shaded}"
-    panels, shapes = [(f"{called}, {unit}", top_of(traces))], bands([(one.low, one.high) for one in barred])
-    return figure(caption, "speed, rpm", panels, traces, x_range=speed_range(first.rpm), height=180, shapes=shapes)
+    layout = {"x_range": speed_range(first.rpm), "height": 180, "shapes": bands([(b.low, b.high) for b in barred])}
+    return figure(caption, "speed, rpm", f"{called}, {unit}", traces, **layout)

@@ -94,13 +94,8 @@ def environment():
     """Templates, which escape what they are given."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    made = Environment(
-        loader=PackageLoader(__package__, "."),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
+    blocks = {"trim_blocks": True, "lstrip_blocks": True}
+    made = Environment(loader=PackageLoader(__package__, "."), autoescape=True, undefined=StrictUndefined, **blocks)
     made.filters |= {"words": _words, "css": _css_text}
     for name, kind in {"table": Table, "drawn": Figure, "heading": Heading, "sketch": Sketch}.items():
         made.tests[name] = lambda block, kind=kind: isinstance(block, kind)

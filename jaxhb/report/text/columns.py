@@ -55,11 +55,11 @@ def aligned(heads, columns, groups=(), left=()):
     return "\n".join("  " + row for row in [*[above.rstrip()] * bool(groups), *rows])
 
 
-def alike(*columns, digits=4):
-    """Columns of numbers with the same decimals: ``digits`` significant ones for the largest of all."""
+def alike(*columns):
+    """Columns of numbers with the same decimals: four significant digits for the largest of all."""
     numbers = [[float(value) for value in column] for column in columns]
     largest = max((abs(x) for column in numbers for x in column if math.isfinite(x)), default=0.0)
-    places = 0 if largest == 0 else min(max(digits - 1 - math.floor(math.log10(largest)), 0), 12)
+    places = 0 if largest == 0 else min(max(3 - math.floor(math.log10(largest)), 0), 12)
     # Adding 0.0 after rounding turns -0.0 into 0.0.
     return [
         [f"{round(x, places) + 0.0:.{places}f}" if math.isfinite(x) else NONE for x in column] for column in numbers
