@@ -62,11 +62,8 @@ def tuned_parts(train, asked, result):
     """Before and after in the words of an engineer: what was won, parameters, quantities at their worst speeds."""
     rpm, last = np.asarray(asked["rpm"]), result.history[-1]
     won, rows = [], []
-    both = result.before.solved & result.after.solved
-    for chosen, name, *values in _readings(asked, result):
-        # Speeds that only one of the designs has solved count in neither, unless no speed is solved in both.
-        values = [np.where(both, one, np.nan) if np.shape(one) == both.shape and both.any() else one for one in values]
-        (old, old_rpm), (new, new_rpm) = found = [_worst(rpm, own, chosen) for own in values]
+    for chosen, name, *both in _compared(asked, result):
+        (old, old_rpm), (new, new_rpm) = found = [_worst(rpm, values, chosen) for values in both]
         if len(won) < len(asked["objective"]):
             change = f", {100 * (new / old - 1):+.0f} %" if old else ""
             won.append(
@@ -148,6 +145,14 @@ def _readings(asked, result):
     for chosen in (*asked["objective"], *asked["penalties"]):
         name = label(chosen)
         yield chosen, name, result.before.readings[name], result.after.readings[name]
+
+
+def _compared(asked, result):
+    """The same with NaN at speeds that only one of the designs has solved, unless no speed is solved in both."""
+    both = result.before.solved & result.after.solved
+    for chosen, name, *values in _readings(asked, result):
+        masked = (np.where(both, one, np.nan) if np.shape(one) == both.shape and both.any() else one for one in values)
+        yield chosen, name, *masked
 
 
 def _worst(rpm, values, chosen):
