@@ -45,12 +45,11 @@ def pieces(n_disks: int, pairs) -> list[int]:
 
 @dataclass(frozen=True, kw_only=True)
 class Rotors:
-    """Rotor of each disk, and for each rotor its path of (driving, driven) gears, speed ratio and sense."""
+    """Rotor of each disk, and for each rotor its path of (driving, driven) gears and its speed ratio."""
 
     rotor: tuple[int, ...]
     path: tuple[tuple[tuple[int, int], ...], ...]
     ratio: tuple[float, ...]
-    sense: tuple[int, ...]
 
 
 def find_rotors(n_disks, elastic_pairs, mesh_ends, mesh_internal, radius, reference: int):
@@ -89,8 +88,7 @@ def find_rotors(n_disks, elastic_pairs, mesh_ends, mesh_internal, radius, refere
             locked.append((m, disks, f"its ratios multiply to {ahead / ratio[there]:.6g}"))
         elif turn != sense[there]:
             locked.append((m, disks, "its senses of rotation contradict each other"))
-    found = Rotors(rotor=tuple(rotor), path=tuple(path), ratio=tuple(ratio), sense=tuple(sense))
-    return found, locked
+    return Rotors(rotor=tuple(rotor), path=tuple(path), ratio=tuple(ratio)), locked
 
 
 def _loop(path_a, path_b, closing) -> list[int]:
