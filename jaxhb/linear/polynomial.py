@@ -283,7 +283,10 @@ def _receptance(train, p, ends):
 
 def _determinants(system, topology, p, *ways):
     """``det(p^2 M + p B + K)`` in displacements as Scaled, of each way: its disks held, times k a b of its links."""
-    closing, C = closing_link(topology), _complex_stiffness(system, p)
+    # Loss factors count with the sign of Im p.
+    stiffness, loss, viscous = (jnp.asarray(a)[:, None] for a in (system.stiffness, system.loss, system.viscous))
+    C = doubled(stiffness * (1 + 1j * loss * jnp.sign(p.imag))) + doubled(p).scaled(viscous)
+    closing = closing_link(topology)
     terms = [[(doubled(jnp.ones_like(p)), way)] for way in ways]
     if closing is not None:
         added = closed(topology, closing, system.arm_a[closing], system.arm_b[closing])
@@ -349,12 +352,6 @@ def _hung(own, above, z, k, near, far):
     F = z * P + A
     W = F + P * k.scaled(near * near)
     return A_above * W + P_above * (F * k.scaled(far * far)), P_above * W
-
-
-def _complex_stiffness(system, p):
-    """``k (1 + i eta) + p r`` of every link ``(L, n)``; loss factors with the sign of Im p."""
-    stiffness, loss, viscous = (jnp.asarray(a)[:, None] for a in (system.stiffness, system.loss, system.viscous))
-    return doubled(stiffness * (1 + 1j * loss * jnp.sign(p.imag))) + doubled(p).scaled(viscous)
 
 
 def _determinant(system, C, p, held, passed):

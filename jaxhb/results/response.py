@@ -158,12 +158,11 @@ class Response(Fields, Motion[Signal, Contact, Array]):
             case "deflection":
                 return self._signal(sense * self.deflections[..., index, :])
             case "transmission_error":
-                if self.train is None:
-                    raise ValueError(
-                        "the response comes out of a transformation without its train: solve outside of it"
-                    )
-                approach, error = self.deflections[..., index, :], backlash.all_meshes(self.train).error
-                return self._signal(sense * (approach if error is None else _sum(approach, error[index])))
+                approach, error = self.deflections[..., index, :], backlash.all_meshes(self._solved).error
+                if error is not None:
+                    most = max(approach.shape[-1], error.shape[-1]) - 1
+                    approach = fourier.resize(approach, most) + fourier.resize(error[index], most)
+                return self._signal(sense * approach)
             case "gear_torque":
                 senses = np.array([(a == index) - (b == index) for a, b in self.topology.mesh_ends], dtype=float)
                 both, radius = (self.forces, self.elastic_forces), self.radius[..., index, None]
@@ -184,6 +183,13 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     def _frequency(self):
         """Omega of the cycle in rad/s, with an axis for the harmonics."""
         return self.topology.cycle_frequency(namespace(self.rpm).asarray(self.rpm))[..., None]
+
+    @property
+    def _solved(self):
+        """The train, where there is one."""
+        if self.train is None:
+            raise ValueError("the response comes out of a transformation without its train: solve outside of it")
+        return self.train
 
     def _power(self, index):
         shafts = self.torques.shape[-2]
@@ -206,11 +212,9 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     def impact_energy(self, a: str, b: str | None = None) -> float:
         """Energy in J that the impacts of a mesh bring in a cycle, ``sum of m v^2 / 2`` over them: v the approach
         speed, m of the two gears alone, ``m_a m_b / (m_a + m_b)``, J / r^2 each. ValueError without a train."""
-        if self.train is None:
-            raise ValueError("the response comes out of a transformation without its train: solve outside of it")
         index, _ = self._mesh_index(a, b)
-        ends = list(self.topology.mesh_ends[index])
-        mass = np.asarray(self.train.disks.inertia)[ends] / np.asarray(self.train.disks.radius)[ends] ** 2
+        disks, ends = self._solved.disks, list(self.topology.mesh_ends[index])
+        mass = np.asarray(disks.inertia)[ends] / np.asarray(disks.radius)[ends] ** 2
         speeds = np.array([impact["speed"] for impact in self.mesh(a, b).impacts])
         return float(mass.prod() / max(mass.sum(), 1e-300) * np.sum(speeds**2) / 2)
 
@@ -236,12 +240,6 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         """
         motions = [self[i] for i in range(len(self))] if np.ndim(self.rpm) else [self]
         return to_xarray(motions, self.topology, np.asarray(self.rpm), orders=orders)
-
-
-def _sum(one, other):
-    """Coefficients of the sum of two signals, with the more harmonics of the two."""
-    most = max(one.shape[-1], other.shape[-1]) - 1
-    return fourier.resize(one, most) + fourier.resize(other, most)
 
 
 def with_gaps(response):

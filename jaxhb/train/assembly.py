@@ -163,27 +163,28 @@ def _gearing(parts, root: int | None, radii):
 def _harmonic_needs(parts, ratio) -> list[tuple]:
     """Harmonics per revolution of the reference rotor, whole over the cycle: (table, i, text, value, key of mean)."""
     needs = []
+
+    def need(table, i, rows, factor, mean="", of=""):
+        orders = _orders(rows) if factor is not None else ()
+        needs.extend((table, i, f"order {o:g}{of}", o * factor, mean) for o in orders)
+
     seat = dict(parts.seats("torque"))
     for i, torque in enumerate(parts.tables["torque"]):
-        own = torque.orders_of == "own"
-        factor = (ratio[seat[i]] if i in seat else None) if own else 1.0
-        if factor is not None and parts.usable("torque", i, "orders_of"):
-            needs += [("torque", i, f"order {o:g}", o * factor, "mean") for o in _orders(torque.harmonics)]
+        if parts.usable("torque", i, "orders_of"):
+            factor = 1.0 if torque.orders_of != "own" else ratio[seat[i]] if i in seat else None
+            need("torque", i, torque.harmonics, factor, "mean")
     for i, ends in parts.links("mesh"):
         mesh, periods = parts.tables["mesh"][i], _mesh_periods(parts, ends, ratio)
         per_order = dict.fromkeys(OF_PERIOD, periods) | dict(zip(OF_GEARS, (ratio[d] for d in ends), strict=True))
         for name, factor in per_order.items():
-            orders = _orders(getattr(mesh, name)) if factor is not None else []
-            needs += [("mesh", i, f"order {o:g} of {name}", o * factor, "") for o in orders]
+            need("mesh", i, getattr(mesh, name), factor, of=f" of {name}")
     for i, disk in parts.seats("load"):
-        factor, orders = ratio[disk], _orders(parts.tables["load"][i].harmonics)
-        needs += [("load", i, f"order {o:g}", o * factor, "") for o in orders if factor is not None]
+        need("load", i, parts.tables["load"][i].harmonics, ratio[disk])
     for i, disk in parts.seats("cylinder"):
         cylinder, factor = parts.tables["cylinder"][i], ratio[disk]
+        need("cylinder", i, cylinder.gas_torque, factor, "gas_torque_mean")
         if factor is None:
             continue
-        orders = _orders(cylinder.gas_torque)
-        needs += [("cylinder", i, f"order {o:g}", o * factor, "gas_torque_mean") for o in orders]
         if gas.source(cylinder) and parts.usable("cylinder", i, *gas.COMPUTED):
             turns = gas.gas_revolutions(cylinder)
             text = f"one gas cycle of {turns} revolution{'s' if turns > 1 else ''}"
