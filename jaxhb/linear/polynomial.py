@@ -178,18 +178,6 @@ def rescaled(number, exponent):
     return Scaled(number, exponent + shift)
 
 
-def scaled_product(numbers):
-    """Product of positive numbers ``(n,)`` as :class:`Scaled`, one after the other."""
-
-    def extend(state, number):
-        product, exponent = state
-        (product,), shift = shifted((product * number,))
-        return (product, exponent + shift), None
-
-    (mantissa, exponent), _ = lax.scan(extend, (jnp.array(1.0), jnp.array(0.0)), numbers)
-    return Scaled(mantissa, exponent)
-
-
 def closing_link(topology):
     """The link that closes the loop of a train, None without; SceneError of several."""
     loops = chain.span(topology).loops.tolist()
@@ -386,8 +374,8 @@ def _over_inertias(system, determinant):
     """D: each row of a disk with inertia divided by it, other rows in angles."""
     mass = jnp.asarray(system.mass)
     heavy = mass > 0
-    weight = scaled_product(jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2))
-    return rescaled(determinant.mantissa * weight.mantissa, determinant.exponent + weight.exponent)
+    factors = jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2)
+    return lax.scan(lambda found, k: (rescaled(found.mantissa * k, found.exponent), None), determinant, factors)[0]
 
 
 @dataclass(frozen=True)
