@@ -196,17 +196,20 @@ def check_all(train, parameters, given, penalties, rpm):
         raise SceneError(faults)
 
 
-def own_value(train, name, remedy):
-    """The train's own number, and what is wrong where there is none; ``remedy`` : where it is a table."""
+def own_value(train, name, remedy, faults):
+    """The train's own number, nan where there is none, which ``faults`` are told; ``remedy`` : where it is a table."""
     try:
         value = train.value(name)
     except SceneError as error:
-        return np.nan, [sentence.partition(": ")[2] or sentence for sentence in error.sentences]
-    return (np.nan, [f"it is a table, not a number: {remedy}"]) if np.ndim(value) else (float(value), [])
+        faults += [sentence.partition(": ")[2] or sentence for sentence in error.sentences]
+        return np.nan
+    faults += [f"it is a table, not a number: {remedy}"] if np.ndim(value) else []
+    return np.nan if np.ndim(value) else float(value)
 
 
 def parameter_faults(train, parameter):
-    value, faults = own_value(train, parameter.name, "tune numbers only.")
+    faults: list[str] = []
+    value = own_value(train, parameter.name, "tune numbers only.", faults)
     if faults:
         return faults
     if parameter.scale not in ("log", "linear"):

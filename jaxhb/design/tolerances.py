@@ -89,8 +89,7 @@ def _tolerance(train, name, entry, faults):
     if not isinstance(together, list) or not all(isinstance(other, str) for other in together):
         faults.append(f"together is {shown(together)}, must be a list of 'NAME.FIELD'.")
         together = []
-    value, (own, missing) = entry[key], own_value(train, name, NUMBERS_ONLY)
-    faults += missing
+    value, own = entry[key], own_value(train, name, NUMBERS_ONLY, faults)
     if key == "range":
         if not (isinstance(value, list) and len(value) == 2 and all(map(number_like, value))):
             faults.append(f"range is {shown(value)}, must be two numbers [low, high].")
@@ -113,8 +112,8 @@ def check_tolerances(train, tolerances):
     twice = sorted({name for name in names if names.count(name) > 1})
     faults += [f"{where}: {name!r} has two tolerances: leave one out." for name in twice]
     for one in tolerances:
-        found = {name: own_value(train, name, NUMBERS_ONLY) for name in (one.name, *one.together)}
-        own, texts = {name: value for name, (value, _) in found.items()}, [text for _, m in found.values() for text in m]
+        texts = []
+        own = {name: own_value(train, name, NUMBERS_ONLY, texts) for name in (one.name, *one.together)}
         value = own[one.name]
         if not texts and not (np.isfinite(one.low) and np.isfinite(one.high) and one.low < one.high):
             texts.append(f"its range is {one.low:g} to {one.high:g}, must be finite, low less than high.")

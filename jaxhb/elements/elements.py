@@ -9,9 +9,9 @@ degrees.
 
 import dataclasses
 import difflib
-import operator
 from dataclasses import dataclass, field
 from functools import reduce
+from operator import ge, gt, le, lt, or_
 from typing import Any
 
 
@@ -28,8 +28,8 @@ class Range:
 
     def excludes(self, values) -> Any:
         """Whether numbers, or arrays of them, lie outside the range; nan does not."""
-        wrong = (operator.le, self.above), (operator.lt, self.least), (operator.ge, self.below), (operator.gt, self.most)
-        return reduce(operator.or_, (is_wrong(values, end) for is_wrong, end in wrong if end is not None), False)
+        wrong = (le, self.above), (lt, self.least), (ge, self.below), (gt, self.most)
+        return reduce(or_, (is_wrong(values, end) for is_wrong, end in wrong if end is not None), False)
 
     def words(self) -> str:
         """Say the range: ``greater than 0 N m/rad``."""

@@ -35,6 +35,9 @@ class Fields:
     elastic_forces: Array
 
 
+FIELDS = tuple(field.name for field in dataclasses.fields(Fields))
+
+
 @dataclass(frozen=True)
 class Response(Fields, Motion[Signal, Contact, Array]):
     """Steady periodic motion at one speed, or at several (every array then has a leading axis).
@@ -247,8 +250,8 @@ def with_gaps(response):
     failed = np.asarray(response.status) != Status.CONVERGED
     if not failed.any():
         return response
-    names = *(field.name for field in dataclasses.fields(Fields)), "disk_power", "link_power"
-    given = {name: np.array(getattr(response, name)) for name in names if hasattr(response, name)}
+    names = (name for name in (*FIELDS, "disk_power", "link_power") if hasattr(response, name))
+    given = {name: np.array(getattr(response, name)) for name in names}
     for values in given.values():
         values[failed] = np.nan
     return dataclasses.replace(response, **given)
@@ -279,8 +282,7 @@ register(Response)
 
 def stack(responses):
     """Responses of one train at several speeds as one with a leading axis; all get the most harmonics among them."""
-    fields = [f.name for f in dataclasses.fields(Fields)]
-    most = {name: max(getattr(response, name).shape[-1] for response in responses) - 1 for name in fields}
+    most = {name: max(getattr(response, name).shape[-1] for response in responses) - 1 for name in FIELDS}
     resolution = max(response.resolution for response in responses)
 
     def padded(response):

@@ -119,12 +119,6 @@ def exact_radii(radius, teeth, mesh_ends) -> list[float]:
 _NO_MEAN = ("harmonics", "gas_torque", "firing_angle", "reciprocating_mass", "ambient_pressure")
 """Numbers of torques and cylinders that no mean torque depends on."""
 
-_DECIDES = {
-    "damper": ("stiffness", "damping"),
-    "torque": ("mean",),
-    "cylinder": ("gas_torque_mean", "pressure", "bore", "gas_factor", "combustion.heat", "combustion.imep"),
-}
-
 
 def names_of(names, indices, most: int = 8) -> str:
     """List names for a sentence."""
@@ -159,7 +153,8 @@ def unheld(source, names, *, links, static, ground, loaded, main: int) -> list[s
 
 def touches(changes) -> bool:
     """Tell whether changed fields ((table, field), ...) can decide what is held."""
-    return any(field in _DECIDES.get(table, ()) for table, field in changes)
+    means = any(table in ("torque", "cylinder") and field not in _NO_MEAN for table, field in changes)
+    return means or not changes.keys().isdisjoint({("damper", "stiffness"), ("damper", "damping")})
 
 
 def train_errors(train) -> list[str]:
