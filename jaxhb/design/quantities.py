@@ -208,7 +208,7 @@ def own_value(train, name, remedy, faults):
 
 
 def parameter_faults(train, parameter):
-    faults: list[str] = []
+    faults = []
     value = own_value(train, parameter.name, "tune numbers only.", faults)
     if faults:
         return faults

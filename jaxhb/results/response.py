@@ -215,8 +215,8 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     def impact_energy(self, a: str, b: str | None = None) -> float:
         """Energy in J that the impacts of a mesh bring in a cycle, ``sum of m v^2 / 2`` over them: v the approach
         speed, m of the two gears alone, ``m_a m_b / (m_a + m_b)``, J / r^2 each. ValueError without a train."""
-        index, _ = self._mesh_index(a, b)
-        disks, ends = self._solved.disks, list(self.topology.mesh_ends[index])
+        disks = self._solved.disks
+        ends = list(self.topology.mesh_ends[self._mesh_index(a, b)[0]])
         mass = np.asarray(disks.inertia)[ends] / np.asarray(disks.radius)[ends] ** 2
         speeds = np.array([impact["speed"] for impact in self.mesh(a, b).impacts])
         return float(mass.prod() / max(mass.sum(), 1e-300) * np.sum(speeds**2) / 2)
