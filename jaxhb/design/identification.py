@@ -9,7 +9,7 @@ are solved by the trust-region method of scipy, within bounds.
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 import jax
@@ -226,10 +226,7 @@ def identify(
     if faults:
         raise SceneError([f"{where}: {text}" for text in faults])
     fit = Fit(train, measured, parameters, noise, priors)
-    free = np.arange(len(parameters))
-    begin = fit.shares(np.array([float(train.value(one.name)) for one in parameters]))
-    found, residuals, slopes = fit.solve(begin, free)
-    return fit.result(begin, found, residuals, slopes)
+    return fit.result(*fit.solve(fit.begin, np.arange(len(parameters))))
 
 
 @dataclass(frozen=True)
@@ -237,12 +234,10 @@ class Shares(Task):
     """Parameters as shares u ``(P,)`` of the way from low to high, 0 to 1, on their scales."""
 
     def named(self, z):
-        found = {}
-        for k, one in enumerate(self.parameters):
-            found[one.name] = (
-                one.low * (one.high / one.low) ** z[k] if one.scale == "log" else one.low + z[k] * (one.high - one.low)
-            )
-        return found
+        return {
+            one.name: one.low * (one.high / one.low) ** u if one.scale == "log" else one.low + u * (one.high - one.low)
+            for one, u in zip(self.parameters, z, strict=True)
+        }
 
 
 @partial(Program, static_argnames=("shares", "read", "harmonics"))
@@ -256,8 +251,7 @@ def computed_rows(train, rpm, places, u, *, shares, read, harmonics):
         sums = jnp.stack([signal.amplitudes.sum(axis=-1) for signal in signals])
         return (2 * jnp.stack([signal.coefficients for signal in signals])).at[..., 0].set(sums)[places]
 
-    values, slopes = rows(u), jax.jacfwd(rows)(u)
-    return values, slopes
+    return rows(u), jax.jacfwd(rows)(u)
 
 
 class Fit:
@@ -280,21 +274,17 @@ class Fit:
         self.target = measured.amplitude * np.exp(1j * np.deg2rad(np.nan_to_num(measured.phase)))
         self.own = np.array([float(train.value(one.name)) for one in parameters])
         self.priors = np.array([priors.get(one.name, np.inf) for one in parameters])
-
-    def shares(self, values):
-        """Shares u of numbers ``(P,)``."""
-        low, high = np.array([(one.low, one.high) for one in self.parameters]).T
-        log = np.array([one.scale == "log" for one in self.parameters])
+        low, high = np.array([(one.low, one.high) for one in parameters]).T
+        log = np.array([one.scale == "log" for one in parameters])
+        self.width = high - low
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(log, np.log(values / low) / np.log(high / low), (values - low) / (high - low))
+            self.ratio = np.where(log, np.log(high / low), 0.0)  # 0 on a linear scale
+            self.begin = np.where(log, np.log(self.own / low) / self.ratio, (self.own - low) / self.width)
 
     def numbers(self, u):
         """Numbers ``(P,)`` of shares, and their derivatives by them."""
         values = np.array([float(value) for value in self.task.named(u).values()])
-        log = np.array([one.scale == "log" for one in self.parameters])
-        low, high = np.array([(one.low, one.high) for one in self.parameters]).T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return values, np.where(log, values * np.log(high / low), high - low)
+        return values, np.where(self.ratio, values * self.ratio, self.width)
 
     def computed(self, u):
         """Complex amplitudes ``(R,)`` and their derivatives ``(R, P)``."""
@@ -304,12 +294,11 @@ class Fit:
     def residuals(self, u):
         """Residuals over their deviations: of rows, the second half of those with a phase, priors; and derivatives."""
         values, slopes = self.computed(u)
-        size = np.abs(values)
+        size, phased = np.abs(values), self.phased
         turned = np.where(size > 0, values.conj() / np.where(size > 0, size, 1.0), 1.0)
         complex_off, amplitude_off = values - self.target, size - self.measured.amplitude
-        off = np.where(self.phased, complex_off.real, amplitude_off) / self.sigma
-        by = np.where(self.phased[:, None], slopes.real, (turned[:, None] * slopes).real) / self.sigma[:, None]
-        phased = self.phased
+        off = np.where(phased, complex_off.real, amplitude_off) / self.sigma
+        by = np.where(phased[:, None], slopes.real, (turned[:, None] * slopes).real) / self.sigma[:, None]
         numbers, scale = self.numbers(u)
         known = np.isfinite(self.priors)
         more = (numbers - self.own)[known] / self.priors[known]
@@ -319,32 +308,29 @@ class Fit:
 
     def solve(self, begin, free):
         """Least squares over the ``free`` parameters, the others as in ``begin``: shares, residuals and derivatives."""
-        kept: dict = {}
 
         def whole(part):
             u = begin.copy()
             u[free] = part
-            key = u.tobytes()
-            if key not in kept:
-                kept.clear()
-                kept[key] = self.residuals(u)
-            return kept[key]
+            return u
+
+        @lru_cache(maxsize=1)  # residuals and derivatives are asked for one after the other
+        def told(numbers):
+            return self.residuals(whole(np.frombuffer(numbers)))
 
         inside = np.clip(begin[free], 1e-6, 1 - 1e-6)
         options = {"bounds": (0.0, 1.0), "x_scale": "jac", "ftol": 1e-10, "xtol": 1e-10, "gtol": 1e-10}
-        found = least_squares(lambda u: whole(u)[0], inside, jac=lambda u: whole(u)[1][:, free], **options)
-        u = begin.copy()
-        u[free] = found.x
+        of_rows, slopes = (lambda u: told(u.tobytes())[0]), (lambda u: told(u.tobytes())[1][:, free])
+        u = whole(least_squares(of_rows, inside, jac=slopes, **options).x)
         return u, *self.residuals(u)
 
-    def result(self, begin, u, residuals, slopes):
+    def result(self, u, residuals, slopes):
         """The :class:`Identification` of a fit."""
         values, scale = self.numbers(u)
         freedom = max(len(residuals) - len(u), 1)
         misfit = float(np.sqrt((residuals**2).sum() / freedom))
         # Directions that no row sees keep the deviation that the bounds leave.
-        bounded = np.eye(len(u)) * 12.0
-        covariance = np.linalg.inv(slopes.T @ slopes / max(misfit, 1.0) ** 2 + bounded * 1e-9)
+        covariance = np.linalg.inv(slopes.T @ slopes / max(misfit, 1.0) ** 2 + 12e-9 * np.eye(len(u)))
         deviation = np.sqrt(np.diag(covariance))
         left = np.sqrt(1 / 12.0)
         names = np.array([one.name for one in self.parameters])
@@ -359,7 +345,7 @@ class Fit:
             open=tuple(names[deviation > OPEN * left].tolist()),
             at_bound=tuple(names[(u < 1e-4) | (u > 1 - 1e-4)].tolist()),
             computed=self.computed(u)[0],
-            before_computed=self.computed(begin)[0],
+            before_computed=self.computed(self.begin)[0],
             sigma=self.sigma,
             misfit=misfit,
         )
@@ -403,8 +389,7 @@ def weak_cylinder(
     train = train.replace({f"{name}.gas_factor": 1.0 for name in names})
     parameters = tuple(Parameter(name=f"{name}.gas_factor", low=least, high=most, scale="linear") for name in names)
     fit = Fit(train, measured, parameters, noise, {})
-    begin = fit.shares(np.ones(len(names)))
-    same = float((fit.residuals(begin)[0] ** 2).sum())
+    begin, same = fit.begin, float((fit.residuals(fit.begin)[0] ** 2).sum())
     found = []
     for k, name in enumerate(names):
         # Amplitudes alone have a kink where all are equal, and grow to both sides of it.

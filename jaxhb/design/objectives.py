@@ -18,7 +18,7 @@ from jaxhb._jax import Array, Number
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import fourier
 from jaxhb.linear import strength
-from jaxhb.results.response import Fields, Response
+from jaxhb.results.response import FIELDS, Response
 from jaxhb.results.signal import Signal, p_norm
 from jaxhb.results.status import Status
 from jaxhb.train.drivetrain import DriveTrain
@@ -38,13 +38,12 @@ def usable(response: Any) -> Any:
     if not isinstance(response, Response):
         return response
     kept = valid(response)
-    names = [f.name for f in dataclasses.fields(Fields)]
 
     def masked(values):
         shape = kept.shape + (1,) * (values.ndim - kept.ndim)
         return jnp.where(kept.reshape(shape), values, 0.0)
 
-    return dataclasses.replace(response, **{name: masked(jnp.asarray(getattr(response, name))) for name in names})
+    return dataclasses.replace(response, **{name: masked(jnp.asarray(getattr(response, name))) for name in FIELDS})
 
 
 def tooth_force(response: Response, a: str, b: str | None = None, *, p: float = 64) -> Array:

@@ -17,7 +17,7 @@ from jaxhb._shown import brief
 from jaxhb.design.quantities import QUANTITIES, Objective, label, objective_faults
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.linear.forced import forced_response
-from jaxhb.results.response import Fields
+from jaxhb.results.response import FIELDS
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
@@ -150,11 +150,10 @@ def _linear(train, name, rpm, turn):
     """A function of phases ``(S,)`` deg, one for each speed, and of quantities, to their values ``(S, Q)``; and the
     highest harmonic that the phase turns."""
     start, key = float(train.value(f"{name}.angle")), f"{name}.angle"
-    parts = [field.name for field in dataclasses.fields(Fields)]
 
     def fields(angle):
         response = forced_response(train.replace({key: angle}), rpm=rpm)
-        return {part: getattr(response, part) for part in parts}
+        return {part: getattr(response, part) for part in FIELDS}
 
     response = forced_response(train, rpm=rpm)
     whole, slope = on_host(jax.jvp(fields, (start,), (1.0,)))
@@ -163,7 +162,7 @@ def _linear(train, name, rpm, turn):
         return -1j * np.deg2rad(np.arange(values.shape[-1])) / turn
 
     # What the phase turns: its derivative is its own multiple.
-    own = {part: slope[part] / np.where(per_degree(slope[part]) == 0, 1.0, per_degree(slope[part])) for part in parts}
+    own = {part: slope[part] / np.where(per_degree(slope[part]) == 0, 1.0, per_degree(slope[part])) for part in FIELDS}
     size = np.abs(own["torques"]).max((0, 1), initial=0.0)
     size = size + np.abs(own["angles"]).max((0, 1), initial=0.0) * (size.max() or 1.0)
     solved = np.asarray(response.converged)
@@ -171,7 +170,7 @@ def _linear(train, name, rpm, turn):
     def read(angle, chosen):
         turned = {
             part: whole[part] + own[part] * np.expm1(per_degree(own[part]) * (angle - start)[:, None, None])
-            for part in parts
+            for part in FIELDS
         }
         motion = dataclasses.replace(response, **turned)
         found = [QUANTITIES[one.quantity].exact_value(motion, one.of, one.order, train) for one in chosen]

@@ -196,13 +196,22 @@ def check_all(train, parameters, given, penalties, rpm):
         raise SceneError(faults)
 
 
-def parameter_faults(train, parameter):
+def own_value(train, name, remedy, faults):
+    """The train's own number, nan where there is none, which ``faults`` are told; ``remedy`` : where it is a table."""
     try:
-        value = train.value(parameter.name)
+        value = train.value(name)
     except SceneError as error:
-        return [sentence.partition(": ")[2] or sentence for sentence in error.sentences]
-    if np.ndim(value):
-        return ["it is a table, not a number: tune numbers only."]
+        faults += [sentence.partition(": ")[2] or sentence for sentence in error.sentences]
+        return np.nan
+    faults += [f"it is a table, not a number: {remedy}"] if np.ndim(value) else []
+    return np.nan if np.ndim(value) else float(value)
+
+
+def parameter_faults(train, parameter):
+    faults = []
+    value = own_value(train, parameter.name, "tune numbers only.", faults)
+    if faults:
+        return faults
     if parameter.scale not in ("log", "linear"):
         return [f"scale is {parameter.scale!r}, must be 'log' or 'linear'."]
     low, high = parameter.low, parameter.high
@@ -213,7 +222,6 @@ def parameter_faults(train, parameter):
         return [f"{wrong}, must be greater than 0 on a log scale: give a larger one, or scale = 'linear'."]
     if not low <= value <= high:
         return [f"its value {value:g} lies outside its bounds {low:g} to {high:g}: widen them, or change the start."]
-    faults = []
     for bound in (low, high):
         try:
             train.replace({parameter.name: bound})

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxhb._shown import brief
-from jaxhb.design.tolerances import Tolerance, box_of
+from jaxhb.design.tolerances import box_of
 from jaxhb.design.worst_case import tolerance as search
 from jaxhb.elements.elements import SceneError
 
@@ -50,12 +50,11 @@ class Scatter:
 
 def moved(tolerances, before, after):
     """Tolerances of a design: ranges in the ratio that its numbers have to those of the train before."""
-    made = []
-    for one in tolerances:
-        ratio = float(after.value(one.name)) / float(before.value(one.name))
-        std = {} if one.std is None else {"std": one.std * ratio}
-        made.append(Tolerance(name=one.name, low=one.low * ratio, high=one.high * ratio, together=one.together, **std))
-    return tuple(made)
+    ratios = (float(after.value(one.name)) / float(before.value(one.name)) for one in tolerances)
+    return tuple(
+        dataclasses.replace(one, low=one.low * ratio, high=one.high * ratio, std=one.std and one.std * ratio)
+        for one, ratio in zip(tolerances, ratios, strict=True)
+    )
 
 
 def moved_ranges(train, values):
@@ -100,8 +99,7 @@ def tune_robust(train, rpm, given, tolerances, kind, seed, tuned, **accuracy):
     if kind == "p95":
         at, more = np.repeat(every, SAMPLE), np.tile(box.sample(SAMPLE, seed), (len(every), 1))
         scatter = Scatter(box, np.concatenate([shares, more]))
-        best, _ = tuned(design.train, np.concatenate([every, at]), scatter)
-        design = best
+        design = best = tuned(nominal.train, np.concatenate([every, at]), scatter)[0]
     else:
         speeds, weights, least, sizes = every, np.array([one.weight for one in given]), np.inf, None
         for number in range(1, ROUNDS + 1):

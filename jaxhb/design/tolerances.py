@@ -8,6 +8,7 @@ from scipy.stats import norm, qmc
 
 from jaxhb._jax import namespace
 from jaxhb.design.evaluation import Task
+from jaxhb.design.quantities import own_value
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.elements.value_checks import number_like, shown
 from jaxhb.train.drivetrain import DriveTrain
@@ -15,6 +16,7 @@ from jaxhb.train.drivetrain import DriveTrain
 DEVIATIONS = 3.0  # standard deviations to either side that the range of a ``std`` spans: 99.7 % of all
 EXPLORED = 4  # corners from which searches may begin, a power of 2
 KEYS = "range", "share", "std", "together"
+NUMBERS_ONLY = "give tolerances of numbers only."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +89,7 @@ def _tolerance(train, name, entry, faults):
     if not isinstance(together, list) or not all(isinstance(other, str) for other in together):
         faults.append(f"together is {shown(together)}, must be a list of 'NAME.FIELD'.")
         together = []
-    value, own = entry[key], _own_value(train, name, faults)
+    value, own = entry[key], own_value(train, name, NUMBERS_ONLY, faults)
     if key == "range":
         if not (isinstance(value, list) and len(value) == 2 and all(map(number_like, value))):
             faults.append(f"range is {shown(value)}, must be two numbers [low, high].")
@@ -101,19 +103,6 @@ def _tolerance(train, name, entry, faults):
     return Tolerance(name=name, low=own - half, high=own + half, together=tuple(together), **std)
 
 
-def _own_value(train, name, faults):
-    """The train's own number, nan where there is none, which ``faults`` are told."""
-    try:
-        value = train.value(name)
-    except SceneError as error:
-        faults += [sentence.partition(": ")[2] or sentence for sentence in error.sentences]
-        return np.nan
-    if np.ndim(value):
-        faults.append("it is a table, not a number: give tolerances of numbers only.")
-        return np.nan
-    return float(value)
-
-
 def check_tolerances(train, tolerances):
     """Refuse tolerances that no train has: one sentence for each fault, all at once."""
     where, faults = train.topology.title, []
@@ -124,7 +113,7 @@ def check_tolerances(train, tolerances):
     faults += [f"{where}: {name!r} has two tolerances: leave one out." for name in twice]
     for one in tolerances:
         texts = []
-        own = {name: _own_value(train, name, texts) for name in (one.name, *one.together)}
+        own = {name: own_value(train, name, NUMBERS_ONLY, texts) for name in (one.name, *one.together)}
         value = own[one.name]
         if not texts and not (np.isfinite(one.low) and np.isfinite(one.high) and one.low < one.high):
             texts.append(f"its range is {one.low:g} to {one.high:g}, must be finite, low less than high.")

@@ -10,6 +10,8 @@ degrees.
 import dataclasses
 import difflib
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import ge, gt, le, lt, or_
 from typing import Any
 
 
@@ -24,10 +26,10 @@ class Range:
     most: float | None = None
     remedy: str = ""
 
-    def contains(self, value) -> bool:
-        """Tell whether ``value`` (finite) lies in the range."""
-        over = (self.above is None or value > self.above) and (self.least is None or value >= self.least)
-        return over and (self.below is None or value < self.below) and (self.most is None or value <= self.most)
+    def excludes(self, values) -> Any:
+        """Whether numbers, or arrays of them, lie outside the range; nan does not."""
+        wrong = (le, self.above), (lt, self.least), (ge, self.below), (gt, self.most)
+        return reduce(or_, (is_wrong(values, end) for is_wrong, end in wrong if end is not None), False)
 
     def words(self) -> str:
         """Say the range: ``greater than 0 N m/rad``."""

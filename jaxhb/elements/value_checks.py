@@ -118,7 +118,7 @@ def value_errors(f, value) -> list[str]:
         found, wanted = f"{number if number_like(value) else shown(value)}{unit}", "a finite number"
     elif f.metadata["kind"] == "count" and number != int(number):
         found, wanted = f"{number:g}", "a whole number"
-    elif not limits.contains(number):
+    elif limits.excludes(number):
         absent = "" if f.default is dataclasses.MISSING else " or leave the key out"
         found, wanted = f"{number:g}{unit}", limits.words()
         remedy = f" {limits.remedy or f'Correct the value{absent}.'}"

@@ -178,18 +178,6 @@ def rescaled(number, exponent):
     return Scaled(number, exponent + shift)
 
 
-def scaled_product(numbers):
-    """Product of positive numbers ``(n,)`` as :class:`Scaled`, one after the other."""
-
-    def extend(state, number):
-        product, exponent = state
-        (product,), shift = shifted((product * number,))
-        return (product, exponent + shift), None
-
-    (mantissa, exponent), _ = lax.scan(extend, (jnp.array(1.0), jnp.array(0.0)), numbers)
-    return Scaled(mantissa, exponent)
-
-
 def closing_link(topology):
     """The link that closes the loop of a train, None without; SceneError of several."""
     loops = chain.span(topology).loops.tolist()
@@ -283,7 +271,10 @@ def _receptance(train, p, ends):
 
 def _determinants(system, topology, p, *ways):
     """``det(p^2 M + p B + K)`` in displacements as Scaled, of each way: its disks held, times k a b of its links."""
-    closing, C = closing_link(topology), _complex_stiffness(system, p)
+    # Loss factors count with the sign of Im p.
+    stiffness, loss, viscous = (jnp.asarray(a)[:, None] for a in (system.stiffness, system.loss, system.viscous))
+    C = doubled(stiffness * (1 + 1j * loss * jnp.sign(p.imag))) + doubled(p).scaled(viscous)
+    closing = closing_link(topology)
     terms = [[(doubled(jnp.ones_like(p)), way)] for way in ways]
     if closing is not None:
         added = closed(topology, closing, system.arm_a[closing], system.arm_b[closing])
@@ -351,12 +342,6 @@ def _hung(own, above, z, k, near, far):
     return A_above * W + P_above * (F * k.scaled(far * far)), P_above * W
 
 
-def _complex_stiffness(system, p):
-    """``k (1 + i eta) + p r`` of every link ``(L, n)``; loss factors with the sign of Im p."""
-    stiffness, loss, viscous = (jnp.asarray(a)[:, None] for a in (system.stiffness, system.loss, system.viscous))
-    return doubled(stiffness * (1 + 1j * loss * jnp.sign(p.imag))) + doubled(p).scaled(viscous)
-
-
 def _determinant(system, C, p, held, passed):
     """The determinant ``(n,)`` without the closing link, as Scaled of Doubled; ``held`` ``(S,)`` tells which disks are,
     ``passed`` the links whose k a b stand in their places, LAST for 1."""
@@ -389,8 +374,8 @@ def _over_inertias(system, determinant):
     """D: each row of a disk with inertia divided by it, other rows in angles."""
     mass = jnp.asarray(system.mass)
     heavy = mass > 0
-    weight = scaled_product(jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2))
-    return rescaled(determinant.mantissa * weight.mantissa, determinant.exponent + weight.exponent)
+    factors = jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2)
+    return lax.scan(lambda found, k: (rescaled(found.mantissa * k, found.exponent), None), determinant, factors)[0]
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,9 @@ class Fields:
     elastic_forces: Array
 
 
+FIELDS = tuple(field.name for field in dataclasses.fields(Fields))
+
+
 @dataclass(frozen=True)
 class Response(Fields, Motion[Signal, Contact, Array]):
     """Steady periodic motion at one speed, or at several (every array then has a leading axis).
@@ -158,12 +161,11 @@ class Response(Fields, Motion[Signal, Contact, Array]):
             case "deflection":
                 return self._signal(sense * self.deflections[..., index, :])
             case "transmission_error":
-                if self.train is None:
-                    raise ValueError(
-                        "the response comes out of a transformation without its train: solve outside of it"
-                    )
-                approach, error = self.deflections[..., index, :], backlash.all_meshes(self.train).error
-                return self._signal(sense * (approach if error is None else _sum(approach, error[index])))
+                approach, error = self.deflections[..., index, :], backlash.all_meshes(self._solved).error
+                if error is not None:
+                    most = max(approach.shape[-1], error.shape[-1]) - 1
+                    approach = fourier.resize(approach, most) + fourier.resize(error[index], most)
+                return self._signal(sense * approach)
             case "gear_torque":
                 senses = np.array([(a == index) - (b == index) for a, b in self.topology.mesh_ends], dtype=float)
                 both, radius = (self.forces, self.elastic_forces), self.radius[..., index, None]
@@ -184,6 +186,13 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     def _frequency(self):
         """Omega of the cycle in rad/s, with an axis for the harmonics."""
         return self.topology.cycle_frequency(namespace(self.rpm).asarray(self.rpm))[..., None]
+
+    @property
+    def _solved(self):
+        """The train, where there is one."""
+        if self.train is None:
+            raise ValueError("the response comes out of a transformation without its train: solve outside of it")
+        return self.train
 
     def _power(self, index):
         shafts = self.torques.shape[-2]
@@ -206,11 +215,9 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     def impact_energy(self, a: str, b: str | None = None) -> float:
         """Energy in J that the impacts of a mesh bring in a cycle, ``sum of m v^2 / 2`` over them: v the approach
         speed, m of the two gears alone, ``m_a m_b / (m_a + m_b)``, J / r^2 each. ValueError without a train."""
-        if self.train is None:
-            raise ValueError("the response comes out of a transformation without its train: solve outside of it")
-        index, _ = self._mesh_index(a, b)
-        ends = list(self.topology.mesh_ends[index])
-        mass = np.asarray(self.train.disks.inertia)[ends] / np.asarray(self.train.disks.radius)[ends] ** 2
+        disks = self._solved.disks
+        ends = list(self.topology.mesh_ends[self._mesh_index(a, b)[0]])
+        mass = np.asarray(disks.inertia)[ends] / np.asarray(disks.radius)[ends] ** 2
         speeds = np.array([impact["speed"] for impact in self.mesh(a, b).impacts])
         return float(mass.prod() / max(mass.sum(), 1e-300) * np.sum(speeds**2) / 2)
 
@@ -238,19 +245,13 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         return to_xarray(motions, self.topology, np.asarray(self.rpm), orders=orders)
 
 
-def _sum(one, other):
-    """Coefficients of the sum of two signals, with the more harmonics of the two."""
-    most = max(one.shape[-1], other.shape[-1]) - 1
-    return fourier.resize(one, most) + fourier.resize(other, most)
-
-
 def with_gaps(response):
     """A response of one or several speeds whose motion is nan where the equations have no answer."""
     failed = np.asarray(response.status) != Status.CONVERGED
     if not failed.any():
         return response
-    names = *(field.name for field in dataclasses.fields(Fields)), "disk_power", "link_power"
-    given = {name: np.array(getattr(response, name)) for name in names if hasattr(response, name)}
+    names = (name for name in (*FIELDS, "disk_power", "link_power") if hasattr(response, name))
+    given = {name: np.array(getattr(response, name)) for name in names}
     for values in given.values():
         values[failed] = np.nan
     return dataclasses.replace(response, **given)
@@ -281,8 +282,7 @@ register(Response)
 
 def stack(responses):
     """Responses of one train at several speeds as one with a leading axis; all get the most harmonics among them."""
-    fields = [f.name for f in dataclasses.fields(Fields)]
-    most = {name: max(getattr(response, name).shape[-1] for response in responses) - 1 for name in fields}
+    most = {name: max(getattr(response, name).shape[-1] for response in responses) - 1 for name in FIELDS}
     resolution = max(response.resolution for response in responses)
 
     def padded(response):

@@ -7,6 +7,8 @@ pieces, one for each head, and tomlkit changes one piece at a time.
 
 import re
 import tomllib
+from functools import reduce
+from operator import getitem
 
 import tomlkit
 
@@ -38,7 +40,8 @@ class TomlText:
         """Change or add one value of a row of ``[[table]]``, or of ``[table]``; ``field`` may be ``"inner.key"``."""
         outer, _, key = field.rpartition(".")
         parts = self._rows(table)[row]
-        number, path = next((part for part in parts if outer and outer in self._at(*part)), parts[0])
+        inside = (part for part in parts if outer and outer in reduce(getitem, part[1], self._read[part[0]]))
+        number, path = next(inside, parts[0])
         self._change(number, [*path, outer] if outer else path, lambda node: _put(node, key, value))
 
     def merge(self, table, entries):
@@ -54,7 +57,7 @@ class TomlText:
     def discard(self, table, row, key):
         """Take out one value, if it is there, and return it."""
         number, path = self._rows(table)[row][0]
-        found = self._at(number, path).get(key)
+        found = reduce(getitem, path, self._read[number]).get(key)
         if found is not None:
             self._change(number, path, lambda node: node.pop(key))
         return found
@@ -112,21 +115,12 @@ class TomlText:
                 rows.append([(number, [table])])
         return rows
 
-    def _at(self, number, path):
-        node = self._read[number]
-        for step in path:
-            node = node[step]
-        return node
-
     def _change(self, number, path, change):
         """Change a table of a piece; what is added stands before the comments that belong to the next head."""
         piece = self._pieces[number]
         tail = _TAIL.search(piece).group()
         document = tomlkit.parse(piece.removesuffix(tail))
-        node = document
-        for step in path:
-            node = node[step]
-        change(node)
+        change(reduce(getitem, path, document))
         self._write(number, tomlkit.dumps(document) + tail)
 
     def _write(self, number, piece):

@@ -100,12 +100,11 @@ def checked(
         raise SceneError(dict.fromkeys(errors))  # what cylinders of one engine share is said once
     disks = parts.tables["disk"]
     parts.tables["disk"] = [dataclasses.replace(d, radius=r) for d, r in zip(disks, radii, strict=False)]
-    topology = _topology(parts, rotors, main, name=name, cycle=float(cycle), ratio=ratio)
-    rated = None if rated_rpm is None else float(rated_rpm)
     # As text: a topology is hashed, and dictionaries are not.
-    tables_beside = {"scenarios": scenarios, "tune": tune or {}, "tolerance": tolerance or {}}
-    texts = {name: json.dumps(table, default=str) for name, table in tables_beside.items()}
-    topology = dataclasses.replace(topology, rated_rpm=rated, **texts)  # type: ignore[arg-type]
+    beside = {"scenarios": scenarios, "tune": tune or {}, "tolerance": tolerance or {}}
+    head: dict[str, Any] = {key: json.dumps(table, default=str) for key, table in beside.items()}
+    head |= {"name": name, "rated_rpm": None if rated_rpm is None else float(rated_rpm)}
+    topology = _topology(parts, rotors, main, float(cycle), ratio, head)
     # Only now: nothing follows from keys that a sentence was said about.
     for table in derived.LINKS:
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
@@ -126,10 +125,10 @@ def _expand_meshes(parts):
 
 def _exact_radii(parts) -> list:
     """Radii that the numbers of teeth make exact, None where absent, for disks and rings."""
-    rings = len(parts.tables["damper"])
-    disks = [d if parts.usable("disk", i, "radius", "teeth") else None for i, d in enumerate(parts.tables["disk"])]
-    radius = [*(d and d.radius for d in disks), *[None] * rings]
-    teeth = [*(int(d.teeth or 0) if d and d.radius is not None else 0 for d in disks), *[0] * rings]
+    radius, teeth = [None] * len(parts.disk_names), [0] * len(parts.disk_names)
+    for i, disk in enumerate(parts.tables["disk"]):
+        if parts.usable("disk", i, "radius", "teeth") and disk.radius is not None:
+            radius[i], teeth[i] = disk.radius, int(disk.teeth or 0)
     return connections.exact_radii(radius, teeth, parts.ends("mesh"))
 
 
@@ -164,27 +163,28 @@ def _gearing(parts, root: int | None, radii):
 def _harmonic_needs(parts, ratio) -> list[tuple]:
     """Harmonics per revolution of the reference rotor, whole over the cycle: (table, i, text, value, key of mean)."""
     needs = []
+
+    def need(table, i, rows, factor, mean="", of=""):
+        orders = _orders(rows) if factor is not None else ()
+        needs.extend((table, i, f"order {o:g}{of}", o * factor, mean) for o in orders)
+
     seat = dict(parts.seats("torque"))
     for i, torque in enumerate(parts.tables["torque"]):
-        own = torque.orders_of == "own"
-        factor = (ratio[seat[i]] if i in seat else None) if own else 1.0
-        if factor is not None and parts.usable("torque", i, "orders_of"):
-            needs += [("torque", i, f"order {o:g}", o * factor, "mean") for o in _orders(torque.harmonics)]
+        if parts.usable("torque", i, "orders_of"):
+            factor = 1.0 if torque.orders_of != "own" else ratio[seat[i]] if i in seat else None
+            need("torque", i, torque.harmonics, factor, "mean")
     for i, ends in parts.links("mesh"):
         mesh, periods = parts.tables["mesh"][i], _mesh_periods(parts, ends, ratio)
         per_order = dict.fromkeys(OF_PERIOD, periods) | dict(zip(OF_GEARS, (ratio[d] for d in ends), strict=True))
         for name, factor in per_order.items():
-            orders = _orders(getattr(mesh, name)) if factor is not None else []
-            needs += [("mesh", i, f"order {o:g} of {name}", o * factor, "") for o in orders]
+            need("mesh", i, getattr(mesh, name), factor, of=f" of {name}")
     for i, disk in parts.seats("load"):
-        factor, orders = ratio[disk], _orders(parts.tables["load"][i].harmonics)
-        needs += [("load", i, f"order {o:g}", o * factor, "") for o in orders if factor is not None]
+        need("load", i, parts.tables["load"][i].harmonics, ratio[disk])
     for i, disk in parts.seats("cylinder"):
         cylinder, factor = parts.tables["cylinder"][i], ratio[disk]
+        need("cylinder", i, cylinder.gas_torque, factor, "gas_torque_mean")
         if factor is None:
             continue
-        orders = _orders(cylinder.gas_torque)
-        needs += [("cylinder", i, f"order {o:g}", o * factor, "gas_torque_mean") for o in orders]
         if gas.source(cylinder) and parts.usable("cylinder", i, *gas.COMPUTED):
             turns = gas.gas_revolutions(cylinder)
             text = f"one gas cycle of {turns} revolution{'s' if turns > 1 else ''}"
@@ -209,8 +209,8 @@ def _orders(rows) -> list[float]:
     return [order for order in found if math.isfinite(order) and order > 0.0]
 
 
-def _topology(parts, rotors, reference_disk, *, name, cycle, ratio) -> Topology:
-    """Collect the static half of the train."""
+def _topology(parts, rotors, reference_disk, cycle, ratio, head) -> Topology:
+    """Collect the static half of the train; ``head`` : what the scene says of the whole."""
     t, links = parts.tables, [*parts.tables["shaft"], *parts.tables["damper"]]
     seats = {table: tuple(parts.sits_on(table)) for table in ("damper", "ground", "load", "torque", "cylinder")}
     own = [ratio[d] if e.orders_of == "own" else 1.0 for d, e in zip(seats["torque"], t["torque"], strict=True)]
@@ -233,7 +233,6 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, ratio) -> Topology:
     for field, per_order in zip((*OF_PERIOD, *OF_GEARS), (periods, periods, *turns), strict=True):
         named[f"mesh_{field}"] = harmonics([getattr(m, field) for m in t["mesh"]], per_order)
     return Topology(
-        name=name,
         revolutions_per_cycle=cycle,
         disk_names=tuple(parts.disk_names),
         n_scene_disks=len(t["disk"]),
@@ -263,6 +262,7 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, ratio) -> Topology:
         amplitude_links=tuple(i for i, e in enumerate(links) if e.over_amplitude),
         order_links=tuple(i for i, e in enumerate(links) if getattr(e, "order", None) is not None),
         springs=tuple(spring for i, e in enumerate(links) for spring in _springs(i, e)),
+        **head,
         **named,
         **_computed_torques(t["cylinder"], turn),
     )

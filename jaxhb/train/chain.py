@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from jaxhb._jax import namespace
+from jaxhb._jax import added, namespace
 from jaxhb.equations.block_sweep import Slots, slots
 from jaxhb.equations.kinematics import displacement_radii, speed_ratios
 from jaxhb.train.connections import breadth_first, neighbours
@@ -103,8 +103,7 @@ class System:
         """Sums ``(S, ...)`` on the disks of what the links put at their two ends, ``(n, ...)`` each."""
         xp = namespace(self, at_a)
         sums = xp.zeros((len(self.mass), *at_a.shape[1:]), at_a.dtype)
-        sums = _add_at(xp, sums, self.tree.end_a[links], at_a)
-        return _add_at(xp, sums, self.tree.end_b[links], at_b)
+        return added(added(sums, self.tree.end_a[links], at_a), self.tree.end_b[links], at_b)
 
     def deflections(self, displacement, links=ALL):
         """Deflections D x ``(n, ...)``, ``a x_a - b x_b`` of each link, from displacements ``(S, ...)``."""
@@ -235,8 +234,8 @@ def assemble(train):
     topology, tree = train.topology, span(train.topology)
     radius = displacement_radii(train)
     square = radius**2
-    zeros = np.zeros_like(train.dampers.inertia) if xp is np else xp.zeros_like(train.dampers.inertia)
-    ground = _add_at(xp, xp.zeros(len(radius)), _index(topology.ground_disk), train.grounds.stiffness)
+    zeros = xp.zeros(len(topology.damper_names))
+    ground = added(xp.zeros(len(radius)), _index(topology.ground_disk), train.grounds.stiffness)
     shaft_at = square[_index([a for a, _ in topology.shaft_ends])]
     ring_at = square[_index(topology.damper_disk)]
     gear_radius = xp.concatenate([xp.asarray(train.disks.radius), zeros])
@@ -262,17 +261,9 @@ def _index(values):
     return np.array(values, dtype=np.int32)
 
 
-def _add_at(xp, sums, index, values):
-    if xp is not np:
-        return sums.at[index].add(values)
-    np.add.at(sums, index, values)
-    return sums
-
-
 def rigid_shape(train, radius):
     """``(S,)`` displacements of the motion in which no link deflects: speed ratio x R of each disk's rotor."""
-    ratios = speed_ratios(train)
-    return ratios[_index(train.topology.rotor)] * radius
+    return speed_ratios(train)[_index(train.topology.rotor)] * radius
 
 
 def drift(system, rigid, mean):

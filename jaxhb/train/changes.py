@@ -246,12 +246,9 @@ def within_range(train):
             limits, values = declared.metadata.get("range"), getattr(numbers, declared.name, None)
             if limits is None or values is None:
                 continue
-            values = jnp.asarray(values)
             # What is wrong is looked for, not what is right: nan is neither, and has its own status.
-            outside = jnp.zeros(values.shape, dtype=bool)
-            wrong = (jnp.less_equal, limits.above), (jnp.less, limits.least)
-            for is_wrong, limit in (*wrong, (jnp.greater_equal, limits.below), (jnp.greater, limits.most)):
-                outside |= False if limit is None else is_wrong(values, limit)
+            values = jnp.asarray(values)
+            outside = limits.excludes(values)
             # 0 stands for a key that is not given, but for those that the reader fills in.
             zero_if_absent = declared.default is None and declared.name not in ("epsilon", "transition", "stiffness")
             inside.append(~jnp.any(outside & (values != 0.0) if zero_if_absent else outside))

@@ -45,12 +45,11 @@ def pieces(n_disks: int, pairs) -> list[int]:
 
 @dataclass(frozen=True, kw_only=True)
 class Rotors:
-    """Rotor of each disk, and for each rotor its path of (driving, driven) gears, speed ratio and sense."""
+    """Rotor of each disk, and for each rotor its path of (driving, driven) gears and its speed ratio."""
 
     rotor: tuple[int, ...]
     path: tuple[tuple[tuple[int, int], ...], ...]
     ratio: tuple[float, ...]
-    sense: tuple[int, ...]
 
 
 def find_rotors(n_disks, elastic_pairs, mesh_ends, mesh_internal, radius, reference: int):
@@ -89,8 +88,7 @@ def find_rotors(n_disks, elastic_pairs, mesh_ends, mesh_internal, radius, refere
             locked.append((m, disks, f"its ratios multiply to {ahead / ratio[there]:.6g}"))
         elif turn != sense[there]:
             locked.append((m, disks, "its senses of rotation contradict each other"))
-    found = Rotors(rotor=tuple(rotor), path=tuple(path), ratio=tuple(ratio), sense=tuple(sense))
-    return found, locked
+    return Rotors(rotor=tuple(rotor), path=tuple(path), ratio=tuple(ratio)), locked
 
 
 def _loop(path_a, path_b, closing) -> list[int]:
@@ -120,12 +118,6 @@ def exact_radii(radius, teeth, mesh_ends) -> list[float]:
 
 _NO_MEAN = ("harmonics", "gas_torque", "firing_angle", "reciprocating_mass", "ambient_pressure")
 """Numbers of torques and cylinders that no mean torque depends on."""
-
-_DECIDES = {
-    "damper": ("stiffness", "damping"),
-    "torque": ("mean",),
-    "cylinder": ("gas_torque_mean", "pressure", "bore", "gas_factor", "combustion.heat", "combustion.imep"),
-}
 
 
 def names_of(names, indices, most: int = 8) -> str:
@@ -161,7 +153,8 @@ def unheld(source, names, *, links, static, ground, loaded, main: int) -> list[s
 
 def touches(changes) -> bool:
     """Tell whether changed fields ((table, field), ...) can decide what is held."""
-    return any(field in _DECIDES.get(table, ()) for table, field in changes)
+    means = any(table in ("torque", "cylinder") and field not in _NO_MEAN for table, field in changes)
+    return means or not changes.keys().isdisjoint({("damper", "stiffness"), ("damper", "damping")})
 
 
 def train_errors(train) -> list[str]:

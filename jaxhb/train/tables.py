@@ -149,63 +149,56 @@ def column(elements, name: str, absent: float = 0.0) -> np.ndarray:
 
 def _harmonics(rows) -> np.ndarray:
     """Stack the (Re, Im) of rows (order, Re, Im), padded by zeros."""
-    longest = max((len(r) for r in rows), default=0)
-    out = np.zeros((len(rows), longest, 2))
+    out = np.zeros((len(rows), max((len(row or ()) for row in rows), default=0), 2))
     for i, row in enumerate(rows):
         if row:
             out[i, : len(row)] = np.asarray(row, dtype=np.float64)[:, 1:]
     return out
 
 
-def _scales(elements) -> tuple[np.ndarray, np.ndarray]:
+def _scales(elements) -> dict[str, np.ndarray]:
     """Stack the scales, padded by their last point; the factor is 1 without a scale."""
-    out = _padded([e.scale or ((0.0, 1.0),) for e in elements], 2, max([2, *(len(e.scale) for e in elements)]))
-    return out[..., 0].copy(), out[..., 1].copy()
+    out = _padded([e.scale for e in elements], (0.0, 1.0), 2)
+    return {"scale_rpm": out[..., 0].copy(), "scale_factor": out[..., 1].copy()}
 
 
-def _padded(rows, columns: int, longest: int) -> np.ndarray:
-    """Stack lists of rows [n, longest, columns], the shorter ones padded by their last row."""
+def _padded(rows, absent, least: int = 1) -> np.ndarray:
+    """Stack lists of rows [n, K, columns], those without any of the row ``absent``, the shorter ones padded by their
+    last row; K is ``least`` at least."""
+    rows = [row or (absent,) for row in rows]
+    longest = max([least, *map(len, rows)])
     padded = [[*row, *([row[-1]] * longest)][:longest] for row in rows]
-    return np.array(padded, dtype=np.float64).reshape(len(rows), longest, columns)
+    return np.array(padded, dtype=np.float64).reshape(len(rows), longest, len(absent))
 
 
-def factor_rows(elements, name: str) -> np.ndarray:
-    """Stack rows (point, factor, factor) [n, K, 3], padded by their last one; K is 0 where no element has any."""
-    rows = [getattr(e, name) for e in elements]
-    longest = max((len(r) for r in rows), default=0)
-    return _padded([r or ((0.0, 1.0, 1.0),) for r in rows], 3, longest and max(longest, 2))
-
-
-def _plain(cls, elements):
-    """Collect a table whose fields are those of its elements; None for one that may be absent and that none has."""
-    found = {}
-    for f in dataclasses.fields(cls):
-        absent = f.default is None and not any(getattr(e, f.name) for e in elements)
-        if f.name in (*OF_PERIOD, *OF_GEARS):
-            found[f.name] = None if absent else _harmonics([getattr(e, f.name) for e in elements])
-            continue
-        if f.name in ("stages", "stops"):
-            given = [getattr(e, f.name) for e in elements]
-            padded = None if absent else _padded([row or ((0.0, 0.0),) for row in given], 2, max(map(len, given)))
-            found[f.name] = padded
-            continue
-        collect = factor_rows if f.name.startswith("over_") else column
-        found[f.name] = None if absent else collect(elements, f.name)
+def _collected(cls, elements, own=()):
+    """A table: what is its ``own``, and fields of its elements; None for one that may be absent and that none has."""
+    found = dict(own)
+    for f in (f for f in dataclasses.fields(cls) if f.name not in found):
+        given = [getattr(e, f.name) for e in elements]
+        if f.default is None and not any(given):
+            found[f.name] = None
+        elif f.name in ("harmonics", "gas_torque", *OF_PERIOD, *OF_GEARS):
+            found[f.name] = _harmonics(given)
+        elif f.name in ("stages", "stops"):
+            found[f.name] = _padded(given, (0.0, 0.0))
+        elif f.name.startswith("over_"):
+            found[f.name] = _padded(given, (0.0, 1.0, 1.0), 2)[:, : None if any(given) else 0]
+        else:
+            found[f.name] = column(elements, f.name)
     return cls(**found)
 
 
 def of_elements(elements: dict) -> dict:
     """The tables of a train from the sound elements of each table of a scene."""
-    pulsating = any(load.harmonics for load in elements["load"])
-    harmonics = _harmonics([load.harmonics for load in elements["load"]]) if pulsating else None
     return {
-        "disks": _plain(Disks, elements["disk"]),
-        "shafts": _plain(Shafts, elements["shaft"]),
-        "meshes": _plain(Meshes, [_with_law(mesh) for mesh in elements["mesh"]]),
-        "dampers": _plain(Dampers, elements["damper"]),
-        "grounds": _plain(Grounds, elements["ground"]),
-        "loads": Loads(share=column(elements["load"], "share"), harmonics=harmonics),
-        "phases": Phases(angle=column(elements["phase"], "angle")) if elements["phase"] else None,
+        "disks": _collected(Disks, elements["disk"]),
+        "shafts": _collected(Shafts, elements["shaft"]),
+        "meshes": _collected(Meshes, [_with_law(mesh) for mesh in elements["mesh"]]),
+        "dampers": _collected(Dampers, elements["damper"]),
+        "grounds": _collected(Grounds, elements["ground"]),
+        "loads": _collected(Loads, elements["load"]),
+        "phases": _collected(Phases, elements["phase"]) if elements["phase"] else None,
         "torques": torque_table(elements["torque"]),
         "cylinders": cylinder_table(elements["cylinder"]),
     }
@@ -219,16 +212,9 @@ def _with_law(mesh):
 
 def torque_table(torques) -> Torques:
     """Collect the given torques."""
-    scale_rpm, scale_factor = _scales(torques)
     rated = any(t.rated_rpm is not None for t in torques)
-    return Torques(
-        mean=column(torques, "mean"),
-        harmonics=_harmonics([t.harmonics for t in torques]),
-        scale_rpm=scale_rpm,
-        scale_factor=scale_factor,
-        rated_rpm=column(torques, "rated_rpm") if rated else None,
-        speed_exponent=column(torques, "speed_exponent", absent=2.0) if rated else None,
-    )
+    exponent = column(torques, "speed_exponent", absent=2.0) if rated else None
+    return _collected(Torques, torques, _scales(torques) | {"speed_exponent": exponent})
 
 
 def cylinder_table(cylinders) -> Cylinders:
@@ -239,23 +225,15 @@ def cylinder_table(cylinders) -> Cylinders:
     for i, c in enumerate(cylinders):
         if c.pressure:
             pressure[i] = gas_cycle(c.pressure, c.table_firing_tdc)
-    scale_rpm, scale_factor = _scales(cylinders)
-    load_rpm, load_share = _share_table(cylinders)
     scattered = any(c.gas_factor is not None for c in cylinders)
-    sizes = ("bore", "stroke", "reciprocating_mass", "firing_angle", "ambient_pressure", "gas_torque_mean")
-    return Cylinders(
-        **{name: column(cylinders, name) for name in sizes},
-        rod=column(cylinders, "rod", absent=1.0),
-        gas_torque=_harmonics([c.gas_torque or () for c in cylinders]),
-        pressure=pressure,
-        scale_rpm=scale_rpm,
-        scale_factor=scale_factor,
-        traces=_trace_table(cylinders),
-        combustion=_combustion_table(cylinders),
-        load_rpm=load_rpm,
-        load_share=load_share,
-        gas_factor=column(cylinders, "gas_factor", absent=1.0) if scattered else None,
-    )
+    own = {
+        "rod": column(cylinders, "rod", absent=1.0),
+        "pressure": pressure,
+        "traces": _trace_table(cylinders),
+        "combustion": _combustion_table(cylinders),
+        "gas_factor": column(cylinders, "gas_factor", absent=1.0) if scattered else None,
+    }
+    return _collected(Cylinders, cylinders, own | _scales(cylinders) | _shares(cylinders))
 
 
 def _trace_table(cylinders) -> Traces | None:
@@ -291,10 +269,10 @@ def _combustion_table(cylinders) -> Combustions | None:
     )
 
 
-def _share_table(cylinders) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
+def _shares(cylinders) -> dict[str, np.ndarray | None]:
     """Speeds and shares of full load of every cylinder, [nc, L]; None where no share counts."""
     if not any(gas.source(c) in ("traces", "combustion") for c in cylinders):
-        return None, None
+        return {"load_rpm": None, "load_share": None}
     rows = [c.load or ((0.0, 1.0),) for c in cylinders]
-    shares = _padded(rows, 2, max(map(len, rows)))[..., 1]
-    return gas.padded([[rpm for rpm, _ in row] for row in rows]), shares.copy()
+    rpm = gas.padded([[rpm for rpm, _ in row] for row in rows])
+    return {"load_rpm": rpm, "load_share": _padded(rows, (0.0, 1.0))[..., 1].copy()}

@@ -22,10 +22,6 @@ NEEDS = {
 }
 """Key of the scene that makes a link vary, and the number at which it is constant."""
 
-TAKEN_BY = dict.fromkeys(NEEDS, "which only the forced response takes. Make it constant")
-TAKEN_BY["order_links"] = "which only the forced response and the Campbell diagram take. Make it constant"
-"""Who takes a link that varies so."""
-
 
 def varying(topology) -> bool:
     """Tell whether any link varies."""
@@ -35,7 +31,9 @@ def varying(topology) -> bool:
 def refuse_varying(topology) -> None:
     """Refuse links that vary, naming each, where constants are needed."""
     if varying(topology):
-        raise SceneError([s for field in NEEDS for s in _sentences(topology, [field], TAKEN_BY[field])])
+        taken = dict.fromkeys(NEEDS, " takes") | {"order_links": " and the Campbell diagram take"}
+        why = {field: f"which only the forced response{by}. Make it constant" for field, by in taken.items()}
+        raise SceneError([sentence for field in NEEDS for sentence in _sentences(topology, [field], why[field])])
 
 
 def _sentences(topology, fields, why) -> list[str]:

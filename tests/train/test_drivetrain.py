@@ -210,6 +210,10 @@ def test_a_stiffness_that_holds_a_mean_torque_cannot_be_removed():
     assert pulled.replace({"ring.stiffness": 0.0, "pull.mean": 0.0}).value("ring.stiffness") == 0.0
     found = jax.jit(lambda k: pulled.replace({"ring.stiffness": k}).dampers.stiffness)(0.0)
     assert found[0] == 0.0
+    off = Torque(name="pull", disk="ring", mean=1.0, scale=[(100.0, 0.0), (200.0, 0.0)])
+    free = build([*GEARS, off], reference="a").replace({"ring.stiffness": 0.0})
+    with pytest.raises(SceneError, match="a mean torque acts on 'ring', which no static stiffness holds"):
+        free.replace({"pull.scale_factor": np.array([0.0, 1.0])})
 
 
 def test_a_ring_cannot_be_left_loose():
