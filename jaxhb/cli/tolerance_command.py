@@ -31,7 +31,7 @@ def tolerance(train, given, rpm, of, samples, seed, plot, quiet, **_):
     kept = Kept([train], ("tolerance", rpm, quantities, tolerances, asked))
     with Progress(len(rpm), quiet=quiet) as progress:
         progress.say("solving the scene as it is")
-        quantities = quantities or default_quantities(train, np.array(rpm), tolerances)
+        quantities = quantities or default_quantities(train, np.array(rpm))
         asked |= {"of": quantities, "tolerances": tolerances, "progress": progress.say}
         parts = []
 

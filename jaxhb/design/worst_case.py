@@ -196,7 +196,7 @@ def tolerance(
     if tolerances:
         check_tolerances(train, tolerances)
     tolerances = tuple(tolerances) or read_tolerances(train)
-    of = tuple(of) or default_quantities(train, rpm, tolerances)
+    of = tuple(of) or default_quantities(train, rpm)
     faults = [(one.quantity, text) for one in of for text in objective_faults(train, one, len(rpm))]
     if faults:
         raise SceneError([f"{train.topology.title}, quantity {name!r}: {text}" for name, text in faults])
@@ -223,7 +223,7 @@ def joined(spreads: Sequence[Spread]) -> Spread:
     return dataclasses.replace(spreads[0], **along, evaluations=evaluations)  # type: ignore[arg-type]
 
 
-def default_quantities(train, rpm, tolerances):
+def default_quantities(train, rpm):
     """Of each kind of :data:`QUANTITIES_ASKED` the element where it is largest at the nominal speeds."""
     topology, largest = train.topology, {}
     kinds = {"tooth force": topology.mesh_names, "damper power": topology.damper_names}
