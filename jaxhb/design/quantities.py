@@ -203,8 +203,10 @@ def own_value(train, name, remedy, faults):
     except SceneError as error:
         faults += [sentence.partition(": ")[2] or sentence for sentence in error.sentences]
         return np.nan
-    faults += [f"it is a table, not a number: {remedy}"] if np.ndim(value) else []
-    return np.nan if np.ndim(value) else float(value)
+    if np.ndim(value):
+        faults.append(f"it is a table, not a number: {remedy}")
+        return np.nan
+    return float(value)
 
 
 def parameter_faults(train, parameter):

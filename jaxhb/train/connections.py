@@ -154,7 +154,7 @@ def unheld(source, names, *, links, static, ground, loaded, main: int) -> list[s
 def touches(changes) -> bool:
     """Tell whether changed fields ((table, field), ...) can decide what is held."""
     means = any(table in ("torque", "cylinder") and field not in _NO_MEAN for table, field in changes)
-    return means or not changes.keys().isdisjoint({("damper", "stiffness"), ("damper", "damping")})
+    return means or not {("damper", "stiffness"), ("damper", "damping")}.isdisjoint(changes)
 
 
 def train_errors(train) -> list[str]:

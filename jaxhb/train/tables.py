@@ -183,7 +183,8 @@ def _collected(cls, elements, own=()):
         elif f.name in ("stages", "stops"):
             found[f.name] = _padded(given, (0.0, 0.0))
         elif f.name.startswith("over_"):
-            found[f.name] = _padded(given, (0.0, 1.0, 1.0), 2)[:, : None if any(given) else 0]
+            rows = _padded(given, (0.0, 1.0, 1.0), 2)
+            found[f.name] = rows if any(given) else rows[:, :0]
         else:
             found[f.name] = column(elements, f.name)
     return cls(**found)
