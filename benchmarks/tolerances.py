@@ -56,11 +56,7 @@ def dense(train, rpm, tolerances, of):
         best = sorted(tried, key=lambda one: -one[1][0])[:8]
         speeds += [i] * len(best)
         starts += [u for u, _ in best]
-    speeds, starts = np.array(speeds), np.array(starts)
-    values, point, slopes = search._at(speeds, starts)
-    search._ascend(
-        speeds, np.zeros(len(speeds), dtype=int), point, starts, values[:, 0], slopes(np.zeros(len(speeds), int))
-    )
+    search._ascend(np.array(speeds), np.zeros(len(speeds), dtype=int), np.array(starts))
     for i, tried in enumerate(search.tried):
         found[i] = max(own[0] for _, own in tried)
     return found

@@ -55,6 +55,8 @@ class Task:
     objectives: tuple
     penalties: tuple
     smooth = True
+    accuracy = 0.0, 16
+    """Newton step after which a lane is solved, 0 for the accuracy of derivatives; ``slope_samples`` of its Plan."""
 
     @property
     def of_response(self):
@@ -388,12 +390,15 @@ class Lanes:
         motion = np.zeros((len(given), 0, plan.harmonics + 1), complex)
         motion = of_active_meshes(point.motion[at], plan) if plan.active else motion
         start = motion, given, np.full(len(given), plan.cycles * marching), np.full(len(given), CLOSED)
+        step, slopes = evaluator.task.accuracy
+        goals = np.tile([1.0, RESIDUAL, step], (len(given), 1))
         # Whether a plan has enough harmonics is asked by itself.
         changes = {"max_steps": NEWTON_STEPS, "estimated": False, "start": "march", "compare_starts": True}
+        changes["slope_samples"] = slopes
         shape = {"form": evaluator.form, "asked": evaluator.task.asked}
         shape["sizes"] = dataclasses.replace(plan.static, **changes)
         lanes = [leaf[at] for leaf in self.numbers], evaluator.held, point.speeds[at]
-        smooth, found, (status, error, motion, exact) = read_lanes(*lanes, start, plan.active_meshes, **shape)
+        smooth, found, (status, error, motion, exact) = read_lanes(*lanes, start, goals, plan.active_meshes, **shape)
         motion = fourier.resize(np.asarray(motion), point.motion.shape[-1] - 1)
         solved = status, motion, given & (np.asarray(error) == 0), smooth, exact
         return solved, partial(pull_lanes, *lanes, found, plan.active_meshes, **shape)
@@ -502,20 +507,20 @@ def train_and_problem(form, numbers, held):
 
 
 @partial(Program, static_argnames=("form", "asked", "sizes"))
-def read_lanes(numbers, held, rpm, start, active_meshes, *, form, asked, sizes):
+def read_lanes(numbers, held, rpm, start, goals, active_meshes, *, form, asked, sizes):
     """Solve ``c`` lanes of one plan: smooth readings ``(c, J)``; the solutions, for :func:`pull_lanes`; and status
     ``(c,)``, periodicity error of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, exact readings.
     """
 
-    def lane(numbers, speed, start):
+    def lane(numbers, speed, start, goals):
         train, problem = train_and_problem(form, numbers, held)
-        found = find(problem, active_meshes, start, (1.0, RESIDUAL, 0.0), sizes)
+        found = find(problem, active_meshes, start, goals, sizes)
         response = respond(train, speed, problem, found[0], sizes)
         exact = [QUANTITIES[quantity].exact_value(response, of, order) for quantity, of, order, _ in asked]
         outcome = jnp.asarray(response.status), found[0].periodicity_error, response.deflections, jnp.stack(exact)
         return _differentiated(response, asked), found, outcome
 
-    return _each(lane, numbers, rpm, start)
+    return _each(lane, numbers, rpm, start, goals)
 
 
 @partial(Program, static_argnames=("form", "asked", "sizes"))

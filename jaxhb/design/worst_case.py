@@ -6,6 +6,7 @@ to larger responses.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,9 +26,10 @@ from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
+ROUNDS = 3  # searches from one speed to the next
 CLIMBS = 12  # steps of a search for a worst case at most
 TRIALS = 5  # lengths of a step
-APART, PROMISING = 1.0, 0.8  # difference of a share, and share of the best value, from which a second start is worth it
+APART, PROMISING = 1.0, 0.8  # difference of the main share, and share of the best value, that a second start is worth
 EXPLORED_LINEAR = 64  # trains where no tooth separates, from which searches may begin, beside the corners
 GAIN, PATIENCE = 1e-3, 2  # share of the value below which a step has won nothing; so many of them end a search
 ASCENT, CURVED = 1e-4, 1e-8
@@ -152,9 +154,11 @@ def tolerance(
     what no value exceeds, where that can be proved; and percentiles of a random sample.
 
     The worst case is searched by projected gradients (BFGS in the numbers inside their ranges, Bertsekas, 1982), from
-    the best of the train as it is, the corners of the range that its derivatives point to and from, and eight more, all
-    speeds and quantities side by side; where a corner is the worst case it is reached in one step. Any train that is
-    solved on the way, or in the sample, counts for all quantities. It is the largest value *found*.
+    the best of the train as it is and corners of the range, and from the best on the other side of the number that
+    moves the response most, all speeds and quantities side by side; then from the worst cases of the speeds beside it.
+    Corners are those that the derivatives point to, of the train as it is and at four others; where a corner is the
+    worst case it is reached in one step. Any train that is solved on the way, or in the sample, counts for all
+    quantities. It is the largest value *found*: where teeth hammer motions coexist, and a rare one may be missed.
 
     ``bound`` is beside it where the equations are linear: no tooth leaves contact in any train within the tolerances,
     which is proved too, and these are of stiffness, damping, loss factors, inertia, backlash, mean torques, gas factors
@@ -247,7 +251,7 @@ class _Search:
         self.train, self.rpm, self.box, self.say = train, rpm, box, say
         self.evaluator = Evaluator(train, rpm, box, request)
         self.room = 2 * len(rpm) * len(box.objectives)  # lanes of two searches for each speed and quantity
-        self.evaluations = 0
+        self.evaluations, self.visited = 0, set()
 
     def _solve(self, u, near, which=True, rescues=0):
         """Lanes of shares u ``(A, P)`` near a Point: responses ``(A, Q)``, nan where not solved or not ``which``, the
@@ -280,6 +284,7 @@ class _Search:
             point = self.evaluator.finer(self.point, self.point.solved)
         every = [slopes(np.full(len(self.rpm), j)) for j in range(len(self.box.objectives))]
         self.slopes = np.where(np.isfinite(self.nominal)[..., None], np.stack(every, axis=1), np.nan)
+        self.main = np.argmax(np.abs(self.slopes), axis=2)  # the number that moves a response most; nan counts as such
         self.tried = [[(self.box.unbounded(self.train), own)] for own in self.nominal]
 
     def _at(self, speed, u, which=True, near=None):
@@ -303,35 +308,55 @@ class _Search:
         return found
 
     def explore(self, seed):
-        """Some corners of the range, and for each quantity those to which its slope points and from which it does."""
-        self.sampled(self.box.corners(seed))
+        """Some corners of the range; for each quantity those to which its slopes at these and at the train as it is
+        point, and the latter with the number that moves it most at its other end: a resonance has two sides."""
         # Without separation the equations are linear, and trains beside each other cost hardly more than one.
         linear = np.array([not plan.active for plan in self.point.plans])[self.point.plan_number[:, 0]]
         self.sampled(self.box.sample(EXPLORED_LINEAR, seed), linear)
-        speed, quantity = self._pairs()
-        toward = np.where(self.slopes[speed, quantity] < 0, -1.0, 1.0)
-        self._at(np.tile(speed, 2), np.concatenate([toward, -toward]))
+        speeds, pointed = np.flatnonzero(self.point.solved[:, 0]), []
+        for slope, main in zip(np.moveaxis(self.slopes[speeds], 1, 0), self.main[speeds].T, strict=True):
+            toward = np.where(slope < 0, -1.0, 1.0)
+            across = np.where(np.arange(slope.shape[1]) == main[:, None], -toward, toward)
+            pointed += [(speeds, toward), (speeds, across)]
+        for corner in self.box.corners(seed):
+            values, _, slopes = self._at(speeds, np.tile(corner, (len(speeds), 1)))
+            for j, solved in enumerate(np.isfinite(values).T):
+                slope = slopes(np.full(len(speeds), j))[solved]
+                pointed.append((speeds[solved], np.where(slope, np.sign(slope), corner)))
+        self._visit(*map(np.concatenate, zip(*pointed, strict=True)))
 
-    def _pairs(self):
-        """Indices of speed and quantity of all searches."""
-        speed, quantity = (i.ravel() for i in np.mgrid[: len(self.rpm), : len(self.box.objectives)])
-        solved = self.point.solved[speed, 0]
-        return speed[solved], quantity[solved]
+    def _visit(self, speed, u):
+        """Solve trains of shares u ``(A, P)``, at speeds of index ``(A,)``, that have not been visited there."""
+        fresh = dict.fromkeys((i, tuple(z)) for i, z in zip(speed, u, strict=True) if (i, tuple(z)) not in self.visited)
+        self.visited |= fresh.keys()
+        for first in range(0, len(fresh), self.room):
+            speed, u = zip(*list(fresh)[first : first + self.room], strict=True)
+            self._at(np.array(speed), np.array(u))
 
     def climb(self):
         """Search for the worst case of every speed and quantity from the best of all trains solved so far, and from the
-        best on another side of the range, where it promises as much; all side by side."""
+        best on the other side of the number that moves it most, where that promises as much; all side by side. Then
+        from the worst cases of the speeds beside it, where these are worse here: where motions coexist, slopes of one
+        know nothing of others."""
         starts = []
-        for i, j in zip(*self._pairs(), strict=True):
+        for i, j in np.argwhere(np.isfinite(self.nominal)):
             u, values = (np.array(part) for part in zip(*self.tried[i], strict=True))
             order = np.argsort(-np.nan_to_num(values[:, j], nan=-np.inf), kind="stable")
             first = order[0]
             starts.append((i, j, u[first]))
-            apart = [k for k in order[1:] if np.abs(u[k] - u[first]).max() > APART]
+            apart = [k for k in order[1:] if np.abs(u[k] - u[first])[self.main[i, j]] > APART]
             starts += [(i, j, u[k]) for k in apart[:1] if values[k, j] > PROMISING * values[first, j]]
-        speed, quantity, u = (np.array(part) for part in zip(*starts, strict=True))
-        values, point, slopes = self._at(speed, u)
-        self._ascend(speed, quantity, point, u, values[np.arange(len(u)), quantity], slopes(quantity))
+        by_speed = [i for i in np.argsort(self.rpm) if self.point.solved[i, 0]]
+        beside = [*itertools.pairwise(by_speed), *itertools.pairwise(by_speed[::-1])]
+        for _ in range(ROUNDS if starts else 0):
+            self._ascend(*map(np.array, zip(*starts, strict=True)))
+            worst, shares = self.worst()
+            lanes = [(i, u) for other, i in beside for u in shares[other]]
+            self._visit([i for i, _ in lanes], [u for _, u in lanes])
+            after, shares = self.worst()
+            starts = [(i, j, shares[i, j]) for i, j in np.argwhere(after > (1 + GAIN) * worst)]
+            if not starts:
+                return
 
     def bounded(self, harmonics):
         """Bounds and why there is none ``(n, Q)``; what is larger than all found so far on their way is solved too."""
@@ -353,9 +378,12 @@ class _Search:
                 shares[i], values[i] = u[first], own[first, np.arange(own.shape[1])]
         return values, shares
 
-    def _ascend(self, speed, quantity, point, u, value, slope):
-        """Climb of all lanes at once, by BFGS in the numbers that are free to move, along the projection of its way."""
-        lanes, moving, idle = np.arange(len(u)), np.isfinite(value), np.zeros(len(u), dtype=int)
+    def _ascend(self, speed, quantity, u):
+        """Climb from shares u ``(A, P)`` at all lanes at once, by BFGS in the numbers that are free to move, along the
+        projection of its way."""
+        values, point, slopes = self._at(speed, u)
+        lanes, value, slope = np.arange(len(u)), values[np.arange(len(u)), quantity], slopes(quantity)
+        moving, idle = np.isfinite(value), np.zeros(len(u), dtype=int)
         # The first step leads to the corner to which the slope points.
         curvature = np.abs(slope)[:, :, None] * np.eye(u.shape[1]) / 2
         for climb in range(CLIMBS):
