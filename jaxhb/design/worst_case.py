@@ -177,7 +177,7 @@ def tolerance(
     tolerances : sequence of Tolerance, optional
         By default those of the ``[tolerance]`` table of the scene.
     samples, seed : int
-        Trains of the sample, a Latin hypercube, and its seed.
+        Trains of the sample, a Latin hypercube; seed of the sample and of the corners from which is searched.
     harmonics, tolerance
         As in :func:`jaxhb.solve_speeds`.
     bounds : bool
