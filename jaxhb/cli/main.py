@@ -341,7 +341,7 @@ def tune():
     multiple=True,
 )
 @option("--samples N", "random trains whose 5, 50 and 95 % are told (default: none)", count)
-@option("--seed N", "seed of the sample (default 0)", count)
+@option("--seed N", "seed of the sample and of the search (default 0)", count)
 @option("--harmonics N", "fixed number of harmonics (default: as many as needed)", whole)
 @option("--tolerance T", "as in solve", share, default="0.01", show_default=True)
 @options.files("as the scene is, the worst case and the sample over the speed", spectra=False)

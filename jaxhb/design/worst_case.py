@@ -29,7 +29,7 @@ from jaxhb.train.speeds import check_speed
 ROUNDS = 3  # searches from one speed to the next
 CLIMBS = 12  # steps of a search for a worst case at most
 TRIALS = 5  # lengths of a step
-APART, PROMISING = 1.0, 0.8  # difference of the main share, and share of the best value, that a second start is worth
+APART, PROMISING = 1.0, 0.8  # difference of a share, and share of the best value, that another start is worth
 EXPLORED_LINEAR = 64  # trains where no tooth separates, from which searches may begin, beside the corners
 GAIN, PATIENCE = 1e-3, 2  # share of the value below which a step has won nothing; so many of them end a search
 ASCENT, CURVED = 1e-4, 1e-8
@@ -154,11 +154,12 @@ def tolerance(
     what no value exceeds, where that can be proved; and percentiles of a random sample.
 
     The worst case is searched by projected gradients (BFGS in the numbers inside their ranges, Bertsekas, 1982), from
-    the best of the train as it is and corners of the range, and from the best on the other side of the number that
-    moves the response most, all speeds and quantities side by side; then from the worst cases of the speeds beside it.
-    Corners are those that the derivatives point to, of the train as it is and at four others; where a corner is the
-    worst case it is reached in one step. Any train that is solved on the way, or in the sample, counts for all
-    quantities. It is the largest value *found*: where teeth hammer motions coexist, and a rare one may be missed.
+    the best of the train as it is and corners of the range, the next on another side of the range, and the best on the
+    other side of the number that moves the response most, all speeds and quantities side by side; then from the worst
+    cases of the speeds beside it. Corners are those that the derivatives point to, of the train as it is and at four
+    others; where a corner is the worst case it is reached in one step. Any train that is solved on the way, or in the
+    sample, counts for all quantities. It is the largest value *found*: where teeth hammer motions coexist, and a rare
+    one may be missed.
 
     ``bound`` is beside it where the equations are linear: no tooth leaves contact in any train within the tolerances,
     which is proved too, and these are of stiffness, damping, loss factors, inertia, backlash, mean torques, gas factors
@@ -250,7 +251,7 @@ class _Search:
     def __init__(self, train, rpm, box, request, say):
         self.train, self.rpm, self.box, self.say = train, rpm, box, say
         self.evaluator = Evaluator(train, rpm, box, request)
-        self.room = 2 * len(rpm) * len(box.objectives)  # lanes of two searches for each speed and quantity
+        self.room = 3 * len(rpm) * len(box.objectives)  # lanes of three searches for each speed and quantity
         self.evaluations, self.visited = 0, set()
 
     def _solve(self, u, near, which=True, rescues=0):
@@ -334,18 +335,20 @@ class _Search:
             self._at(np.array(speed), np.array(u))
 
     def climb(self):
-        """Search for the worst case of every speed and quantity from the best of all trains solved so far, and from the
-        best on the other side of the number that moves it most, where that promises as much; all side by side. Then
-        from the worst cases of the speeds beside it, where these are worse here: where motions coexist, slopes of one
-        know nothing of others."""
+        """Search for the worst case of every speed and quantity from the best of all trains solved so far, the next on
+        another side of the range, and that on the other side of the number that moves it most, where they promise as
+        much; all side by side. Then from the worst cases of the speeds beside it, where these are worse here: where
+        motions coexist, slopes of one know nothing of others."""
         starts = []
         for i, j in np.argwhere(np.isfinite(self.nominal)):
             u, values = (np.array(part) for part in zip(*self.tried[i], strict=True))
             order = np.argsort(-np.nan_to_num(values[:, j], nan=-np.inf), kind="stable")
             first = order[0]
             starts.append((i, j, u[first]))
-            apart = [k for k in order[1:] if np.abs(u[k] - u[first])[self.main[i, j]] > APART]
-            starts += [(i, j, u[k]) for k in apart[:1] if values[k, j] > PROMISING * values[first, j]]
+            apart = np.abs(u - u[first]) > APART
+            promising = [k for k in order[1:] if values[k, j] > PROMISING * values[first, j]]
+            for others in (apart.any(axis=1), apart[:, self.main[i, j]]):
+                starts += [(i, j, u[k]) for k in promising if others[k]][:1]
         by_speed = [i for i in np.argsort(self.rpm) if self.point.solved[i, 0]]
         beside = [*itertools.pairwise(by_speed), *itertools.pairwise(by_speed[::-1])]
         for _ in range(ROUNDS if starts else 0):
