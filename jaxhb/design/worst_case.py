@@ -351,15 +351,15 @@ class _Search:
                 starts += [(i, j, u[k]) for k in promising if others[k]][:1]
         by_speed = [i for i in np.argsort(self.rpm) if self.point.solved[i, 0]]
         beside = [*itertools.pairwise(by_speed), *itertools.pairwise(by_speed[::-1])]
-        for _ in range(ROUNDS if starts else 0):
+        for _ in range(ROUNDS):
+            if not starts:
+                return
             self._ascend(*map(np.array, zip(*starts, strict=True)))
             worst, shares = self.worst()
             lanes = [(i, u) for other, i in beside for u in shares[other]]
             self._visit([i for i, _ in lanes], [u for _, u in lanes])
             after, shares = self.worst()
             starts = [(i, j, shares[i, j]) for i, j in np.argwhere(after > (1 + GAIN) * worst)]
-            if not starts:
-                return
 
     def bounded(self, harmonics):
         """Bounds and why there is none ``(n, Q)``; what is larger than all found so far on their way is solved too."""
