@@ -53,12 +53,12 @@ def dense(train, rpm, tolerances, of):
     found = np.full(len(rpm), np.nan)
     speeds, starts = [], []
     for i, tried in enumerate(search.tried):
-        best = sorted(tried, key=lambda one: -one[1][0])[:8]
+        best = sorted(tried, key=lambda u: -np.nan_to_num(tried[u][0]))[:8]
         speeds += [i] * len(best)
-        starts += [u for u, _ in best]
+        starts += best
     search._ascend(np.array(speeds), np.zeros(len(speeds), dtype=int), np.array(starts))
     for i, tried in enumerate(search.tried):
-        found[i] = max(own[0] for _, own in tried)
+        found[i] = np.nanmax(list(tried.values()))
     return found
 
 

@@ -154,12 +154,11 @@ def tolerance(
     what no value exceeds, where that can be proved; and percentiles of a random sample.
 
     The worst case is searched by projected gradients (BFGS in the numbers inside their ranges, Bertsekas, 1982), from
-    the best of the train as it is and corners of the range, the next on another side of the range, and the best on the
-    other side of the number that moves the response most, all speeds and quantities side by side; then from the worst
-    cases of the speeds beside it. Corners are those that the derivatives point to, of the train as it is and at four
-    others; where a corner is the worst case it is reached in one step. Any train that is solved on the way, or in the
-    sample, counts for all quantities. It is the largest value *found*: where teeth hammer motions coexist, and a rare
-    one may be missed.
+    the train as it is, the best corner of the range, and the best on the other side of the number that moves the
+    response most, all speeds and quantities side by side; then from the worst cases of the speeds beside it. Corners
+    are those that the derivatives point to, of the train as it is and at four others; where a corner is the worst case
+    it is reached in one step. Any train that is solved on the way, or in the sample, counts for all quantities. It is
+    the largest value *found*: where teeth hammer motions coexist, and a rare one may be missed.
 
     ``bound`` is beside it where the equations are linear: no tooth leaves contact in any train within the tolerances,
     which is proved too, and these are of stiffness, damping, loss factors, inertia, backlash, mean torques, gas factors
@@ -252,7 +251,7 @@ class _Search:
         self.train, self.rpm, self.box, self.say = train, rpm, box, say
         self.evaluator = Evaluator(train, rpm, box, request)
         self.room = 3 * len(rpm) * len(box.objectives)  # lanes of three searches for each speed and quantity
-        self.evaluations, self.visited = 0, set()
+        self.evaluations = 0
 
     def _solve(self, u, near, which=True, rescues=0):
         """Lanes of shares u ``(A, P)`` near a Point: responses ``(A, Q)``, nan where not solved or not ``which``, the
@@ -286,14 +285,15 @@ class _Search:
         every = [slopes(np.full(len(self.rpm), j)) for j in range(len(self.box.objectives))]
         self.slopes = np.where(np.isfinite(self.nominal)[..., None], np.stack(every, axis=1), np.nan)
         self.main = np.argmax(np.abs(self.slopes), axis=2)  # the number that moves a response most; nan counts as such
-        self.tried = [[(self.box.unbounded(self.train), own)] for own in self.nominal]
+        # Of every speed the responses (Q,) of the trains tried there, nan of those lost, by their shares.
+        self.tried = [{tuple(self.box.unbounded(self.train)): own} for own in self.nominal]
 
     def _at(self, speed, u, which=True, near=None):
         """As :meth:`_solve`, of lanes at speeds of index ``(A,)``; all that is solved counts for all quantities."""
         found = self._solve(u, _take(self.point, speed) if near is None else near, which)
-        for i, own, z in zip(speed, found[0], u, strict=True):
-            if np.isfinite(own).any():
-                self.tried[i].append((z, own))
+        for i, z, own, asked in zip(speed, map(tuple, u), found[0], np.broadcast_to(which, len(u)), strict=True):
+            if asked:
+                self.tried[i][z] = np.fmax(self.tried[i].get(z, own), own)
         return found
 
     def sampled(self, drawn, which=True):
@@ -327,28 +327,27 @@ class _Search:
         self._visit(*map(np.concatenate, zip(*pointed, strict=True)))
 
     def _visit(self, speed, u):
-        """Solve trains of shares u ``(A, P)``, at speeds of index ``(A,)``, that have not been visited there."""
-        fresh = dict.fromkeys((i, tuple(z)) for i, z in zip(speed, u, strict=True) if (i, tuple(z)) not in self.visited)
-        self.visited |= fresh.keys()
+        """Solve trains of shares u ``(A, P)``, at speeds of index ``(A,)``, that have not been tried there."""
+        lanes = [(i, tuple(z)) for i, z in zip(speed, u, strict=True)]
+        fresh = dict.fromkeys((i, z) for i, z in lanes if z not in self.tried[i])
         for first in range(0, len(fresh), self.room):
             speed, u = zip(*list(fresh)[first : first + self.room], strict=True)
             self._at(np.array(speed), np.array(u))
 
     def climb(self):
-        """Search for the worst case of every speed and quantity from the best of all trains solved so far, the next on
-        another side of the range, and that on the other side of the number that moves it most, where they promise as
-        much; all side by side. Then from the worst cases of the speeds beside it, where these are worse here: where
-        motions coexist, slopes of one know nothing of others."""
-        starts = []
+        """Search for the worst case of every speed and quantity from the best of all trains solved so far, from the
+        train as it is, and from the best on the other side of the number that moves it most, where it promises as much;
+        all side by side. Then from the worst cases of the speeds beside it, where these are worse here: where motions
+        coexist, slopes of one know nothing of others."""
+        starts, begin = [], self.box.unbounded(self.train)
         for i, j in np.argwhere(np.isfinite(self.nominal)):
-            u, values = (np.array(part) for part in zip(*self.tried[i], strict=True))
-            order = np.argsort(-np.nan_to_num(values[:, j], nan=-np.inf), kind="stable")
+            u, values = np.array(list(self.tried[i])), np.array(list(self.tried[i].values()))[:, j]
+            order = np.argsort(-np.nan_to_num(values, nan=-np.inf), kind="stable")
             first = order[0]
-            starts.append((i, j, u[first]))
-            apart = np.abs(u - u[first]) > APART
-            promising = [k for k in order[1:] if values[k, j] > PROMISING * values[first, j]]
-            for others in (apart.any(axis=1), apart[:, self.main[i, j]]):
-                starts += [(i, j, u[k]) for k in promising if others[k]][:1]
+            across = np.abs(u - u[first])[:, self.main[i, j]] > APART
+            promising = [k for k in order[1:] if across[k] and values[k] > PROMISING * values[first]]
+            # A climb from a corner mostly ends at one; that from the middle finds what is largest inside the range.
+            starts += [(i, j, u[first]), (i, j, begin), *((i, j, u[k]) for k in promising[:1])]
         by_speed = [i for i in np.argsort(self.rpm) if self.point.solved[i, 0]]
         beside = [*itertools.pairwise(by_speed), *itertools.pairwise(by_speed[::-1])]
         for _ in range(ROUNDS):
@@ -375,7 +374,7 @@ class _Search:
         """The largest response of all trains solved, by speed and quantity ``(n, Q)``, and its shares ``(n, Q, P)``."""
         shares, values = np.zeros(self.slopes.shape), self.nominal.copy()
         for i, tried in enumerate(self.tried):
-            u, own = (np.array(part) for part in zip(*tried, strict=True))
+            u, own = np.array(list(tried)), np.array(list(tried.values()))
             if np.isfinite(self.nominal[i]).any():
                 first = np.nanargmax(own, axis=0)
                 shares[i], values[i] = u[first], own[first, np.arange(own.shape[1])]
@@ -385,6 +384,7 @@ class _Search:
         """Climb from shares u ``(A, P)`` at all lanes at once, by BFGS in the numbers that are free to move, along the
         projection of its way."""
         values, point, slopes = self._at(speed, u)
+        unknown = np.full(values.shape[1], np.inf)
         lanes, value, slope = np.arange(len(u)), values[np.arange(len(u)), quantity], slopes(quantity)
         moving, idle = np.isfinite(value), np.zeros(len(u), dtype=int)
         # The first step leads to the corner to which the slope points.
@@ -399,9 +399,13 @@ class _Search:
             for _ in range(TRIALS):
                 trial = np.clip(u + length[:, None] * way, -1.0, 1.0)
                 rise = ((trial - u) * slope).sum(axis=1)
-                values, solved, slopes = self._at(speed, trial, climbing, point)
-                own = values[lanes, quantity]
-                good = climbing & (own >= value + ASCENT * rise)
+                # What is known to be lost or no larger is not solved again.
+                places = zip(speed, quantity, map(tuple, trial), strict=True)
+                known = np.array([self.tried[i].get(z, unknown)[j] for i, j, z in places])
+                asked = climbing & (known >= value + ASCENT * rise)
+                values, solved, slopes = self._at(speed, trial, asked, point)
+                own = np.where(asked, values[lanes, quantity], known)
+                good = asked & (own >= value + ASCENT * rise)
                 if good.any():
                     steep = slopes(np.where(good, quantity, -1))
                     for k in np.flatnonzero(good):
