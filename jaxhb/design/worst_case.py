@@ -341,13 +341,15 @@ class _Search:
         coexist, slopes of one know nothing of others."""
         starts, begin = [], self.box.unbounded(self.train)
         for i, j in np.argwhere(np.isfinite(self.nominal)):
-            u, values = np.array(list(self.tried[i])), np.array(list(self.tried[i].values()))[:, j]
+            u, responses = _arrays(self.tried[i])
+            values = responses[:, j]
             order = np.argsort(-np.nan_to_num(values, nan=-np.inf), kind="stable")
             first = order[0]
             across = np.abs(u - u[first])[:, self.main[i, j]] > APART
             promising = [k for k in order[1:] if across[k] and values[k] > PROMISING * values[first]]
             # A climb from a corner mostly ends at one; that from the middle finds what is largest inside the range.
-            starts += [(i, j, u[first]), (i, j, begin), *((i, j, u[k]) for k in promising[:1])]
+            own = dict.fromkeys(map(tuple, [u[first], begin, *u[promising[:1]]]))
+            starts += [(i, j, z) for z in own]
         by_speed = [i for i in np.argsort(self.rpm) if self.point.solved[i, 0]]
         beside = [*itertools.pairwise(by_speed), *itertools.pairwise(by_speed[::-1])]
         for _ in range(ROUNDS):
@@ -374,7 +376,7 @@ class _Search:
         """The largest response of all trains solved, by speed and quantity ``(n, Q)``, and its shares ``(n, Q, P)``."""
         shares, values = np.zeros(self.slopes.shape), self.nominal.copy()
         for i, tried in enumerate(self.tried):
-            u, own = np.array(list(tried)), np.array(list(tried.values()))
+            u, own = _arrays(tried)
             if np.isfinite(self.nominal[i]).any():
                 first = np.nanargmax(own, axis=0)
                 shares[i], values[i] = u[first], own[first, np.arange(own.shape[1])]
@@ -421,6 +423,11 @@ class _Search:
                 length *= np.where(np.isfinite(vertex), np.clip(vertex, 0.1, 0.5), 0.5)
             idle = np.where(won > GAIN * np.abs(value), 0, idle + 1)
             moving &= idle < PATIENCE
+
+
+def _arrays(tried):
+    """Shares ``(T, P)`` and responses ``(T, Q)`` of the trains tried at a speed."""
+    return np.array(list(tried)), np.array(list(tried.values()))
 
 
 def _take(point, which):
