@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from jaxhb.cli.progress import Progress
-from jaxhb.design.identification import identify as search, read_measured, weak_cylinder
+from jaxhb.design.identification import identify as search, weak_cylinder
+from jaxhb.design.measurements import read_measured
 from jaxhb.design.quantities import Parameter
 from jaxhb.design.tolerances import read_tolerances
 from jaxhb.report.figures.speeds import plot_identified

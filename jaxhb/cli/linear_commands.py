@@ -52,7 +52,14 @@ def modes(train, given, at, links_at, plot, **_):
     energies = linear_text.energies_text(found, kinds) if len(span(train.topology).loops) else []
     deliver(
         given,
-        "\n\n".join([linear_text.modes_text(found, train.topology.name, kinds, ratios, teeth), *energies, *below]),
+        "\n\n".join(
+            [
+                linear_text.modes_text(found, train.topology.name, kinds, ratios, teeth),
+                *energies,
+                *below,
+                *remarks_text(train.topology.notes),
+            ]
+        ),
         json=lambda: linear_text.modes_record(found, kinds, ratios) | more,
         plot=lambda: plot_modes(train, found, elastic, ratios),
     )
@@ -70,7 +77,7 @@ def holzer(train, given, at, links_at, hz, mode, plot, **_):
     zeros = {k: one for k, one in natural.items() if kinds[k] == ELASTIC}
     deliver(
         given,
-        "\n\n".join([linear_text.holzer_text(tables, name, teeth), *below]),
+        "\n\n".join([linear_text.holzer_text(tables, name, teeth), *below, *remarks_text(train.topology.notes)]),
         json=lambda: linear_text.holzer_record(tables, name) | more,
         plot=lambda: plot_holzer(train, tables, zeros),
     )
@@ -87,7 +94,13 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     found = misfires.pop("")
     deliver(
         given,
-        "\n\n".join([linear_text.campbell_text(found, modes, name, misfires, teeth), *below]),
+        "\n\n".join(
+            [
+                linear_text.campbell_text(found, modes, name, misfires, teeth),
+                *below,
+                *remarks_text(train.topology.notes),
+            ]
+        ),
         json=lambda: linear_text.campbell_record(found, modes, name, misfires) | more,
         csv=lambda: as_csv(*linear_text.campbell_rows(found, misfires)),
         plot=lambda: plot_campbell(found, modes, name),
@@ -110,6 +123,7 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
     worst = told.worst_of(cases, found) if len(cases) > 1 else None
     parts = [told.forced_text(cases, found, worst, each=bool(element))]
     parts += strength_text({f"With {titles[name]}" if worst else "": one for name, one in judged.items()})
+    parts += remarks_text(train.topology.notes)
     deliver(
         given,
         "\n\n".join(parts),

@@ -9,7 +9,8 @@ from jaxhb._jax import load
 from .quantities import Objective, Parameter, Penalty
 
 if TYPE_CHECKING:
-    from .identification import Measured, identify, read_measured, weak_cylinder
+    from .identification import identify, weak_cylinder
+    from .measurements import Measured, read_measured
     from .phases import worst_phase
     from .tolerances import Tolerance, read_tolerances
     from .tuning import tune
@@ -19,7 +20,8 @@ load()
 
 LATER = {"tune": "tuning", "tolerance": "worst_case", "worst_phase": "phases"}
 LATER |= dict.fromkeys(("Tolerance", "read_tolerances"), "tolerances")
-LATER |= dict.fromkeys(("Measured", "identify", "read_measured", "weak_cylinder"), "identification")
+LATER |= dict.fromkeys(("identify", "weak_cylinder"), "identification")
+LATER |= dict.fromkeys(("Measured", "read_measured"), "measurements")
 """Where names are whose import takes optax or scipy."""
 __all__ = ["Measured", "Objective", "Parameter", "Penalty", "Tolerance", "identify", "read_measured"]
 __all__ += ["read_tolerances", "tolerance", "tune", "weak_cylinder", "worst_phase"]

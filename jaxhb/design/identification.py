@@ -6,11 +6,9 @@ Computed is the linear forced response, teeth in contact; its derivatives by the
 are solved by the trust-region method of scipy, within bounds.
 """
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -20,114 +18,18 @@ from scipy.optimize import least_squares
 from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb.design.evaluation import Task
+from jaxhb.design.measurements import Measured
 from jaxhb.design.quantities import Parameter, parameter_faults
-from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.elements.elements import SceneError
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.linear.forced import forced_response
 from jaxhb.results.dataset import SIGNALS
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.speeds import HIGHEST_RPM
 
-UNITS = {"torque": "N m", "angle": "rad", "speed": "rad/s", "acceleration": "rad/s2"}
-"""What may be measured, of shafts and dampers or of disks, and its unit."""
-
-COLUMNS = "rpm", "order", "element", "quantity", "amplitude", "phase"
 FLOOR = 0.05  # share of the largest amplitude of an element that sensors make noise of, too
 OPEN = 0.5  # share of the deviation that the bounds alone leave, from which a number counts as not determined
 ALIKE = 0.95  # correlation from which the data hardly tell two numbers apart
 NORMAL = 1.96  # deviations that 95 % of a normal distribution lie within
-
-
-@dataclass(frozen=True)
-class Measured:
-    """Measured amplitudes, a row for each ``(R,)``.
-
-    rpm; order, of the reference rotor, nan for the sum of the amplitudes of all orders; element, quantity : tuples of
-    names, of a shaft, damper or disk and of :data:`UNITS`; amplitude, of a cosine, in SI units; phase in deg of
-    ``cos(order theta + phase)``, theta the angle of the reference rotor, nan where none was measured.
-    """
-
-    rpm: np.ndarray
-    order: np.ndarray
-    element: tuple
-    quantity: tuple
-    amplitude: np.ndarray
-    phase: np.ndarray
-
-
-def read_measured(path: str | Path, train: DriveTrain) -> Measured:
-    """The rows of a CSV file with the columns rpm, order, element, quantity, amplitude and, if measured, phase.
-
-    ``order`` may be ``sum``; # begins a comment. :class:`SceneError` tells unknown columns, elements and quantities,
-    numbers that are none or negative, orders that are no harmonic of the cycle and rows that are there twice, one
-    sentence each, all at once.
-    """
-    name, faults, found = Path(path).name, [], []
-    try:
-        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise SceneError(f"{path}: the file cannot be read: {error.strerror}.") from None
-    # Blank lines and comments keep their place, for the numbers of lines in sentences.
-    rows = csv.reader(line if not line.lstrip().startswith("#") else "" for line in lines)
-    kept = [(number, [cell.strip() for cell in row]) for number, row in enumerate(rows, 1) if row]
-    heads = kept[0][1] if kept else []
-    faults += [
-        f"{name}: there is no column {head!r}.{suggestion(head, COLUMNS)}" for head in heads if head not in COLUMNS
-    ]
-    faults += [f"{name}: the column {head!r} is missing." for head in COLUMNS[:-1] if head not in heads]
-    if faults:
-        raise SceneError(faults)
-    for number, cells in kept[1:]:
-        row = dict(zip(heads, cells, strict=False))
-        wrong = _row_faults(train, row)
-        faults += [f"{name}, line {number}: {text}" for text in wrong]
-        if not wrong:
-            key = float(row["rpm"]), _order(row["order"]), row["element"], row["quantity"]
-            phase = row.get("phase")
-            found.append((*key, float(row["amplitude"]), float(phase) if phase else np.nan))
-            if any(repr(one[:4]) == repr(key) for one in found[:-1]):
-                faults.append(f"{name}, line {number}: the row is there twice: leave one out.")
-    if not found and not faults:
-        faults.append(f"{name}: there are no rows of measurements below the heads.")
-    if faults:
-        raise SceneError(faults)
-    speeds, orders, elements, quantities, amplitudes, phases = zip(*found, strict=True)
-    numbers = np.array(amplitudes), np.array(phases)
-    return Measured(np.array(speeds), np.array(orders), elements, quantities, *numbers)
-
-
-def _order(text):
-    return np.nan if text == "sum" else float(text)
-
-
-def _row_faults(train, row):
-    """What is wrong with a row of the file."""
-    topology, faults, values = train.topology, [], {}
-    for head in ("rpm", "order", "amplitude", "phase"):
-        try:
-            values[head] = _order(row[head]) if head == "order" else float(row[head])
-        except (KeyError, ValueError):
-            values[head] = np.inf
-    for head, most in (("rpm", HIGHEST_RPM), ("order", np.inf)):
-        if not (0 < values[head] < most or row.get(head) == "sum"):
-            faults.append(f"{head} is {row.get(head, '')!r}, must be a number greater than 0.")
-    if not 0 <= values["amplitude"] < np.inf:
-        faults.append(f"amplitude is {row.get('amplitude', '')!r}, must be at least 0.")
-    if row.get("phase") and not np.isfinite(values["phase"]):
-        faults.append(f"phase is {row['phase']!r}, must be a number of degrees.")
-    harmonic = values["order"] * topology.revolutions_per_cycle
-    if 0 < harmonic < np.inf and abs(harmonic - round(harmonic)) > 1e-9:
-        step = 1 / topology.revolutions_per_cycle
-        faults.append(f"order {values['order']:g} is no harmonic of the cycle: use a multiple of {step:g}.")
-    quantity, element = row.get("quantity", ""), row.get("element", "")
-    if quantity not in UNITS:
-        faults.append(f"there is no quantity {quantity!r}.{suggestion(quantity, UNITS)}")
-    else:
-        names = topology.shaft_and_damper_names if quantity == "torque" else topology.disk_names
-        kind = "shaft or damper" if quantity == "torque" else "disk"
-        if element not in names:
-            faults.append(f"there is no {kind} {element!r}.{suggestion(element, names)}")
-    return faults
 
 
 @brief
@@ -192,7 +94,7 @@ def identify(
     Parameters
     ----------
     measured : Measured
-        See :func:`read_measured`.
+        See :func:`jaxhb.design.read_measured`.
     parameters : sequence of Parameter
         Numbers to be fitted, with bounds and scale; ``CYLINDER.gas_factor`` scales the gas torque of a cylinder.
     noise : float

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 
 from jaxhb.design.quantities import Objective, Parameter, Penalty
-from jaxhb.elements.elements import SceneError, suggestion
-from jaxhb.elements.value_checks import number_like, shown
+from jaxhb.elements.elements import SceneError, shown, suggestion
+from jaxhb.elements.value_checks import number_like
 from jaxhb.train.speeds import read_speeds
 
 _ROWS = {"parameter": Parameter, "objective": Objective, "penalty": Penalty}

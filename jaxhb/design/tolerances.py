@@ -9,8 +9,8 @@ from scipy.stats import norm, qmc
 from jaxhb._jax import namespace
 from jaxhb.design.evaluation import Task
 from jaxhb.design.quantities import own_value
-from jaxhb.elements.elements import SceneError, suggestion
-from jaxhb.elements.value_checks import number_like, shown
+from jaxhb.elements.elements import SceneError, shown, suggestion
+from jaxhb.elements.value_checks import number_like
 from jaxhb.train.drivetrain import DriveTrain
 
 DEVIATIONS = 3.0  # standard deviations to either side that the range of a ``std`` spans: 99.7 % of all

@@ -9,9 +9,9 @@ is open.
 import dataclasses
 from collections import Counter
 
-from jaxhb.elements.elements import TABLES, SceneError, suggestion, table_of
+from jaxhb.elements.elements import TABLES, SceneError, shown, suggestion, table_of
 from jaxhb.elements.engine import Engine, cylinders, engine_errors
-from jaxhb.elements.value_checks import TOGETHER, field_errors, row_errors, shown
+from jaxhb.elements.value_checks import TOGETHER, field_errors, row_errors
 
 
 def read_scenarios(parts, scenarios) -> tuple[dict, list[str]]:

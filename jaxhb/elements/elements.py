@@ -9,6 +9,7 @@ degrees.
 
 import dataclasses
 import difflib
+import math
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import ge, gt, le, lt, or_
@@ -73,6 +74,27 @@ class SceneError(ValueError):
     def __init__(self, sentences):
         self.sentences = (sentences,) if isinstance(sentences, str) else tuple(sentences)
         super().__init__("\n".join(self.sentences))
+
+
+QUOTED = 60  # characters of a value that a sentence quotes
+
+
+def shown(value) -> str:
+    """Write a value into a sentence, cut after :data:`QUOTED` characters."""
+    # Beyond float64; and repr refuses more than 4300 digits.
+    if isinstance(value, int) and value.bit_length() > 1023:
+        return f"an integer of about {int(value.bit_length() * math.log10(2.0)) + 1} digits"
+    try:
+        # What is cut off is not written first.
+        text = repr(value[: QUOTED + 1] if isinstance(value, str | list | tuple) else value)
+    except ValueError:
+        return "a value too long to be written"
+    return text if len(text) <= QUOTED + 2 else f"{text[:QUOTED]}…"
+
+
+def cut(text: str, most: int = 4 * QUOTED) -> str:
+    """Shorten a text that stands in a sentence without quotes, as a path or what a library says."""
+    return text if len(text) <= most else f"{text[:most]}…"
 
 
 def suggestion(word: str, known) -> str:
@@ -379,10 +401,11 @@ class Phase:
 
 @dataclass(frozen=True, kw_only=True)
 class Head:
-    """``[scene]``: what belongs to the whole train."""
+    """``[scene]``: what belongs to the whole train; ``notes`` are texts that every check and report tells."""
 
     name: str | None = declared("name", None)
     description: str | None = declared("name", None)
+    notes: tuple = declared("list", ())
     revolutions_per_cycle: float = positive("", 2.0)
     reference: str | None = declared("disk", None)
     rated_rpm: float | None = positive("rpm", None)

@@ -5,8 +5,8 @@ import math
 from collections import Counter
 from dataclasses import dataclass, replace
 
-from jaxhb.elements.elements import CrankSlider, Cylinder, choice, declared, quantity, suggestion
-from jaxhb.elements.value_checks import field_errors, number_like, shown
+from jaxhb.elements.elements import CrankSlider, Cylinder, choice, declared, quantity, shown, suggestion
+from jaxhb.elements.value_checks import field_errors, number_like
 
 
 @dataclass(frozen=True, kw_only=True)

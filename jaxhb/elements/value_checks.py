@@ -8,21 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.elements import RULES, Combustion, Trace, Unread, suggestion
+from jaxhb.elements.elements import RULES, Combustion, Trace, Unread, shown, suggestion
 from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
-
-
-def shown(value) -> str:
-    """Write a value into a sentence, in short."""
-    # Beyond float64; and repr refuses more than 4300 digits.
-    if isinstance(value, int) and value.bit_length() > 1023:
-        return f"an integer of about {int(value.bit_length() * math.log10(2.0)) + 1} digits"
-    try:
-        text = repr(value)
-    except ValueError:
-        return "a value too long to be written"
-    return text if len(text) <= 100 else f"{text[:100]}…"
 
 
 def number_like(value) -> bool:

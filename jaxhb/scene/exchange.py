@@ -3,25 +3,29 @@
 **TORS** is the format of openTorsion 0.3: ``components`` with ``elements`` in a row, and ``structure`` with the
 connections ``["component.element", "component.element"]`` from an element to the beginning of another component. Read
 are ``Disk`` (inertia, damping), ``ShaftDiscrete`` (stiffness, damping), ``ShaftContinuous`` (length, innerDiameter,
-outerDiameter in mm, density; shear modulus 80 GPa, half its inertia at each end) and ``GearElement`` (inertia; teeth,
-or diameter in mm; parent in the same component). A component goes on from the node at which another one is connected.
-Gears are rigid there: here they are meshes, and several gears of one node are joined by shafts, all so stiff that they
-change natural frequencies by about 1e-5. Gears with teeth get a module of 5 mm. Excitations are not read.
+outerDiameter in mm, density; shear modulus 80 GPa, half its inertia at each end) and ``GearElement`` (inertia,
+damping; teeth, diameter in mm, or radius; parent in the same component). A component goes on from the node at which
+another one is connected; one that begins with a gear without parent, and is connected to a gear, meshes with it. Gears
+are rigid there: here they are meshes, and several gears of one node are joined by shafts, all so stiff that they change
+natural frequencies by about 1e-5. Gears of which only teeth are given get a module of 5 mm. What is not read, as
+excitations, and what had to be guessed stands in the ``notes`` of the scene.
 
 **CSV** has a table of inertias and one of links: docs/how_to/other_programs.md.
 """
 
-import csv
 import dataclasses
 import difflib
 import json
 import math
+from collections import Counter
 
-from jaxhb.elements.elements import Disk, Mesh, SceneError, Shaft, suggestion
+from jaxhb.elements.elements import Disk, Mesh, SceneError, Shaft, cut, shown, suggestion
 from jaxhb.elements.value_checks import plain_number
+from jaxhb.scene.csv_tables import CsvText, read_csv
 
 SHEAR_MODULUS = 80e9  # Pa, of steel: TORS gives none
 MODULE = 5e-3  # m, of a gear of which only the number of teeth is given: ratios are those of the teeth whatever it is
+LARGEST_IN_METRES = 2.0  # a gear of which a larger radius is given has it in mm: no drive train has larger gears
 RIGID = 1e5  # stiffness of a rigid link over that of the stiffest shaft
 
 
@@ -34,10 +38,13 @@ def tors_content(text: str, source: str, errors: list[str]) -> dict:
     try:
         content = json.loads(text)
     except ValueError as error:
-        raise SceneError(f"{source}: invalid JSON: {error}. Correct it.") from None
+        raise SceneError(f"{source}: invalid JSON: {cut(str(error))}. Correct it.") from None
     try:
         reader = _Tors(source, content["components"], content.get("structure", []))
+        reader.note_unread("the file", content, ("name", "components", "structure"))
         found = reader.read()
+        if isinstance(content.get("name"), str):
+            found["scene"]["name"] = content["name"]
     except (KeyError, TypeError, AttributeError, IndexError, ValueError):
         raise SceneError(
             f"{source}: this is not TORS, which has 'components', each with 'name' and 'elements', and 'structure', a"
@@ -47,17 +54,28 @@ def tors_content(text: str, source: str, errors: list[str]) -> dict:
     return found
 
 
+_READ = {
+    "Disk": ("name", "type", "inertia", "damping"),
+    "ShaftDiscrete": ("name", "type", "stiffness", "damping"),
+    "ShaftContinuous": ("name", "type", "damping", "length", "innerDiameter", "outerDiameter", "density"),
+    "GearElement": ("name", "type", "inertia", "damping", "teeth", "diameter", "radius", "parent"),
+}
+"""Keys that are read of each type of element."""
+_SIZES = "teeth", "diameter", "radius"
+
+
 class _Tors:
     """Nodes, shafts and gears that are found on the way through the components."""
 
     def __init__(self, source, components, structure):
         self.source, self.errors, self.connections = source, [], {}
         self.nodes, self.walked = [], set()
-        self.shafts, self.gears, self.meshes, self.excited = [], {}, [], False
-        names = [component["name"] for component in components]
-        for name in names:
-            if names.count(name) > 1:
-                self._tell(f"component {name!r} is given twice. Rename one of them.")
+        self.shafts, self.gears, self.meshes, self.notes = [], {}, [], []
+        for name, count in Counter(component["name"] for component in components).items():
+            if count > 1:
+                self._tell(f"component {shown(name)} is given twice. Rename one of them.")
+        for component in components:
+            self.note_unread(f"component {shown(component['name'])}", component, ("name", "elements"))
         self.components = {component["name"]: self._named(component) for component in components}
         for begin, end in structure:
             for own in (begin, end):
@@ -70,6 +88,12 @@ class _Tors:
 
     def _tell(self, sentence, own=""):
         self.errors.append(f"{self.source}{f', {own!r}' if own else ''}: {sentence}")
+
+    def note_unread(self, what, content, read):
+        """Note the keys of a part of the file that hold something and are not read."""
+        for key, value in content.items():
+            if key not in read and value not in (None, 0, "", [], {}):
+                self.notes.append(f"{shown(key)} of {what} is not read")
 
     def _no_component(self, name, why="does not exist"):
         self._tell(f"component {name!r} {why}. Correct 'structure'.")
@@ -110,8 +134,8 @@ class _Tors:
         self.nodes.append({"inertia": 0.0, "damping": 0.0})
         return len(self.nodes) - 1
 
-    def _walk(self, name, node, above):
-        """Go through a component from a node on, and through those connected to it."""
+    def _walk(self, name, node, above, gear=""):
+        """Go through a component from a node on, at which there may be a gear, and through those connected to it."""
         if name not in self.components:
             self._no_component(name)
         elif name in self.walked:
@@ -119,14 +143,17 @@ class _Tors:
         else:
             self.walked.add(name)
             for own, element in self.components[name].items():
-                node = self._add(name, own, element, node)
+                node = self._add(name, own, element, node, gear)
+                gear = ""
                 for other in self.connections.get(own, ()):
-                    self._walk(other, node, (*above, name))
+                    self._walk(other, node, (*above, name), own if own in self.gears else "")
 
-    def _add(self, component, own, element, node):
-        """Put one element at a node; the node at which the component goes on."""
-        kind, known = element.get("type"), ["Disk", "ShaftDiscrete", "ShaftContinuous", "GearElement"]
-        self.excited = self.excited or "excitation" in element
+    def _add(self, component, own, element, node, gear):
+        """Put one element at a node, that of ``gear`` if the component begins there; where the component goes on."""
+        kind = element.get("type")
+        if "excitation" in element:
+            self.notes.append(f"the excitation of {own!r} is not read: give it as [[torque]]")
+        self.note_unread(repr(own), element, (*_READ.get(kind, element), "excitation"))
         if kind == "Disk":
             self._load(node, own, self._take(own, element, "inertia"), self._take(own, element, "damping", 0.0))
         elif kind in ("ShaftDiscrete", "ShaftContinuous"):
@@ -139,28 +166,32 @@ class _Tors:
             self.shafts.append((node, end, row))
             return end
         elif kind == "GearElement":
-            return self._gear(component, own, element, node)
+            return self._gear(component, own, element, node, gear)
         else:
-            self._tell(f"unknown type {kind!r}.{suggestion(kind, known)}", own)
+            self._tell(f"unknown type {shown(kind)}.{suggestion(kind, _READ)}", own)
         return node
 
-    def _gear(self, component, own, element, node):
-        """Put a gear at a node, one with a parent at a node of its own; this node."""
+    def _gear(self, component, own, element, node, gear):
+        """Put a gear at a node, one in mesh with a parent or another component at a node of its own; this node."""
         parent = f"{component}.{element.get('parent')}"
+        if parent not in self.gears and element.get("parent"):
+            known = [name.partition(".")[2] for name in self.gears if name.startswith(f"{component}.")]
+            said = f"its parent {shown(element['parent'])} is no gear before it in {component!r}"
+            self._tell(f"{said}.{suggestion(element['parent'], known)}", own)
+        elif parent not in self.gears and gear:
+            self.notes.append(f"{own!r} and {gear!r}, gears that are connected, are taken to be in mesh")
+            parent = gear
         if parent in self.gears:
             node = self._node()
             self.meshes.append((parent, own))
-        elif element.get("parent"):
-            known = [name.partition(".")[2] for name in self.gears if name.startswith(f"{component}.")]
-            said = f"its parent {element['parent']!r} is no gear before it in {component!r}"
-            self._tell(f"{said}.{suggestion(element['parent'], known)}", own)
-        self._load(node, own, self._take(own, element, "inertia"), 0.0)
-        toothed = "teeth" in element
-        size = self._take(own, element, "teeth" if toothed else "diameter")
-        if not size > 0.0:
-            self._tell(f"teeth or diameter is {size:g}, must be greater than 0.", own)
-            size = 1.0
-        self.gears[own] = {"node": node, "toothed": toothed, "size": size}
+        self._load(node, own, self._take(own, element, "inertia"), self._take(own, element, "damping", 0.0))
+        sizes = [key for key in _SIZES if element.get(key) is not None] or ["diameter"]
+        found = {key: self._take(own, element, key) for key in sizes}
+        for key, size in found.items():
+            if not size > 0.0:
+                self._tell(f"{key} is {size:g}, must be greater than 0.", own)
+                found[key] = 1.0
+        self.gears[own] = {"node": node, **found}
         return node
 
     def _load(self, node, own, inertia, damping):
@@ -188,27 +219,43 @@ class _Tors:
             return 1.0, 0.0
         return SHEAR_MODULUS * area / length, density * area * length
 
+    def _radii(self):
+        """Radii of the gears in m."""
+        given = {own: gear["radius"] for own, gear in self.gears.items() if "radius" in gear}
+        in_metres = max(given.values(), default=0.0) <= LARGEST_IN_METRES
+        if given:
+            unit = "m" if in_metres else "mm"
+            self.notes.append(f"radius of {', '.join(map(repr, given))} is taken to be in {unit}")
+
+        def radius(gear):
+            if "diameter" in gear:
+                return 0.5e-3 * gear["diameter"]
+            if "radius" in gear:
+                return gear["radius"] * (1.0 if in_metres else 1e-3)
+            return 0.5 * MODULE * gear["teeth"]
+
+        return {own: radius(gear) for own, gear in self.gears.items()}
+
     def _content(self):
         """The scene."""
         disks = [{"name": f"node {k}"} | node for k, node in enumerate(self.nodes)]
         shafts = [{"between": [disks[a]["name"], disks[b]["name"]], **row} for a, b, row in self.shafts]
         rigid = RIGID * max((row["stiffness"] for row in shafts), default=1e6)
-        seats = {}
+        seats, radii = {}, self._radii()
         for own, gear in self.gears.items():
-            place = disks[gear["node"]]
-            radius = (0.5 * MODULE if gear["toothed"] else 0.5e-3) * gear["size"]
+            place, radius = disks[gear["node"]], radii[own]
             # A disk has one radius: a further gear of the node sits on a disk of its own.
             if place.get("radius", radius) != radius:
                 disks.append({"name": own if own != place["name"] else f"{own} gear", "inertia": 0.0})
                 shafts.append({"between": [place["name"], disks[-1]["name"]], "stiffness": rigid})
                 place = disks[-1]
             place["radius"] = radius
-            if gear["toothed"]:
-                place["teeth"] = round(gear["size"])
+            if "teeth" in gear:
+                place["teeth"] = round(gear["teeth"])
             seats[own] = place
         meshes = []
         for pair in self.meshes:
-            if len({self.gears[own]["toothed"] for own in pair}) > 1:
+            if len({"diameter" in self.gears[own] or "radius" in self.gears[own] for own in pair}) > 1:
                 text = f"{pair[0]!r} and {pair[1]!r} mesh, one with teeth, one with a diameter"
                 self._tell(f"{text}. Give both alike.")
             ends = [seats[own] for own in pair]
@@ -216,8 +263,9 @@ class _Tors:
             stiffness = rigid / min(end["radius"] for end in ends) ** 2
             meshes.append({"between": [end["name"] for end in ends], "stiffness": stiffness})
         said = f"From {self.source}" + "; rigid gears are stiff meshes" * bool(meshes)
-        said += "; its excitations are not read" * self.excited
         content = {"scene": {"description": said, "reference": disks[0]["name"]}}
+        if self.notes:
+            content["scene"]["notes"] = [f"{self.source}: {text}." for text in dict.fromkeys(self.notes)]
         for table, rows in {"disk": disks, "shaft": shafts, "mesh": meshes}.items():
             if rows:
                 content[table] = [{k: value for k, value in row.items() if k != "damping" or value} for row in rows]
@@ -229,29 +277,29 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
 
     Rows above the first heads are left out, and told. Without inertias links have disks with harmless ones.
     """
-    lines = [line for line in text.splitlines() if line.strip(" ,;") and not line.lstrip().startswith("#")]
-    # Where decimals have commas, spreadsheets separate cells by semicolons.
-    delimiter = ";" if lines and ";" in lines[0] else ","
-    rows = [[cell.strip() for cell in cells] for cells in csv.reader(lines, delimiter=delimiter)]
+    whole = read_csv(text, source)
+    lines = [line for line in whole.lines if any(line.cells)]
     content, heads = {}, None
-    for number, cells in enumerate(rows):
+    for line in lines:
+        cells, where = line.cells, f"{source}, line {line.number}"
         if cells[0] in ("name", "from"):
-            heads = _heads(cells, source, errors)
+            heads = _heads(list(cells), source, errors)
             continue
         if heads is None:
             continue
-        if len(cells) > len(heads):
-            errors.append(f"{source}, row {number + 1}: {len(cells)} cells under {len(heads)} heads. Correct the row.")
-        row = {head: _cell(head, cell) for head, cell in zip(heads, cells, strict=False) if head and cell}
+        if any(cells[len(heads) :]):
+            cure = "Correct the line; where decimals have commas separate by semicolons or tabs."
+            errors.append(f"{where}: {len(cells)} cells under {len(heads)} heads. {cure}")
+        row = {head: _cell(whole, head, cell) for head, cell in zip(heads, cells, strict=False) if head and cell}
         table = "disk"
         if heads[0] == "from":
             table = row.pop("link", "shaft")
             row = {"between": [row.pop(end) for end in ("from", "to") if end in row]} | row
         if table not in ("disk", "shaft", "mesh"):
-            errors.append(f"{source}, row {number + 1}: link is {table!r}, must be 'shaft' or 'mesh'. Correct it.")
+            errors.append(f"{where}: link is {shown(table)}, must be 'shaft' or 'mesh'. Correct it.")
             continue
         content.setdefault(table, []).append(row)
-    if rows and rows[0][0] not in ("name", "from"):
+    if lines and lines[0].cells[0] not in ("name", "from"):
         begin = "'name', of inertias, or 'from', of links"
         errors.append(f"{source}: the first line must name columns, beginning with {begin}. Give the heads.")
     elif "disk" not in content:
@@ -269,18 +317,15 @@ def _heads(heads, source, errors):
         of_links = dict.fromkeys(f.name for cls in (Shaft, Mesh) for f in dataclasses.fields(cls))
         known = ["from", "to", "link", *(name for name in of_links if name != "between")]
     wrong = [head for head in heads if head not in known]
-    errors += [f"{source}: unknown column {head!r}.{suggestion(head, known)}" for head in wrong]
+    errors += [f"{source}: unknown column {shown(head)}.{suggestion(head, known)}" for head in wrong]
     errors += [f"{source}: two columns are called {head!r}. Keep one." for head in known if heads.count(head) > 1]
     free = [key for key in known if key not in heads]
     meant = {head: next(iter(difflib.get_close_matches(head, free, n=1)), None) for head in wrong}
     return [meant.get(head, head) for head in heads]
 
 
-def _cell(head, cell):
+def _cell(table: CsvText, head: str, cell: str):
     """A number where it is one; names stay text."""
-    if head in ("name", "from", "to", "link"):
+    if head in ("name", "from", "to", "link") or not table.is_number(cell):
         return cell
-    try:
-        return int(cell) if cell.isdecimal() else float(cell)
-    except ValueError:
-        return cell
+    return int(cell) if cell.isdecimal() else table.number(cell)

@@ -1,25 +1,27 @@
 """Scene files: TOML and CSV to a drive train. Everything wrong with a file is raised at once, in sentences.
 
 Files of other programs are read by their endings, see :mod:`jaxhb.scene.exchange`. Any list of rows may be the name of
-a CSV file beside the scene, one row a line; lines that start with ``#`` are comments.
+a CSV file beside the scene, one row a line, see :mod:`jaxhb.scene.csv_tables`.
 """
 
 import dataclasses
 import difflib
+import os
 import re
 import tomllib
 from importlib import resources
 from pathlib import Path
 
-from jaxhb.elements.elements import TABLES, Head, SceneError, Unread, suggestion
+from jaxhb.elements.elements import TABLES, Head, SceneError, Unread, cut, shown, suggestion
 from jaxhb.elements.engine import Engine
+from jaxhb.scene.csv_tables import number_rows
 from jaxhb.scene.exchange import csv_content, tors_content
+from jaxhb.scene.input_files import Missing, Unreadable, is_beside, read_text
 from jaxhb.train.assembly import checked
 from jaxhb.train.drivetrain import DriveTrain
 
 _READERS = {".json": tors_content, ".csv": csv_content}
 _UNREADABLE = {
-    UnicodeDecodeError: "the file is not UTF-8 text. Save it as UTF-8.",
     ValueError: "an integer has too many digits to be read. Write it as 1e9.",  # Python reads no more than 4300
     RecursionError: "lists or tables are nested too deeply to be read. Write them flat.",
 }
@@ -71,10 +73,20 @@ def load_scene(name: str | Path) -> DriveTrain:
         tune=content.get("tune"),
         tolerance=content.get("tolerance"),
         scenarios=content.get("scenario"),
+        notes=_notes(head, path.name, errors),
         source=path.name,
         findings=errors,
         complete=complete and whole,
     )
+
+
+def _notes(head: dict, source: str, errors: list[str]) -> tuple[str, ...]:
+    """Notes of ``[scene]``."""
+    notes = head.get("notes", [])
+    if isinstance(notes, list) and all(isinstance(note, str) for note in notes):
+        return tuple(notes)
+    errors.append(f"{source}, [scene]: notes is {shown(notes)}, must be a list of texts. Correct it.")
+    return ()
 
 
 def _folder():
@@ -86,12 +98,10 @@ def _find(name) -> Path:
     """Path of a packaged scene or of a file."""
     text = str(name)
     if isinstance(name, Path) or text.endswith((".toml", *_READERS)) or "/" in text or "\\" in text:
-        path = Path(text).expanduser()
-        if not path.is_file():
-            raise SceneError(f"{text}: there is no such file. Give the path of a .toml, or a packaged scene.")
-        return path
+        # Where "~somebody" has no folder the text is the path.
+        return Path(os.path.expanduser(text))
     if text not in scene_names():
-        raise SceneError(f"there is no packaged scene {text!r}.{suggestion(text, scene_names())}")
+        raise SceneError(f"there is no packaged scene {shown(text)}.{suggestion(text, scene_names())}")
     return _folder() / f"{text}.toml"
 
 
@@ -106,15 +116,18 @@ def _correct(text: str, error: tomllib.TOMLDecodeError) -> str:
 def _parse(path: Path, errors: list[str]) -> dict:
     """Read a file; a syntax error becomes one sentence, what else cannot be read goes to ``errors``."""
     try:
-        # Some editors of Windows put a mark before UTF-8.
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
+    except Missing:
+        missing = "there is no such file. Give the path of a .toml, or a packaged scene."
+        raise SceneError(f"{cut(str(path))}: {missing}") from None
+    except Unreadable as error:
+        raise SceneError(f"{cut(str(path))}: {error}") from None
+    try:
         return _READERS[path.suffix](text, path.name, errors) if path.suffix in _READERS else tomllib.loads(text)
     except SceneError:
         raise
     except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{path.name}: invalid TOML: {error}. {_correct(text, error)}") from None
-    except OSError as error:
-        raise SceneError(f"{path.name}: the file cannot be read: {error.strerror}.") from None
+        raise SceneError(f"{path.name}: invalid TOML: {cut(str(error))}. {_correct(text, error)}") from None
     except (ValueError, RecursionError) as error:
         why = next(sentence for kind, sentence in _UNREADABLE.items() if isinstance(error, kind))
         raise SceneError(f"{path.name}: {why}") from None
@@ -170,38 +183,24 @@ def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: 
             )
         elif kind == "rows" and isinstance(found, str):
             try:
-                values[key] = _read_rows(folder / found, f.metadata["columns"], read)
+                values[key] = _read_rows(found, folder, f.metadata["columns"], read)
             except SceneError as error:
                 errors += [f"{where}: {key}: {text}" for text in error.sentences]
                 values[key] = Unread()
     return cls(**values)
 
 
-def _read_rows(path: Path, columns: tuple[str, ...], read: dict) -> tuple:
-    """Read a CSV file of numbers, once for all elements that name it."""
-    if path in read:
-        return read[path]
+def _read_rows(name: str, folder: Path, columns: tuple[str, ...], read: dict) -> tuple | Unread:
+    """Read a table of numbers once for all elements that name it; :class:`SceneError` the first time it is faulty."""
+    if name in read:
+        return read[name]
+    read[name] = Unread()
+    path = folder / name
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise SceneError(f"there is no file {path.name!r} beside the scene. Correct the name.") from None
-    except (OSError, UnicodeDecodeError):
-        raise SceneError(f"the file {path.name!r} cannot be read. Save it as UTF-8 text.") from None
-    rows = []
-    for k, line in enumerate(lines):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        try:
-            row = tuple(float(word) for word in line.replace(";", ",").split(","))
-        except ValueError:
-            row = ()
-        if len(row) != len(columns):
-            raise SceneError(
-                f"{path.name}, line {k + 1} is {line.strip()!r}, must be {len(columns)} numbers"
-                f" {', '.join(columns)}, separated by commas. Correct it or put # before it."
-            )
-        rows.append(row)
-    if not rows:
-        raise SceneError(f"{path.name} holds no rows. Give {', '.join(columns)} on each line.")
-    read[path] = tuple(rows)
-    return read[path]
+        text = read_text(path)
+    except Missing:
+        raise SceneError(f"there is no file {shown(name)} beside the scene. Correct the name.") from None
+    except Unreadable as error:
+        raise SceneError(f"{shown(name)}: {error}") from None
+    read[name] = number_rows(text, columns, path.name, quoted=is_beside(path, folder))
+    return read[name]

@@ -62,7 +62,19 @@ def build(
 
 
 def checked(
-    elements, name, reference, cycle, rated_rpm, *, tune, tolerance, scenarios, source, findings=(), complete=True
+    elements,
+    name,
+    reference,
+    cycle,
+    rated_rpm,
+    *,
+    tune,
+    tolerance,
+    scenarios,
+    source,
+    notes=(),
+    findings=(),
+    complete=True,
 ) -> DriveTrain:
     """As :func:`build`, with sentences found before; ``complete`` is False where tables of the scene were not read.
 
@@ -103,7 +115,7 @@ def checked(
     # As text: a topology is hashed, and dictionaries are not.
     beside = {"scenarios": scenarios, "tune": tune or {}, "tolerance": tolerance or {}}
     head: dict[str, Any] = {key: json.dumps(table, default=str) for key, table in beside.items()}
-    head |= {"name": name, "rated_rpm": None if rated_rpm is None else float(rated_rpm)}
+    head |= {"name": name, "rated_rpm": None if rated_rpm is None else float(rated_rpm), "notes": notes}
     topology = _topology(parts, rotors, main, float(cycle), ratio, head)
     # Only now: nothing follows from keys that a sentence was said about.
     for table in derived.LINKS:

@@ -68,9 +68,9 @@ _EXPONENT = re.compile(r"(?<=\d)e\+?(-?)0*(?=\d)")
 def plausibility(train: DriveTrain) -> list[str]:
     """Find numbers of a train, not traced, that are allowed but far from usual: a note for each, empty where none is.
 
-    Notes name the elements, the value and the usual range: of sizes, pressures and their angles, firings, masses, load
-    shares, torques that drive, disks and shafts far from the others of their rotor, loss factors, gears and their
-    teeth.
+    The notes of the scene come first, as on what of a file of another program was not read. Notes on numbers name the
+    elements, the value and the usual range: of sizes, pressures and their angles, firings, masses, load shares, torques
+    that drive, disks and shafts far from the others of their rotor, loss factors, gears and their teeth.
 
     >>> train = jaxhb.load_scene("gear_train_30")
     >>> plausibility(train)
@@ -83,10 +83,11 @@ def plausibility(train: DriveTrain) -> list[str]:
     alike = {}
     for table, name, text in (note for rule in rules for note in rule(train)):
         alike.setdefault((table, text), []).append(name)
-    return [
+    found = [
         f"[[{table}]] {connections.names_of(names, range(len(names)))}: {text}"
         for (table, text), names in alike.items()
     ]
+    return [*train.topology.notes, *found]
 
 
 def _far(value, limits):

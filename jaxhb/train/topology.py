@@ -35,7 +35,7 @@ class Topology:
     ``shaft_rules`` name the limits of each shaft. ``phase_cylinders`` and ``phase_torques`` are what each phase turns,
     ``phase_turn`` the harmonics of the cycle per order of their rotor. ``link_keys`` names for each link which of the
     keys that may be absent it has; empty where no link has any.
-    ``rated_rpm`` is the rated speed of the reference rotor, on which ``reference_disk`` sits.
+    ``rated_rpm`` is the rated speed of the reference rotor, with ``reference_disk``; ``notes`` are those of the scene.
 
     Its ``repr`` is whole: keys of compiled programs and of kept sweeps are made of it.
     """
@@ -98,6 +98,7 @@ class Topology:
     scenarios: str = "{}"
     tune: str = "{}"
     tolerance: str = "{}"
+    notes: tuple[str, ...] = ()
 
     def __eq__(self, other):
         if not isinstance(other, Topology):

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements import value_checks
-from jaxhb.elements.elements import Torque, suggestion
+from jaxhb.elements.elements import Torque, shown, suggestion
 from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
 from jaxhb.excitation.mean_torques import mean_torques as mean_torques_at
@@ -142,7 +141,7 @@ def phase_errors(parts, ratio) -> list[str]:
         groups = [*known, *sorted(engines)]
         named = phase.of if isinstance(phase.of, tuple | list) else []
         errors += [
-            f"{parts.where('phase', i)}: of: there is no cylinder, torque or engine {value_checks.shown(name)}."
+            f"{parts.where('phase', i)}: of: there is no cylinder, torque or engine {shown(name)}."
             f"{suggestion(name, groups)}"
             for name in named
             if name not in groups

@@ -108,6 +108,44 @@ def test_a_file_is_read_with_comments_and_sums(tmp_path):
     assert abs(single) == pytest.approx(total.real)  # one order alone is excited
 
 
+MEASUREMENT = "rpm,order,element,quantity,amplitude,phase\n900,1,a|b,torque,20.5,-30.25\n900,sum,a|b,torque,21,\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        MEASUREMENT.replace(",", "\t"),
+        MEASUREMENT.replace(",", ";"),
+        MEASUREMENT.replace(",", ";").replace(".", ","),
+        MEASUREMENT.replace("\n", "\r\n"),
+    ],
+    ids=["tabs", "semicolons", "decimal commas", "lines of Windows"],
+)
+def test_a_measurement_has_the_same_rows_however_it_is_written(text, tmp_path):
+    path = tmp_path / "measured.csv"
+    path.write_bytes(text.encode())
+    found = read_measured(path, pair())
+    assert found.amplitude.tolist() == [20.5, 21.0] and found.phase[0] == -30.25 and np.isnan(found.phase[1])
+
+
+def test_a_fault_that_many_lines_have_is_told_once(tmp_path):
+    path = tmp_path / "measured.csv"
+    rows = "".join(f"{rpm},1,a|b,torsion,20,\n" for rpm in range(900, 940))
+    path.write_text("rpm,order,element,quantity,amplitude,phase\n" + rows + "950,1,a|b,torque,-1,\n")
+    with pytest.raises(SceneError) as caught:
+        read_measured(path, pair())
+    first, second = caught.value.sentences
+    assert first.startswith("measured.csv, line 2 and 39 others: there is no quantity 'torsion'.")
+    assert second == "measured.csv, line 42: amplitude is '-1', must be at least 0."
+
+
+def test_a_measurement_with_decimal_commas_between_commas_is_refused(tmp_path):
+    path = tmp_path / "measured.csv"
+    path.write_text("rpm,order,element,quantity,amplitude\n900,1,a|b,torque,20,5\n910,1,a|b,torque,21,5\n")
+    with pytest.raises(SceneError, match=r"line 2 and 1 other: there are 6 cells under 5 heads\. .*semicolons or tabs"):
+        read_measured(path, pair())
+
+
 @pytest.mark.parametrize(("text", "sentence"), reference("cases")["files of measurements"])
 def test_a_file_that_cannot_be_is_refused_in_a_sentence(text, sentence, tmp_path):
     path = tmp_path / "measured.csv"

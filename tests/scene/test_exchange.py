@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from built_trains import same
 from reference_data import DATA, reference, text_of
+from scipy.linalg import eigh
 
 from jaxhb import Combustion, Cylinder, Damper, Disk, Engine, Ground, Load, Mesh, SceneError, Shaft, Torque, Trace
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.scene.files import load_scene, scene_names
 from jaxhb.scene.writer import elements_text, scene_text
 from jaxhb.train.assembly import build
+from jaxhb.train.plausible import plausibility
 
 
 def disk(name, inertia, damping=0.0):
@@ -58,11 +60,41 @@ def test_a_tors_file_has_its_disks_gears_and_shafts(tmp_path):
     assert train.value("right.long.stiffness") == 7e4 and train.value("left.a.damping") == 0.1
 
 
-def test_an_excitation_that_is_not_read_is_told(tmp_path):
-    motor = [disk("rotor", 4e-4) | {"excitation": {"values": [1.0]}}, shaft("s", 1e4)]
-    text, _ = scene_text(write(tmp_path, "box.json", gearbox(motor=motor)))
-    assert "excitations" in text
-    assert "excitations" not in scene_text(write(tmp_path, "box.json", gearbox()))[0]
+def test_what_is_not_read_of_a_tors_file_is_told_and_stays_told_in_its_toml(tmp_path):
+    rotor = disk("rotor", 4e-4) | {"excitation": {"values": [1.0]}, "mass": 3.0, "angle": 0.0, "colour": ""}
+    motor = [rotor, shaft("s", 1e4) | {"inertia": 2.0}]
+    path = write(tmp_path, "box.json", gearbox(motor=motor) | {"format": "TORS"})
+    wanted = [
+        "box.json: 'format' of the file is not read.",
+        "box.json: the excitation of 'motor.rotor' is not read: give it as [[torque]].",
+        "box.json: 'mass' of 'motor.rotor' is not read.",
+        "box.json: 'inertia' of 'motor.s' is not read.",
+    ]
+    assert plausibility(load_scene(path))[:4] == wanted
+    assert plausibility(load_scene(write(tmp_path, "back.toml", scene_text(path)[0])))[:4] == wanted
+    assert not load_scene(write(tmp_path, "box.json", gearbox())).topology.notes
+
+
+def test_gears_with_radii_that_structure_joins_turn_at_the_ratio_of_their_radii():
+    """Closed form of three coordinates, the pinion turning with three times the wheel's angle."""
+    train = load_scene(DATA / "scenes" / "gear_radius_tors.json")
+    inertia = np.diag([40.0, 3.0 + 9 * 0.2, 1.5])
+    stiffness = np.array([[2e6, -2e6, 0.0], [-2e6, 2e6 + 9 * 5e5, -3 * 5e5], [0.0, -3 * 5e5, 5e5]])
+    squares = eigh(stiffness, inertia, eigvals_only=True)
+    found = natural_frequencies(train).frequencies_hz[1:3]
+    np.testing.assert_allclose(found, np.sqrt(squares[1:]) / (2 * np.pi), rtol=1e-5)
+    np.testing.assert_allclose(found, [56.4010, 202.065], rtol=1e-5)
+    assert train.topology.name == "pair" and train.value("G.G.radius") == 0.3
+    told = " ".join(train.topology.notes)
+    assert all(part in told for part in ("'P.P' and 'G.G'", "excitation of 'B.B' is not read", "to be in m."))
+
+
+@pytest.mark.parametrize(("size", "radius"), [({"radius": 60.0}, 0.06), ({"diameter": 120.0}, 0.06), ({}, 0.05)])
+def test_a_gear_has_its_radius_in_the_unit_that_gears_have(tmp_path, size, radius):
+    box = [gear("g1", 20) | size, gear("g2", 30, "g1") | {key: 1.5 * number for key, number in size.items()}]
+    content = {"structure": [["motor.s", "box.g1"]], "components": gearbox(box=box)["components"][:2]}
+    train = load_scene(write(tmp_path, "box.json", content))
+    np.testing.assert_allclose([train.value(f"box.{name}.radius") for name in ("g1", "g2")], [radius, 1.5 * radius])
 
 
 def test_disks_of_one_node_are_added_and_gears_of_one_node_joined(tmp_path):
@@ -87,7 +119,14 @@ def test_a_round_shaft_has_the_stiffness_and_inertia_of_its_sizes(tmp_path):
 CSV = text_of("pump.csv")
 
 
-@pytest.mark.parametrize("text", [CSV, CSV.replace(",", ";")], ids=["commas", "semicolons"])
+IN_GERMAN = CSV.replace(",", ";").replace(".", ",")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [CSV, CSV.replace(",", ";"), CSV.replace(",", "\t"), IN_GERMAN],
+    ids=["commas", "semicolons", "tabs", "decimal commas"],
+)
 def test_two_tables_of_a_csv_file_are_a_train(tmp_path, text):
     assert same(load_scene(write(tmp_path, "pump.csv", text)), load_scene(DATA / "scenes" / "pump.toml"))
 

@@ -80,6 +80,16 @@ def test_a_csv_stands_for_its_rows(tmp_path):
     assert (one.cylinders.pressure == two.cylinders.pressure).all()
 
 
+def test_a_faulty_table_that_all_cylinders_name_is_told_once(tmp_path):
+    (tmp_path / "p.csv").write_text("0; 1e5\nx; 2e5\n")
+    parts = [SOUND, *(CYLINDER.replace('"a"', f'"{disk}"') + "pressure = 'p.csv'\n" for disk in "ab")]
+    said = refusal(tmp_path, "".join(parts).replace('[[load]]\ndisk = "c"\n', "", 1))
+    assert [text for text in said if "p.csv" in text] == [
+        "gears.toml, [[cylinder]] no. 1: pressure: p.csv, line 2 is 'x; 2e5', must be 2 numbers angle, pressure,"
+        " separated by semicolons. Correct it or put # before it."
+    ]
+
+
 def test_a_syntax_error_names_file_and_line(tmp_path):
     with pytest.raises(SceneError, match=r"gears.toml: invalid TOML: .*line 2.*Correct the line 'name = = 3'\.$"):
         load(tmp_path, "[scene]\nname = = 3\n")

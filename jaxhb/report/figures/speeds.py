@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from jaxhb.design.identification import UNITS
+from jaxhb.design.measurements import UNITS
 from jaxhb.linear.strength import strength
 from jaxhb.report.answer import SPEED, Case
 from jaxhb.report.figures.draw import drawn

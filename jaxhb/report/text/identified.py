@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxhb.design.identification import UNITS
+from jaxhb.design.measurements import UNITS
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
 from jaxhb.report.text.sentences import remarks_text

@@ -1,0 +1,149 @@
+"""Measured orders of torques, angles, speeds and accelerations, and the CSV files that hold them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from jaxhb.elements.elements import SceneError, cut, shown, suggestion
+from jaxhb.scene.csv_tables import CsvText, Line, read_csv
+from jaxhb.scene.input_files import Unreadable, read_text
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import HIGHEST_RPM
+
+UNITS = {"torque": "N m", "angle": "rad", "speed": "rad/s", "acceleration": "rad/s2"}
+"""What may be measured, of shafts and dampers or of disks, and its unit."""
+
+COLUMNS = "rpm", "order", "element", "quantity", "amplitude", "phase"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Measured amplitudes, a row for each ``(R,)``.
+
+    rpm; order, of the reference rotor, nan for the sum of the amplitudes of all orders; element, quantity : tuples of
+    names, of a shaft, damper or disk and of :data:`UNITS`; amplitude, of a cosine, in SI units; phase in deg of
+    ``cos(order theta + phase)``, theta the angle of the reference rotor, nan where none was measured.
+    """
+
+    rpm: np.ndarray
+    order: np.ndarray
+    element: tuple
+    quantity: tuple
+    amplitude: np.ndarray
+    phase: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Cells of a line by the heads of their columns."""
+
+    table: CsvText
+    cells: dict[str, str]
+
+    def text(self, head: str) -> str:
+        return self.cells.get(head, "")
+
+    def number(self, head: str) -> float:
+        """The number of a cell: infinite where it is none, nan for the order ``sum``."""
+        if head == "order" and self.text(head) == "sum":
+            return np.nan
+        try:
+            return self.table.number(self.text(head))
+        except ValueError:
+            return np.inf
+
+    @property
+    def place(self) -> tuple:
+        """Speed, order, element and quantity, of which a file has each row once."""
+        order = "sum" if self.text("order") == "sum" else self.number("order")
+        return self.number("rpm"), order, self.text("element"), self.text("quantity")
+
+
+def read_measured(path: str | Path, train: DriveTrain) -> Measured:
+    """The rows of a CSV file with the columns rpm, order, element, quantity, amplitude and, if measured, phase.
+
+    Columns are separated by commas, semicolons or tabs; decimals may have commas where these separate nothing; # begins
+    a comment. ``order`` may be ``sum``. :class:`SceneError` tells unknown columns, elements and quantities, numbers
+    that are none or negative, orders that are no harmonic of the cycle and rows that are there twice: all at once, each
+    fault in one sentence that names its first line and counts the others.
+    """
+    path = Path(path)
+    try:
+        table = read_csv(read_text(path), path.name)
+    except Unreadable as error:
+        raise SceneError(f"{cut(str(path))}: {error}") from None
+    if faults := _head_faults(table):
+        raise SceneError([f"{path.name}: {text}" for text in faults])
+    heads, kept, lines_of = table.lines[0].cells, {}, {}
+    for line in table.lines[1:]:
+        row = _Row(table, dict(zip(heads, line.cells, strict=False)))
+        for text in _line_faults(train, heads, line, row) or _repeated(kept, row):
+            lines_of.setdefault(text, []).append(line.number)
+    faults = [f"{path.name}, {_lines(numbers)}: {text}" for text, numbers in lines_of.items()]
+    if not kept and not faults:
+        faults = [f"{path.name}: there are no rows of measurements below the heads."]
+    if faults:
+        raise SceneError(faults)
+    rows = list(kept.values())
+    rpm, order, amplitude = (np.array([row.number(head) for row in rows]) for head in ("rpm", "order", "amplitude"))
+    phase = np.array([row.number("phase") if row.text("phase") else np.nan for row in rows])
+    elements, quantities = (tuple(row.text(head) for row in rows) for head in ("element", "quantity"))
+    return Measured(rpm, order, elements, quantities, amplitude, phase)
+
+
+def _lines(numbers: list[int]) -> str:
+    """The line of a fault, and how many others have it."""
+    if len(numbers) == 1:
+        return f"line {numbers[0]}"
+    return f"line {numbers[0]} and {len(numbers) - 1} other{'s' if len(numbers) > 2 else ''}"
+
+
+def _head_faults(table: CsvText) -> list[str]:
+    heads = table.lines[0].cells if table.lines else ()
+    faults = [f"there is no column {shown(head)}.{suggestion(head, COLUMNS)}" for head in heads if head not in COLUMNS]
+    faults += [f"the column {head!r} is there twice. Keep one." for head in COLUMNS if heads.count(head) > 1]
+    return faults + [f"the column {head!r} is missing." for head in COLUMNS[:-1] if head not in heads]
+
+
+def _line_faults(train: DriveTrain, heads: tuple[str, ...], line: Line, row: _Row) -> list[str]:
+    """Sentences on one line."""
+    if any(line.cells[len(heads) :]):
+        cure = "Correct it; where decimals have commas separate by semicolons or tabs."
+        return [f"there are {len(line.cells)} cells under {len(heads)} heads. {cure}"]
+    return _number_faults(train, row) + _name_faults(train, row)
+
+
+def _number_faults(train: DriveTrain, row: _Row) -> list[str]:
+    faults, turns = [], train.topology.revolutions_per_cycle
+    if not 0 < row.number("rpm") < HIGHEST_RPM:
+        faults.append(f"rpm is {shown(row.text('rpm'))}, must be a number greater than 0.")
+    order = row.number("order")
+    if row.text("order") != "sum" and not 0 < order < np.inf:
+        faults.append(f"order is {shown(row.text('order'))}, must be a number greater than 0.")
+    elif abs(order * turns - round(np.nan_to_num(order * turns))) > 1e-9:
+        faults.append(f"order {order:g} is no harmonic of the cycle: use a multiple of {1 / turns:g}.")
+    if not 0 <= row.number("amplitude") < np.inf:
+        faults.append(f"amplitude is {shown(row.text('amplitude'))}, must be at least 0.")
+    if row.text("phase") and not np.isfinite(row.number("phase")):
+        faults.append(f"phase is {shown(row.text('phase'))}, must be a number of degrees.")
+    return faults
+
+
+def _name_faults(train: DriveTrain, row: _Row) -> list[str]:
+    topology, quantity, element = train.topology, row.text("quantity"), row.text("element")
+    if quantity not in UNITS:
+        return [f"there is no quantity {shown(quantity)}.{suggestion(quantity, UNITS)}"]
+    names = topology.shaft_and_damper_names if quantity == "torque" else topology.disk_names
+    if element in names:
+        return []
+    kind = "shaft or damper" if quantity == "torque" else "disk"
+    return [f"there is no {kind} {shown(element)}.{suggestion(element, names)}"]
+
+
+def _repeated(kept: dict, row: _Row) -> list[str]:
+    """Keep a row; or the sentence that one for the same place is there already."""
+    if row.place in kept:
+        return ["the row is there twice: leave one out."]
+    kept[row.place] = row
+    return []

@@ -1,0 +1,172 @@
+"""CSV files as laboratories and spreadsheets write them: the one reader of all that the program takes.
+
+Columns are separated by tabs, semicolons, commas or, in tables of numbers, blanks. Decimals take a point or, where
+commas separate nothing, a comma. ``#`` begins a comment; a table of numbers may have heads.
+"""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from jaxhb.elements.elements import SceneError, shown
+
+SEPARATORS = "\t", ";", ","
+_NUMBER = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+"""What may be a decimal number or one with its thousands set apart."""
+_FOREIGN = {
+    "pressure": ("bar", "mbar", "hpa", "kpa", "mpa", "psi", "atm"),
+    "angle": ("rad", "s", "ms"),
+    "twist": ("rad", "mrad"),
+    "hz": ("rpm", "rad"),
+}
+"""Units that a head of a column may name, and that its numbers cannot be in."""
+_UNIT = {"pressure": "Pa", "angle": "deg", "twist": "deg", "hz": "Hz"}
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a CSV file: its number and its cells, without blanks around them."""
+
+    number: int
+    cells: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CsvText:
+    """The lines of a CSV file that are no comment and not blank, and the mark of its decimals."""
+
+    lines: tuple[Line, ...]
+    separator: str
+    decimal: str
+
+    def number(self, cell: str) -> float:
+        """The number of a cell; ValueError where it is none."""
+        return float(cell.replace(",", ".") if self.decimal == "," else cell)
+
+    def is_number(self, cell: str) -> bool:
+        """Whether a cell is a number, nan and infinity among them."""
+        try:
+            self.number(cell)
+        except ValueError:
+            return False
+        return True
+
+
+def read_csv(text: str, source: str, *, columns: int | None = None, quoted: bool = True) -> CsvText:
+    """Split a text into cells.
+
+    ``columns`` is the number of columns of a table that has nothing but numbers; without ``quoted`` sentences tell
+    lines and not what stands there. :class:`SceneError` if it cannot be told what a comma means.
+    """
+    kept = [(k, line) for k, line in enumerate(text.split("\n"), 1) if line.strip() and line.lstrip()[0] != "#"]
+    separator = ""
+    if kept and (declared := re.fullmatch(r"\s*sep=(.)\s*", kept[0][1])):  # so spreadsheets name it
+        separator, kept = declared[1], kept[1:]
+    if not separator:
+        separator = _separator([line for _, line in kept], columns)
+    try:
+        lines = tuple(Line(k, _cells(line, separator)) for k, line in kept)
+    except csv.Error as error:
+        raise SceneError(f"{source}: the file is no CSV: {error}. Correct it.") from None
+    return CsvText(lines, separator, _decimal_mark(lines, source, quoted))
+
+
+def number_rows(text: str, columns: Sequence[str], source: str, *, quoted: bool = True) -> tuple:
+    """The rows of a table of numbers, in the order of ``columns``; heads may put them in another one.
+
+    Arguments as of :func:`read_csv`; :class:`SceneError` on the first line that is no row.
+    """
+    table = read_csv(text, source, columns=len(columns), quoted=quoted)
+    lines = [Line(line.number, _without_empty_ends(line.cells, len(columns))) for line in table.lines]
+    first = next((k for k, line in enumerate(lines) if any(map(table.is_number, line.cells))), len(lines))
+    heads = [line for line in lines[:first] if len(line.cells) == len(columns)]
+    places = _places(heads, columns, source)
+    rows = []
+    for line in lines[first:]:
+        if len(line.cells) != len(columns) or not all(map(table.is_number, line.cells)):
+            raise SceneError(_no_row(table, line, columns, source, quoted))
+        numbers = [table.number(cell) for cell in line.cells]
+        rows.append(tuple(numbers[place] for place in places))
+    if not rows:
+        raise SceneError(f"{source} holds no rows. Give {', '.join(columns)} on each line.")
+    return tuple(rows)
+
+
+def _separator(lines: list[str], columns: int | None) -> str:
+    """What separates the columns: a comma only where neither tab nor semicolon is there; a blank of numbers alone."""
+    found = next((mark for mark in SEPARATORS if any(mark in line for line in lines)), " " if columns else ",")
+    if found != "," or not columns:
+        return found
+    # "0 1,0e5" has one number too few between commas.
+    last = lines[-1]
+    return " " if _are_numbers(last.split(), columns) and not _are_numbers(last.split(","), columns) else found
+
+
+def _are_numbers(cells: list[str], columns: int) -> bool:
+    return len(cells) == columns and all(_NUMBER.fullmatch(cell.strip()) for cell in cells)
+
+
+def _cells(line: str, separator: str) -> tuple[str, ...]:
+    if separator == " ":
+        return tuple(line.split())
+    return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=separator)))
+
+
+def _without_empty_ends(cells: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """Cells without the empty ones that a separator at the end of a line makes."""
+    while len(cells) > count and not cells[-1]:
+        cells = cells[:-1]
+    return cells
+
+
+def _decimal_mark(lines: tuple[Line, ...], source: str, quoted: bool) -> str:
+    """The mark of decimals, of all numbers of a file the same."""
+    numbers = [(line.number, cell) for line in lines for cell in line.cells if _NUMBER.fullmatch(cell)]
+    commas = [(number, cell) for number, cell in numbers if "," in cell]
+    if not commas:
+        return "."
+
+    def told(number, cell):
+        return f"{source}, line {number}: {shown(cell) if quoted else 'a number'}"
+
+    cure = "Write decimals with a point, and thousands without a mark."
+    for number, cell in commas:
+        if "." in cell or cell.count(",") > 1:
+            raise SceneError(f"{told(number, cell)} has several marks. {cure}")
+    if points := [(number, cell) for number, cell in numbers if "." in cell]:
+        other = f"in line {points[0][0]} decimals have a point"
+        raise SceneError(f"{told(*commas[0])} has a comma, and {other}. {cure}")
+    if all(_THOUSANDS.fullmatch(cell) for _, cell in commas):
+        raise SceneError(f"{told(*commas[0])} may have decimals or thousands behind its comma. {cure}")
+    return ","
+
+
+def _words(head: str) -> set[str]:
+    return set(re.findall(r"[a-z]+", head.lower()))
+
+
+def _places(heads: list[Line], columns: Sequence[str], source: str) -> list[int]:
+    """Place of each column in a line: by its name in the heads where all are there, else as ``columns`` have it."""
+    places = list(range(len(columns)))
+    for line in heads:
+        named = [[k for k, head in enumerate(line.cells) if _words(column) <= _words(head)] for column in columns]
+        if all(len(found) == 1 for found in named) and len({found[0] for found in named}) == len(columns):
+            places = [found[0] for found in named]
+    for line in heads:
+        for column, place in zip(columns, places, strict=True):
+            wrong = sorted(_words(line.cells[place]) & set(_FOREIGN.get(column, ())))
+            if wrong:
+                said = f"the head of {column} names {wrong[0]}, must be in {_UNIT[column]}"
+                raise SceneError(f"{source}, line {line.number}: {said}. Convert the numbers and correct the head.")
+    return places
+
+
+def _no_row(table: CsvText, line: Line, columns: Sequence[str], source: str, quoted: bool) -> str:
+    mark = {"\t": "\t", " ": " "}.get(table.separator, f"{table.separator} ")
+    found = shown(mark.join(line.cells)) if quoted else "no such row"
+    words = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}
+    wanted = f"{len(columns)} numbers {', '.join(columns)}, separated by {words.get(table.separator, 'one mark')}"
+    both = ", or by semicolons where decimals have commas" if table.separator == "," else ""
+    return f"{source}, line {line.number} is {found}, must be {wanted}{both}. Correct it or put # before it."

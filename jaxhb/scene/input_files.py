@@ -1,0 +1,79 @@
+"""Files that people and scenes name: opened without waiting, regular, up to a size; what cannot be read is told."""
+
+import os
+import stat
+from pathlib import Path
+
+MOST_BYTES = 64 * 2**20
+"""Size of the largest file that is read: a table of some two million rows."""
+
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+_MISSING = "there is no such file. Correct the name."
+
+
+class Unreadable(ValueError):
+    """Why a file cannot be read, and what to do: a sentence that does not name the file."""
+
+
+class Missing(Unreadable):
+    """There is no file of a name."""
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a regular file of at most :data:`MOST_BYTES`, else :class:`Unreadable`."""
+    try:
+        _refuse(os.stat(path))  # before it is opened: opening alone acts on some devices
+        # A pipe that took the place of the file would wait for its writer.
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        with open(handle, "rb") as file:
+            _refuse(os.fstat(handle))
+            # Files of the system tell no size.
+            content = file.read(MOST_BYTES + 1)
+    except Unreadable:
+        raise
+    except OSError as error:
+        if isinstance(error, FileNotFoundError | NotADirectoryError):
+            raise Missing(_MISSING) from None
+        raise Unreadable(f"the file cannot be read: {error.strerror}.") from None
+    except ValueError:  # no file has a null character in its name
+        raise Missing(_MISSING) from None
+    if len(content) > MOST_BYTES:
+        raise Unreadable(_too_large("more"))
+    return content
+
+
+def read_text(path: Path) -> str:
+    """The text of a file as of :func:`read_bytes`, line ends as ``\\n``; UTF-8, with or without the mark of Windows."""
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise Unreadable("the file is not UTF-8 text. Save it as UTF-8.") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def is_beside(path: Path, folder: Path) -> bool:
+    """Whether a file lies in a folder or below it, links followed: what is elsewhere is not quoted in sentences."""
+    try:
+        return path.resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):
+        return False
+
+
+def _refuse(status: os.stat_result):
+    kind = stat.S_IFMT(status.st_mode)
+    if kind != stat.S_IFREG:
+        raise Unreadable(f"the file is {_KINDS.get(kind, 'none on a disk')}, must be a regular file. Correct the name.")
+    if status.st_size > MOST_BYTES:
+        raise Unreadable(_too_large(f"{status.st_size / 2**20:.0f} MiB"))
+
+
+def _too_large(size: str) -> str:
+    return f"the file has {size}, must have at most {MOST_BYTES // 2**20} MiB. Leave out what is not needed."
