@@ -6,6 +6,7 @@ from pathlib import Path
 
 from jaxhb.report.files import output
 from jaxhb.scene.files import load_scene, scene_description, scene_names
+from jaxhb.scene.input_files import Unreadable, read_bytes
 from jaxhb.scene.writer import copies_beside, scene_files, scene_text
 
 FILES = ("FILE", "output", "out", "json", "csv", "netcdf", "trace", "plot", "html")
@@ -112,6 +113,14 @@ def _name_tuned(given, named):
         if given[option] is None:
             name = stem if option == "output" else str(Path(given["output"]).with_suffix(".json"))
             given[option], named[option] = name, "--output"
-            if Path(name).is_file() and sign not in Path(name).read_bytes():
+            if Path(name).is_file() and not _holds(Path(name), sign):
                 told = f"{name!r} is there and is not from jaxhb tune. Name the tuned scene yourself."
                 raise output.OutputError(f"--output: {told}")
+
+
+def _holds(path, sign):
+    """Whether a file can be read and holds a sign of who wrote it."""
+    try:
+        return sign in read_bytes(path)
+    except Unreadable:
+        return False

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from jaxhb.cli import inputs
 from jaxhb.report.files import output
+from jaxhb.scene.csv_tables import unguarded
 from jaxhb.scene.files import load_scene
 
 EVERY, AS_WRITTEN = "all", "as written"
@@ -73,7 +74,8 @@ def _write(given, own):
     rows = {}
     for title, changed in own.items() if "csv" in given else ():
         with Path(changed["csv"]).open(encoding="utf-8", newline="") as text:
-            rows[title] = list(csv.DictReader(text))
+            heads, *lines = ([unguarded(cell) for cell in cells] for cells in csv.reader(text))
+            rows[title] = [dict(zip(heads, cells, strict=True)) for cells in lines]
     worst = _worst(rows, "rpm" if not given.get("over") else None)
     contents = {}
     if given.get("csv"):

@@ -30,6 +30,7 @@ from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.tolerances import tolerance_parts
 from jaxhb.report.text.tuned import tuned_parts
 from jaxhb.scene.files import _find, load_scene, scene_description
+from jaxhb.scene.input_files import read_bytes
 from jaxhb.scene.writer import element_files, elements_of, scene_text
 from jaxhb.solutions.misfires import same_factor
 from jaxhb.train.changes import scene_values
@@ -203,5 +204,5 @@ def _report_of(given, cases, place, seconds, tuning, tolerances):
 def _file(name):
     """A file by name and the checksum of what is in it and in the tables that it names."""
     path, beside = _find(name), sorted(scene_text(name)[1].items())
-    digest = hashlib.sha256(path.read_bytes() + b"".join(table.read_bytes() for _, table in beside))
+    digest = hashlib.sha256(b"".join(map(read_bytes, [path, *(table for _, table in beside)])))
     return f"{path.name}, SHA-256 {digest.hexdigest()[:32]} (with the tables that it names)"

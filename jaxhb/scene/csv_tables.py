@@ -1,7 +1,8 @@
 """CSV files as laboratories and spreadsheets write them: the one reader of all that the program takes.
 
 Columns are separated by tabs, semicolons, commas or, in tables of numbers, blanks. Decimals take a point or, where
-commas separate nothing, a comma. ``#`` begins a comment; a table of numbers may have heads.
+commas separate nothing, a comma. ``#`` begins a comment; a table of numbers may have heads. A text that a spreadsheet
+would run as a formula has an apostrophe before it (:func:`guarded`), which readers take away again (:func:`unguarded`).
 """
 
 import csv
@@ -11,8 +12,9 @@ from dataclasses import dataclass
 
 from jaxhb.elements.elements import SceneError, shown
 
-SEPARATORS = "\t", ";", ","
+SEPARATORS = ",", ";", "\t"
 _NUMBER = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?")
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 """What may be a decimal number or one with its thousands set apart."""
 _FOREIGN = {
@@ -25,7 +27,17 @@ _FOREIGN = {
 _UNIT = {"pressure": "Pa", "angle": "deg", "twist": "deg", "hz": "Hz"}
 
 
-@dataclass(frozen=True)
+def guarded(text: str) -> str:
+    """The cell of a text: with an apostrophe where a spreadsheet would read a formula."""
+    return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
+
+
+def unguarded(cell: str) -> str:
+    """The text of a cell as of :func:`guarded`."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
+
+
+@dataclass(frozen=True, slots=True)
 class Line:
     """A line of a CSV file: its number and its cells, without blanks around them."""
 
@@ -61,12 +73,10 @@ def read_csv(text: str, source: str, *, columns: int | None = None, quoted: bool
     lines and not what stands there. :class:`SceneError` if it cannot be told what a comma means.
     """
     kept = [(k, line) for k, line in enumerate(text.split("\n"), 1) if line.strip() and line.lstrip()[0] != "#"]
-    separator = ""
-    if kept and (declared := re.fullmatch(r"\s*sep=(.)\s*", kept[0][1])):  # so spreadsheets name it
-        separator, kept = declared[1], kept[1:]
-    if not separator:
-        separator = _separator([line for _, line in kept], columns)
+    declared = re.fullmatch(r"\s*sep=([,;|\t])\s*", kept[0][1]) if kept else None  # so spreadsheets name it
+    kept = kept[1:] if declared else kept
     try:
+        separator = declared[1] if declared else _separator([line for _, line in kept], columns)
         lines = tuple(Line(k, _cells(line, separator)) for k, line in kept)
     except csv.Error as error:
         raise SceneError(f"{source}: the file is no CSV: {error}. Correct it.") from None
@@ -95,13 +105,14 @@ def number_rows(text: str, columns: Sequence[str], source: str, *, quoted: bool 
 
 
 def _separator(lines: list[str], columns: int | None) -> str:
-    """What separates the columns: a comma only where neither tab nor semicolon is there; a blank of numbers alone."""
-    found = next((mark for mark in SEPARATORS if any(mark in line for line in lines)), " " if columns else ",")
-    if found != "," or not columns:
-        return found
+    """What separates the columns: of a table of numbers a comma only where neither tab nor semicolon is there."""
+    if columns is None:  # heads come first, and names may hold any mark
+        first = lines[0] if lines else ""
+        return max(SEPARATORS, key=lambda mark: len(_cells(first, mark)))
+    found = next((mark for mark in reversed(SEPARATORS) if any(mark in line for line in lines)), " ")
     # "0 1,0e5" has one number too few between commas.
-    last = lines[-1]
-    return " " if _are_numbers(last.split(), columns) and not _are_numbers(last.split(","), columns) else found
+    apart = found == "," and _are_numbers(lines[-1].split(), columns)
+    return " " if apart and not _are_numbers(lines[-1].split(","), columns) else found
 
 
 def _are_numbers(cells: list[str], columns: int) -> bool:
@@ -111,7 +122,7 @@ def _are_numbers(cells: list[str], columns: int) -> bool:
 def _cells(line: str, separator: str) -> tuple[str, ...]:
     if separator == " ":
         return tuple(line.split())
-    return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=separator)))
+    return tuple(unguarded(cell.strip()) for cell in next(csv.reader([line], delimiter=separator)))
 
 
 def _without_empty_ends(cells: tuple[str, ...], count: int) -> tuple[str, ...]:

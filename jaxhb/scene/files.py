@@ -26,6 +26,7 @@ _UNREADABLE = {
     RecursionError: "lists or tables are nested too deeply to be read. Write them flat.",
 }
 BESIDE = "scene", "scenario", "tune", "tolerance"  # tables that are no elements
+MOST_ELEMENTS = 100_000
 _SCENE_KEYS = [f.name for f in dataclasses.fields(Head)]
 
 
@@ -136,6 +137,9 @@ def _parse(path: Path, errors: list[str]) -> dict:
 def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, bool]:
     """Make the elements, and tell whether every table was read; sentences go to ``errors``."""
     elements, read, complete = [], {}, True
+    count = sum(len(rows) for table, rows in content.items() if isinstance(rows, list) and table not in BESIDE)
+    if count > MOST_ELEMENTS:
+        raise SceneError(f"{path.name}: there are {count} elements, must be at most {MOST_ELEMENTS}. Leave some out.")
     for table, rows in content.items():
         engine = table == "engine"
         if table in BESIDE:

@@ -4,8 +4,8 @@ import os
 import stat
 from pathlib import Path
 
-MOST_BYTES = 64 * 2**20
-"""Size of the largest file that is read: a table of some two million rows."""
+MOST_BYTES = 8 * 2**20
+"""Size of the largest file that is read: a table of some 400,000 rows, a scene of 50,000 elements."""
 
 _KINDS = {
     stat.S_IFDIR: "a folder",

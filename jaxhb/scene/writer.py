@@ -13,6 +13,7 @@ from jaxhb.elements.checks import Parts
 from jaxhb.elements.elements import SceneError, table_of
 from jaxhb.elements.engine import cylinder_rows
 from jaxhb.scene.files import _READERS, BESIDE, _find, _parse, _read_elements, load_scene
+from jaxhb.scene.input_files import read_bytes
 from jaxhb.scene.toml_text import TomlText
 from jaxhb.train.tables import LAW_OF_FRIDMAN, ROWS
 
@@ -92,7 +93,7 @@ def _plain(value):
 def _text_of(path, content):
     """The text of a file, of other programs that of what was read."""
     # Bytes: text mode would turn the line ends of Windows.
-    return TomlText.of(content) if path.suffix in _READERS else TomlText(path.read_bytes().decode("utf-8-sig"))
+    return TomlText.of(content) if path.suffix in _READERS else TomlText(read_bytes(path).decode("utf-8-sig"))
 
 
 def _expand(text, content):
@@ -195,10 +196,10 @@ def copies_beside(beside, folder, option="--output"):
     found = {}
     for name, source in beside.items():
         target = Path(folder) / name
-        content = source.read_bytes()
+        content = read_bytes(source)
         if not target.exists():
             found[str(target)] = content
-        elif target.read_bytes() != content:
+        elif not (target.is_file() and read_bytes(target) == content):
             raise SceneError(
                 f"{str(target)!r} is another file than {name!r} of the scene, which must lie beside the "
                 f"{'tuned' if option == '--output' else 'written'} one: give {option} in another folder."

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from jaxhb._files import clear_parts, write_whole
+from jaxhb.scene.csv_tables import guarded
 
 ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
 STANDARD_OUTPUT = "-"
@@ -98,11 +99,11 @@ def _plain(value):
 
 
 def as_csv(heads, rows):
-    """The file of a table, numbers in full precision, cells of what is not finite empty."""
+    """The file of a table, numbers in full precision, cells of what is not finite empty, texts no formulae."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(heads)
-    writer.writerows(_plain(list(rows)))
+    for cells in [heads, *_plain(list(rows))]:
+        writer.writerow([guarded(cell) if isinstance(cell, str) else cell for cell in cells])
     return [text.getvalue().encode()]
 
 
