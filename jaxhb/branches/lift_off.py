@@ -13,7 +13,7 @@ from jaxhb.equations import fourier
 from jaxhb.linear.forced import forced_response
 from jaxhb.results.status import check
 from jaxhb.solutions.solve import solve
-from jaxhb.train.changes import in_contact, without_backlash
+from jaxhb.train.changes import in_contact
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
@@ -102,7 +102,7 @@ def _margin(train, mesh, rpm):
 def _margins(train, rpm):
     """Smallest elastic force on the drive flank over the mean one, ``(..., M)``, of a train in contact."""
     if train.topology.linear_in_contact:
-        response = forced_response(without_backlash(train), rpm=rpm)
+        response = forced_response(train, rpm=rpm)
     else:
         response = check(solve(train, rpm=float(rpm)))
     force = np.asarray(response.elastic_forces)

@@ -20,7 +20,7 @@ from jaxhb.report.text.strength import strength_text
 from jaxhb.results.dataset import as_netcdf
 from jaxhb.results.response import with_gaps
 from jaxhb.train.chain import span
-from jaxhb.train.changes import without_backlash
+from jaxhb.train.changes import linearised
 from jaxhb.train.varying import varying
 
 
@@ -148,6 +148,6 @@ def _with_teeth(at, links_at, *trains):
         return trains, linear_text.in_contact(trains[0]), [], {}
     load = at_mean_load(_constant(trains[0], at, links_at), rpm=at)
     # Links that vary go on doing so: only the equilibrium needed them constant.
-    made = [dataclasses.replace(without_backlash(one), meshes=load.train.meshes) for one in trains]
+    made = [dataclasses.replace(linearised(one), meshes=load.train.meshes) for one in trains]
     told = [linear_text.mean_load_text(load, at)]
     return made, f"teeth at the mean load of {at:g} rpm", told, linear_text.mean_load_record(load, at)

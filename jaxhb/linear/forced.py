@@ -35,7 +35,7 @@ from jaxhb.excitation.torques import excitation, listed_harmonic, load_power_kW
 from jaxhb.results.response import Response, register
 from jaxhb.results.status import Status
 from jaxhb.train import chain
-from jaxhb.train.changes import within_range, without_backlash
+from jaxhb.train.changes import linearised, within_range
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 from jaxhb.train.varying import factors, order_stiffness, scaled, varying, without_tables
@@ -222,7 +222,7 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
     >>> r.power("a", "b").round(6).tolist(), r.input_power.round(6).tolist()
     ([0.004444, 3.77522], [0.004444, 3.77522])
     """
-    train = without_backlash(train)
+    train = linearised(train)
     if harmonics is None:
         harmonics = listed_harmonic(train.topology)
     elif not (isinstance(harmonics, int | np.integer) and harmonics >= 1):

@@ -16,7 +16,7 @@ from jaxhb.elements.elements import SceneError
 from jaxhb.equations import backlash
 from jaxhb.excitation.torques import excitation
 from jaxhb.train import chain
-from jaxhb.train.changes import without_backlash
+from jaxhb.train.changes import linearised
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
@@ -82,7 +82,7 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
         found = _read(equations, x)
     topology = train.topology
     own, first = np.flatnonzero(topology.mesh_backlash), len(topology.link_names) - len(topology.mesh_names)
-    bare = without_backlash(train)
+    bare = linearised(train)
     bare = dataclasses.replace(bare, meshes=dataclasses.replace(bare.meshes, stiffness=found[1][first:]))
     names = tuple(train.topology.mesh_names[i] for i in own)
     return MeanLoad(bare, names, *(values[first + own] for values in found))

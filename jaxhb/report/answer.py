@@ -15,6 +15,7 @@ from jaxhb.results.record import NO_CONTACT, NO_SIGNAL
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, orbit_state
+from jaxhb.train.changes import in_contact
 from jaxhb.train.drivetrain import DriveTrain
 
 UNCONFIRMED = "not confirmed by harmonic balance"
@@ -54,16 +55,18 @@ class Answer(Motion):
     """One speed: what the train does there, or with ``--orbit`` a periodic solution, stable or not; read by name as any
     motion, nan where nothing is known.
 
-    state : SteadyState, of an orbit what the train would do if it were stable; linear : Response with all teeth in
-    contact; stability : of the motion, None where it is not decided, as ``undecided`` says; certificate : Certificate,
-    or why there is none, or None: not asked for; axis, value : along which a sweep goes, and where on it the answer is,
-    None for the speed
+    state : SteadyState, of an orbit what the train would do if it were stable; linear : Response of the linear train
+    with all teeth in contact, which balances the mean torques; closed : SteadyState with the gaps of meshes closed and
+    all else as it is, None where that is the linear motion; stability : of the motion, None where it is not decided, as
+    ``undecided`` says; certificate : Certificate, or why there is none, or None: not asked for; axis, value : along
+    which a sweep goes, and where on it the answer is, None for the speed
     """
 
     train: DriveTrain
     state: SteadyState
     linear: Response
     orbit: bool = False
+    closed: SteadyState | None = None
     stability: Stability | None = None
     undecided: str = ""
     certificate: object = None
@@ -126,8 +129,14 @@ class Answer(Motion):
 
     @cached_property
     def without_backlash(self):
-        """The linear motion as an answer of its own."""
-        return Answer(self.linear.train, orbit_state(self.linear), self.linear, orbit=True)
+        """The motion with the gaps of meshes closed and all else as it is, as an answer of its own."""
+        topology = self.topology
+        if not (topology.linear_in_contact or any(topology.mesh_backlash)):
+            return self  # there is no gap to close
+        if self.closed is None:
+            return Answer(self.linear.train, orbit_state(self.linear), self.linear, orbit=True)
+        train, closed = in_contact(self.train), self.closed
+        return Answer(train, closed, self.linear, self.orbit, closed, closed.stability)
 
     @cached_property
     def worst_mesh(self):

@@ -17,7 +17,7 @@ from jaxhb.results.steady import orbit_state
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.steady.orbits import orbit_states
 from jaxhb.steady.steady_state import steady_state
-from jaxhb.train.changes import without_backlash
+from jaxhb.train.changes import in_contact, linearised
 
 WAYS = {"both": ["up", "down"]}  # ways through the speeds, of a direction that is not one itself
 
@@ -61,14 +61,18 @@ def answer_speeds(
     as it is known
     """
     rpm, about = np.array(rpm, dtype=float), "the speeds" if len(rpm) > 1 else f"{rpm[0]:g} rpm"
-    # A train without backlash is its own linear train, whose programs are at hand.
-    linear = solve_speeds(without_backlash(train) if any(train.topology.mesh_backlash) else train, rpm=rpm)
+    # A train of constant links is its own linear train, whose programs are at hand.
+    linear = solve_speeds(linearised(train) if train.topology.has_law.any() else train, rpm=rpm)
+    closed = [None] * len(rpm)
+    if linear[0].status != Status.UNBALANCED:
+        closed = _closed_states(train, rpm, asked, "down" if direction == "down" else "up", say)
     known, made = {}, {}
 
     def answer(place, state):
         # A speed that does the same upwards and downwards has one state and one answer.
         if id(state) not in made:
-            made[id(state)] = Answer(train, state, with_gaps(linear[place]), asked.orbit, *_stability_of(state))
+            both = with_gaps(linear[place]), asked.orbit, closed[place]
+            made[id(state)] = Answer(train, state, *both, *_stability_of(state))
         return made[id(state)]
 
     def tell(states, way):
@@ -94,6 +98,18 @@ def answer_speeds(
             found = {one.direction: one.states for one in (sweeps if direction == "both" else [sweeps])}
     say(f"is the motion stable at {about}?")
     return {way: [answer(place, state) for place, state in enumerate(states)] for way, states in found.items()}
+
+
+def _closed_states(train, rpm, asked, direction, say):
+    """What the train does with the gaps of its meshes closed, a SteadyState for every speed; None for all where that is
+    the linear motion, or where there is no gap."""
+    if train.topology.linear_in_contact or not any(train.topology.mesh_backlash):
+        return [None] * len(rpm)
+    say("the same with the gaps of meshes closed")
+    closed = in_contact(train)
+    if asked.orbit:
+        return orbit_states(closed, rpm, **asked.accuracy)
+    return list(steady_state(closed, rpm=rpm, direction=direction, **asked.accuracy).states)
 
 
 def _stability_of(state):

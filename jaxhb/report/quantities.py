@@ -21,7 +21,7 @@ READERS = {name: reader for name, (reader, *_) in SIGNALS.items()}
 READERS |= {"heat": "power", "mesh_heat": "power", "irregularity": "irregularity"}
 """What reads a variable of a data set that is not one of contact."""
 
-WITHOUT = "_without_backlash"  # end of the names of variables that are those of the linear motion
+WITHOUT = "_without_backlash"  # end of the names of variables that are those with the gaps of meshes closed
 
 
 def shown_unit(unit):
@@ -38,7 +38,7 @@ def unit_of(variable):
 def number(motion, name, variable):
     """A number of one element in SI by its variable in data sets; those of contact are known of Answers only."""
     if variable.endswith(WITHOUT):
-        return number(motion.linear, name, variable.removesuffix(WITHOUT))
+        return number(motion.without_backlash, name, variable.removesuffix(WITHOUT))
     signal, statistic = _parts(variable)
     if signal not in READERS:
         return getattr(motion.contacts[name], signal)
@@ -86,8 +86,7 @@ class Quantity:
 
     def without(self, answers, name):
         """The same without backlash; nan where that has not converged."""
-        values = [self.read(a.linear, name) if bool(a.linear.converged) else np.nan for a in answers]
-        return self.factor * np.array(values, float)
+        return self.of([answer.without_backlash for answer in answers], name)
 
     def largest(self, answer):
         """The element with the largest number at one speed; None where nothing is known."""

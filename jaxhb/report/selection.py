@@ -63,7 +63,7 @@ def turning_disks(train):
 def subject_of(answer, gear=None):
     """What is shown over the cycle, and its meshes: a gear, by default of the gears of the reference rotor (of all, if
     it has none) the one whose torque swings most; without gears the shaft or damper of which that is true, or None."""
-    topology, swinging = answer.topology, answer if answer.known else answer.linear
+    topology, swinging = answer.topology, answer if answer.known else answer.without_backlash
     near = [
         gear for gear in topology.gear_names if topology.rotor[topology.disk_index(gear)] == topology.reference_rotor
     ]

@@ -14,7 +14,7 @@ from jaxhb.equations.state_space import dense_linear_motion
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.train import chain
-from jaxhb.train.changes import without_backlash
+from jaxhb.train.changes import linearised
 
 LEVELS = 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096
 """Numbers of harmonics of the cycle that are offered: each is a program."""
@@ -153,13 +153,13 @@ def _linear_mesh_forces(train, rpm, contact, harmonics):
         with contextlib.suppress(np.linalg.LinAlgError):  # a singular train, of which the program below says more
             return _dense_mesh_forces(on_host(train), rpm, harmonics)
     linear = dataclasses.replace(contact, harmonics=harmonics, method="reduced", integrals="sampled")
-    batches = solve_batches(without_backlash(train), rpm, linear)
+    batches = solve_batches(linearised(train), rpm, linear)
     return np.stack([response.elastic_forces for batch in batches for response in batch])
 
 
 def _dense_mesh_forces(train, rpm, harmonics):
     """Those of some speeds, without a program."""
-    train = without_backlash(train)  # what acts beside shafts is no mesh
+    train = linearised(train)  # what acts beside shafts is no mesh
     system, meshes, found = chain.assemble(train), backlash.all_meshes(train), []
     for speed in rpm:
         load, frequency = excitation(train, speed, harmonics)[0], train.topology.cycle_frequency(speed)

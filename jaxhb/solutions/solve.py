@@ -19,7 +19,7 @@ from jaxhb.certificate import certificate
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status, check
 from jaxhb.solutions import planning, starts
-from jaxhb.train.changes import without_backlash
+from jaxhb.train.changes import in_contact
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
@@ -192,14 +192,20 @@ def _exact(plan):
 def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = None) -> Response:
     """Response with every mesh in contact all cycle, as if there were no backlash: tooth forces may pull.
 
+    The gaps of meshes are closed and all else stays as it is. Where that is not linear (a mesh stiffness that varies,
+    stages, stops, clearance or friction of a shaft) it is solved as by :func:`solve`, else in one linear solve.
+
     ``harmonics`` : default those of the excitation; arguments and errors otherwise as of :func:`solve`.
     """
+    train = in_contact(train)
+    if not train.topology.linear_in_contact:
+        return solve(train, rpm=rpm, harmonics=harmonics)
     check_speed(train, rpm)
     if harmonics is not None:
         check_harmonics(train, harmonics, "reduced")
     most = harmonics or excited_harmonic(train, "reduced")
     plan = Plan(harmonics=most, active=(), flank=(0,) * len(train.topology.mesh_names))
-    return solve_planned(without_backlash(train), rpm, plan)
+    return solve_planned(train, rpm, plan)
 
 
 def solve_again(train, rpm, request, plan, start=None):

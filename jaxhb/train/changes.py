@@ -196,7 +196,7 @@ def _with(train, table, field, new):
 
 
 def in_contact(train):
-    """The same train with every mesh in contact all cycle."""
+    """The same train with the gaps of all meshes closed and all else as it is: "without backlash"."""
     topology, meshes = train.topology, train.meshes
     return dataclasses.replace(
         train,
@@ -205,8 +205,8 @@ def in_contact(train):
     )
 
 
-def without_backlash(train):
-    """The same with teeth of their mean stiffness, and shafts and dampers of one stiffness: linear."""
+def linearised(train):
+    """The same in contact, and beyond that with teeth of their mean stiffness, shafts and dampers of one: linear."""
     train = in_contact(train)
     constant = ((),) * len(train.topology.mesh_names)
     return dataclasses.replace(

@@ -9,7 +9,7 @@ from jaxhb.linear.critical import campbell
 from jaxhb.linear.damped import damping_ratios
 from jaxhb.report.figures.figure import DIGITS
 from jaxhb.report.figures.linear import counting, mode_nodes, plot_campbell, plot_holzer, plot_modes
-from jaxhb.train.ways import train_lines
+from jaxhb.report.figures.ways import train_lines
 
 DIESEL = "six_cylinder_diesel"
 SCENES = ["gear_train_30", "engine_with_damper", DIESEL]

@@ -1,5 +1,6 @@
 """Figures of a cycle, of a record and of a tuning."""
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -33,7 +34,7 @@ def plot_cycle(answer, gear=None):
     doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
     subject, meshes = subject_of(answer, gear)
     torque = _torque_of(answer.train, subject)
-    swings = [f"{float(torque.read(motion, subject)):.0f}" for motion in (answer, answer.linear)]
+    swings = [f"{float(torque.read(motion, subject)):.0f}" for motion in (answer, answer.without_backlash)]
     said = f" {swings[0]} N m" if answer.known else ""
     said += f" (without backlash {swings[1]}), and tooth forces" if meshes else ","
     figures = [cycle_figure(answer, subject, meshes, f"Torque of {plain(subject)}, half peak-to-peak{said}")]
@@ -56,7 +57,7 @@ def cycle_figure(answer, subject, meshes, caption):
     notes = [above(plain(name), panel) for panel, (_, name) in enumerate(rows)]
     made = figure(f"{caption}{said}", title, panels, traces, annotations=notes, **more)
     made.layout["legend"] |= {"x": 1, "xanchor": "right"}  # beside the name of the first panel
-    if not answer.recorded and answer.state.period > 1:
+    if not answer.recorded and end > answer.cycle_deg:
         made.layout["xaxis"] |= {"dtick": answer.cycle_deg, "gridcolor": "black"}
     elif not answer.recorded and answer.cycle_deg % 90 == 0:
         made.layout["xaxis"] |= {"dtick": 90}
@@ -65,25 +66,29 @@ def cycle_figure(answer, subject, meshes, caption):
 
 def _period(answer, rows):
     """Signals over the period of the motion, with and without backlash; grey where the teeth are apart."""
-    backlash, traces, shapes, periods = any(answer.topology.mesh_backlash), [], [], max(answer.state.period, 1)
+    backlash, traces, shapes, beside = any(answer.topology.mesh_backlash), [], [], answer.without_backlash
+    # A motion that never repeats has no samples, one that is not known nothing at all.
+    compared = (backlash or not answer.known) and beside.known and not beside.recorded
+    motions = [(answer, 0)] * answer.known + [(beside, 1)] * compared
+    periods = math.lcm(*(max(motion.state.period, 1) for motion, _ in motions))
     step, end = max(1, periods // SPIKES), answer.cycle_deg * periods
     for panel, (quantity, name) in enumerate(rows):
-        motions = [("with backlash" if backlash else plain(name), answer, 0)] * answer.known
-        motions += [("without backlash", answer.linear, 1)] * (backlash or not answer.known)
-        for said, motion, style in motions:
-            values = quantity.factor * _closed(answer, quantity.signal(motion, name))[::step]
+        for motion, style in motions:
+            said = "without backlash" if style else "with backlash" if backlash else plain(name)
+            values = quantity.factor * _repeated(motion, quantity.signal(motion, name), periods)[::step]
             more = {"panel": panel, "showlegend": backlash and not panel, "look": {"width": 1.1}}
             # Equal steps: a start and a step in place of all angles keep the page small.
             traces.append(line([], values, said, style, x0=0.0, dx=end / (SAMPLES * periods) * step, **more))
             del traces[-1]["x"]
         meshes = {"gear": meshes_of, "mesh": lambda _, mesh: (mesh,)}.get(quantity.element, lambda *_: ())
         own = meshes(answer.topology, name) if answer.known else ()
-        apart = [in_the_gap(answer, mesh, SAMPLES * periods) for mesh in own]
+        times = periods // max(answer.state.period, 1)
+        apart = [np.tile(in_the_gap(answer, mesh, SAMPLES * periods // times), times) for mesh in own]
         if apart:
             steps = np.flatnonzero(np.diff(np.pad(np.any(apart, axis=0).astype(int), 1)))
             shapes += bands(steps.reshape(-1, 2) * answer.cycle_deg / SAMPLES, panel)
     zero = " (0: firing top dead centre of a cylinder with firing angle 0)" if answer.topology.cylinder_names else ""
-    said = " over the period" + ("" if answer.known else ", without backlash alone")
+    said = " over the period" + (", without backlash alone" if compared and not answer.known else "")
     said += "; grey: its teeth are apart" if shapes else ""
     return said, f"angle of the reference rotor, deg{zero}", end, traces, shapes
 
@@ -92,7 +97,11 @@ def _record(answer, rows):
     """A motion that never repeats: extremes of every recorded cycle, and those without backlash."""
     traces = []
     for panel, (quantity, name) in enumerate(rows):
-        after, before, factor = quantity.signal(answer, name), quantity.signal(answer.linear, name), quantity.factor
+        after, before, factor = (
+            quantity.signal(answer, name),
+            quantity.signal(answer.without_backlash, name),
+            quantity.factor,
+        )
         cycles, more = np.arange(1, len(after.highest) + 1), {"panel": panel, "showlegend": not panel}
         traces.append(marks(cycles, factor * after.highest, "largest of a cycle", "triangle-up", size=5, **more))
         traces.append(marks(cycles, factor * after.lowest, "smallest of a cycle", "triangle-down-open", size=5, **more))
@@ -112,7 +121,7 @@ def _peaks(answer, names):
         peaks = quantity.factor * np.sort(answer.force(name).highest)
         shares = 100 * np.arange(1, len(peaks) + 1) / len(peaks)
         traces.append(line(peaks, shares, plain(name), number, look={"shape": "hv"}))
-        before = [quantity.factor * float(answer.linear.force(name).max)] * 2
+        before = [quantity.factor * float(answer.without_backlash.force(name).max)] * 2
         more = {"look": {"width": 0.8}, "showlegend": not number}
         traces.append(line(before, [0.0, 100.0], "without backlash", number, **more))
     caption, title = "Cycles whose largest tooth force stays below a value", "largest tooth force of a cycle"
@@ -152,9 +161,8 @@ def in_the_gap(answer, mesh, count):
     return np.asarray(apart)[answer.topology.mesh_names.index(mesh)]
 
 
-def _closed(answer, signal):
-    """Samples of the whole period, its first time sample again at the end; a cycle comes as often as there is room."""
-    cycles = max(answer.state.period, 1)
+def _repeated(answer, signal, cycles):
+    """Samples of a signal over some cycles, as often as its period fits into them, the first again at the end."""
     times = round(cycles * answer.topology.revolutions_per_cycle / signal.revolutions_per_cycle)
     values = np.tile(np.asarray(fourier.sample(signal.coefficients, SAMPLES * cycles // times)), times)
     return np.append(values, values[0])

@@ -9,7 +9,7 @@ import itertools
 
 import numpy as np
 
-from jaxhb.train.ways import joined, ways
+from jaxhb.report.figures.ways import joined, ways
 
 DISK, LEAST, MASSLESS = 0.42, 0.12, 0.07  # radius of the largest disk, of the smallest with inertia, and of one without
 GEAR, RIM = 1.4, 0.32  # pitch radius of the largest gear, and of any at least beyond its disk

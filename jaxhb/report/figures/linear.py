@@ -8,7 +8,7 @@ from jaxhb.linear.holzer import holzer_residual
 from jaxhb.linear.modal import AT_REST
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import GREY, WITH, WITHOUT, above, bars, figure, line, marks, note
-from jaxhb.train.ways import train_lines
+from jaxhb.report.figures.ways import train_lines
 
 POINTS = 2000
 COUNTS = 0.1  # modal torque over the largest of the mode from which a critical speed is filled

@@ -283,7 +283,7 @@ def _labelled(answers, orders, every):
     about = {"units": "1", "long_name": "modulus over the period"}
     data["largest_multiplier"] = ("rpm", np.array([answer.multiplier for answer in answers], dtype=float), about)
     if any(topology.mesh_backlash):
-        linear = to_xarray([answer.linear for answer in answers], topology, data.rpm.values, orders=0)
+        linear = to_xarray([answer.without_backlash.state for answer in answers], topology, data.rpm.values, orders=0)
         names = [name for name in linear if str(name).startswith(tuple(f"{n}_" for n in LINEAR_TOO))]
         data = data.merge(linear[names].rename({name: f"{name}{WITHOUT}" for name in names}))
     if answers[0].value is not None:

@@ -20,7 +20,7 @@ RPM, _ = shown_unit("rad/s")
 
 def against(variable):
     """Reader of a number and of the same without backlash."""
-    return lambda answer, name: (number(answer, name, variable), number(answer.linear, name, variable))
+    return lambda answer, name: (number(answer, name, variable), number(answer.without_backlash, name, variable))
 
 
 def _driver(answer, name):

@@ -73,7 +73,7 @@ WITHOUT = "without kN"
 MESHES = (
     ("largest tooth force", lambda answer: answer.worst_mesh or NONE, str),
     ("with kN", lambda answer: _peak(answer, answer), "kN"),
-    (WITHOUT, lambda answer: _peak(answer.linear, answer), "kN"),
+    (WITHOUT, lambda answer: _peak(answer.without_backlash, answer), "kN"),
     ("longest apart", lambda answer: most_apart(answer) or NONE, str),
     ("apart %", lambda a: max(one.separated_fraction for one in a.contacts.values()), percent),
     ("hardest of all m/s", lambda a: max(one.hardest_impact for one in a.contacts.values()), hit),
