@@ -28,6 +28,11 @@ LEAVES = 0.1  # share of a whole step that it leaves at most, where its size tel
 NEAR, BELOW = 1e-6, 0.05
 
 
+# Backlash counts as a size of deflections up to so many times that of the largest linear force: a whole step that is
+# 1e-4 of it, and leaves a tenth of itself, then leaves 1e-3 of the force.
+LIGHT = 100.0
+
+
 class Iterate(NamedTuple):
     """Unknowns, residual norm, linear solves, whether no step leads closer, and the size of the step that led here, inf
     unless it was a whole one that left little of itself."""
@@ -154,10 +159,24 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, r
 
 
 def relative_residual(reduced, value):
-    """max over meshes of ||F|| / (||l_lin|| + h), root mean square over the cycle, dimensionless."""
+    """max over meshes of ||F|| / :func:`deflection_scale`, root mean square over the cycle, dimensionless."""
     size = jnp.linalg.norm(fourier.pack(value), axis=-1)
-    scale = jnp.linalg.norm(fourier.pack(reduced.linear), axis=-1) + reduced.law.backlash
-    return jnp.max(size / scale)
+    return jnp.max(size / deflection_scale(reduced))
+
+
+def deflection_scale(reduced):
+    """Deflections ``(G,)`` m that residuals and steps are measured against: ||l_lin|| + h, or of light loads less.
+
+    F times the stiffness c is what a residual leaves of the balance of forces. Where all linear forces are small beside
+    c h, teeth would be balanced to a share of c h and not of what they carry: there the largest ||c l_lin|| / c of all
+    meshes, LIGHT times, stands in place of h.
+    """
+    linear = jnp.linalg.norm(fourier.pack(reduced.linear), axis=-1)
+    stiffness, gap = jnp.abs(reduced.law.stiffness), reduced.law.backlash
+    carried = LIGHT * jnp.max(stiffness * linear, initial=0.0)
+    # Without a load there is no force to be measured against.
+    light = (carried > 0) & (carried < stiffness * gap)
+    return linear + jnp.where(light, carried / jnp.where(light, stiffness, 1.0), gap)
 
 
 def solve_reduced(reduced, model, start, *, samples, time_steps, tolerance, max_steps, step_tolerance=0.0):

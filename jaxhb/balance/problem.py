@@ -165,6 +165,22 @@ def power_defect(problem, displacement, force, found):
     return (given.sum() - taken) / jnp.where(exchanged > 0, exchanged, 1.0)
 
 
+def force_defect(problem, active_meshes, nonlinear_force, computed):
+    """Mean force in N by which the law at the computed deflection misses the one that balances the mean torques, over
+    the largest root mean square of a tooth force: the largest of all meshes; 0 for a solution of the equations.
+
+    nonlinear_force : coefficients ``(G, N+1)`` N of the active meshes with which the train was balanced; computed :
+    Fields.
+    """
+    meshes = problem.meshes
+    balancing = -jnp.asarray(active_meshes.flank) * backlash.offset(meshes.law)
+    balancing = balancing.at[active_meshes.index].add(active_meshes.mask * nonlinear_force[:, 0].real)
+    balancing += meshes.law.linear_stiffness * computed.deflections[:, 0].real
+    missed = jnp.max(jnp.abs(computed.forces[:, 0].real - balancing), initial=0.0)
+    size = jnp.max(jnp.linalg.norm(fourier.pack(computed.forces), axis=-1), initial=0.0)
+    return missed / jnp.where(size > 0, size, 1.0)
+
+
 def held_in_contact(problem, deflections, flank, samples):
     """Whether every held mesh stays beyond the transition zone on its flank all cycle."""
     values = fourier.synthesize(deflections, samples)

@@ -17,11 +17,12 @@ from jaxhb._jax import namespace, staged, traced
 from jaxhb._program import WHOLE, Program, across, along
 from jaxhb._threads import side_by_side
 from jaxhb.balance import correction, derivative
-from jaxhb.balance.newton import relative_residual, solve_chain, solve_reduced
+from jaxhb.balance.newton import deflection_scale, relative_residual, solve_chain, solve_reduced
 from jaxhb.balance.plan import check_plan
 from jaxhb.balance.problem import (
     Problem,
     fields,
+    force_defect,
     held_in_contact,
     model_of,
     power_defect,
@@ -39,6 +40,7 @@ from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 
 # Relative residual, a few times that of a settled march, from which Newton's method takes longer than a march.
 MARCH_ABOVE = 3e-4
+UNBALANCED_FORCE = 1e-2  # share of the tooth forces, at least, by which their means may miss the balance of torques
 ESTIMATE = 0.05, 20  # share of the residual that the correction of an estimate may leave, and its Krylov steps at most
 FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked for
 BATCH_SPEEDS = 8  # speeds that one program solves side by side where contacts are unknowns, on accelerators
@@ -120,14 +122,16 @@ def _find(problem, active_meshes, start, goals, plan):
             truncation = truncation_error(fine, operator, deflection, plan.samples)
         steps, stalled = iterate.steps, iterate.stalled
     reduced, crossings = reduced.with_crossings(deflection), None
-    motion = condensed.combine(reduced.nonlinear_force_coefficients(deflection, plan.samples))
+    nonlinear_force = reduced.nonlinear_force_coefficients(deflection, plan.samples)
+    motion = condensed.combine(nonlinear_force)
     found = fields(problem, *motion, plan.integrals, plan.samples)
     defect = power_defect(problem, *motion, found)
+    balanced = force_defect(problem, active_meshes, nonlinear_force, found) <= jnp.maximum(limit, UNBALANCED_FORCE)
     if plan.integrals == "exact":
         every = exact_integrals.find_crossings(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
         crossings = reduced.crossings, every
     newton = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
-    newton = jnp.where((error <= tolerance) | small_step, Status.CONVERGED, newton)
+    newton = jnp.where(((error <= tolerance) | small_step) & balanced, Status.CONVERGED, newton)
     newton = jnp.where(jnp.isfinite(error), newton, Status.NONFINITE)
     failure = _failure(problem, active_meshes, reduced, condensed, found, newton, crossings, plan.samples)
     solved = failure == Status.CONVERGED
@@ -256,7 +260,8 @@ def truncation_error(fine, operator, deflection, samples):
         return elastic + backlash.dry_friction(law, fine.sampled(deflection, 2 * samples)[1])
 
     before, after = force(wide), force(wide - change)
-    noise = 1e-8 * jnp.max(law.stiffness * law.backlash)  # of solved equations, where no tooth carries a load
+    # Of solved equations, where no tooth carries a load.
+    noise = 1e-8 * jnp.max(fine.law.stiffness * deflection_scale(fine))
     estimate = jnp.max(jnp.abs(after - before)) / jnp.maximum(jnp.max(jnp.abs(before)), jnp.maximum(noise, 1e-300))
     return estimate / (1 - jnp.minimum(left, 0.999))
 

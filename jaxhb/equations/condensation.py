@@ -175,7 +175,11 @@ def condense(system, frequency, load, harmonics, every, meshes, active):
     columns = system.incidence(meshes.link) * active
     excited = frequencies(frequency, load.shape[-1] - 1)
     displacement, force = (a[:, 0] for a in solve_linear(system, excited, load[:, None]))
-    linear = backlash.less_error(meshes, system.deflections(displacement, meshes.link)) * active[:, None]
+    # From link forces: in differences of displacements a train that turns far as one loses the digits of its teeth.
+    stiffness, apart = link_stiffness(system, excited)[meshes.link], system.deflections(displacement, meshes.link)
+    rigid = stiffness == 0
+    apart = jnp.where(rigid, apart, force[meshes.link] / jnp.where(rigid, 1.0, stiffness))
+    linear = backlash.less_error(meshes, apart) * active[:, None]
     omega = _cut(frequencies(frequency, harmonics))
     receptances = lax.map(lambda omega: receptance(system, omega, columns), omega)
     receptances = receptances.reshape(omega.size, *receptances.shape[2:])[: harmonics + 1]

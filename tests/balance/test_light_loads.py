@@ -1,0 +1,94 @@
+"""Loads from far below to far above the forces of the gap: a solution that converged has the forces of the load."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from reference_data import DATA
+
+import jaxhb
+from jaxhb.results.status import Status
+
+PAIR = """
+[scene]
+name = "a pair far below its resonances"
+revolutions_per_cycle = 1
+reference = "a"
+[[disk]]
+name = "a"
+inertia = 0.01
+radius = 0.05
+[[disk]]
+name = "b"
+inertia = 0.04
+radius = 0.1
+[[mesh]]
+between = ["a", "b"]
+stiffness = 1e8
+backlash = 1e-4
+[[torque]]
+name = "drive"
+disk = "a"
+mean = 1.0
+harmonics = [[1.0, 0.4, 0.1]]
+[[torque]]
+name = "brake"
+disk = "b"
+mean = -2.0
+"""
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory):
+    path = tmp_path_factory.mktemp("pair") / "pair.toml"
+    path.write_text(PAIR)
+    return jaxhb.load_scene(path)
+
+
+@pytest.mark.parametrize(("epsilon", "transition"), [(1e-3, 0.04), (0.0, 0.2)])
+@pytest.mark.parametrize("load", 10.0 ** np.arange(-12, 1))
+def test_a_force_that_converged_is_right_however_small_the_load_is_beside_the_gap(pair, load, epsilon, transition):
+    """Slow motion: the teeth carry the mean torque over the radius, and half of its vibration as both gears are equally
+    heavy along the teeth, whether they lie in the gap or in contact."""
+    stiffness, backlash = 1e11, 0.01
+    torque = load * stiffness * backlash / 2 * 0.05
+    numbers = {"a|b.stiffness": stiffness, "a|b.backlash": backlash, "a|b.epsilon": epsilon}
+    numbers |= {"a|b.transition": transition, "drive.mean": torque, "brake.mean": -2 * torque}
+    train = pair.replace({**numbers, "drive.harmonics": [[0.4 * torque, 0.1 * torque]]})
+    response = jaxhb.solve(train, rpm=0.05, harmonics=16)
+    status, force = Status(int(response.status)), response.force("a", "b")
+    mean, amplitude = torque / 0.05, abs(0.4 + 0.1j) * torque / 0.05 / 2
+    if epsilon and not 1e-4 < load < 1e-1:  # wholly in the gap or wholly in contact: two linear trains
+        assert status == Status.CONVERGED
+    if status <= Status.TOLERANCE_NOT_MET:
+        found = [force.mean, force.max, force.min]
+        most = 1e-4 if status == Status.CONVERGED else 1e-2
+        np.testing.assert_allclose(found, [mean, mean + amplitude, mean - amplitude], atol=most * mean)
+
+
+@pytest.mark.parametrize(
+    ("scene", "rpm", "largest"),
+    [("tiny_load.toml", 54863.54, 4.53552e-5), ("never_leaves_gap.toml", 0.10174, 0.982802)],
+)
+def test_teeth_that_stay_in_the_gap_carry_the_torque_over_the_radius(scene, rpm, largest):
+    """``largest``: of the linear pair with the stiffness of the gap, ``F + |F1| k/(k - m w^2)``."""
+    train = jaxhb.load_scene(DATA / "scenes" / scene)
+    response = jaxhb.check(jaxhb.solve(train, rpm=rpm))
+    radius, mass = np.asarray(train.disks.radius), np.asarray(train.disks.inertia) / np.asarray(train.disks.radius) ** 2
+    torque, wave = float(train.torques.mean[0]), abs(complex(*np.asarray(train.torques.harmonics)[0, 0]))
+    frequency, together = 2 * np.pi * rpm / 60, mass[0] * mass[1] / mass.sum()
+    stiffness = 1e-3 * float(train.meshes.stiffness[0])
+    amplitude = wave / radius[0] * mass[1] / mass.sum() * stiffness / (stiffness - together * frequency**2)
+    force = response.force("a", "b")
+    assert torque / radius[0] + amplitude == pytest.approx(largest, rel=1e-5)
+    assert force.mean == pytest.approx(torque / radius[0], rel=1e-6)
+    assert force.max == pytest.approx(torque / radius[0] + amplitude, rel=1e-6)
+
+
+def test_a_residual_that_leaves_the_mean_forces_unbalanced_is_not_called_converged(pair):
+    """Newton's method ends at once with so large a residual: on the flank, where the teeth carry more than the load."""
+    train = pair.replace({"drive.mean": 1e-4, "brake.mean": -2e-4, "drive.harmonics": [[0.0, 0.0]]})
+    plan = dataclasses.replace(jaxhb.plan(train, rpm=60.0, harmonics=16), residual_tolerance=1e9)
+    response = jaxhb.solve(train, rpm=60.0, plan=plan)
+    assert abs(response.force("a", "b").mean - 1e-4 / 0.05) > 0.1 * 1e-4 / 0.05
+    assert response.status > Status.TOLERANCE_NOT_MET
