@@ -10,11 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb._jax import Array, Number, Numbers, namespace, on_host, traced
+from jaxhb._jax import Array, Number, Numbers, concrete, namespace, on_host, traced
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
+
+NODE = 1e-9  # share of the largest angle below which a disk lies in a node
+NATURAL = 1e-6  # residual over the sum of all inertia forces at which a frequency is a natural one
+DENSE_DISKS = 500  # up to which modes that the elimination loses are looked for with dense matrices
 
 
 @brief
@@ -73,8 +77,9 @@ def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
     """Holzer's table at one frequency ``hz``, undamped, meshes in contact.
 
     ``theta_(i+1) = theta_i - (sum_(j<=i) J_j omega^2 theta_j) / c_i`` (H. Holzer, Die Berechnung der Drehschwingungen,
-    Springer 1921). A part behind a link without stiffness (the ring of a viscous damper) rests. Every number has
-    derivatives with respect to the train and the frequency, both of which may be traced.
+    Springer 1921). A part behind a link without stiffness (the ring of a viscous damper) rests, and no table ends
+    there; at a natural frequency of such a part it is the rest that rests. Every number has derivatives with respect to
+    the train and the frequency, both of which may be traced.
 
     :class:`SceneError` if the train has a closed loop.
 
@@ -86,18 +91,12 @@ def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
     >>> table.ordinate.round(4).tolist(), round(table.residual)
     ([1.0, 0.98, 0.9484], 14658)
     """
-    tree, system = _tree(train)
+    tree, system, displacement, force = _motion(train, hz)
     xp = namespace(system, hz)
-    balance, ordinate, others = _eliminate(tree, system, 2 * np.pi * xp.asarray(hz, dtype=float))
-    scale = [xp.ones(())] * len(tree.node)
-    for s in range(len(tree.node) - 2, -1, -1):
-        # Backwards: what others ask for at a joint scales a branch, and all that hangs on it further out.
-        scale[s] = scale[tree.parent[s]] * others[s]
-    displacement, force = xp.stack(scale) * ordinate, -xp.stack(scale) * balance
     radius, mass = system.radius[tree.node], system.mass[tree.node]
     angle = displacement / radius
-    first = int(np.flatnonzero(tree.node == 0)[0])
-    unit = xp.where(angle[first] != 0, angle[first], xp.where(angle[0] != 0, angle[0], 1.0))
+    natural = _is_natural(tree, system, 2 * np.pi * hz, displacement, force)
+    unit = _unit(tree, angle, xp.where(natural, NODE, 0.0))
     link, near = tree.link[:-1], xp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])[:-1]
     pushed = force[:-1] / near / unit  # what the link carries, positive where it slows the disk
     shaft = np.array([name not in train.topology.mesh_names for name in train.topology.link_names], dtype=bool)[link]
@@ -131,13 +130,14 @@ def holzer_residual(train: DriveTrain, *, hz: Numbers) -> Array:
     >>> bool(below > 0 > above)
     True
     """
-    tree, system = _tree(train)
+    system = _system(train)
+    tree = _trees(train, system)[0]
     balance, *_ = _eliminate(tree, system, 2 * np.pi * namespace(system, hz).asarray(hz, dtype=float))
     return -balance[-1] * system.radius[tree.node[-1]]
 
 
-def _tree(train):
-    """Elimination from the free ends to a ground or to the disk farthest from the first, and the System."""
+def _system(train):
+    """The System of a train without closed loops."""
     system = on_host(chain.assemble(train))
     if len(system.tree.loops):
         name = train.topology.link_names[system.tree.loops[0]]
@@ -145,9 +145,108 @@ def _tree(train):
             f"{train.topology.title}: link {name!r} closes a loop, and Holzer's table is for trains without."
             " Use jaxhb.natural_frequencies, on the command line jaxhb modes, which prints the energies, too."
         )
-    ends, ground = train.topology.link_ends, train.topology.ground_disk
-    root = ground[0] if ground else chain.breadth_first(chain.neighbours(ends, len(system.mass)), 0)[-1][0]
-    return chain.span_links(ends, len(system.mass), root), system
+    return system
+
+
+def _trees(train, system):
+    """Eliminations from the free ends, one for each part that links with stiffness join, first the part of the first
+    disk: each ends at a ground of its part, or at the disk farthest from its first."""
+    ends, ground, disks = train.topology.link_ends, train.topology.ground_disk, len(system.mass)
+    shafts = len(train.topology.shaft_names)
+    (stiffness,) = concrete(system.stiffness)
+    # Under jit and vmap no number is known: dampers are what may have no stiffness.
+    dampers = range(shafts, shafts + len(train.topology.damper_names))
+    loose = dampers if traced(stiffness) else np.flatnonzero(stiffness == 0).tolist()
+    near = chain.neighbours(ends, disks, without=loose)
+    parts, seen = [], set()
+    for disk in range(disks):
+        if disk not in seen:
+            parts.append([other for other, *_ in chain.breadth_first(near, disk)])
+            seen.update(parts[-1])
+    # A disk alone moves with nothing.
+    moving = [part for part in parts if len(part) > 1] or parts
+    roots = [next((disk for disk in ground if disk in part), part[-1]) for part in moving]
+    return [chain.span_links(ends, disks, root) for root in roots]
+
+
+def _motion(train, hz):
+    """Elimination, System, displacements ``(S,)`` m and forces ``(S,)`` N passed on to the next disk of the table."""
+    system = _system(train)
+    omega = 2 * np.pi * namespace(system, hz).asarray(hz, dtype=float)
+    trees = _trees(train, system)
+    if traced(system, omega):
+        return trees[0], system, *_scaled(trees[0], system, omega)
+    found = [(tree, system, *_scaled(tree, system, omega)) for tree in trees]
+    modes = (one for one in found if _is_mode(*one, omega))
+    if mode := next(modes, None):
+        return mode
+    if len(system.mass) <= DENSE_DISKS:
+        # Several branches with a node at one joint leave the elimination nothing but rounding, or another motion.
+        dense = trees[0], system, *_dense(trees[0], system, omega)
+        return dense if _is_mode(*dense, omega) else found[0]
+    return found[0]
+
+
+def _scaled(tree, system, omega):
+    """Displacements and forces of the elimination, every branch scaled by what the others ask for where they meet."""
+    balance, ordinate, others = _eliminate(tree, system, omega)
+    xp = namespace(system, omega)
+    scale = [xp.ones(())] * len(tree.node)
+    for s in range(len(tree.node) - 2, -1, -1):
+        # Backwards: what others ask for at a joint scales a branch, and all that hangs on it further out.
+        scale[s] = scale[tree.parent[s]] * others[s]
+    scale = xp.stack(scale)
+    return scale * ordinate, -scale * balance
+
+
+def _forces_left(tree, system, omega, displacement):
+    """Forces ``(S,)`` N left on the disks by links and inertia, in the order of the tree, and the largest of both."""
+    motion = np.empty(np.shape(displacement))
+    motion[tree.node] = displacement
+    links = (system.stiffness * system.deflections(motion).T).T
+    inertia = ((system.ground - system.mass * omega**2) * motion.T).T
+    return (inertia + system.spread(links))[tree.node], max(np.abs(inertia).max(), np.abs(links).max(initial=0.0))
+
+
+def _dense(tree, system, omega):
+    """Displacements that leave the least forces, of the dense equations, and the forces passed on."""
+    equations, _ = _forces_left(tree, system, omega, np.eye(len(tree.node)))
+    displacement = np.linalg.svd(equations)[2][-1]
+    return displacement, _passed_on(tree, system, omega, displacement)
+
+
+def _passed_on(tree, system, omega, displacement):
+    """Force ``(S,)`` N of every disk and all that it carries on the next one, inertia forces less those of grounds."""
+    force = (system.mass[tree.node] * omega**2 - system.ground[tree.node]) * displacement
+    for s, up in enumerate(tree.parent[:-1].tolist()):
+        near, far = system.arm_a[tree.link[s]], system.arm_b[tree.link[s]]
+        force[up] += force[s] * (far / near if tree.from_a[s] else near / far)
+    return force
+
+
+def _is_natural(tree, system, omega, displacement, force):
+    """Whether the residual is rounding, beside the inertia forces."""
+    xp = namespace(system, displacement)
+    driven = omega**2 * system.mass[tree.node] * displacement
+    return xp.abs(force[-1]) <= NATURAL * xp.abs(driven).sum()
+
+
+def _is_mode(tree, system, displacement, force, omega):
+    """Whether no disk is left a force, on the host."""
+    left, largest = _forces_left(tree, system, omega, displacement)
+    balanced = np.abs(left).max() <= NATURAL * largest
+    return balanced and _is_natural(tree, system, omega, displacement, force)
+
+
+def _unit(tree, angle, node):
+    """Angle of the first disk of the scene, or in the first row that moves where that disk lies in a node: at most that
+    share of the largest angle."""
+    xp = namespace(angle)
+    first = int(np.flatnonzero(tree.node == 0)[0])
+    rows = xp.concatenate([angle[first : first + 1], angle])
+    moving = xp.abs(rows) > node * xp.abs(angle).max()
+    unit = rows[xp.argmax(moving)]
+    return xp.where(unit != 0, unit, 1.0)
 
 
 def _eliminate(tree, system, omega):

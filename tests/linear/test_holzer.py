@@ -1,5 +1,7 @@
 """Holzer's tables against published ones and against dense solutions of the same motion."""
 
+import itertools
+
 import dense
 import numpy as np
 import pytest
@@ -84,3 +86,70 @@ def test_a_closed_loop_is_refused_by_name():
     with pytest.raises(jaxhb.SceneError, match="closes a loop, and Holzer's table is for trains without"):
         holzer_table(build(gearbox_parts(), reference="motor"), hz=10.0)
     assert holzer_table(build(branched_parts(), reference="flywheel"), hz=10.0).names
+
+
+def viscous_chain(order, rings, inertia=(10.0, 20.0, 7.0, 4.0), stiffness=(1e6, 2e6, 5e5)):
+    """A line of disks named by number, listed in some order, with viscous rings on some of them."""
+    parts = [Disk(name=str(place), inertia=inertia[place]) for place in order]
+    parts += [Shaft(between=(str(i), str(i + 1)), stiffness=k) for i, k in enumerate(stiffness)]
+    return parts + [jaxhb.Damper(name=f"ring {i}", disk=str(i), inertia=3.0 + i, damping=50.0) for i in rings]
+
+
+def elastic_modes(parts):
+    """Frequencies in Hz and shapes, columns of angles by the names of disks, of the modes that strain links, dense."""
+    stiffness = dense.dynamic_stiffness(parts, 0.0).real
+    mass = np.diag(stiffness - dense.dynamic_stiffness(parts, 1.0).real)
+    values, vectors = np.linalg.eigh(stiffness / np.sqrt(np.outer(mass, mass)))
+    moving = values > 1e-9 * values.max()
+    return np.sqrt(values[moving]) / (2 * np.pi), (vectors / np.sqrt(mass)[:, None])[:, moving]
+
+
+def check_tables(parts, reference):
+    """Compare Holzer's table at every frequency with the eigenvector of the dense matrices."""
+    train, names = build(parts, reference=reference), dense.disk_names(parts)
+    for hz, shape in zip(*(a.T for a in elastic_modes(parts)), strict=True):
+        table = holzer_table(train, hz=float(hz))
+        found = np.zeros(len(names))
+        found[[names.index(name) for name in table.names]] = table.ordinate
+        scale = shape @ found / (shape @ shape)
+        np.testing.assert_allclose(found, scale * shape, rtol=0, atol=1e-7 * np.abs(found).max())
+        assert np.abs(table.residual) <= 1e-7 * np.abs(table.torque).max()
+        first = abs(table.ordinate[table.names.index(names[0])])
+        assert first == pytest.approx(1.0) or first < 1e-6
+
+
+@pytest.mark.parametrize("rings", [(0,), (1,), (3,), (0, 3), (1, 2, 2), (0, 1, 2, 3)])
+def test_tables_of_trains_with_rings_at_rest_are_the_dense_modes_in_any_order_of_disks(rings):
+    rings = list(dict.fromkeys(rings))
+    for order in itertools.permutations(range(4)):
+        check_tables(viscous_chain(order, rings), None)
+
+
+def test_rings_on_branches_and_behind_teeth_leave_tables_the_dense_modes():
+    disks = [part for part in tooth_tree() if isinstance(part, Disk)]
+    links = [part for part in tooth_tree() if not isinstance(part, Disk | jaxhb.Damper)]
+    for ringed in ("a", "b", "d", "f"):
+        rings = [jaxhb.Damper(name="ring", disk=ringed, inertia=0.5, damping=3.0)]
+        for turn in range(len(disks)):
+            check_tables([*disks[turn:], *disks[:turn], *links, *rings], "a")
+
+
+def test_parts_that_a_ring_without_stiffness_joins_each_have_their_tables():
+    """A fluid coupling: the shaft behind it hangs on the ring."""
+    parts = [*viscous_chain((0, 1, 2, 3), [3]), Disk(name="pump", inertia=2.0)]
+    check_tables([*parts, Shaft(between=("ring 3", "pump"), stiffness=3e5)], None)
+
+
+def test_equal_branches_with_nodes_where_they_meet_have_their_modes():
+    """Two and three of them: the joint asks for nothing, and the elimination is left with rounding."""
+    for count in (2, 3):
+        parts = [Disk(name="hub", inertia=1.0), *(Disk(name=str(i), inertia=2.0) for i in range(count))]
+        parts += [Shaft(between=("hub", str(i)), stiffness=9.0) for i in range(count)]
+        parts += [Disk(name="tail", inertia=2.5), Shaft(between=("hub", "tail"), stiffness=5.0)]
+        train, names = build(parts), dense.disk_names(parts)
+        table = holzer_table(train, hz=np.sqrt(9.0 / 2.0) / (2 * np.pi))
+        motion = np.zeros(len(names))
+        motion[[names.index(name) for name in table.names]] = table.ordinate
+        left = dense.dynamic_stiffness(parts, np.sqrt(9.0 / 2.0)).real @ motion
+        assert np.abs(left).max() <= 1e-9 * np.abs(table.torque).max() and np.abs(motion).max() >= 1.0
+        assert abs(motion[0]) < 1e-9
