@@ -71,6 +71,7 @@ from .linear.strength import (
 )
 from .linear.tangent import MeanLoad as MeanLoad, at_mean_load as at_mean_load
 from .results.bounds import Certificate as Certificate, Kantorovich as Kantorovich
+from .results.checkpoint import CheckpointError as CheckpointError
 from .results.response import Response as Response
 from .results.signal import Signal as Signal
 from .results.status import NotConverged as NotConverged, Status as Status, check as check
@@ -80,7 +81,6 @@ from .scene.writer import elements_text as elements_text, scene_text as scene_te
 from .solutions.misfires import misfire_each as misfire_each
 from .solutions.solve import linear_response as linear_response, plan as plan, solve as solve
 from .solutions.speeds import solve_speeds as solve_speeds
-from .steady.checkpoint import CheckpointError as CheckpointError
 from .steady.closure import Cycles as Cycles
 from .steady.steady_state import steady_state as steady_state
 from .train.assembly import build as build

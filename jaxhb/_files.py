@@ -1,22 +1,25 @@
 """Files that appear whole or not at all, and what killed processes leave of them."""
 
 import os
+import secrets
+import stat
 from pathlib import Path
 
 PART = ".part"  # ends the name of a file that is being written, after the number of its process
 
 
-def write_whole(contents):
+def write_whole(contents, mode=0o666):
     """Write all files or none, of ``{path: iterable of bytes}``: each beside its place first, then moved there.
 
-    Nobody ever sees half a file, and what fails leaves none behind; an OSError has the path as it was given.
+    Nobody ever sees half a file, and what fails leaves none behind; an OSError has the path as it was given. A file
+    that is there keeps its mode, a new one gets ``mode`` less what the process masks.
     """
     beside = {}
     try:
         for name, content in contents.items():
             path = Path(name).resolve()
-            beside[name] = path.with_name(f".{path.name}.{os.getpid()}{PART}")
-            with beside[name].open("wb") as file:
+            beside[name] = path.with_name(f".{path.name}.{secrets.token_hex(4)}.{os.getpid()}{PART}")
+            with os.fdopen(_new_file(beside[name], path, mode), "wb") as file:
                 file.writelines(content)
                 file.flush()
                 os.fsync(file.fileno())
@@ -28,6 +31,18 @@ def write_whole(contents):
     finally:
         for part in beside.values():
             part.unlink(missing_ok=True)
+
+
+def _new_file(part, path, mode):
+    """The descriptor of a new file, never one that is there nor what a link points to, with the mode of ``path``."""
+    try:
+        there = stat.S_IMODE(path.stat().st_mode)
+    except OSError:
+        there = None
+    opened = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode if there is None else 0o600)
+    if there is not None and hasattr(os, "fchmod"):
+        os.fchmod(opened, there)
+    return opened
 
 
 def clear_parts(folder, pattern="*"):

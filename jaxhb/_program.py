@@ -187,7 +187,8 @@ def cache_programs(folder: str | Path | None = None, *, limit: int = _disk.LIMIT
     ----------
     folder : path, optional
         Programs lie in its sub-folder ``jaxhb-programs``, what else is in it is left alone. Made with mode 0700 if it
-        is not there; it must be yours alone, as programs in it are run. Default: that of the command line, ``jaxhb`` in
+        is not there; it must be yours alone, as programs in it are run: one that others may write is refused, whatever
+        lies in it. Default: that of the command line, ``jaxhb`` in
         the user's cache folder or what the environment variable JAXHB_CACHE says; "off" there turns this call off.
     limit : int
         Bytes that programs and jax's cache there may take (default 1 GiB), looked at in this call and when a program is
@@ -206,7 +207,9 @@ def cache_programs(folder: str | Path | None = None, *, limit: int = _disk.LIMIT
     found = keep_programs(_disk.user_folder() if folder is None else Path(folder), limit)
     if found is not None:
         _store.make_room()
-        _jax.keep_compiled(found / _disk.JAX_SUBFOLDER)
+        folder = _store.jax_folder()
+        if folder is not None:
+            _jax.keep_compiled(folder)
     return found
 
 

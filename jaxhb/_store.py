@@ -3,8 +3,8 @@
 An entry is an executable for one kind of processor, whose name is a hash of all that went into it: the sources of the
 package, versions, flags, the processor, the settings of jax, the function, its static arguments, and structure, shapes
 and types of the others. What is damaged is made again, what is foreign is never looked at nor removed, and a file
-appears whole or not at all, so that processes share a folder. Loading an executable runs what the file says: the folder
-belongs to the user alone.
+appears whole or not at all, so that processes share a folder. Loading an executable runs what the file says: only what
+this user wrote there under this name is loaded (:mod:`jaxhb._private`).
 """
 
 import contextlib
@@ -12,7 +12,6 @@ import hashlib
 import os
 import pickle
 import re
-import stat
 import sys
 from functools import cache, cached_property
 from pathlib import Path
@@ -24,7 +23,8 @@ import platformdirs
 from jax.experimental import serialize_executable
 from jaxlib import lapack
 
-from jaxhb._files import clear_parts, write_whole
+from jaxhb._files import clear_parts
+from jaxhb._private import NotPrivate, PrivateFolder, check_private, is_private
 
 VARIABLE = "JAXHB_CACHE"
 """Environment variable: another folder for programs, or "off"."""
@@ -41,7 +41,7 @@ JAX_SUBFOLDER = "jax"
 SUFFIX = ".program"
 
 _DIGEST = 32
-"""Bytes of the digest that stands before a stored program."""
+"""Bytes of a digest."""
 
 _REMOVABLE = {
     ".": re.compile(rf"[0-9a-f]{{{2 * _DIGEST}}}{re.escape(SUFFIX)}"),
@@ -61,35 +61,32 @@ class Store:
         """Hash of what all entries of this process have in common."""
         versions = sys.version, jax.__version__, jaxlib.version.__version__
         flags = tuple(os.environ.get(name, "") for name in ("XLA_FLAGS", "LIBTPU_INIT_ARGS"))
-        return blake2(package_hash(), repr((versions, flags, _processor())).encode())
+        return blake2(package_hash(), repr((versions, flags, processor())).encode())
 
     def load(self, key, arguments):
         """The executable of ``key`` for ``arguments``, a jax.stages.Compiled; None where there is none that works."""
-        path = self._path(key)
-        if path is None:
+        if self.private is None:
+            return None
+        name = self._name(key)
+        content = self.private.read(name)
+        if content is None:
             return None
         try:
-            content = path.read_bytes()
-            if blake2(content[_DIGEST:]) != content[:_DIGEST]:
-                raise ValueError("damaged")
             lapack.prepare_lapack_call("potrf", np.float64)  # else a loaded program that calls LAPACK crashes
-            executable, result = pickle.loads(content[_DIGEST:])
+            executable, result = pickle.loads(content)
             structures = jax.tree.structure(((arguments,), {})), jax.tree.structure(result)
             device = jax.devices("cpu")[:1]
             loaded = serialize_executable.deserialize_and_load(executable, *structures, execution_devices=device)
-            os.utime(path)
-        except FileNotFoundError:
+        except Exception:  # whatever is wrong with a program, it can be made again
+            self.private.remove(name)
             return None
-        except Exception:  # whatever is wrong with a file, the program can be made again
-            with contextlib.suppress(OSError):
-                path.unlink()
-            return None
+        with contextlib.suppress(OSError):  # another process may have removed it
+            os.utime(self.private.path / name)
         return loaded
 
     def save(self, key, compiled):
         """Keep an executable, unless it cannot be or the disk is full: then the next process makes it again."""
-        path = self._path(key)
-        if path is None:
+        if self.private is None:
             return
         # A pullback among the results holds functions of jax that no file can.
         unpickled = AttributeError, TypeError, pickle.PicklingError
@@ -97,32 +94,44 @@ class Store:
             executable, _, tree = serialize_executable.serialize(compiled)
             content = pickle.dumps((executable, jax.tree.unflatten(tree, range(tree.num_leaves))))
             self.make_room(len(content))
-            write_whole({path: (blake2(content), content)})
+            self.private.write(self._name(key), content)
 
-    def _path(self, key):
-        folder = self.own_folder
-        return folder and folder / (blake2(self.origin, key.encode()).hex() + SUFFIX)
+    def _name(self, key):
+        return blake2(self.origin, key.encode()).hex() + SUFFIX
+
+    @property
+    def own_folder(self):
+        """The sub-folder of programs as a Path; None where nothing is kept."""
+        return self.private and self.private.path
 
     @cached_property
-    def own_folder(self):
-        """The sub-folder of programs as a Path, made if need be; None where others could have written what is in it."""
+    def private(self):
+        """The PrivateFolder of programs, made if need be; None where others could have written what is in it."""
         if self.folder is None:
             return None
-        own = Path(self.folder) / SUBFOLDER
-        for folder in (own.parent, own):
-            try:
-                folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-                found = folder.stat()
-            except OSError:
-                return None
-            if hasattr(os, "getuid") and (found.st_uid != os.getuid() or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
-                print(
-                    f"jaxhb: programs are not kept in {folder}, which others may write. Make it yours alone (chmod "
-                    f"700), or give another folder in {VARIABLE}.",
-                    file=sys.stderr,
-                )
-                return None
-        return own
+        try:
+            return private_folder(self.folder, SUBFOLDER)
+        except NotPrivate as refusal:
+            tell_once(f"programs are not kept on disk: {refusal}")
+        except OSError:  # it cannot be made: then every process compiles
+            pass
+        return None
+
+    def jax_folder(self):
+        """The folder for jax's own cache, which believes what it finds: files of others are removed before."""
+        folder = self.own_folder / JAX_SUBFOLDER
+        try:
+            folder.mkdir(mode=0o700, exist_ok=True)
+            check_private(folder)
+            for path in folder.iterdir():
+                if not is_private(path):
+                    path.unlink()
+        except NotPrivate as refusal:
+            tell_once(f"what jax compiles is not kept on disk: {refusal}")
+            return None
+        except OSError:
+            return None
+        return folder
 
     def make_room(self, size=0):
         """Remove programs until ``size`` more bytes fit, those not used for longest first, and what was half written
@@ -141,6 +150,33 @@ class Store:
             with contextlib.suppress(OSError):
                 os.unlink(path)
                 total -= own
+
+
+def private_folder(base, *names):
+    """The PrivateFolder of the name in the folder ``base``, of which and of all in between others have no part."""
+    folder = Path(base)
+    for name in names:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        check_private(folder)
+        folder /= name
+    return PrivateFolder(folder)
+
+
+_told: set[str] = set()
+
+
+def tell_once(sentence):
+    """Tell stderr a sentence, once in a process."""
+    if sentence not in _told:
+        _told.add(sentence)
+        print(f"jaxhb: {sentence}", file=sys.stderr)
+
+
+def sentence_of(error):
+    """An OSError in the words of a note."""
+    if error.strerror is None:  # a NotPrivate says it all
+        return str(error)
+    return f"{str(error.filename)!r} cannot be written ({error.strerror}); {VARIABLE} names another folder."
 
 
 def user_folder():
@@ -166,7 +202,7 @@ def blake2(*parts):
     return found.digest()
 
 
-def _processor():
+def processor():
     """What an executable depends on: another processor may lack its instructions."""
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()

@@ -1,6 +1,9 @@
 """Programs on disk: found by other processes, made again where damaged, never looked at where foreign."""
 
+import hashlib
 import os
+import pickle
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +14,7 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb import _program, _store
+from jaxhb import _files, _private, _program, _store
 
 CODE = """
 import jax, jax.numpy as jnp
@@ -58,8 +61,8 @@ def run(x=3.0):
     return _program.Program(double)(np.asarray(x))
 
 
-def files(store):
-    return sorted(store.own_folder.iterdir())
+def programs(store):
+    return sorted(store.own_folder.glob("*.program"))
 
 
 def compiled(call):
@@ -77,7 +80,7 @@ def test_processes_share_a_folder_and_run_what_another_compiled_lapack_included(
     set up."""
     running = [process(tmp_path) for _ in range(2)]
     assert {told(one)[1] for one in running} == {RESULT + "\n"}
-    assert len(list((tmp_path / _store.SUBFOLDER).iterdir())) == 1
+    assert len(list((tmp_path / _store.SUBFOLDER).glob("*.program"))) == 1
     assert told(process(tmp_path)) == ["0", RESULT + "\n"]
 
 
@@ -85,21 +88,20 @@ def test_a_program_is_found_by_its_function_its_static_arguments_and_the_kinds_o
     assert compiled(run)[0] == 1 and compiled(run)[0] == 0
     assert compiled(lambda: run(np.float32(3.0)))[0] == 1
     assert compiled(lambda: run([1.0, 2.0]))[0] == 1
-    assert len(files(kept)) == 3
+    assert len(programs(kept)) == 3
     powers = [_program.Program(lambda x, n: x**n, static_argnames="n")(np.asarray(3.0), n=n) for n in (2, 3, 2)]
     assert [float(power) for power in powers] == [9.0, 27.0, 9.0]
-    assert len(files(kept)) == 5
+    assert len(programs(kept)) == 5
 
 
-def unreadable(_):
-    return _store.blake2(b"no pickle at all") + b"no pickle at all"
-
-
-@pytest.mark.parametrize("damage", [lambda b: b[:-7], lambda b: b"", lambda b: b[:60] + b"?" + b[61:], unreadable])
+@pytest.mark.parametrize("damage", [lambda b: b[:-7], lambda b: b"", lambda b: b[:60] + b"?" + b[61:], None])
 def test_a_damaged_program_is_made_again(kept, damage):
     assert run()["twice"] == 6.0
-    (file,) = files(kept)
-    file.write_bytes(damage(file.read_bytes()))
+    (file,) = programs(kept)
+    if damage:
+        file.write_bytes(damage(file.read_bytes()))
+    else:
+        kept.private.write(file.name, b"no pickle at all")
     count, result = compiled(run)
     assert (count, float(result["twice"]), result["nothing"]) == (1, 6.0, None)
     assert compiled(run)[0] == 0
@@ -115,18 +117,18 @@ def test_programs_of_other_versions_flags_and_settings_are_not_looked_at(kept, m
     monkeypatch.setattr(jax, "__version__", "0.0.0")
     _program.keep_programs(kept.folder)
     assert compiled(run)[0] == 1
-    assert len(files(kept)) == 4
+    assert len(programs(kept)) == 4
 
 
 def test_programs_not_used_for_longest_give_way(kept):
     run()
-    (first,) = files(kept)
+    (first,) = programs(kept)
     os.utime(first, (1.0, 1.0))
     kept.limit = int(2.5 * first.stat().st_size)
     run([1.0])
-    assert first in files(kept)
+    assert first in programs(kept)
     run([1.0, 2.0])
-    assert first not in files(kept) and len(files(kept)) == 2
+    assert first not in programs(kept) and len(programs(kept)) == 2
 
 
 def test_no_file_but_programs_is_ever_removed(kept, tmp_path):
@@ -189,7 +191,7 @@ def test_a_folder_that_others_may_write_is_refused_and_one_that_cannot_be_made_k
     store.save("key", None)
     tmp_path.chmod(0o777)
     assert _store.Store(tmp_path).own_folder is None
-    assert "(chmod 700)" in capsys.readouterr().err
+    assert "a change of its mode does not undo that. Remove it" in capsys.readouterr().err
 
 
 def test_the_folder_is_in_the_cache_of_the_user_unless_the_environment_says_otherwise(tmp_path, monkeypatch):
@@ -206,9 +208,9 @@ def test_arguments_that_the_program_was_not_compiled_for_are_left_to_jit(kept):
     """Traced ones and those spread over devices have no executable of their own."""
     program = _program.Program(double)
     assert jax.jit(lambda x: program(x)["twice"])(2.0) == 4.0
-    assert not files(kept)
+    assert not programs(kept)
     assert program(jnp.asarray(2.0))["twice"] == 4.0
-    assert len(files(kept)) == 1
+    assert len(programs(kept)) == 1
 
 
 def test_a_program_whose_result_holds_functions_is_not_kept_and_runs(kept):
@@ -218,3 +220,105 @@ def test_a_program_whose_result_holds_functions_is_not_kept_and_runs(kept):
     value, pull = _program.Program(pulled)(np.asarray(1.0))
     assert float(pull(np.asarray(1.0))[0]) == pytest.approx(np.sin(2.0), rel=1e-12)  # d sin2 = sin 2x
     assert float(value) == pytest.approx(np.sin(1.0) ** 2, rel=1e-12)
+
+
+def planted(content):
+    """What another user writes who knows how files look, but not the key of the folder."""
+    seal = hashlib.blake2b(content, key=bytes(32), digest_size=32).digest()
+    return content + seal
+
+
+class Harmful:
+    """An object whose pickle does harm where it is read."""
+
+    def __reduce__(self):
+        return exec, ("import os; os.environ['JAXHB_HARMED'] = 'yes'",)
+
+
+def test_a_program_that_was_planted_is_never_read_and_is_made_again(kept):
+    run()
+    (file,) = programs(kept)
+    file.write_bytes(planted(pickle.dumps(Harmful())))
+    assert compiled(run)[0] == 1 and "JAXHB_HARMED" not in os.environ
+    assert compiled(run)[0] == 0
+
+
+def test_a_program_under_the_name_of_another_is_damage_and_is_made_again(kept):
+    """Sound in itself, and its arguments alike."""
+
+    def power(n):
+        return float(_program.Program(lambda x, n: x**n, static_argnames="n")(np.asarray(3.0), n=n))
+
+    assert power(2) == 9.0
+    (first,) = programs(kept)
+    assert power(3) == 27.0
+    (second,) = set(programs(kept)) - {first}
+    second.write_bytes(first.read_bytes())
+    assert power(3) == 27.0 and second.read_bytes() != first.read_bytes()
+
+
+IN_PLACE = {
+    "a pipe": lambda path, aside: os.mkfifo(path),
+    "a link": lambda path, aside: path.symlink_to(aside),
+    "a folder": lambda path, aside: path.mkdir(),
+}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+@pytest.mark.parametrize("kind", IN_PLACE)
+def test_what_is_no_file_in_place_of_a_program_is_neither_waited_for_nor_followed(kept, tmp_path, kind):
+    run()
+    (file,) = programs(kept)
+    aside = file.rename(tmp_path / "aside")
+    content = aside.read_bytes()
+    IN_PLACE[kind](file, aside)
+    assert compiled(run)[0] == 1 and compiled(run)[0] == (kind == "a folder")  # which nobody removes
+    assert (file.is_file() or kind == "a folder") and not file.is_symlink() and aside.read_bytes() == content
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="no modes of files")
+@pytest.mark.parametrize("name", [_private.KEY, "program"])
+def test_a_file_that_others_could_write_counts_for_nothing(kept, name):
+    run()
+    (file,) = programs(kept)
+    (file if name == "program" else file.with_name(name)).chmod(0o666)
+    _program.keep_programs(kept.folder)
+    assert compiled(run)[0] == 1 and compiled(run)[0] == 0
+    assert all(not stat.S_IMODE(path.stat().st_mode) & 0o077 for path in kept.own_folder.iterdir())
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() != 0, reason="only root gives files away")
+@pytest.mark.parametrize("name", [_private.KEY, "program", "."])
+def test_what_another_user_owns_counts_for_nothing(kept, name, capsys):
+    run()
+    (file,) = programs(kept)
+    os.chown({"program": file}.get(name, file.parent / name), 12345, -1)
+    _program.keep_programs(kept.folder)
+    assert compiled(run)[0] == 1
+    assert ("Remove it with all that is in it" in capsys.readouterr().err) == (name == ".")
+
+
+def test_what_jax_would_find_of_others_is_removed_before_it_looks(kept, tmp_path):
+    folder = kept.jax_folder()
+    names = {"mine": 0o600, "open to others": 0o666}
+    for name, mode in names.items():
+        (folder / name).write_text("")
+        (folder / name).chmod(mode)
+    (folder / "link").symlink_to(tmp_path)
+    assert [path.name for path in kept.jax_folder().iterdir()] == ["mine"] and tmp_path.is_dir()
+    folder.chmod(0o777)
+    assert kept.jax_folder() is None
+
+
+def test_files_keep_their_modes_and_no_link_leads_what_is_written_elsewhere(tmp_path, monkeypatch):
+    report, new, elsewhere = (tmp_path / name for name in ("report.json", "new.json", "elsewhere"))
+    report.write_text("old")
+    report.chmod(0o600)
+    elsewhere.write_text("not mine to change")
+    monkeypatch.setattr("secrets.token_hex", lambda count: "guessed")
+    (tmp_path / f".new.json.guessed.{os.getpid()}.part").symlink_to(elsewhere)
+    _files.write_whole({report: [b"new"]})
+    assert report.read_text() == "new" and stat.S_IMODE(report.stat().st_mode) == 0o600
+    with pytest.raises(FileExistsError):
+        _files.write_whole({new: [b"new"]})
+    assert elsewhere.read_text() == "not mine to change"

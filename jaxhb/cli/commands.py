@@ -48,14 +48,15 @@ def tune(train, given, plot, quiet, **options):
 
     names = ("rpm", "optimizer", "robust", "steps", "starts", "seed", "tolerance")
     asked = read_table(train, {name: options[name] for name in names if options[name] is not None})
+    kept = Kept([train], ("tune", asked))
     with Progress(0 if "robust" in asked else asked.get("steps", 0), quiet=quiet) as progress:  # steps of several
         files = _TunedFiles(given, train, asked["rpm"], progress)
         progress.say("solving the scene as it is")
-        try:
-            result = search(train, **asked, on_start=files.begin, on_step=files.note)
-        except KeyboardInterrupt as stop:
-            stop.add_note(files.left())
-            raise
+
+        def compute(folder):
+            return search(train, **asked, on_start=files.begin, on_step=files.note, out=folder)
+
+        result = kept.run(compute, lambda: files.left() + (f"; {GOES_ON}" if kept.folder else ""))
     record = tuned_record(train, asked, result)
     files.write(result.after.parameters, record)
     if plot:
@@ -68,7 +69,10 @@ def tune(train, given, plot, quiet, **options):
         print(f"\n{check_text(checked)}")
     print(f"\nThe tuned scene is {given.output}, all numbers are in {given.json}.")
     if result.interrupted:
+        if kept.folder:
+            print(f"It was stopped; {GOES_ON}.")
         return output.INTERRUPTED
+    kept.forget()
     return output.ANSWERED if result.after.solved.all() else output.NOT_ANSWERED
 
 
@@ -171,11 +175,10 @@ def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet,
         for value in values:  # what is refused is refused before anything is computed or written
             train.replace({name: value})
     files = _SweepFiles(train, given, axis)
-    kept = Kept([train], (axis, values, rpm, direction, asked, chunk))
-    kept.folder = None if folder else kept.folder
+    kept = Kept([train], ("sweep", axis, values, rpm, direction, asked, chunk), elsewhere=folder)
 
-    def compute(own):
-        how = {"direction": direction or "up", "kept": {"out": folder or own, "chunk": chunk}}
+    def compute(place):
+        how = {"direction": direction or "up", "kept": {"out": place, "chunk": chunk}}
         how |= {"progress": progress.advance, "told": files.note}
         if axis == SPEED:
             return answer_speeds(train, values, asked, say=progress.say, **how)
@@ -183,7 +186,7 @@ def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet,
         return answer_values(train, rpm[0], axis, values, asked, **how)
 
     with Progress(len(values), quiet=quiet) as progress:
-        found = kept.run(compute, lambda: files.left(len(values)) + (f"; {GOES_ON}" if folder or kept.folder else ""))
+        found = kept.run(compute, lambda: files.left(len(values)) + (f"; {GOES_ON}" if kept.folder else ""))
         progress.say("reading the results")
         output.deliver(
             given,

@@ -97,7 +97,12 @@ class Command(click.Command):
         def run(train, given):
             return function(train, SimpleNamespace(**given), **given)
 
-        return run(train, given) if train is not None else operating_modes.each(run, given, asked, read)
+        if train is not None:
+            return run(train, given)
+        from jaxhb.cli.resume import as_one
+
+        with as_one():
+            return operating_modes.each(run, given, asked, read)
 
     def parse_args(self, ctx, args):
         """As click, but for what the class says; every fault knows its command."""

@@ -29,6 +29,7 @@ from jaxhb.report.text import cases as told
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.tolerances import tolerance_parts
 from jaxhb.report.text.tuned import tuned_parts
+from jaxhb.results.checkpoint import place_in
 from jaxhb.scene.files import _find, load_scene, scene_description
 from jaxhb.scene.input_files import read_bytes
 from jaxhb.scene.writer import element_files, elements_of, scene_text
@@ -61,10 +62,11 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
         for answers in [case.answers for case in cases] if certify else []:
             certificate = certificate_of(answers[place], progress.say)
             answers[place] = dataclasses.replace(answers[place], certificate=certificate)
-        (second, tuning), shown = (_tuned(train, progress) if tune else (other, ())), shown_misfire(cases)
+        second, tuning = _tuned(train, progress, place_in(folder, TUNED)) if tune else (other, ())
+        shown = shown_misfire(cases)
         designs = _second_designs(second, shown, given, each) if second else {}
-        own = folder / SECOND if folder and not tune else None
-        known = _tolerances(train, rpm, given, progress.say) if given.tolerances else ()
+        own = place_in(folder, "of the tuned design" if tune else SECOND)
+        known = _tolerances(train, rpm, given, progress.say, place_in(folder, "tolerances")) if given.tolerances else ()
         return cases, place, solve_cases(designs, rpm, asked, folder=own, **tell), tuning, known
 
     runs = len(designs) + tune + bool(misfire and (other or tune))
@@ -106,21 +108,21 @@ def _checked_page(train, given):
     return load_scene(given.tuned) if given.tuned else None
 
 
-def _tuned(train, progress):
+def _tuned(train, progress, folder):
     """The train tuned as its [tune] table asks, and words and tables on that."""
     from jaxhb.design.tuning import tune
 
     asked = read_table(train)
     progress.say("tuning, as the [tune] table asks")
     line = "tuning: step {0.number}, objective {0.objective:.4g}"
-    result = tune(train, **asked, on_step=lambda step: progress.say(line.format(step)))
+    result = tune(train, **asked, on_step=lambda step: progress.say(line.format(step)), out=folder)
     return result.train, tuple(tuned_parts(train, asked, result))
 
 
-def _tolerances(train, rpm, given, say):
+def _tolerances(train, rpm, given, say, folder):
     """Figures, words and tables on what the tolerances of the scene do."""
     asked = {"harmonics": given.harmonics, "tolerance": given.tolerance, "samples": SAMPLE, "progress": say}
-    spread = search(train, rpm=rpm, **asked)
+    spread = search(train, rpm=rpm, **asked, out=folder)
     return *tolerance_figures(spread), *tolerance_parts(spread, check_spread(spread, say))
 
 

@@ -1,5 +1,4 @@
-"""Commands of what is not known exactly: the worst case of tolerances, some speeds at a time, kept until all are done;
-and the worst phase between two engines."""
+"""Commands of what is not known exactly: the worst case of tolerances, and the worst phase between two engines."""
 
 import re
 
@@ -10,7 +9,7 @@ from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.design.phases import worst_phase
 from jaxhb.design.quantities import QUANTITIES, Objective, unit_of
 from jaxhb.design.tolerances import read_tolerances
-from jaxhb.design.worst_case import ARRAYS, Spread, default_quantities, joined, tolerance as search
+from jaxhb.design.worst_case import tolerance as search
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.report.compute import check_spread
 from jaxhb.report.figures.speeds import plot_tolerance
@@ -20,8 +19,6 @@ from jaxhb.report.selection import train_name
 from jaxhb.report.text.columns import from_rows, plain_number
 from jaxhb.report.text.tolerances import tolerance_parts, tolerance_record, tolerance_rows
 
-TOGETHER = 8  # speeds that are searched and kept together
-
 
 def tolerance(train, given, rpm, of, samples, seed, plot, quiet, **_):
     """What the tolerances of a scene do to its response."""
@@ -29,24 +26,13 @@ def tolerance(train, given, rpm, of, samples, seed, plot, quiet, **_):
     asked = {"samples": samples or 0, "seed": seed or 0, "harmonics": given.harmonics, "tolerance": given.tolerance}
     quantities = tuple(map(asked_quantity, of))
     kept = Kept([train], ("tolerance", rpm, quantities, tolerances, asked))
-    with Progress(len(rpm), quiet=quiet) as progress:
-        progress.say("solving the scene as it is")
-        quantities = quantities or default_quantities(train, np.array(rpm))
-        asked |= {"of": quantities, "tolerances": tolerances, "progress": progress.say}
-        parts = []
+    with Progress(quiet=quiet) as progress:
 
         def compute(folder):
-            parts.clear()
-            for first in range(0, len(rpm), TOGETHER):
-                parts.append(_part(train, rpm[first : first + TOGETHER], asked, folder))
-                progress.advance(len(parts[-1].rpm))
-            return joined(parts)
+            return search(train, rpm=np.array(rpm), of=quantities, **asked, progress=progress.say, out=folder)
 
-        def left():
-            done = sum(len(part.rpm) for part in parts)
-            return f"{done} of {len(rpm)} speeds are done" + (f"; {GOES_ON}" if kept.folder else "")
-
-        spread = kept.run(compute, left)
+        left = f"no file is written, but what was found is kept; {GOES_ON}"
+        spread = kept.run(compute, lambda: left if kept.folder else "nothing more is written")
         checked = check_spread(spread, progress.say)
     output.deliver(
         given,
@@ -69,21 +55,6 @@ def asked_quantity(text):
         known = 'write "QUANTITY of ELEMENT", as "tooth force of crank gear|idler"'
         raise output.OutputError(f"--of: {text!r}: {known}.{suggestion(name, QUANTITIES)}")
     return Objective(quantity=name, of=element, order=order)
-
-
-def _part(train, rpm, asked, folder):
-    """The Spread of a few speeds, as it was kept or computed and kept now."""
-    path = folder / f"{rpm[0]:.6g}.npz" if folder else None
-    if path and path.is_file():
-        with np.load(path) as kept:
-            arrays = {name: kept[name] for name in (*ARRAYS, "drawn")}
-            solves = int(kept["evaluations"])
-        return Spread(train, asked["of"], asked["tolerances"], **arrays, evaluations=solves)
-    spread = search(train, rpm=np.array(rpm), **asked)
-    if path:
-        folder.mkdir(parents=True, exist_ok=True)
-        np.savez(path, **{name: getattr(spread, name) for name in (*ARRAYS, "drawn", "evaluations")})
-    return spread
 
 
 def phase(train, given, rpm, name, of, phases, quiet, **_):

@@ -11,6 +11,7 @@ import optax
 from jaxhb._shown import counts
 from jaxhb.design.evaluation import Aim, where
 from jaxhb.elements.elements import SceneError
+from jaxhb.results.checkpoint import computed
 from jaxhb.results.status import Status
 
 OPTIMIZERS = {"lbfgs": optax.scale_by_lbfgs, "adam": optax.scale_by_adam}
@@ -48,7 +49,12 @@ class Step:
 class Descent:
     """The designs of all starts as they are now, the best ones, and the history of the best of all."""
 
-    def __init__(self, evaluator, optimizer, *, rate, widths, improvement, patience, on_step, on_start=None):
+    def __init__(
+        self, evaluator, optimizer, *, rate, widths, improvement, patience, on_step, on_start=None, keep=computed
+    ):
+        """``keep`` as of :func:`jaxhb.results.checkpoint.keeper`: an evaluation follows from those before, so that a
+        descent whose evaluations are kept goes on with the same numbers."""
+        self.keep = keep
         self.evaluator, self.searching, self.rate = evaluator, optimizer == "lbfgs", rate
         self.widths, self.improvement, self.patience = widths, improvement, patience
         self.on_step, self.on_start = on_step, on_start
@@ -68,7 +74,13 @@ class Descent:
 
     def _at(self, z, near, **options):
         self.evaluations += 1
-        return self.evaluator.at(z, near, self.aim, **options)
+        asked = {name: value for name, value in options.items() if name != "on_lanes"}
+        question = self.evaluations, z, self.aim, asked
+
+        def compute():
+            return jax.tree.map(np.asarray, self.evaluator.at(z, near, self.aim, **options))
+
+        return self.keep(question, compute)
 
     def _first(self, z):
         """The starts, solved; objectives from now on are shares of those of the train as it is."""

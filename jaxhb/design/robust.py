@@ -6,6 +6,7 @@ response is on average what 95 % stay below.
 """
 
 import dataclasses
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from jaxhb._shown import brief
 from jaxhb.design.tolerances import box_of
 from jaxhb.design.worst_case import tolerance as search
 from jaxhb.elements.elements import SceneError
+from jaxhb.results.checkpoint import place_in
 
 KINDS = "worst", "p95"
 ROUNDS = 4  # searches for worse trains, each followed by a tuning
@@ -82,14 +84,15 @@ def check_robust(train, kind, tolerances, peaks):
         raise SceneError(faults)
 
 
-def tune_robust(train, rpm, given, tolerances, kind, seed, tuned, **accuracy):
+def tune_robust(train, rpm, given, tolerances, kind, seed, tuned, *, out=None, **accuracy):
     """The robust Tuning. ``tuned(train, speeds, scatter)`` makes a Tuning with lanes at indices ``speeds`` of ``rpm``,
     and the largest response to each objective ``(Q,)`` of all its lanes."""
     every, box = np.arange(len(rpm)), box_of(train, tolerances, given)
-    shares = np.repeat(box.unbounded(train)[None], len(every), axis=0)
+    shares, searches = np.repeat(box.unbounded(train)[None], len(every), axis=0), itertools.count()
 
     def spread_of(design, samples=0):
         own = {"of": given, "tolerances": moved(tolerances, train, design), "samples": samples, "seed": seed + 1}
+        own["out"] = place_in(out, f"search {next(searches)}")
         return search(design, rpm=rpm, bounds=False, **own, **accuracy)
 
     nominal, largest = tuned(train, every, None)

@@ -1,8 +1,10 @@
 """Tuning: the numbers of a train that make a response small over a range of speeds, by gradient."""
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from jaxhb.design.quantities import Objective, Parameter, Penalty, check_all, la
 from jaxhb.design.robust import Robustness, check_robust, tune_robust
 from jaxhb.design.tolerances import Tolerance, check_tolerances, read_tolerances
 from jaxhb.elements.elements import SceneError
+from jaxhb.results.checkpoint import Cached, keeper, place_in
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
@@ -63,6 +66,7 @@ def tune(
     tolerances: Sequence[Tolerance] = (),
     on_step: Callable[[Step], object] | None = None,
     on_start: Callable[[Reading], object] | None = None,
+    out: str | Path | Cached | None = None,
 ) -> Tuning:
     """Change numbers of a train so that response quantities become small over a range of speeds.
 
@@ -106,6 +110,9 @@ def tune(
     on_step, on_start : callable, optional
         Called with every :class:`Step`; and with the :class:`Reading` of the train as it is, again and again while its
         speeds are solved before the first step.
+    out : path, optional
+        A folder to which every evaluation is written: the same call goes on where it was stopped, with the same numbers
+        to the last bit. :class:`jaxhb.CheckpointError` where it holds anything else, or cannot be written.
 
     Returns
     -------
@@ -134,13 +141,21 @@ def tune(
     options |= {"on_step": on_step or (lambda step: None), "on_start": on_start}
     drawn = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, len(task.parameters)))
 
+    asked = {"answers": "designs", "speeds": rpm, "task": task, "optimizer": optimizer, "steps": steps, "rate": rate}
+    asked |= {"starts": starts, "seed": seed, "widths": widths, "improvement": improvement, "patience": patience}
+    asked |= {"peaks": peaks, "robust": robust, "within": tuple(tolerances), **vars(request)}
+    stages = itertools.count()
+
     def tuned(train, speeds, scatter):
+        # Of a robust tuning every stage has a folder of its own.
+        place = out if robust is None else place_in(out, f"tuning {next(stages)}")
+        keep = keeper(place, train, asked | {"lanes": (speeds, scatter)})
         own = tuple(
             dataclasses.replace(one, weights=tuple(np.array(one.weights)[speeds])) if one.weights else one
             for one in given
         )
         evaluator = Evaluator(train, rpm[speeds], dataclasses.replace(task, objectives=own), request, peaks, scatter)
-        descent = Descent(evaluator, optimizer, **options)
+        descent = Descent(evaluator, optimizer, **options, keep=keep)
         z = np.concatenate([task.unbounded(train)[None], np.log(drawn / (1 - drawn))])
         return _result(train, rpm, evaluator, descent, *descent.run(z, steps))
 
@@ -150,7 +165,7 @@ def tune(
     check_tolerances(train, tolerances)
     check_robust(train, robust, tolerances, peaks)
     accuracy = {"harmonics": harmonics, "tolerance": tolerance}
-    return tune_robust(train, rpm, given, tolerances, robust, seed, tuned, **accuracy)
+    return tune_robust(train, rpm, given, tolerances, robust, seed, tuned, **accuracy, out=out)
 
 
 def _result(train, rpm, evaluator, descent, first, best, stopped, interrupted):

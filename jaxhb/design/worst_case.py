@@ -9,6 +9,8 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -22,6 +24,7 @@ from jaxhb.design.evaluation import Evaluator, pull_back, where
 from jaxhb.design.quantities import QUANTITIES, Objective, label, objective_faults
 from jaxhb.design.tolerances import Tolerance, box_of, check_tolerances, read_tolerances
 from jaxhb.elements.elements import SceneError
+from jaxhb.results.checkpoint import Cached, keeper
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
@@ -34,7 +37,7 @@ EXPLORED_LINEAR = 64  # trains where no tooth separates, from which searches may
 GAIN, PATIENCE = 1e-3, 2  # share of the value below which a step has won nothing; so many of them end a search
 ASCENT, CURVED = 1e-4, 1e-8
 """Share of the slope that a step has to win, Armijo's condition; cosine of step and change of the slope at least."""
-ARRAYS = "rpm", "nominal", "slopes", "worst", "shares", "bound", "no_bound", "samples"  # of a Spread, over the speeds
+TOGETHER = 8  # speeds whose searches are solved, and kept, together
 QUANTITIES_ASKED = "tooth force", "shaft torque", "damper power", "stress over continuous limit"
 
 
@@ -146,6 +149,7 @@ def tolerance(
     tolerance: float = 0.01,
     bounds: bool = True,
     progress: Callable[[str], object] | None = None,
+    out: str | Path | Cached | None = None,
 ) -> Spread:
     """What the tolerances of a train do to its response at some speeds.
 
@@ -184,6 +188,10 @@ def tolerance(
         Whether bounds are asked for, which take up to some seconds for each speed and quantity.
     progress : callable, optional
         Told in a sentence what is computed.
+    out : path, optional
+        A folder to which what is found is written as the search goes: the same call goes on where it was stopped, with
+        the same numbers to the last bit. :class:`jaxhb.CheckpointError` where it holds anything else, or cannot be
+        written.
 
     Examples
     --------
@@ -205,7 +213,9 @@ def tolerance(
     if faults:
         raise SceneError([f"{train.topology.title}, quantity {name!r}: {text}" for name, text in faults])
     request = Request.of(train, harmonics, tolerance, integrals="sampled")
-    search = _Search(train, rpm, box_of(train, tolerances, of), request, progress or (lambda text: None))
+    asked = {"answers": "worst cases", "speeds": rpm, "quantities": of, "tolerances": tolerances, "seed": seed}
+    keep = keeper(out, train, asked | {"samples": samples, "bounds": bounds, **vars(request)})
+    search = _Search(train, rpm, box_of(train, tolerances, of), request, progress or (lambda text: None), keep)
     search.start()
     drawn = search.box.sample(samples, seed) if samples else np.zeros((0, len(tolerances)))
     sampled = search.sampled(drawn)
@@ -218,13 +228,6 @@ def tolerance(
     found = {"worst": worst, "shares": shares, "bound": bound, "no_bound": no_bound}
     found |= {"rpm": rpm, "nominal": search.nominal, "slopes": search.slopes, "samples": sampled, "drawn": drawn}
     return Spread(train, of, tolerances, **found, evaluations=search.evaluations)
-
-
-def joined(spreads: Sequence[Spread]) -> Spread:
-    """The Spread of the speeds of all, which ask the same."""
-    along = {name: np.concatenate([getattr(one, name) for one in spreads]) for name in ARRAYS}
-    evaluations = sum(one.evaluations for one in spreads)
-    return dataclasses.replace(spreads[0], **along, evaluations=evaluations)  # type: ignore[arg-type]
 
 
 def default_quantities(train, rpm):
@@ -245,13 +248,43 @@ def default_quantities(train, rpm):
 
 
 class _Search:
-    """The lanes of a question: nominal ones, and those that climb."""
+    """The lanes of a question: nominal ones, and those that climb.
 
-    def __init__(self, train, rpm, box, request, say):
-        self.train, self.rpm, self.box, self.say = train, rpm, box, say
+    Its work comes in parts, each of at most so many lanes and kept when it is done (:meth:`_part`), so that neither
+    memory nor what is lost when it is stopped grows with the speeds.
+    """
+
+    def __init__(self, train, rpm, box, request, say, keep):
+        self.train, self.rpm, self.box, self.say, self.keep = train, rpm, box, say, keep
         self.evaluator = Evaluator(train, rpm, box, request)
-        self.room = 3 * len(rpm) * len(box.objectives)  # lanes of three searches for each speed and quantity
-        self.evaluations = 0
+        # Lanes of three searches for each speed and quantity.
+        self.room = 3 * min(len(rpm), TOGETHER) * len(box.objectives)
+        self.evaluations = self.parts = 0
+        self.tried = [{} for _ in rpm]
+        """Of every speed the responses (Q,) of the trains tried there, nan of those lost, by their shares."""
+
+    def _part(self, compute):
+        """What the next part of the work gives, computed or as it was kept, with all trains that it tried."""
+        self.parts += 1
+        self.log = []
+
+        def work():
+            value = compute()
+            tried = tuple(map(np.array, zip(*self.log, strict=True)))
+            return {"value": value, "tried": tried, "evaluations": self.evaluations}
+
+        part = self.keep(self.parts, work)
+        for i, u, responses in zip(*part["tried"], strict=True):
+            z = tuple(u.tolist())
+            self.tried[i][z] = np.fmax(self.tried[i].get(z, responses), responses)
+        self.evaluations = part["evaluations"]
+        return part["value"]
+
+    def _in_parts(self, lanes, compute):
+        """``compute`` of so many of a list of lanes at a time."""
+        return [
+            self._part(partial(compute, lanes[first : first + self.room])) for first in range(0, len(lanes), self.room)
+        ]
 
     def _solve(self, u, near, which=True, rescues=0):
         """Lanes of shares u ``(A, P)`` near a Point: responses ``(A, Q)``, nan where not solved or not ``which``, the
@@ -271,41 +304,50 @@ class _Search:
             by = np.asarray(pull_back(pull, lanes.pulled(np.where(solved, chosen, 0.0)[:, None, :])))
             return np.where(np.isfinite(by), by, 0.0)[:count]
 
-        return np.where(solved, lanes.point.exact[:, 0], np.nan)[:count], _take(lanes.point, slice(count)), slopes
+        responses = np.where(solved, lanes.point.exact[:, 0], np.nan)[:count]
+        return responses, jax.tree.map(np.asarray, _take(lanes.point, slice(count))), slopes
 
     def start(self):
         """The train as it is at all speeds, with harmonics enough: a Point of n lanes, nominal values and slopes."""
         self.say("solving the scene as it is")
+        self.nominal, self.point, self.slopes = self._part(self._started)
+        self.main = np.argmax(np.abs(self.slopes), axis=2)  # the number that moves a response most; nan counts as such
+        for tried, responses in zip(self.tried, self.nominal, strict=True):
+            tried[tuple(self.box.unbounded(self.train).tolist())] = responses
+
+    def _started(self):
         begin = self.evaluator.unsolved(self.box.unbounded(self.train)[None])
         point = jax.tree.map(lambda leaf: np.moveaxis(leaf, 0, 1), begin)  # a lane for each speed
         point = dataclasses.replace(point, z=np.repeat(begin.z, len(self.rpm), axis=0))
         while point is not None:
-            self.nominal, self.point, slopes = self._solve(point.z, point, rescues=1)
-            point = self.evaluator.finer(self.point, self.point.solved)
+            nominal, solved, slopes = self._solve(point.z, point, rescues=1)
+            point = self.evaluator.finer(solved, solved.solved)
         every = [slopes(np.full(len(self.rpm), j)) for j in range(len(self.box.objectives))]
-        self.slopes = np.where(np.isfinite(self.nominal)[..., None], np.stack(every, axis=1), np.nan)
-        self.main = np.argmax(np.abs(self.slopes), axis=2)  # the number that moves a response most; nan counts as such
-        # Of every speed the responses (Q,) of the trains tried there, nan of those lost, by their shares.
-        self.tried = [{tuple(self.box.unbounded(self.train)): own} for own in self.nominal]
+        return nominal, solved, np.where(np.isfinite(nominal)[..., None], np.stack(every, axis=1), np.nan)
 
     def _at(self, speed, u, which=True, near=None):
         """As :meth:`_solve`, of lanes at speeds of index ``(A,)``; all that is solved counts for all quantities."""
         found = self._solve(u, _take(self.point, speed) if near is None else near, which)
-        for i, z, own, asked in zip(speed, map(tuple, u), found[0], np.broadcast_to(which, len(u)), strict=True):
+        lanes = zip(speed.tolist(), map(tuple, u.tolist()), found[0], np.broadcast_to(which, len(u)), strict=True)
+        for i, z, responses, asked in lanes:
             if asked:
-                self.tried[i][z] = np.fmax(self.tried[i].get(z, own), own)
+                self.tried[i][z] = np.fmax(self.tried[i].get(z, responses), responses)
+                self.log.append((i, z, responses))
         return found
 
     def sampled(self, drawn, which=True):
         """Responses ``(n, S, Q)`` of a sample, its lanes near those of the train as it is, at speeds ``which``."""
         speeds = np.flatnonzero(self.point.solved[:, 0] & which)
         found = np.full((len(self.rpm), len(drawn), len(self.box.objectives)), np.nan)
-        together = max(1, self.room // max(len(speeds), 1))
-        for first in range(0, len(drawn) if len(speeds) else 0, together):
-            self.say(f"{first} of {len(drawn)} trains within the tolerances")
-            own = drawn[first : first + together]
-            values = self._at(np.tile(speeds, len(own)), np.repeat(own, len(speeds), axis=0))[0]
-            found[speeds, first : first + together] = np.moveaxis(values.reshape(len(own), len(speeds), -1), 0, 1)
+        lanes = [(k, i) for k in range(len(drawn)) for i in speeds]
+
+        def solved(part):
+            k, i = np.array(part).T
+            self.say(f"{k[0]} of {len(drawn)} trains within the tolerances")
+            return self._at(i, drawn[k])[0]
+
+        for (k, i), values in zip(lanes, itertools.chain(*self._in_parts(lanes, solved)), strict=True):
+            found[i, k] = values
         return found
 
     def explore(self, seed):
@@ -320,26 +362,35 @@ class _Search:
             across = np.where(np.arange(slope.shape[1]) == main[:, None], -toward, toward)
             pointed += [(speeds, toward), (speeds, across)]
         for corner in self.box.corners(seed):
-            values, _, slopes = self._at(speeds, np.tile(corner, (len(speeds), 1)))
-            for j, solved in enumerate(np.isfinite(values).T):
-                slope = slopes(np.full(len(speeds), j))[solved]
-                pointed.append((speeds[solved], np.where(slope, np.sign(slope), corner)))
+            pointed += itertools.chain(*self._in_parts(speeds, partial(self._pointed, corner)))
         self._visit(*map(np.concatenate, zip(*pointed, strict=True)))
+
+    def _pointed(self, corner, speeds):
+        """Of each quantity the speeds at which the train of a corner is solved, and the corners to which it points."""
+        values, _, slopes = self._at(speeds, np.tile(corner, (len(speeds), 1)))
+        pointed = []
+        for j, solved in enumerate(np.isfinite(values).T):
+            slope = slopes(np.full(len(speeds), j))[solved]
+            pointed.append((speeds[solved], np.where(slope, np.sign(slope), corner)))
+        return pointed
 
     def _visit(self, speed, u):
         """Solve trains of shares u ``(A, P)``, at speeds of index ``(A,)``, that have not been tried there."""
-        lanes = [(i, tuple(z)) for i, z in zip(speed, u, strict=True)]
-        fresh = dict.fromkeys((i, z) for i, z in lanes if z not in self.tried[i])
-        for first in range(0, len(fresh), self.room):
-            speed, u = zip(*list(fresh)[first : first + self.room], strict=True)
+        lanes = [(int(i), tuple(np.asarray(z).tolist())) for i, z in zip(speed, u, strict=True)]
+        fresh = list(dict.fromkeys((i, z) for i, z in lanes if z not in self.tried[i]))
+
+        def solve(part):
+            speed, u = zip(*part, strict=True)
             self._at(np.array(speed), np.array(u))
+
+        self._in_parts(fresh, solve)
 
     def climb(self):
         """Search for the worst case of every speed and quantity from the best of all trains solved so far, from the
         train as it is, and from the best on the other side of the number that moves it most, where it promises as much;
         all side by side. Then from the worst cases of the speeds beside it, where these are worse here: where motions
         coexist, slopes of one know nothing of others."""
-        starts, begin = [], self.box.unbounded(self.train)
+        starts, begin = [], tuple(self.box.unbounded(self.train).tolist())
         for i, j in np.argwhere(np.isfinite(self.nominal)):
             u, responses = _arrays(self.tried[i])
             values = responses[:, j]
@@ -348,14 +399,14 @@ class _Search:
             across = np.abs(u - u[first])[:, self.main[i, j]] > APART
             promising = [k for k in order[1:] if across[k] and values[k] > PROMISING * values[first]]
             # A climb from a corner mostly ends at one; that from the middle finds what is largest inside the range.
-            own = dict.fromkeys(map(tuple, [u[first], begin, *u[promising[:1]]]))
-            starts += [(i, j, z) for z in own]
+            places = dict.fromkeys([tuple(u[first].tolist()), begin, *(tuple(u[k].tolist()) for k in promising[:1])])
+            starts += [(i, j, z) for z in places]
         by_speed = [i for i in np.argsort(self.rpm) if self.point.solved[i, 0]]
         beside = [*itertools.pairwise(by_speed), *itertools.pairwise(by_speed[::-1])]
         for _ in range(ROUNDS):
             if not starts:
                 return
-            self._ascend(*map(np.array, zip(*starts, strict=True)))
+            self._in_parts(starts, lambda part: self._ascend(*map(np.array, zip(*part, strict=True))))
             worst, shares = self.worst()
             lanes = [(i, u) for other, i in beside for u in shares[other]]
             self._visit([i for i, _ in lanes], [u for _, u in lanes])
@@ -364,13 +415,18 @@ class _Search:
 
     def bounded(self, harmonics):
         """Bounds and why there is none ``(n, Q)``; what is larger than all found so far on their way is solved too."""
-        self.say("bounds over all trains within the tolerances")
         worst, _ = self.worst()
-        bound, no_bound, places = bounds_over_box(self.train, self.rpm, self.box, worst, harmonics)
-        if places:
-            speed, u = zip(*places, strict=True)
-            self._at(np.array(speed), np.array(u))
-        return bound, no_bound
+        bound, no_bound, places = [], [], []
+        for first in range(0, len(self.rpm), TOGETHER):
+            self.say(f"bounds over all trains within the tolerances: {first} of {len(self.rpm)} speeds are done")
+            speeds = slice(first, first + TOGETHER)
+            asked = self.train, self.rpm[speeds], self.box, worst[speeds], harmonics
+            values, why, above = self._part(partial(bounds_over_box, *asked))
+            bound.append(values)
+            no_bound.append(why)
+            places += [(first + i, u) for i, u in above]
+        self._visit([i for i, _ in places], [u for _, u in places])
+        return np.concatenate(bound), np.concatenate(no_bound)
 
     def worst(self):
         """The largest response of all trains solved, by speed and quantity ``(n, Q)``, and its shares ``(n, Q, P)``."""
@@ -402,7 +458,7 @@ class _Search:
                 trial = np.clip(u + length[:, None] * way, -1.0, 1.0)
                 rise = ((trial - u) * slope).sum(axis=1)
                 # What is known to be lost or no larger is not solved again.
-                places = zip(speed, quantity, map(tuple, trial), strict=True)
+                places = zip(speed, quantity, map(tuple, trial.tolist()), strict=True)
                 known = np.array([self.tried[i].get(z, unknown)[j] for i, j, z in places])
                 asked = climbing & (known >= value + ASCENT * rise)
                 values, solved, slopes = self._at(speed, trial, asked, point)

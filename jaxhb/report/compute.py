@@ -2,7 +2,6 @@
 
 import dataclasses
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -132,7 +131,7 @@ def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None,
         own, start = found.setdefault(way, {}), None
         for place in order[::-1] if way == "down" else order:
             changed, value = train.replace({axis.name: values[place]}), float(values[place])
-            folder = {"out": Path(kept["out"]) / f"{way} {place}"} if kept and kept["out"] else {}
+            folder = {"out": kept["out"] / f"{way} {place}"} if kept and kept["out"] else {}
             answer = answer_one(changed, rpm, asked, start=start, kept=folder)
             own[int(place)] = dataclasses.replace(answer, axis=axis, value=value)
             # A motion that is not known is nothing to start from.

@@ -2,9 +2,9 @@
 
 from functools import partial
 
+from jaxhb.results.checkpoint import CHUNK, keeper
 from jaxhb.results.steady import orbit_state
 from jaxhb.solutions.speeds import solve_speeds
-from jaxhb.steady.checkpoint import CHUNK, Checkpoint
 
 
 def orbit_states(train, rpm, *, harmonics=None, tolerance=None, out=None, chunk=None, progress=None, on_states=None):
@@ -12,12 +12,7 @@ def orbit_states(train, rpm, *, harmonics=None, tolerance=None, out=None, chunk=
     a sweep. Arguments are as of :func:`jaxhb.steady_state`; ``on_states`` is told all states so far."""
     progress, size, states = progress or (lambda count: None), chunk or CHUNK, []
     accuracy = {"harmonics": harmonics, "tolerance": tolerance}
-
-    def keep(question, compute, progress):
-        return compute()
-
-    if out:
-        keep = Checkpoint(out, train, {"answers": "periodic solutions", **accuracy}, size).keep
+    keep = keeper(out, train, {"answers": "periodic solutions", **accuracy}, size)
 
     def solved(speeds):
         found = []

@@ -16,11 +16,11 @@ from jaxhb.balance.plan import Request
 from jaxhb.balance.program import solve_batches
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import fourier
+from jaxhb.results.checkpoint import CHUNK, Checkpoint
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, SteadySweep
 from jaxhb.solutions.planning import plan_speeds
-from jaxhb.steady.checkpoint import CHUNK, Checkpoint
 from jaxhb.steady.classification import APART, ARRIVED, Classifier, state_of, unknown
 from jaxhb.steady.closure import Cycles
 from jaxhb.steady.confirmation import difference

@@ -1,12 +1,13 @@
 """``jaxhb tolerance``: tables, files, what was kept, and what is refused."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from reference_data import reference, text_of
 
 import jaxhb
-from jaxhb.cli.tolerance_command import _part
-from jaxhb.design import Objective, read_tolerances
+from jaxhb.design.evaluation import Evaluator
 
 SCENE = text_of("toleranced_pair.toml")
 
@@ -45,16 +46,55 @@ def test_the_worst_case_is_told_and_written(scene, run):
     assert head.split()[-2] == f"{largest:g}"
 
 
-def test_what_is_kept_of_some_speeds_is_not_computed_again(scene, tmp_path, monkeypatch):
-    train = jaxhb.load_scene(scene)
-    torque = (Objective(quantity="shaft torque", of="a|b"),)
-    asked = {"of": torque, "tolerances": read_tolerances(train), "samples": 0, "seed": 0, "harmonics": 4}
-    first = _part(train, [900.0, 1000.0], asked, tmp_path / "kept")
-    monkeypatch.setattr("jaxhb.cli.tolerance_command.search", None)
-    again = _part(train, [900.0, 1000.0], asked, tmp_path / "kept")
-    np.testing.assert_array_equal(again.worst, first.worst)
-    np.testing.assert_array_equal(again.bound, first.bound)
-    assert again.values(0, 0) == first.values(0, 0) and again.evaluations == first.evaluations
+def same(one, other):
+    """Whether two Spreads hold the same numbers to the last bit."""
+    for field in dataclasses.fields(one):
+        if field.name not in ("train", "of", "tolerances"):
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), field.name)
+
+
+def test_a_search_goes_on_where_it_was_stopped_with_the_same_numbers(scene, tmp_path, monkeypatch):
+    """Stopped after every third part: what it had found is not solved again."""
+    train, rpm = jaxhb.load_scene(scene), np.linspace(900.0, 1200.0, 9)
+    asked = {"samples": 4, "seed": 0, "harmonics": 4}
+    whole = jaxhb.tolerance(train, rpm=rpm, **asked)
+    solved, at_once = Evaluator.solved, []
+
+    def counted(self, z, *args, **options):
+        at_once.append(len(z))
+        if at_once.count(None) < 12 and len(at_once) % 4 == 0:
+            at_once.append(None)
+            raise KeyboardInterrupt
+        return solved(self, z, *args, **options)
+
+    monkeypatch.setattr(Evaluator, "solved", counted)
+    stops, again = 0, None
+    while again is None:
+        try:
+            again = jaxhb.tolerance(train, rpm=rpm, **asked, out=tmp_path / "kept")
+        except KeyboardInterrupt:
+            stops += 1
+    assert 2 < stops < 13
+    same(again, whole)
+    monkeypatch.setattr(Evaluator, "solved", None)
+    same(jaxhb.tolerance(train, rpm=rpm, **asked, out=tmp_path / "kept"), whole)
+
+
+def test_the_command_finds_what_the_function_finds_however_many_the_speeds(scene, run):
+    """More than are solved together; and with other speeds that begin alike nothing of these comes back."""
+    rpm = np.linspace(900.0, 1200.0, 10)
+    called = run(f"tolerance {scene} --rpm 900:1200:10 --harmonics 4", "json")
+    found = jaxhb.tolerance(jaxhb.load_scene(scene), rpm=rpm, harmonics=4)
+    (one,) = called.json["quantities"]
+    assert one["worst"] == found.worst[:, 0].tolist() and one["bound"] == found.bound[:, 0].tolist()
+
+
+def test_a_cache_that_cannot_be_written_is_told_before_the_work_which_goes_on(scene, run, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("JAXHB_CACHE", str(tmp_path / "file"))
+    called = run(f"tolerance {scene} --rpm 900 --harmonics 4", "json")
+    assert called.status == 0 and called.json["quantities"][0]["worst"][0] > 0
+    assert called.err.count("is not kept on disk") == 1 and "Traceback" not in called.err
 
 
 @pytest.mark.parametrize(("line", "sentence"), reference("cases")["tolerances"])

@@ -262,6 +262,36 @@ def test_no_step_that_loses_a_speed_is_accepted(optimizer):
     assert best_of(best) == np.argmin(best.value)
 
 
+def test_a_tuning_goes_on_where_it_was_stopped_with_the_same_numbers(tmp_path, monkeypatch):
+    """Before the first step and after it: no design that was evaluated is evaluated again."""
+    swing = Objective(quantity="shaft torque", of="cyl6|flywheel")
+    pulley = Parameter(name="pulley.inertia", low=0.005, high=0.05)
+    asked = {"parameters": [pulley], "rpm": [1800.0, 2000.0, 2200.0], "objective": swing, "steps": 2}
+    train, at, calls = jaxhb.load_scene("six_cylinder_diesel"), evaluation.Evaluator.at, []
+    whole = jaxhb.tune(train, **asked)
+
+    def stopped(self, *args, **options):
+        calls.append(1)
+        if len(calls) in (2, 5):
+            raise KeyboardInterrupt
+        return at(self, *args, **options)
+
+    monkeypatch.setattr(evaluation.Evaluator, "at", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        jaxhb.tune(train, **asked, out=tmp_path)
+    assert jaxhb.tune(train, **asked, out=tmp_path).interrupted
+    again = jaxhb.tune(train, **asked, out=tmp_path)
+    assert len(calls) == whole.history[-1].evaluations + 2 and not again.interrupted
+    assert again.after.parameters == whole.after.parameters
+
+    def numbers(found):
+        return [dataclasses.replace(step, seconds=0.0) for step in found.history]
+
+    assert numbers(again) == numbers(whole)
+    for label, values in whole.after.readings.items():
+        np.testing.assert_array_equal(again.after.readings[label], values)
+
+
 def test_ctrl_c_returns_the_best_design_so_far_and_its_history():
     def stop(step):
         if step.number == 1:

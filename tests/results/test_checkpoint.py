@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,8 +15,9 @@ import trains
 from reference_data import refused
 
 import jaxhb
+from jaxhb._private import KEY
+from jaxhb.results.checkpoint import MANIFEST, Cached, Checkpoint, CheckpointError, digest
 from jaxhb.results.serial import pack, unpack
-from jaxhb.steady.checkpoint import MANIFEST, CheckpointError
 
 OMEGA = np.array([0.7, 0.8, 1.0, 1.1, 1.2, 1.5])
 """Over the natural frequency: motions with a period of one cycle and of two, and an irregular one."""
@@ -78,14 +80,14 @@ def test_a_sweep_that_is_done_is_only_read(pair, kept):
 def test_a_damaged_file_is_made_again(pair, kept, tmp_path):
     folder, whole = kept
     for path in folder.iterdir():
-        (tmp_path / path.name).write_bytes(path.read_bytes())
+        shutil.copy(path, tmp_path)
     first, second, *_ = sorted(tmp_path.glob("*.npz"))
     (tmp_path / ".half.999999999.part").write_bytes(b"of a process that was killed")
     first.write_bytes(first.read_bytes()[:500])
     second.write_bytes(b"")
     same(swept(pair, tmp_path), whole)
     assert first.read_bytes() == (folder / first.name).read_bytes()
-    assert not list(tmp_path.glob(".*"))
+    assert [path.name for path in tmp_path.glob(".*")] == [KEY]
 
 
 def test_what_a_folder_holds_has_to_be_what_is_asked_for(pair, kept, tmp_path):
@@ -128,7 +130,7 @@ except jaxhb.CheckpointError as error:
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=True)
     assert "cannot be written" in done.stdout and "the same sweep goes on" in done.stdout
-    assert [path.name for path in (tmp_path / "full").iterdir()] == [MANIFEST]
+    assert sorted(path.name for path in (tmp_path / "full").iterdir()) == [KEY, MANIFEST]
 
 
 def test_values_of_other_packages_are_not_kept_and_no_other_class_is_called():
@@ -150,3 +152,55 @@ def test_an_answer_is_the_same_bits_whatever_was_asked_beside_it(pair, kept):
         start = None if state.started_from is None else before
         alone = jaxhb.steady_state(pair, rpm=speed, harmonics=64, start=start)
         same([alone], [dataclasses.replace(state, notes=alone.notes)])
+
+
+def test_a_part_that_was_planted_is_not_believed(pair, tmp_path):
+    """Written as by another user, who knows all but the key; or sound, of another question."""
+    keep = Checkpoint(tmp_path, pair, {}, None).keep
+    assert [keep(number, lambda number=number: number) for number in (3, 9)] == [3, 9]
+    paths = {keep(number, list): path for number, path in zip((3, 9), _by_time(tmp_path), strict=True)}
+    paths[3].write_bytes(paths[9].read_bytes())
+    assert keep(3, lambda: 3) == 3
+    other = Checkpoint(tmp_path / "other", pair, {}, None).keep
+    other(3, lambda: 12)
+    shutil.copy(*(tmp_path / "other").glob("*.npz"), tmp_path)
+    assert keep(3, lambda: 3) == 3
+
+
+def _by_time(folder):
+    return sorted(folder.glob("*.npz"), key=lambda path: path.stat().st_mtime_ns)
+
+
+def test_a_folder_that_others_may_write_is_refused_with_all_that_is_in_it(pair, tmp_path):
+    tmp_path.chmod(0o775)
+    refused(
+        lambda: Checkpoint(tmp_path, pair, {}),
+        "is not yours alone: .* Remove it with all that is in it",
+        CheckpointError,
+    )
+
+
+def test_questions_that_differ_in_the_last_digit_have_answers_of_their_own(pair, tmp_path):
+    speeds = np.array([900.0, np.nextafter(900.0, 901.0)])
+    assert len({digest(speed) for speed in (*speeds, *speeds.tolist(), 900, True, "900.0", [900.0])}) == 8
+    long = np.arange(2000.0)
+    assert digest(long) != digest(np.where(long == 1000.0, 1000.5, long))
+    keep = Checkpoint(tmp_path, pair, {}, None).keep
+    assert [keep(speed, lambda speed=speed: speed) for speed in speeds] == speeds.tolist()
+
+
+def test_work_goes_on_without_a_folder_that_nobody_asked_for_and_says_so(pair, tmp_path):
+    told = []
+    (tmp_path / "file").write_text("")
+    keep = Checkpoint(Cached(tmp_path / "file", told.append), pair, {}, None).keep
+    assert keep("question", lambda: 1) == 1 and keep("question", lambda: 2) == 2
+    assert len(told) == 1 and "cannot be written" in told[0]
+
+
+def test_a_folder_of_the_cache_that_answers_another_question_begins_anew(pair, tmp_path):
+    folder = Cached(tmp_path, pytest.fail)
+    assert Checkpoint(folder, pair, {"a": 1}, None).keep("question", lambda: 1) == 1
+    assert Checkpoint(folder, pair, {"a": 2}, None).keep("question", lambda: 2) == 2
+    (tmp_path / MANIFEST).write_text("[")
+    assert Checkpoint(folder, pair, {"a": 2}, None).keep("question", lambda: 3) == 3
+    assert Checkpoint(folder, pair, {"a": 2}, None).keep("question", lambda: 4) == 3
