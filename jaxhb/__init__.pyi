@@ -78,7 +78,7 @@ from .results.status import NotConverged as NotConverged, Status as Status, chec
 from .results.steady import SteadyState as SteadyState, SteadySweep as SteadySweep
 from .scene.files import load_scene as load_scene, scene_names as scene_names
 from .scene.writer import elements_text as elements_text, scene_text as scene_text
-from .solutions.misfires import misfire_each as misfire_each
+from .solutions.misfires import cut_off_each as cut_off_each, misfire_each as misfire_each
 from .solutions.solve import linear_response as linear_response, plan as plan, solve as solve
 from .solutions.speeds import solve_speeds as solve_speeds
 from .steady.closure import Cycles as Cycles

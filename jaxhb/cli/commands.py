@@ -16,7 +16,7 @@ from jaxhb.report.text.strength import answers_strength, strength_record
 from jaxhb.report.text.sweep_tables import sweep_text
 from jaxhb.report.text.tuned import check_text, parameter_unit, progress_record, start_record, tuned_parts, tuned_record
 from jaxhb.scene.writer import changed_scene, copies_beside
-from jaxhb.solutions.misfires import same_factor
+from jaxhb.solutions.misfires import alike
 from jaxhb.train.changes import scene_values
 
 EACH = "each"
@@ -135,20 +135,24 @@ def check_files(train, given):
 
 
 def misfire_trains(train, given, *, each=False):
-    """Trains by the cylinders that do not fire: under "" that of ``--misfire``; of ``--misfire each``, which some
-    commands take, the train as it runs, and every misfire in turn; these share programs."""
-    if EACH not in given.misfire or EACH in train.topology.cylinder_names:
-        return {"": train.misfire(*given.misfire)}
+    """Trains by the cylinders that do not fire: under "" that of ``--misfire`` and ``--cut-off``; of ``each``, which
+    some commands take, the train as it runs, and every cylinder in turn; these share programs."""
+    asked = {"--misfire": given.misfire, "--cut-off": given.cut_off}
+    every = [option for option, names in asked.items() if EACH in names]
+    if not every or EACH in train.topology.cylinder_names:
+        return {"": train.misfire(*given.misfire).cut_off(*given.cut_off)}
+    option = every[0]
     if not each:
         with_it = "report, forced and campbell take every cylinder in turn"
-        raise output.OutputError(f"--misfire {EACH}: only jaxhb {with_it}. Name one, or use one of them.")
-    if len(given.misfire) > 1:
-        raise output.OutputError(f"--misfire {EACH}: takes every cylinder in turn. Leave out the other --misfire.")
-    trains = train.misfires()
-    if not trains:
+        raise output.OutputError(f"{option} {EACH}: only jaxhb {with_it}. Name one, or use one of them.")
+    if len(given.misfire) + len(given.cut_off) > 1:
+        others = f"Leave out the other {' and '.join(name for name, names in asked.items() if names)}"
+        raise output.OutputError(f"{option} {EACH}: takes every cylinder in turn. {others}.")
+    if not train.topology.firing_cylinders:
         told = "no cylinder of the train fires. Name what misfires, or leave it out"
-        raise output.OutputError(f"--misfire {EACH}: {told}.")
-    return {"": train.replace(same_factor(train))} | trains
+        raise output.OutputError(f"{option} {EACH}: {told}.")
+    cut_off = EACH in given.cut_off
+    return {"": alike(train, cut_off=cut_off)} | (train.cut_offs() if cut_off else train.misfires())
 
 
 def status(failures):

@@ -11,11 +11,12 @@ from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load
 from jaxhb.report.figures.linear import plot_campbell, plot_holzer, plot_modes
 from jaxhb.report.figures.speeds import plot_forced
+from jaxhb.report.files.numbers import not_firing_record
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, deliver, rows_csv
-from jaxhb.report.selection import case_title
+from jaxhb.report.selection import case_title, train_name
 from jaxhb.report.text import forced as told, linear as linear_text
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, table_notes
-from jaxhb.report.text.sentences import remarks_text
+from jaxhb.report.text.sentences import firing_lines, remarks_text
 from jaxhb.report.text.strength import strength_text
 from jaxhb.results.dataset import as_netcdf
 from jaxhb.results.response import with_gaps
@@ -86,23 +87,27 @@ def holzer(train, given, at, links_at, hz, mode, plot, **_):
 
 def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     """Natural frequencies and orders over the speed."""
-    name, trains = train.topology.title, misfire_trains(train, given, each=True)
+    trains = misfire_trains(train, given, each=True)
+    name, lines = train_name(trains[""].topology), firing_lines(*trains.values())
     every, teeth, below, more = _with_teeth(at, links_at, *trains.values())
     orders = orders or {order for one in every for order in excited_orders(one, rpm=rpm)}
     asked = {"rpm": rpm, "orders": orders, "count": modes, "links_at": dict(links_at)}
     misfires = {cylinder: campbell_of(one, **asked) for cylinder, one in zip(trains, every, strict=True)}
     found = misfires.pop("")
+    titles = {cylinder: case_title(trains[cylinder], cylinder) for cylinder in misfires}
     deliver(
         given,
         "\n\n".join(
             [
-                linear_text.campbell_text(found, modes, name, misfires, teeth),
+                linear_text.campbell_text(found, modes, name, misfires, teeth, lines),
                 *below,
                 *remarks_text(train.topology.notes),
             ]
         ),
-        json=lambda: linear_text.campbell_record(found, modes, name, misfires) | more,
-        csv=lambda: as_csv(*linear_text.campbell_rows(found, misfires)),
+        json=lambda: (
+            linear_text.campbell_record(found, modes, name, misfires) | not_firing_record(*trains.values()) | more
+        ),
+        csv=lambda: as_csv(*linear_text.campbell_rows(found, misfires, titles)),
         plot=lambda: plot_campbell(found, modes, name),
     )
     return ANSWERED
@@ -114,7 +119,7 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
     if len(trains) > 1 and netcdf:
         raise OutputError("--netcdf: it holds one train, and --misfire each takes several. Leave one of them out.")
     cases = {name: forced_response(one, rpm=rpm) for name, one in trains.items()}
-    titles = {name: case_title(train, name) if len(cases) > 1 else "" for name in cases}
+    titles = {name: case_title(trains[name], name) if len(cases) > 1 else "" for name in cases}
     failures = [sentence for name, one in cases.items() for sentence in told.forced_failures(one, titles[name])]
     response = cases[""]
     if not any(one.converged.any() for name, one in cases.items() if name):
@@ -127,7 +132,9 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
     deliver(
         given,
         "\n\n".join(parts),
-        json=lambda: told.forced_record(cases, found, judged, worst, orders=orders),
+        json=lambda: (
+            not_firing_record(*trains.values()) | told.forced_record(cases, found, judged, worst, orders=orders)
+        ),
         # An order that a response does not have has no column there: its amplitude is 0.
         csv=lambda: rows_csv(told.forced_rows(cases, found, judged), missing=0.0),
         netcdf=lambda: [as_netcdf(response.to_xarray(orders=orders))],

@@ -219,12 +219,14 @@ GEAR = option(
 
 
 def misfire(more=""):
-    """Cylinders that do not fire."""
-    text = (
-        "this cylinder does not fire: it has no gas torque at all, not that of compression either; its inertia torque"
-        ' stays (one that compresses but burns nothing: --set "CYLINDER.combustion.imep=0"); may be repeated'
+    """Cylinders that do not fire, and that are cut off."""
+    named = {"multiple": True, "shell_complete": of_elements("cylinder")}
+    without_injection = "this cylinder does not fire: no injection, compression stays (as rules of classification ask)"
+    without_gas = "this cylinder has no gas torque at all, neither of combustion nor of compression"
+    return together(
+        option("--misfire CYLINDER", f"{without_injection}; may be repeated{more}", **named),
+        option("--cut-off CYLINDER", f"{without_gas}; may be repeated{more}", **named),
     )
-    return option("--misfire CYLINDER", text + more, multiple=True, shell_complete=of_elements("cylinder"))
 
 
 EACH_MISFIRE = misfire("; each: every cylinder in turn, and which is the worst")

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from jaxhb import __version__
-from jaxhb.cli.commands import check_files, misfire_trains, status
+from jaxhb.cli.commands import EACH, check_files, misfire_trains, status
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.design.table import read_table
@@ -24,7 +24,7 @@ from jaxhb.report.figures.speeds import tolerance_figures
 from jaxhb.report.files.numbers import answer_row, cases_record, netcdf, on_scene
 from jaxhb.report.files.output import NOT_ANSWERED, OutputError, changed_text, deliver, rows_csv
 from jaxhb.report.page.parts import Report, shown_misfire
-from jaxhb.report.selection import NOT_FIRING, case_title
+from jaxhb.report.selection import case_title, cylinder_of, idle_title
 from jaxhb.report.text import cases as told
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.tolerances import tolerance_parts
@@ -33,23 +33,24 @@ from jaxhb.results.checkpoint import place_in
 from jaxhb.scene.files import _find, load_scene, scene_description
 from jaxhb.scene.input_files import read_bytes
 from jaxhb.scene.writer import element_files, elements_of, scene_text
-from jaxhb.solutions.misfires import same_factor
+from jaxhb.solutions.misfires import alike
 from jaxhb.train.changes import scene_values
 
 SECOND, TUNED = "second design", "tuned design"
 SAMPLE = 100  # trains within the tolerances
 
 
-def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, html, quiet, **_):
+def report(train, given, rpm, at, orders, gear, plot, certify, tune, html, quiet, **_):
     """Several speeds, normal and misfiring, with backlash and without."""
     check_files(train, given)
     if at is not None and at not in rpm:
         raise OutputError(f"--at: {at:g} rpm is not one of the speeds of --rpm. Add it.")
     other, trains = _checked_page(train, given), misfire_trains(train, given, each=True)
-    each = len(trains) > 1
+    each, misfire = len(trains) > 1, given.misfire or given.cut_off
+    trains = {case_title(one, cylinder): one for cylinder, one in trains.items()}
     if misfire and not each:
-        trains = {"": train, ", ".join(misfire): trains[""]}
-    trains = {case_title(train, cylinders): one for cylinders, one in trains.items()}
+        limping = next(iter(trains.values()))
+        trains = {case_title(train): train, idle_title(limping.topology): limping}
     # A computed bound takes half a minute: only the speed that is shown in full gets one, at the end.
     asked, designs = dataclasses.replace(Asked.of(given), certify=False), [*trains.values(), *filter(None, [other])]
     kept = Kept(designs, ("report", rpm, asked))
@@ -83,7 +84,7 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
         "\n\n".join(
             filter(None, [told.misfires_text(cases) if each else told.cases_text(cases), second_text(cases, seconds)])
         ),
-        json=lambda: on_scene(train) | cases_record(cases, orders=orders) | worst,
+        json=lambda: on_scene(*trains.values()) | cases_record(cases, orders=orders) | worst,
         csv=lambda: rows_csv([answer_row(answer, case=case.title) for case in cases for answer in case.answers]),
         netcdf=lambda: netcdf({case.title: case.answers for case in cases}, orders, along="case"),
         plot=lambda: plot_cycle(cases[0].answers[place], gear),
@@ -133,12 +134,13 @@ def _second_designs(second, misfire, given, each):
     if misfire is None:
         return {title: second}
     if each:
-        trains = second.misfires()
-        misfiring = trains.get(misfire.title.removesuffix(NOT_FIRING))
-        second = second.replace(same_factor(second)) if trains else second
+        cut_off = EACH in given.cut_off
+        trains = second.cut_offs() if cut_off else second.misfires()
+        misfiring = trains.get(cylinder_of(misfire.title))
+        second = alike(second, cut_off=cut_off) if trains else second
     else:
-        known = set(given.misfire) <= set(second.topology.cylinder_names)
-        misfiring = second.misfire(*given.misfire) if known else None
+        known = {*given.misfire, *given.cut_off} <= set(second.topology.cylinder_names)
+        misfiring = second.misfire(*given.misfire).cut_off(*given.cut_off) if known else None
     return {title: second} | ({} if misfiring is None else {f"{title}, {misfire.title}": misfiring})
 
 

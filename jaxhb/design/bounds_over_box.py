@@ -51,7 +51,7 @@ READ_AS |= dict.fromkeys(("stress", "stress over continuous limit", "stress over
 READ_AS |= dict.fromkeys(("tooth force order", "shaft torque order", "angle order"), "order")
 """What of a signal, or a power, a quantity is."""
 OF_LINKS, OF_DISKS = ("stiffness", "loss_factor", "damping"), ("inertia", "damping")
-OF_LOADS = {"torque": ("mean",), "cylinder": ("gas_factor", "gas_torque_mean", "reciprocating_mass")}
+OF_LOADS = {"torque": ("mean",), "cylinder": ("gas_factor", "injection", "gas_torque_mean", "reciprocating_mass")}
 OF_LOADS["mesh"] = ("backlash",)
 """Numbers on which torques, or the places of the flanks, depend linearly."""
 

@@ -258,8 +258,8 @@ class Fit:
 class WeakCylinder:
     """Result of :func:`weak_cylinder`: C cylinders, the likeliest first.
 
-    names : tuple; gas_factor, std : ``(C,)``, of each if it alone differs; evidence : ``(C,)``, chi-square of the rows
-    less that of the first; all_equal : the same of a train in which none differs
+    names : tuple; gas_factor, std : ``(C,)``, the share that each burns if it alone differs; evidence : ``(C,)``,
+    chi-square of the rows less that of the first; all_equal : the same of a train in which none differs
     """
 
     names: tuple
@@ -277,19 +277,18 @@ class WeakCylinder:
 def weak_cylinder(
     train: DriveTrain, measured: Measured, *, noise: float = 0.03, least: float = 0.0, most: float = 1.3
 ) -> WeakCylinder:
-    """Which cylinder, if one alone differs, explains the measured orders best, and how much gas torque it has.
+    """Which cylinder, if one alone differs, explains the measured orders best, and how much it burns.
 
-    Each cylinder that fires is fitted by itself between ``least`` and ``most`` of its gas torque. Low orders of a
-    flywheel with phases tell all cylinders apart; amplitudes alone do not tell cylinders that fire half a cycle or a
+    Each cylinder that fires is fitted by itself between ``least`` and ``most`` of its injection: of its gas torque less
+    that of compression where this can be told (from a pressure, traces or combustion), else of all of it. Low orders of
+    a flywheel with phases tell all cylinders apart; amplitudes alone do not tell cylinders that fire half a cycle or a
     symmetric angle apart. Arguments as of :func:`identify`; :class:`SceneError` if no cylinder fires.
     """
-    names = [
-        name for name, fires in zip(train.topology.cylinder_names, train.topology.cylinder_fires, strict=True) if fires
-    ]
+    names = list(train.topology.firing_cylinders)
     if not names:
         raise SceneError(f"{train.topology.title}: no cylinder fires, so none can be weak.")
-    train = train.replace({f"{name}.gas_factor": 1.0 for name in names})
-    parameters = tuple(Parameter(name=f"{name}.gas_factor", low=least, high=most, scale="linear") for name in names)
+    train = train.replace({f"{name}.injection": 1.0 for name in names})
+    parameters = tuple(Parameter(name=f"{name}.injection", low=least, high=most, scale="linear") for name in names)
     fit = Fit(train, measured, parameters, noise, {})
     begin, same = fit.begin, float((fit.residuals(fit.begin)[0] ** 2).sum())
     found = []

@@ -1,15 +1,15 @@
 """Checks of single elements on the host: a finding is a sentence with element, value and remedy.
 
 Scenarios are named sets of values of a scene, as a coupling that is warm or worn: ``[scenario.NAME]`` holds
-``"ELEMENT.FIELD" = value`` or ``ELEMENT.FIELD = value``, in the units of the scene, ``CYLINDER.fires`` and, with the
-orders of the scene, ``harmonics`` or ``gas_torque``. ``without = [ELEMENT, ...]`` leaves elements out, as a clutch that
-is open.
+``"ELEMENT.FIELD" = value`` or ``ELEMENT.FIELD = value``, in the units of the scene, ``CYLINDER.fires``,
+``CYLINDER.combustion.FIELD`` and, with the orders of the scene, ``harmonics`` or ``gas_torque``.
+``without = [ELEMENT, ...]`` leaves elements out, as a clutch that is open.
 """
 
 import dataclasses
 from collections import Counter
 
-from jaxhb.elements.elements import TABLES, SceneError, shown, suggestion, table_of
+from jaxhb.elements.elements import TABLES, Combustion, SceneError, shown, suggestion, table_of
 from jaxhb.elements.engine import Engine, cylinders, engine_errors
 from jaxhb.elements.value_checks import TOGETHER, field_errors, row_errors
 
@@ -49,6 +49,10 @@ def _errors(parts, places, key, value) -> list[str]:
         return [f"without: there is no element {shown(n)}.{suggestion(n, places)}" for n in lost]
     if not dot:
         return [f"{key!r} names no field. Write 'NAME.FIELD', as 'coupling.stiffness'."]
+    outer, _, inner = name.rpartition(".")
+    # A name may hold dots: an element called so goes before a table inside an element.
+    if name not in places and inner == "combustion" and outer in places:
+        return _combustion_errors(parts, places[outer], outer, field, value)
     if name not in places:
         return [f"there is no element {name!r} in {key!r}.{suggestion(name, places)}"]
     (table, i), taken = places[name], ("number", "flag")
@@ -66,6 +70,20 @@ def _errors(parts, places, key, value) -> list[str]:
     if isinstance(value, list):
         return [f"{key} is {shown(value)}, must be a number."]
     return field_errors(repr(name), fields[field], value) or []
+
+
+def _combustion_errors(parts, place, name, field, value) -> list[str]:
+    """The same of a number of the combustion of a cylinder."""
+    table, i = place
+    combustion = getattr(parts.tables[table][i], "combustion", None)
+    if not isinstance(combustion, Combustion):
+        return [f"{name!r} has no combustion. Build the scene with one."]
+    fields = {f.name: f for f in dataclasses.fields(combustion) if f.metadata["kind"] == "number"}
+    if field not in fields:
+        return [f"the combustion of {name!r} has no number {field!r}.{suggestion(field, fields)}"]
+    if isinstance(value, list):
+        return [f"{name}.combustion.{field} is {shown(value)}, must be a number."]
+    return field_errors(f"{name!r}, combustion", fields[field], value) or []
 
 
 LINKS = ("shaft", "mesh")

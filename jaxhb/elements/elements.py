@@ -357,7 +357,8 @@ class CrankSlider:
     ambient_pressure: float = not_negative("Pa", 0.0)
     gas_torque_mean: float | None = quantity("N m", None)
     gas_torque: tuple | None = rows(_HARMONICS, None)
-    gas_factor: float | None = not_negative("", None, "0 is allowed: a misfire.")
+    gas_factor: float | None = not_negative("", None, "0 is allowed: no gas torque at all.")
+    injection: float | None = not_negative("", None, "0 is allowed: a misfire.")
     orders: float | None = positive("", None)
     kinematics: str = choice("exact", "mendes2008")
     fires: bool = declared("flag", True)
@@ -377,7 +378,8 @@ class Cylinder(CrankSlider):
     acts on the other side of the piston. A table that goes beyond 360 deg or over more than 360 deg is that of two
     revolutions and fires at 360 deg, one within fires at 0, unless ``table_firing_tdc`` says otherwise.
     ``load`` = rows of (rpm, share of full load) says which of the ``traces`` hold, and multiplies ``heat`` or ``imep``.
-    ``gas_factor`` multiplies the gas torque: the scatter from cylinder to cylinder.
+    ``gas_factor`` multiplies the gas torque: the scatter from cylinder to cylinder. ``injection`` multiplies what
+    combustion adds to the pressure of compression alone: with 0, as with ``fires = false``, the cylinder misfires.
     ``kinematics = "mendes2008"`` takes the piston acceleration of the inertia torque from the short series of that
     paper instead of the exact one.
     """

@@ -11,7 +11,8 @@ import numpy as np
 
 from jaxhb._jax import namespace, pytree
 from jaxhb._shown import brief
-from jaxhb.excitation.combustion import NUMBERS, pressures
+from jaxhb.excitation.combustion import NUMBERS, pressures, unburnt
+from jaxhb.excitation.compression import unburnt_table
 from jaxhb.excitation.crank import slider_crank
 
 Array = Any
@@ -80,6 +81,12 @@ def source(cylinder) -> str | None:
     return next((key for key in COMPUTED if getattr(cylinder, key)), None)
 
 
+def source_word(cylinder) -> str:
+    """The same as a word: "harmonics" of a gas torque that is given, "none" where there is none."""
+    given = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
+    return source(cylinder) or ("harmonics" if given else "none")
+
+
 def is_four_stroke(rows) -> bool:
     """Tell whether a pressure table (angle deg, Pa) is that of two revolutions: it extends beyond 360 deg."""
     angle = np.asarray(rows, dtype=np.float64)[:, 0]
@@ -129,37 +136,123 @@ def hats(x, grid):
     return xp.concatenate([ends + 1.0, passed], axis=-1) - xp.concatenate([passed, ends], axis=-1)
 
 
-def components(cylinders):
-    """Pressures [J, nc, M] (Pa) from firing top dead centre on; their sum with :func:`weights` is that at a speed."""
+@dataclass(frozen=True)
+class GasCycles:
+    """How the gas of each cylinder works: where its torque comes from (:func:`source`, "harmonics" or "none"), whether
+    it fires, whether it is cut off and has no gas torque at all, and the revolutions of its crank in a gas cycle."""
+
+    source: tuple[str, ...]
+    fires: tuple[bool, ...]
+    cut_off: tuple[bool, ...]
+    revolutions: tuple[int, ...]
+
+    @property
+    def computed(self) -> tuple[bool, ...]:
+        """Whether a gas torque is computed from a pressure."""
+        both = zip(self.source, self.cut_off, strict=True)
+        return tuple(source in COMPUTED and not cut for source, cut in both)
+
+    @property
+    def given(self) -> tuple[bool, ...]:
+        """Whether there is a given gas torque; without injection there is none, as its compression cannot be told."""
+        each = zip(self.source, self.fires, self.cut_off, strict=True)
+        return tuple(source == "harmonics" and fires and not cut for source, fires, cut in each)
+
+    def compressing(self, cylinders) -> bool:
+        """Tell whether pressures without injection count anywhere."""
+        idle = any(works and not fires for works, fires in zip(self.computed, self.fires, strict=True))
+        return idle or (cylinders.injection is not None and any(self.computed))
+
+
+def injection(cylinders, cycles: GasCycles):
+    """Share of its injection that each cylinder has [nc], 0 of one that does not fire."""
+    if cylinders.injection is None:
+        return np.array(cycles.fires, dtype=float)
+    return namespace(cylinders.injection).where(np.array(cycles.fires), cylinders.injection, 0.0)
+
+
+def components(cylinders, cycles: GasCycles):
+    """Pressures [J, nc, M] (Pa) from firing top dead centre on; their sum with :func:`weights` is that at a speed.
+
+    With injection, and behind these, where some cylinder lacks it, without.
+    """
+    parts = _parts(cylinders, lambda table: table, _burning)
+    if cycles.compressing(cylinders):
+        parts += _parts(cylinders, lambda table: _of_tables(cylinders, cycles, table), _unburnt)
     count = cylinders.bore.shape[-1]
-    parts = [cylinders.pressure[None]] if cylinders.pressure.shape[-1] else []
-    traces, burning = cylinders.traces, cylinders.combustion
-    if traces is not None:
-        by_trace = traces.pressure.reshape(len(traces.seats), -1, GAS_SAMPLES).swapaxes(0, 1)
-        parts.append(_on_cylinders(by_trace, traces.seats, count, axis=1))
-    if burning is not None:
-        parts.append(_on_cylinders(_burning(cylinders), burning.seats, count, axis=1))
     return namespace(parts).concatenate(parts) if parts else np.zeros((1, count, 0))
 
 
-def weights(cylinders, rpm):
-    """Weight [..., J, nc] of each of the :func:`components` at ``rpm`` [...] of the reference rotor."""
+def _parts(cylinders, of_tables, of_combustion) -> list:
+    """Pressures [J, nc, M] of tables, of traces and of the combustion model; ``of_tables`` takes [J, nc, M]."""
+    count, parts = cylinders.bore.shape[-1], []
     traces, burning = cylinders.traces, cylinders.combustion
-    if traces is None and burning is None:
-        return np.ones((*np.shape(rpm), 1, cylinders.bore.shape[-1]))
+    if cylinders.pressure.shape[-1]:
+        parts.append(of_tables(cylinders.pressure[None]))
+    if traces is not None:
+        by_trace = traces.pressure.reshape(len(traces.seats), -1, GAS_SAMPLES).swapaxes(0, 1)
+        parts.append(of_tables(_on_cylinders(by_trace, traces.seats, count, axis=1)))
+    if burning is not None:
+        parts.append(_on_cylinders(of_combustion(cylinders), burning.seats, count, axis=1))
+    return parts
+
+
+def _of_tables(cylinders, cycles, pressure):
+    """Pressure tables [J, nc, M] without injection."""
+    revolutions = np.array(cycles.revolutions)
+    # Two- and four-strokes have other angles at the same sample.
+    groups = [np.flatnonzero(revolutions == turns) for turns in sorted(set(revolutions.tolist()))]
+    xp = namespace(cylinders, pressure)
+    found = []
+    for rows in groups:
+        stroke, rod = (xp.asarray(sizes)[rows] for sizes in (cylinders.stroke, cylinders.rod))
+        stroke = xp.where(stroke > 0.0, stroke, 1.0)  # cylinders without pressures may have none
+        turns = int(revolutions[rows[0]])
+        found.append(unburnt_table(pressure[:, rows], stroke, rod, revolutions=turns))
+    return xp.concatenate(found, axis=1)[:, np.argsort(np.concatenate(groups))]
+
+
+def weights(cylinders, cycles: GasCycles, rpm):
+    """Weight [..., J, nc] of each of the :func:`components` at ``rpm`` [...] of the reference rotor."""
+    tabled, burning = _weights(cylinders, rpm)
+    xp = namespace(tabled, burning, cylinders.injection)
+    burnt = xp.concatenate([*tabled, *burning], axis=-2)
+    if not cycles.compressing(cylinders):
+        return burnt
+    share = injection(cylinders, cycles)
+    # The heat of the combustion comes last: without injection it is not there.
+    unburnt = xp.concatenate([*tabled, *(part[..., :-1, :] for part in burning)], axis=-2)
+    return xp.concatenate([share * burnt, (1.0 - share) * unburnt], axis=-2)
+
+
+def _weights(cylinders, rpm):
+    """Weights [..., J, nc] of tables and traces, and of the combustion model, each in a list."""
+    traces, burning = cylinders.traces, cylinders.combustion
     xp = namespace(cylinders, rpm)
     count, rpm = cylinders.bore.shape[-1], xp.asarray(rpm, dtype=float)
+    tabled = [xp.ones((*rpm.shape, 1, count))] if cylinders.pressure.shape[-1] else []
+    if traces is None and burning is None:
+        return tabled or [xp.ones((*rpm.shape, 1, count))], []
     share = load_share(cylinders, rpm)
-    parts = [xp.ones((*rpm.shape, 1, count))] if cylinders.pressure.shape[-1] else []
     if traces is not None:
         seats = np.array(traces.seats)
         by_speed = hats(xp.broadcast_to(rpm[..., None], (*rpm.shape, seats.size)), traces.rpm)
         by_load = hats(share[..., seats], traces.load)
         both = (by_speed[..., :, None] * by_load[..., None, :]).reshape(*rpm.shape, seats.size, -1)
-        parts.append(_on_cylinders(xp.swapaxes(both, -1, -2), traces.seats, count, axis=-1))
-    if burning is not None:
-        parts.append(xp.stack([xp.ones_like(share), share], axis=-2))
-    return xp.concatenate(parts, axis=-2)
+        tabled.append(_on_cylinders(xp.swapaxes(both, -1, -2), traces.seats, count, axis=-1))
+    if burning is None:
+        return tabled, []
+    seats = np.array(burning.seats)
+    own = xp.stack([*charge_pressures(cylinders, rpm), share[..., seats]], axis=-2)
+    return tabled, [_on_cylinders(own, burning.seats, count, axis=-1)]
+
+
+def charge_pressures(cylinders, rpm):
+    """Pressure (Pa) of the charge and in the exhaust [..., n] of the cylinders with a combustion at ``rpm`` [...]."""
+    table = cylinders.combustion
+    shape = (*np.shape(rpm), len(table.seats))
+    xp = namespace(cylinders, rpm)
+    return xp.broadcast_to(table.charge_pressure, shape), xp.broadcast_to(table.exhaust_pressure, shape)
 
 
 def load_share(cylinders, rpm):
@@ -178,22 +271,44 @@ def _on_cylinders(values, seats, count, *, axis):
 
 
 def _burning(cylinders):
-    """Pressures without load and per load share of the cylinders with a combustion, [2, n, M]."""
-    revolutions = np.array(cylinders.combustion.revolutions)
+    """Pressures per Pa of charge, per Pa in the exhaust and of the heat at full load, [3, n, M], of the cylinders with
+    a combustion."""
+    return _by_strokes(cylinders, _with_heat)
+
+
+def _unburnt(cylinders):
+    """Those per Pa of charge and per Pa in the exhaust without injection, [2, n, M]."""
+
+    def without_heat(given, revolutions):
+        xp = namespace(given)
+        return xp.stack(unburnt(given["stroke"], given["rod"], given, revolutions=revolutions, samples=GAS_SAMPLES))
+
+    return _by_strokes(cylinders, without_heat)
+
+
+def _by_strokes(cylinders, pressures_of):
+    """``pressures_of(numbers by their names, revolutions)`` of two- and four-strokes, in the order of the cylinders."""
+    table, xp = cylinders.combustion, namespace(cylinders)
+    revolutions = np.array(table.revolutions)
     # Two- and four-strokes have other angles at the same sample.
-    groups = [np.flatnonzero(revolutions == r) for r in sorted(set(revolutions.tolist()))]
-    found = [_per_share(cylinders, rows, int(revolutions[rows[0]])) for rows in groups]
+    groups = [np.flatnonzero(revolutions == turns) for turns in sorted(set(revolutions.tolist()))]
+    found = []
+    for rows in groups:
+        seats = np.array(table.seats)[rows]
+        given = {name: xp.asarray(getattr(table, name))[rows] for name in (*NUMBERS, "heat", "imep")}
+        given |= {name: xp.asarray(getattr(cylinders, name))[seats] for name in ("bore", "stroke", "rod")}
+        given["by_work"] = np.array(table.by_work)[rows]
+        found.append(pressures_of(given, int(revolutions[rows[0]])))
     return namespace(found).concatenate(found, axis=1)[:, np.argsort(np.concatenate(groups))]
 
 
-def _per_share(cylinders, rows, revolutions):
-    """As :func:`_burning` of cylinders with the same number of revolutions in a gas cycle, [2, n, M]."""
-    table, xp = cylinders.combustion, namespace(cylinders)
-    seats = np.array(table.seats)[rows]
-    bore, stroke, rod = (xp.asarray(v)[seats] for v in (cylinders.bore, cylinders.stroke, cylinders.rod))
-    given = {name: xp.asarray(getattr(table, name))[rows] for name in (*NUMBERS, "heat", "imep")}
-    heat, imep = given["heat"][:, None], given["imep"][:, None]
-    motored, per_joule = pressures(bore, stroke, rod, given, revolutions=revolutions, samples=GAS_SAMPLES)
+def _with_heat(given, revolutions):
+    """As :func:`_burning` of cylinders with the same number of revolutions in a gas cycle, [3, n, M]."""
+    xp = namespace(given)
+    bore, stroke, rod = (given[name] for name in ("bore", "stroke", "rod"))
+    heat, imep, by_work = (given[name][:, None] for name in ("heat", "imep", "by_work"))
+    samples = {"revolutions": revolutions, "samples": GAS_SAMPLES}
+    of_charge, of_exhaust, per_joule = pressures(bore, stroke, rod, given, **samples)
     angle = 2.0 * np.pi * revolutions * np.arange(GAS_SAMPLES) / GAS_SAMPLES
     travel = slider_crank(angle, stroke[:, None], rod[:, None])[1]
 
@@ -201,11 +316,13 @@ def _per_share(cylinders, rows, revolutions):
         # Work of a cycle over the swept volume, in which the area of the piston cancels.
         return 2.0 * np.pi * revolutions * (pressure * travel).mean(axis=1, keepdims=True) / stroke[:, None]
 
-    # With imep given so much heat is taken off that the rest does no work: imep is then the whole of it.
-    idle = mean_effective(motored) / mean_effective(per_joule)
-    by_work = np.array(table.by_work)[rows][:, None]
-    base = xp.where(by_work, motored - idle * per_joule, motored)
-    return xp.stack([base, per_joule * xp.where(by_work, imep / mean_effective(per_joule), heat)])
+    def without_work(pressure):
+        # With imep given so much heat is taken off that the rest does no work: imep is then the whole of it.
+        idle = mean_effective(pressure) / mean_effective(per_joule)
+        return xp.where(by_work, pressure - idle * per_joule, pressure)
+
+    burnt = per_joule * xp.where(by_work, imep / mean_effective(per_joule), heat)
+    return xp.stack([without_work(of_charge), without_work(of_exhaust), burnt])
 
 
 def outside_traces(train, rpm) -> list[str]:

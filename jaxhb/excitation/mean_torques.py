@@ -11,6 +11,7 @@ from jaxhb.excitation import gas
 from jaxhb.excitation.crank import gas_torque
 
 if TYPE_CHECKING:
+    from jaxhb.excitation.gas import GasCycles
     from jaxhb.train.tables import Cylinders, Torques
 
 
@@ -37,24 +38,24 @@ def scale_at(table, rpm):
     return factor * xp.where(table.rated_rpm > 0.0, power, 1.0)
 
 
-def gas_pressures(cylinders: Cylinders, rpm):
+def gas_pressures(cylinders: Cylinders, cycles: GasCycles, rpm):
     """Pressure [..., nc, M] (Pa) of every cylinder from firing top dead centre on, times its scale, at ``rpm`` [...].
 
     M is 0 where no cylinder computes its torque from a pressure; zeros stand for those that do not.
     """
-    summed = np.einsum("...jn,jnm->...nm", gas.weights(cylinders, rpm), gas.components(cylinders))
-    return scale_at(cylinders, rpm)[..., None] * summed
+    parts = gas.weights(cylinders, cycles, rpm), gas.components(cylinders, cycles)
+    return scale_at(cylinders, rpm)[..., None] * np.einsum("...jn,jnm->...nm", *parts)
 
 
-def mean_torques(torques: Torques, cylinders: Cylinders, fires, revolutions, rpm):
+def mean_torques(torques: Torques, cylinders: Cylinders, cycles: GasCycles, rpm):
     """Mean of the given torques and then of the gas torques of the cylinders, N m [..., nt + nc], at ``rpm`` [...].
 
-    ``fires`` and ``revolutions`` [nc]: whether a cylinder fires, and how often its crank turns in a gas cycle. The
-    ambient pressure and the inertia torque do no work over a cycle. In NumPy or JAX.
+    The ambient pressure and the inertia torque do no work over a cycle. In NumPy or JAX.
     """
-    mean = namespace(cylinders.gas_torque_mean).asarray(cylinders.gas_torque_mean)
-    mean = mean + (gas.weights(cylinders, rpm) * _computed_means(cylinders, tuple(revolutions))).sum(axis=-2)
-    mean = namespace(mean).where(np.array(fires, dtype=bool), mean, 0.0)
+    given_mean = namespace(cylinders.gas_torque_mean).asarray(cylinders.gas_torque_mean)
+    computed = (gas.weights(cylinders, cycles, rpm) * _computed_means(cylinders, cycles)).sum(axis=-2)
+    given_mean = np.array(cycles.given) * gas.injection(cylinders, cycles) * given_mean
+    mean = given_mean + np.array(cycles.computed) * computed
     if cylinders.gas_factor is not None:
         mean = cylinders.gas_factor * mean
     given = scale_at(torques, rpm) * torques.mean, scale_at(cylinders, rpm) * mean
@@ -62,9 +63,9 @@ def mean_torques(torques: Torques, cylinders: Cylinders, fires, revolutions, rpm
 
 
 @kept
-def _computed_means(cylinders, revolutions):
+def _computed_means(cylinders, cycles):
     """Mean torque [J, nc], N m, of each component of the gas pressure: speeds differ in its weights alone."""
-    pressures, geometry = gas.components(cylinders), (cylinders.bore, cylinders.stroke, cylinders.rod)
+    pressures, geometry = gas.components(cylinders, cycles), (cylinders.bore, cylinders.stroke, cylinders.rod)
     if not pressures.shape[-1]:
         return np.zeros(pressures.shape[:-1])
-    return gas_torque(pressures, *geometry, revolutions=np.array(revolutions)).mean(axis=-1)
+    return gas_torque(pressures, *geometry, revolutions=np.array(cycles.revolutions)).mean(axis=-1)

@@ -2,7 +2,8 @@
 
 A cylinder's gas torque is T = gas_factor (scale(rpm) p - p_ambient) A x'(a), its inertia torque at constant speed w of
 its own rotor T = -m x'(a) x''(a) w^2, with the travel x from top dead centre
-(:func:`~jaxhb.excitation.crank.slider_crank`). The scale over rpm multiplies gas torques and given torques, never
+(:func:`~jaxhb.excitation.crank.slider_crank`). Without injection p is that of compression alone; a given gas torque,
+of which this cannot be told, is then 0. The scale over rpm multiplies gas torques and given torques, never
 inertia torques. The pressure p is a sum of functions of the angle, weighted by speed and load
 (:mod:`jaxhb.excitation.gas`). Coefficients are those of T(t) = sum_{n=-N..N} T^n exp(i n Omega t); an amplitude A in
 Re(A exp(i n Omega t)) gives T^n = A/2. The number of operations does not grow with the number of elements.
@@ -18,7 +19,7 @@ from jaxhb._jax import added, kept, namespace
 from jaxhb.equations import fourier
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, speed_ratios
 from jaxhb.excitation.crank import CRANK_SAMPLES, gas_torque, inertia_torque
-from jaxhb.excitation.gas import COMPUTED, components, weights
+from jaxhb.excitation.gas import components, injection, weights
 from jaxhb.excitation.mean_torques import mean_torques, scale_at
 
 if TYPE_CHECKING:
@@ -32,17 +33,18 @@ NEGLIGIBLE_GAS = 1e-6  # share of the largest harmonic of a computed gas torque 
 
 
 @kept
-def _pressure_harmonics(table, rows, revolutions):
+def _pressure_harmonics(table, rows, cycles):
     """Harmonics of the gas cycle of p A x' [J, n, K], one for each component of p, and of p_ambient A x' [n, K].
 
-    ``rows`` are the n cylinders of the table, ``revolutions`` those of their gas cycles.
+    ``rows`` are the n cylinders of the table.
     """
+    revolutions = np.array([cycles.revolutions[i] for i in rows])
     xp, rows = namespace(table), np.array(rows, dtype=int)
     given = (table.ambient_pressure, table.bore, table.stroke, table.rod)
-    pressure = xp.asarray(components(table))[:, rows]
+    pressure = xp.asarray(components(table, cycles))[:, rows]
     ambient, *geometry = (xp.asarray(values)[rows] for values in given)
     all_of = xp.concatenate([pressure, xp.broadcast_to(ambient[None, :, None], (1, *pressure.shape[1:]))])
-    torque = gas_torque(all_of, *geometry, revolutions=np.array(revolutions))
+    torque = gas_torque(all_of, *geometry, revolutions=revolutions)
     harmonics = fourier.analyze(torque, torque.shape[-1] // 2)
     return harmonics[:-1], harmonics[-1]
 
@@ -56,13 +58,9 @@ def _unit_inertia_harmonics(table, short_series):
 
 def _computed_gas(train):
     """Cylinders whose gas torque is computed, and its :func:`_pressure_harmonics`, of the ambient pressure as well."""
-    topology = train.topology
-    both = zip(topology.cylinder_source, topology.cylinder_fires, strict=True)
-    rows = tuple(i for i, (source, fires) in enumerate(both) if source in COMPUTED and fires)
-    if not rows:
-        return rows, None, None
-    revolutions = tuple(topology.cylinder_gas_revolutions[i] for i in rows)
-    return rows, *_pressure_harmonics(train.cylinders, rows, revolutions)
+    cycles = train.topology.gas_cycles
+    rows = tuple(i for i, computed in enumerate(cycles.computed) if computed)
+    return (rows, *_pressure_harmonics(train.cylinders, rows, cycles)) if rows else (rows, None, None)
 
 
 def excitation(train: DriveTrain, rpm, harmonics: int):
@@ -78,8 +76,7 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
     ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
     torque = xp.zeros((topology.n_disks, harmonics + 1), dtype=complex)
     seats = np.array([*topology.torque_disk, *topology.cylinder_disk], dtype=int)
-    cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
-    torque = added(torque, (seats, 0), mean_torques(train.torques, train.cylinders, *cycle, rpm))
+    torque = added(torque, (seats, 0), mean_torques(train.torques, train.cylinders, topology.gas_cycles, rpm))
     own, scale = (topology.torque_disk, topology.torque_harmonics), scale_at(train.torques, rpm)
     rows = train.torques.harmonics
 
@@ -106,6 +103,8 @@ def _add_cylinders(torque, train, rpm, ratio):
     topology, table, disks = train.topology, train.cylinders, train.topology.cylinder_disk
     scale = scale_at(table, rpm)
     factor = table.gas_factor if table.gas_factor is not None else np.ones(len(disks))
+    cycles = topology.gas_cycles
+    injected = injection(table, cycles)
 
     def phase(i, n):
         """exp(-i order alpha) of cylinder i at harmonic n of the cycle; order in revolutions of its own rotor."""
@@ -114,15 +113,15 @@ def _add_cylinders(torque, train, rpm, ratio):
         return turned * _turned(train, topology.phase_cylinders, i, n)
 
     def given(i, k, n):
-        return factor[i] * (scale[i] * _coefficients(table.gas_torque, i, k)) * phase(i, n)
+        return factor[i] * injected[i] * (scale[i] * _coefficients(table.gas_torque, i, k)) * phase(i, n)
 
-    lists = [row if f else () for row, f in zip(topology.cylinder_harmonics, topology.cylinder_fires, strict=True)]
+    lists = [row if counts else () for row, counts in zip(topology.cylinder_harmonics, cycles.given, strict=True)]
     torque = _add_listed(torque, disks, lists, given)
     rows, parts, ambient = _computed_gas(train)
 
     def computed(i, k, n):
         row = np.searchsorted(rows, i)
-        gas = (weights(table, rpm)[:, i] * parts[:, row, k + 1]).sum(axis=0)
+        gas = (weights(table, cycles, rpm)[:, i] * parts[:, row, k + 1]).sum(axis=0)
         return factor[i] * (scale[i] * gas - ambient[row, k + 1]) * phase(i, n)
 
     steps = enumerate(zip(topology.cylinder_step, topology.cylinder_gas, strict=True))

@@ -4,21 +4,43 @@ import math
 
 import numpy as np
 
-NOT_FIRING, ALL_FIRING, AS_GIVEN = " not firing", "all cylinders firing", "the scene as given"
+from jaxhb.train.firing import is_cut_off
+
+NOT_FIRING, CUT_OFF = " not firing", " cut off"
+ALL_FIRING, AS_GIVEN = "all cylinders firing", "the scene as given"
 
 
-def case_title(train, cylinders=""):
-    """What the train is called as it runs, or when these cylinders do not fire."""
-    if cylinders:
-        return f"{cylinders}{NOT_FIRING}"
-    fires = train.topology.cylinder_fires
-    return ALL_FIRING if fires and all(fires) else AS_GIVEN
+def case_title(train, cylinder=""):
+    """What the train is called as it runs, or as one in which this cylinder does not fire or is cut off."""
+    if cylinder:
+        return f"{cylinder}{CUT_OFF if is_cut_off(train, cylinder) else NOT_FIRING}"
+    names = train.topology.cylinder_names
+    return ALL_FIRING if names and train.topology.firing_cylinders == names else AS_GIVEN
+
+
+def idle_title(topology):
+    """The cylinders that do not fire, "" where all do: ``cylinder 2 not firing, cylinder 4 cut off``."""
+    each = zip(topology.cylinder_names, topology.cylinder_fires, topology.cylinder_cut_off, strict=True)
+    idle = {NOT_FIRING: [], CUT_OFF: []}
+    for name, fires, cut in each:
+        if cut or not fires:
+            idle[CUT_OFF if cut else NOT_FIRING].append(name)
+    return ", ".join(f"{', '.join(names)}{how}" for how, names in idle.items() if names)
+
+
+def misfiring(title):
+    """Tell whether a title is that of a case in which some cylinder does not fire or is cut off."""
+    return title.endswith((NOT_FIRING, CUT_OFF))
+
+
+def cylinder_of(title):
+    """The cylinder of such a title."""
+    return title.removesuffix(NOT_FIRING).removesuffix(CUT_OFF)
 
 
 def train_name(topology):
     """The name of the train, with the cylinders that do not fire."""
-    idle = [name for name, fires in zip(topology.cylinder_names, topology.cylinder_fires, strict=True) if not fires]
-    return ", ".join([topology.title, *[f"{', '.join(idle)}{NOT_FIRING}"] * bool(idle)])
+    return ", ".join(filter(None, [topology.title, idle_title(topology)]))
 
 
 def meshes_of(topology, gear):

@@ -56,13 +56,12 @@ def misfire_each(
     tolerance: float | None = None,
     solve: Callable[..., Response] = solve_speeds,
 ) -> Misfires:
-    """Solve at many speeds with all cylinders firing, and with each in turn that does not.
-
-    The trains differ in one number, so that one compiled program serves all.
+    """Solve at many speeds with all cylinders firing, and with each in turn that does not: :meth:`DriveTrain.misfires`.
 
     Parameters
     ----------
-    train, rpm, harmonics, tolerance
+    train : DriveTrain
+    rpm, harmonics, tolerance
         As for ``solve``.
     solve : callable
         :func:`jaxhb.solve_speeds`, or :func:`jaxhb.forced_response` for the linear train, which has no ``tolerance``.
@@ -80,16 +79,39 @@ def misfire_each(
     >>> worst.cylinder, worst.rpm, round(worst.value / worst.firing, 1)
     ('cylinder 4', 1800.0, 1.1)
     """
-    trains = train.misfires()
+    return _each(train, train.misfires(), rpm, harmonics, tolerance, solve, cut_off=False)
+
+
+def cut_off_each(
+    train: DriveTrain,
+    *,
+    rpm: Numbers,
+    harmonics: int | None = None,
+    tolerance: float | None = None,
+    solve: Callable[..., Response] = solve_speeds,
+) -> Misfires:
+    """Solve with each cylinder in turn cut off, without compression too: :meth:`DriveTrain.cut_offs`.
+
+    Arguments, errors and result are those of :func:`misfire_each`.
+
+    >>> import jaxhb
+    >>> found = jaxhb.cut_off_each(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1800.0], solve=jaxhb.forced_response)
+    >>> found.worst(lambda r: r.torque("cyl6", "flywheel").half_peak_to_peak).cylinder
+    'cylinder 4'
+    """
+    return _each(train, train.cut_offs(), rpm, harmonics, tolerance, solve, cut_off=True)
+
+
+def _each(train, trains, rpm, harmonics, tolerance, solve, *, cut_off):
     if not trains:
         raise SceneError(f"{train.topology.title}: no cylinder fires, so that none can misfire.")
-    given = {"harmonics": harmonics, "tolerance": tolerance}
-    asked = {"rpm": rpm} | {name: value for name, value in given.items() if value is not None}
+    accuracy = {"harmonics": harmonics, "tolerance": tolerance}
+    asked = {"rpm": rpm} | {name: value for name, value in accuracy.items() if value is not None}
     responses = {name: solve(each, **asked) for name, each in trains.items()}
-    return Misfires(solve(train.replace(same_factor(train)), **asked), responses)
+    return Misfires(solve(alike(train, cut_off=cut_off), **asked), responses)
 
 
-def same_factor(train) -> dict:
-    """A change of nothing that gives a train the gas factors that those of :meth:`DriveTrain.misfires` have."""
-    key = f"{train.topology.cylinder_names[0]}.gas_factor"
-    return {key: train.value(key)}
+def alike(train: DriveTrain, *, cut_off: bool) -> DriveTrain:
+    """The same train with the injections, or gas factors, that those of its misfires, or cut-offs, have."""
+    key = f"{train.topology.cylinder_names[0]}.{'gas_factor' if cut_off else 'injection'}"
+    return train.replace({key: train.value(key)})

@@ -269,6 +269,7 @@ def _topology(parts, rotors, reference_disk, cycle, ratio, head) -> Topology:
         phase_turn=tuple(_whole(ratio[disk] * cycle) for disk in on),
         cylinder_series=tuple(c.kinematics == "mendes2008" for c in t["cylinder"]),
         cylinder_fires=tuple(c.fires for c in t["cylinder"]),
+        cylinder_cut_off=(False,) * len(t["cylinder"]),
         link_keys=derived.link_keys([link for table in derived.LINKS for link in t[table]]),
         hz_links=tuple(i for i, e in enumerate(links) if e.over_hz),
         amplitude_links=tuple(i for i, e in enumerate(links) if e.over_amplitude),
@@ -296,9 +297,8 @@ def _computed_torques(cylinders, turn) -> dict:
     kinds = {"source": [], "step": [], "gas_revolutions": [], "gas": [], "inertia": []}
     for c, per_order in zip(cylinders, turn, strict=True):
         computed, turns = gas.source(c), gas.gas_revolutions(c)
-        given = c.gas_torque is not None or c.gas_torque_mean is not None
         moves = None not in (c.stroke, c.rod) and train_checks.whole(per_order)
-        kinds["source"].append(computed or ("harmonics" if given else "none"))
+        kinds["source"].append(gas.source_word(c))
         kinds["step"].append(round(per_order / turns) if computed else 0)
         kinds["gas_revolutions"].append(turns)
         # 1e-9 keeps a product that rounds below a whole number.

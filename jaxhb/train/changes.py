@@ -124,11 +124,12 @@ def _locate(train, key: str):
 
 
 def _vector(train, table, field):
-    """A field of a table over its elements; gas factors that nobody gave are 1."""
+    """A field of a table over its elements; gas factors and injections that nobody gave are 1."""
     numbers = getattr(train, TABLE_OF[table])
     outer, _, inner = field.rpartition(".")
     vector = getattr(getattr(numbers, outer) if outer else numbers, inner)
-    return np.ones(len(train.topology.cylinder_names)) if vector is None and field == "gas_factor" else vector
+    absent = vector is None and field in ("gas_factor", "injection")
+    return np.ones(len(train.topology.cylinder_names)) if absent else vector
 
 
 def _place(train, field, index):

@@ -207,6 +207,6 @@ def speeds(train) -> np.ndarray:
 def _loaded(train) -> list[int]:
     """Disks under a mean torque at some speed."""
     topology, given = train.topology, on_host((train.torques, train.cylinders))
-    means = mean_torques(given[0], given[1], topology.cylinder_fires, topology.cylinder_gas_revolutions, speeds(train))
+    means = mean_torques(*given, topology.gas_cycles, speeds(train))
     seats = [*topology.torque_disk, *topology.cylinder_disk]
     return np.flatnonzero(on_disks(topology.n_disks, seats, means).any(axis=0)).tolist()

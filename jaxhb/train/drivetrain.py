@@ -14,7 +14,7 @@ from jaxhb._shown import html_table
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation import gas
-from jaxhb.train import changes, omission, varying
+from jaxhb.train import changes, firing, omission, varying
 from jaxhb.train.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Phases, Shafts, Torques
 from jaxhb.train.topology import Topology
 
@@ -177,32 +177,68 @@ class DriveTrain:
         return omission.without(self, names) if names else self
 
     def misfire(self, *cylinders: str) -> DriveTrain:
-        """Return the train with cylinders, by their names, that do not fire: no gas torque, the inertia torque stays.
+        """Return the train with cylinders, by their names, that do not fire: no injection, compression and the inertia
+        torque stay. This is the misfire that classification rules ask for.
 
-        All of the gas torque goes, mean and orders, computed or given, and with it the torque of compression, as in a
-        cylinder whose valves stay open. A cylinder that compresses without burning has ``combustion.imep`` or ``heat``
-        = 0 instead (:meth:`replace`), or the pressure table of a motored cycle. :class:`SceneError` if there is no such
-        cylinder.
+        The pressure of compression alone is told from a pressure table
+        (:func:`~jaxhb.excitation.compression.unburnt_table`), traces or the combustion model without heat. From a given
+        ``gas_torque`` it cannot be told: all of that goes, as by :meth:`cut_off`; :meth:`not_firing` says what holds.
+        :class:`SceneError` if there is no such cylinder.
+
+        >>> train = jaxhb.load_scene("six_cylinder_diesel").misfire("cylinder 3")
+        >>> train.topology.cylinder_fires
+        (True, True, False, True, True, True)
         """
-        names, where = self.topology.cylinder_names, self.topology.title
+        fires = [name not in cylinders for name in self._known_cylinders(cylinders)]
+        both = zip(fires, self.topology.cylinder_fires, strict=True)
+        fires = tuple(fires and before for fires, before in both)
+        return dataclasses.replace(self, topology=dataclasses.replace(self.topology, cylinder_fires=fires))
+
+    def cut_off(self, *cylinders: str) -> DriveTrain:
+        """Return the train with cylinders, by their names, that have no gas torque at all, neither of combustion nor of
+        compression, as with valves that stay open; the inertia torque stays. :class:`SceneError` as :meth:`misfire`.
+        """
+        cut = [name in cylinders for name in self._known_cylinders(cylinders)]
+        both = zip(cut, self.topology.cylinder_cut_off, strict=True)
+        cut_off = tuple(cut or before for cut, before in both)
+        return dataclasses.replace(self, topology=dataclasses.replace(self.topology, cylinder_cut_off=cut_off))
+
+    def _known_cylinders(self, cylinders) -> tuple[str, ...]:
+        """Names of all cylinders; refuses ``cylinders`` that are none of them."""
+        names = self.topology.cylinder_names
         unknown = [name for name in cylinders if name not in names]
         if unknown:
+            where = self.topology.title
             raise SceneError([f"{where}: there is no cylinder {n!r}.{suggestion(n, names)}" for n in unknown])
-        both = zip(names, self.topology.cylinder_fires, strict=True)
-        fires = tuple(fires and name not in cylinders for name, fires in both)
-        return dataclasses.replace(self, topology=dataclasses.replace(self.topology, cylinder_fires=fires))
+        return names
 
     def misfires(self) -> dict[str, DriveTrain]:
         """Return the trains in which each cylinder that fires in turn does not, by the name of this cylinder.
 
-        As by :meth:`misfire`, but their gas factors alone differ: they share all that is compiled, and can be stacked.
+        As by :meth:`misfire`, but their injections alone differ: they share all that is compiled, and can be stacked.
 
         >>> trains = jaxhb.load_scene("six_cylinder_diesel").misfires()
-        >>> list(trains)[2], trains["cylinder 3"].cylinders.gas_factor
+        >>> list(trains)[2], trains["cylinder 3"].cylinders.injection
         ('cylinder 3', array([1., 1., 0., 1., 1., 1.]))
         """
-        both = zip(self.topology.cylinder_names, self.topology.cylinder_fires, strict=True)
-        return {name: self.replace({f"{name}.gas_factor": 0.0}) for name, fires in both if fires}
+        return {name: self.replace({f"{name}.injection": 0.0}) for name in self.topology.firing_cylinders}
+
+    def cut_offs(self) -> dict[str, DriveTrain]:
+        """Return the trains in which each cylinder that fires in turn is cut off, by the name of this cylinder.
+
+        As by :meth:`cut_off`, but their gas factors alone differ: they share all that is compiled, and can be stacked.
+        """
+        return {name: self.replace({f"{name}.gas_factor": 0.0}) for name in self.topology.firing_cylinders}
+
+    def not_firing(self) -> list[str]:
+        """Say what is computed of cylinders without injection or gas torque, a sentence for those alike.
+
+        Injections and gas factors that are traced count as there. Empty where every cylinder fires.
+
+        >>> jaxhb.load_scene("first_scene").misfire("cylinder").not_firing()
+        ['cylinder: no injection, compression stays']
+        """
+        return firing.not_firing(self)
 
     def outside_traces(self, rpm: float) -> list[str]:
         """Say where the pressure traces of cylinders do not cover a speed or its load, so that the nearest is used.

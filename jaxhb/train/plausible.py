@@ -134,7 +134,7 @@ def _pressures(train):
     for i, value in percent.items():
         yield from _unusual("cylinder", topology.cylinder_names[i], "load", value)
     # [speed, cylinder, angle] Pa from firing top dead centre on, at the speeds at which torques have a point.
-    cycles = gas_pressures(cylinders, connections.speeds(train))
+    cycles = gas_pressures(cylinders, topology.gas_cycles, connections.speeds(train))
     if not cycles.shape[-1]:
         return
     peaks, least = cycles.max(axis=(0, 2)), cycles.min(axis=2).max(axis=0)
@@ -188,8 +188,7 @@ def _drives(train):
     topology = train.topology
     if not any(topology.cylinder_fires):
         return
-    cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
-    means = mean_torques(train.torques, train.cylinders, *cycle, connections.speeds(train))
+    means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, connections.speeds(train))
     count = len(topology.torque_names)
     # Cylinders that take power are those of a compressor, which a torque drives.
     if not means[:, count:].sum(axis=1).max() > 0:

@@ -120,7 +120,7 @@ class Cylinders:
     on the uniform grid of the gas cycle counted from firing top dead centre, zeros where none is given;
     ``scale_rpm`` and ``scale_factor`` [nc, L]. A rod that is not given is 1 m, a bore or stroke 0 m.
     None where no cylinder has them: ``traces``, ``combustion``, ``load_rpm`` and ``load_share`` [nc, L] of either, and
-    ``gas_factor`` [nc], 1 for a cylinder without.
+    ``gas_factor`` and ``injection`` [nc], 1 for a cylinder without.
     """
 
     bore: Array
@@ -139,6 +139,7 @@ class Cylinders:
     load_rpm: Array | None = None
     load_share: Array | None = None
     gas_factor: Array | None = None
+    injection: Array | None = None
 
 
 def column(elements, name: str, absent: float = 0.0) -> np.ndarray:
@@ -226,14 +227,15 @@ def cylinder_table(cylinders) -> Cylinders:
     for i, c in enumerate(cylinders):
         if c.pressure:
             pressure[i] = gas_cycle(c.pressure, c.table_firing_tdc)
-    scattered = any(c.gas_factor is not None for c in cylinders)
     own = {
         "rod": column(cylinders, "rod", absent=1.0),
         "pressure": pressure,
         "traces": _trace_table(cylinders),
         "combustion": _combustion_table(cylinders),
-        "gas_factor": column(cylinders, "gas_factor", absent=1.0) if scattered else None,
     }
+    for name in ("gas_factor", "injection"):
+        scattered = any(getattr(c, name) is not None for c in cylinders)
+        own[name] = column(cylinders, name, absent=1.0) if scattered else None
     return _collected(Cylinders, cylinders, own | _scales(cylinders) | _shares(cylinders))
 
 

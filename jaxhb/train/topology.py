@@ -15,6 +15,7 @@ import numpy as np
 
 from jaxhb.elements.elements import TABLES, SceneError, suggestion
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
+from jaxhb.excitation.gas import GasCycles
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +29,8 @@ class Topology:
     ``cylinder_source`` what the gas torque of each cylinder comes from; ``cylinder_step`` the
     harmonics of the cycle per harmonic of the gas cycle (0 where no pressure is given) and ``cylinder_turn``
     per order of the own rotor; ``cylinder_gas`` and ``cylinder_inertia`` how many harmonics of the gas cycle
-    and how many orders of the own rotor are computed. ``rotor_path`` holds for each rotor the pairs (driving
+    and how many orders of the own rotor are computed; ``cylinder_fires`` whether each is injected, ``cylinder_cut_off``
+    whether it has no gas torque at all. ``rotor_path`` holds for each rotor the pairs (driving
     disk, driven disk) that lead to it from the reference rotor. ``hz_links``, ``amplitude_links`` and
     ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed. ``springs`` are
     what acts beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or "friction", row).
@@ -82,6 +84,7 @@ class Topology:
     cylinder_inertia: tuple[int, ...]
     cylinder_series: tuple[bool, ...]
     cylinder_fires: tuple[bool, ...]
+    cylinder_cut_off: tuple[bool, ...]
     load_harmonics: tuple[tuple[int, ...], ...] = ()
     shaft_rules: tuple[str, ...] = ()
     phase_names: tuple[str, ...] = ()
@@ -122,6 +125,22 @@ class Topology:
         """Names of the elements by table."""
         names = {table: getattr(self, f"{table}_names") for table in TABLES}
         return names | {"disk": self.disk_names[: self.n_scene_disks]}
+
+    @cached_property
+    def gas_cycles(self) -> GasCycles:
+        """How the gas of each cylinder works."""
+        return GasCycles(
+            source=self.cylinder_source,
+            fires=self.cylinder_fires,
+            cut_off=self.cylinder_cut_off,
+            revolutions=self.cylinder_gas_revolutions,
+        )
+
+    @cached_property
+    def firing_cylinders(self) -> tuple[str, ...]:
+        """Names of the cylinders that are injected and not cut off."""
+        each = zip(self.cylinder_names, self.cylinder_fires, self.cylinder_cut_off, strict=True)
+        return tuple(name for name, fires, cut in each if fires and not cut)
 
     @property
     def parts_text(self):

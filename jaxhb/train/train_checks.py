@@ -173,7 +173,14 @@ def _mean_fields(element) -> tuple[str, ...]:
     if isinstance(element, Torque):
         return ("mean", "scale", "rated_rpm", "speed_exponent")
     of_pressure = (*gas.COMPUTED, "load", "bore", "stroke", "rod", "table_firing_tdc")
-    return ("fires", "scale", "gas_factor", "gas_torque_mean", *(of_pressure if gas.source(element) else ()))
+    return (
+        "fires",
+        "scale",
+        "gas_factor",
+        "injection",
+        "gas_torque_mean",
+        *(of_pressure if gas.source(element) else ()),
+    )
 
 
 def _mean_known(parts, table: str, i: int) -> bool:
@@ -190,9 +197,14 @@ def mean_torques(parts, speeds) -> np.ndarray:
         # Copies of what means come from: other fields may be faulty.
         known[table] = [type(e)(disk="", **{name: getattr(e, name) for name in _mean_fields(e)}) for e, _ in found]
     cylinders = known["cylinder"]
-    fires, revolutions = [c.fires for c in cylinders], [gas.gas_revolutions(c) for c in cylinders]
+    cycles = gas.GasCycles(
+        source=tuple(gas.source_word(c) for c in cylinders),
+        fires=tuple(c.fires for c in cylinders),
+        cut_off=(False,) * len(cylinders),
+        revolutions=tuple(map(gas.gas_revolutions, cylinders)),
+    )
     given = tables.torque_table(known["torque"]), tables.cylinder_table(cylinders)
-    return connections.on_disks(len(parts.disk_names), seats, mean_torques_at(*given, fires, revolutions, speeds))
+    return connections.on_disks(len(parts.disk_names), seats, mean_torques_at(*given, cycles, speeds))
 
 
 def scale_speeds(parts) -> list[float]:

@@ -23,10 +23,11 @@ NUMBERS = {
 
 
 def one(samples=7200, revolutions=2, **changes):
-    """Pressures of one cylinder, [samples] each."""
+    """Pressures of one cylinder without heat and per joule, [samples] each."""
     given = {key: np.array([value]) for key, value in (NUMBERS | changes).items()}
     size = (np.array([v]) for v in (BORE, STROKE, ROD))
-    return [p[0] for p in pressures(*size, given, revolutions=revolutions, samples=samples)]
+    charge, exhaust, heat = (p[0] for p in pressures(*size, given, revolutions=revolutions, samples=samples))
+    return NUMBERS["charge_pressure"] * charge + NUMBERS["exhaust_pressure"] * exhaust, heat
 
 
 def volume(degrees):

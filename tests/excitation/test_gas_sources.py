@@ -108,28 +108,29 @@ def test_a_train_without_the_additions_has_no_more_leaves():
     assert {*absent, plain.loads.harmonics, plain.torques.rated_rpm} == {None}
 
 
-def test_a_misfire_takes_compression_away_and_an_imep_of_zero_leaves_it():
+def test_without_heat_a_cylinder_with_equal_exponents_is_that_which_misfires():
     alike = BURNING | {"expansion_exponent": 1.35, "compression_exponent": 1.35}  # without heat they give no work
     light = {"reciprocating_mass": 0.0}
     by_work = pair(cylinder(combustion=Combustion(imep=1e6, **alike), **light))
-    assert not torque(by_work.misfire("c"), 1500.0).any() and by_work.value("c.combustion.imep") == 1e6
+    assert not torque(by_work.cut_off("c"), 1500.0).any() and by_work.value("c.combustion.imep") == 1e6
     compressing = torque(by_work.replace({"c.combustion.imep": 0.0}), 1500.0)
     assert abs(compressing[0]) < 1e-9 < 100.0 < abs(compressing).max()
     by_heat = pair(cylinder(combustion=Combustion(heat=2500.0, **alike), **light))
     close(torque(by_heat.replace({"c.combustion.heat": 0.0}), 1500.0), compressing)
+    close(torque(by_work.misfire("c"), 1500.0), compressing)
 
 
 def test_each_misfire_of_the_batch_is_the_misfire_of_that_cylinder():
     given = {"gas_torque_mean": 20.0, "gas_torque": [(0.5, 3.0, 1.0)]}
     parts = [cylinder("one", pressure=trace(8e6), ambient_pressure=1e5), cylinder("two", firing_angle=360.0, **given)]
     train = pair(*parts, cylinder("off", fires=False))
-    trains = train.misfires()
-    assert list(trains) == ["one", "two"] and {t.topology for t in trains.values()} == {train.topology}
-    batch = jax.tree.map(lambda *leaves: np.stack(leaves), *trains.values())
-    mapped = jax.jit(jax.vmap(lambda t: excitation(t, 1500.0, 24)[0][0]))(batch)
-    for name, row in zip(trains, mapped, strict=True):
-        close(torque(trains[name], 1500.0), torque(train.misfire(name), 1500.0))
-        close(np.asarray(row), torque(train.misfire(name), 1500.0))
+    for trains, alone in ((train.misfires(), train.misfire), (train.cut_offs(), train.cut_off)):
+        assert list(trains) == ["one", "two"] and {t.topology for t in trains.values()} == {train.topology}
+        batch = jax.tree.map(lambda *leaves: np.stack(leaves), *trains.values())
+        mapped = jax.jit(jax.vmap(lambda t: excitation(t, 1500.0, 24)[0][0]))(batch)
+        for name, row in zip(trains, mapped, strict=True):
+            close(torque(trains[name], 1500.0), torque(alone(name), 1500.0))
+            close(np.asarray(row), torque(alone(name), 1500.0))
 
 
 def test_scatter_can_be_put_on_a_train_without_it():

@@ -76,12 +76,11 @@ def test_cylinder_torque_is_the_direct_sum_of_gas_and_inertia(ambient):
     np.testing.assert_allclose(synthesis(torque[0], theta / 2), wanted, atol=5e-4 * np.abs(wanted).max())
 
 
-def test_a_misfire_has_no_gas_torque_but_its_inertia_torque():
-    fire = Cylinder(disk="a", **CRANK, pressure=TRACE)
-    given = Cylinder(disk="a", **CRANK, gas_torque_mean=100.0, gas_torque=[(0.5, 3.0, 4.0)])
-    for cylinder in (fire, given):
-        silent = Cylinder(**{**vars(cylinder), "fires": False})
-        torque = np.asarray(excitation(pair(silent), 3000.0, 8)[0])[0]
+def test_a_cylinder_that_is_cut_off_has_no_gas_torque_but_its_inertia_torque():
+    fire = Cylinder(disk="a", name="c", **CRANK, pressure=TRACE)
+    given = Cylinder(disk="a", name="c", **CRANK, gas_torque_mean=100.0, gas_torque=[(0.5, 3.0, 4.0)])
+    for cylinder, silent in ((fire, pair(fire).cut_off("c")), (given, pair(given).misfire("c"))):
+        torque = np.asarray(excitation(silent, 3000.0, 8)[0])[0]
         inertia = harmonics(inertia_torque(0.12, 0.2)) * 2.0 * (100 * np.pi) ** 2
         np.testing.assert_allclose(torque[2::2], inertia[1:5], rtol=1e-12)
         assert np.all(np.abs(torque[[0, 1, 3, 5, 7]]) < 1e-9)
@@ -120,8 +119,7 @@ def test_mean_torque_of_the_excitation_is_that_of_the_host():
         Cylinder(disk="a", name="idle", **CRANK, gas_torque_mean=50.0, fires=False),
     ]
     train, speeds = pair(*parts), np.array([800.0, 1700.0])
-    cycle = train.topology.cylinder_fires, train.topology.cylinder_gas_revolutions
-    means = mean_torques(train.torques, train.cylinders, *cycle, speeds)
+    means = mean_torques(train.torques, train.cylinders, train.topology.gas_cycles, speeds)
     assert isinstance(means, np.ndarray) and means.shape == (2, 4)
     np.testing.assert_allclose(means[:, [0, 2, 3]], [[3.0, 30.0, 0.0], [10.0, 30.0, 0.0]], rtol=1e-14)
     np.testing.assert_allclose(means[0, 1] / means[1, 1], 0.5 / 0.85, rtol=1e-14)

@@ -22,7 +22,7 @@ from jaxhb.report.figures.figure import (
     speed_range,
 )
 from jaxhb.report.quantities import forces, separation, shaft_torques, shown_unit
-from jaxhb.report.selection import NOT_FIRING, hardest_shaft, train_name
+from jaxhb.report.selection import case_title, hardest_shaft, train_name
 from jaxhb.report.text.strength import LIMITED, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
 from jaxhb.report.text.tuned import scaled_unit, with_unit
@@ -177,7 +177,10 @@ def plot_forced(cases, found, worst=None):
 
     def beside(name):
         """The worst misfire of an element."""
-        return {f"{worst[name].cylinder}{NOT_FIRING}": cases[worst[name].cylinder]} if worst else {}
+        if not worst:
+            return {}
+        cylinder = worst[name].cylinder
+        return {case_title(cases[cylinder].train, cylinder): cases[cylinder]}
 
     figures = [orders_figure(response, one, beside(one.name)) for one in chosen]
     for kind, name in judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST):

@@ -15,6 +15,7 @@ from jaxhb.report.text.strength import answers_strength, strength_columns, stren
 from jaxhb.results.dataset import CONTACT, as_netcdf, names_of, to_xarray
 from jaxhb.results.record import PERCENT
 from jaxhb.results.signal import MISSED
+from jaxhb.train.firing import not_firing
 from jaxhb.train.plausible import plausibility
 
 NEGLIGIBLE = 1e-12
@@ -67,9 +68,15 @@ def answer_record(answer, *, orders=None):
     return found | (certificate_record(answer.certificate) if answer.certificate is not None else {})
 
 
-def on_scene(train):
-    """What is noted of the scene, once for all speeds."""
-    return {"scene_notes": plausibility(train)}
+def on_scene(*trains):
+    """What is noted of the scene, once for all speeds, and what is computed of cylinders that do not fire in it or its
+    misfires."""
+    return {"scene_notes": plausibility(trains[0])} | not_firing_record(*trains)
+
+
+def not_firing_record(*trains):
+    """What is computed of cylinders that do not fire: sentences, none where all fire."""
+    return {"not_firing": not_firing(*trains)}
 
 
 def both_record(answer, orders=None):

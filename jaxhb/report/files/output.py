@@ -17,6 +17,7 @@ ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
 STANDARD_OUTPUT = "-"
 STREAMED = ("--json", "--csv", "--trace")  # options whose file may be standard output
 _CHANGES = {"scenario": lambda name: name, "set": dict, "links_at": dict, "viscous": lambda hz: hz, "misfire": list}
+_CHANGES |= {"cut_off": list}
 
 
 class OutputError(ValueError):

@@ -9,7 +9,7 @@ from jaxhb.report.page.parts import Heading, flowing, table
 from jaxhb.report.text.cases import hardest_of, worst_misfire
 from jaxhb.report.text.certified import certificate_parts
 from jaxhb.report.text.columns import NONE, Table, from_rows, plain_number
-from jaxhb.report.text.sentences import notes, warnings
+from jaxhb.report.text.sentences import firing_lines, notes, warnings
 from jaxhb.report.text.strength import AID, LIMITED, Limited, answers_strength, strength_text
 from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.train.plausible import plausibility
@@ -20,6 +20,7 @@ ROUNDING = 1e-9  # share of the power that is lost by rounding
 def result(report):
     """What an engineer reads first: do the teeth hammer, how hard, and what of it is in doubt."""
     blocks, worst = [f"With {_largest(case)}" for case in report.shown], worst_misfire(report.cases)
+    blocks += firing_lines(*(case.answers[0].train for case in report.cases))
     if len(report.cases) > 2 and worst:
         blocks.append(f"Of all {len(report.cases) - 1} misfires that of {worst['cylinder']} is the worst.")
     blocks += [f"With the {_largest(case)}" for case in report.seconds]

@@ -9,7 +9,7 @@ from jaxhb.linear.forced import forced_response
 from jaxhb.report.figures.linear import MOST, campbell_figure, shapes_figure
 from jaxhb.report.figures.speeds import hardest_elements, orders_figure
 from jaxhb.report.page.parts import Heading
-from jaxhb.report.selection import NOT_FIRING
+from jaxhb.report.selection import cylinder_of, misfiring
 from jaxhb.report.text.forced import forced_failures, readings, worst_tables
 from jaxhb.report.text.linear import campbell_parts, in_contact, modes_text
 
@@ -38,7 +38,7 @@ def campbell(report):
     low, high = min(report.rpm), max(report.rpm)
     low, high = (low * (1 - ONE_SPEED), high * (1 + ONE_SPEED)) if low == high else (low, high)
     speeds = np.linspace(low, high, 33)
-    trains = {case.title.removesuffix(NOT_FIRING): case.answers[0].train for case in report.shown}
+    trains = {cylinder_of(case.title): case.answers[0].train for case in report.shown}
     orders = sorted({order for train in trains.values() for order in excited_orders(train, rpm=speeds)})
     asked = {"rpm": speeds, "orders": orders, "count": CAMPBELL_MODES[1]}
     found = [campbell_of(train, **asked) for train in trains.values()]
@@ -60,7 +60,7 @@ def forced(report):
     title, first = next(iter(responses.items()))
     found, good = readings(first), np.asarray(first.converged)
     chosen = hardest_elements([one.at(good) for one in found]) if len(speeds) > 1 and good.any() else []
-    misfires = {other: response for other, response in responses.items() if NOT_FIRING in other}
+    misfires = {other: response for other, response in responses.items() if misfiring(other)}
     said = f"Linear, teeth in contact, at {len(speeds)} speeds. Sums and orders in the figures: {title}."
     said += " Lines of a misfire are its half peak-to-peak." if misfires else ""
     blocks = [said, *(orders_figure(first, one, misfires, title) for one in chosen)]

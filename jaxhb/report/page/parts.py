@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from jaxhb.report.answer import Case
 from jaxhb.report.figures.figure import Figure
-from jaxhb.report.selection import NOT_FIRING
+from jaxhb.report.selection import cylinder_of
 from jaxhb.report.text.cases import worst_misfire
 from jaxhb.report.text.columns import NONE, Table, from_rows, plain_number
 
@@ -66,8 +66,8 @@ def shown_misfire(cases):
     if len(cases) <= 2:
         return cases[1] if len(cases) == 2 else None
     worst = worst_misfire(cases)
-    title = worst["cylinder"] + NOT_FIRING if worst else cases[1].title
-    return next(case for case in cases if case.title == title)
+    known = (case for case in cases[1:] if worst and cylinder_of(case.title) == worst["cylinder"])
+    return next(known, cases[1])
 
 
 def table(title, rows, heads, digits=6):

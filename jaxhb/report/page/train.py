@@ -7,7 +7,7 @@ from collections import defaultdict
 import numpy as np
 
 from jaxhb.elements.elements import facts_of, unit_of
-from jaxhb.excitation.gas import COMPUTED, GAS_SAMPLES
+from jaxhb.excitation.gas import GAS_SAMPLES
 from jaxhb.excitation.mean_torques import gas_pressures, mean_torques, scale_at
 from jaxhb.report.figures.sketch import plot_train
 from jaxhb.report.page.differences import said
@@ -121,14 +121,17 @@ def _gas(report, first):
     """Peak pressure, its angle, mean effective pressure and mean torque of the cylinders over the speed."""
     topology, cylinders, speeds = report.train.topology, report.train.cylinders, np.array(_some(report.rpm))
     own = np.ones(len(first)) if cylinders.gas_factor is None else np.asarray(cylinders.gas_factor)
-    factors, pressures = own * scale_at(cylinders, speeds), own[:, None] * gas_pressures(cylinders, speeds)
-    cycle, rows = (topology.cylinder_fires, topology.cylinder_gas_revolutions), []
-    means = mean_torques(report.train.torques, cylinders, *cycle, speeds)[:, len(topology.torque_names) :]
+    factors, pressures = (
+        own * scale_at(cylinders, speeds),
+        own[:, None] * gas_pressures(cylinders, topology.gas_cycles, speeds),
+    )
+    rows = []
+    means = mean_torques(report.train.torques, cylinders, topology.gas_cycles, speeds)[:, len(topology.torque_names) :]
     for i in sorted({topology.cylinder_names.index(name) for name in first.values()}):
         turns, swept = topology.cylinder_gas_revolutions[i], np.pi / 4 * cylinders.bore[i] ** 2 * cylinders.stroke[i]
         for k, speed in enumerate(speeds):
             cells = [NONE] * 3
-            if topology.cylinder_source[i] in COMPUTED and topology.cylinder_fires[i]:
+            if topology.gas_cycles.computed[i]:
                 place, period = int(np.argmax(pressures[k, i])), 360.0 * turns
                 angle = place * period / GAS_SAMPLES
                 cells = [1e-5 * pressures[k, i, place], f"{angle - period * (angle > period / 2):.1f}"]

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from jaxhb.report import quantities
 from jaxhb.report.answer import Case
 from jaxhb.report.quantities import WITHOUT, Quantity, number, shown_unit, unit_of
-from jaxhb.report.selection import NOT_FIRING, train_name
+from jaxhb.report.selection import cylinder_of, train_name
 from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import NONE, count, from_rows, hit, irregular, percent, ratio
 from jaxhb.report.text.mean_torques import balance_line, mean_angles_of
-from jaxhb.report.text.sentences import misfire_text, motion_word, notes_text, status_lines, verdict
+from jaxhb.report.text.sentences import firing_lines, misfire_text, motion_word, notes_text, status_lines, verdict
 from jaxhb.report.text.strength import answers_strength, strength_text
 from jaxhb.results.dataset import names_of
 from jaxhb.results.record import PERCENT
@@ -88,7 +88,8 @@ def solve_text(answer):
     """The :class:`Answer` at one speed: verdict, kind of motion, tooth forces, torques of gears and shafts, notes."""
     topology = answer.topology
     means = "; ".join(filter(None, [balance_line(answer.balance), f"mean angles: {mean_angles_of(topology)}"]))
-    head = [verdict(answer), "", f"{train_name(topology)} at {answer.rpm:g} rpm", *status_lines(answer), means]
+    head = [verdict(answer), "", f"{train_name(topology)} at {answer.rpm:g} rpm"]
+    head += [*firing_lines(answer.train), *status_lines(answer), means]
     doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
     parts = ["\n".join(head), *(doubt + table for table in _tables(answer))]
     parts += certificate_text(answer) + strength_text({"": answers_strength([answer])}) + notes_text(answer)
@@ -164,6 +165,7 @@ COMPARED = (
 def cases_text(cases):
     """Verdicts of all cases and speeds, then per speed tooth forces and torques side by side."""
     parts = [f"With {case.title}\n" + "\n".join(f"  {verdict(answer)}" for answer in case.answers) for case in cases]
+    parts += firing_lines(*(case.answers[0].train for case in cases))
     for place, first in enumerate(cases[0].answers):
         lines = [f"==== {first.rpm:g} rpm ===="]
         for case in cases:
@@ -243,7 +245,7 @@ def worst_misfire(cases):
     """The misfire and the speed with the largest value, as it is written; None where no motion is known."""
     found = hardest_of(cases[1:])
     return found and {
-        "cylinder": found.case.title.removesuffix(NOT_FIRING),
+        "cylinder": cylinder_of(found.case.title),
         "rpm": found.answer.rpm,
         "quantity": found.quantity.called,
         "of": found.name,
@@ -257,6 +259,7 @@ def misfires_text(cases):
     """The worst misfire, then per speed what each misfire hits hardest, against normal running."""
     worst = worst_misfire(cases)
     parts = [misfire_text(worst, cases[0].title) if worst else "No motion with a misfire is known."]
+    parts += firing_lines(*(case.answers[0].train for case in cases))
     parts += [_speed_table(cases, place) for place in range(len(cases[0].answers))]
     return "\n\n".join([*parts, *_below(cases)])
 

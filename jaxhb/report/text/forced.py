@@ -10,7 +10,7 @@ from jaxhb.report.answer import SPEED
 from jaxhb.report.quantities import READERS, shown_unit
 from jaxhb.report.selection import case_title, train_name
 from jaxhb.report.text.columns import NONE, from_rows, ranges, ratio
-from jaxhb.report.text.sentences import misfire_text
+from jaxhb.report.text.sentences import firing_lines, misfire_text
 from jaxhb.report.text.strength import strength_columns, strength_record
 from jaxhb.results.dataset import SIGNALS, names_of
 from jaxhb.results.response import Response
@@ -106,6 +106,7 @@ def forced_text(cases, found, worst=None, *, each):
     response = cases[""]
     name, rpm, good = train_name(response.topology), response.rpm, np.asarray(response.converged)
     parts = [f"{name}: linear forced response, teeth in contact, {SPEED.span(rpm)}"]
+    parts += firing_lines(*(one.train for one in cases.values()))
     if worst:
         return "\n\n".join([*parts, *_misfire_parts(cases, found, worst, each)])
     parts += [_speed_table(one, good) for one in found] if each else worst_tables(response, found)
@@ -248,7 +249,7 @@ def hardest_of(found, worst):
 
 def _misfire_parts(cases, found, worst, each):
     """The worst misfire and every misfire, of what swings most or of ``each`` element, and the worst misfire of all."""
-    titles = {name: case_title(cases[""].train, name) for name in cases}
+    titles = {name: case_title(response.train, name) for name, response in cases.items()}
     chosen = found if each else [hardest_of(found, worst)]
     yield "\n".join(misfire_text(_worst_record(one, worst), titles[""], " half peak-to-peak") for one in chosen)
     for one in chosen:

@@ -82,14 +82,14 @@ def weak_text(found):
         [name, f"{100 * factor:.1f}", f"{100 * std:.1f}", count(more)]
         for name, factor, std, more in zip(found.names, found.gas_factor, found.std, found.evidence, strict=True)
     ]
-    heads = ["cylinder, if it alone differs", "gas torque, %", "+-", "worse than the first by (chi-square)"]
+    heads = ["cylinder, if it alone differs", "burns, %", "+-", "worse than the first by (chi-square)"]
     table = from_rows("Weak cylinder", heads, rows)
     if found.all_equal < 4.0:
         said = "No cylinder differs: with equal cylinders the measurements are explained as well."
     elif len(found.likely) > 1:
         said = f"These are not told apart by the measurements: {', '.join(found.likely)}."
     else:
-        said = f"{found.names[0]} has {100 * found.gas_factor[0]:.0f} % of its gas torque."
+        said = f"{found.names[0]} burns {100 * found.gas_factor[0]:.0f} % of what the others do."
     return f"{said}\n\n{table}"
 
 

@@ -6,7 +6,6 @@ import numpy as np
 
 from jaxhb.elements.elements import SceneError
 from jaxhb.linear.critical import ELASTIC, RIGID, RING
-from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.columns import NONE, Table, from_rows, percent, plain_number
 
 FIRST = 3  # modes whose energies or tables are shown where none is asked for
@@ -144,11 +143,12 @@ def holzer_record(tables, name):
     return {"scene": name, "tables": rows}
 
 
-def campbell_text(found, count, name, misfires, teeth=""):
-    """Modes and critical speeds of a Campbell diagram of ``count`` elastic modes; ``misfires`` by cylinder."""
+def campbell_text(found, count, name, misfires, teeth="", lines=()):
+    """Modes and critical speeds of a Campbell diagram of ``count`` elastic modes; ``misfires`` by cylinder; ``lines``
+    stand below the first."""
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     head = f"{name}: Campbell diagram from {found.rpm[0]:g} to {found.rpm[-1]:g} rpm, {stiff}"
-    return "\n\n".join([head, *campbell_parts(found, count, misfires)])
+    return "\n\n".join(["\n".join([head, *lines]), *campbell_parts(found, count, misfires)])
 
 
 def campbell_parts(found, count, misfires):
@@ -219,9 +219,10 @@ def _critical_record(c):
     return {"rpm": c.rpm, "order": c.order, "mode": c.mode, "hz": c.hz, "modal_torque": c.torque}
 
 
-def campbell_rows(found, misfires):
-    """Heads and rows of ``campbell --csv``: one row per critical speed; modal torques with misfires come last."""
+def campbell_rows(found, misfires, titles):
+    """Heads and rows of ``campbell --csv``: one row per critical speed; modal torques with misfires, which have
+    ``titles``, come last."""
     heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
-    heads += [f"modal torque N m, {cylinder}{NOT_FIRING}" for cylinder in misfires]
+    heads += [f"modal torque N m, {titles[cylinder]}" for cylinder in misfires]
     own = [[one.critical[k].torque for one in misfires.values()] for k in range(len(found.critical))]
     return heads, [[*dataclasses.astuple(c), *more] for c, more in zip(found.critical, own, strict=True)]

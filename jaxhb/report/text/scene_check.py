@@ -12,7 +12,7 @@ from jaxhb.equations.kinematics import referred, tooth_damping_ratios
 from jaxhb.excitation.mean_torques import mean_torques
 from jaxhb.report.text.columns import NONE, Table, from_rows
 from jaxhb.report.text.mean_torques import torque_notes, torques_of
-from jaxhb.report.text.sentences import once_alike
+from jaxhb.report.text.sentences import firing_lines, once_alike
 from jaxhb.train import connections
 from jaxhb.train.plausible import plausibility
 
@@ -119,7 +119,7 @@ def check_text(train, responses, speeds, notes):
     topology = train.topology
     heads = [(f"at {rpm:g} rpm", "mean") for rpm in speeds] if speeds else [("at any speed", "mean")]
     verdict = f"{len(notes)} note{'s' * (len(notes) != 1)} below" if notes else "nothing to note"
-    parts = [f"{topology.title}: {_counts(topology)}; {verdict}."]
+    parts = ["\n".join([f"{topology.title}: {_counts(topology)}; {verdict}.", *firing_lines(train)])]
     torques = [[name, disk, *means] for name, disk, means in torque_rows(train, responses)]
     if torques:
         title = "Mean torque on the disk's own shaft, N m (positive: drives)"
@@ -168,6 +168,7 @@ def check_record(train, responses, notes):
             | {key: getattr(train.meshes, key)[i] for key in keys}
             for i, name in enumerate(train.topology.mesh_names)
         },
+        "not_firing": train.not_firing(),
         "notes": notes,
     }
 
@@ -186,8 +187,7 @@ def torque_rows(train, responses):
     """(name, disk, means over the speeds) of given torques, cylinders, loads and grounds."""
     topology = train.topology
     speeds = np.array([response.rpm for response in responses], dtype=float)
-    cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
-    means = mean_torques(train.torques, train.cylinders, *cycle, speeds).T.tolist()
+    means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, speeds).T.tolist()
     names = [*topology.torque_names, *topology.cylinder_names, *topology.load_names, *topology.ground_names]
     seats = [*topology.torque_disk, *topology.cylinder_disk, *topology.load_disk, *topology.ground_disk]
     loads, grounds = ([torques_of(one, kind) for one in responses] for kind in ("load", "ground"))

@@ -12,6 +12,7 @@ from jaxhb.report.selection import most_apart
 from jaxhb.report.text.columns import plain_number
 from jaxhb.report.text.mean_torques import speed_of, torque_notes
 from jaxhb.results.status import Homotopy, Shooting, Status
+from jaxhb.train.firing import not_firing
 from jaxhb.train.plausible import plausibility
 
 LOST = 1e-3  # share of the power of the torques that may be lost without a note
@@ -237,6 +238,12 @@ def misfire_text(worst, firing, swing=""):
         f"The worst misfire is that of {worst['cylinder']}: {worst['quantity']} of {value}{swing} in {worst['of']} at"
         f" {worst['rpm']:g} rpm, {normal} with {firing}."
     )
+
+
+def firing_lines(*trains):
+    """A line on what is computed of cylinders that do not fire in some of the trains, in a list, empty without any."""
+    said = "; ".join(not_firing(*trains))
+    return [f"Not firing, {said}."] * bool(said)
 
 
 def _kN(force):

@@ -6,7 +6,7 @@ from jaxhb.report.answer import SPEED, UNCONFIRMED
 from jaxhb.report.quantities import IRREGULARITY, main_quantity
 from jaxhb.report.selection import heaviest, most_apart
 from jaxhb.report.text.columns import NONE, Table, hit, irregular, percent, ranges, written
-from jaxhb.report.text.sentences import motion_word, notes_text, status_word, verdict
+from jaxhb.report.text.sentences import firing_lines, motion_word, notes_text, status_word, verdict
 from jaxhb.report.text.strength import answers_strength, strength_text
 
 BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
@@ -21,7 +21,8 @@ def sweep_text(sweeps):
     parts, several = [], len(sweeps) > 1
     for way, answers in sweeps.items():
         head = f"{BLOCKS[way]}: " * several
-        parts += ["\n".join([head + "\n".join(motion_sentences(answers)), "", speed_table(answers)])]
+        said = [*motion_sentences(answers), *firing_lines(answers[0].train)]
+        parts += ["\n".join([head + "\n".join(said), "", speed_table(answers)])]
         parts += turning_table(answers)
     if answers[0].axis == SPEED:
         parts += strength_text({BLOCKS[way] * several: answers_strength(own) for way, own in sweeps.items()})

@@ -1,0 +1,60 @@
+"""Cylinders that do not fire: what is computed of them, in sentences."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxhb._jax import traced
+from jaxhb.excitation.gas import COMPUTED
+
+if TYPE_CHECKING:
+    from jaxhb.train.drivetrain import DriveTrain
+
+COMPRESSING = "no injection, compression stays"
+CUT_OFF = "cut off, no gas torque at all"
+UNTOLD = (
+    "no gas torque at all: compression cannot be told from a given gas_torque (pressure or combustion would tell it)"
+)
+NOTHING = "no gas torque, the scene gives none"
+"""What is computed of a cylinder that does not fire."""
+
+
+NAMED = 6  # cylinders in a sentence; of more the first and the last
+
+
+def not_firing(*trains: DriveTrain) -> list[str]:
+    """See :meth:`DriveTrain.not_firing`; of several trains what holds in any of them."""
+    alike: dict[str, dict[str, None]] = {}
+    for train in trains:
+        for number, name in enumerate(train.topology.cylinder_names):
+            if said := _computed(train, number):
+                alike.setdefault(said, {})[name] = None
+    return [f"{_listed(list(names))}: {said}" for said, names in alike.items()]
+
+
+def _listed(names):
+    return ", ".join(names) if len(names) <= NAMED else f"{names[0]}, … {names[-1]} ({len(names)} cylinders)"
+
+
+def is_cut_off(train: DriveTrain, cylinder: str) -> bool:
+    """Tell whether a cylinder has no gas torque at all, whatever it is made of."""
+    number = train.topology.cylinder_names.index(cylinder)
+    return train.topology.cylinder_cut_off[number] or _is_zero(train.cylinders.gas_factor, number)
+
+
+def _computed(train, number) -> str:
+    """What is computed of one cylinder, "" of one that fires."""
+    cycles = train.topology.gas_cycles
+    if cycles.cut_off[number] or _is_zero(train.cylinders.gas_factor, number):
+        return CUT_OFF
+    if cycles.fires[number] and not _is_zero(train.cylinders.injection, number):
+        return ""
+    if cycles.source[number] in COMPUTED:
+        return COMPRESSING
+    return UNTOLD if cycles.source[number] == "harmonics" else NOTHING
+
+
+def _is_zero(values, number) -> bool:
+    return values is not None and not traced(values) and float(np.asarray(values)[number]) == 0.0
