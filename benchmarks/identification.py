@@ -81,7 +81,7 @@ def cylinders(count, seed):
         for k in range(count):
             rng = np.random.default_rng([seed, 1000 + k])
             weak = names[rng.integers(len(names))]
-            truth = train.replace({f"{name}.gas_factor": 0.7 if name == weak else 1.0 for name in names})
+            truth = train.replace({f"{name}.injection": 0.7 if name == weak else 1.0 for name in names})
             rows = measure(truth, rng, [("speed", "flywheel")], np.arange(0.5, 3.5, 0.5), 0.03, phases)
             found = weak_cylinder(train, rows)
             first += found.names[0] == weak

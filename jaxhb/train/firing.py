@@ -14,9 +14,7 @@ if TYPE_CHECKING:
 
 COMPRESSING = "no injection, compression stays"
 CUT_OFF = "cut off, no gas torque at all"
-UNTOLD = (
-    "no gas torque at all: compression cannot be told from a given gas_torque (pressure or combustion would tell it)"
-)
+UNTOLD = "no gas torque at all, as compression cannot be told from a given gas_torque"
 NOTHING = "no gas torque, the scene gives none"
 """What is computed of a cylinder that does not fire."""
 

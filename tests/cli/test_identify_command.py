@@ -9,16 +9,20 @@ import jaxhb
 
 @pytest.fixture
 def measured(tmp_path):
-    """Orders of the diesel with a softer shaft and a weak cylinder."""
-    train = jaxhb.load_scene("six_cylinder_diesel")
-    truth = train.replace({"cyl6|flywheel.stiffness": 1.8e6, "cylinder 4.gas_factor": 0.8})
+    """Orders of the diesel with a softer shaft and a cylinder with less gas torque."""
+    return written(tmp_path, {"cyl6|flywheel.stiffness": 1.8e6, "cylinder 4.gas_factor": 0.8})
+
+
+def written(folder, differences):
+    """A file of orders of the diesel with numbers of its own."""
+    truth = jaxhb.load_scene("six_cylinder_diesel").replace(differences)
     lines = ["rpm,order,element,quantity,amplitude,phase"]
     for rpm in (1500.0, 1900.0, 2200.0):
         speed = jaxhb.forced_response(truth, rpm=rpm).speed("flywheel")
         for order in (0.5, 1.5, 3.0, 6.0):
             c = 2 * complex(np.asarray(speed.coefficients)[round(2 * order)])
             lines.append(f"{rpm},{order},flywheel,speed,{abs(c):.12g},{np.rad2deg(np.angle(c)):.12g}")
-    path = tmp_path / "measured.csv"
+    path = folder / "measured.csv"
     path.write_text("\n".join(lines), encoding="utf-8")
     return path
 
@@ -38,10 +42,14 @@ def test_the_fitted_scene_loads_with_its_numbers_and_tolerances(measured, tmp_pa
     assert "cyl6|flywheel.stiffness" in called.out
 
 
-def test_the_weak_cylinder_is_told(measured, run):
+@pytest.mark.parametrize("burnt", [0.8, 0.0])
+def test_the_weak_cylinder_is_told_and_how_much_it_burns(tmp_path, run, burnt):
+    """Less injection, down to a misfire: compression stays."""
+    measured = written(tmp_path, {"cylinder 4.injection": burnt})
     called = run(f"identify six_cylinder_diesel {measured} --weak-cylinder", "json")
-    assert called.status == 0 and called.out.startswith("cylinder 4 has 80 % of its gas torque.")
-    assert called.json["weak_cylinder"][0]["name"] == "cylinder 4"
+    assert called.status == 0 and called.out.startswith(f"cylinder 4 burns {100 * burnt:.0f} % of what the others do.")
+    first = called.json["weak_cylinder"][0]
+    assert first["name"] == "cylinder 4" and first["gas_factor"] == pytest.approx(burnt, abs=1e-3)
 
 
 @pytest.mark.parametrize(("line", "sentence"), reference("cases")["identifications"])

@@ -86,7 +86,7 @@ def test_a_number_that_no_row_sees_is_told_as_open_and_a_prior_keeps_it():
 def test_the_weak_cylinder_is_found_from_low_orders_of_the_flywheel(phases):
     train, rng = jaxhb.load_scene("six_cylinder_diesel"), np.random.default_rng(7)
     names = train.topology.cylinder_names
-    truth = train.replace({f"{name}.gas_factor": 0.7 if name == names[4] else 1.0 for name in names})
+    truth = train.replace({f"{name}.injection": 0.7 if name == names[4] else 1.0 for name in names})
     rpm, orders = np.array([1200.0, 1800.0, 2300.0]), np.arange(0.5, 3.5, 0.5)
     own = 2 * np.asarray(jaxhb.forced_response(truth, rpm=rpm).speed("flywheel").coefficients)[:, 1:7]
     seen = (own * (1 + 0.03 * (rng.normal(size=own.shape) + 1j * rng.normal(size=own.shape)))).ravel()

@@ -158,8 +158,7 @@ def test_what_is_computed_without_firing_is_said():
     assert train.not_firing() == ["none: no gas torque, the scene gives none"]
     assert train.misfire("table", "model", "given").not_firing() == [
         "table, model: no injection, compression stays",
-        "given: no gas torque at all: compression cannot be told from a given gas_torque (pressure or combustion would tell"
-        " it)",
+        "given: no gas torque at all, as compression cannot be told from a given gas_torque",
         "none: no gas torque, the scene gives none",
     ]
     assert train.cut_off("model").not_firing()[0] == "model: cut off, no gas torque at all"
