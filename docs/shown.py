@@ -69,7 +69,7 @@ def write_measurement(path: Path) -> None:
     """Write twelve orders of a flywheel torque, of a diesel whose cylinder 4 is weak, with 3 % of noise."""
     import jaxhb  # here, so that the pages are read without it
 
-    true_values = {"cyl6|flywheel.stiffness": 1.85e6, "pulley.inertia": 0.02, "cylinder 4.gas_factor": 0.8}
+    true_values = {"cyl6|flywheel.stiffness": 1.85e6, "pulley.inertia": 0.02, "cylinder 4.injection": 0.8}
     train = jaxhb.load_scene("six_cylinder_diesel").replace(true_values | {"cyl6.inertia": 0.0487 * 1.1})
     speeds = np.linspace(800.0, 2400.0, 15)
     torque = jaxhb.forced_response(train, rpm=speeds).torque("cyl6", "flywheel")

@@ -121,8 +121,26 @@ def test_a_misfire_and_a_changed_number_are_those_of_python(told):
     train = jaxhb.load_scene("six_cylinder_diesel").misfire("cylinder 3").replace({"cyl1.damping": 20.0})
     swing = jaxhb.solve(train, rpm=1500.0).torque("cyl2", "cyl3").half_peak_to_peak
     assert record["shafts"]["cyl2|cyl3"]["half_peak_to_peak"] == float(swing)
-    mean = told(DIESEL, "json").json["shafts"]["cyl6|flywheel"]["mean"]
-    assert record["shafts"]["cyl6|flywheel"]["mean"] == pytest.approx(5 / 6 * mean)  # five cylinders carry it
+    assert record["not_firing"] == ["cylinder 3: no injection, compression stays"]
+
+
+def test_a_cylinder_that_is_cut_off_carries_nothing_and_one_that_misfires_pumps():
+    mean, misfire, cut = (
+        jaxhb.forced_response(train, rpm=1500.0).torque("cyl6", "flywheel").mean
+        for diesel in [jaxhb.load_scene("six_cylinder_diesel")]
+        for train in (diesel, diesel.misfire("cylinder 3"), diesel.cut_off("cylinder 3"))
+    )
+    assert cut == pytest.approx(5 / 6 * mean)
+    assert 0.99 * cut < misfire < cut  # it pushes out and takes in
+
+
+def test_the_command_tells_what_is_computed_of_a_cylinder_that_is_cut_off(told):
+    called = told(f"{DIESEL} --cut-off 'cylinder 3'", "json")
+    assert (called.json["misfire"], called.json["cut_off"]) == ([], ["cylinder 3"])
+    assert called.json["not_firing"] == ["cylinder 3: cut off, no gas torque at all"]
+    assert "\nsix_cylinder_diesel, cylinder 3 cut off at 1500 rpm\nNot firing, cylinder 3: cut off" in called.out
+    swing = jaxhb.solve(jaxhb.load_scene("six_cylinder_diesel").cut_off("cylinder 3"), rpm=1500.0)
+    assert called.json["shafts"]["cyl2|cyl3"]["max"] == float(swing.torque("cyl2", "cyl3").max)
 
 
 def test_numbers_that_are_not_finite_become_null(response):
