@@ -77,7 +77,7 @@ def misfire_each(
     >>> found = jaxhb.misfire_each(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1200.0, 1800.0])
     >>> worst = found.worst(lambda r: r.torque("cyl6", "flywheel").half_peak_to_peak)
     >>> worst.cylinder, worst.rpm, round(worst.value / worst.firing, 1)
-    ('cylinder 4', 1800.0, 1.1)
+    ('cylinder 2', 1800.0, 1.2)
     """
     return _each(train, train.misfires(), rpm, harmonics, tolerance, solve, cut_off=False)
 

@@ -235,8 +235,8 @@ class DriveTrain:
 
         Injections and gas factors that are traced count as there. Empty where every cylinder fires.
 
-        >>> jaxhb.load_scene("first_scene").misfire("cylinder").not_firing()
-        ['cylinder: no injection, compression stays']
+        >>> jaxhb.load_scene("first_scene").misfire("cylinder 1").not_firing()
+        ['cylinder 1: no injection, compression stays']
         """
         return firing.not_firing(self)
 
