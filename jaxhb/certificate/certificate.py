@@ -24,6 +24,7 @@ from jaxhb.results.response import Response
 # Harmonics in which the linearised equation is solved: twice those of the response, thrice those of the tooth modes,
 # within these; doubled until a bound holds.
 FEWEST, MOST = 32, 8192
+MOST_RECEPTANCES = 2**24  # numbers of 16 B of them at most, some arrays of which are held at a time
 RECEPTANCES = 2**18  # harmonics of them at most: beyond twice the highest natural frequency they are bounded
 
 
@@ -68,7 +69,7 @@ def certify(response: Response) -> Certificate:
     low = 1 << int(np.ceil(np.log2(max(FEWEST, 2 * response.harmonics, 3 * modes))))
     low, deflection, balance = min(low, MOST), given, None
     while True:
-        sizes = _sizes(low, highest, problem.load.shape[-1] - 1)
+        sizes = _sizes(low, highest, problem.load.shape[-1] - 1, len(gaps))
         lin = Linearization(problem, train, deflection, sizes, max(1.0, modes / 3))
         # The theorem on the truncated equation is applied at the response itself, before the motion is refined.
         balance = balance or harmonic_balance(lin, response.harmonics)
@@ -105,9 +106,15 @@ def _refine(lin):
     return lin
 
 
-def _sizes(low, highest, excited):
+def _sizes(low, highest, excited, meshes):
     high = max(8 * low, 1 << max(excited - 1, 1).bit_length())
     reach = 1 << max(high + 1, int(np.ceil(2 * highest))).bit_length()
+    if reach * meshes**2 > MOST_RECEPTANCES:
+        raise ValueError(
+            f"the highest natural frequency lies at harmonic {highest:.0f} of the cycle, and receptances of {meshes} "
+            f"meshes up to twice of it would take {16 * reach * meshes**2 / 2**30:.2g} GiB: ask for a higher speed, or "
+            "lump disks that are much lighter than the others."
+        )
     if reach > RECEPTANCES:
         raise ValueError(
             f"the highest natural frequency lies at harmonic {highest:.0f} of the cycle; the certificate serves up to "

@@ -24,6 +24,7 @@ from jaxhb.train.speeds import check_speed
 # Steps per period of the highest mesh mode, and at most, where a narrow transition of the law asks for more.
 STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD = 40, 400
 STEPS = 256  # of a cycle, at least
+MOST_STEPS = 2**21  # of a cycle times meshes, at most: samples of such a cycle, and those between, take 1 GiB
 MESH_SHARE = 0.01  # share of the strain energy of a mode that backlash meshes hold from which it is a mesh mode
 CORRECTIONS = 10  # newton steps on the segments of a cycle, at most
 CONTRADICTS = 3.0  # times the estimate of the truncation error above which a correction is asked with more steps
@@ -128,6 +129,11 @@ def reference_orbit(
     parts = partition(system, meshes)
     if steps is None:
         steps = max(resolving_steps(system, meshes, frequency), 4 * np.shape(load)[-1])
+    if steps * max(len(np.asarray(meshes.link)), 1) > MOST_STEPS:
+        raise ValueError(
+            f"time integration would take {steps:.3g} steps a cycle of {2 * np.pi / float(frequency):.3g} s, and takes "
+            f"at most {MOST_STEPS // len(np.asarray(meshes.link)):.3g}: ask for a higher speed."
+        )
     given, newton = start_coefficients is not None, 0
     if given:
         steps += -steps % shooting.SEGMENTS

@@ -9,7 +9,9 @@ import numpy as np
 
 from jaxhb._threads import side_by_side
 from jaxhb.floquet.stability import attracts
+from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState
+from jaxhb.solutions.solve import solve
 from jaxhb.steady.closure import DECAYS, ended
 from jaxhb.steady.confirmation import LEVELS, compile_ahead, same_motion, shortest_period, solve_marched
 from jaxhb.steady.marching import Batch, Equations, record_of
@@ -23,6 +25,7 @@ APART = 0.1
 RETURNED = 5e-3  # closure error below which a motion may have the shorter period that its solution has
 FINEST = 4  # times the steps of a march, at most, where twice as many did not confirm what it shows
 LATER = 32  # cycles after which a march with shorter steps is recorded that begins at the motion of longer ones
+HIGHER = ": ask for a higher speed, or for a periodic motion (--orbit, jaxhb.solve)"  # where a march is too long
 MORE_CYCLES = 32  # that a march with the finest steps goes on where harmonic balance did not find its motion
 
 
@@ -44,8 +47,35 @@ class Classifier:
     def march_to_the_end(self, indices, motions, progress=lambda count: None):
         """Steady states of some speeds by index, side by side, from motions ``{index: (x, x')}`` or from teeth in
         contact; ``progress`` is called with the number of those that became known."""
+        states = {}
+        if isinstance(self.equations, str):
+            states = {index: unknown(self.train, self.speeds[index], self.equations) for index in indices}
+        else:  # counted before anything is marched
+            too_long = {index: self.equations.too_long(self.speeds[index]) for index in indices}
+            states = {index: self._unmarched(index, reason) for index, reason in too_long.items() if reason}
+        progress(len(states))
+        return states | self._march_compiled([index for index in indices if index not in states], motions, progress)
+
+    def _unmarched(self, index, reason):
+        """The steady state of a speed whose march is too long: known where the linear motion separates no teeth and the
+        motion that Newton's method finds from there attracts."""
+        rpm, given = self.speeds[index], {"harmonics": self.request.harmonics, "tolerance": self.request.tolerance}
+        if not self.exact or index in self.apart:
+            return unknown(self.train, rpm, reason + HIGHER)
+        response = solve(self.train, rpm=float(rpm), start="linear", **given)
+        solved = int(response.status) <= Status.TOLERANCE_NOT_MET
+        attracted, stability, _ = attracts(response) if solved else (False, None, "")
+        if not attracted:
+            return unknown(self.train, rpm, reason + HIGHER)
+        note = reason + ": the motion is solved from teeth in contact, and other motions were not looked for"
+        apart = any(contact.separated_fraction > 0 for contact in response.contacts().values())
+        found = {"response": response, "stability": stability, "notes": (note,)}
+        return state_of(self.train, rpm, "periodic" if apart else "contact", 1, **found)
+
+    def _march_compiled(self, indices, motions, progress):
+        """Those of speeds that are marched, while the programs that confirm them are made."""
         programs = []
-        if self.exact and not isinstance(self.equations, str):
+        if self.exact and indices:
             separates = {self.speeds[index]: index in self.apart for index in indices}
             programs = compile_ahead(self.train, separates, self.request)
         try:
@@ -55,9 +85,6 @@ class Classifier:
                 program.cancel()
 
     def _marched(self, indices, motions, progress):
-        if isinstance(self.equations, str):
-            progress(len(indices))
-            return {index: unknown(self.train, self.speeds[index], self.equations) for index in indices}
         found, march = {}, partial(self._until_sure, motions=motions)
         with contextlib.closing(side_by_side(march, self._groups(indices), self.devices)) as groups:
             for states in groups:
@@ -90,7 +117,9 @@ class Classifier:
                         finer[index] = batch.motion(march)
                         spent[index] += march.cycles
             motions, refinement = finer, 2 * refinement
-            indices = [index for index in indices if index in finer]
+            refused = {index: self.equations.too_long(self.speeds[index], refinement) for index in finer}
+            found |= {i: unknown(self.train, self.speeds[i], why + HIGHER) for i, why in refused.items() if why}
+            indices = [index for index in indices if index in finer and not refused[index]]
         return found
 
     @cached_property

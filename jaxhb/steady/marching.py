@@ -24,6 +24,8 @@ from jaxhb.train import chain
 # 2039 rpm, extremes of the elastic tooth forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with 3.5 to 1.8 %,
 # with 8 to 0.2 %.
 STEPS_PER_MODE_PERIOD, STEPS = 5, 256
+# Steps of a cycle at most, with which a cycle of a small train takes a second or two; and memory that they may take, B.
+MOST_STEPS, MEMORY = 2**18, 3 * 2**28
 # Speeds of a batch, each a program, and how many speeds at least it is faster for than smaller ones; on each device.
 BATCHES = (64, 41), (16, 8), (1, 1)
 RECORDED_SPEEDS = 16  # of a recorded batch at most, for the sake of memory
@@ -93,8 +95,28 @@ class Equations:
         topology = self.train.topology
         highest = 2 * np.pi * self.highest_hz / topology.cycle_frequency(rpm)
         least = max(STEPS_PER_MODE_PERIOD * highest, 4 * listed_harmonic(topology), STEPS)
-        more = (TIME_STEPS[-1] * 2**k for k in range(1, 20))
-        return next(n for n in (*TIME_STEPS, *more) if n >= least)
+        more = TIME_STEPS[-1] << int(np.ceil(np.log2(max(least / TIME_STEPS[-1], 1))))
+        return next((n for n in TIME_STEPS if n >= least), more)
+
+    def too_long(self, rpm, refinement=1):
+        """Why a speed is not marched with so many times its steps, a sentence; empty where it is."""
+        steps = refinement * self.steps(rpm)
+        most = min(MOST_STEPS, int(MEMORY / self._bytes_of_step))
+        if steps <= most:
+            return ""
+        times = f", {refinement} times those of the first march" if refinement > 1 else ""
+        return (
+            f"time integration would take {steps:.3g} steps a cycle{times}, as teeth vibrate at up to "
+            f"{self.highest_hz:.4g} Hz, and takes at most {most:.3g}"
+        )
+
+    @property
+    def _bytes_of_step(self):
+        """Memory in B that a recorded march takes for each of its steps: the rows of the linear motion, the states, and
+        of every quantity its values and their Fourier coefficients."""
+        links, disks = len(self.train.topology.link_names), self.train.topology.n_disks
+        slow, fast = 2 * disks + 3 * links, 3 * len(self.own) + 2 * len(self.linear) + 2 * len(self.gears)
+        return 8 * (16 * len(self.own) + 2 * len(self.modes.rates) + 4 * slow / cycles.STRIDE + 4 * fast)
 
     def linear_motion(self, rpm):
         """The :class:`~jaxhb.integration.batch.LinearMotion` of speeds."""

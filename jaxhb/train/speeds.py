@@ -5,6 +5,7 @@ import math
 from jaxhb.elements.elements import SceneError
 
 HIGHEST_RPM = 1e6  # speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles stay below
+MOST_SPEEDS = 100_000  # of a range: answers of so many small trains fill a gigabyte
 _TOO_FAST = f"must be at most {HIGHEST_RPM:.0f} rpm: give revolutions per minute"
 
 
@@ -32,6 +33,8 @@ def read_speeds(text):
     if not words[2].isdecimal() or int(words[2]) < 1:
         raise ValueError(f"{words[2]!r} must be a whole number of at least 1")
     count = int(words[2])
+    if count > MOST_SPEEDS:
+        raise ValueError(f"{text!r} asks for {count} speeds: give at most {MOST_SPEEDS}")
     if count == 1 and first != last:
         raise ValueError(f"{text!r} asks for one speed between two: give a COUNT of at least 2")
     return [first + (last - first) * i / max(count - 1, 1) for i in range(count)]
