@@ -77,3 +77,17 @@ def html_table(caption, head, rows):
     titles = "".join(f"<th>{html.escape(title)}</th>" for title in head)
     table = f"<table><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>" if rows else ""
     return f"<p>{html.escape(caption)}</p>{table}"
+
+
+def ranges(speeds: list[float], chosen: list[float], to: str = "-") -> str:
+    """``1500-2450`` for speeds that follow each other."""
+    runs: list[list[float]] = []
+    ordered = sorted(speeds)
+    for i, speed in enumerate(ordered):
+        if speed not in chosen:
+            continue
+        if runs and i and runs[-1][1] == ordered[i - 1]:
+            runs[-1][1] = speed
+        else:
+            runs.append([speed, speed])
+    return ", ".join(f"{a:g}" if a == b else f"{a:g}{to}{b:g}" for a, b in runs)

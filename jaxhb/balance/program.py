@@ -318,7 +318,7 @@ def _solve_traced(train, rpm, begin, active_meshes, goals, plan):
     # nan for all that was computed if it is not solved, and derivatives of zero, not nan.
     given = ("rpm", "radius", "law", "topology", "resolution", "train", "path", "certificate")
     found = {f.name: getattr(response, f.name) for f in dataclasses.fields(response) if f.name not in given}
-    return dataclasses.replace(response, **derivative.only_known(response.status <= Status.TOLERANCE_NOT_MET, found))
+    return dataclasses.replace(response, **derivative.only_known(response.solved, found))
 
 
 def respond(train, rpm, problem, outcome, plan):

@@ -20,8 +20,9 @@ from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.floquet.stability import stability
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
+from jaxhb.results.answers import need_solved
 from jaxhb.results.response import Response
-from jaxhb.results.status import NotConverged, Status, check
+from jaxhb.results.status import NotConverged
 from jaxhb.solutions import continuation, planning
 from jaxhb.solutions.solve import solve
 from jaxhb.train.drivetrain import DriveTrain
@@ -281,8 +282,7 @@ def follow(
     first, speed = ends[0]
     if begin is None:
         begin = solve(first, rpm=speed, harmonics=harmonics, tolerance=tolerance)
-    if begin.status > Status.TOLERANCE_NOT_MET:
-        check(begin)
+    need_solved(begin)
     stability(replace(begin, train=first))  # its sentences come before the work
     plan = _plan(first, sum(speed for _, speed in ends) / 2, harmonics, tolerance, begin.harmonics)
     deflection = fourier.resize(active_deflections(plan, begin.deflections), plan.harmonics)

@@ -11,8 +11,9 @@ from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import fourier
 from jaxhb.linear.forced import forced_response
-from jaxhb.results.status import check
-from jaxhb.solutions.solve import solve
+from jaxhb.results.answers import left_out, need_solved
+from jaxhb.results.status import NotConverged
+from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.changes import in_contact
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
@@ -32,6 +33,8 @@ class LiftOff:
     rpm : ``(K,)``, of the reference rotor; mesh : tuple of K names
     parts : ``(K,)`` bool, whether the teeth part above this speed, and not below it
     never, always : values of the second number at which no teeth, or those of some mesh, part at every speed asked for
+        that has an answer
+    left_out : tuple of str, a sentence for each value and status of speeds without an answer
     """
 
     over: str | None
@@ -41,6 +44,7 @@ class LiftOff:
     parts: np.ndarray
     never: np.ndarray
     always: np.ndarray
+    left_out: tuple[str, ...] = ()
 
 
 def lift_off(train: DriveTrain, *, rpm: Numbers, over: str | None = None, values: Numbers = ()) -> LiftOff:
@@ -51,7 +55,9 @@ def lift_off(train: DriveTrain, *, rpm: Numbers, over: str | None = None, values
     solve a speed. Beyond, others may exist besides, and teeth that part may go on to do so below
     (:func:`jaxhb.steady_state`).
 
-    :class:`SceneError` for speeds that are no rising sequence of two or more, and where the second number is none.
+    Speeds without an answer, as an undamped resonance, are left out: ``left_out`` says so. :class:`SceneError` for
+    speeds that are no rising sequence of two or more, and where the second number is none; :class:`NotConverged` where
+    fewer than two speeds have an answer, as of a train whose mean torques do not balance.
 
     Parameters
     ----------
@@ -76,36 +82,40 @@ def lift_off(train: DriveTrain, *, rpm: Numbers, over: str | None = None, values
     if len(rpm) < 2 or (np.diff(rpm) <= 0).any():
         raise SceneError(f"{train.topology.title}: lift_off needs two speeds or more that rise: {rpm.tolist()}.")
     gaps = np.flatnonzero(train.topology.mesh_backlash)
-    rows, never, always = [], [], []
+    rows, never, always, lost = [], [], [], []
     for value in np.asarray(values, dtype=float).tolist() if over else [np.nan]:
-        one = in_contact(train.replace({over: value}) if over else train)
-        margins = (
-            np.array([_margins(one, speed)[gaps] for speed in rpm]) if not one.topology.linear_in_contact else None
-        )
-        margins = _margins(one, rpm)[:, gaps] if margins is None else margins
+        contact = in_contact(train.replace({over: value}) if over else train)
+        motion = _in_contact_at(contact, rpm)
+        lost += left_out(rpm, motion.status, f"{contact.topology.title}{f', {over} = {value:g},' if over else ''}")
+        known, margins = rpm[motion.solved], _margins(motion.elastic_forces[motion.solved])[:, gaps]
+        if len(known) < 2:
+            raise NotConverged("lift_off needs two speeds with an answer or more: " + " ".join(lost))
         if (margins > 0).all():
             never.append(value)
         if (margins <= 0).all(axis=0).any():
             always.append(value)
         for k, mesh in zip(*np.nonzero(np.diff(margins > 0, axis=0)), strict=True):
-            margin = partial(_margin, one, gaps[mesh])
-            at = brentq(margin, rpm[k], rpm[k + 1], rtol=TOLERANCE)
+            margin = partial(_margin, contact, gaps[mesh])
+            at = brentq(margin, known[k], known[k + 1], rtol=TOLERANCE)
             rows.append((value, at, train.topology.mesh_names[gaps[mesh]], margins[k, mesh] > 0))
     value, at, mesh, parts = zip(*rows, strict=True) if rows else ((), (), (), ())
-    return LiftOff(over, np.array(value), np.array(at), mesh, np.array(parts, bool), np.array(never), np.array(always))
+    found = np.array(value), np.array(at), mesh, np.array(parts, bool), np.array(never), np.array(always)
+    return LiftOff(over, *found, left_out=tuple(lost))
 
 
 def _margin(train, mesh, rpm):
-    return _margins(train, rpm)[mesh]
+    return _margins(need_solved(_in_contact_at(train, np.array([rpm]))[0]).elastic_forces)[mesh]
 
 
-def _margins(train, rpm):
-    """Smallest elastic force on the drive flank over the mean one, ``(..., M)``, of a train in contact."""
+def _in_contact_at(train, rpm):
+    """The motion of a train in contact at speeds ``(n,)``."""
     if train.topology.linear_in_contact:
-        response = forced_response(train, rpm=rpm)
-    else:
-        response = check(solve(train, rpm=float(rpm)))
-    force = np.asarray(response.elastic_forces)
+        return forced_response(train, rpm=rpm)
+    return solve_speeds(train, rpm=rpm)
+
+
+def _margins(force):
+    """Smallest elastic force on the drive flank over the mean one, ``(..., M)``, from the coefficients of the force."""
     mean = force[..., 0].real
     values = np.sign(mean)[..., None] * fourier.synthesize(force, SAMPLES * force.shape[-1])
     before, after = np.roll(values, 1, axis=-1), np.roll(values, -1, axis=-1)

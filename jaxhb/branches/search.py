@@ -9,7 +9,6 @@ from jaxhb._jax import staged, traced
 from jaxhb.balance.plan import Request
 from jaxhb.floquet.stability import Stability, attracts
 from jaxhb.results.response import Response
-from jaxhb.results.status import Status
 from jaxhb.solutions import orbits, starts
 from jaxhb.solutions.planning import all_active, plan_speeds
 from jaxhb.steady.classification import Classifier
@@ -135,5 +134,5 @@ def _searched(case):
             starts.refine(case, *attempt)
             if not case.reached.active:  # in contact: other motions, if there are any, need all meshes unknown
                 case.reached = all_active(case.train, case.reached, case.request)
-            if case.status <= Status.TOLERANCE_NOT_MET:
+            if case.response.solved:
                 yield case.response, 1

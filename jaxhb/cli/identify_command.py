@@ -23,7 +23,7 @@ def identify(train, given, measured, fit, noise, weak, plot, quiet, **_):
             raise output.OutputError("--weak-cylinder: it fits no number. Leave out --fit, --output and --plot.")
         found = weak_cylinder(train, rows, noise=noise)
         output.deliver(given, weak_text(found), json=lambda: {"scene": train.topology.name} | weak_record(found))
-        return output.ANSWERED
+        return output.ANSWERED if found.explains else output.NOT_ANSWERED
     parameters, priors = _asked(train, fit)
     with Progress(quiet=quiet) as progress:
         progress.say("fitting the measurements")

@@ -19,7 +19,6 @@ from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, o
 from jaxhb.report.text.sentences import firing_lines, remarks_text
 from jaxhb.report.text.strength import strength_text
 from jaxhb.results.dataset import as_netcdf
-from jaxhb.results.response import with_gaps
 from jaxhb.train.chain import span
 from jaxhb.train.changes import linearised
 from jaxhb.train.varying import varying
@@ -124,7 +123,7 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
     response = cases[""]
     if not any(one.converged.any() for name, one in cases.items() if name):
         cases = {"": response}  # no misfire has an answer to compare with
-    found, judged = told.readings(response, element), {name: strength(with_gaps(one)) for name, one in cases.items()}
+    found, judged = told.readings(response, element), {name: strength(one) for name, one in cases.items()}
     worst = told.worst_of(cases, found) if len(cases) > 1 else None
     parts = [told.forced_text(cases, found, worst, each=bool(element))]
     parts += strength_text({f"With {titles[name]}" if worst else "": one for name, one in judged.items()})

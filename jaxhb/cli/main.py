@@ -28,6 +28,10 @@ LINEAR_STATUS = """\
 Exit status: 0 every speed has an answer; 1 not so (files are still written); 2 bad input (nothing is written); 3 an
 error in the program."""
 
+FITTED = """\
+Exit status: 0 done; 1 no cylinder alone explains the measurements, or too few speeds have an answer; 2 bad input
+(nothing is written); 3 an error in the program."""
+
 STATUS = """\
 Exit status: 0 every speed has its answer: the kind of motion is known, and the harmonic solution of a periodic one is
 within its limits (residual and truncation error); what is "not confirmed by harmonic balance" is known from recorded
@@ -72,6 +76,9 @@ def _run(words):
         if type(error).__name__ in ("SceneError", "OutputError", "CheckpointError"):
             print(error, file=sys.stderr)
             return 2
+        if type(error).__name__ == "NotConverged":
+            print(error, file=sys.stderr)
+            return 1
         traceback.print_exc()
         return 3
 
@@ -378,7 +385,7 @@ def phase():
 
 
 @command(
-    STATUS,
+    FITTED,
     'identify my_engine.toml measured.csv --fit "cyl6|flywheel.stiffness=1e6:4e6" --output fitted.toml',
     "identify my_engine.toml measured.csv --weak-cylinder",
 )

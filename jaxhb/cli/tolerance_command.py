@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 
+from jaxhb.cli.commands import status
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.design.phases import worst_phase
@@ -76,10 +77,10 @@ def phase(train, given, rpm, name, of, phases, quiet, **_):
     output.deliver(
         given,
         _phase_text(train, found),
-        json=lambda: numbers.on_scene(train) | record | {"phases": rows},
+        json=lambda: numbers.on_scene(train) | record | {"phases": rows, "left_out": found.left_out},
         csv=lambda: output.rows_csv(rows),
     )
-    return output.ANSWERED if np.isfinite(found.nominal).all() else output.NOT_ANSWERED
+    return status(list(found.left_out))
 
 
 def _phase_text(train, found):

@@ -29,6 +29,7 @@ from jaxhb.design.quantities import OF_DESIGN, QUANTITIES, inertia_added, label
 from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.linear.sensitivity import frequencies_hz
+from jaxhb.results import answers
 from jaxhb.results.status import Status
 from jaxhb.solutions.planning import next_level, plan_marching, plan_speeds
 from jaxhb.solutions.solve import solve
@@ -139,7 +140,7 @@ class Point:
     @property
     def solved(self):
         """Whether the equations are solved ``(A, n)``."""
-        return self.status <= Status.TOLERANCE_NOT_MET
+        return answers.solved(self.status)
 
     @property
     def readings(self):
@@ -276,7 +277,7 @@ class Evaluator:
         """The Point, with gradients where the value is at most ``most``; a speed without one counts as lost."""
         point, status = lanes.point, lanes.point.status
         while True:
-            kept = lanes.counted & (status <= Status.TOLERANCE_NOT_MET)
+            kept = lanes.counted & answers.solved(status)
             weighted = point.smooth, kept, self.weights(point.speeds), aim.widths, aim.scales
             shape = {"task": self.task, "own": len(self.rpm), "heavy": self.heavy}
             combined = combine(self.train, point.z, *weighted, **shape)
@@ -412,7 +413,7 @@ class Lanes:
             train = train.replace(box.scaled(train, self.evaluator.shares[i])) if box else train
             own = {"harmonics": plan.harmonics, "integrals": plan.integrals, "seconds": RESCUE_SECONDS}
             response = solve(train, rpm=float(point.speeds[a, i]), **own)
-            if response.status <= Status.TOLERANCE_NOT_MET:
+            if response.solved:
                 found[a, i] = True
                 motion[a, i] = fourier.resize(np.asarray(response.deflections), motion.shape[-1] - 1)
         made = self.with_point(plan_number=np.where(found, 0, point.plan_number), motion=motion)

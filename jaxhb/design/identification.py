@@ -3,7 +3,8 @@
     min over p   sum over rows |computed(p) - measured|^2 / sigma^2 + sum over priors (p - own)^2 / std^2
 
 Computed is the linear forced response, teeth in contact; its derivatives by the numbers are those of jax. Least squares
-are solved by the trust-region method of scipy, within bounds.
+are solved by the trust-region method of scipy, within bounds. Rows at speeds at which the equations have no answer are
+left out, and said to be.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,13 +24,17 @@ from jaxhb.design.quantities import Parameter, parameter_faults
 from jaxhb.elements.elements import SceneError
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.linear.forced import forced_response
+from jaxhb.results.answers import left_out, solved
 from jaxhb.results.dataset import SIGNALS
+from jaxhb.results.status import NotConverged
 from jaxhb.train.drivetrain import DriveTrain
 
 FLOOR = 0.05  # share of the largest amplitude of an element that sensors make noise of, too
 OPEN = 0.5  # share of the deviation that the bounds alone leave, from which a number counts as not determined
 ALIKE = 0.95  # correlation from which the data hardly tell two numbers apart
 NORMAL = 1.96  # deviations that 95 % of a normal distribution lie within
+MOST_MISFIT = 2.0  # residuals over their deviations, root mean square, beyond which the scene does not explain the rows
+APART = 4.0  # chi-square, at a misfit of 1, by which two explanations are told apart: two deviations
 
 
 @brief
@@ -41,7 +46,11 @@ class Identification:
     before, values, std : ``(P,)``, as the train had them, fitted, and their standard deviations
     correlation : ``(P, P)``; open : names of the numbers that the data do not determine; at_bound : names
     computed, before_computed : complex ``(R,)``, of the fitted train and of that given; sigma : ``(R,)``, standard
-    deviation that was taken for each row, in its unit; misfit : root mean square of the residuals over sigma
+    deviation that was taken for each row, in its unit; misfit : root mean square of the residuals over sigma, the root
+    of the reduced chi-square
+    explained : share of the measured amplitudes that the fit explains, 1 less the mean square of what is left over
+    that of what was measured, every element and quantity alike
+    kept : bool ``(R,)``, rows that were fitted; left_out : tuple of str, a sentence for each status of the others
     """
 
     train: DriveTrain
@@ -57,6 +66,9 @@ class Identification:
     before_computed: np.ndarray
     sigma: np.ndarray
     misfit: float
+    explained: float
+    kept: np.ndarray
+    left_out: tuple[str, ...]
 
     def within(self, values: Sequence[float]) -> np.ndarray:
         """Whether true numbers lie inside the 95 % intervals ``(P,)``."""
@@ -86,10 +98,12 @@ def identify(
     The residual of a row is the difference of complex amplitudes where a phase was measured, else that of amplitudes,
     over its standard deviation: ``noise`` x the root of the sum of squares of the amplitude and a twentieth of the
     largest one of the same element and quantity. Covariances are those of the linearised fit, times the square of the
-    misfit where that is above 1: what the model cannot tell is noise as well.
+    misfit where that is above 1: what the model cannot tell is noise as well. Above 2 the scene does not explain the
+    rows, and the numbers are to be doubted.
 
-    :class:`SceneError` if names are unknown, bounds exclude the own values, or there are fewer rows than numbers, one
-    sentence each.
+    Rows at speeds at which the equations have no answer, as at an undamped resonance, are left out; ``left_out`` of the
+    result says which and why. :class:`NotConverged` if fewer rows are left than numbers. :class:`SceneError` if names
+    are unknown, bounds exclude the own values, or there are fewer rows than numbers, one sentence each.
 
     Parameters
     ----------
@@ -128,7 +142,12 @@ def identify(
     if faults:
         raise SceneError([f"{where}: {text}" for text in faults])
     fit = Fit(train, measured, parameters, noise, priors)
-    return fit.result(*fit.solve(fit.begin, np.arange(len(parameters))))
+    fit.refuse_too_few(len(parameters))
+    every = np.arange(len(parameters))
+    u, residuals, slopes = fit.solve(fit.begin, every)
+    if fit.keep_solved(u):  # numbers that lose an answer are no step, but they may win some
+        u, residuals, slopes = fit.solve(u, every)
+    return fit.result(u, residuals, slopes)
 
 
 @dataclass(frozen=True)
@@ -144,16 +163,18 @@ class Shares(Task):
 
 @partial(Program, static_argnames=("shares", "read", "harmonics"))
 def computed_rows(train, rpm, places, u, *, shares, read, harmonics):
-    """Complex amplitudes ``(R,)`` of rows at ``places`` (pair, speed, harmonic; 0 for a sum), and derivatives by u."""
+    """Complex amplitudes ``(R,)`` of rows at ``places`` (pair, speed, harmonic; 0 for a sum), derivatives by u, and the
+    status ``(S,)`` of the speeds."""
 
     def rows(u):
         changed = train.replace(shares.named(u))
         response = forced_response(changed, rpm=rpm, harmonics=harmonics)
         signals = [getattr(response, SIGNALS[quantity][0])(name) for quantity, name in read]
         sums = jnp.stack([signal.amplitudes.sum(axis=-1) for signal in signals])
-        return (2 * jnp.stack([signal.coefficients for signal in signals])).at[..., 0].set(sums)[places]
+        found = (2 * jnp.stack([signal.coefficients for signal in signals])).at[..., 0].set(sums)[places]
+        return found, response.status
 
-    return rows(u), jax.jacfwd(rows)(u)
+    return *rows(u), jax.jacfwd(lambda u: rows(u)[0])(u)
 
 
 class Fit:
@@ -169,9 +190,7 @@ class Fit:
         turn = np.nan_to_num(measured.order) * train.topology.revolutions_per_cycle
         self.places = pair, speed, np.round(turn).astype(int)
         self.harmonics = max(int(self.places[2].max()), listed_harmonic(train.topology), 1)
-        largest = np.array([measured.amplitude[pair == one].max() for one in pair])
-        self.sigma = noise * np.hypot(measured.amplitude, FLOOR * largest)
-        self.sigma = np.where(self.sigma > 0, self.sigma, 1.0)
+        self.noise = noise
         self.phased = np.isfinite(measured.phase)
         self.target = measured.amplitude * np.exp(1j * np.deg2rad(np.nan_to_num(measured.phase)))
         self.own = np.array([float(train.value(one.name)) for one in parameters])
@@ -182,6 +201,51 @@ class Fit:
         with np.errstate(divide="ignore", invalid="ignore"):
             self.ratio = np.where(log, np.log(high / low), 0.0)  # 0 on a linear scale
             self.begin = np.where(log, np.log(self.own / low) / self.ratio, (self.own - low) / self.width)
+        self.kept = np.zeros(len(pairs), dtype=bool)
+        self.left_out: tuple[str, ...] = ()
+        self.keep_solved(self.begin)
+
+    def keep_solved(self, u):
+        """Keep the rows that have an answer at shares u, besides those kept, and whether that are more than before."""
+        _, status, _ = self.computed(u)
+        before, row_status = self.kept, status[self.places[1]]
+        self.kept = before | solved(row_status)
+        lost, title = ~self.kept, self.train.topology.title
+        found = left_out(self.measured.rpm[lost], row_status[lost], title, kept=np.zeros(lost.sum(), dtype=bool))
+        self.left_out = tuple(dict.fromkeys(found))
+        # Rows that are left out say nothing of the noise of the others.
+        size, pair = self.measured.amplitude, self.places[0]
+        largest = np.array([size[self.kept & (pair == one)].max(initial=0.0) for one in pair])
+        self.sigma = self.noise * np.hypot(size, FLOOR * largest)
+        self.sigma = np.where(self.sigma > 0, self.sigma, 1.0)
+        return bool((self.kept & ~before).any())
+
+    def refuse_too_few(self, wanted):
+        """:class:`NotConverged` where fewer than ``wanted`` measured numbers and priors have an answer."""
+        if self.data < wanted:
+            raise NotConverged(
+                f"{self.data} of the measured numbers and priors are left for {wanted} parameters, as the others have "
+                f"no answer: {' '.join(self.left_out)}"
+            )
+
+    @property
+    def data(self):
+        """How many measured numbers and priors are fitted."""
+        return int(self.kept.sum() + (self.kept & self.phased).sum() + np.isfinite(self.priors).sum())
+
+    def misfit(self, residuals, free):
+        """Root mean square of residuals over their deviations, of a fit of ``free`` parameters."""
+        return float(np.sqrt((residuals**2).sum() / max(self.data - free, 1)))
+
+    def explained(self, u):
+        """Share of the measured amplitudes that the numbers of shares u explain."""
+        computed, measured = self.computed(u)[0], self.measured.amplitude
+        off = np.where(self.phased, np.abs(computed - self.target), np.abs(computed) - measured)
+        shares = []
+        for pair in np.unique(self.places[0][self.kept & (measured > 0)]):
+            rows = self.kept & (self.places[0] == pair)
+            shares.append((off[rows] ** 2).sum() / (measured[rows] ** 2).sum())
+        return 1.0 - float(np.mean(shares)) if shares else np.nan
 
     def numbers(self, u):
         """Numbers ``(P,)`` of shares, and their derivatives by them."""
@@ -189,13 +253,18 @@ class Fit:
         return values, np.where(self.ratio, values * self.ratio, self.width)
 
     def computed(self, u):
-        """Complex amplitudes ``(R,)`` and their derivatives ``(R, P)``."""
+        """Complex amplitudes ``(R,)``, the status of the speeds ``(S,)``, and derivatives ``(R, P)``."""
         shape = {"shares": self.task, "read": self.read, "harmonics": self.harmonics}
         return [np.asarray(part) for part in computed_rows(self.train, self.rpm, self.places, np.asarray(u), **shape)]
 
     def residuals(self, u):
-        """Residuals over their deviations: of rows, the second half of those with a phase, priors; and derivatives."""
-        values, slopes = self.computed(u)
+        """Residuals over their deviations: of rows, the second half of those with a phase, priors; and derivatives.
+
+        0 of rows that are not kept; nan of rows that are and have no answer, which no step of least squares accepts.
+        """
+        values, status, slopes = self.computed(u)
+        values = np.where(solved(status)[self.places[1]], values, np.nan)
+        values, slopes = np.where(self.kept, values, self.target), np.where(self.kept[:, None], slopes, 0.0)
         size, phased = np.abs(values), self.phased
         turned = np.where(size > 0, values.conj() / np.where(size > 0, size, 1.0), 1.0)
         complex_off, amplitude_off = values - self.target, size - self.measured.amplitude
@@ -229,8 +298,7 @@ class Fit:
     def result(self, u, residuals, slopes):
         """The :class:`Identification` of a fit."""
         values, scale = self.numbers(u)
-        freedom = max(len(residuals) - len(u), 1)
-        misfit = float(np.sqrt((residuals**2).sum() / freedom))
+        misfit = self.misfit(residuals, len(u))
         # Directions that no row sees keep the deviation that the bounds leave.
         covariance = np.linalg.inv(slopes.T @ slopes / max(misfit, 1.0) ** 2 + 12e-9 * np.eye(len(u)))
         deviation = np.sqrt(np.diag(covariance))
@@ -250,6 +318,9 @@ class Fit:
             before_computed=self.computed(self.begin)[0],
             sigma=self.sigma,
             misfit=misfit,
+            explained=self.explained(u),
+            kept=self.kept,
+            left_out=self.left_out,
         )
 
 
@@ -260,6 +331,9 @@ class WeakCylinder:
 
     names : tuple; gas_factor, std : ``(C,)``, the share that each burns if it alone differs; evidence : ``(C,)``,
     chi-square of the rows less that of the first; all_equal : the same of a train in which none differs
+    misfit, explained, kept, left_out : of the fit of the first, as of an :class:`Identification`; the deviation of each
+    is widened by its own misfit where that is above 1, and chi-squares are divided by the square of that of the first
+    computed : complex ``(R,)``, of the fit of the first; at_bound : names whose share is at an end of its range
     """
 
     names: tuple
@@ -267,11 +341,23 @@ class WeakCylinder:
     std: np.ndarray
     evidence: np.ndarray
     all_equal: float
+    measured: Measured
+    computed: np.ndarray
+    misfit: float
+    explained: float
+    kept: np.ndarray
+    left_out: tuple[str, ...]
+    at_bound: tuple[str, ...]
 
     @property
     def likely(self) -> tuple:
         """Names that the rows do not tell from the first: less than 4 of chi-square apart, two deviations."""
-        return tuple(name for name, more in zip(self.names, self.evidence, strict=True) if more < 4.0)
+        return tuple(name for name, more in zip(self.names, self.evidence, strict=True) if more < APART)
+
+    @property
+    def explains(self) -> bool:
+        """Whether one cylinder that differs explains the rows: the misfit is at most 2. Else there is no verdict."""
+        return self.misfit <= MOST_MISFIT
 
 
 def weak_cylinder(
@@ -282,7 +368,9 @@ def weak_cylinder(
     Each cylinder that fires is fitted by itself between ``least`` and ``most`` of its injection: of its gas torque less
     that of compression where this can be told (from a pressure, traces or combustion), else of all of it. Low orders of
     a flywheel with phases tell all cylinders apart; amplitudes alone do not tell cylinders that fire half a cycle or a
-    symmetric angle apart. Arguments as of :func:`identify`; :class:`SceneError` if no cylinder fires.
+    symmetric angle apart. Where no cylinder explains the rows (``explains``), something else is not as in the scene,
+    and there is no verdict: :func:`identify` its numbers first. Arguments and errors as of :func:`identify`;
+    :class:`SceneError` if no cylinder fires.
     """
     names = list(train.topology.firing_cylinders)
     if not names:
@@ -290,6 +378,7 @@ def weak_cylinder(
     train = train.replace({f"{name}.injection": 1.0 for name in names})
     parameters = tuple(Parameter(name=f"{name}.injection", low=least, high=most, scale="linear") for name in names)
     fit = Fit(train, measured, parameters, noise, {})
+    fit.refuse_too_few(1)
     begin, same = fit.begin, float((fit.residuals(fit.begin)[0] ** 2).sum())
     found = []
     for k, name in enumerate(names):
@@ -298,10 +387,41 @@ def weak_cylinder(
         tries = [fit.solve(own, np.array([k])) for own in both]
         u, residuals, slopes = min(tries, key=lambda one: (one[1] ** 2).sum())
         values, scale = fit.numbers(u)
-        deviation = scale[k] / max(float(np.linalg.norm(slopes[:, k])), 1e-300)
-        found.append((float((residuals**2).sum()), name, values[k], deviation))
-    found.sort()
-    evidence, ordered, factors, deviations = zip(*found, strict=True)
+        wider = max(fit.misfit(residuals, 1), 1.0)
+        deviation = wider * scale[k] / max(float(np.linalg.norm(slopes[:, k])), 1e-300)
+        found.append(_Suspect(name, values[k], deviation, residuals, u, bool(u[k] < 1e-4 or u[k] > 1 - 1e-4)))
+    found.sort(key=lambda suspect: suspect.chi_square)
+    first = found[0]
+    misfit = fit.misfit(first.residuals, 1)
+    wider = max(misfit, 1.0)
     return WeakCylinder(
-        ordered, np.array(factors), np.array(deviations), np.array(evidence) - evidence[0], same - evidence[0]
+        names=tuple(one.name for one in found),
+        gas_factor=np.array([one.gas_factor for one in found]),
+        std=np.array([one.deviation for one in found]),
+        evidence=np.array([one.chi_square - first.chi_square for one in found]) / wider**2,
+        all_equal=(same - first.chi_square) / wider**2,
+        measured=measured,
+        computed=fit.computed(first.shares)[0],
+        misfit=misfit,
+        explained=fit.explained(first.shares),
+        kept=fit.kept,
+        left_out=fit.left_out,
+        at_bound=tuple(one.name for one in found if one.at_bound),
     )
+
+
+@dataclass(frozen=True)
+class _Suspect:
+    """A cylinder that alone differs: its gas torque and what the fit leaves."""
+
+    name: str
+    gas_factor: float
+    deviation: float
+    residuals: np.ndarray
+    shares: np.ndarray
+    at_bound: bool
+
+    @property
+    def chi_square(self):
+        """Sum of squares of the residuals over their deviations."""
+        return float((self.residuals**2).sum())

@@ -18,9 +18,9 @@ from jaxhb._jax import Array, Number
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import fourier
 from jaxhb.linear import strength
-from jaxhb.results.response import FIELDS, Response
+from jaxhb.results.answers import with_zeros
+from jaxhb.results.response import Response
 from jaxhb.results.signal import Signal, p_norm
-from jaxhb.results.status import Status
 from jaxhb.train.drivetrain import DriveTrain
 
 Swing = Callable[[Signal], Array]  # the half peak-to-peak of a signal, or what stands for it
@@ -29,21 +29,13 @@ TIME_SAMPLES = 4096  # least number of time samples of the cycle at which contac
 
 def valid(response: Response) -> Array:
     """Whether the equations of each speed are solved ``(...)``, the truncation error aside."""
-    return jnp.asarray(response.status) <= Status.TOLERANCE_NOT_MET
+    return jnp.asarray(response.solved)
 
 
 def usable(response: Any) -> Any:
     """The response with zeros at speeds that failed: masked before it is read, so that nan goes nowhere; what is no
     Response, as a steady state whose motion is known, as it is."""
-    if not isinstance(response, Response):
-        return response
-    kept = valid(response)
-
-    def masked(values):
-        shape = kept.shape + (1,) * (values.ndim - kept.ndim)
-        return jnp.where(kept.reshape(shape), values, 0.0)
-
-    return dataclasses.replace(response, **{name: masked(jnp.asarray(getattr(response, name))) for name in FIELDS})
+    return with_zeros(response) if isinstance(response, Response) else response
 
 
 def tooth_force(response: Response, a: str, b: str | None = None, *, p: float = 64) -> Array:

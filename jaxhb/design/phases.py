@@ -7,7 +7,7 @@ all phases exactly. Trains with backlash are solved at phases all round the circ
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import jax
 import numpy as np
@@ -17,7 +17,8 @@ from jaxhb._shown import brief
 from jaxhb.design.quantities import QUANTITIES, Objective, label, objective_faults
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.linear.forced import forced_response
-from jaxhb.results.response import FIELDS
+from jaxhb.results.answers import left_out
+from jaxhb.results.response import FIELDS, Response
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
@@ -43,6 +44,7 @@ class WorstPhase:
     angle, worst : ``(S, Q)`` deg, and the largest value, there; nan where nothing is solved
     best_angle, best : ``(S, Q)``, the least of the phases of the scan
     angles, values : ``(P,)`` deg and ``(S, Q, P)``, the scan
+    left_out : tuple of str, a sentence for each status of speeds that have no answer, or none at some phases
     """
 
     name: str
@@ -56,6 +58,7 @@ class WorstPhase:
     best: np.ndarray
     angles: np.ndarray
     values: np.ndarray
+    left_out: tuple[str, ...] = ()
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -117,8 +120,8 @@ def worst_phase(
         raise SceneError(faults)
     turn = topology.phase_turn[topology.phase_names.index(name)]
     circle, linear = 360.0 * turn, not (topology.has_law.any() or topology.amplitude_links)
-    read, highest = _linear(train, name, rpm, turn) if linear else (_solved(train, name, rpm), 0)
-    count = phases or (max(PHASES, PER_HARMONIC * highest) if linear else PHASES)
+    read: _Linear | _Solved = _Linear.of(train, name, rpm, turn) if linear else _Solved(train, name, rpm)
+    count = phases or (max(PHASES, PER_HARMONIC * read.highest) if linear else PHASES)
     angles = np.arange(count) * (circle / count)
     values = np.empty((len(rpm), len(chosen), count))
     for k, angle in enumerate(angles):
@@ -135,7 +138,7 @@ def worst_phase(
     for q, one in enumerate(chosen):
         places = np.flatnonzero(np.isfinite(worst[:, q]))
         places = places if linear else places[np.argsort(-worst[places, q])][:1]
-        own = read if linear else _solved(train, name, rpm[places])
+        own = read.at(places)
         for k in range(tops.shape[-1] if len(places) else 0):
             how = {"width": circle / count, "steps": LINEAR_STEPS if linear else STEPS}
             middle = angles[tops[places, q, k]]
@@ -143,55 +146,105 @@ def worst_phase(
             better = value > worst[places, q]
             at[places[better], q], worst[places[better], q] = found[better] % circle, value[better]
     least = np.take_along_axis(values, best[..., None], -1)[..., 0]
-    return WorstPhase(name, circle, chosen, rpm, nominal, at, worst, angles[best], least, angles, values)
+    found = (nominal, at, worst, angles[best], least, angles, values)
+    return WorstPhase(name, circle, chosen, rpm, *found, left_out=tuple(read.left_out()))
 
 
-def _linear(train, name, rpm, turn):
-    """A function of phases ``(S,)`` deg, one for each speed, and of quantities, to their values ``(S, Q)``; and the
-    highest harmonic that the phase turns."""
-    start, key = float(train.value(f"{name}.angle")), f"{name}.angle"
+@dataclass(frozen=True)
+class _Linear:
+    """Values ``(S, Q)`` of a linear train at phases ``(S,)`` deg, one for each speed, from one response and what of it
+    the phase turns; ``highest`` : harmonic that it turns."""
 
-    def fields(angle):
-        response = forced_response(train.replace({key: angle}), rpm=rpm)
-        return {part: getattr(response, part) for part in FIELDS}
+    train: DriveTrain
+    response: Response
+    turned: dict
+    start: float
+    turn: float
+    highest: int
 
-    response = forced_response(train, rpm=rpm)
-    whole, slope = on_host(jax.jvp(fields, (start,), (1.0,)))
+    @classmethod
+    def of(cls, train, name, rpm, turn):
+        """Of a train whose phase ``name`` turns once in ``turn`` turns of the reference rotor."""
+        start, key = float(train.value(f"{name}.angle")), f"{name}.angle"
 
-    def per_degree(values):
-        return -1j * np.deg2rad(np.arange(values.shape[-1])) / turn
+        def fields(angle):
+            response = forced_response(train.replace({key: angle}), rpm=rpm)
+            return {part: getattr(response, part) for part in FIELDS}
 
-    # What the phase turns: its derivative is its own multiple.
-    own = {part: slope[part] / np.where(per_degree(slope[part]) == 0, 1.0, per_degree(slope[part])) for part in FIELDS}
-    size = np.abs(own["torques"]).max((0, 1), initial=0.0)
-    size = size + np.abs(own["angles"]).max((0, 1), initial=0.0) * (size.max() or 1.0)
-    solved = np.asarray(response.converged)
-
-    def read(angle, chosen):
+        response = forced_response(train, rpm=rpm)
+        slope = on_host(jax.jvp(fields, (start,), (1.0,))[1])
+        # What the phase turns: its derivative is its own multiple.
         turned = {
-            part: whole[part] + own[part] * np.expm1(per_degree(own[part]) * (angle - start)[:, None, None])
-            for part in FIELDS
+            part: slope[part] / np.where(by == 0, 1.0, by) for part in FIELDS for by in [_by_deg(slope[part], turn)]
         }
-        motion = dataclasses.replace(response, **turned)
-        found = [QUANTITIES[one.quantity].exact_value(motion, one.of, one.order, train) for one in chosen]
-        return np.where(solved[:, None], np.stack(found, axis=-1), np.nan)
+        solved = np.asarray(response.solved)
+        size = np.abs(turned["torques"][solved]).max((0, 1), initial=0.0)
+        size = size + np.abs(turned["angles"][solved]).max((0, 1), initial=0.0) * (size.max() or 1.0)
+        highest = int(np.flatnonzero(size > 1e-9 * size.max()).max(initial=1))
+        return cls(train, response, turned, start, turn, highest)
 
-    return read, int(np.flatnonzero(size > 1e-9 * size.max()).max(initial=1))
+    def __call__(self, angle, chosen):
+        changes = {}
+        for part, own in self.turned.items():
+            more = np.expm1(_by_deg(own, self.turn) * (angle - self.start)[:, None, None])
+            changes[part] = getattr(self.response, part) + own * more
+        motion = dataclasses.replace(self.response, **changes)
+        return _read(motion, chosen, self.train)
+
+    def at(self, places):
+        """The same at some of the speeds."""
+        turned = {part: own[places] for part, own in self.turned.items()}
+        return dataclasses.replace(self, response=self.response[places], turned=turned)
+
+    def left_out(self):
+        """A sentence for each status of speeds without an answer."""
+        return left_out(self.response.rpm, self.response.status, self.train.topology.title)
 
 
-def _solved(train, name, rpm):
-    """The same of a train that is solved anew for every phase; the phases of all speeds are mostly one."""
+def _by_deg(values, turn):
+    """Derivative by the phase in deg of what it turns, over the harmonics of ``values``, as a share of itself."""
+    return -1j * np.deg2rad(np.arange(values.shape[-1])) / turn
 
-    def read(angle, chosen):
-        values = np.full((len(rpm), len(chosen)), np.nan)
+
+def _read(motion, chosen, train):
+    """Quantities ``(S, Q)`` for people, nan where they are not converged."""
+    found = [QUANTITIES[one.quantity].exact_value(motion, one.of, one.order, train) for one in chosen]
+    return np.where(np.asarray(motion.converged)[:, None], np.stack(found, axis=-1), np.nan)
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """The same of a train that is solved anew for every phase; the phases of all speeds are mostly one.
+
+    ``worst_status`` : of the phases read, by the speeds that did not converge at all of them
+    """
+
+    train: DriveTrain
+    name: str
+    rpm: np.ndarray
+    worst_status: dict = field(default_factory=dict)
+    highest = 0  # harmonic that the phase turns: not known before solves
+
+    def __call__(self, angle, chosen):
+        values = np.full((len(self.rpm), len(chosen)), np.nan)
         for one in np.unique(angle):
-            own, design = np.flatnonzero(angle == one), train.replace({f"{name}.angle": float(one)})
-            motion = solve_speeds(design, rpm=rpm[own])
-            found = [QUANTITIES[c.quantity].exact_value(motion, c.of, c.order, design) for c in chosen]
-            values[own] = np.where(np.asarray(motion.converged)[:, None], np.stack(found, axis=-1), np.nan)
+            own, design = np.flatnonzero(angle == one), self.train.replace({f"{self.name}.angle": float(one)})
+            motion = solve_speeds(design, rpm=self.rpm[own])
+            values[own] = _read(motion, chosen, design)
+            for lost in np.flatnonzero(~np.asarray(motion.converged)):
+                rpm, status = float(motion.rpm[lost]), int(motion.status[lost])
+                self.worst_status[rpm] = max(status, self.worst_status.get(rpm, 0))
         return values
 
-    return read
+    def at(self, places):
+        """The same at some of the speeds."""
+        return dataclasses.replace(self, rpm=self.rpm[places])
+
+    def left_out(self):
+        """A sentence for each status of speeds without an answer at some phases."""
+        rpm, status = map(np.array, (list(self.worst_status), list(self.worst_status.values())))
+        title = f"{self.train.topology.title}, at some phases,"
+        return left_out(rpm, status, title, kept=np.zeros(len(rpm), dtype=bool))
 
 
 def _golden(value, middle, *, width, steps):

@@ -24,7 +24,9 @@ from jaxhb.design.evaluation import Evaluator, pull_back, where
 from jaxhb.design.quantities import QUANTITIES, Objective, label, objective_faults
 from jaxhb.design.tolerances import Tolerance, box_of, check_tolerances, read_tolerances
 from jaxhb.elements.elements import SceneError
+from jaxhb.results.answers import left_out
 from jaxhb.results.checkpoint import Cached, keeper
+from jaxhb.results.status import NotConverged
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
@@ -169,7 +171,8 @@ def tolerance(
     or reciprocating masses. It is 2 % above the worst case, more near lightly damped resonances, and holds for the
     motion in contact (docs/theory A4.6).
 
-    :class:`SceneError` if names are unknown, ranges do not hold the own values and the like, one sentence each.
+    :class:`SceneError` if names are unknown, ranges do not hold the own values and the like, one sentence each;
+    :class:`NotConverged` where quantities are to be chosen and no speed has an answer.
 
     Parameters
     ----------
@@ -235,6 +238,8 @@ def default_quantities(train, rpm):
     topology, largest = train.topology, {}
     kinds = {"tooth force": topology.mesh_names, "damper power": topology.damper_names}
     responses = solve_speeds(train, rpm=rpm)
+    if not responses.solved.any():
+        raise NotConverged("\n".join(left_out(responses.rpm, responses.status, topology.title)))
     for quantity in QUANTITIES_ASKED:
         asked = [Objective(quantity=quantity, of=name) for name in kinds.get(quantity, topology.shaft_and_damper_names)]
         for one in asked:

@@ -19,8 +19,8 @@ from jaxhb.equations.backlash import law_meshes
 from jaxhb.equations.state_space import StateSpace, loss_damping, partition, state_space
 from jaxhb.floquet.variational import monodromy
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
+from jaxhb.results.answers import need_solved
 from jaxhb.results.response import Response
-from jaxhb.results.status import NotConverged, Status
 from jaxhb.train import chain
 
 SOFT = 0.1  # natural frequency over Omega of a rotation against grounds that are no support, but a hold
@@ -183,10 +183,7 @@ def train_of(response):
         raise ValueError(f"{name}: this is a sweep of {len(response)} speeds: take one response of it, sweep[i].")
     if response.train is None:
         raise ValueError(f"{name}: the response comes out of a transformation without its train: solve outside of it.")
-    status = Status(int(response.status))
-    if status > Status.TOLERANCE_NOT_MET:
-        raise NotConverged(f"{name} at {float(response.rpm):g} rpm is no periodic motion: {status.sentence}.")
-    return response.train
+    return need_solved(response).train
 
 
 def _slowed(space, n, highest, title):

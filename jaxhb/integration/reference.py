@@ -16,6 +16,7 @@ from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.integration import shooting
 from jaxhb.integration.step import discretize, march
+from jaxhb.results.answers import need_solved
 from jaxhb.results.response import Response
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
@@ -279,6 +280,9 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
         For scenes that cannot be integrated in time, see :func:`integrate`, and where a soft ground lets the mean
         torques turn the train so far that rounding hides the backlash.
 
+    NotConverged
+        For a response that solves no equations.
+
     Examples
     --------
     >>> import jaxhb
@@ -289,6 +293,7 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
     train, rpm = response.train, float(response.rpm)
     if train is None:
         raise ValueError("the response comes out of a transformation without its train: solve outside of it")
+    need_solved(response)
     if not train.topology.has_law.any():
         raise ValueError(f"{train.topology.title} has no mesh with backlash: its response is exact")
     system, meshes, frequency, load = equations_of(train, rpm)

@@ -19,6 +19,7 @@ from jaxhb._jax import Array, Number, concrete, namespace, traced
 from jaxhb._shown import brief
 from jaxhb.elements.derived import link_number
 from jaxhb.elements.elements import RULES, suggestion
+from jaxhb.results.answers import with_gaps
 from jaxhb.train.drivetrain import DriveTrain
 
 CAP = 800e6
@@ -310,14 +311,14 @@ class Strength:
 def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     """Stresses, tooth torques and heat of a motion beside the limits that the scene gives.
 
-    Of a Response or ForcedResponse of one speed or of several, or a SteadyState. ``train`` is what is judged, by
-    default that of the response: one that comes out of a jax transformation has none, nor has a motion that never
-    repeats, and ValueError asks for it. Differentiable. Of every shaft with a ``diameter`` (or ``outer``) half of the
-    peak-to-peak torque over W_p, and with a ``tensile_strength`` its limits at this speed over ``rated_rpm`` after its
-    ``rule``, see :func:`jaxhb.permissible_stress` (IACS UR M68: not for crankshafts). Of every mesh with a
-    ``rated_torque`` half of the peak-to-peak torque on its first gear, which must not exceed a third of the rated
-    torque, nor may the torque reverse. Of every shaft and damper with a ``power_limit`` its heat. An aid to evaluation,
-    no class approval.
+    Of a Response or ForcedResponse of one speed or of several, nan where its equations are not solved, or a
+    SteadyState. ``train`` is what is judged, by default that of the response: one that comes out of a jax
+    transformation has none, nor has a motion that never repeats, and ValueError asks for it. Differentiable. Of every
+    shaft with a ``diameter`` (or ``outer``) half of the peak-to-peak torque over W_p, and with a ``tensile_strength``
+    its limits at this speed over ``rated_rpm`` after its ``rule``, see :func:`jaxhb.permissible_stress` (IACS UR M68:
+    not for crankshafts). Of every mesh with a ``rated_torque`` half of the peak-to-peak torque on its first gear, which
+    must not exceed a third of the rated torque, nor may the torque reverse. Of every shaft and damper with a
+    ``power_limit`` its heat. An aid to evaluation, no class approval.
 
     >>> import math
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
@@ -328,7 +329,8 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     >>> round(float(found.stresses["a|b"].stress) / 1e6, 4), found.stresses["a|b"].continuous
     (27.1624, None)
     """
-    return judged(train_of(response, train), response.rpm, response)
+    motion = with_gaps(response, doubtful=True) if response.solution is response else response
+    return judged(train_of(response, train), response.rpm, motion)
 
 
 def train_of(response, train=None):

@@ -10,7 +10,7 @@ from jaxhb.design.quantities import QUANTITIES, label
 from jaxhb.floquet.stability import attracts
 from jaxhb.report.answer import UNCONFIRMED, Answer, Case
 from jaxhb.report.text.tuned import difference
-from jaxhb.results.response import with_gaps
+from jaxhb.results.answers import with_gaps
 from jaxhb.results.status import NotConverged, Status
 from jaxhb.results.steady import orbit_state
 from jaxhb.solutions.speeds import solve_speeds

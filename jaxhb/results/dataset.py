@@ -129,7 +129,7 @@ def names_of(topology):
 def _numbers(motion, topology):
     """What is known of one motion: numbers by name of the variable, and spectra by name of the signal."""
     response = motion.solution
-    solved = response is not None and int(response.status) == Status.CONVERGED
+    solved = response is not None and bool(response.converged)
     alone = motion is response  # of jaxhb.solve
     found = {"kind": "solution", "period": 1} if alone else {"kind": motion.kind, "period": motion.period}
     if response is not None:

@@ -4,7 +4,6 @@ import numpy as np
 
 from jaxhb._jax import traced
 from jaxhb._shown import MOST_ROWS, counts, html_table, number, span
-from jaxhb.results.status import Status
 
 
 def response_line(response):
@@ -30,11 +29,10 @@ def response_html(response):
     if traced(response) or np.ndim(response.rpm) > 1:
         return html_table(caption, [], [])
     if not np.ndim(response.rpm):
-        return _links(caption, response)
+        return _links(caption, response) if response.solved else html_table(caption, [], [])
 
     def cells(one):
-        # The last iterate of a solve that failed is no motion.
-        return [one.status_name, int(one.highest_harmonic)], one.status <= Status.TOLERANCE_NOT_MET
+        return [one.status_name, int(one.highest_harmonic)], one.solved
 
     return _speeds(caption, response, ["status", "harmonics"], cells)
 

@@ -11,6 +11,7 @@ from jaxhb._jax import Array, namespace
 from jaxhb._shown import brief
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.kinematics import rotor_ratios
+from jaxhb.results.answers import solved
 from jaxhb.results.contact import Contact, contact_of
 from jaxhb.results.dataset import Dataset, to_xarray
 from jaxhb.results.display import response_html, response_line
@@ -99,9 +100,15 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         return np.max(np.where(moves, np.arange(moves.shape[-1]), 0), axis=-1)
 
     @property
+    def solved(self) -> Array:
+        """True where the equations are solved, so that the numbers are those of a motion: CONVERGED, or
+        TOLERANCE_NOT_MET, with too few harmonics for the tolerance. Elsewhere they are those of the last iterate."""
+        return solved(self.status)
+
+    @property
     def converged(self) -> Array:
         """True where the equations are solved and the truncation error is within its limit."""
-        return self.status == 0
+        return self.status == Status.CONVERGED
 
     @property
     def status_name(self) -> str | np.ndarray:
@@ -243,18 +250,6 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         """
         motions = [self[i] for i in range(len(self))] if np.ndim(self.rpm) else [self]
         return to_xarray(motions, self.topology, np.asarray(self.rpm), orders=orders)
-
-
-def with_gaps(response):
-    """A response of one or several speeds whose motion is nan where the equations have no answer."""
-    failed = np.asarray(response.status) != Status.CONVERGED
-    if not failed.any():
-        return response
-    names = (name for name in (*FIELDS, "disk_power", "link_power") if hasattr(response, name))
-    given = {name: np.array(getattr(response, name)) for name in names}
-    for values in given.values():
-        values[failed] = np.nan
-    return dataclasses.replace(response, **given)
 
 
 def register(cls):

@@ -97,7 +97,7 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
 def orbit_state(response):
     """A periodic solution as the steady state that it would be; "unknown" where it solves no equations."""
     status, kind, notes = Status(int(response.status)), "contact", ()
-    if status > Status.TOLERANCE_NOT_MET:
+    if not response.solved:
         kind, notes = "unknown", (status.sentence,)
     elif any(contact.separated_fraction for contact in response.contacts().values()):
         kind = "periodic"

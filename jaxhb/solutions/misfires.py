@@ -17,7 +17,8 @@ from jaxhb.train.drivetrain import DriveTrain
 
 @dataclass(frozen=True)
 class Worst:
-    """The largest value of a quantity with a misfire: the cylinder, the speed, and the value with all firing there."""
+    """The largest value of a quantity with a misfire: the cylinder, the speed, and the value with all firing there, nan
+    where that has no answer."""
 
     cylinder: str
     rpm: float
@@ -44,7 +45,7 @@ class Misfires:
         cylinder, speed = np.unravel_index(np.argmax(rows), np.shape(rows))
         if not np.isfinite(rows[cylinder][speed]):
             raise ValueError("no speed has converged with a misfire")
-        firing = np.asarray(read(self.firing))[speed]
+        firing = np.where(self.firing.converged, np.asarray(read(self.firing)), np.nan)[speed]
         return Worst(names[cylinder], float(self.firing.rpm[speed]), float(rows[cylinder][speed]), float(firing))
 
 

@@ -121,14 +121,14 @@ def solve(
 
 def _certified(response, fixed, method, integrals):
     """The response with its certificate; with more harmonics where that needs them and they are to be had."""
-    while int(response.status) <= Status.TOLERANCE_NOT_MET:
+    while response.solved:
         response = dataclasses.replace(response, certificate=certificate.certify(response))
         more = None if fixed else planning.next_level(response.harmonics, method or "reduced")
         if response.certificate.holds or not more:
             break
         asked = {"harmonics": more, "method": method, "integrals": integrals, "start": response}
         finer = solve(response.train, rpm=float(response.rpm), **asked)
-        if int(finer.status) > Status.TOLERANCE_NOT_MET:
+        if not finer.solved:
             break
         response = finer
     return response

@@ -8,7 +8,7 @@ from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.balance.program import active_deflections, first_start, solve_once
 from jaxhb.equations import fourier
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
-from jaxhb.results.status import March, Status
+from jaxhb.results.status import March
 from jaxhb.solutions import planning, starts
 from jaxhb.steady.closure import LONGEST_PERIOD
 
@@ -46,7 +46,7 @@ def solve_marched(train, march, trace, period, request, *, steps, meshes, levels
     for _ in range(levels):
         starts.refine(case, plan, given, event)
         higher = case.next_level(plan.harmonics)
-        if case.status <= Status.TOLERANCE_NOT_MET:
+        if case.response.solved:
             response = case.response
             if period > 1 and repetition(response, period) <= DOUBTED:
                 response = _exact(case)
@@ -63,7 +63,7 @@ def _exact(case):
     plan = dataclasses.replace(case.reached, step_tolerance=0.0)
     begin = first_start(plan, given=active_deflections(plan, case.response.deflections))
     response, _ = solve_once(case.train, case.rpm, case.problem, plan, begin)
-    good = int(response.status) <= Status.TOLERANCE_NOT_MET
+    good = response.solved
     return dataclasses.replace(response, path=case.response.path) if good else case.response
 
 

@@ -267,7 +267,7 @@ class _SpeedSweep:
     def _contact(self, index):
         """The steady state of teeth in contact."""
         response, rpm = self.contact[index], self.speeds[index]
-        if int(response.status) > Status.TOLERANCE_NOT_MET:
+        if not response.solved:
             return unknown(self.train, rpm, Status(int(response.status)).sentence)
         return state_of(self.train, rpm, "contact", 1, response=response, motion=_motion_of(self.train, response))
 
@@ -288,6 +288,8 @@ def _beside(other, state):
 
 def _differs(before, state):
     """Whether a speed may have another motion when it starts from the one before."""
+    if not state.topology.has_law.any():  # constant links have one motion, or none
+        return False
     unique = state.kind == "contact" and state.topology.linear_in_contact
     return _kind(before) != _kind(state) or (not unique and _distance(before, state) > APART)
 

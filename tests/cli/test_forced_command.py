@@ -114,9 +114,12 @@ def test_a_scenario_is_taken_and_noted(soft, run):
 
 
 def test_a_resonance_without_damping_exits_1_with_its_speed(soft, run):
-    called = run(f"forced {soft} --rpm 50,{AT!r} --element coupling")
+    called = run(f"forced {soft} --rpm 50,{AT!r} --element coupling", "json", "csv")
     assert called.status == 1
     assert "soft at 95.493 rpm: NEAR_SINGULAR: the equations are singular here" in called.err
+    found = called.json["shafts"]["coupling"]
+    assert found["amplitudes"][0][0] > 0 and found["amplitudes"][1] == [None] * len(found["amplitudes"][0])
+    assert found["half_peak_to_peak"][1] is None and found["power_W"][1] is None
 
 
 @pytest.mark.parametrize("command", ["modes", "solve --rpm 50", "sweep --rpm 50,60"])

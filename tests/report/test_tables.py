@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxhb
+from jaxhb._shown import ranges
 from jaxhb.cli.progress import Progress
 from jaxhb.report.answer import Answer
 from jaxhb.report.compute import Asked, answer_one
@@ -15,7 +16,7 @@ from jaxhb.report.figures.figure import DIGITS
 from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files.numbers import answer_record, answer_row
 from jaxhb.report.text.cases import solve_text
-from jaxhb.report.text.columns import aligned, alike, percent, ranges, ratio
+from jaxhb.report.text.columns import aligned, alike, percent, ratio
 from jaxhb.report.text.sentences import notes
 from jaxhb.report.text.sweep_tables import sweep_text
 from jaxhb.results.status import Shooting

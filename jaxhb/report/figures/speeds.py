@@ -26,7 +26,6 @@ from jaxhb.report.selection import case_title, hardest_shaft, train_name
 from jaxhb.report.text.strength import LIMITED, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
 from jaxhb.report.text.tuned import scaled_unit, with_unit
-from jaxhb.results.response import with_gaps
 
 BESIDE = 0.006  # share of the axis between the bars of two meshes at one speed
 
@@ -139,6 +138,7 @@ def plot_identified(found):
     for quantity, element in dict.fromkeys(pairs):
         own = np.array([pair == (quantity, element) for pair in pairs])
         factor, unit = shown_unit(UNITS[quantity])
+        known = np.where(found.kept, factor, np.nan)
         orders = rows.order.astype(str)
         largest = {order: rows.amplitude[own & (orders == order)].max() for order in orders[own]}
         traces = []
@@ -150,7 +150,7 @@ def plot_identified(found):
                 (found.computed, "fitted", {}),
                 (found.before_computed, "scene", {"width": 0.8, "dash": "dot"}),
             ):
-                traces.append(line(rows.rpm[at], factor * np.abs(computed[at]), f"{said}, {name}", style, look=look))
+                traces.append(line(rows.rpm[at], known[at] * np.abs(computed[at]), f"{said}, {name}", style, look=look))
             traces.append(marks(rows.rpm[at], factor * rows.amplitude[at], f"{said}, measured", SYMBOLS[style], size=6))
         caption, axis = f"{quantity} of {plain(element)}: amplitudes", speed_range(np.unique(rows.rpm))
         figures.append(figure(caption, "speed, rpm", f"{quantity}, {unit}", traces, x_range=axis))
@@ -173,7 +173,7 @@ def plot_forced(cases, found, worst=None):
     certain = np.asarray(response.converged)
     known = [one.at(certain) for one in found] if certain.any() else found
     chosen = known if len(found) <= MOST else hardest_elements(known)
-    judged = strength(with_gaps(response))
+    judged = strength(response)
 
     def beside(name):
         """The worst misfire of an element."""
@@ -184,7 +184,7 @@ def plot_forced(cases, found, worst=None):
 
     figures = [orders_figure(response, one, beside(one.name)) for one in chosen]
     for kind, name in judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST):
-        others = {title: strength(with_gaps(other)) for title, other in beside(name).items()}
+        others = {title: strength(other) for title, other in beside(name).items()}
         figures.append(limit_figure({"": judged} | others, kind, name))
     return drawn(*figures, title=train_name(response.topology))
 
@@ -205,7 +205,7 @@ def orders_figure(response, element, misfires, title=""):
     for called, other in misfires.items():
         own = np.where(other.converged, factor, np.nan) * element.of(other).signal.half_peak_to_peak
         traces.append(line(rpm, own, f"half peak-to-peak, {plain(called)}", 1))
-    for number, k in enumerate(element.main() if converged.any() else ()):
+    for number, k in enumerate(element.main()):
         marker = {"symbol": SYMBOLS[number % len(SYMBOLS)], "size": 6, "maxdisplayed": 12}
         more = {"mode": "lines+markers", "marker": marker, "look": {"width": 1.0}}
         traces.append(line(rpm, certain * signal.amplitudes[:, k], f"order {signal.orders[k]:g}", 2 + number, **more))

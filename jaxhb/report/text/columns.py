@@ -99,16 +99,3 @@ def ratio(pair):
     """A quotient with two decimals, a dash where nothing is compared."""
     value = float(pair[0]) / float(pair[1]) if pair[1] else math.nan
     return f"{value:.2f}" if math.isfinite(value) else NONE
-
-
-def ranges(speeds, chosen, to="-"):
-    """``1500-2450`` for speeds that follow each other."""
-    runs, ordered = [], sorted(speeds)
-    for i, speed in enumerate(ordered):
-        if speed not in chosen:
-            continue
-        if runs and i and runs[-1][1] == ordered[i - 1]:
-            runs[-1][1] = speed
-        else:
-            runs.append([speed, speed])
-    return ", ".join(f"{a:g}" if a == b else f"{a:g}{to}{b:g}" for a, b in runs)

@@ -9,9 +9,10 @@ from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.report.answer import SPEED
 from jaxhb.report.quantities import READERS, shown_unit
 from jaxhb.report.selection import case_title, train_name
-from jaxhb.report.text.columns import NONE, from_rows, ranges, ratio
+from jaxhb.report.text.columns import NONE, from_rows, ratio
 from jaxhb.report.text.sentences import firing_lines, misfire_text
 from jaxhb.report.text.strength import strength_columns, strength_record
+from jaxhb.results.answers import left_out, with_gaps
 from jaxhb.results.dataset import SIGNALS, names_of
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
@@ -72,14 +73,19 @@ class Reading:
         """The same at some of the speeds, a mask."""
         return self.of(self.response[np.flatnonzero(speeds)])
 
+    @cached_property
+    def largest(self):
+        """Largest amplitude ``(K,)`` of every order over the speeds that have an answer."""
+        return self.at(self.response.converged).signal.amplitudes.max(axis=0, initial=0.0)
+
     def listed(self):
         """Places of the orders that are there, by rising order."""
-        largest = self.signal.amplitudes.max(axis=0)
+        largest = self.largest
         return np.flatnonzero(largest > NEGLIGIBLE * largest.max(initial=0.0))
 
     def main(self):
         """Places of the orders with the largest amplitudes, by rising order."""
-        places, largest = self.listed(), self.signal.amplitudes.max(axis=0)
+        places, largest = self.listed(), self.largest
         return np.sort(places[np.argsort(-largest[places], kind="stable")[:SHOWN]])
 
 
@@ -118,7 +124,7 @@ def forced_text(cases, found, worst=None, *, each):
 
 
 def _speed_table(one, good):
-    signal, places, (factor, unit) = one.signal, one.at(good).main() if good.any() else [], one.shown
+    signal, places, (factor, unit) = one.signal, one.main(), one.shown
     sizes = [signal.half_peak_to_peak, signal.sum_of_amplitudes, *signal.amplitudes[:, places].T]
     columns = [np.where(good, values, np.nan) for values in (*(factor * size for size in sizes), one.power)]
     heads = ["half p-p", "sum", *(f"order {order:g}" for order in signal.orders[places])]
@@ -176,7 +182,8 @@ def forced_record(cases, found, judged, worst=None, *, orders=None):
 
 def _record(response, found, orders):
     """What was found of one train."""
-    found = [one.of(response) for one in found]
+    known = with_gaps(response)
+    found = [one.of(known) for one in found]
     listed = found[0].signal.orders if found else np.zeros(0)
     kept = np.flatnonzero(listed <= (np.inf if orders is None else orders))
 
@@ -194,7 +201,7 @@ def _record(response, found, orders):
         "status": [Status(int(s)).name for s in response.status],
         "residual": response.residual,
         "load_kW": response.load_kW + 0.0,
-        "input_power_W": response.input_power,
+        "input_power_W": known.input_power,
         "orders": listed[kept],
     } | {kind: {one.name: of_element(one) for one in found if one.kind == kind} for kind in KINDS}
 
@@ -228,12 +235,8 @@ def _columns(response, found, more):
 
 def forced_failures(response, case=""):
     """A sentence for each status other than converged, with its speeds; ``case`` says how the train runs."""
-    name, rpm, found = response.topology.title, response.rpm, []
-    for status in map(Status, sorted(set(response.status.tolist()) - {0})):
-        speeds = ranges(rpm.tolist(), rpm[response.status == status].tolist())
-        said = f"{status.name}: {ADVICE.get(status, status.sentence)}."
-        found.append(f"{f'{name}, {case},' if case else name} at {speeds} rpm: {said}")
-    return found
+    title = f"{response.topology.title}, {case}," if case else response.topology.title
+    return left_out(response.rpm, response.status, title, kept=response.converged, advice=ADVICE)
 
 
 def worst_of(cases, found):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from jaxhb.design.identification import APART, MOST_MISFIT
 from jaxhb.design.measurements import UNITS
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
@@ -14,14 +15,24 @@ def identified_text(found):
     rows, speeds = found.measured, len(np.unique(found.measured.rpm))
     head = f"{found.train.topology.title}: {len(rows.rpm)} measured amplitudes at {speeds} speeds, "
     head += f"{int(np.isfinite(rows.phase).sum())} with a phase; {len(found.parameters)} numbers fitted."
-    told = f"Residuals are {found.misfit:.2f} times the noise that was taken" + (
-        ": intervals are as much wider, and something is not in the scene." if found.misfit > 2 else "."
-    )
+    told = goodness(found)
+    told += " Intervals are as much wider, and something is not in the scene." * (found.misfit > MOST_MISFIT)
     said = [f"NOT determined by these data: {', '.join(found.open)}. Measure elsewhere, or keep the scene's numbers."]
     said = said * bool(found.open)
     if pairs := [f"{a} and {b} ({value:+.2f})" for a, b, value in found.alike()]:
         said.append(f"Hardly told apart (correlation): {'; '.join(pairs)}.")
-    return "\n\n".join(["\n".join([head, told]), _numbers(found), *remarks_text(said, ""), _residuals(found)])
+    said += [f"Left out: {sentence}" for sentence in found.left_out]
+    both = {"scene off, %": found.before_computed, "fitted off, %": found.computed}
+    return "\n\n".join(["\n".join([head, told]), _numbers(found), *remarks_text(said, ""), _residuals(found, both)])
+
+
+def goodness(found):
+    """How well what was found explains the measured amplitudes."""
+    left = f"{found.kept.sum()} of {len(found.kept)} amplitudes are" if found.left_out else "The amplitudes are"
+    return (
+        f"{left} explained to {100 * max(found.explained, 0.0):.4g} %; residuals are {found.misfit:.2f} times the "
+        f"noise that was taken (reduced chi-square {found.misfit**2:.3g})."
+    )
 
 
 def _numbers(found):
@@ -35,33 +46,38 @@ def _numbers(found):
     return from_rows("Numbers", heads, rows, left=(7,))
 
 
-def _residuals(found):
-    """Root mean squares of what is measured and of its difference from what is computed, by element and order."""
+def _residuals(found, computed):
+    """Root mean squares of what is measured and of its difference from what is ``computed``, by head, for each element
+    and order; of the rows that were kept."""
     rows, measured, size = [], found.measured, found.measured.amplitude
     target = size * np.exp(1j * np.deg2rad(np.nan_to_num(measured.phase)))
-    both = [
-        np.where(np.isfinite(measured.phase), np.abs(computed - target), np.abs(computed) - size)
-        for computed in (found.before_computed, found.computed)
+    differences = [
+        np.where(np.isfinite(measured.phase), np.abs(values - target), np.abs(values) - size)
+        for values in computed.values()
     ]
     keys = list(zip(measured.quantity, measured.element, map(str, measured.order), strict=True))
     for quantity, element, order in dict.fromkeys(keys):
-        own = np.array([key == (quantity, element, order) for key in keys])
+        own = found.kept & np.array([key == (quantity, element, order) for key in keys])
+        if not own.any():
+            continue
         factor, unit = shown_unit(UNITS[quantity])
-        offs = [100 * np.sqrt((off[own] ** 2).mean() / (size[own] ** 2).mean()) for off in both]
+        offs = [100 * np.sqrt((off[own] ** 2).mean() / (size[own] ** 2).mean()) for off in differences]
         called = "sum" if order == "nan" else f"{float(order):g}"
         mean = count(factor * np.sqrt((size[own] ** 2).mean()))
         rows.append([f"{quantity} of {element}", called, f"{mean} {unit}", *(f"{off:.1f}" for off in offs)])
-    heads = ["measured", "order", "root mean square", "scene off, %", "fitted off, %"]
-    return from_rows("Residuals over the speeds", heads, rows)
+    return from_rows("Residuals over the speeds", ["measured", "order", "root mean square", *computed], rows)
 
 
 def identified_record(found):
     """What ``identify --json`` writes, in SI units."""
     fields = "rpm", "order", "quantity", "element", "amplitude", "phase"
     measured = zip(*(getattr(found.measured, field) for field in fields), strict=True)
+    known = np.where(found.kept, found.computed, np.nan)
     return {
         "scene": found.train.topology.name,
         "misfit": found.misfit,
+        "explained": found.explained,
+        "left_out": found.left_out,
         "parameters": [
             {"name": one.name, "before": before, "value": value, "std": std, "low": one.low, "high": one.high}
             | {"unit": parameter_unit(found.train, one.name), "open": one.name in found.open}
@@ -70,35 +86,50 @@ def identified_record(found):
         "correlation": found.correlation,
         "rows": [
             dict(zip(fields, row, strict=True))
-            | {"computed": abs(own), "computed_phase": float(np.rad2deg(np.angle(own))), "sigma": sigma}
-            for row, own, sigma in zip(measured, found.computed, found.sigma, strict=True)
+            | {"computed": abs(value), "computed_phase": float(np.rad2deg(np.angle(value))), "sigma": sigma}
+            for row, value, sigma in zip(measured, known, found.sigma, strict=True)
         ],
     }
 
 
 def weak_text(found):
-    """Which cylinder is weak, or that none is."""
+    """Which cylinder is weak, that none is, or that no cylinder alone explains the measurements."""
     rows = [
-        [name, f"{100 * factor:.1f}", f"{100 * std:.1f}", count(more)]
+        [name, f"{100 * factor:.1f}", f"{100 * std:.1f}", count(more), "at its bound" * (name in found.at_bound)]
         for name, factor, std, more in zip(found.names, found.gas_factor, found.std, found.evidence, strict=True)
     ]
-    heads = ["cylinder, if it alone differs", "burns, %", "+-", "worse than the first by (chi-square)"]
-    table = from_rows("Weak cylinder", heads, rows)
-    if found.all_equal < 4.0:
+    heads = ["cylinder, if it alone differs", "burns, %", "+-", "worse than the first by (chi-square)", ""]
+    table = from_rows("Weak cylinder", heads, rows, left=(4,))
+    first, share = found.names[0], f"{100 * found.gas_factor[0]:.0f} % of what the others do"
+    if not found.explains:
+        said = (
+            "No verdict: no cylinder that alone differs explains the measurements, as even the best fit leaves "
+            f"residuals {found.misfit:.3g} times the noise (at most {MOST_MISFIT:g}). Something else is not as in the "
+            "scene: fit its stiffnesses and inertias first (--fit), or say how noisy the data are (--noise)."
+        )
+    elif found.all_equal < APART:
         said = "No cylinder differs: with equal cylinders the measurements are explained as well."
     elif len(found.likely) > 1:
         said = f"These are not told apart by the measurements: {', '.join(found.likely)}."
+    elif first in found.at_bound and found.gas_factor[0] > 1:
+        said = f"{first} burns at least {share}, the most that is looked for."
     else:
-        said = f"{found.names[0]} burns {100 * found.gas_factor[0]:.0f} % of what the others do."
-    return f"{said}\n\n{table}"
+        said = f"{first} burns {share}."
+    remarks = remarks_text([f"Left out: {sentence}" for sentence in found.left_out], "")
+    residuals = _residuals(found, {f"off with {first}, %": found.computed})
+    return "\n\n".join([f"{said}\n{goodness(found)}", table, *remarks, residuals])
 
 
 def weak_record(found):
     """The same for programs."""
     return {
         "weak_cylinder": [
-            {"name": name, "gas_factor": factor, "std": std, "evidence": more}
+            {"name": name, "gas_factor": factor, "std": std, "evidence": more, "at_bound": name in found.at_bound}
             for name, factor, std, more in zip(found.names, found.gas_factor, found.std, found.evidence, strict=True)
         ],
         "all_equal": found.all_equal,
+        "explains": found.explains,
+        "misfit": found.misfit,
+        "explained": found.explained,
+        "left_out": found.left_out,
     }

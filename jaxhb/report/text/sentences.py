@@ -154,7 +154,7 @@ def notes(*answers):
             f"The periodic motion at {speeds_text(unstable)} is UNSTABLE (a disturbance grows up to "
             f"{worst.multiplier:.3g} times in a period): the train does not run in it; {instead}."
         )
-    solved = [answer for answer in answers if answer.response is not None]
+    solved = [answer for answer in answers if answer.known and answer.response is not None]
     lossy = [answer for answer in solved if abs(answer.response.power_defect) > LOST]
     if lossy:
         worst = max(lossy, key=lambda answer: abs(answer.response.power_defect))
@@ -234,6 +234,7 @@ def misfire_text(worst, firing, swing=""):
     """The sentence on a misfire, the record of which the JSON has; ``firing`` is what the train is called without."""
     factor, unit = shown_unit(worst["unit"])
     value, normal = (f"{factor * worst[key]:.4g} {unit}" for key in ("value", "firing"))
+    normal = "no answer" if np.isnan(worst["firing"]) else normal
     return (
         f"The worst misfire is that of {worst['cylinder']}: {worst['quantity']} of {value}{swing} in {worst['of']} at"
         f" {worst['rpm']:g} rpm, {normal} with {firing}."

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxhb._shown import ranges
 from jaxhb.elements.elements import RULES
 from jaxhb.linear.strength import NEAR, RULE as OF_RULE, judged
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import NONE, from_rows, ranges, ratio
+from jaxhb.report.text.columns import NONE, from_rows, ratio
 from jaxhb.results.record import Motions
 
 AID = "evaluation aid, no class approval"

@@ -2,10 +2,11 @@
 
 import math
 
+from jaxhb._shown import ranges
 from jaxhb.report.answer import SPEED, UNCONFIRMED
 from jaxhb.report.quantities import IRREGULARITY, main_quantity
 from jaxhb.report.selection import heaviest, most_apart
-from jaxhb.report.text.columns import NONE, Table, hit, irregular, percent, ranges, written
+from jaxhb.report.text.columns import NONE, Table, hit, irregular, percent, written
 from jaxhb.report.text.sentences import firing_lines, motion_word, notes_text, status_word, verdict
 from jaxhb.report.text.strength import answers_strength, strength_text
 
