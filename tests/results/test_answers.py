@@ -116,6 +116,15 @@ def test_tolerances_judge_the_speeds_with_an_answer(train):
     assert np.isnan(found.worst[~known]).all() and found.no_bound[1, 0] == "the scene as it is was not solved"
 
 
+def test_quantities_are_not_chosen_where_no_speed_has_an_answer(train):
+    with pytest.raises(NotConverged, match=r"undamped at 95.493 rpm: NEAR_SINGULAR"):
+        tolerance(train, rpm=[RESONANCE], tolerances=[Tolerance(name="b.inertia", low=0.9, high=1.1)])
+
+
+def test_a_steady_state_beside_a_speed_without_an_answer_is_that_of_its_own(train):
+    assert jaxhb.steady_state(train, rpm=RPM).kind.tolist() == ["contact", "contact", "unknown", "contact"]
+
+
 def test_objectives_count_no_speed_without_an_answer(response):
     values = objectives.shaft_torque(response, "a", "b")
     assert (np.asarray(values) > 0).tolist() == ANSWERED.tolist()
