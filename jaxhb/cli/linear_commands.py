@@ -23,6 +23,8 @@ from jaxhb.train.chain import span
 from jaxhb.train.changes import linearised
 from jaxhb.train.varying import varying
 
+MOST_OF_CHECK = 500  # disks whose natural frequencies are computed for a check: time grows with their third power
+
 
 def check(train, given, rpm, links_at, **_):
     """What a scene comes to: mean torques, tooth forces and damping, modes and notes."""
@@ -32,7 +34,9 @@ def check(train, given, rpm, links_at, **_):
     remarks = scene_notes(responses) + table_notes(train)
     parts, record = check_text(train, responses, speeds, remarks), check_record(train, responses, remarks)
     constant = _constant(train, None, links_at)
-    if varying(constant.topology):
+    if train.topology.n_disks > MOST_OF_CHECK:
+        parts.append(f"Natural frequencies of more than {MOST_OF_CHECK} disks: jaxhb modes computes them.")
+    elif varying(constant.topology):
         parts.append("Links vary: natural frequencies need --links-at, as hz=30.")
     else:
         found, kinds, ratios = modes_of(constant)

@@ -7,9 +7,20 @@ Scenarios are named sets of values of a scene, as a coupling that is warm or wor
 """
 
 import dataclasses
-from collections import Counter
+from collections import Counter, defaultdict
+from functools import cached_property
 
-from jaxhb.elements.elements import TABLES, Combustion, SceneError, shown, suggestion, table_of
+from jaxhb.elements.elements import (
+    TABLES,
+    Combustion,
+    SceneError,
+    Suggestions,
+    cut,
+    fields_of,
+    shown,
+    suggestion,
+    table_of,
+)
 from jaxhb.elements.engine import Engine, cylinders, engine_errors
 from jaxhb.elements.value_checks import TOGETHER, field_errors, row_errors
 
@@ -23,11 +34,12 @@ def read_scenarios(parts, scenarios) -> tuple[dict, list[str]]:
     found = {name: dict(_flat(values)) for name, values in scenarios.items()}
     # Of two tables with one name the first counts; the name has its own sentence.
     places = {n: (t, i) for t in reversed(TABLES) for i, n in enumerate(parts.names[t]) if isinstance(n, str)}
+    near = Suggestions(places)
     errors = [
-        f"{parts.source}, [scenario.{name}]: {text}"
+        f"{parts.source}, [scenario.{cut(name)}]: {text}"
         for name, values in found.items()
         for key, value in values.items()
-        for text in _errors(parts, places, key, value)
+        for text in _errors(parts, places, near, key, value)
     ]
     return found, errors
 
@@ -41,20 +53,20 @@ def _flat(values, before=""):
             yield f"{before}{key}", value
 
 
-def _errors(parts, places, key, value) -> list[str]:
+def _errors(parts, places, near, key, value) -> list[str]:
     name, dot, field = key.rpartition(".")
     if key == "without":
         names = value if isinstance(value, list) else [value]
         lost = [n for n in names if not (isinstance(n, str) and n in places)]
-        return [f"without: there is no element {shown(n)}.{suggestion(n, places)}" for n in lost]
+        return [f"without: there is no element {shown(n)}.{near(n)}" for n in lost]
     if not dot:
-        return [f"{key!r} names no field. Write 'NAME.FIELD', as 'coupling.stiffness'."]
+        return [f"{shown(key)} names no field. Write 'NAME.FIELD', as 'coupling.stiffness'."]
     outer, _, inner = name.rpartition(".")
     # A name may hold dots: an element called so goes before a table inside an element.
     if name not in places and inner == "combustion" and outer in places:
         return _combustion_errors(parts, places[outer], outer, field, value)
     if name not in places:
-        return [f"there is no element {name!r} in {key!r}.{suggestion(name, places)}"]
+        return [f"there is no element {shown(name)} in {shown(key)}.{near(name)}"]
     (table, i), taken = places[name], ("number", "flag")
     fields = {f.name: f for f in dataclasses.fields(TABLES[table]) if f.metadata["kind"] in taken}
     if field in ("harmonics", "gas_torque") and (rows := getattr(parts.tables[table][i], field, None)):
@@ -66,7 +78,7 @@ def _errors(parts, places, key, value) -> list[str]:
             f"{key} has other orders than the scene, must have {', '.join(f'{o:g}' for o in orders)}, in this order."
         ]
     if field not in fields:
-        return [f"a [[{table}]] as {name!r} has no number {field!r}.{suggestion(field, fields)}"]
+        return [f"a [[{table}]] as {name!r} has no number {shown(field)}.{suggestion(field, fields)}"]
     if isinstance(value, list):
         return [f"{key} is {shown(value)}, must be a number."]
     return field_errors(repr(name), fields[field], value) or []
@@ -113,6 +125,8 @@ class Parts:
         self.disk_names = [*self.names["disk"], *self.names["damper"]]
         self.disk_of = {name: i for i, name in enumerate(self.disk_names) if isinstance(name, str)}
         self._count = Counter(name for name in self.disk_names if isinstance(name, str))
+        # What joins the disks is settled here, and asked for by every check.
+        self._links, self._seats = {}, {}
 
     def _put_engines(self, engines):
         """Put the cylinders of engines behind those of the scene."""
@@ -158,7 +172,7 @@ class Parts:
         if table == "cylinder" and self._engine_of[i]:
             return self._engine_of[i]
         name = getattr(self.tables[table][i], "name", None)
-        return f"{self.source}, [[{table}]] no. {i + 1}{f' {name!r}' if isinstance(name, str) else ''}"
+        return f"{self.source}, [[{table}]] no. {i + 1}{f' {shown(name)}' if isinstance(name, str) else ''}"
 
     def usable(self, table: str, i: int, *fields: str) -> bool:
         """Tell whether fields of an element can be computed with."""
@@ -170,28 +184,42 @@ class Parts:
 
     def links(self, table: str) -> list[tuple[int, tuple[int, int]]]:
         """Index and disks of the links of a table whose ends are known."""
-        found = []
-        for i, element in enumerate(self.tables[table]):
-            pair = element.between if isinstance(element.between, tuple | list) else ()
-            ends = [disk for disk in map(self.disk, pair) if disk is not None]
-            if len(pair) == len(ends) == 2 and ends[0] != ends[1]:
-                found.append((i, (ends[0], ends[1])))
-        return found
+        if table not in self._links:
+            found = []
+            for i, element in enumerate(self.tables[table]):
+                pair = element.between if isinstance(element.between, tuple | list) else ()
+                ends = [disk for disk in map(self.disk, pair) if disk is not None]
+                if len(pair) == len(ends) == 2 and ends[0] != ends[1]:
+                    found.append((i, (ends[0], ends[1])))
+            self._links[table] = found
+        return self._links[table]
 
     def seats(self, table: str) -> list[tuple[int, int]]:
         """Index and disk of the elements of a table that sit on a known disk, not on their own ring."""
-        found = [(i, self.disk(element.disk)) for i, element in enumerate(self.tables[table])]
-        rings = len(self.tables["disk"])
-        return [(i, d) for i, d in found if d is not None and not (table == "damper" and d == rings + i)]
+        if table not in self._seats:
+            found = [(i, self.disk(element.disk)) for i, element in enumerate(self.tables[table])]
+            rings = len(self.tables["disk"])
+            own = {i: rings + i for i, _ in found} if table == "damper" else {}
+            self._seats[table] = [(i, d) for i, d in found if d is not None and d != own.get(i)]
+        return self._seats[table]
 
     def phased(self, i: int) -> dict[str, list[int]]:
         """Cylinders and torques that a phase names, by table; of a name that is none, the cylinders of that engine."""
         named = self.tables["phase"][i].of
-        named = [name for name in named if isinstance(name, str)] if isinstance(named, tuple | list) else []
-        # "port" is the engine of the cylinders "port 1", "port A2", ...
-        cylinders = [n if n in named else str(n).rpartition(" ")[0] for n in self.names["cylinder"]]
-        both = {"cylinder": cylinders, "torque": self.names["torque"]}
-        return {table: [k for k, name in enumerate(own) if name in named] for table, own in both.items()}
+        named = {name for name in named if isinstance(name, str)} if isinstance(named, tuple | list) else set()
+        return {table: sorted({k for name in named for k in at.get(name, ())}) for table, at in self._phased.items()}
+
+    @cached_property
+    def _phased(self) -> dict[str, dict[str, list[int]]]:
+        """Cylinders and torques by the names that a phase may give: their own, and for cylinders that of the engine."""
+        found: dict[str, dict[str, list[int]]] = {"cylinder": defaultdict(list), "torque": defaultdict(list)}
+        for table, at in found.items():
+            for k, name in enumerate(self.names[table]):
+                at[str(name)].append(k)
+        for k, name in enumerate(self.names["cylinder"]):
+            # "port" is the engine of the cylinders "port 1", "port A2", ...
+            found["cylinder"][str(name).rpartition(" ")[0]].append(k)
+        return found
 
     def ends(self, table: str) -> list[tuple[int, int]]:
         """Pairs of disks that the links of a table join."""
@@ -215,8 +243,10 @@ def element_errors(parts: Parts) -> list[str]:
     errors = []
     for table, i, element in parts.rows():
         where = parts.where(table, i)
-        for f in dataclasses.fields(element):
-            found = field_errors(where, f, getattr(element, f.name))
+        for f in fields_of(element):
+            value = getattr(element, f.name)
+            # Defaults are sound.
+            found = None if value is f.default else field_errors(where, f, value)
             if found is not None:
                 parts.bad.add((table, i, f.name))
                 errors += found
@@ -234,26 +264,26 @@ def name_errors(parts: Parts) -> list[str]:
         for i, name in enumerate(parts.names[table]):
             place = f"[[{table}]] no. {i + 1}"
             if isinstance(name, str) and first.setdefault(name, place) != place:
-                errors.append(f"{parts.source}, {place}: the name {name!r} is taken by {first[name]}. Rename.")
+                errors.append(f"{parts.source}, {place}: the name {shown(name)} is taken by {first[name]}. Rename.")
     return errors
 
 
-def reference_errors(parts: Parts, reference) -> list[str]:
-    """Find references to disks that do not exist, and links that join a disk to itself."""
+def reference_errors(parts: Parts, reference, *, disks_read: bool) -> list[str]:
+    """Find references to disks that do not exist, if all were read, and links that join a disk to itself."""
     errors = []
     known = [name for name in parts.disk_names if isinstance(name, str)]
-    if not parts.tables["disk"]:
+    near = Suggestions(known)
+    if disks_read and not parts.tables["disk"]:
         errors.append(f"{parts.source}: there is no [[disk]]. Give at least one.")
     for table, i, element in parts.rows():
         where, pair = parts.where(table, i), getattr(element, "between", (getattr(element, "disk", None),))
         ends = [end for end in pair if isinstance(end, str)] if isinstance(pair, tuple | list) else []
-        unknown = [end for end in ends if end not in parts.disk_of]
-        errors += [f"{where}: there is no disk {end!r}.{suggestion(end, known)}" for end in unknown]
+        unknown = [end for end in ends if end not in parts.disk_of] if disks_read else []
+        errors += [f"{where}: there is no disk {shown(end)}.{near(end)}" for end in unknown]
         if len(ends) == 2 and ends[0] == ends[1]:
-            errors.append(f"{where}: it joins {ends[0]!r} to itself. Name two different disks.")
+            errors.append(f"{where}: it joins {shown(ends[0])} to itself. Name two different disks.")
         if table == "damper" and ends and ends[0] == element.name:
             errors.append(f"{where}: it sits on itself. Name the disk that carries it.")
-    if reference is not None and not (isinstance(reference, str) and reference in parts.disk_of):
-        near = suggestion(reference, known)
-        errors.append(f"{parts.source}, [scene]: reference: there is no disk {shown(reference)}.{near}")
+    if disks_read and reference is not None and not (isinstance(reference, str) and reference in parts.disk_of):
+        errors.append(f"{parts.source}, [scene]: reference: there is no disk {shown(reference)}.{near(reference)}")
     return errors

@@ -11,7 +11,7 @@ import dataclasses
 import difflib
 import math
 from dataclasses import dataclass, field
-from functools import reduce
+from functools import cache, reduce
 from operator import ge, gt, le, lt, or_
 from typing import Any
 
@@ -68,12 +68,23 @@ def rows(columns: tuple[str, ...], default: Any = ()) -> Any:
     return declared("rows", default, columns=columns)
 
 
+TOLD = 12  # sentences of an error that are printed
+LONGEST_SENTENCE = 1000  # characters that are printed of each
+LARGEST = 1e60  # of any number, in SI units: products of five stay finite
+
+
 class SceneError(ValueError):
-    """What is wrong with a scene or with a request to change it: one sentence a line, all of them at once."""
+    """What is wrong with a scene or with a request to change it: one sentence a line, all of them at once.
+
+    ``sentences`` holds all; its text the first dozen and the number of the others.
+    """
 
     def __init__(self, sentences):
         self.sentences = (sentences,) if isinstance(sentences, str) else tuple(sentences)
-        super().__init__("\n".join(self.sentences))
+        more = len(self.sentences) - TOLD
+        told = self.sentences[: TOLD if more > 1 else None]
+        lines = [cut(text, LONGEST_SENTENCE) for text in told]
+        super().__init__("\n".join([*lines, *[f"... and {more} more faults."] * (more > 1)]))
 
 
 QUOTED = 60  # characters of a value that a sentence quotes
@@ -102,11 +113,31 @@ def suggestion(word: str, known) -> str:
     known = list(known)
     near = difflib.get_close_matches(word if isinstance(word, str) else "", known, n=1, cutoff=0.6)
     if near:
-        return f" Did you mean {near[0]!r}?"
+        return f" Did you mean {shown(near[0])}?"
     if not known:
         return ""
-    shown = ", ".join(repr(k) for k in known[:8])
-    return f" Known: {shown}{', …' if len(known) > 8 else ''}."
+    return f" Known: {', '.join(map(shown, known[:8]))}{', …' if len(known) > 8 else ''}."
+
+
+class Suggestions:
+    """:func:`suggestion` for the first words that are not known: each is compared with all names of a scene."""
+
+    def __init__(self, known):
+        self._known, self._left = list(known), TOLD
+
+    def __call__(self, word) -> str:
+        self._left -= 1
+        return suggestion(word, self._known) if self._left >= 0 else ""
+
+
+def fields_of(element: Any) -> tuple[dataclasses.Field, ...]:
+    """The declared fields of an element."""
+    return _fields_of_class(type(element))  # type: ignore[arg-type]  # classes are hashable
+
+
+@cache
+def _fields_of_class(cls: Any) -> tuple[dataclasses.Field, ...]:
+    return dataclasses.fields(cls)
 
 
 class Unread:

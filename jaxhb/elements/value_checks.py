@@ -1,6 +1,7 @@
 """Checks of the values of an element: fields, tables, what a link is given by, where gas torque comes from."""
 
 import dataclasses
+import itertools
 import math
 from collections import Counter
 from itertools import pairwise
@@ -8,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.elements import RULES, Combustion, Trace, Unread, shown, suggestion
+from jaxhb.elements.elements import LARGEST, RULES, TOLD, Combustion, Trace, Unread, fields_of, shown, suggestion
 from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
 
@@ -45,13 +46,16 @@ def _table_errors(where, f, value) -> list[str] | None:
     said = [
         field_errors(f"{where}, {f.name}{f' no. {k + 1}' if several else ''}", g, getattr(row, g.name))
         for k, row in enumerate(rows)
-        for g in dataclasses.fields(row)
+        for g in fields_of(row)
     ]
     return [text for sentences in said for text in sentences or ()] if any(s is not None for s in said) else None
 
 
+LONGEST_NAME = 100  # characters: tables and pictures show names
+_NAME = f"a text of at most {LONGEST_NAME} characters"
+
 _KINDS: dict[str, Any] = {
-    "name": (lambda v: isinstance(v, str) and v, "a text", "a text, unique over all tables"),
+    "name": (lambda v: isinstance(v, str) and 0 < len(v) <= LONGEST_NAME, _NAME, "a text, unique over all tables"),
     "disk": (lambda v: isinstance(v, str) and v, "a text", "the name of a disk"),
     "pair": (lambda v: _is_list(v) and [type(e) for e in v] == [str, str], *["the names of two disks"] * 2),
     "flag": (lambda v: isinstance(v, bool), "true or false", "a value"),
@@ -87,12 +91,15 @@ def _value_errors(f, value) -> list[str]:
         return row_errors(f.name, f.metadata["columns"], value)
     if kind == "choice":
         words = [w for w in f.metadata["words"] if w]
+        if value in f.metadata["words"]:
+            return []
         wanted, near = " or ".join(repr(w) for w in words), suggestion(value, words)
-        good = value in f.metadata["words"]
     else:
         test, wanted, _ = _KINDS[kind]
-        good, near = test(value), ""
-    return [] if good else [f"{f.name} is {shown(value)}, must be {wanted}.{near}"]
+        if test(value):
+            return []
+        near = ""
+    return [f"{f.name} is {shown(value)}, must be {wanted}.{near}"]
 
 
 def value_errors(f, value) -> list[str]:
@@ -104,6 +111,8 @@ def value_errors(f, value) -> list[str]:
         found, wanted = shown(value), f"a number{f' in {limits.unit}' if limits.unit else ''}"
     elif not math.isfinite(number):
         found, wanted = f"{number if number_like(value) else shown(value)}{unit}", "a finite number"
+    elif abs(number) > LARGEST:
+        found, wanted = f"{number:g}{unit}", f"at most {LARGEST:g} in size"
     elif f.metadata["kind"] == "count" and number != int(number):
         found, wanted = f"{number:g}", "a whole number"
     elif limits.excludes(number):
@@ -123,17 +132,19 @@ def row_errors(name, columns, rows) -> list[str]:
     for k, row in enumerate(rows):
         if not (_is_list(row) and len(row) == len(columns) and all(number_like(v) for v in row)):
             return [f"{name}, row {k + 1} is {shown(row)}, must be {len(columns)} numbers [{wanted}]."]
-        if not all(math.isfinite(float(v)) for v in row):
-            return [f"{name}, row {k + 1} is {shown(list(row))}, must be finite numbers."]
+        if not all(abs(float(v)) <= LARGEST for v in row):
+            return [f"{name}, row {k + 1} is {shown(list(row))}, must be finite numbers, at most {LARGEST:g} in size."]
     first = [float(row[0]) for row in rows]
     if columns[0] == "order":
+        wrong = [k for k, order in enumerate(first) if order <= 0.0]
+        twice = [(order, times) for order, times in Counter(first).items() if times > 1]
         errors = [
-            f"{name}, row {k + 1}: order is {order:g}, must be greater than 0. Give the mean by its own key."
-            for k, order in enumerate(first)
-            if order <= 0.0
+            f"{name}, row {k + 1}: order is {first[k]:g}, must be greater than 0. Give the mean by its own key."
+            for k in wrong[:TOLD]
         ]
-        errors += [f"{name}: order {o:g} stands {n} times. Add the rows." for o, n in Counter(first).items() if n > 1]
-        return errors
+        errors += [f"{name}: order {order:g} stands {times} times. Add the rows." for order, times in twice[:TOLD]]
+        more = max(len(wrong) - TOLD, 0) + max(len(twice) - TOLD, 0)
+        return [*errors, f"{name}: {more} more rows are so."] if more else errors
     for k, (before, here) in enumerate(pairwise(first), start=2):
         if here <= before:
             cure = "Leave out one of the two rows" if here == before else "Sort the rows"
@@ -141,12 +152,13 @@ def row_errors(name, columns, rows) -> list[str]:
     if columns[0] in ("hz", "amplitude"):
         # 5e-324 is the least number above 0.
         rules = (0, "at least 0", 0.0), (2, "at least 0", 0.0), (1, "greater than 0", 5e-324)
-        return [
+        outside = (
             f"{name}, row {k + 1}: {columns[column]} is {row[column]:g}, must be {words}. Correct the row."
             for k, row in enumerate(rows)
             for column, words, least in rules
             if not row[column] >= least
-        ]
+        )
+        return list(itertools.islice(outside, TOLD))
     if columns[0] == "rpm" and first and first[0] < 0.0:
         return [f"{name}, row 1: rpm is {first[0]:g}, must be at least 0. Speeds are positive; correct the row."]
     return _span_errors(name, first, rows) if columns[0] == "angle" else []
@@ -291,11 +303,11 @@ def torque_errors(torque) -> list[str]:
 
 def _given(link, *keys) -> list[str]:
     """``key = value unit`` of the keys that a link can have and that are given, not as 0."""
-    fields, found = {f.name: f for f in dataclasses.fields(link)}, []
+    found = []
     for key in keys:
         value = getattr(link, key, None)
         if value is not None and not (number_like(value) and value == 0):
-            unit = fields[key].metadata["range"].unit
+            unit = next(f.metadata["range"].unit for f in fields_of(link) if f.name == key)
             found.append(f"{key} = {value:g} {unit}".rstrip() if plain_number(value) else key)
     return found
 
@@ -367,6 +379,30 @@ def _section_errors(shaft) -> list[str]:
     if getattr(shaft, unread) is not None and shaft.rule in RULES:
         texts.append(f"{unread} has no part in the limits of {shaft.rule}. Leave it out, or name another rule.")
     return texts
+
+
+MOST_PRESSURES = 1000  # pressure tables on their grid: 0.6 MB each while a scene is checked
+MOST_ROWS = 2_000_000  # rows of a key over all elements, the shorter lists padded as the longest
+
+
+def size_errors(parts) -> list[str]:
+    """Find lists that would take more memory than a train may; nothing is computed of them."""
+    errors = []
+    for table, elements in parts.tables.items():
+        for f in fields_of(elements[0]) if elements else ():
+            rows = [getattr(element, f.name) for element in elements] if f.metadata["kind"] == "rows" else []
+            longest = max((len(row) for row in rows if _is_list(row)), default=0)
+            if longest * len(rows) > MOST_ROWS:
+                told = f"{len(rows)} elements with {f.name} of up to {longest} rows"
+                errors.append(
+                    f"{parts.source}, [[{table}]]: {told}, must be at most {MOST_ROWS} together. Thin them out."
+                )
+    sources = [c for c in parts.tables["cylinder"] if gas.source(c)]
+    tables = len(sources) * max((len(c.traces) for c in sources if _is_list(c.traces)), default=1)
+    if tables > MOST_PRESSURES:
+        told = f"{len(sources)} cylinders need {tables} pressure tables, must be at most {MOST_PRESSURES}"
+        errors.append(f"{parts.source}, [[cylinder]]: {told}. Give some of them gas_torque instead.")
+    return errors
 
 
 def rated_errors(parts, rated_rpm) -> list[str]:

@@ -9,6 +9,7 @@ import difflib
 import os
 import re
 import tomllib
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
@@ -60,11 +61,11 @@ def load_scene(name: str | Path) -> DriveTrain:
     content = _parse(path, errors)
     whole, head = not errors, content.get("scene", {})
     if not isinstance(head, dict):
-        errors.append(f"{path.name}: 'scene' is {head!r}, must be a table. Write [scene].")
+        errors.append(f"{path.name}: 'scene' is {shown(head)}, must be a table. Write [scene].")
         head = {}
     unknown = [key for key in head if key not in _SCENE_KEYS]
-    errors += [f"{path.name}, [scene]: unknown key {key!r}.{suggestion(key, _SCENE_KEYS)}" for key in unknown]
-    elements, complete = _read_elements(path, content, errors)
+    errors += [f"{path.name}, [scene]: unknown key {shown(key)}.{suggestion(key, _SCENE_KEYS)}" for key in unknown]
+    elements, lost = _read_elements(path, content, errors)
     return checked(
         elements,
         name=str(head.get("name", path.stem)),
@@ -77,7 +78,8 @@ def load_scene(name: str | Path) -> DriveTrain:
         notes=_notes(head, path.name, errors),
         source=path.name,
         findings=errors,
-        complete=complete and whole,
+        complete=whole and not lost,
+        disks_read=lost.isdisjoint(("disk", "damper")),
     )
 
 
@@ -134,9 +136,9 @@ def _parse(path: Path, errors: list[str]) -> dict:
         raise SceneError(f"{path.name}: {why}") from None
 
 
-def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, bool]:
-    """Make the elements, and tell whether every table was read; sentences go to ``errors``."""
-    elements, read, complete = [], {}, True
+def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, set[str]]:
+    """Make the elements, and name the tables that are not read, or not whole; sentences go to ``errors``."""
+    elements, read, lost = [], {}, set()
     count = sum(len(rows) for table, rows in content.items() if isinstance(rows, list) and table not in BESIDE)
     if count > MOST_ELEMENTS:
         raise SceneError(f"{path.name}: there are {count} elements, must be at most {MOST_ELEMENTS}. Leave some out.")
@@ -147,51 +149,61 @@ def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, 
         rows = [rows] if engine and isinstance(rows, dict) else rows
         if table not in TABLES and not engine:
             known = [*BESIDE, *TABLES, "engine"]
-            errors.append(f"{path.name}: unknown table {table!r}.{suggestion(table, known)}")
-            complete = False
-        elif not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+            errors.append(f"{path.name}: unknown table {shown(table)}.{suggestion(table, known)}")
+            lost |= {table, *difflib.get_close_matches(table, known, n=1)}
+            continue
+        if not isinstance(rows, list):
             errors.append(f"{path.name}: {table!r} must be a list of tables. Write [[{table}]].")
-            complete = False
-        else:
-            for i, row in enumerate(rows):
-                where = f"{path.name}, " + ("[engine]" if engine else f"[[{table}]] no. {i + 1}")
-                where += f" {row['name']!r}" if isinstance(row.get("name"), str) else ""
-                cls = Engine if engine else TABLES[table]
-                elements.append(_read_element(cls, row, where, path.parent, read, errors))
-    return elements, complete
+            lost.add(table)
+            continue
+        for i, row in enumerate(rows):
+            where = f"{path.name}, " + ("[engine]" if engine else f"[[{table}]] no. {i + 1}")
+            if not isinstance(row, dict):
+                errors.append(f"{where} is {shown(row)}, must be a table. Write [[{table}]].")
+                lost.add(table)
+                continue
+            where += f" {shown(row['name'])}" if isinstance(row.get("name"), str) else ""
+            elements.append(_read_element(Engine if engine else TABLES[table], row, where, path.parent, read, errors))
+    return elements, lost
 
 
 def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: list[str]):
     """Make one element; a key that is not there becomes None and is found by the checks."""
-    fields = {f.name: f for f in dataclasses.fields(cls)}
-    values = {}
-    for key in row:
-        if key not in fields:
-            errors.append(f"{where}: unknown key {key!r}.{suggestion(key, fields)}")
+    fields = _fields(cls)
+    values = {key: None for key, f in fields.items() if f.default is dataclasses.MISSING}
+    for key, found in row.items():
+        if key in fields:
+            values[key] = _read_value(fields[key], found, where, folder, read, errors)
+        else:
+            errors.append(f"{where}: unknown key {shown(key)}.{suggestion(key, fields)}")
             # A misspelt key is read as what it means, so that no second sentence says that this is missing.
             meant = [k for k in difflib.get_close_matches(key, fields, n=1) if k not in row]
-            values |= dict.fromkeys(meant, row[key])
-    for key, f in fields.items():
-        if key in row:
-            values[key] = row[key]
-        elif f.default is dataclasses.MISSING:
-            values.setdefault(key, None)
-        kind, found = f.metadata["kind"], row.get(key)
-        # What is no table, or no list of tables, is found by the checks.
-        if kind == "table" and isinstance(found, dict):
-            values[key] = _read_element(f.metadata["of"], found, f"{where}, {key}", folder, read, errors)
-        elif kind == "tables" and isinstance(found, list) and all(isinstance(v, dict) for v in found):
-            values[key] = tuple(
-                _read_element(f.metadata["of"], inner, f"{where}, {key} no. {k + 1}", folder, read, errors)
-                for k, inner in enumerate(found)
-            )
-        elif kind == "rows" and isinstance(found, str):
-            try:
-                values[key] = _read_rows(found, folder, f.metadata["columns"], read)
-            except SceneError as error:
-                errors += [f"{where}: {key}: {text}" for text in error.sentences]
-                values[key] = Unread()
+            values |= dict.fromkeys(meant, found)
     return cls(**values)
+
+
+@cache
+def _fields(cls) -> dict[str, dataclasses.Field]:
+    return {f.name: f for f in dataclasses.fields(cls)}
+
+
+def _read_value(f, found, where: str, folder: Path, read: dict, errors: list[str]):
+    """The value of a key: what is no table, or no list of tables, is found by the checks."""
+    kind, key = f.metadata["kind"], f.name
+    if kind == "table" and isinstance(found, dict):
+        return _read_element(f.metadata["of"], found, f"{where}, {key}", folder, read, errors)
+    if kind == "tables" and isinstance(found, list) and all(isinstance(v, dict) for v in found):
+        return tuple(
+            _read_element(f.metadata["of"], inner, f"{where}, {key} no. {k + 1}", folder, read, errors)
+            for k, inner in enumerate(found)
+        )
+    if kind == "rows" and isinstance(found, str):
+        try:
+            return _read_rows(found, folder, f.metadata["columns"], read)
+        except SceneError as error:
+            errors += [f"{where}: {key}: {text}" for text in error.sentences]
+            return Unread()
+    return found
 
 
 def _read_rows(name: str, folder: Path, columns: tuple[str, ...], read: dict) -> tuple | Unread:

@@ -75,19 +75,23 @@ def checked(
     notes=(),
     findings=(),
     complete=True,
+    disks_read=True,
 ) -> DriveTrain:
-    """As :func:`build`, with sentences found before; ``complete`` is False where tables of the scene were not read.
+    """As :func:`build`, with sentences found before; ``complete`` is False where tables of the scene were not read, and
+    ``disks_read`` where disks or rings may be among them.
 
     Every check runs on what is sound, and all sentences are raised together.
     """
     parts = checks.Parts(elements, source, complete=complete)
     errors = [*findings, *parts.engine_errors, *checks.element_errors(parts), *checks.name_errors(parts)]
+    if too_large := value_checks.size_errors(parts):
+        raise SceneError(dict.fromkeys([*errors, *too_large]))
     numbers = {"revolutions_per_cycle": cycle, "rated_rpm": rated_rpm}
     told = [(f, numbers.get(f.name)) for f in dataclasses.fields(Head) if f.name in numbers]
     head_errors = [
         text for f, value in told for text in value_checks.field_errors(f"{source}, [scene]", f, value) or ()
     ]
-    errors += head_errors + checks.reference_errors(parts, reference)
+    errors += head_errors + checks.reference_errors(parts, reference, disks_read=disks_read)
     errors += train_checks.connection_errors(parts)
     rotor = connections.pieces(len(parts.disk_names), train_checks.elastic_pairs(parts))
     errors += train_checks.reference_error(parts, reference, rotor)
@@ -156,16 +160,19 @@ def _gearing(parts, root: int | None, radii):
     if root is not None:
         starts[joined[root]] = root
     kinds = all(parts.usable("mesh", i, "kind") for i, _ in meshes)
-    rotors, locked = None, []
+    gearing = connections.Gearing(n, pairs, ends, internal, numbers)
+    geared, rotors = {gearing.rotor[d] for pair in ends for d in pair}, None
     for start in starts.values():
-        found, loops = connections.find_rotors(n, pairs, ends, internal, numbers, start)
-        # A kind that cannot be read leaves senses unknown, but not ratios.
-        locked += [(meshes[m][0], disks, why) for m, disks, why in loops if kinds or "senses" not in why]
-        rotors = found if start == root else rotors
+        if start == root:
+            rotors = gearing.rotors(gearing.lead(start))
+        elif gearing.rotor[start] in geared:
+            gearing.lead(start)
+    # A kind that cannot be read leaves senses unknown, but not ratios.
+    locked = [(meshes[m][0], disks, why) for m, disks, why in gearing.locked if kinds or "senses" not in why]
     # Without meshes all disks turn alike, whatever the reference is.
     if parts.complete and not parts.tables["mesh"]:
         return rotors, [1.0] * n, locked
-    if rotors is None:
+    if rotors is None or root is None:
         return rotors, [None] * n, locked
     reached = [k == rotors.rotor[root] or bool(path) for k, path in enumerate(rotors.path)]
     values = [r if ok and math.isfinite(r) else None for r, ok in zip(rotors.ratio, reached, strict=True)]

@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxhb._jax import traced
 from jaxhb.elements import derived, value_checks
-from jaxhb.elements.elements import TABLES, Combustion, Mesh, SceneError, Trace, suggestion
+from jaxhb.elements.elements import LARGEST, TABLES, Combustion, Mesh, SceneError, Trace, shown, suggestion
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, rotor_ratios
 from jaxhb.excitation import gas
 from jaxhb.train import connections
@@ -36,7 +36,7 @@ def _choose(train, values):
             if not topology.mesh_backlash[index]:
                 fault = _NO_BACKLASH
             elif value not in known:
-                fault = f"{field} is {value!r}.{suggestion(value, known)}"
+                fault = f"{field} is {shown(value)}.{suggestion(value, known)}"
             elif field == "law":
                 follow = LAW_OF_FRIDMAN
             else:
@@ -45,7 +45,7 @@ def _choose(train, values):
             if not topology.teeth[index]:
                 fault = "the gear has no teeth in the scene, its ratio is that of the radii. Build it with teeth."
             elif not (isinstance(value, int | float | np.number) and value >= 1 and float(value).is_integer()):
-                fault = f"teeth is {value!r}, must be a whole number of at least 1."
+                fault = f"teeth is {shown(value)}, must be a whole number of at least 1."
             else:
                 follow = {"radius": np.asarray(train.disks.radius)[index] * int(value) / teeth[index]}
                 teeth[index] = int(value)
@@ -56,7 +56,7 @@ def _choose(train, values):
             numbers[other] = given = values.get(other, number)
             if value_checks.number_like(given) and abs(float(given) - number) > RATIO_TOLERANCE * number:
                 fault = f"it makes {own} {number:.6g}, but {other!r} is given as {given:.6g}. Keep one of them."
-        faults += [f"{topology.title}, replace {key!r}: {fault}"] if fault else []
+        faults += [f"{topology.title}, replace {shown(key)}: {fault}"] if fault else []
     chosen = {"mesh_damping_law": tuple(laws), "teeth": tuple(teeth)}
     if any(getattr(topology, name) != new for name, new in chosen.items()):
         train = dataclasses.replace(train, topology=dataclasses.replace(topology, **chosen))
@@ -88,13 +88,15 @@ def locate(topology, key: str):
     where = topology.title
     name, dot, field = key.rpartition(".")
     if not dot:
-        raise SceneError(f"{where}: {key!r} names no field. Write 'NAME.FIELD', as 'hub.inertia'.")
+        raise SceneError(f"{where}: {shown(key)} names no field. Write 'NAME.FIELD', as 'hub.inertia'.")
     outer, _, inner = name.rpartition(".")
     # A name may hold dots: an element called so goes before a table inside an element.
     if name not in topology.elements and inner in _INNER and outer in topology.elements:
         name, field = outer, f"{inner}.{field}"
     if name not in topology.elements:
-        raise SceneError(f"{where}: there is no element {name!r} in {key!r}.{suggestion(name, topology.elements)}")
+        raise SceneError(
+            f"{where}: there is no element {shown(name)} in {shown(key)}.{suggestion(name, topology.elements)}"
+        )
     table, index = topology.elements[name]
     return table, field, index
 
@@ -117,7 +119,7 @@ def _locate(train, key: str):
             raise SceneError(f"{where}: it has no {outer}. Build the scene with one.")
     fields = [f.name for f in dataclasses.fields(numbers) if f.name not in _INNER and not f.metadata.get("static")]
     if inner not in fields:
-        raise SceneError(f"{where}: there is no field {inner!r}.{suggestion(inner, fields)}")
+        raise SceneError(f"{where}: there is no field {shown(inner)}.{suggestion(inner, fields)}")
     if _vector(train, table, field) is None:
         raise SceneError(f"{where}: nothing in the scene has {inner}. Build the scene with it.")
     return table, field, index
@@ -258,7 +260,7 @@ def within_range(train):
 
 def _value_errors(train, key, table, field, index, value) -> list[str]:
     """Check shape and, where it is concrete, range of a new value."""
-    where, row = f"{train.topology.title}, replace {key!r}", _row(train, table, field, index)
+    where, row = f"{train.topology.title}, replace {shown(key)}", _row(train, table, field, index)
     wanted, found = np.shape(row), None
     with contextlib.suppress(ValueError):  # rows of different lengths have no shape
         found = np.shape(value)
@@ -268,8 +270,8 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
     if traced(value):
         return [f"{where}: {missing}"] if missing else []
     number = np.asarray(value)
-    if number.dtype.kind not in "fiu" or not np.all(np.isfinite(number)):
-        return [f"{where}: the value is {value!r}, must be finite and real."]
+    if number.dtype.kind not in "fiu" or not np.all(np.abs(number) <= LARGEST):
+        return [f"{where}: the value is {shown(value)}, must be finite and real, at most {LARGEST:g} in size."]
     # A value that is there already changes nothing, and is no fault.
     if missing and (traced(row) or not np.all(np.asarray(row) == number)):
         return [f"{where}: {missing}"]

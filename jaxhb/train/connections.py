@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxhb._jax import on_host, traced
+from jaxhb.elements.elements import shown
 from jaxhb.excitation.gas import FAR
 from jaxhb.excitation.mean_torques import mean_torques
 
@@ -43,6 +44,14 @@ def pieces(n_disks: int, pairs) -> list[int]:
     return piece
 
 
+def members_of(piece: list[int]) -> list[list[int]]:
+    """Disks of each piece."""
+    found = [[] for _ in range(max(piece, default=-1) + 1)]
+    for disk, k in enumerate(piece):
+        found[k].append(disk)
+    return found
+
+
 @dataclass(frozen=True, kw_only=True)
 class Rotors:
     """Rotor of each disk, and for each rotor its path of (driving, driven) gears and its speed ratio."""
@@ -52,43 +61,59 @@ class Rotors:
     ratio: tuple[float, ...]
 
 
-def find_rotors(n_disks, elastic_pairs, mesh_ends, mesh_internal, radius, reference: int):
-    """Find the rotors and lead speeds and senses from the rotor of disk ``reference`` over the meshes.
+class Gearing:
+    """Rotors of disks, and speeds and senses led over the meshes from any of them.
 
-    Returns the rotors, and the meshes that close a loop in which the train is locked, as (mesh, disks of the
-    loop, why). Rotors that no mesh reaches keep ratio 1 and an empty path.
+    ``locked`` collects the meshes that close a loop in which the train is locked, as (mesh, disks of the loop, why).
     """
-    rotor = pieces(n_disks, elastic_pairs)
-    count = max(rotor, default=-1) + 1
-    pairs = [(rotor[a], rotor[b]) for a, b in mesh_ends]
-    bare = {m for m, (a, b) in enumerate(pairs) if a == b}
-    path: list[tuple[tuple[int, int], ...]] = [()] * count
-    ratio, sense = [1.0] * count, [1] * count
 
-    def led(m, here):
-        """Where mesh m leads from rotor ``here``: its gears (driving, driven), ratio and sense there."""
-        driver, driven = mesh_ends[m] if pairs[m][0] == here else mesh_ends[m][::-1]
-        ahead = ratio[here] * radius[driver] / radius[driven]
-        return (driver, driven), ahead, sense[here] * (1 if mesh_internal[m] else -1)
+    def __init__(self, n_disks: int, elastic_pairs, mesh_ends, mesh_internal, radius):
+        self._mesh_ends, self._mesh_internal, self._radius = mesh_ends, mesh_internal, radius
+        self.rotor = pieces(n_disks, elastic_pairs)
+        count = max(self.rotor, default=-1) + 1
+        self._pairs = [(self.rotor[a], self.rotor[b]) for a, b in mesh_ends]
+        within = [m for m, (a, b) in enumerate(self._pairs) if a == b]
+        self._joined = neighbours(self._pairs, count, within)
+        self._path: list[tuple[tuple[int, int], ...]] = [()] * count
+        self._ratio, self._sense = [1.0] * count, [1] * count
+        self.locked: list[tuple[int, list[int], str]] = []
 
-    tree = breadth_first(neighbours(pairs, count, bare), rotor[reference])
-    rank = {there: k for k, (there, _, _) in enumerate(tree)}
-    for there, here, m in tree[1:]:
-        gears, ratio[there], sense[there] = led(m, here)
-        path[there] = (*path[here], gears)
-    locked, used = [], bare | {m for _, _, m in tree[1:]}
-    for m, ends in enumerate(pairs):
-        if m in used or ends[0] not in rank:
-            continue
-        # Reached a second time: both ways must give one speed and one sense.
-        here, there = sorted(ends, key=rank.__getitem__)
-        gears, ahead, turn = led(m, here)
-        disks = _loop(path[here], path[there], gears)
-        if abs(ahead / ratio[there] - 1.0) > RATIO_TOLERANCE:
-            locked.append((m, disks, f"its ratios multiply to {ahead / ratio[there]:.6g}"))
-        elif turn != sense[there]:
-            locked.append((m, disks, "its senses of rotation contradict each other"))
-    return Rotors(rotor=tuple(rotor), path=tuple(path), ratio=tuple(ratio)), locked
+    def _led(self, mesh: int, here: int):
+        """Where a mesh leads from a rotor: its gears (driving, driven), ratio and sense there."""
+        ends = self._mesh_ends[mesh]
+        driver, driven = ends if self._pairs[mesh][0] == here else ends[::-1]
+        ahead = self._ratio[here] * self._radius[driver] / self._radius[driven]
+        return (driver, driven), ahead, self._sense[here] * (1 if self._mesh_internal[mesh] else -1)
+
+    def lead(self, reference: int) -> set[int]:
+        """Lead from the rotor of disk ``reference`` to all that meshes reach: these."""
+        tree = breadth_first(self._joined, self.rotor[reference])
+        rank = {there: k for k, (there, _, _) in enumerate(tree)}
+        for there, here, mesh in tree[1:]:
+            gears, self._ratio[there], self._sense[there] = self._led(mesh, here)
+            self._path[there] = (*self._path[here], gears)
+        closing = {mesh for there in rank for _, mesh in self._joined[there]} - {mesh for _, _, mesh in tree[1:]}
+        for mesh in sorted(closing):
+            # Reached a second time: both ways must give one speed and one sense.
+            here, there = sorted(self._pairs[mesh], key=rank.__getitem__)
+            gears, ahead, turn = self._led(mesh, here)
+            share = ahead / self._ratio[there]
+            if abs(share - 1.0) > RATIO_TOLERANCE:
+                why = f"its ratios multiply to {share:.6g}"
+            elif turn != self._sense[there]:
+                why = "its senses of rotation contradict each other"
+            else:
+                continue
+            self.locked.append((mesh, _loop(self._path[here], self._path[there], gears), why))
+        return set(rank)
+
+    def rotors(self, reached: set[int]) -> Rotors:
+        """The rotors, those that are not among ``reached`` with ratio 1 and an empty path."""
+        return Rotors(
+            rotor=tuple(self.rotor),
+            path=tuple(path if k in reached else () for k, path in enumerate(self._path)),
+            ratio=tuple(ratio if k in reached else 1.0 for k, ratio in enumerate(self._ratio)),
+        )
 
 
 def _loop(path_a, path_b, closing) -> list[int]:
@@ -122,8 +147,8 @@ _NO_MEAN = ("harmonics", "gas_torque", "firing_angle", "reciprocating_mass", "am
 
 def names_of(names, indices, most: int = 8) -> str:
     """List names for a sentence."""
-    shown = ", ".join(repr(names[i]) for i in indices[:most])
-    return shown + (f", … ({len(indices)} disks)" if len(indices) > most else "")
+    listed = ", ".join(shown(names[i]) for i in indices[:most])
+    return listed + (f", … ({len(indices)} disks)" if len(indices) > most else "")
 
 
 def unheld(source, names, *, links, static, ground, loaded, main: int) -> list[str]:
@@ -135,7 +160,7 @@ def unheld(source, names, *, links, static, ground, loaded, main: int) -> list[s
     joined, part = pieces(len(names), links), pieces(len(names), static)
     # Pieces that no link joins to the train have their own sentence.
     grounded = {part[d] for d in ground if joined[d] == joined[main]}
-    errors = []
+    errors, members = [], members_of(part)
     if grounded and part[main] not in grounded:
         held = [i for i, p in enumerate(part) if p in grounded]
         errors.append(
@@ -143,9 +168,8 @@ def unheld(source, names, *, links, static, ground, loaded, main: int) -> list[s
             f" stiffness. Ground a disk that is joined by shafts or meshes to {names[main]!r}."
         )
     for p in sorted({part[d] for d in loaded if joined[d] == joined[main]} - grounded - {part[main]}):
-        disks = [i for i, q in enumerate(part) if q == p]
         errors.append(
-            f"{source}: a mean torque acts on {names_of(names, disks)}, which no static stiffness holds."
+            f"{source}: a mean torque acts on {names_of(names, members[p])}, which no static stiffness holds."
             " Give the damper a stiffness, ground the disk, or remove the mean torque."
         )
     return errors

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxhb._jax import Number, pytree, traced
 from jaxhb._shown import html_table
-from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.elements.elements import SceneError, shown, suggestion
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation import gas
 from jaxhb.train import changes, firing, omission, varying
@@ -152,7 +152,7 @@ class DriveTrain:
         """
         if name not in self.scenarios:
             others = suggestion(name, self.scenarios) if self.scenarios else " The scene has none."
-            raise SceneError(f"{self.topology.title}: there is no scenario {name!r}.{others}")
+            raise SceneError(f"{self.topology.title}: there is no scenario {shown(name)}.{others}")
         values = dict(self.scenarios[name])
         train = self.without(*values.pop("without", ()))
         names = train.topology.cylinder_names
@@ -209,7 +209,7 @@ class DriveTrain:
         unknown = [name for name in cylinders if name not in names]
         if unknown:
             where = self.topology.title
-            raise SceneError([f"{where}: there is no cylinder {n!r}.{suggestion(n, names)}" for n in unknown])
+            raise SceneError([f"{where}: there is no cylinder {shown(n)}.{suggestion(n, names)}" for n in unknown])
         return names
 
     def misfires(self) -> dict[str, DriveTrain]:

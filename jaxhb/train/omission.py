@@ -4,7 +4,7 @@ reference disk any more, goes with them."""
 import dataclasses
 
 from jaxhb.elements.derived import LINKS, link_number
-from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.elements.elements import SceneError, shown, suggestion
 from jaxhb.train import connections
 from jaxhb.train.changes import TABLE_OF
 
@@ -17,7 +17,7 @@ def without(train, names):
     elements, reference = topology.elements, topology.disk_names[topology.reference_disk]
     unknown = [name for name in names if name not in elements]
     if unknown:
-        near = (f"{title}, without: there is no element {n!r}.{suggestion(n, elements)}" for n in unknown)
+        near = (f"{title}, without: there is no element {shown(n)}.{suggestion(n, elements)}" for n in unknown)
         raise SceneError(list(near))
     if reference in names:
         raise SceneError(
@@ -97,9 +97,8 @@ def _topology(topology, keep, disks):
     elastic = [*found["shaft_ends"], *((on, len(keep["disk"]) + k) for k, on in enumerate(found["damper_disk"]))]
     # Speeds follow from the radii of the train: here they are not looked at.
     radii, reference = [float("nan")] * len(disks), place[topology.reference_disk]
-    rotors, _ = connections.find_rotors(
-        len(disks), elastic, found["mesh_ends"], found["mesh_internal"], radii, reference
-    )
+    gearing = connections.Gearing(len(disks), elastic, found["mesh_ends"], found["mesh_internal"], radii)
+    rotors = gearing.rotors(gearing.lead(reference))
     return dataclasses.replace(
         topology,
         **found,

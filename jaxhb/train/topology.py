@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.elements import TABLES, SceneError, suggestion
+from jaxhb.elements.elements import TABLES, SceneError, shown, suggestion
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
 from jaxhb.excitation.gas import GasCycles
 
@@ -252,7 +252,7 @@ class Topology:
     def disk_index(self, name: str) -> int:
         """Index of a disk or a damper's ring among the disks, rings last; else :class:`SceneError` with the nearest."""
         if name not in self._disk_of:
-            raise SceneError(f"{self.title}: there is no disk {name!r}.{suggestion(name, self.disk_names)}")
+            raise SceneError(f"{self.title}: there is no disk {shown(name)}.{suggestion(name, self.disk_names)}")
         return self._disk_of[name]
 
     def link_index(self, name: str, other: str | None = None) -> tuple[int, int]:
@@ -264,7 +264,7 @@ class Topology:
         where = self.title
         if other is None:
             if name not in self._link_of:
-                raise SceneError(f"{where}: there is no link {name!r}.{suggestion(name, self.link_names)}")
+                raise SceneError(f"{where}: there is no link {shown(name)}.{suggestion(name, self.link_names)}")
             return self._link_of[name], 1
         a, b = self.disk_index(name), self.disk_index(other)
         hits = [(i, 1 if ends == (a, b) else -1) for i, ends in enumerate(self.link_ends) if set(ends) == {a, b}]

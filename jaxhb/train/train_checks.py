@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.elements import Torque, shown, suggestion
+from jaxhb.elements.elements import Suggestions, Torque, shown
 from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
 from jaxhb.excitation.mean_torques import mean_torques as mean_torques_at
 from jaxhb.train import connections, tables
-from jaxhb.train.connections import names_of, pieces
+from jaxhb.train.connections import members_of, names_of, pieces
 
 WHOLE = 1e-6  # distance from a whole number, in harmonics of the cycle, up to which an order fits
 TEETH_TOLERANCE = 1e-3  # share by which the ratio of radii may miss that of the teeth, which then counts
@@ -33,8 +33,7 @@ def connection_errors(parts) -> list[str]:
     if not parts.connected:
         return []
     names = parts.disk_names
-    piece = pieces(len(names), elastic_pairs(parts) + parts.ends("mesh"))
-    first, *others = ([i for i, p in enumerate(piece) if p == k] for k in range(max(piece, default=0) + 1))
+    first, *others = members_of(pieces(len(names), elastic_pairs(parts) + parts.ends("mesh"))) or [[]]
     return [
         f"{parts.source}: the train falls into pieces that no link joins: {names_of(names, first)} and"
         f" {names_of(names, other)}. Join them by a [[shaft]] or a [[mesh]]."
@@ -105,15 +104,18 @@ def whole(number: float) -> bool:
 
 def cycle_errors(parts, needs, revolutions: float) -> list[str]:
     """Find orders that are no harmonic 1, 2, ... of the cycle; ``needs``: (table, i, text, order, key of the mean)."""
-    small = [need for need in needs if need[3] * revolutions < 0.5 and whole(need[3] * revolutions)]
+
+    def is_small(need):
+        return need[3] * revolutions < 0.5 and whole(need[3] * revolutions)
+
     bad = [need for need in needs if not whole(need[3] * revolutions)]
-    fitting = fitting_cycle([need[3] for need in needs if need not in small]) if bad else None
+    fitting = fitting_cycle({need[3] for need in needs if not is_small(need)}) if bad else None
     remedy = f" Set revolutions_per_cycle = {fitting:g}." if fitting else " Correct the order or the radii."
     errors = []
-    for need in bad + small:
+    for need in bad + list(filter(is_small, needs)):
         table, i, text, per_revolution, mean = need
         wanted = f"whole.{remedy}"
-        if need in small:
+        if is_small(need):
             wanted = "at least 1." + (f" Give the mean as {mean} = …" if mean else " Correct the radii.")
         errors.append(
             f"{parts.where(table, i)}: {text} is harmonic {per_revolution * revolutions:.6g} of a cycle of"
@@ -135,20 +137,19 @@ def fitting_cycle(per_revolution) -> float | None:
 def phase_errors(parts, ratio) -> list[str]:
     """Find phases of what is no cylinder or torque, and of what turns at different speeds."""
     errors = []
+    groups = dict.fromkeys(name for table in ("cylinder", "torque") for name in parts.names[table])
+    groups |= dict.fromkeys(sorted({str(name).rpartition(" ")[0] for name in parts.names["cylinder"]} - {""}))
+    near = Suggestions(name for name in groups if isinstance(name, str))
+    seats = {table: dict(parts.seats(table)) for table in ("cylinder", "torque")}
     for i, phase in enumerate(parts.tables["phase"]):
-        known = [name for table in ("cylinder", "torque") for name in parts.names[table] if isinstance(name, str)]
-        engines = {str(name).rpartition(" ")[0] for name in parts.names["cylinder"]} - {""}
-        groups = [*known, *sorted(engines)]
         named = phase.of if isinstance(phase.of, tuple | list) else []
         errors += [
-            f"{parts.where('phase', i)}: of: there is no cylinder, torque or engine {shown(name)}."
-            f"{suggestion(name, groups)}"
+            f"{parts.where('phase', i)}: of: there is no cylinder, torque or engine {shown(name)}.{near(name)}"
             for name in named
-            if name not in groups
+            if not (isinstance(name, str) and name in groups)
         ]
         if parts.usable("phase", i, "of") and not named:
             errors.append(f"{parts.where('phase', i)}: of is empty. Name the cylinders and torques, or their engine.")
-        seats = {table: dict(parts.seats(table)) for table in ("cylinder", "torque")}
         disks = [seats[table].get(k) for table, own in parts.phased(i).items() for k in own]
         speeds = {round(ratio[d], 9) for d in disks if d is not None and ratio[d] is not None}
         if len(speeds) > 1:
