@@ -91,10 +91,10 @@ def test_a_tuning_of_a_few_steps_tells_their_number_alone():
 
 def test_lines_and_tables_of_steady_states_have_kind_and_numbers():
     sweep = jaxhb.steady_state(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1200.0, 1500.0])
-    assert repr(sweep) == "<SteadySweep up, 2 speeds from 1200 to 1500 rpm: 2 contact>"
-    assert repr(sweep[1]).startswith("<SteadyState of six_cylinder_diesel at 1500 rpm: contact; CONVERGED, ")
+    assert repr(sweep) == "<SteadySweep up, 2 speeds from 1200 to 1500 rpm: 2 periodic>"
+    assert repr(sweep[1]).startswith("<SteadyState of six_cylinder_diesel at 1500 rpm: periodic; CONVERGED, ")
     told = [row[:2] for row in cells(sweep._repr_html_())]
-    assert told == [["rpm", "motion"], ["1200", "contact"], ["1500", "contact"]]
+    assert told == [["rpm", "motion"], ["1200", "periodic"], ["1500", "periodic"]]
     largest = f"{float(sweep[1].torque('cyl6', 'flywheel').max):.4g}"
     assert largest in {row[0]: row[3] for row in cells(sweep[1]._repr_html_())}["cyl6|flywheel"]
 

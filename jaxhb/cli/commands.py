@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+from jaxhb.cli.operating_modes import tell
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.report.answer import SPEED, Axis
@@ -10,6 +11,7 @@ from jaxhb.report.compute import Asked, answer_one, answer_speeds, answer_values
 from jaxhb.report.figures.cycle import plot_cycle, plot_tuning
 from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files import numbers, output
+from jaxhb.report.files.compared import of_answers
 from jaxhb.report.text.cases import solve_text
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.strength import answers_strength, strength_record
@@ -38,6 +40,7 @@ def solve(train, given, rpm, orders, trace, gear, plot, quiet, **_):
         plot=lambda: plot_cycle(answer, gear),
         **({} if why else {"trace": lambda: numbers.trace_csv(answer)}),
     )
+    tell(given, lambda: of_answers([answer]))
     return status([*([f"--trace: no file, {why}."] if why else []), *warnings([answer])])
 
 
@@ -200,6 +203,7 @@ def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet,
             netcdf=lambda: files.netcdf(found),
             plot=lambda: plot_sweep(found),
         )
+    tell(given, lambda: [one for answers in found.values() for one in of_answers(answers)])
     kept.forget()
     return status(warnings([answer for answers in found.values() for answer in answers]))
 

@@ -3,6 +3,7 @@
 import dataclasses
 
 from jaxhb.cli.commands import misfire_trains, status
+from jaxhb.cli.operating_modes import tell
 from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, mode_kinds, modes_of
 from jaxhb.linear.forced import forced_response
 from jaxhb.linear.holzer import holzer_table
@@ -11,8 +12,10 @@ from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load
 from jaxhb.report.figures.linear import plot_campbell, plot_holzer, plot_modes
 from jaxhb.report.figures.speeds import plot_forced
+from jaxhb.report.files.compared import of_forced
 from jaxhb.report.files.numbers import not_firing_record
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, deliver, rows_csv
+from jaxhb.report.orders import order_names
 from jaxhb.report.selection import case_title, train_name
 from jaxhb.report.text import forced as told, linear as linear_text
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, table_notes
@@ -96,13 +99,13 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     orders = orders or {order for one in every for order in excited_orders(one, rpm=rpm)}
     asked = {"rpm": rpm, "orders": orders, "count": modes, "links_at": dict(links_at)}
     misfires = {cylinder: campbell_of(one, **asked) for cylinder, one in zip(trains, every, strict=True)}
-    found = misfires.pop("")
+    found, names = misfires.pop(""), order_names(train)
     titles = {cylinder: case_title(trains[cylinder], cylinder) for cylinder in misfires}
     deliver(
         given,
         "\n\n".join(
             [
-                linear_text.campbell_text(found, modes, name, misfires, teeth, lines),
+                linear_text.campbell_text(found, modes, name, misfires, names, teeth, lines),
                 *below,
                 *remarks_text(train.topology.notes),
             ]
@@ -111,7 +114,7 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
             linear_text.campbell_record(found, modes, name, misfires) | not_firing_record(*trains.values()) | more
         ),
         csv=lambda: as_csv(*linear_text.campbell_rows(found, misfires, titles)),
-        plot=lambda: plot_campbell(found, modes, name),
+        plot=lambda: plot_campbell(found, modes, name, names),
     )
     return ANSWERED
 
@@ -143,6 +146,7 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
         netcdf=lambda: [as_netcdf(response.to_xarray(orders=orders))],
         plot=lambda: plot_forced(cases, found, worst),
     )
+    tell(given, lambda: of_forced(cases, found, judged))
     return status(failures)
 
 

@@ -15,8 +15,6 @@ from jaxhb.scene.files import load_scene
 
 EVERY, AS_WRITTEN = "all", "as written"
 OWN_FILES = "plot", "netcdf", "html", "trace", "folder"  # options whose file each mode has for itself
-QUANTITY = re.compile(r"(?!.* limit of ).* (half peak-to-peak|max|heat|stress|vibratory torque) (rad|N m|N|W|Pa)")
-"""Heads of CSV files, behind the element, of what is compared."""
 
 
 def modes(given):
@@ -48,8 +46,8 @@ def each(run, given, asked, read):
         own, status = {}, []
         for k, (title, name) in enumerate(asked.items()):
             files = {option: _named(given[option], title) for option in OWN_FILES if given.get(option)}
-            files |= {option: f"{folder}/{k}.{option}" for option in merged if given[option] or option == "csv"}
-            own[title] = given | files | {"scenario": name, "quiet": given["quiet"] or streamed}
+            files |= {option: f"{folder}/{k}.{option}" for option in merged if given[option]}
+            own[title] = given | files | {"scenario": name, "quiet": given["quiet"] or streamed, "compared": []}
         # What one of them refuses is refused before the first is computed.
         trains = {title: read(changed) for title, changed in own.items()}
         try:
@@ -71,14 +69,13 @@ def each(run, given, asked, read):
 
 def _write(given, own):
     """Write JSON and CSV of modes that are done; the largest values of all, and the files written."""
-    rows = {}
-    for title, changed in own.items() if "csv" in given else ():
-        with Path(changed["csv"]).open(encoding="utf-8", newline="") as text:
-            heads, *lines = ([unguarded(cell) for cell in cells] for cells in csv.reader(text))
-            rows[title] = [dict(zip(heads, cells, strict=True)) for cells in lines]
-    worst = _worst(rows, "rpm" if not given.get("over") else None)
-    contents = {}
+    worst, contents = _worst({title: changed["compared"] for title, changed in own.items()}), {}
     if given.get("csv"):
+        rows = {}
+        for title, changed in own.items():
+            with Path(changed["csv"]).open(encoding="utf-8", newline="") as text:
+                heads, *lines = ([unguarded(cell) for cell in cells] for cells in csv.reader(text))
+                rows[title] = [dict(zip(heads, cells, strict=True)) for cells in lines]
         heads = list(dict.fromkeys(head for several in rows.values() for row in several for head in row))
         lines = [[title, *map(row.get, heads)] for title, several in rows.items() for row in several]
         contents[given["csv"]] = output.as_csv(["scenario", *heads], lines)
@@ -95,23 +92,25 @@ def _named(name, title):
     return str(path.with_name(f"{path.stem}_{own}{path.suffix}"))
 
 
-def _worst(rows, axis):
-    """Of every quantity of the rows of all modes its largest value, with the mode and the place; at what is in the
-    column ``axis``, by default the second one."""
-    worst = {}
-    for title, several in rows.items():
-        for row in several:
-            own = {head: (found[2], row[head]) for head in row if (found := QUANTITY.fullmatch(head))}
-            if "worst" in row:  # of tolerances and phases, one row for each quantity
-                own = {f"{row['quantity']} {row['unit']}": (row["unit"], row["worst"])}
-            place = axis or list(row)[1]
-            case = row.get("misfire") or row.get("case") or ""
-            for head, (unit, text) in own.items():
-                value = float(text) if text else 0.0
-                if value > worst.get(head, {"value": 0.0})["value"]:
-                    where = {"scenario": title, "case": case, place: float(row[place])}
-                    worst[head] = {"value": value, "unit": unit, **where}
-    return worst
+def tell(given, compared):
+    """Hand on what is compared over the modes, made by a function, to the table of the largest of all; where the
+    command runs alone nothing is made."""
+    if hasattr(given, "compared"):
+        given.compared.extend(compared())
+
+
+def _worst(compared):
+    """Of every quantity of all modes its largest value, with the mode, the case and the place; ``compared`` are lists
+    of :class:`jaxhb.report.files.compared.Compared` by mode."""
+    largest = {}
+    for title, numbers in compared.items():
+        for one in numbers:
+            if one.value > (largest[one.key][1].value if one.key in largest else 0.0):
+                largest[one.key] = title, one
+    return {
+        key: {"value": one.value, "unit": one.unit, "scenario": title, "case": one.case, one.axis: one.place}
+        for key, (title, one) in largest.items()
+    }
 
 
 def _table(worst):

@@ -12,6 +12,7 @@ import click
 
 from jaxhb import __version__
 from jaxhb.cli.commands import EACH, check_files, misfire_trains, status
+from jaxhb.cli.operating_modes import tell
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.design.table import read_table
@@ -21,6 +22,7 @@ from jaxhb.elements.elements import TABLES, table_of
 from jaxhb.report.compute import Asked, certificate_of, check_spread, solve_cases
 from jaxhb.report.figures.cycle import plot_cycle
 from jaxhb.report.figures.speeds import tolerance_figures
+from jaxhb.report.files.compared import of_answers
 from jaxhb.report.files.numbers import answer_row, cases_record, netcdf, on_scene
 from jaxhb.report.files.output import NOT_ANSWERED, OutputError, changed_text, deliver, rows_csv
 from jaxhb.report.page.parts import Report, shown_misfire
@@ -90,6 +92,7 @@ def report(train, given, rpm, at, orders, gear, plot, certify, tune, html, quiet
         plot=lambda: plot_cycle(cases[0].answers[place], gear),
         html=lambda: page,
     )
+    tell(given, lambda: [one for case in cases for one in of_answers(case.answers, case.title)])
     kept.forget()
     answered = status(warnings([answer for case in cases for answer in case.answers]))
     return answered if whole else NOT_ANSWERED

@@ -5,6 +5,7 @@ import sys
 import threading
 import time
 
+BEGUN = "computing"  # before anything is said
 INTERVAL, LOGGED = 0.5, 30.0  # seconds between lines on a terminal, and where stderr is none
 
 
@@ -40,8 +41,8 @@ class Progress:
 
     def _tick(self):
         while not self.ended.wait(INTERVAL if self.terminal else LOGGED):
-            count = f"{self.done} of {self.total}: " if self.total > 1 else ""
-            line = f"{count}{self.text} ({time.monotonic() - self.begin:.0f} s)"
+            count = f"{self.done} of {self.total}" if self.total > 1 else ""
+            line = f"{': '.join(filter(None, [count, self.text])) or BEGUN} ({time.monotonic() - self.begin:.0f} s)"
             self._write(f"\r{line:<{self.width}}" if self.terminal else f"{line}\n")
             self.width = len(line)
 

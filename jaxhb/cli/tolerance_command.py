@@ -5,6 +5,7 @@ import re
 import numpy as np
 
 from jaxhb.cli.commands import status
+from jaxhb.cli.operating_modes import tell
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.design.phases import worst_phase
@@ -15,6 +16,7 @@ from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.report.compute import check_spread
 from jaxhb.report.figures.speeds import plot_tolerance
 from jaxhb.report.files import numbers, output
+from jaxhb.report.files.compared import of_worst
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import train_name
 from jaxhb.report.text.columns import from_rows, plain_number
@@ -43,6 +45,7 @@ def tolerance(train, given, rpm, of, samples, seed, plot, quiet, **_):
         netcdf=lambda: [numbers.as_netcdf(spread.to_xarray())],
         plot=lambda: plot_tolerance(spread),
     )
+    tell(given, lambda: of_worst(tolerance_rows(spread, checked)))
     kept.forget()
     return output.ANSWERED if np.isfinite(spread.nominal).all() else output.NOT_ANSWERED
 
@@ -80,6 +83,7 @@ def phase(train, given, rpm, name, of, phases, quiet, **_):
         json=lambda: numbers.on_scene(train) | record | {"phases": rows, "left_out": found.left_out},
         csv=lambda: output.rows_csv(rows),
     )
+    tell(given, lambda: of_worst(rows))
     return status(list(found.left_out))
 
 

@@ -51,6 +51,12 @@ RULE |= {RULES[0]: Rule(_M68, 1.05, 1.05, 0.8)}
 """By its name; 102 of the Korean Register asks for the stresses up to 120 % of the rated speed."""
 
 
+def corners_of(rule: str) -> tuple[float, ...]:
+    """Shares of the rated speed at which a limit of a rule has a step or a corner."""
+    own = (PLATEAU,) if rule == RULES[0] else (RULE[rule].passed, 1.0)
+    return *own, RULE[rule].highest
+
+
 def torsional_stress(torque: Number, *, diameter: Number, bore: Number = 0.0) -> Number:
     """Nominal torsional stress in Pa of a round section, ``tau = T / W_p`` with ``W_p = pi (d^4 - b^4) / (16 d)``.
 
@@ -277,6 +283,8 @@ class Strength:
     tooth_torques : dict, :class:`ToothTorque` of every mesh with a ``rated_torque``
     heat : dict, :class:`Heat` of every shaft and damper with a ``power_limit``
     rules : dict, name of the rule of every shaft with limits
+    unconfirmed : ``(n,)`` bool or None, speeds whose numbers are those of recorded cycles, as no harmonic solution
+        repeats the motion
     """
 
     rpm: np.ndarray
@@ -285,6 +293,7 @@ class Strength:
     tooth_torques: dict
     heat: dict
     rules: dict = field(default_factory=dict)
+    unconfirmed: np.ndarray | None = None
 
     def __bool__(self):
         """Whether the scene gives anything to be judged by."""

@@ -116,8 +116,7 @@ def _stability_of(state):
     if state.response is None or not state.known:
         return None, ""
     _, found, refused = (True, state.stability, "") if state.stability is not None else attracts(state.response)
-    linear = state.kind == "contact" and state.topology.linear_in_contact
-    return found, "" if linear else refused
+    return found, "" if state.linear else refused
 
 
 def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None, progress=None, told=None):

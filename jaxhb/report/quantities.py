@@ -35,6 +35,38 @@ def unit_of(variable):
     return (SIGNALS | OF_ELEMENTS)[signal][-2]
 
 
+ROUNDING = 1e-9  # share of the peak below which a mean is none
+
+
+def drive_sense(answer, name):
+    """Sign by which people read the force or torque of a mesh, shaft or damper, so that it does not depend on which of
+    its ends the scene names first: that of the mean; without a mean positive where the disk drives that stands first
+    in the scene."""
+    motion, topology = answer if answer.known else answer.linear, answer.topology
+    signal = motion.force(name) if name in topology.mesh_names else motion.torque(name)
+    mean, (first, second) = float(signal.mean), topology.link_ends[topology.link_index(name)[0]]
+    if abs(mean) > ROUNDING * float(signal.peak):
+        return 1 if mean > 0 else -1
+    return 1 if first < second else -1
+
+
+def number_for_people(answer, name, variable):
+    """As :func:`number`, of a force or torque of a link in its :func:`drive_sense`."""
+    signal, statistic = _parts(variable.removesuffix(WITHOUT))
+    if statistic not in TURNED or not of_links(signal) or drive_sense(answer, name) > 0:
+        return number(answer, name, variable)
+    return -number(answer, name, variable.replace(f"{signal}_{statistic}", f"{signal}_{TURNED[statistic]}"))
+
+
+TURNED = {"mean": "mean", "min": "max", "max": "min"}
+"""Of a quantity with the other sign a statistic is the negative of this one."""
+
+
+def of_links(signal):
+    """Whether a signal of data sets is one of links, whose sign depends on which end is named first."""
+    return SIGNALS[signal][1] in ("shaft", "mesh") if signal in SIGNALS else False
+
+
 def number(motion, name, variable):
     """A number of one element in SI by its variable in data sets; those of contact are known of Answers only."""
     if variable.endswith(WITHOUT):
@@ -75,6 +107,12 @@ class Quantity:
     def signal(self, motion, name):
         """The Signal that it is a number of."""
         return getattr(motion, READERS[_parts(self.variable)[0]])(name)
+
+    def signal_for_people(self, answer, motion, name):
+        """The same of a ``motion``, in the drive sense that the link has in the ``answer``."""
+        found = self.signal(motion, name)
+        turned = of_links(_parts(self.variable)[0]) and drive_sense(answer, name) < 0
+        return found.reversed() if turned else found
 
     def said(self, value):
         """A number in SI in words for people."""

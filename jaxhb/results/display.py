@@ -56,10 +56,11 @@ def _links(caption, motion):
     for name in (*topology.mesh_names, *topology.shaft_names, *topology.damper_names):
         toothed = name in topology.mesh_names
         signal = motion.force(name) if toothed else motion.torque(name)
-        values = [number(float(v)) for v in (signal.mean, signal.half_peak_to_peak, signal.max)]
+        # Sizes: a sign would tell which end the scene names first.
+        values = [number(abs(float(v))) for v in (signal.mean, signal.half_peak_to_peak, signal.peak)]
         apart = f"{100 * motion.mesh(name).separated_fraction:.3g}" if toothed else ""
         rows.append([name, *values, "N" if toothed else "N m", apart])
-    head = ["mesh, shaft or damper", "mean", "half peak-to-peak", "max", "unit", "apart %"]
+    head = ["mesh, shaft or damper", "mean", "half peak-to-peak", "peak", "unit", "apart %"]
     return html_table(caption, head, rows)
 
 

@@ -21,19 +21,26 @@ PERCENT = 5, 50, 95  # that are given of a distribution over cycles
 
 
 class PerCycle(NamedTuple):
-    """Distribution over the cycles of the largest and the smallest value of each: percentiles 5, 50, 95."""
+    """Distribution over the cycles of the largest, the smallest and the largest absolute value of each: percentiles 5,
+    50, 95."""
 
     max: np.ndarray
     min: np.ndarray
+    peak: np.ndarray
 
 
 class OverCycles:
     """What follows from the largest and the smallest value of each cycle, ``highest`` and ``lowest``."""
 
     @property
+    def peaks(self: Any) -> np.ndarray:
+        """Largest absolute value of each cycle ``(cycles,)``."""
+        return np.maximum(self.highest, -self.lowest)
+
+    @property
     def per_cycle(self: Any) -> PerCycle:
-        """Distribution of the largest and the smallest value of a cycle, as :class:`PerCycle`."""
-        return PerCycle(np.percentile(self.highest, PERCENT), np.percentile(self.lowest, PERCENT))
+        """Distribution of the extremes of a cycle, as :class:`PerCycle`."""
+        return PerCycle(*(np.percentile(own, PERCENT) for own in (self.highest, self.lowest, self.peaks)))
 
 
 @jax.tree_util.register_dataclass
@@ -191,12 +198,16 @@ class NoSignal(Summarized):
     """The signal of a motion that is not known."""
 
     mean = min = max = rms = peak = half_peak_to_peak = sum_of_amplitudes = math.nan
-    per_cycle = PerCycle(np.full(3, np.nan), np.full(3, np.nan))
+    per_cycle = PerCycle(*np.full((3, 3), np.nan))
     elastic = property(lambda self: self)
 
     def spectrum(self):
         """No orders."""
         return []
+
+    def reversed(self):
+        """The same: it has no sign."""
+        return self
 
 
 NO_SIGNAL = NoSignal()

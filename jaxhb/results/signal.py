@@ -76,6 +76,11 @@ class Signal(Summarized):
             raise AttributeError("this signal is not a force or torque: it has no elastic part")
         return dataclasses.replace(self, coefficients=self.elastic_coefficients, elastic_coefficients=None)
 
+    def reversed(self) -> Self:
+        """The quantity with the other sign."""
+        part = None if self.elastic_coefficients is None else -self.elastic_coefficients
+        return dataclasses.replace(self, coefficients=-self.coefficients, elastic_coefficients=part)
+
     @property
     def amplitudes(self) -> Array:
         """One-sided peak amplitudes A_k ``(..., K)``: a cosine of 10 N m reads 10."""

@@ -26,7 +26,8 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
     Parameters
     ----------
     kind : str
-        "contact" : no teeth part. "periodic" : period one cycle. "subharmonic" : ``period`` cycles. "irregular" : none
+        "contact" : a train with teeth none of which part. "periodic" : period one cycle, with teeth that part or
+        without any. "subharmonic" : ``period`` cycles. "irregular" : none
         of these within the cycles marched. "unknown" : ``notes`` say why.
     period : int, in cycles of the excitation; 0 for irregular and unknown motion
     response : Response or None
@@ -66,6 +67,12 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
         return self.kind != "unknown"
 
     @property
+    def linear(self) -> bool:
+        """Whether it is the one motion of a train that is linear as long as no teeth part, as they do not."""
+        apart = self.kind != "contact" if self.topology.mesh_names else self.kind != "periodic"
+        return self.topology.linear_in_contact and not apart
+
+    @property
     def solution(self) -> Response | None:
         """The response; None of recorded cycles, and of a motion that is not known."""
         return self.response
@@ -94,13 +101,19 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
         return f"{self.rpm:g} rpm: {what}" + "".join(f"; {note}" for note in self.notes)
 
 
+def kind_of_one_cycle(topology, contacts):
+    """Kind of a motion whose period is one cycle: only where there are teeth can they be in contact."""
+    apart = any(contact.separated_fraction > 0 for contact in contacts)
+    return "contact" if topology.mesh_names and not apart else "periodic"
+
+
 def orbit_state(response):
     """A periodic solution as the steady state that it would be; "unknown" where it solves no equations."""
-    status, kind, notes = Status(int(response.status)), "contact", ()
+    status, notes = Status(int(response.status)), ()
     if not response.solved:
         kind, notes = "unknown", (status.sentence,)
-    elif any(contact.separated_fraction for contact in response.contacts().values()):
-        kind = "periodic"
+    else:
+        kind = kind_of_one_cycle(response.topology, response.contacts().values())
     period = int(kind != "unknown")
     return SteadyState(float(response.rpm), kind, period, response, None, 0, notes, None, response.topology)
 

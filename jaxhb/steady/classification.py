@@ -10,7 +10,7 @@ import numpy as np
 from jaxhb._threads import side_by_side
 from jaxhb.floquet.stability import attracts
 from jaxhb.results.status import Status
-from jaxhb.results.steady import SteadyState
+from jaxhb.results.steady import SteadyState, kind_of_one_cycle
 from jaxhb.solutions.solve import solve
 from jaxhb.steady.closure import DECAYS, ended
 from jaxhb.steady.confirmation import LEVELS, compile_ahead, same_motion, shortest_period, solve_marched
@@ -68,9 +68,8 @@ class Classifier:
         if not attracted:
             return unknown(self.train, rpm, reason + HIGHER)
         note = reason + ": the motion is solved from teeth in contact, and other motions were not looked for"
-        apart = any(contact.separated_fraction > 0 for contact in response.contacts().values())
-        found = {"response": response, "stability": stability, "notes": (note,)}
-        return state_of(self.train, rpm, "periodic" if apart else "contact", 1, **found)
+        kind = kind_of_one_cycle(self.train.topology, response.contacts().values())
+        return state_of(self.train, rpm, kind, 1, response=response, stability=stability, notes=(note,))
 
     def _march_compiled(self, indices, motions, progress):
         """Those of speeds that are marched, while the programs that confirm them are made."""
@@ -269,8 +268,8 @@ class _Classification:
         return self._periodic(period, record.contacts, record=record)
 
     def _periodic(self, period, contacts, **found):
-        apart = any(contact.separated_fraction > 0 for contact in contacts)
-        return self._made("subharmonic" if period > 1 else "periodic" if apart else "contact", period, **found)
+        kind = "subharmonic" if period > 1 else kind_of_one_cycle(self.batch.equations.train.topology, contacts)
+        return self._made(kind, period, **found)
 
 
 def state_of(train, rpm, kind, period, *, response=None, record=None, cycles=0, notes=(), motion=None, stability=None):

@@ -19,7 +19,7 @@ from jaxhb.equations import fourier
 from jaxhb.results.checkpoint import CHUNK, Checkpoint
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
-from jaxhb.results.steady import SteadyState, SteadySweep
+from jaxhb.results.steady import SteadyState, SteadySweep, kind_of_one_cycle
 from jaxhb.solutions.planning import plan_speeds
 from jaxhb.steady.classification import APART, ARRIVED, Classifier, state_of, unknown
 from jaxhb.steady.closure import Cycles
@@ -269,7 +269,8 @@ class _SpeedSweep:
         response, rpm = self.contact[index], self.speeds[index]
         if not response.solved:
             return unknown(self.train, rpm, Status(int(response.status)).sentence)
-        return state_of(self.train, rpm, "contact", 1, response=response, motion=_motion_of(self.train, response))
+        kind = kind_of_one_cycle(self.train.topology, ())
+        return state_of(self.train, rpm, kind, 1, response=response, motion=_motion_of(self.train, response))
 
 
 def _kind(state):
@@ -290,8 +291,7 @@ def _differs(before, state):
     """Whether a speed may have another motion when it starts from the one before."""
     if not state.topology.has_law.any():  # constant links have one motion, or none
         return False
-    unique = state.kind == "contact" and state.topology.linear_in_contact
-    return _kind(before) != _kind(state) or (not unique and _distance(before, state) > APART)
+    return _kind(before) != _kind(state) or (not state.linear and _distance(before, state) > APART)
 
 
 def _alike(one, other):

@@ -212,8 +212,8 @@ class Topology:
 
     @cached_property
     def gear_names(self) -> tuple[str, ...]:
-        """Names of the disks that carry a mesh, in the order of the meshes."""
-        return tuple(dict.fromkeys(self.disk_names[disk] for ends in self.mesh_ends for disk in ends))
+        """Names of the disks that carry a mesh, in the order of the meshes, the two of a mesh in that of the disks."""
+        return tuple(dict.fromkeys(self.disk_names[disk] for ends in self.mesh_ends for disk in sorted(ends)))
 
     @property
     def shaft_and_damper_names(self) -> tuple[str, ...]:

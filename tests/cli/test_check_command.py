@@ -67,7 +67,7 @@ def test_check_tells_torques_tooth_forces_and_damping(run):
     assert force["crank gear|idler"] == pytest.approx(28.0 / 0.075, rel=1e-9)
     ratios = [mesh["damping_ratio"] for mesh in record["meshes"].values()]
     np.testing.assert_allclose(ratios, tooth_damping_ratios(train), rtol=1e-12)
-    assert "crank gear|idler 0.3733 0.1 0.0570" in text and "cylinder 1 throw 1 93.6" in text
+    assert "crank gear|idler 0.3733 crank gear 0.1 0.0570" in text and "cylinder 1 throw 1 93.6" in text
     assert record["modes"]["frequencies_hz"] == jaxhb.natural_frequencies(train).frequencies_hz.tolist()
     assert "5 386.11 23167 4 0.0435 4 pulley +1.00" in text
 

@@ -60,7 +60,7 @@ def test_the_picture_shows_the_hardest_shaft_and_mesh_or_those_asked_for(answer,
     figure = plot_forced({"": response}, readings(response, [SHAFT, "flywheel", MESH]))
     drawn = [axes.get_lines()[0].get_ydata() for axes in figure.axes]
     swings = (response.torque(SHAFT), response.disk("flywheel"), response.force(MESH))
-    for line, signal, factor in zip(drawn, swings, (1.0, 180 / np.pi, 1e-3), strict=True):
+    for line, signal, factor in zip(drawn, swings, (1e-3, 180 / np.pi, 1e-3), strict=True):  # kN m, deg, kN
         np.testing.assert_allclose(line, factor * signal.half_peak_to_peak, rtol=0.5 * 10 ** (1 - DIGITS))
 
 

@@ -34,7 +34,7 @@ def test_the_worst_case_is_told_and_written(scene, run):
     rows = called.rows
     assert [float(row["worst"]) for row in rows] == one["worst"] and len(rows) == 4
     assert [float(row["bound"]) for row in rows] == one["bound"] and rows[0]["no bound"] == ""
-    assert called.json["kind"] == ["contact"] * 4 and called.json["solved"] == [1.0] * 4
+    assert called.json["kind"] == ["periodic"] * 4 and called.json["solved"] == [1.0] * 4
     import xarray
 
     with xarray.open_dataset(called.path("netcdf")) as data:

@@ -42,6 +42,9 @@ def test_a_train_of_a_disk_and_a_damper_works_in_every_command(command, scene, r
     assert called.is_drawn and called.json
     if command != "report":
         assert "periodic" in called.out and "contact" not in called.out
+        # One word for one thing: files say it too.
+        answers = called.json["responses"] if command == "sweep" else [called.json]
+        assert {answer["motion"]["kind"] for answer in answers} == {"periodic"}
 
 
 @pytest.mark.parametrize("command", SPEEDS)

@@ -61,7 +61,7 @@ def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, tmp_path, 
     assert "pulley.inertia" in said and "0.005 to 0.05" in said and "at least -0.006" in said
     # A linear train does what was tuned.
     checked = record["steady_state"]["after"]
-    assert (checked["kind"], checked["differences"]) == (["contact"] * 4, [])
+    assert (checked["kind"], checked["differences"]) == (["periodic"] * 4, [])
     np.testing.assert_allclose(checked["readings"]["shaft torque of cyl6|flywheel"], truth, rtol=1e-9)
     assert "Both designs" in said
     old, new = (path.read_text(encoding="utf-8") for path in (scene, tmp_path / "better.toml"))

@@ -1,5 +1,6 @@
 """Limits in pictures: panels of stresses, tooth torques and heat, with barred ranges shaded."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +12,9 @@ import jaxhb
 from jaxhb.report.compute import Asked, answer_speeds
 from jaxhb.report.figures import speeds
 from jaxhb.report.figures.figure import DIGITS
-from jaxhb.report.figures.speeds import judged_elements, plot_forced, plot_sweep
+from jaxhb.report.figures.speeds import judged_elements, limit_figure, plot_forced, plot_sweep
 from jaxhb.report.text.forced import readings, worst_of
+from jaxhb.report.text.strength import strength_text
 
 ENGINE = "\n" + text_of("line_engine.toml")
 
@@ -62,11 +64,21 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
     stress, tooth, heat = found[-3:]
     row, rated = wanted.stresses["line shaft"], wanted.tooth_torques["pinion|wheel"]
     assert told(stress, "stress", 1e-6 * row.stress)
-    assert told(stress, "continuous limit", 1e-6 * row.continuous)
-    assert told(stress, "transient limit", 1e-6 * row.transient)
+    # Above 810 rpm the limits are constant, above 945 rpm there is none.
+    steps = [810.0, 810.0, 945.0, 945.1]
+    limits = jaxhb.permissible_stress(
+        diameter=0.11,
+        stress_concentration=0.45,
+        tensile_strength=5e8,
+        speed_ratio=np.sort([*wanted.rpm, *steps]) / 900.0,
+    )
+    assert told(stress, "continuous limit", 1e-6 * limits[0])
+    assert told(stress, "transient limit", 1e-6 * limits[1])
     (shaded,), (one,) = stress.layout["shapes"], wanted.barred["line shaft"]
     assert (shaded["x0"], shaded["x1"]) == (one.low, one.high)
-    assert told(tooth, "vibratory torque", rated.vibratory) and told(tooth, "a third of the rated torque", 500.0)
+    # Thousands of N m are told in kN m, in the caption and in the title of the axis too.
+    assert told(tooth, "vibratory torque", 1e-3 * rated.vibratory) and told(tooth, "a third of the rated torque", 0.5)
+    assert tooth.caption == "pinion - wheel: vibratory torque against its limits, kN m"
     assert heat.caption == "ring: heat against its limits, W"  # nearer to its limit than the coupling
     assert told(heat, "heat", wanted.heat["ring"].power)
     # Of more elements than have room: those with limits.
@@ -74,7 +86,9 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
         response_of, limit_of = figures_of(plot_forced, {"": response}, readings(response, names))
         assert response_of.caption.startswith("coupling: linear") and limit_of.caption.startswith("coupling: heat")
     axes = plot_forced({"": response}, readings(response)).axes
-    assert [one.get_ylabel() for one in axes[-3:]] == ["stress, MPa", "vibratory torque, N m", "heat, W"]
+    assert [one.get_ylabel() for one in axes[-3:]] == ["stress, MPa", "vibratory torque, kN m", "heat, W"]
+    # Speeds stand below one another in all panels.
+    assert len({axis.get_xlim() for axis in axes}) == 1
     assert len(axes) == len(found) and axes[-3].patches
 
 
@@ -84,6 +98,32 @@ def test_the_picture_of_a_sweep_has_the_limits_of_the_motion(scene):
     found = jaxhb.strength(jaxhb.solve_speeds(train, rpm=rpm)).stresses["line shaft"].stress
     assert told(figures[2], "stress", 1e-6 * np.asarray(found))
     assert len(figures) == 5 and figures[2].layout["shapes"]
+
+
+def test_a_limit_that_steps_between_two_speeds_is_drawn_upright(tmp_path):
+    (tmp_path / "line.toml").write_text(SCENE.replace("stress_concentration = 0.45", 'rule = "KR generator shaft"'))
+    train = jaxhb.load_scene(tmp_path / "line.toml")
+    response = jaxhb.forced_response(train, rpm=[600.0, 960.0])
+    stress = figures_of(plot_forced, {"": response}, readings(response))[2]
+    (limit,) = [trace for trace in stress.traces if trace["name"] == "transient limit"]
+    # 118 MPa up to 0.9 of 900 rpm, then 31 MPa f with f = 1 + 2/3 (500/440 - 1).
+    assert limit["x"] == [600.0, 810.0, 810.0, 900.0, 900.0, 960.0]
+    above = 31.0 * (1 + 2 / 3 * (500 / 440 - 1))
+    assert limit["y"] == pytest.approx([118.0, 118.0, *[above] * 4], rel=1e-4)
+
+
+def test_numbers_that_harmonic_balance_did_not_confirm_are_ringed_and_marked(scene):
+    train = jaxhb.load_scene(scene)
+    response = jaxhb.forced_response(train, rpm=[360.0, 420.0])
+    found = dataclasses.replace(jaxhb.strength(response), unconfirmed=np.array([False, True]))
+    figure = limit_figure({"": found}, "tooth_torques", "pinion|wheel", train)
+    (ring,) = [trace for trace in figure.traces if trace["name"].startswith("ringed: not confirmed")]
+    assert ring["x"] == [420.0]
+    assert ring["y"] == pytest.approx([1e-3 * found.tooth_torques["pinion|wheel"].vibratory[1]], rel=1e-4)
+    table = next(part for part in strength_text({"": found}) if part.startswith("Torque of meshes"))
+    assert "?: not confirmed by harmonic balance" in table.splitlines()[0]
+    assert table.splitlines()[2].split()[1].endswith("?")
+    assert "?" not in "".join(strength_text({"": jaxhb.strength(response)}))
 
 
 def test_the_shaft_with_the_largest_stress_has_the_panel_where_no_shaft_has_a_limit():

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from page_cases import CHROMIUM, SCENE, WIDE, blocks, browse, figures, tables, without_an_answer
+from page_cases import CHROMIUM, SCENE, WIDE, WIDER, blocks, browse, figures, tables, without_an_answer
 
 from jaxhb.cli.main import main
 from jaxhb.cli.page_command import second_text
@@ -166,6 +166,9 @@ def test_the_verdict_names_the_hardest_impact_of_all_where_it_is_at_another_mesh
     assert verdict(both).endswith(" a cycle, the hardest at 0.10 m/s; the hardest of all at 0.70 m/s in other.")
     told["Kurbel|Räder"] = other(longest, impacts_per_cycle=0, hardest_impact=0.0)
     assert verdict(both).endswith("50 % of the time, without an impact; the hardest of all at 0.70 m/s in other.")
+    told |= {"Kurbel|Räder": other(longest, hardest_impact=0.0012), "other": other(elsewhere, hardest_impact=0.001)}
+    assert verdict(both).startswith("The teeth part and touch again softly at 4000 rpm: ")
+    assert verdict(both).endswith(" a cycle, the hardest at 0.0012 m/s.")
 
 
 def test_the_text_tells_torques_of_shafts_where_there_are_gears(made, capsys):
@@ -278,6 +281,7 @@ def test_a_browser_draws_every_figure_without_a_network_or_an_error(made):
     file, _, parts = made
     text = file.read_text(encoding="utf-8").replace("</body>", f"<script>{WIDE}</script></body>")
     file.with_stem("measured").write_text(text, encoding="utf-8")
+    file.with_stem("wider").write_text(text.replace("</head>", f"{WIDER}</head>"), encoding="utf-8")
     done = browse(file.with_stem("measured"), "--dump-dom")
     assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
     wanted = [sum(any(y is not None for y in trace["y"]) for trace in figure.traces) for figure in figures(parts)]
@@ -285,3 +289,6 @@ def test_a_browser_draws_every_figure_without_a_network_or_an_error(made):
     drawn = [int(count) for count in re.findall(r'class="plot[^>]*data-traces="(\d+)"', done.stdout)]
     assert drawn == wanted
     assert re.findall(r'data-wide="(.*?)"', done.stdout) == [""]
+    # Tables fit the sheet whatever the fonts of a machine.
+    wider = browse(file.with_stem("wider"), "--dump-dom").stdout
+    assert re.findall(r'data-wide="(.*?)"', wider) == [""]

@@ -69,17 +69,18 @@ def test_a_train_without_teeth_shows_its_hardest_shaft_and_over_the_speed_both_m
     response = answers["up"][1].response
     peaks = [float(response.torque(name).max) for name in response.topology.shaft_names]
     (axes,) = plot_cycle(answers["up"][1]).axes
-    assert axes.get_lines()[0].get_ydata().max() == pytest.approx(max(peaks), rel=1e-3)
+    assert axes.get_lines()[0].get_ydata().max() == pytest.approx(1e-3 * max(peaks), rel=1e-3)
+    assert axes.get_ylabel() == "torque, kN m"
     swing, total, _ = (line.get_ydata() for line in plot_sweep(answers).axes[0].get_lines())
     assert (total > swing).all()
 
 
 def test_the_bars_of_several_meshes_stand_beside_each_other():
-    cycles = SimpleNamespace(per_cycle=SimpleNamespace(max=np.array([1e3, 2e3, 3e3])), peak=3e3)
+    cycles = SimpleNamespace(per_cycle=SimpleNamespace(peak=np.array([1e3, 2e3, 3e3])), peak=3e3)
     topology = SimpleNamespace(mesh_names=("a|b", "b|c"), mesh_backlash=(0.0, 0.0))
     irregular = {"state": SimpleNamespace(kind="irregular"), "answered": True, "force": lambda mesh: cycles}
     irregular |= {"axis": SPEED, "train": SimpleNamespace(topology=topology), "topology": topology}
-    irregular |= {"unstable": False, "linear": None}
+    irregular |= {"unstable": False, "linear": None, "unconfirmed": False}
     answers = [SimpleNamespace(place=rpm, rpm=rpm, **irregular) for rpm in (1800.0, 2000.0)]
     quantity = Quantity("tooth_force_peak", "mesh", "tooth force", "Force", topology.mesh_names)
     figure = over_speed(quantity, topology.mesh_names, [Case("", answers)])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,11 +13,13 @@ from jaxhb._shown import ranges
 from jaxhb.cli.progress import Progress
 from jaxhb.report.answer import Answer
 from jaxhb.report.compute import Asked, answer_one
-from jaxhb.report.figures.figure import DIGITS
+from jaxhb.report.figures.figure import DIGITS, numbers
 from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files.numbers import answer_record, answer_row
+from jaxhb.report.files.output import as_bytes
 from jaxhb.report.text.cases import solve_text
-from jaxhb.report.text.columns import aligned, alike, percent, ratio
+from jaxhb.report.text.columns import aligned, alike, fixed, hit, percent, plain_number, ratio
+from jaxhb.report.text.linear import modes_text
 from jaxhb.report.text.sentences import notes
 from jaxhb.report.text.sweep_tables import sweep_text
 from jaxhb.results.status import Shooting
@@ -167,3 +170,33 @@ def test_a_quick_command_leaves_a_log_clean_and_a_quiet_one_a_terminal(monkeypat
     with Progress(2, terminal, quiet=True) as progress:
         progress.ended.wait(0.05)
     assert (log.getvalue(), terminal.getvalue()) == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("value", "places", "wanted"),
+    [(-3e-18, 4, "0.0000"), (-0.0, 2, "0.00"), (0.0512, 4, "0.0512"), (0.0012, 2, "0.0012"), (np.nan, 2, "-")],
+)
+def test_no_number_is_minus_zero_and_what_is_not_zero_is_not_told_as_zero(value, places, wanted):
+    assert fixed(value, places) == wanted
+
+
+def test_minus_zero_is_in_no_file_and_in_no_other_words():
+    assert plain_number(-0.0) == "0" and hit(0.0031) == "0.0031"
+    assert as_bytes({"a": -0.0, "b": [-0.0, 1.5]}) == b'{"a": 0.0, "b": [0.0, 1.5]}'
+    assert numbers([-0.0, -2.0]) == [0.0, -2.0] and str(numbers([-0.0])[0]) == "0.0"
+    disks = {"a": 1.0, "b": -0.0}
+    modes = SimpleNamespace(frequencies_hz=[3.0], shape=lambda k: disks, node_count=[0], mesh_energy_share=[0.0])
+    table = modes_text(modes, "pair", ["elastic"], [-1e-17])
+    assert "-0.0" not in table and "0.0000" in table and "b" not in table.columns[-1][0]
+
+
+def test_progress_that_has_nothing_to_say_yet_says_that_it_computes(monkeypatch):
+    monkeypatch.setattr("jaxhb.cli.progress.LOGGED", 0.01)
+    log = io.StringIO()
+    with Progress(2, log):
+        time.sleep(0.1)
+    assert log.getvalue().startswith("0 of 2 (0 s)\n")
+    log = io.StringIO()
+    with Progress(1, log):
+        time.sleep(0.1)
+    assert log.getvalue().startswith("computing (0 s)\n")

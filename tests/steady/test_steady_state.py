@@ -29,11 +29,13 @@ def rpm(omega):
 
 
 def test_teeth_that_the_linear_motion_holds_stay_in_contact():
-    for name, speed, marched in (("six_cylinder_diesel", 1500.0, False), ("gear_train_30", 600.0, True)):
+    # Where there are no teeth none can be in contact: the motion is periodic.
+    for name, speed, kind in (("six_cylinder_diesel", 1500.0, "periodic"), ("gear_train_30", 600.0, "contact")):
         train = jaxhb.load_scene(name)
         found, linear = jaxhb.steady_state(train, rpm=speed), jaxhb.linear_response(train, rpm=speed)
         # at 600 rpm a mesh comes so near its gap that its law bends
-        assert (found.kind, found.period, found.cycles > 0, found.notes) == ("contact", 1, marched, ())
+        marched = kind == "contact"
+        assert (found.kind, found.period, found.cycles > 0, found.notes) == (kind, 1, marched, ())
         shaft = train.topology.shaft_names[0]
         np.testing.assert_allclose(float(found.torque(shaft).max), float(linear.torque(shaft).max), rtol=1e-5)
 

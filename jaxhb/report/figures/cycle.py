@@ -1,5 +1,6 @@
 """Figures of a cycle, of a record and of a tuning."""
 
+import itertools
 import math
 from itertools import pairwise
 
@@ -12,6 +13,7 @@ from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import above, bands, bars, crosses, figure, line, marks, plain, speed_range, top_of
 from jaxhb.report.quantities import forces, gear_torques, shaft_torques
 from jaxhb.report.selection import meshes_of, subject_of, train_name
+from jaxhb.report.text.columns import plain_number
 from jaxhb.report.text.sentences import motion_text
 from jaxhb.report.text.tuned import scaled_unit
 from jaxhb.results.record import PERCENT
@@ -19,6 +21,7 @@ from jaxhb.results.record import PERCENT
 SAMPLES = 4320
 
 PANEL = 130  # pixels, the height of a panel
+MOST_TICKS = 12  # steps of an axis of angles, whose numbers have up to five digits
 SPIKES = 3  # cycles up to which every sample is drawn; of longer periods as many points in all
 
 
@@ -34,7 +37,7 @@ def plot_cycle(answer, gear=None):
     doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
     subject, meshes = subject_of(answer, gear)
     torque = _torque_of(answer.train, subject)
-    swings = [f"{float(torque.read(motion, subject)):.0f}" for motion in (answer, answer.without_backlash)]
+    swings = [plain_number(float(torque.read(motion, subject))) for motion in (answer, answer.without_backlash)]
     said = f" {swings[0]} N m" if answer.known else ""
     said += f" (without backlash {swings[1]}), and tooth forces" if meshes else ","
     figures = [cycle_figure(answer, subject, meshes, f"Torque of {plain(subject)}, half peak-to-peak{said}")]
@@ -58,10 +61,16 @@ def cycle_figure(answer, subject, meshes, caption):
     made = figure(f"{caption}{said}", title, panels, traces, annotations=notes, **more)
     made.layout["legend"] |= {"x": 1, "xanchor": "right"}  # beside the name of the first panel
     if not answer.recorded and end > answer.cycle_deg:
-        made.layout["xaxis"] |= {"dtick": answer.cycle_deg, "gridcolor": "black"}
+        cycles = math.ceil(end / answer.cycle_deg / MOST_TICKS)
+        made.layout["xaxis"] |= {"dtick": answer.cycle_deg * cycles, "gridcolor": "black"}
     elif not answer.recorded and answer.cycle_deg % 90 == 0:
-        made.layout["xaxis"] |= {"dtick": 90}
+        made.layout["xaxis"] |= {"dtick": next(step for step in _quarters() if end <= MOST_TICKS * step)}
     return made
+
+
+def _quarters():
+    """Steps of an axis of angles: a quarter of a revolution and so many times it that whole revolutions are met."""
+    return (90 * 2**k for k in itertools.count())
 
 
 def _period(answer, rows):
@@ -75,7 +84,8 @@ def _period(answer, rows):
     for panel, (quantity, name) in enumerate(rows):
         for motion, style in motions:
             said = "without backlash" if style else "with backlash" if backlash else plain(name)
-            values = quantity.factor * _repeated(motion, quantity.signal(motion, name), periods)[::step]
+            signal = quantity.signal_for_people(answer, motion, name)
+            values = quantity.factor * _repeated(motion, signal, periods)[::step]
             more = {"panel": panel, "showlegend": backlash and not panel, "look": {"width": 1.1}}
             # Equal steps: a start and a step in place of all angles keep the page small.
             traces.append(line([], values, said, style, x0=0.0, dx=end / (SAMPLES * periods) * step, **more))
@@ -97,16 +107,16 @@ def _record(answer, rows):
     """A motion that never repeats: extremes of every recorded cycle, and those without backlash."""
     traces = []
     for panel, (quantity, name) in enumerate(rows):
-        after, before, factor = (
-            quantity.signal(answer, name),
-            quantity.signal(answer.without_backlash, name),
-            quantity.factor,
-        )
+        after, before = (quantity.signal_for_people(answer, one, name) for one in (answer, answer.without_backlash))
+        factor = quantity.factor
         cycles, more = np.arange(1, len(after.highest) + 1), {"panel": panel, "showlegend": not panel}
         traces.append(marks(cycles, factor * after.highest, "largest of a cycle", "triangle-up", size=5, **more))
         traces.append(marks(cycles, factor * after.lowest, "smallest of a cycle", "triangle-down-open", size=5, **more))
         of_cycles = f"{', '.join(map(str, PERCENT))} % of the cycles"
-        levels = (of_cycles, np.ravel(after.per_cycle), 0.8), ("without backlash", (before.max, before.min), 1.6)
+        levels = (
+            (of_cycles, np.ravel([after.per_cycle.max, after.per_cycle.min]), 0.8),
+            ("without backlash", (before.max, before.min), 1.6),
+        )
         for style, (said, values, width) in enumerate(levels):
             x, y = np.tile([1, len(cycles), np.nan], len(values)), np.repeat(factor * np.array(values, float), 3)
             traces.append(line(x, y, said, style, look={"width": width}, **more))
@@ -118,10 +128,10 @@ def _peaks(answer, names):
     """Share of the recorded cycles whose largest tooth force stays below a value."""
     quantity, traces = forces(answer.train), []
     for number, name in enumerate(names):
-        peaks = quantity.factor * np.sort(answer.force(name).highest)
+        peaks = quantity.factor * np.sort(answer.force(name).peaks)
         shares = 100 * np.arange(1, len(peaks) + 1) / len(peaks)
         traces.append(line(peaks, shares, plain(name), number, look={"shape": "hv"}))
-        before = [quantity.factor * float(answer.without_backlash.force(name).max)] * 2
+        before = [quantity.factor * float(answer.without_backlash.force(name).peak)] * 2
         more = {"look": {"width": 0.8}, "showlegend": not number}
         traces.append(line(before, [0.0, 100.0], "without backlash", number, **more))
     caption, title = "Cycles whose largest tooth force stays below a value", "largest tooth force of a cycle"

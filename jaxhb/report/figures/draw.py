@@ -52,7 +52,7 @@ def _draw(figure, panels):
         if axes is not top:
             axes.sharex(top)
         axes.tick_params("x", labelbottom=name == x["anchor"], labelrotation=-x.get("tickangle", 0))
-        axes.set_ylabel(figure.layout[name.replace("y", "yaxis")]["title"]["text"])
+        axes.set_ylabel(figure.layout[name.replace("y", "yaxis")]["title"]["text"].replace("<br>", "\n"))
     panels[x["anchor"]].set_xlabel(x["title"]["text"])
     for trace in figure.traces:
         _draw_trace(panels[trace["yaxis"]], trace)

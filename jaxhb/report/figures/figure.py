@@ -2,6 +2,8 @@
 dictionaries. Dashes, symbols and words tell what colours tell too."""
 
 import math
+import re
+import textwrap
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +14,12 @@ WIDTH, PANEL, BOTTOM = 680, 155, 46
 LEGEND_ROW, LETTER, KEY = 19, 4.9, 46
 """Pixels of a row of the legend, of a letter in it, and of the line before its name."""
 
+AXIS, ROW = 62, 15
+"""Pixels left of a panel, with a title of one row, and of another row of the title."""
+
+TITLE_LETTER = 5.9  # pixels of a letter of the title of an axis
+THOUSANDS = {"N m": "kN m", "kN m": "MN m", "kN": "MN", "W": "kW", "kW": "MW"}
+MOST = 2000.0  # largest number of an axis in a unit; above it the next of THOUSANDS is taken
 HEADROOM = 1.08
 DIGITS = 5
 MARKED = 80  # points up to which every one is marked, or with a large mark
@@ -52,7 +60,10 @@ class Figure:
 def figure(caption, x_title, panels, traces, *, x_range=None, height=PANEL, shapes=(), annotations=()):
     """A :class:`Figure` of panels above one another, each a (title, range or None) from the top, over one axis; or of
     one panel, given by its title, which begins at zero and holds all numbers."""
+    caption, panels, traces = _readable_units(caption, panels, traces)
     panels = [(panels, top_of(traces))] if isinstance(panels, str) else panels
+    panels = [(_wrapped(title, height), limits) for title, limits in panels]
+    rows_of_title = max(title.count("<br>") for title, _ in panels)
     keys = sum(trace.get("showlegend", True) for trace in traces)
     rows = -(-keys // legend_columns(traces)) if keys > 1 else 0  # one name needs no legend
     above, gap = 12 + LEGEND_ROW * rows, 26
@@ -62,7 +73,7 @@ def figure(caption, x_title, panels, traces, *, x_range=None, height=PANEL, shap
     made = {
         "width": WIDTH,
         "height": round(inside + above + BOTTOM + 9),
-        "margin": {"l": 62, "r": 14, "t": above, "b": BOTTOM, "autoexpand": False},
+        "margin": {"l": AXIS + ROW * rows_of_title, "r": 14, "t": above, "b": BOTTOM, "autoexpand": False},
         "font": {"size": 11, "color": "black", "family": "Arial, Helvetica, sans-serif"},
         "paper_bgcolor": "white",
         "plot_bgcolor": "white",
@@ -75,11 +86,46 @@ def figure(caption, x_title, panels, traces, *, x_range=None, height=PANEL, shap
     }
     for panel, (title, _) in enumerate(panels):
         top = inside - panel * (height + gap)
-        own = {"title": {"text": title}, "domain": [max(0.0, (top - height) / inside), top / inside]}
+        own = {"title": {"text": title, "standoff": 6}, "domain": [max(0.0, (top - height) / inside), top / inside]}
         made[_numbered("yaxis", panel)] = axis | own | {"zerolinecolor": "#9a9a9a"}
     for name, limits in [("xaxis", x_range), *((_numbered("yaxis", k), own) for k, (_, own) in enumerate(panels))]:
         made[name] |= {} if limits is None else {"range": [float(limit) for limit in limits]}
     return Figure(caption, traces, made)
+
+
+def _readable_units(caption, panels, traces):
+    """Caption, panels and traces with numbers of thousands in the next larger unit: 12 kN m in place of 12000 N m."""
+    single = isinstance(panels, str)
+    titles, ranges = ([panels], [None]) if single else map(list, zip(*panels, strict=True))
+    for panel, title in enumerate(titles):
+        _, behind, unit = title.rpartition(", ")
+        shown = [trace for trace in traces if trace["yaxis"] == _numbered("y", panel)]
+        largest, factor, larger = (
+            max((abs(y) for trace in shown for y in trace["y"] if y is not None), default=0.0),
+            1.0,
+            unit,
+        )
+        while behind and factor * largest > MOST and larger in THOUSANDS:
+            factor, larger = 1e-3 * factor, THOUSANDS[larger]
+        if larger == unit:
+            continue
+        titles[panel] = f"{title.removesuffix(unit)}{larger}"
+        ranges[panel] = ranges[panel] and tuple(factor * limit for limit in ranges[panel])
+        scaled = {id(trace): trace | {"y": _scaled(trace["y"], factor)} for trace in shown}
+        traces = [scaled.get(id(trace), trace) for trace in traces]
+        if single:  # the caption tells the unit of its only panel
+            caption = re.sub(rf", {unit}(?!\w)", f", {larger}", caption)
+    return caption, titles[0] if single else list(zip(titles, ranges, strict=True)), list(traces)
+
+
+def _scaled(values, factor):
+    """Numbers of a trace times a factor."""
+    return numbers(math.nan if value is None else factor * value for value in values)
+
+
+def _wrapped(title, height):
+    """The title of a panel in rows that are no longer than the panel is high."""
+    return "<br>".join(textwrap.wrap(title, max(8, int(height / TITLE_LETTER)), break_long_words=False))
 
 
 def _numbered(name, panel):
@@ -96,7 +142,7 @@ def legend_columns(traces):
 
 def numbers(values):
     """Numbers as they go into the page: five digits, None where there is none."""
-    return [float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None for value in map(float, values)]
+    return [float(f"{value:.{DIGITS}g}") + 0.0 if math.isfinite(value) else None for value in map(float, values)]
 
 
 def line(x, y, name, style=0, *, panel=0, look=None, **more):
@@ -128,7 +174,7 @@ def kind_of(answer):
         return None
     if answer.unstable:
         return "unstable"
-    return answer.state.kind if answer.topology.mesh_names else "periodic"
+    return answer.state.kind
 
 
 def motion_line(answers, values, name, style=0, *, hollow=False):
@@ -146,6 +192,14 @@ def kind_keys(*lists):
     met = {kind_of(answer) for answers in lists for answer in answers}
     keys = [marks([np.nan], [np.nan], said, symbol) for kind, (symbol, said) in MOTIONS.items() if kind in met - {None}]
     return keys + crosses(sorted({answer.place for answers in lists for answer in answers if not answer.answered}))
+
+
+UNCONFIRMED = "ringed: not confirmed by harmonic balance, ? in tables"
+
+
+def rings(speeds, values):
+    """Rings round numbers that harmonic balance did not confirm, in a list."""
+    return [marks(speeds, values, UNCONFIRMED, "circle-open", size=14)] if len(speeds) else []
 
 
 def crosses(speeds, bottom=0.0):

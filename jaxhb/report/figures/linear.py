@@ -45,15 +45,16 @@ def plot_holzer(train, tables, natural):
     return picture
 
 
-def plot_campbell(found, count, name):
+def plot_campbell(found, count, name, names):
     """Natural frequencies over the speed, orders as rays, critical speeds as circles.
 
-    Full lines are modes, dotted ones those of rigid bodies or rings; ``count`` elastic modes were taken.
+    Full lines are modes, dotted ones those of rigid bodies or rings; ``count`` elastic modes were taken;
+    ``names`` are those of the orders.
     """
-    return drawn(campbell_figure(found, count, name))
+    return drawn(campbell_figure(found, count, name, names))
 
 
-def campbell_figure(found, count, title):
+def campbell_figure(found, count, title, names):
     """The figure of :func:`plot_campbell`; its title is that of the scene or case."""
     low, high = float(found.rpm[0]), float(found.rpm[-1])
     elastic = found.elastic(count)
@@ -63,7 +64,7 @@ def campbell_figure(found, count, title):
     top, traces = 1.08 * (top or 1.0), []
     for order in found.orders:
         look, own = {"color": GREY, "dash": "dash", "width": 0.8}, [order * low / 60, order * high / 60]
-        traces.append(line([low, high], own, f"order {order:g}", look=look, showlegend=False))
+        traces.append(line([low, high], own, f"order {names.number(order)}", look=look, showlegend=False))
     shown = [k for k in found.shown(count) if found.frequencies_hz[-1, k] <= top]
     for k in shown:
         look = {"color": WITHOUT, "dash": "solid"} if k in elastic else {"color": "grey", "dash": "dot"}
@@ -71,7 +72,7 @@ def campbell_figure(found, count, title):
         traces.append(line(found.rpm, own, f"mode {k}", look=look | {"width": 1.8}, showlegend=False))
     filled = counting(found)
     for symbol, own in {"circle": filled, "circle-open": [c for c in found.critical if c not in filled]}.items():
-        text = [f"order {c.order:g}, mode {c.mode}, modal torque {c.torque:.4g} N m" for c in own]
+        text = [f"order {names.number(c.order)}, mode {c.mode}, modal torque {c.torque:.4g} N m" for c in own]
         more = {"text": text, "hovertemplate": "%{x} rpm, %{y} Hz: %{text}<extra></extra>", "showlegend": False}
         points = [c.rpm for c in own], [c.hz for c in own]
         traces.append(marks(*points, "critical speed", symbol, color=WITH, **more))
@@ -79,8 +80,8 @@ def campbell_figure(found, count, title):
         f"Campbell diagram, {title}: modes full, orders dashed (named at their ends), critical speeds circled,"
         f" filled where the modal torque is above {100 * COUNTS:g} % of the largest of the mode"
     )
-    names = [_ray_name(order, high, top) for order in found.orders if order * low / 60 < top]
-    more = {"x_range": (low, high), "height": 400, "annotations": names + _mode_names(found, shown, top)}
+    rays = [_ray_name(order, high, top, names) for order in found.orders if order * low / 60 < top]
+    more = {"x_range": (low, high), "height": 400, "annotations": rays + _mode_names(found, shown, top)}
     made = figure(caption, "speed, rpm", [("frequency, Hz", (0.0, top))], traces, **more)
     made.layout["margin"] |= {"r": 125, "t": 24}
     made.layout["height"] += 12
@@ -104,12 +105,14 @@ def _mode_names(found, shown, top):
     return notes
 
 
-def _ray_name(order, high, top):
+def _ray_name(order, high, top, names):
     """The order where its ray leaves the picture."""
     hz, style = order * high / 60, {"size": 9, "bgcolor": "white", "borderpad": 0}
     if hz > top:
-        return note(f"{order:g}", 60 * top / order, top, yanchor="bottom", **style)
-    return note(f"{order:g}", high, hz, xanchor="right", xshift=-4, **style)
+        return note(names.number(order), 60 * top / order, top, yanchor="bottom", **style)
+    # A long name stands below its ray, where it hides no mode.
+    under = {} if names.number(order) == f"{order:g}" else {"yanchor": "top"}
+    return note(names.number(order), high, hz, xanchor="right", xshift=-4, **under, **style)
 
 
 MOST = 6  # modes in one picture

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from jaxhb.design.measurements import UNITS
-from jaxhb.linear.strength import strength
+from jaxhb.linear.strength import corners_of, strength, stress_limits
 from jaxhb.report.answer import SPEED, Case
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import (
@@ -19,14 +19,17 @@ from jaxhb.report.figures.figure import (
     marks,
     motion_line,
     plain,
+    rings,
     speed_range,
 )
+from jaxhb.report.orders import order_names
 from jaxhb.report.quantities import forces, separation, shaft_torques, shown_unit
 from jaxhb.report.selection import case_title, hardest_shaft, train_name
 from jaxhb.report.text.strength import LIMITED, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
-from jaxhb.report.text.tuned import scaled_unit, with_unit
+from jaxhb.report.text.tuned import scaled_unit
 
+ASTRIDE = 1e-9  # share of a speed by which it is left or right of a step
 BESIDE = 0.006  # share of the axis between the bars of two meshes at one speed
 
 
@@ -54,7 +57,7 @@ def plot_sweep(sweeps):
         figures = [over_speed(torque, [shaft], cases, caption, more=more)]
     judged = {case.title: answers_strength(case.answers) for case in cases if first[0].axis == SPEED}
     limited = judged_elements(next(iter(judged.values()))) if judged else []
-    figures += [limit_figure(judged, *chosen) for chosen in limited]
+    figures += [limit_figure(judged, *chosen, train) for chosen in limited]
     return drawn(*figures, title=train_name(train.topology))
 
 
@@ -69,13 +72,14 @@ def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
     places = [answer.place for answer in first]
     backlash = quantity.of_signal and first[0].linear is not None and any(first[0].topology.mesh_backlash)
     # Both directions have the same motion without backlash.
-    alike, traces = all(case.answers[0].train is first[0].train for case in cases), []
+    alike, traces, seen = all(case.answers[0].train is first[0].train for case in cases), [], []
     for place, name in enumerate(names):
         for number, case in enumerate(cases):
             said = [plain(name)] * (several or not case.title) + [plain(case.title)] * bool(case.title)
             style = place if several else 2 * number
             values = quantity.of(case.answers, name)
             traces.append(motion_line(case.answers, values, ", ".join(said), style, hollow=number > 0))
+            seen += zip(case.answers, values, strict=True)
             if backlash and (case is cases[0] or not alike):
                 said = "" if alike else f"{plain(case.title)}, "
                 style = {"style": place if several else 2 * number + 1, "showlegend": not (several and place)}
@@ -85,6 +89,8 @@ def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
     axis = speed_range(places)
     if quantity.called == "tooth force" and names[0]:
         traces += _cycles(quantity, names, cases, BESIDE * (axis[1] - axis[0]))
+    unconfirmed = [(a.place, value) for a, value in seen if a.unconfirmed]
+    traces += rings(*zip(*unconfirmed, strict=True)) if unconfirmed else []
     traces += kind_keys(*(case.answers for case in cases))
     title = "speed, rpm" if first[0].axis == SPEED else first[0].axis.label
     caption = caption or f"{plain(names[0])}: {quantity.small_title}, {quantity.unit}"
@@ -95,7 +101,7 @@ def _cycles(quantity, names, cases, beside):
     """Bars from 5 to 95 % of the largest forces of a cycle, of motions that never repeat; one mesh beside the other."""
     answers = [answer for case in cases for answer in case.answers]
     rows = [
-        (answer.place + beside * number, *quantity.factor * np.asarray(answer.force(name).per_cycle.max)[[0, 2]])
+        (answer.place + beside * number, *quantity.factor * np.asarray(answer.force(name).per_cycle.peak)[[0, 2]])
         for number, name in enumerate(names)
         for answer in answers
         if answer.answered and answer.state.kind == "irregular"
@@ -126,14 +132,15 @@ def tolerance_figures(spread):
             low, middle, high = (factor * spread.percentile(q)[:, j] for q in (5, 50, 95))
             look = {"color": "#555555", "dash": "solid", "width": 5}
             traces.append(bars(rpm, low, high, "5 to 95 % of the sample", look=look, opacity=0.45))
-            traces.append(marks(rpm, middle, "half of the sample", "circle", size=5))
-        figures.append(figure(plain(name), "speed, rpm", plain(with_unit(one)), traces, x_range=speed_range(rpm)))
+            traces.append(marks(rpm, middle, "median of the sample", "circle", size=5))
+        title = f"{one.quantity}, {scaled_unit(one.quantity)[1]}".removesuffix(", ")
+        figures.append(figure(plain(name), "speed, rpm", title, traces, x_range=speed_range(rpm)))
     return figures
 
 
 def plot_identified(found):
     """Measured and computed amplitudes over the speed, a panel for each element, the largest orders of each."""
-    rows, figures = found.measured, []
+    rows, figures, names = found.measured, [], order_names(found.train)
     pairs = list(zip(rows.quantity, rows.element, strict=True))
     for quantity, element in dict.fromkeys(pairs):
         own = np.array([pair == (quantity, element) for pair in pairs])
@@ -145,7 +152,7 @@ def plot_identified(found):
         for style, order in enumerate(sorted(largest, key=lambda one: -largest[one])[:MOST]):
             at = np.flatnonzero(own & (orders == order))
             at = at[np.argsort(rows.rpm[at])]
-            said = "sum of all orders" if order == "nan" else f"order {float(order):g}"
+            said = "sum of all orders" if order == "nan" else f"order {names.number(float(order))}"
             for computed, name, look in (
                 (found.computed, "fitted", {}),
                 (found.before_computed, "scene", {"width": 0.8, "dash": "dot"}),
@@ -185,7 +192,7 @@ def plot_forced(cases, found, worst=None):
     figures = [orders_figure(response, one, beside(one.name)) for one in chosen]
     for kind, name in judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST):
         others = {title: strength(other) for title, other in beside(name).items()}
-        figures.append(limit_figure({"": judged} | others, kind, name))
+        figures.append(limit_figure({"": judged} | others, kind, name, response.train))
     return drawn(*figures, title=train_name(response.topology))
 
 
@@ -205,12 +212,15 @@ def orders_figure(response, element, misfires, title=""):
     for called, other in misfires.items():
         own = np.where(other.converged, factor, np.nan) * element.of(other).signal.half_peak_to_peak
         traces.append(line(rpm, own, f"half peak-to-peak, {plain(called)}", 1))
+    names = order_names(response.train)
     for number, k in enumerate(element.main()):
         marker = {"symbol": SYMBOLS[number % len(SYMBOLS)], "size": 6, "maxdisplayed": 12}
         more = {"mode": "lines+markers", "marker": marker, "look": {"width": 1.0}}
-        traces.append(line(rpm, certain * signal.amplitudes[:, k], f"order {signal.orders[k]:g}", 2 + number, **more))
+        traces.append(
+            line(rpm, certain * signal.amplitudes[:, k], f"order {names.number(signal.orders[k])}", 2 + number, **more)
+        )
     traces += crosses(rpm[~converged])
-    layout = {"x_range": (rpm[0], rpm[-1]) if len(rpm) > 1 else None, "height": 220}
+    layout = {"x_range": speed_range(rpm), "height": 220}  # as the limits below it
     said = f"linear forced response over the speed, {title}".removesuffix(", ")
     caption = f"{plain(element.name)}: {said}, {unit}"
     return figure(caption, "speed, rpm", f"{element.called}, {unit}", traces, **layout)
@@ -238,10 +248,11 @@ def judged_elements(found, names=None, *, each=False):
     return chosen
 
 
-def limit_figure(judged, key, name):
+def limit_figure(judged, key, name, train):
     """One element of :func:`judged_elements` against its limits; what is barred is shaded.
 
-    judged : one :class:`jaxhb.Strength` or more of the same speeds and limits, by the titles of their cases
+    judged : one :class:`jaxhb.Strength` or more of the same speeds and limits, by the titles of their cases; train : as
+    it runs, whose limits are drawn with their steps between the speeds
     """
     kind, first, traces = LIMITED[key], next(iter(judged.values())), []
     called, (factor, unit) = kind.called, kind.shown
@@ -249,14 +260,37 @@ def limit_figure(judged, key, name):
         values = factor * np.asarray(getattr(getattr(found, key)[name], kind.field), float)
         said = f"{called}, {plain(title)}".removesuffix(", ")
         traces.append(line(found.rpm, values, said, number, mode="lines+markers" if len(values) <= MARKED else "lines"))
-    for number, (limit, said) in enumerate(kind.limits.items()):
-        values = getattr(getattr(first, key)[name], limit)
+    speeds, limits = _limits(first, key, name, train)
+    for number, (values, said) in enumerate(zip(limits, kind.limits.values(), strict=True)):
         if values is not None:
-            values = factor * np.broadcast_to(values, np.shape(first.rpm))
-            traces.append(line(first.rpm, values, said, 2 + number, look={"color": "black"}))
+            values = factor * np.broadcast_to(values, np.shape(speeds))
+            traces.append(line(speeds, values, said, 2 + number, look={"color": "black"}))
+    doubtful = [own for found in judged.values() for own in _unconfirmed(found, factor, key, name, kind.field)]
+    traces += rings(*zip(*doubtful, strict=True)) if doubtful else []
     barred = [one for found in judged.values() for one in found.barred.get(name, ())] if key == "stresses" else []
     shaded = "; grey: barred" + " in one of these cases" * (len(judged) > 1) if barred else ""
-    against = " against its limits" if len(traces) > len(judged) else ""
+    against = " against its limits" if any(values is not None for values in limits) else ""
     caption = f"{plain(name)}: {called}{against}, {unit}{shaded}"
     layout = {"x_range": speed_range(first.rpm), "height": 180, "shapes": bands([(b.low, b.high) for b in barred])}
     return figure(caption, "speed, rpm", f"{called}, {unit}", traces, **layout)
+
+
+def _limits(found, key, name, train):
+    """Speeds and the limits of an element there: those of stresses at the speeds of a :class:`jaxhb.Strength` and on
+    both sides of every step and corner that their rule has between them."""
+    row, kind = getattr(found, key)[name], LIMITED[key]
+    if key != "stresses" or row.continuous is None:
+        return found.rpm, [getattr(row, limit) for limit in kind.limits]
+    corners = found.rated_rpm * np.array(corners_of(found.rules[name]))
+    corners = np.concatenate([corners * (1 - ASTRIDE), corners * (1 + ASTRIDE)])
+    within = corners[(corners > np.min(found.rpm)) & (corners < np.max(found.rpm))]
+    speeds = np.unique(np.concatenate([np.atleast_1d(found.rpm), within]))
+    return speeds, list(stress_limits(train, name, speeds))
+
+
+def _unconfirmed(found, factor, key, name, field):
+    """Speeds and numbers of an element that harmonic balance did not confirm."""
+    if found.unconfirmed is None:
+        return []
+    values = factor * np.asarray(getattr(getattr(found, key)[name], field), float)
+    return [(rpm, value) for rpm, value, doubt in zip(found.rpm, values, found.unconfirmed, strict=True) if doubt]

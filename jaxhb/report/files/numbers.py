@@ -46,7 +46,7 @@ def answer_record(answer, *, orders=None):
             "reason": "; ".join(state.notes) if not answer.known else None,
             "cycles": state.cycles,
             "started_from_rpm": state.started_from,
-            "per_cycle": of_each("mesh", lambda name: {"max": answer.force(name).per_cycle.max}),
+            "per_cycle": of_each("mesh", lambda name: _per_cycle(answer.force(name).per_cycle)),
         },
         "converged": answer.converged,
         "harmonics": answer.harmonics,
@@ -66,6 +66,11 @@ def answer_record(answer, *, orders=None):
     }
     found |= strength_record(answers_strength([answer]), one_speed=True)
     return found | (certificate_record(answer.certificate) if answer.certificate is not None else {})
+
+
+def _per_cycle(distribution):
+    """Of the largest tooth force of a cycle, as it is signed and by its size."""
+    return {"max": distribution.max, "peak": distribution.peak}
 
 
 def on_scene(*trains):
@@ -179,8 +184,12 @@ CELLS = {
         "mean N": "tooth_force_mean",
         "max N": "tooth_force_max",
         "min N": "tooth_force_min",
+        "peak N": "tooth_force_peak",
         **{
-            f"max of a cycle {percent} % N": lambda answer, name, i=i: float(answer.force(name).per_cycle.max[i])
+            f"{what} of a cycle {percent} % N": lambda answer, name, i=i, what=what: float(
+                getattr(answer.force(name).per_cycle, what)[i]
+            )
+            for what in ("max", "peak")
             for i, percent in enumerate(PERCENT)
         },
         "max N without backlash": f"tooth_force_max{WITHOUT}",

@@ -89,14 +89,16 @@ def as_bytes(record):
 
 
 def _plain(value):
-    """The same nest with lists for arrays, and None for every number that is not finite (JSON has no nan)."""
+    """The same nest with lists for arrays, None for every number that is not finite (JSON has no nan), 0 of no sign."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, (list, tuple)):
         return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    if isinstance(value, float):
+        return value + 0.0 if math.isfinite(value) else None
+    return value
 
 
 def as_csv(heads, rows):

@@ -165,4 +165,4 @@ def limits(report):
         parts = [part if isinstance(part, Table) else flowing(part) for part in strength_text({"": found})]
         blocks += [Heading(f"With {title}"), *(part for part in parts if part not in blocks)]
     chosen = judged_elements(first, each=True)[: 2 * MOST] if len(report.rpm) > 1 else []
-    return blocks + [limit_figure(strengths, kind, name) for kind, name in chosen]
+    return blocks + [limit_figure(strengths, kind, name, report.train) for kind, name in chosen]

@@ -8,6 +8,7 @@ from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orde
 from jaxhb.linear.forced import forced_response
 from jaxhb.report.figures.linear import MOST, campbell_figure, shapes_figure
 from jaxhb.report.figures.speeds import hardest_elements, orders_figure
+from jaxhb.report.orders import order_names
 from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import cylinder_of, misfiring
 from jaxhb.report.text.forced import forced_failures, readings, worst_tables
@@ -47,9 +48,14 @@ def campbell(report):
     chosen = [place for place, share in enumerate(shares_in_mode(found[0].critical, torques)) if share >= NEGLIGIBLE]
     main, *others = (dataclasses.replace(one, critical=tuple(one.critical[place] for place in chosen)) for one in found)
     misfires = dict(zip(list(trains)[1:], others, strict=True))
-    blocks, left = campbell_parts(main, count, misfires), len(torques) - len(chosen)
+    names = order_names(report.train)
+    blocks, left = campbell_parts(main, count, misfires, names), len(torques) - len(chosen)
     said = f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of the largest of their mode"
-    return [campbell_figure(found[0], count, report.cases[0].title), *blocks, *[f"{said}: left out here."] * bool(left)]
+    return [
+        campbell_figure(found[0], count, report.cases[0].title, names),
+        *blocks,
+        *[f"{said}: left out here."] * bool(left),
+    ]
 
 
 def forced(report):

@@ -10,6 +10,7 @@ from jaxhb.elements.elements import facts_of, unit_of
 from jaxhb.excitation.gas import GAS_SAMPLES
 from jaxhb.excitation.mean_torques import gas_pressures, mean_torques, scale_at
 from jaxhb.report.figures.sketch import plot_train
+from jaxhb.report.orders import order_names
 from jaxhb.report.page.differences import said
 from jaxhb.report.page.parts import Sketch, environment, table
 from jaxhb.report.text.columns import NONE, Table, alike, plain_number
@@ -164,6 +165,7 @@ def _means(report, first):
 def _orders(report, first):
     """Orders that the scene gives: of torques, of gas torques, of loads; those with the same amplitudes in a table."""
     train, topology, found = report.train, report.train.topology, defaultdict(dict)
+    number_of = order_names(train).number
     own = zip(topology.torque_names, topology.torque_harmonics, train.torques.harmonics, strict=True)
     told = [(name, "N m", *rows) for name, *rows in own]
     own = zip(topology.cylinder_names, topology.cylinder_harmonics, train.cylinders.gas_torque, strict=True)
@@ -181,7 +183,7 @@ def _orders(report, first):
     for (unit, same), own in found.items():
         if same:
             rows, names = next(iter(own.values())), list(own)
-            cells = [[f"{order:g}" for order, _ in rows], *alike([abs(value) for _, value in rows])]
+            cells = [[number_of(order) for order, _ in rows], *alike([abs(value) for _, value in rows])]
             cells += [[f"{np.degrees(np.angle(x)):.1f}" if x else NONE for _, x in one] for one in own.values()]
             heads = ["order", f"A {unit}", *(["p deg"] if len(own) == 1 else names)]
             called = names[0] if len(names) == 1 else f"{len(names)} torques with the same amplitudes"

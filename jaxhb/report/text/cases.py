@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from jaxhb.report import quantities
 from jaxhb.report.answer import Case
-from jaxhb.report.quantities import WITHOUT, Quantity, number, shown_unit, unit_of
+from jaxhb.report.quantities import WITHOUT, Quantity, number, number_for_people, shown_unit, unit_of
 from jaxhb.report.selection import cylinder_of, train_name
 from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import NONE, count, from_rows, hit, irregular, percent, ratio
@@ -80,7 +80,7 @@ def element_table(title, element, specs, *answers, names=None, groups=()):
             heads.append((head, way if callable(way) else (place, way)))
             factor = 1.0 if callable(read) or callable(way) else shown_unit(unit_of(read))[0]
             for row in rows:
-                row.append(read(answer, row[0]) if callable(read) else factor * number(answer, row[0], read))
+                row.append(read(answer, row[0]) if callable(read) else factor * number_for_people(answer, row[0], read))
     return from_rows(title, heads, rows, groups)
 
 
@@ -99,7 +99,7 @@ def solve_text(answer):
 def _tables(answer):
     topology, pair = answer.topology, [("with backlash", 1, 3), ("without", 4, 5)]
     if topology.mesh_names:
-        title = "Tooth force, kN (elastic and damping; positive: the first gear drives the second)"
+        title = "Tooth force, kN (elastic and damping; positive on the flank that drives, driven by: see Contact)"
         yield element_table(title, "mesh", FORCES, answer, groups=pair)
         yield from peak_table(answer)
         title = "Contact, % of the time (apart: in the gap; reverse: on the flank that does not drive), impacts a cycle"
@@ -110,7 +110,7 @@ def _tables(answer):
     if topology.shaft_and_damper_names:
         backlash = any(topology.mesh_backlash)
         specs = _swings("torque") if backlash else (("mean", "torque_mean"), *_linear_swings("torque"))
-        title = "Torque of shafts and dampers, N m"
+        title = "Torque of shafts and dampers, N m (mean: its size)"
         yield element_table(title, "shaft", (*specs, ("heat W", "heat", "W")), answer, groups=pair if backlash else ())
     if not topology.link_names:
         yield element_table("Vibratory angle of disks, deg", "disk", _linear_swings("angle"), answer)
@@ -146,7 +146,7 @@ def peak_table(answer, begin="L"):
     if not answer.recorded:
         return []
     specs = [
-        (f"{percent} %", lambda answer, name, i=i: answer.force(name).per_cycle.max[i] / 1e3, "kN")
+        (f"{percent} %", lambda answer, name, i=i: answer.force(name).per_cycle.peak[i] / 1e3, "kN")
         for i, percent in enumerate(PERCENT)
     ]
     title = f"{begin}argest tooth force of a cycle, kN: 5, 50 and 95 % of the recorded cycles stay below"

@@ -5,6 +5,14 @@ import math
 import numpy as np
 
 NONE = "-"
+DOUBT = "?"  # behind numbers that are not converged, or not confirmed by harmonic balance
+
+
+ROUNDING = 1e-9  # size of a number that is zero but for rounding
+
+
+class Doubtful(float):
+    """A number that is written with a mark behind it."""
 
 
 def from_rows(title, heads, rows, groups=(), left=()):
@@ -60,14 +68,30 @@ def alike(*columns):
     numbers = [[float(value) for value in column] for column in columns]
     largest = max((abs(x) for column in numbers for x in column if math.isfinite(x)), default=0.0)
     places = 0 if largest == 0 else min(max(3 - math.floor(math.log10(largest)), 0), 12)
+    return [[_with_places(value, places) for value in column] for column in columns]
+
+
+def _with_places(value, places):
+    """A number with so many decimals, a dash where it is not known, and a mark where it is doubtful."""
+    mark, value = DOUBT * isinstance(value, Doubtful), float(value)
     # Adding 0.0 after rounding turns -0.0 into 0.0.
-    return [
-        [f"{round(x, places) + 0.0:.{places}f}" if math.isfinite(x) else NONE for x in column] for column in numbers
-    ]
+    return f"{round(value, places) + 0.0:.{places}f}{mark}" if math.isfinite(value) else NONE
+
+
+def fixed(value, places):
+    """A number with so many decimals; one that is too small for them and more than rounding with two digits, a dash
+    where it is not known."""
+    if not math.isfinite(value):
+        return NONE
+    rounded = round(float(value), places) + 0.0
+    if rounded == 0 and abs(value) > ROUNDING:
+        return plain_number(float(value), 2)
+    return f"{rounded:.{places}f}"
 
 
 def plain_number(value, digits=4):
     """A number with so many digits, as 12340, without a power of ten where that is readable."""
+    value = value + 0.0  # no minus zero
     if not 1e-4 <= abs(value) < 1e7:
         return f"{value:.{digits}g}"
     return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
@@ -86,8 +110,8 @@ def count(number):
 
 
 def hit(speed):
-    """Approach speed of an impact, a dash without one."""
-    return f"{speed:.2f}" if speed > 0 else NONE
+    """Approach speed of an impact, a small one with two digits, a dash without one."""
+    return fixed(speed, 2) if speed > 0 else NONE
 
 
 def irregular(share):

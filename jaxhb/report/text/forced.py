@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.report.answer import SPEED
+from jaxhb.report.orders import order_names
 from jaxhb.report.quantities import READERS, shown_unit
 from jaxhb.report.selection import case_title, train_name
 from jaxhb.report.text.columns import NONE, from_rows, ratio
@@ -64,6 +65,15 @@ class Reading:
             return np.nan, np.nan
         place = np.nanargmax(swing)
         return swing[place], self.response.rpm[place]
+
+    @property
+    def csv_name(self):
+        """The name in heads of columns, where ring and link of a damper, which share theirs, must differ."""
+        return (
+            f"{self.name} angle"
+            if self.kind == "disks" and self.name in self.response.topology.damper_names
+            else self.name
+        )
 
     def of(self, response):
         """The same element of another response."""
@@ -127,7 +137,8 @@ def _speed_table(one, good):
     signal, places, (factor, unit) = one.signal, one.main(), one.shown
     sizes = [signal.half_peak_to_peak, signal.sum_of_amplitudes, *signal.amplitudes[:, places].T]
     columns = [np.where(good, values, np.nan) for values in (*(factor * size for size in sizes), one.power)]
-    heads = ["half p-p", "sum", *(f"order {order:g}" for order in signal.orders[places])]
+    names = order_names(one.response.train)
+    heads = ["half p-p", "sum", *(f"order {names.number(order)}" for order in signal.orders[places])]
     left_out = len(one.listed()) - len(places)
     note = f"; {left_out} smaller orders are left out" if left_out else ""
     title = f"{one.name}, {unit}: synthesis, sum of amplitudes, amplitudes by order{note}"
@@ -138,7 +149,7 @@ def _speed_table(one, good):
 def worst_tables(response, found):
     """The largest half peak-to-peak, sum and amplitude of each element over the speeds that have an answer, and where
     they are: a table for each kind of element."""
-    good = np.asarray(response.converged)
+    good, names = np.asarray(response.converged), order_names(response.train)
     heads = [("half p-p", "size"), "at rpm", ("sum", "size"), "at rpm", "order", ("amplitude", "size"), "at rpm"]
     groups, tables = [("synthesis", 1, 2), ("sum of amplitudes", 3, 4), ("largest order", 5, 7)], []
     for own in by_kind(found) if good.any() else ():
@@ -149,7 +160,7 @@ def worst_tables(response, found):
             moves, row = signal.amplitudes[speed, order] > 0, [one.name]
             for values in (signal.half_peak_to_peak, signal.sum_of_amplitudes):
                 row += [factor * values.max(), f"{rpm[values.argmax()]:g}" if moves else NONE]
-            row += [f"{signal.orders[order]:g}" if moves else NONE, factor * signal.amplitudes[speed, order]]
+            row += [names.number(signal.orders[order]) if moves else NONE, factor * signal.amplitudes[speed, order]]
             rows.append([*row, f"{rpm[speed]:g}" if moves else NONE, one.power.max()])
         tables.append(_over_speeds(own, "largest over the speeds", [*heads, ("heat W", "W")], rows, groups))
     return tables
@@ -220,8 +231,7 @@ def forced_rows(cases, found, judged):
 def _columns(response, found, more):
     columns = {"load kW": response.load_kW + 0.0, "input power W": response.input_power}
     for one in found:
-        # Ring and link of a damper share a name; heads of columns must not.
-        name = f"{one.name} angle" if one.kind == "disks" and one.name in response.topology.damper_names else one.name
+        name = one.csv_name
         columns[f"{name} half peak-to-peak {one.unit}"] = one.signal.half_peak_to_peak
         columns[f"{name} sum of amplitudes {one.unit}"] = one.signal.sum_of_amplitudes
         for k in one.listed():

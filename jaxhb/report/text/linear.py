@@ -2,11 +2,9 @@
 
 import dataclasses
 
-import numpy as np
-
 from jaxhb.elements.elements import SceneError
 from jaxhb.linear.critical import ELASTIC, RIGID, RING
-from jaxhb.report.text.columns import NONE, Table, from_rows, percent, plain_number
+from jaxhb.report.text.columns import NONE, Table, fixed, from_rows, percent, plain_number
 
 FIRST = 3  # modes whose energies or tables are shown where none is asked for
 
@@ -22,16 +20,16 @@ def modes_text(modes, name, kinds, ratios, teeth=""):
     for k, hz in enumerate(modes.frequencies_hz):
         shape = modes.shape(k)
         most = sorted(shape, key=lambda disk: -abs(shape[disk]))[:3]
-        moving = ", ".join(f"{disk} {shape[disk]:+.2f}" for disk in most)
+        moving = ", ".join(f"{disk} {shape[disk]:+.2f}" for disk in most if abs(shape[disk]) >= 0.005)
         if kinds[k] == RING:
             moving = f"ring only: {most[0]} turns freely"
         elif kinds[k] == RIGID:
             moving = f"one of {loose} rigid-body modes" if loose > 1 else "rigid-body mode"
             moving += " on the ground's spring" if hz else ""
-        damping = f"{ratios[k]:.4f}" if np.isfinite(ratios[k]) else NONE
+        damping = fixed(ratios[k], 4)
         nodes = modes.node_count[k] if kinds[k] == ELASTIC else NONE
         in_teeth = [f"{100 * modes.mesh_energy_share[k]:.0f}"] * bool(teeth)
-        rows.append([k, f"{hz:.2f}", f"{60 * hz:.0f}", nodes, damping, *in_teeth, moving])
+        rows.append([k, fixed(hz, 2), fixed(60 * hz, 0), nodes, damping, *in_teeth, moving])
     heads = ["mode", "Hz", "per minute", "nodes", "damping ratio", *["in teeth %"] * bool(teeth)]
     title = f"Natural frequencies of {name}: undamped"
     title += f", {teeth}; share of the strain energy in the teeth" if teeth else ""
@@ -77,7 +75,7 @@ def mean_load_text(load, rpm):
     for name, force, engagement, share in zip(load.names, load.force, load.engagement, load.share, strict=True):
         where = "in the gap" if engagement == 0 else "in the transition zone"
         where = "in contact" if engagement == 1 else f"{where}, {percent(share)} % of its stiffness"
-        said.append(f"{name} {force / 1e3:.4g} kN {where}")
+        said.append(f"{name} {abs(force) / 1e3:.4g} kN {where}")
     return f"Mean load of {rpm:g} rpm: {', '.join(said) or 'no mesh has backlash'}."
 
 
@@ -143,15 +141,15 @@ def holzer_record(tables, name):
     return {"scene": name, "tables": rows}
 
 
-def campbell_text(found, count, name, misfires, teeth="", lines=()):
-    """Modes and critical speeds of a Campbell diagram of ``count`` elastic modes; ``misfires`` by cylinder; ``lines``
-    stand below the first."""
+def campbell_text(found, count, name, misfires, names, teeth="", lines=()):
+    """Modes and critical speeds of a Campbell diagram of ``count`` elastic modes; ``misfires`` by cylinder, ``names``
+    of the orders; ``lines`` stand below the first."""
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     head = f"{name}: Campbell diagram from {found.rpm[0]:g} to {found.rpm[-1]:g} rpm, {stiff}"
-    return "\n\n".join(["\n".join([head, *lines]), *campbell_parts(found, count, misfires)])
+    return "\n\n".join(["\n".join([head, *lines]), *campbell_parts(found, count, misfires, names)])
 
 
-def campbell_parts(found, count, misfires):
+def campbell_parts(found, count, misfires, names):
     """The tables of :func:`campbell_text`, and a sentence where there is none."""
     shown, hz = found.shown(count), found.frequencies_hz
     constant = (hz[:, shown] == hz[0, shown]).all()
@@ -159,11 +157,13 @@ def campbell_parts(found, count, misfires):
     rows = [[k, *(f"{hz[i, k]:.2f}" for i in (0, -1)[: len(heads)]), found.kinds[k]] for k in shown]
     title = "Natural frequencies; rigid modes and those of rings only have no critical speeds"
     parts = [from_rows(title, ["mode", *heads, "kind"], rows, left=(1 + len(heads),)), *_left_out(found, count)]
-    orders = ", ".join(f"{order:g}" for order in found.orders) or "none"
+    orders = ", ".join(map(names.number, found.orders)) or "none"
     if not found.critical:
         return [*parts, f"No critical speed lies in the range. Orders: {orders}."]
     heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
-    rows = [[f"{c.rpm:.1f}", f"{c.order:g}", c.mode, f"{c.hz:.2f}", plain_number(c.torque)] for c in found.critical]
+    rows = [
+        [f"{c.rpm:.1f}", names.number(c.order), c.mode, f"{c.hz:.2f}", plain_number(c.torque)] for c in found.critical
+    ]
     worst = _worst_misfires(found, misfires)
     if worst:
         heads += ["worst misfire N m", "that of"]
@@ -172,7 +172,7 @@ def campbell_parts(found, count, misfires):
     parts.append(from_rows(title, heads, rows, left=(6,)))
     if worst:
         cylinder, torque, at = max(worst, key=lambda row: row[1])
-        said = f"{torque:.4g} N m of order {at.order:g} at {at.rpm:.1f} rpm, mode {at.mode}"
+        said = f"{torque:.4g} N m of order {names.number(at.order)} at {at.rpm:.1f} rpm, mode {at.mode}"
         parts.append(f"The worst misfire is that of {cylinder}: {said}, {at.torque:.4g} N m without it.")
     return parts
 

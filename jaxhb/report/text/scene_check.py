@@ -10,7 +10,8 @@ from jaxhb.equations.backlash import all_meshes
 from jaxhb.equations.fourier import sample
 from jaxhb.equations.kinematics import referred, tooth_damping_ratios
 from jaxhb.excitation.mean_torques import mean_torques
-from jaxhb.report.text.columns import NONE, Table, from_rows
+from jaxhb.report.quantities import ROUNDING
+from jaxhb.report.text.columns import NONE, Table, fixed, from_rows
 from jaxhb.report.text.mean_torques import torque_notes, torques_of
 from jaxhb.report.text.sentences import firing_lines, once_alike
 from jaxhb.train import connections
@@ -126,16 +127,14 @@ def check_text(train, responses, speeds, notes):
         parts.append(from_rows(title, ["", "disk", *heads], torques, left=(1,)))
     ratios = tooth_damping_ratios(train)
     rows = [
-        [name, *(1e-3 * mean for mean in _means(responses, name))]
+        [name, *(1e-3 * abs(mean) for mean in _means(responses, name)), _drivers(responses, i)]
         + [f"{1e3 * train.meshes.backlash[i]:.4g}" if topology.mesh_backlash[i] else NONE]
-        + [f"{ratios[i]:.4f}" if np.isfinite(ratios[i]) else NONE]
+        + [fixed(ratios[i], 4)]
         for i, name in enumerate(topology.mesh_names)
     ]
     if rows:
-        title = (
-            "Mean tooth force, kN (positive: the first gear drives), backlash, and damping ratio of the two gears alone"
-        )
-        parts.append(from_rows(title, ["mesh", *heads, "backlash mm", "damping ratio"], rows))
+        title = "Mean tooth force, kN, backlash, and damping ratio of the two gears alone"
+        parts.append(from_rows(title, ["mesh", *heads, "driven by", "backlash mm", "damping ratio"], rows))
     meshing = _over_period(train)
     if meshing:
         title = "Over the mesh period: order of the reference rotor, stiffness in % of its mean, errors of all kinds"
@@ -194,6 +193,16 @@ def torque_rows(train, responses):
     means += [[own[name] for own in loads] for name in topology.load_names]
     means += [[-own[name] for own in grounds] for name in topology.ground_names]
     return [(name, topology.disk_names[seat], own) for name, seat, own in zip(names, seats, means, strict=True)]
+
+
+def _drivers(responses, mesh):
+    """The gear that drives a mesh; of several speeds both, where it is not always the same."""
+    topology = responses[0].topology
+    first, second = (topology.disk_names[disk] for disk in topology.mesh_ends[mesh])
+    means = _means(responses, topology.mesh_names[mesh])
+    least = ROUNDING * max(map(abs, means), default=0.0)
+    drivers = dict.fromkeys(first if mean > 0 else second for mean in means if abs(mean) > least)
+    return " or ".join(drivers) or NONE
 
 
 def _means(responses, mesh):

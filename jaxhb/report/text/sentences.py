@@ -9,12 +9,13 @@ from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.report.answer import SPEED, UNCONFIRMED
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import most_apart
-from jaxhb.report.text.columns import plain_number
+from jaxhb.report.text.columns import hit, plain_number
 from jaxhb.report.text.mean_torques import speed_of, torque_notes
 from jaxhb.results.status import Homotopy, Shooting, Status
 from jaxhb.train.firing import not_firing
 from jaxhb.train.plausible import plausibility
 
+SOFT = 0.005  # approach speed of impacts, m/s, below which no teeth hammer
 LOST = 1e-3  # share of the power of the torques that may be lost without a note
 
 _VALUE = re.compile(r"""(?P<name>(?<!\w)(?P<quote>['"]).*?(?<!\\)(?P=quote))|\b\d[\d.]*(e[-+]?\d+)?""")
@@ -42,7 +43,7 @@ def motion_text(answer):
     state = answer.state
     turns = state.period * answer.topology.revolutions_per_cycle
     kind = {
-        "contact": "the teeth stay in contact" if answer.topology.mesh_names else "periodic, period one cycle",
+        "contact": "the teeth stay in contact",
         "periodic": "periodic, period one cycle",
         "subharmonic": f"period of {state.period} cycles (of {turns:g} revolution{'s' * (turns != 1)})",
         "irregular": "irregular: the motion never repeats",
@@ -61,7 +62,6 @@ def motion_word(answer):
         parts.append(status_word(answer.status))
     else:
         words = {"subharmonic": f"period {state.period}"}
-        words |= {} if answer.topology.mesh_names else {"contact": "periodic"}  # as motion_text says
         parts.append(words.get(state.kind, state.kind))
         if answer.doubt:
             parts.append(answer.doubt if answer.answered else status_word(answer.status))
@@ -121,8 +121,10 @@ def _hammering(answer, speed):
     if not count and not elsewhere:
         return f"Teeth separate at {speed}: {said}without an impact."
     impacts = "one impact" if count == 1 else f"{plain_number(count, digits=3)} impacts"
-    said += f"{impacts} a cycle, the hardest at {contact.hardest_impact:.2f} m/s" if count else "without an impact"
-    said += f"; the hardest of all at {contacts[hardest].hardest_impact:.2f} m/s in {hardest}" if elsewhere else ""
+    said += f"{impacts} a cycle, the hardest at {hit(contact.hardest_impact)} m/s" if count else "without an impact"
+    said += f"; the hardest of all at {hit(contacts[hardest].hardest_impact)} m/s in {hardest}" if elsewhere else ""
+    if contacts[hardest].hardest_impact < SOFT:
+        return f"The teeth part and touch again softly at {speed}: {said}."
     manner = {"irregular": " irregularly", "subharmonic": f" with a period of {answer.state.period} cycles"}
     return f"The teeth hammer{manner.get(answer.state.kind, '')} at {speed}: {said}."
 

@@ -1,5 +1,6 @@
 """Stresses, tooth torques and heat beside their limits, as text and as plain numbers."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +9,7 @@ from jaxhb._shown import ranges
 from jaxhb.elements.elements import RULES
 from jaxhb.linear.strength import NEAR, RULE as OF_RULE, judged
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import NONE, from_rows, ratio
+from jaxhb.report.text.columns import DOUBT, NONE, Doubtful, from_rows, ratio
 from jaxhb.results.record import Motions
 
 AID = "evaluation aid, no class approval"
@@ -74,7 +75,9 @@ LIMITED = {
 def answers_strength(answers):
     """The :class:`jaxhb.Strength` of answers of one train, at least one, with arrays over their speeds."""
     motions = Motions(answers[0].topology, [answer if answer.answered else None for answer in answers])
-    return judged(answers[0].train, np.array([answer.rpm for answer in answers]), motions)
+    found = judged(answers[0].train, np.array([answer.rpm for answer in answers]), motions)
+    unconfirmed = np.array([answer.unconfirmed for answer in answers])
+    return dataclasses.replace(found, unconfirmed=unconfirmed) if unconfirmed.any() else found
 
 
 def strength_text(judged):
@@ -96,19 +99,23 @@ def _table(found, kind):
     limited, rpm, several, rows = LIMITED[kind], found.rpm, len(found.rpm) > 1, []
 
     def number(values, place):
-        """In the unit for people; nan where there is none and where the rule has no limit."""
+        """Its size in the unit for people; nan where there is none and where the rule has no limit."""
         value = np.nan if values is None or place is None else np.broadcast_to(values, np.shape(rpm))[place]
-        return limited.shown[0] * (value if np.isfinite(value) else np.nan)
+        return limited.shown[0] * (abs(value) if np.isfinite(value) else np.nan)
 
     for name, row in getattr(found, kind).items():
         _, place = limited.worst(row)
+        doubtful = place is not None and found.unconfirmed is not None and found.unconfirmed[place]
         first, *others = (number(getattr(row, field), place) for field in limited.heads)
+        first = Doubtful(first) if doubtful else first
         at = [NONE if place is None else f"{rpm[place]:g}"] * several
         reverses = [_where(rpm, row.reverses)] if kind == "tooth_torques" else []
         rows.append([name, first, *at, *others, (first, others[0]), *reverses])
     first, *others = ((head, "number") for head, _ in limited.heads.values())
     heads = [limited.element, first, *["at rpm"] * several, *others, ("share", ratio)]
-    return from_rows(limited.title, [*heads, *["reverses"] * (kind == "tooth_torques")], rows)
+    marked = any(isinstance(row[1], Doubtful) for row in rows)
+    title = f"{limited.title}; {DOUBT}: not confirmed by harmonic balance" if marked else limited.title
+    return from_rows(title, [*heads, *["reverses"] * (kind == "tooth_torques")], rows)
 
 
 def _where(rpm, happens):

@@ -6,14 +6,13 @@ from jaxhb._shown import ranges
 from jaxhb.report.answer import SPEED, UNCONFIRMED
 from jaxhb.report.quantities import IRREGULARITY, main_quantity
 from jaxhb.report.selection import heaviest, most_apart
-from jaxhb.report.text.columns import NONE, Table, hit, irregular, percent, written
+from jaxhb.report.text.columns import DOUBT, NONE, Table, hit, irregular, percent, written
 from jaxhb.report.text.sentences import firing_lines, motion_word, notes_text, status_word, verdict
 from jaxhb.report.text.strength import answers_strength, strength_text
 
 BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 """Headings of the ways in which speeds are gone through."""
 
-DOUBT = "?"  # behind numbers that are not converged, or not confirmed by harmonic balance
 APART = 0.02  # difference of largest tooth forces from which two motions are told as different
 
 
