@@ -131,7 +131,7 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
     if not any(one.converged.any() for name, one in cases.items() if name):
         cases = {"": response}  # no misfire has an answer to compare with
     found, judged = told.readings(response, element), {name: strength(one) for name, one in cases.items()}
-    worst = told.worst_of(cases, found) if len(cases) > 1 else None
+    worst = told.worst_of(cases, found, judged) if len(cases) > 1 else None
     parts = [told.forced_text(cases, found, worst, each=bool(element))]
     parts += strength_text({f"With {titles[name]}" if worst else "": one for name, one in judged.items()})
     parts += remarks_text(train.topology.notes)

@@ -181,3 +181,26 @@ def test_speeds_without_an_answer_have_no_worst_misfire(tmp_path, run):
     called = run(f"{call} {AT!r}", "json")
     assert called.status == 1 and "worst misfire" not in called.out and "worst_misfire" not in called.json
     assert called.err.count("NEAR_SINGULAR") == 2  # with both firing the torques of both disks cancel
+
+
+def test_the_worst_misfire_is_that_with_the_largest_share_of_a_limit(run, tmp_path):
+    """Stress over its limit, which falls over the speed; without limits the largest torque, another cylinder's."""
+    scene = tmp_path / "e.toml"
+    scene.write_text(text_of("slow_two_stroke.toml"))
+    called = run(f"forced {scene} --rpm 80,85,120 --cut-off each", "json")
+    worst, text = called.json["worst_misfire"], called.out
+    rows = {}
+    for name, train in ({"": (loaded := jaxhb.load_scene(scene))} | loaded.cut_offs()).items():
+        row = jaxhb.strength(jaxhb.forced_response(train, rpm=[80.0, 85.0, 120.0])).stresses["intermediate"]
+        rows[name] = row.stress / row.continuous
+    assert max(rows, key=lambda name: rows[name].max()) == "cylinder 1"
+    assert (worst["cylinder"], worst["of"], worst["rpm"]) == ("cylinder 1", "intermediate", 120.0)
+    np.testing.assert_allclose([worst["share"], worst["firing_share"]], [rows["cylinder 1"][2], rows[""][2]], rtol=1e-9)
+    assert f"{worst['share']:.2f} of the continuous limit of stress; " in text
+    assert any("cylinder 1  " in line and f"{worst['share']:.2f}, stress" in line for line in text.splitlines())
+    assert "Not firing, cylinder 1, cylinder 2, cylinder 3, cylinder 4: cut off, no gas torque at all." in text
+    for key in ("diameter = 0.42\n", "stress_concentration = 1.0\n", "tensile_strength = 8e8\n"):
+        scene.write_text(scene.read_text().replace(key, ""))
+    worst = run(f"forced {scene} --rpm 80,85,120 --cut-off each", "json").json["worst_misfire"]
+    assert (worst["cylinder"], worst["of"], worst["rpm"]) == ("cylinder 4", "intermediate", 85.0)
+    assert "share" not in worst

@@ -51,7 +51,7 @@ def test_a_misfire_stands_beside_normal_running_in_the_panels_of_limits(tmp_path
     misfires = jaxhb.misfire_each(jaxhb.load_scene(tmp_path / "e.toml"), rpm=rpm, solve=jaxhb.forced_response)
     found = readings(misfires.firing)
     cases = {"": misfires.firing} | misfires.responses
-    worst = worst_of(cases, found)
+    worst = worst_of(cases, found, {name: jaxhb.strength(one) for name, one in cases.items()})
     stress = figures_of(plot_forced, cases, found, worst)[2]
     cylinder = worst["line shaft"].cylinder
     wanted = jaxhb.strength(misfires.responses[cylinder]).stresses["line shaft"].stress

@@ -16,7 +16,7 @@ from jaxhb.report.answer import Answer, Case
 from jaxhb.report.figures.figure import NO_ANSWER
 from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page import linear, page
-from jaxhb.report.page.judgement import largest_shares
+from jaxhb.report.page.judgement import shares_of
 from jaxhb.report.page.page import parts_of
 from jaxhb.report.quantities import forces
 from jaxhb.report.text.columns import Table
@@ -93,7 +93,7 @@ def test_the_second_design_stands_beside_the_first_with_what_differs(made):
 
 def test_the_result_judges_every_case_and_names_limit_element_case_and_speed_the_largest_share_first(made):
     _, report, parts = made
-    found = list(largest_shares(report.cases).values())
+    found = list(shares_of(report.cases).values())
     shares = [one.share for one in found]
     assert len(shares) == 3 and shares == sorted(shares, reverse=True)
     reads = {"Dämpfer": lambda a: a.power("Dämpfer") / 500.0}

@@ -1,7 +1,5 @@
 """Parts of the page on what was found and how far it can be trusted: result, limits, computed bounds, notes."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from jaxhb.report.figures.speeds import judged_elements, limit_figure
@@ -9,8 +7,8 @@ from jaxhb.report.page.parts import Heading, flowing, table
 from jaxhb.report.text.cases import hardest_of, worst_misfire
 from jaxhb.report.text.certified import certificate_parts
 from jaxhb.report.text.columns import NONE, Table, from_rows, plain_number
-from jaxhb.report.text.sentences import firing_lines, notes, warnings
-from jaxhb.report.text.strength import AID, LIMITED, Limited, answers_strength, strength_text
+from jaxhb.report.text.sentences import firing_lines, misfire_text, notes, warnings
+from jaxhb.report.text.strength import AID, LIMITED, answers_strength, at_same_speed, largest_shares, strength_text
 from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.train.plausible import plausibility
 
@@ -22,7 +20,7 @@ def result(report):
     blocks, worst = [f"With {_largest(case)}" for case in report.shown], worst_misfire(report.cases)
     blocks += firing_lines(*(case.answers[0].train for case in report.cases))
     if len(report.cases) > 2 and worst:
-        blocks.append(f"Of all {len(report.cases) - 1} misfires that of {worst['cylinder']} is the worst.")
+        blocks.append(f"Of all {len(report.cases) - 1}: {misfire_text(worst, report.cases[0].title)}")
     blocks += [f"With the {_largest(case)}" for case in report.seconds]
     blocks += judged(report.cases, "Against the limits of the scene") + judged(report.seconds, SECOND_LIMITS)
     missing = {case.title: sum(not a.answered for a in case.answers) for case in [*report.cases, *report.seconds]}
@@ -86,33 +84,15 @@ SECOND_LIMITS = "Second design, against the limits of its scene"
 MOST = 4  # elements whose limits are drawn, of each of two kinds
 
 
-class Share(NamedTuple):
-    """The largest share of a limit of its kind that an element has, with its case and speed."""
-
-    kind: Limited
-    name: str
-    share: float
-    case: str
-    rpm: float
-
-
-def largest_shares(cases):
-    """The :class:`Share` of every element over all cases and speeds that are judged, the largest first."""
-    found = {}
-    for case in cases:
-        strength = answers_strength(case.answers)
-        for key, name in judged_elements(strength, each=True):
-            share, place = LIMITED[key].worst(getattr(strength, key)[name])
-            if np.isfinite(share):
-                own = Share(LIMITED[key], name, share, case.title, case.answers[place].rpm)
-                found[key, name] = max(own, found.get((key, name), own), key=lambda one: one.share)
-    return dict(sorted(found.items(), key=lambda item: -item[1].share))
+def shares_of(cases):
+    """The :class:`~jaxhb.report.text.strength.Share` of every element over all cases that are judged."""
+    return largest_shares({case.title: answers_strength(case.answers) for case in cases})
 
 
 def judged(cases, against):
     """How cases stand against their limits, in sentences: the largest shares, and where stresses may not even be passed
     through or the torque of teeth changes its sign."""
-    shares = list(largest_shares(cases).values())
+    shares = list(shares_of(cases).values())
     if not shares:
         return []
 
@@ -126,10 +106,8 @@ def judged(cases, against):
 
     over, count = sum(one.share > 1 for one in shares), "one case" if len(cases) == 1 else f"{len(cases)} cases"
     how = f"{over} of {len(shares)} ABOVE A LIMIT" if over else "within the limits at all speeds that are judged"
-    limits = {"limit": "its limit", "continuous limit": "the continuous limit"}
     told = [
-        f"{one.kind.called} of {one.name} {one.share:.2f} of {limits.get(one.kind.limit, one.kind.limit)}"
-        f" ({one.case}, {one.rpm:g} rpm)"
+        f"{one.kind.called} of {one.name} {one.share:.2f} of {one.said} ({one.case}, {one.rpm:g} rpm)"
         for one in shares[:SHOWN]
     ]
     told += [f"{len(shares) - SHOWN} more have smaller shares"] * (len(shares) > SHOWN)
@@ -142,7 +120,7 @@ def judged(cases, against):
 
 def shares_table(title, cases):
     """Shares of limits of every element, case by case; cases may be of two designs; None without a limit."""
-    columns = [largest_shares([case]) for case in cases]
+    columns = [shares_of([case]) for case in cases]
     rows = []
     for key, name in dict.fromkeys(key for column in columns for key in column):
         rows.append([name, LIMITED[key].called, LIMITED[key].limit])
@@ -155,14 +133,34 @@ def shares_table(title, cases):
 
 
 def limits(report):
-    """Stresses, tooth torques and heat against the limits of the scene."""
-    strengths = {case.title: answers_strength(case.answers) for case in report.shown}
-    first = strengths[report.cases[0].title]
-    if not first:
+    """Stresses, tooth torques and heat against the limits of the scene; of misfires that which governs each element."""
+    every = {case.title: answers_strength(case.answers) for case in report.cases}
+    normal = report.cases[0].title
+    if not every[normal]:
         return ["The scene gives no limits: no diameter of a shaft, no rated_torque of a mesh, no power_limit."]
-    blocks = []
-    for title, found in strengths.items():
-        parts = [part if isinstance(part, Table) else flowing(part) for part in strength_text({"": found})]
-        blocks += [Heading(f"With {title}"), *(part for part in parts if part not in blocks)]
-    chosen = judged_elements(first, each=True)[: 2 * MOST] if len(report.rpm) > 1 else []
-    return blocks + [limit_figure(strengths, kind, name, report.train) for kind, name in chosen]
+    blocks, misfires = [], {title: strength for title, strength in every.items() if title != normal}
+    for case in report.shown:
+        parts = strength_text({"": every[case.title]})
+        parts = [part if isinstance(part, Table) else flowing(part) for part in parts]
+        blocks += [Heading(f"With {case.title}"), *(part for part in parts if part not in blocks)]
+    governing = largest_shares(misfires)
+    if len(misfires) > 1 and governing:
+        blocks += [Heading("Of all misfires"), _worst_misfires(governing, every[normal])]
+    chosen = judged_elements(every[normal], each=True)[: 2 * MOST] if len(report.rpm) > 1 else []
+    for key, name in chosen:
+        worst = governing.get((key, name))
+        drawn = [normal, worst.case] if worst else [case.title for case in report.shown]
+        blocks.append(limit_figure({title: every[title] for title in drawn}, key, name, report.train))
+    return blocks
+
+
+def _worst_misfires(governing, normal):
+    """The misfire that governs each element, beside normal running at the same speed."""
+    rows = []
+    for (key, name), worst in governing.items():
+        factor, unit = worst.kind.shown
+        _, before = at_same_speed(worst, key, normal)
+        shares = [f"{worst.share:.2f}", f"{before:.2f}"]
+        rows.append([name, f"{worst.kind.called} {unit}", factor * worst.value, *shares, f"{worst.rpm:g}", worst.case])
+    heads = ["element", "judged", ("worst misfire", "number"), "share of its limit", "without it", "at rpm", "that of"]
+    return from_rows("The misfire with the largest share of the limit, element by element", heads, rows, left=(1, 6))

@@ -6,12 +6,13 @@ import numpy as np
 
 from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, modes_of, shares_in_mode
 from jaxhb.linear.forced import forced_response
+from jaxhb.linear.strength import strength
 from jaxhb.report.figures.linear import MOST, campbell_figure, shapes_figure
 from jaxhb.report.figures.speeds import hardest_elements, orders_figure
 from jaxhb.report.orders import order_names
 from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import cylinder_of, misfiring
-from jaxhb.report.text.forced import forced_failures, readings, worst_tables
+from jaxhb.report.text.forced import forced_failures, misfire_tables, readings, worst_of, worst_tables
 from jaxhb.report.text.linear import campbell_parts, in_contact, modes_text
 
 CAMPBELL_MODES = 6, 12
@@ -39,7 +40,7 @@ def campbell(report):
     low, high = min(report.rpm), max(report.rpm)
     low, high = (low * (1 - ONE_SPEED), high * (1 + ONE_SPEED)) if low == high else (low, high)
     speeds = np.linspace(low, high, 33)
-    trains = {cylinder_of(case.title): case.answers[0].train for case in report.shown}
+    trains = {cylinder_of(case.title): case.answers[0].train for case in report.cases}
     orders = sorted({order for train in trains.values() for order in excited_orders(train, rpm=speeds)})
     asked = {"rpm": speeds, "orders": orders, "count": CAMPBELL_MODES[1]}
     found = [campbell_of(train, **asked) for train in trains.values()]
@@ -59,18 +60,34 @@ def campbell(report):
 
 
 def forced(report):
-    """The linear forced response over the speeds: the worst of every element, orders of what swings most."""
+    """The linear forced response over the speeds: the worst of every element, orders of what swings most; of several
+    misfires that which governs each element."""
     low, high = min(report.rpm), max(report.rpm)
     speeds = np.unique([*report.rpm, *(np.linspace(low, high, SPEEDS) if low < high else [])])
-    responses = {case.title: forced_response(case.answers[0].train, rpm=speeds) for case in report.shown}
+    responses = {case.title: forced_response(case.answers[0].train, rpm=speeds) for case in report.cases}
     title, first = next(iter(responses.items()))
     found, good = readings(first), np.asarray(first.converged)
     chosen = hardest_elements([one.at(good) for one in found]) if len(speeds) > 1 and good.any() else []
     misfires = {other: response for other, response in responses.items() if misfiring(other)}
+    worst = _worst(first, misfires, found) if len(misfires) > 1 else None
     said = f"Linear, teeth in contact, at {len(speeds)} speeds. Sums and orders in the figures: {title}."
     said += " Lines of a misfire are its half peak-to-peak." if misfires else ""
-    blocks = [said, *(orders_figure(first, one, misfires, title) for one in chosen)]
+    blocks = [said]
+    for one in chosen:
+        governing = {worst[one.name].cylinder: misfires[worst[one.name].cylinder]} if worst else misfires
+        blocks.append(orders_figure(first, one, governing, title))
     for other, response in responses.items():
-        blocks += [Heading(f"Largest values, {other}"), *worst_tables(response, readings(response))]
+        if other == title or not worst:
+            blocks += [Heading(f"Largest values, {other}"), *worst_tables(response, readings(response))]
         blocks += forced_failures(response, other if other in misfires else "")
-    return blocks
+    if not worst:
+        return blocks
+    return [*blocks, Heading("The worst misfire of every element"), *misfire_tables(found, worst, title)]
+
+
+def _worst(first, misfires, found):
+    """The worst misfire of every element by the titles of cases, as :func:`worst_of`; None where none has an answer."""
+    if not any(np.asarray(response.converged).any() for response in misfires.values()):
+        return None
+    cases = {"": first} | misfires
+    return worst_of(cases, found, {title: strength(response) for title, response in cases.items()})

@@ -11,7 +11,7 @@ from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import NONE, count, from_rows, hit, irregular, percent, ratio
 from jaxhb.report.text.mean_torques import balance_line, mean_angles_of
 from jaxhb.report.text.sentences import firing_lines, misfire_text, motion_word, notes_text, status_lines, verdict
-from jaxhb.report.text.strength import answers_strength, strength_text
+from jaxhb.report.text.strength import answers_strength, at_same_speed, largest_shares, strength_text
 from jaxhb.results.dataset import names_of
 from jaxhb.results.record import PERCENT
 
@@ -242,7 +242,11 @@ def hardest_of(cases):
 
 
 def worst_misfire(cases):
-    """The misfire and the speed with the largest value, as it is written; None where no motion is known."""
+    """The misfire that governs, as it is written: with the largest share of a limit, without limits with the largest
+    value of all; None where no motion is known."""
+    shares = largest_shares({case.title: answers_strength(case.answers) for case in cases[1:]})
+    if shares:
+        return _worst_of_limits(cases, shares)
     found = hardest_of(cases[1:])
     return found and {
         "cylinder": cylinder_of(found.case.title),
@@ -253,6 +257,21 @@ def worst_misfire(cases):
         "value": found.value,
         "firing": found.quantity.read(cases[0].answers[found.place], found.name),
     }
+
+
+def _worst_of_limits(cases, shares):
+    (key, name), worst = next(iter(shares.items()))
+    firing, firing_share = at_same_speed(worst, key, answers_strength(cases[0].answers))
+    of_limit = {"share": worst.share, "firing_share": firing_share, "limit": worst.said}
+    return {
+        "cylinder": cylinder_of(worst.case),
+        "rpm": worst.rpm,
+        "quantity": worst.kind.called,
+        "of": name,
+        "unit": worst.kind.si_unit,
+        "value": worst.value,
+        "firing": firing,
+    } | of_limit
 
 
 def misfires_text(cases):
@@ -270,7 +289,21 @@ def _speed_table(cases, place):
         found = hardest_at(case, place)
         quantity, value = found.quantity, found.quantity.factor * found.value
         firing = rows[0][1] if rows else value
-        rows.append([case.title, value, (value, firing), found.name or NONE, motion_word(found.answer)])
+        row = [case.title, value, (value, firing), found.name or NONE]
+        rows.append(row + [motion_word(found.answer)] * (quantity.element == "mesh"))
+        rows[-1] += _largest_share(case.answers[place])
     heads = ["", (quantity.unit, "number"), ("ratio", ratio), "in", *["motion"] * (quantity.element == "mesh")]
+    heads += ["share of a limit", "that of"] * (len(rows[0]) > len(heads))
     title = f"{quantity.title} at {cases[0].answers[place].rpm:g} rpm, {quantity.unit}"
-    return from_rows(title, heads, rows, left=(3, 4))
+    words = [place for place, head in enumerate(heads) if head in ("in", "motion", "that of")]
+    return from_rows(title, heads, rows, left=words)
+
+
+def _largest_share(answer):
+    """The largest share of a limit at one speed and its element, two cells; none where the scene gives no limits."""
+    strength = answers_strength([answer])
+    if not strength:
+        return []
+    shares = largest_shares({"": strength})
+    worst = next(iter(shares.values()), None)
+    return [f"{worst.share:.2f}", f"{worst.kind.called} of {worst.name}"] if worst else [NONE, NONE]

@@ -12,12 +12,12 @@ from jaxhb.report.quantities import READERS, shown_unit
 from jaxhb.report.selection import case_title, train_name
 from jaxhb.report.text.columns import NONE, from_rows, ratio
 from jaxhb.report.text.sentences import firing_lines, misfire_text
-from jaxhb.report.text.strength import strength_columns, strength_record
+from jaxhb.report.text.strength import Share, at_same_speed, largest_shares, strength_columns, strength_record
 from jaxhb.results.answers import left_out, with_gaps
 from jaxhb.results.dataset import SIGNALS, names_of
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
-from jaxhb.solutions.misfires import Misfires
+from jaxhb.solutions.misfires import Misfires, Worst
 
 SHOWN = 6  # orders in a table or picture, those with the largest amplitudes
 NEGLIGIBLE = 1e-12  # amplitude of an order over the largest of its element from which it is not listed
@@ -249,14 +249,44 @@ def forced_failures(response, case=""):
     return left_out(response.rpm, response.status, title, kept=response.converged, advice=ADVICE)
 
 
-def worst_of(cases, found):
-    """The :class:`jaxhb.solutions.misfires.Worst` half peak-to-peak of each element; ``ValueError`` without."""
+@dataclass(frozen=True)
+class WorstMisfire(Worst):
+    """The misfire that governs an element: with the largest share of a limit, else, without limits, with the
+    largest half peak-to-peak; the share of the limit then and in normal running."""
+
+    share: Share | None = None
+    firing_share: float | None = None
+
+
+def worst_of(cases, found, judged):
+    """The :class:`WorstMisfire` of each element; ``judged`` as of :func:`forced_rows`; ``ValueError`` without."""
     misfires = Misfires(cases[""], {name: one for name, one in cases.items() if name})
-    return {one.name: misfires.worst(lambda r, one=one: one.of(r).signal.half_peak_to_peak) for one in found}
+    shares = largest_shares({name: judged[name] for name in misfires.responses})
+    worst = {}
+    for one in found:
+        # The ring of a damper has its name, and no limits.
+        limited = [(key, share) for (key, name), share in shares.items() if name == one.name and one.kind != "disks"]
+        worst[one.name] = _by_share(one, cases, *limited[0], judged) if limited else _by_swing(one, misfires)
+    return worst
+
+
+def _by_swing(one, misfires):
+    return WorstMisfire(**vars(misfires.worst(lambda r: one.of(r).signal.half_peak_to_peak)))
+
+
+def _by_share(one, cases, key, share, judged):
+    swings = (one.of(with_gaps(cases[name])).signal.half_peak_to_peak[share.place] for name in (share.case, ""))
+    value, firing = map(float, swings)
+    _, firing_share = at_same_speed(share, key, judged[""])
+    return WorstMisfire(share.case, share.rpm, value, firing, share, firing_share)
 
 
 def hardest_of(found, worst):
-    """The element that swings most under a misfire: of the meshes, without any of the shafts, else of the disks."""
+    """The element that its worst misfire brings nearest to a limit, or beyond; without limits that which swings most,
+    of the meshes, without any of the shafts, else of the disks."""
+    limited = [one for one in found if worst[one.name].share]
+    if limited:
+        return max(limited, key=lambda one: worst[one.name].share.share)
     return max(by_kind(found)[-1], key=lambda one: worst[one.name].value)
 
 
@@ -272,15 +302,32 @@ def _misfire_parts(cases, found, worst, each):
             rows.append([titles[name], factor * value, f"{rpm:g}" if value > 0 else NONE, (value, firing)])
         title = f"{one.name}, {unit}: largest half peak-to-peak over the speeds"
         yield from_rows(title, ["", ("half p-p", "size"), "at rpm", ("ratio", ratio)], rows)
-    for own in () if each else by_kind(found):
+    yield from () if each else misfire_tables(found, worst, titles[""])
+
+
+def misfire_tables(found, worst, firing):
+    """The misfire that governs each element, a table for each kind of element; ``firing`` is what the train is called
+    without."""
+    for own in by_kind(found):
         factor, rows = own[0].shown[0], []
+        limited = any(worst[one.name].share for one in own)
         for one in own:
             most, (largest, _) = worst[one.name], one.most()
             where = (f"{most.rpm:g}", most.cylinder) if most.value else (NONE, NONE)
-            rows.append([one.name, factor * largest, factor * most.value, (most.value, largest), *where])
-        heads = [(titles[""], "size"), ("worst misfire", "size"), ("ratio", ratio), "at rpm", "that of"]
-        yield _over_speeds(own, "largest half peak-to-peak over the speeds", heads, rows, left=(5,))
+            row = [one.name, factor * largest, factor * most.value, (most.value, largest), *where]
+            share = f"{most.share.share:.2f}, {most.share.kind.called}" if most.share else NONE
+            rows.append(row + [share] * limited)
+        heads = [(firing, "size"), ("worst misfire", "size"), ("ratio", ratio), "at rpm", "that of"]
+        by = " (of elements with limits: of the largest share)" * limited
+        what = f"largest half peak-to-peak over the speeds{by}"
+        yield _over_speeds(own, what, heads + ["share of its limit"] * limited, rows, left=(5, 6))
 
 
 def _worst_record(one, worst):
-    return vars(worst[one.name]) | {"quantity": one.called, "unit": one.unit, "of": one.name}
+    most = worst[one.name]
+    record = {name: getattr(most, name) for name in ("cylinder", "rpm", "value", "firing")}
+    record |= {"quantity": one.called, "unit": one.unit, "of": one.name}
+    if most.share is None:
+        return record
+    limit = f"{most.share.said} of {most.share.kind.called}"
+    return record | {"share": most.share.share, "firing_share": most.firing_share, "limit": limit}

@@ -237,9 +237,11 @@ def misfire_text(worst, firing, swing=""):
     factor, unit = shown_unit(worst["unit"])
     value, normal = (f"{factor * worst[key]:.4g} {unit}" for key in ("value", "firing"))
     normal = "no answer" if np.isnan(worst["firing"]) else normal
+    share = f", {worst['share']:.2f} of {worst['limit']}" if "share" in worst else ""
+    before = f", {worst['firing_share']:.2f} of it" if share and np.isfinite(worst["firing_share"]) else ""
     return (
         f"The worst misfire is that of {worst['cylinder']}: {worst['quantity']} of {value}{swing} in {worst['of']} at"
-        f" {worst['rpm']:g} rpm, {normal} with {firing}."
+        f" {worst['rpm']:g} rpm{share}; {normal}{before} with {firing}."
     )
 
 

@@ -72,6 +72,48 @@ LIMITED = {
 """By the fields of a :class:`jaxhb.Strength`."""
 
 
+@dataclass(frozen=True)
+class Share:
+    """The largest share of a limit of its ``kind`` that the element ``name`` has, its case, the place of the speed and
+    the number that is judged, SI unit."""
+
+    kind: Limited
+    name: str
+    share: float
+    case: str
+    place: int
+    rpm: float
+    value: float
+
+    @property
+    def said(self):
+        """``the continuous limit``."""
+        return {"limit": "its limit", "continuous limit": "the continuous limit"}.get(self.kind.limit, self.kind.limit)
+
+
+def largest_shares(judged):
+    """The :class:`Share` of every element with a limit over all cases and speeds, the largest first, by (key of
+    LIMITED, name); ``judged`` has the :class:`jaxhb.Strength` of each case by its title."""
+    found = {}
+    for title, strength in judged.items():
+        for key, limited in LIMITED.items():
+            for name, row in getattr(strength, key).items() if strength else ():
+                share, place = limited.worst(row)
+                if np.isfinite(share):
+                    value = float(np.asarray(getattr(row, limited.field))[place])
+                    own = Share(limited, name, share, title, place, float(strength.rpm[place]), value)
+                    found[key, name] = max(own, found.get((key, name), own), key=lambda one: one.share)
+    return dict(sorted(found.items(), key=lambda item: -item[1].share))
+
+
+def at_same_speed(share, key, strength):
+    """The judged number and its share of the limit of another case, where a :class:`Share` stands."""
+    row = getattr(strength, key)[share.name]
+    value = float(np.asarray(getattr(row, share.kind.field))[share.place])
+    limit = np.broadcast_to(getattr(row, next(iter(share.kind.limits))), np.shape(strength.rpm))
+    return value, value / float(limit[share.place])
+
+
 def answers_strength(answers):
     """The :class:`jaxhb.Strength` of answers of one train, at least one, with arrays over their speeds."""
     motions = Motions(answers[0].topology, [answer if answer.answered else None for answer in answers])

@@ -1,0 +1,88 @@
+"""The misfire that governs: with the largest share of a limit, element by element, in tables and on the page.
+
+In the scene the torque of the intermediate shaft is largest with cylinder 4 cut off, at 85 rpm, but its stress comes
+nearest to its limit, which falls over the speed, with cylinder 1 cut off, at 120 rpm.
+"""
+
+import numpy as np
+import pytest
+from reference_data import text_of
+
+import jaxhb
+from jaxhb.linear.critical import campbell
+from jaxhb.report.compute import Asked, solve_cases
+from jaxhb.report.page.judgement import limits, result
+from jaxhb.report.page.linear import campbell as campbell_part, forced as forced_part
+from jaxhb.report.page.parts import Report
+from jaxhb.report.selection import case_title
+from jaxhb.report.text.columns import Table
+
+SPEEDS = [80.0, 85.0, 120.0]
+SHAFT = "intermediate"
+
+
+@pytest.fixture(scope="module")
+def train(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scene") / "engine.toml"
+    path.write_text(text_of("slow_two_stroke.toml"))
+    return jaxhb.load_scene(path)
+
+
+@pytest.fixture(scope="module")
+def trains(train):
+    return {"": train.replace({"cylinder 1.gas_factor": 1.0})} | train.cut_offs()
+
+
+@pytest.fixture(scope="module")
+def wanted(trains):
+    """Of each case the shares of the continuous limit and the torque of the shaft over the speeds."""
+    found = {}
+    for name, one in trains.items():
+        response = jaxhb.forced_response(one, rpm=SPEEDS)
+        row = jaxhb.strength(response).stresses[SHAFT]
+        found[name] = row.stress / row.continuous, np.asarray(response.torque(SHAFT).half_peak_to_peak)
+    return found
+
+
+@pytest.fixture(scope="module")
+def report(train, trains):
+    titled = {case_title(one, name): one for name, one in trains.items()}
+    return Report(solve_cases(titled, SPEEDS, Asked()), facts={"date": "today"})
+
+
+def test_the_largest_torque_and_the_largest_share_have_other_cylinders_and_speeds(wanted):
+    shares, torques = (np.array([wanted[f"cylinder {k}"][i] for k in range(1, 5)]) for i in (0, 1))
+    assert np.unravel_index(shares.argmax(), shares.shape) == (0, 2)
+    assert np.unravel_index(torques.argmax(), torques.shape) == (3, 1)
+
+
+def test_the_page_has_one_worst_misfire_and_draws_what_governs(report, wanted):
+    share = f"{wanted['cylinder 1'][0][2]:.2f} of the continuous limit"
+    assert [case.title for case in report.shown] == ["all cylinders firing", "cylinder 1 cut off"]
+    said = [block for block in result(report) if "worst misfire" in block]
+    assert len(said) == 1 and "is that of cylinder 1" in said[0] and share in said[0]
+    assert any(f"stress of {SHAFT} {share} (cylinder 1 cut off, 120 rpm)" in block for block in result(report))
+    blocks = limits(report)
+    (table,) = (block for block in blocks if isinstance(block, Table) and "element by element" in block)
+    assert [column[0] for column in table.columns][-1] == "cylinder 1 cut off"
+    names = [trace["name"] for block in blocks if hasattr(block, "traces") for trace in block.traces]
+    assert "stress, cylinder 1 cut off" in names and "stress, cylinder 4 cut off" not in names
+
+
+def test_the_tables_of_the_page_name_the_worst_cylinder_row_by_row(report, trains):
+    (table,) = (b for b in campbell_part(report) if isinstance(b, Table) and "worst misfire N m" in b.heads)
+    orders, modes, named = (table.columns[table.heads.index(head)] for head in ("order", "mode", "that of"))
+    asked = {"rpm": np.linspace(80.0, 120.0, 33), "orders": sorted(set(map(float, orders))), "count": 12}
+    torques = {
+        name: {(c.order, c.mode): c.torque for c in campbell(one, **asked).critical}
+        for name, one in trains.items()
+        if name
+    }
+    for order, mode, name in zip(orders, modes, named, strict=True):
+        place = float(order), int(mode)
+        assert torques[name][place] == max(own[place] for own in torques.values())
+    (table,) = (
+        b for b in forced_part(report) if isinstance(b, Table) and "Vibratory torque" in b and "that of" in b.heads
+    )
+    rows = dict(zip(table.columns[0], table.columns[table.heads.index("that of")], strict=True))
+    assert rows[SHAFT] == "cylinder 1 cut off"
