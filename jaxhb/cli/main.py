@@ -12,6 +12,7 @@ from jaxhb.cli import options
 from jaxhb.cli.options import Command, of_elements, of_scenes, option
 from jaxhb.cli.streams import Ended, guarded, tell
 from jaxhb.cli.values import bounded, count, one_speed, orders, over, positive, share, speed_range, whole
+from jaxhb.elements.elements import LONGEST_SENTENCE, cut
 from jaxhb.report.files.output import INTERRUPTED
 from jaxhb.train.speeds import read_speed, read_speeds
 
@@ -63,7 +64,10 @@ def _run(words):
     except click.exceptions.Exit as shown:  # of --help and --version
         return shown.exit_code
     except click.UsageError as fault:
-        sentence, where = fault.format_message(), fault.ctx.command_path if fault.ctx else PROGRAM
+        sentence, where = (
+            cut(fault.format_message(), LONGEST_SENTENCE),
+            fault.ctx.command_path if fault.ctx else PROGRAM,
+        )
         print(f"{where}: {sentence}{'' if sentence[-1] in '.?)' else '.'} See {where} --help", file=sys.stderr)
         return 2
     except KeyboardInterrupt as stop:
@@ -72,15 +76,30 @@ def _run(words):
         return stop.status if isinstance(stop, Ended) else INTERRUPTED
     except Exception as error:
         if isinstance(error, OSError) and error.filename is None:
+            if not _folder_is_there():
+                tell("the folder in which jaxhb was started is not there any more. Go to another one.")
+                return 2
             raise  # of standard output: it has no name, and what has one is told by then
         if type(error).__name__ in ("SceneError", "OutputError", "CheckpointError"):
-            print(error, file=sys.stderr)
+            tell("\n".join(cut(line, LONGEST_SENTENCE) for line in str(error).splitlines()))
             return 2
+        if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
+            tell("there is not enough memory for what was asked. Ask for less at a time, or allow more memory.")
+            return 3
         if type(error).__name__ == "NotConverged":
             print(error, file=sys.stderr)
             return 1
         traceback.print_exc()
         return 3
+
+
+def _folder_is_there():
+    """Whether the working folder was not removed."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 class Program(click.Group):

@@ -1,6 +1,8 @@
 """Standard output and error as they are found, full, closed or of another encoding, and the signals that end a run."""
 
 import contextlib
+import errno
+import io
 import os
 import signal
 import sys
@@ -16,16 +18,43 @@ class Ended(KeyboardInterrupt):
         self.status = 128 + number
 
 
+class _Closed(io.TextIOBase):
+    """Stands for a standard output that is closed: Python has none then, and what is printed would be lost unseen."""
+
+    def write(self, text):
+        raise OSError(errno.EBADF, "it is closed")
+
+    def writelines(self, lines):
+        self.write("")
+
+    @property
+    def buffer(self):
+        """Takes bytes as little as the stream takes text."""
+        return self
+
+
+def _take_closed_streams():
+    """Put the null device in the place of closed standard streams: the next file that is opened would be taken for
+    them."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+    if sys.stdout is None:
+        sys.stdout = _Closed()
+
+
 def guarded(run):
     """The exit status of ``run()``, which prints; what is wrong with standard output is told in a sentence."""
+    _take_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure") and stream.errors == "strict":
             stream.reconfigure(errors="backslashreplace")  # any name can be written, whatever the encoding lacks
     with _ending_by_signals():
         try:
             status = run()
-            if sys.stdout is not None:
-                sys.stdout.flush()
+            sys.stdout.flush()
         except OSError as error:
             closed = isinstance(error, BrokenPipeError)
             status = CLOSED if closed else UNWRITABLE

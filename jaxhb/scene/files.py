@@ -104,6 +104,8 @@ def _find(name) -> Path:
         # Where "~somebody" has no folder the text is the path.
         return Path(os.path.expanduser(text))
     if text not in scene_names():
+        if os.path.lexists(text):  # what it is, or holds, is told when it is read
+            return Path(text)
         raise SceneError(f"there is no packaged scene {shown(text)}.{suggestion(text, scene_names())}")
     return _folder() / f"{text}.toml"
 

@@ -16,6 +16,7 @@ from reference_data import reference
 
 import jaxhb
 from jaxhb.cli import commands, resume
+from jaxhb.cli.main import main
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.streams import Ended, guarded
 from jaxhb.report.files.output import write_files
@@ -59,6 +60,65 @@ def test_a_full_disk_and_a_closed_pipe_behind_standard_output_are_sentences():
         with open(place, "w") as stream:
             status, _, said = process("scenes", stdout=stream)
         assert status == code and said.startswith(sentence) and said.count("\n") == 1
+
+
+SHELL = pytest.mark.skipif(os.name != "posix", reason="the shell of the test is that of POSIX")
+
+
+def shell(line, *arguments, **options):
+    """A line of the shell in which ``jaxhb`` is the program: (exit status, output, errors)."""
+    command = f'jaxhb() {{ {shlex.quote(sys.executable)} -m jaxhb "$@"; }}\n{line}'
+    done = subprocess.run(
+        ["sh", "-c", command, "sh", *arguments], check=False, text=True, capture_output=True, **options
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@SHELL
+@pytest.mark.parametrize("words", ["scenes", "--version", "scene spur_pair", "scenes --help"])
+def test_a_closed_standard_output_is_a_sentence(words):
+    told = "standard output cannot be written: it is closed.\n"
+    assert shell(f"jaxhb {words} >&-") == (2, "", told)
+
+
+@SHELL
+def test_files_are_written_though_standard_output_is_closed(tmp_path):
+    status, _, told = shell('jaxhb scene spur_pair --out "$1" >&-', str(tmp_path / "copy.toml"))
+    assert status == 2 and told == "standard output cannot be written: it is closed.\n"
+    assert jaxhb.load_scene(tmp_path / "copy.toml").topology.mesh_names == (MESH,)
+
+
+@SHELL
+@pytest.mark.parametrize("words", ["new x.toml", "tune spur_pair", "scene spur_pair --out x.toml"])
+def test_a_working_folder_that_was_removed_is_a_sentence(words, tmp_path):
+    status, said, told = shell(f'mkdir "$1" && cd "$1" && rmdir "$1" && jaxhb {words}', str(tmp_path / "gone"))
+    wanted = "the folder in which jaxhb was started is not there any more. Go to another one.\n"
+    assert (status, said, told) == (2, "", wanted)
+
+
+@SHELL
+def test_a_limit_of_memory_that_the_compiler_cannot_keep_is_a_sentence():
+    status, said, told = shell("ulimit -v 1000000 && jaxhb solve spur_pair --rpm 2000")
+    wanted = "the limit of memory (ulimit -v) is 1 GB, must be at least 2 GB. Raise it.\n"
+    assert (status, said, told) == (2, "", wanted)
+    assert shell("ulimit -v 1000000 && jaxhb scenes")[0] == 0
+
+
+@SHELL
+@pytest.mark.parametrize(("make", "kind"), [("mkdir", "folder"), ("mkfifo", "pipe"), ("ln -s /dev/null", "device")])
+def test_what_is_there_and_is_no_file_is_not_called_missing(make, kind, tmp_path):
+    status, said, told = shell(f'cd "$1" && {make} train && jaxhb modes train', str(tmp_path))
+    wanted = f"train: the file is a {kind}, must be a regular file. Correct the name.\n"
+    assert (status, said, told) == (2, "", wanted)
+
+
+def test_memory_that_does_not_suffice_is_a_sentence(monkeypatch, capsys):
+    def fails(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr(commands, "solve", fails)
+    assert main(["solve", "spur_pair", "--rpm", "2000"]) == 3
+    assert capsys.readouterr().err.startswith("there is not enough memory for what was asked.")
 
 
 def test_names_that_a_terminal_cannot_encode_are_written_with_a_backslash(scene):
