@@ -24,6 +24,10 @@ class OrderNames:
         return f"{order:g} ({maker})" if maker else f"{order:g}"
 
 
+NUMBERS = OrderNames(1.0, {})
+"""Orders by their numbers alone."""
+
+
 def order_names(train: DriveTrain) -> OrderNames:
     """The names of the orders that excite a train; those that the reference rotor makes as well are its own."""
     topology, cycle = train.topology, train.topology.revolutions_per_cycle

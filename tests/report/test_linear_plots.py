@@ -80,3 +80,14 @@ def test_the_picture_has_the_residual_and_its_zeros():
     changes = curve.get_xdata()[:-1][np.diff(np.sign(curve.get_ydata())) != 0]
     assert zero.get_xdata() == pytest.approx([hz], rel=1e-4) and changes == pytest.approx([hz], abs=1.0)
     assert asked.get_xdata()[0] == 400.0
+
+
+def test_ticks_of_holzers_residual_are_decades_beyond_the_linear_part_and_0():
+    train = jaxhb.load_scene(DIESEL)
+    hz = jaxhb.natural_frequencies(train).frequencies_hz.tolist()
+    (axes,) = plot_holzer(train, [(None, jaxhb.holzer_table(train, hz=hz[1]))], {1: hz[1]}).axes
+    ticks = axes.get_yticks()
+    decades = np.log10(np.abs(ticks[ticks != 0]))
+    np.testing.assert_allclose(decades, np.round(decades))
+    linear = axes.yaxis.get_transform().linthresh
+    assert 0.0 in ticks and np.abs(ticks[ticks != 0]).min() > linear and len(ticks) >= 3

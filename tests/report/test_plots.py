@@ -9,10 +9,10 @@ import pytest
 import jaxhb
 from jaxhb.report.answer import SPEED, Answer, Case
 from jaxhb.report.compute import Asked, answer_one, answer_speeds
-from jaxhb.report.figures.cycle import in_the_gap, plot_cycle
+from jaxhb.report.figures.cycle import cycle_figure, in_the_gap, plot_cycle
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import DIGITS, above, bands, figure, line, marks
-from jaxhb.report.figures.speeds import BESIDE, over_speed, plot_sweep
+from jaxhb.report.figures.speeds import BESIDE, over_speed, plot_sweep, tolerance_figures
 from jaxhb.report.quantities import Quantity
 from jaxhb.report.selection import subject_of
 from jaxhb.results.steady import orbit_state
@@ -136,3 +136,45 @@ def test_figures_stand_one_below_the_other_each_with_its_axis_and_legend(specifi
     axes = drawn(specification, other).axes
     assert [(one.get_xlabel(), one.get_xlim()[1]) for one in axes] == [("", 3), ("angle", 3), ("", 9), ("force", 9)]
     assert [one.get_legend().get_title().get_text() for one in axes[::2]] == ["What is drawn", "Other"]
+
+
+def test_thousands_are_told_in_the_next_larger_unit_panel_by_panel():
+    traces = [line([0.0, 1.0], [12000.0, -3.0], "torque"), line([0.0, 1.0], [900.0, np.nan], "heat", panel=1)]
+    made = figure("two panels, N m", "rpm", [("torque, N m", (0.0, 13000.0)), ("heat, W", None)], traces)
+    titles = [made.layout[name]["title"]["text"] for name in ("yaxis", "yaxis2")]
+    assert titles == ["torque, kN m", "heat, W"] and made.layout["yaxis"]["range"] == [0.0, 13.0]
+    assert [trace["y"] for trace in made.traces] == [[12.0, -0.003], [900.0, None]]
+    assert (
+        figure("the panel, N m; grey: barred", "rpm", "torque, N m", traces[:1]).caption
+        == "the panel, kN m; grey: barred"
+    )
+    # The traces that were given stay as they are.
+    assert traces[0]["y"] == [12000.0, -3.0]
+
+
+def test_a_title_longer_than_its_panel_is_high_stands_in_rows_with_room_beside_the_numbers():
+    made = figure("", "rpm", "stress over continuous limit", [line([0.0], [1.0], "a")])
+    title, plainer = made.layout["yaxis"]["title"], figure("", "rpm", "stress, MPa", [line([0.0], [1.0], "a")])
+    assert title["text"] == "stress over continuous<br>limit" and title["standoff"] > 0
+    assert made.layout["margin"]["l"] > plainer.layout["margin"]["l"]
+    assert drawn(made).axes[0].get_ylabel() == "stress over continuous\nlimit"
+
+
+@pytest.mark.parametrize(("revolutions", "step"), [(2, 90), (5, 180), (10, 360)])
+def test_the_angles_of_a_long_cycle_have_few_ticks_at_quarters_or_whole_revolutions(revolutions, step):
+    parts = [jaxhb.Disk(name=name, inertia=1.0) for name in "ab"]
+    parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e3, damping=1.0)]
+    parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)])]
+    train = jaxhb.build(parts, revolutions_per_cycle=revolutions)
+    linear = jaxhb.linear_response(train, rpm=100.0)
+    made = cycle_figure(Answer(train, orbit_state(linear), linear, orbit=True), "a|b", (), "")
+    assert made.layout["xaxis"]["dtick"] == step
+
+
+def test_the_middle_of_the_sample_is_called_its_median():
+    ones = np.ones((2, 1))
+    spread = {"rpm": np.array([100.0, 200.0]), "labels": ["shaft torque of a|b"], "drawn": [1.0]}
+    spread |= {"of": [SimpleNamespace(quantity="shaft torque")], "percentile": lambda percent: percent * ones}
+    (made,) = tolerance_figures(SimpleNamespace(**spread, nominal=ones, worst=2 * ones, bound=np.nan * ones))
+    (median,) = [trace for trace in made.traces if trace["name"] == "median of the sample"]
+    assert median["y"] == [50.0, 50.0] and made.layout["yaxis"]["title"]["text"] == "shaft torque, N m"

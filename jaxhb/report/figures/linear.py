@@ -9,10 +9,12 @@ from jaxhb.linear.modal import AT_REST
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import GREY, WITH, WITHOUT, above, bars, figure, line, marks, note
 from jaxhb.report.figures.ways import train_lines
+from jaxhb.report.orders import NUMBERS
 
 POINTS = 2000
 COUNTS = 0.1  # modal torque over the largest of the mode from which a critical speed is filled
 APART = 0.032  # share of the height between the names of two modes
+MOST_DECADES = 5  # on either side of 0
 LINEAR = 1e-3  # residual over its median below which the scale is linear
 
 
@@ -41,11 +43,23 @@ def plot_holzer(train, tables, natural):
     more = {"x_range": (0.0, highest), "height": 220, "annotations": notes}
     picture = drawn(figure(caption, "frequency, Hz", panels, traces, **more), title=train.topology.title)
     small = LINEAR * float(np.median(np.abs(values[np.isfinite(values)])))
-    picture.axes[0].set_yscale("symlog", linthresh=10 ** np.ceil(np.log10(small)) if small else 1.0)
+    linear = 10 ** np.ceil(np.log10(small)) if small else 1.0
+    picture.axes[0].set_yscale("symlog", linthresh=linear)
+    picture.axes[0].set_yticks(_decades(ends, linear))
     return picture
 
 
-def plot_campbell(found, count, name, names):
+def _decades(ends, linear):
+    """Ticks of a scale that is logarithmic beyond ``linear`` on both sides of 0: of the decades so many as have room,
+    none within the linear part but 0."""
+    first = int(np.log10(linear)) + 1
+    last = int(np.floor(np.log10(max(np.abs(ends).max(), 10.0**first))))
+    step = -(-(last - first + 1) // MOST_DECADES)
+    decades = 10.0 ** np.arange(first, last + 1, step)
+    return [*(-decades[decades <= -ends[0]][::-1]), 0.0, *decades[decades <= ends[1]]]
+
+
+def plot_campbell(found, count, name, names=NUMBERS):
     """Natural frequencies over the speed, orders as rays, critical speeds as circles.
 
     Full lines are modes, dotted ones those of rigid bodies or rings; ``count`` elastic modes were taken;

@@ -6,6 +6,7 @@ import dataclasses
 import numpy as np
 
 from jaxhb.report import quantities
+from jaxhb.report.answer import UNCONFIRMED
 from jaxhb.report.figures.cycle import cycle_figure
 from jaxhb.report.figures.figure import plain
 from jaxhb.report.figures.speeds import over_speed
@@ -14,7 +15,7 @@ from jaxhb.report.page.judgement import SECOND_LIMITS, judged, shares_table
 from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import subject_of
 from jaxhb.report.text.cases import hardest_of, speed_tables
-from jaxhb.report.text.columns import NONE, from_rows, hit, percent, ratio
+from jaxhb.report.text.columns import DOUBT, NONE, Doubtful, from_rows, hit, percent, ratio
 from jaxhb.report.text.sentences import status_lines, verdict
 from jaxhb.report.text.sweep_tables import speed_table, turning_table
 
@@ -68,7 +69,7 @@ def maxima(quantity, cases):
     """The largest number of every element over the speeds that have an answer, with and without backlash; of tooth
     forces the worst contact too."""
     rpm, backlash = [answer.rpm for answer in cases[0].answers], any(cases[0].answers[0].topology.mesh_backlash)
-    contact = backlash and quantity.called == "tooth force"
+    contact, marked = backlash and quantity.called == "tooth force", False
     heads, rows = [quantity.element], [[name] for name in quantity.names]
     for case in cases:
         heads += [("with" if backlash else quantity.unit, case.title), "at rpm"]
@@ -80,13 +81,16 @@ def maxima(quantity, cases):
             # Both go over the same speeds: those that have an answer with backlash.
             both = values, np.where(np.isfinite(values), quantity.without(case.answers, name), np.nan)
             largest, before = (max(own[np.isfinite(own)], default=np.nan) for own in both)
-            at = f"{rpm[values.tolist().index(largest)]:g}" if np.isfinite(largest) else NONE
-            row += [largest, at, *[before, (largest, before)] * backlash]
+            place = values.tolist().index(largest) if np.isfinite(largest) else None
+            at = NONE if place is None else f"{rpm[place]:g}"
+            doubtful = place is not None and case.answers[place].unconfirmed
+            marked |= doubtful
+            row += [Doubtful(largest) if doubtful else largest, at, *[before, (largest, before)] * backlash]
             for field in ("separated_fraction", "hardest_impact") if contact else ():
                 row.append(max((getattr(answer.contacts[name], field) for answer in known), default=np.nan))
     width = (len(heads) - 1) // len(cases)
     groups = [(case.title, 1 + i * width, (i + 1) * width) for i, case in enumerate(cases)]
-    said = ", with and without backlash" if backlash else ""
+    said = ", with and without backlash" * backlash + f"; {DOUBT}: {UNCONFIRMED}" * marked
     return from_rows(f"{quantity.title} over the speeds, {quantity.unit}{said}", heads, rows, groups)
 
 

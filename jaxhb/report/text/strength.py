@@ -8,6 +8,7 @@ import numpy as np
 from jaxhb._shown import ranges
 from jaxhb.elements.elements import RULES
 from jaxhb.linear.strength import NEAR, RULE as OF_RULE, judged
+from jaxhb.report.answer import UNCONFIRMED
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import DOUBT, NONE, Doubtful, from_rows, ratio
 from jaxhb.results.record import Motions
@@ -156,7 +157,7 @@ def _table(found, kind):
     first, *others = ((head, "number") for head, _ in limited.heads.values())
     heads = [limited.element, first, *["at rpm"] * several, *others, ("share", ratio)]
     marked = any(isinstance(row[1], Doubtful) for row in rows)
-    title = f"{limited.title}; {DOUBT}: not confirmed by harmonic balance" if marked else limited.title
+    title = f"{limited.title}; {DOUBT}: {UNCONFIRMED}" if marked else limited.title
     return from_rows(title, [*heads, *["reverses"] * (kind == "tooth_torques")], rows)
 
 
