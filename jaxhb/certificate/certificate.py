@@ -81,7 +81,7 @@ def certify(response: Response) -> Certificate:
         if found.holds:
             found = replace(found, stable=attracts(lin, train, found))
         if found.holds or 2 * low > MOST or not lin.complete:
-            return _of_response(found, lin, given, balance, response.harmonics)
+            return _of_response(found, lin, response, balance)
         low, deflection = 2 * low, lin.deflection * lin.law.backlash[:, None]
 
 
@@ -123,28 +123,42 @@ def _sizes(low, highest, excited, meshes):
     return CertificateSizes(low=low, high=high, reach=reach, time_steps=min(time_steps_of(low), 4096))
 
 
-def _of_response(found, lin, given, balance, harmonics):
-    """The certificate of the response: bounds are those of the refined motion, and how far that is away."""
-    found = replace(found, harmonic_balance=balance, harmonics=harmonics)
+def _of_response(found, lin, response, balance):
+    """The certificate of the response: bounds are those of the refined motion, and how far what is read of the response
+    lies from that."""
+    found = replace(found, harmonic_balance=balance, harmonics=response.harmonics)
     if not found.holds:
         return found
-    count, law, motions = 64 * lin.sizes.low, lin.law.expand(), []
-    for deflection in (given, lin.deflection * lin.law.backlash[:, None]):
-        value = fourier.synthesize(deflection, count)
-        rate = fourier.synthesize(fourier.derivative(deflection, lin.frequency), count)
-        force = backlash.mesh_force(*backlash.at_samples(lin.meshes, None), value, rate)
-        motions.append((value, backlash.force(law, value), force))
-    apart, elastic, total = (_largest(a - b) for a, b in zip(*motions, strict=True))
+    count, law = 64 * lin.sizes.low, lin.law.expand()
+    refined = lin.deflection * lin.law.backlash[:, None]
+    value = fourier.synthesize(refined, count)
+    rate = fourier.synthesize(fourier.derivative(refined, lin.frequency), count)
+    force = backlash.mesh_force(*backlash.at_samples(lin.meshes, None), value, rate)
+    forces = [response.force(name) for name in found.meshes]
     return replace(
         found,
-        deflection_bound=found.deflection_bound + apart,
-        elastic_bound=found.elastic_bound + elastic,
-        force_bound=found.force_bound + total,
+        deflection_bound=found.deflection_bound + _apart([response.deflection(name) for name in found.meshes], value),
+        elastic_bound=found.elastic_bound + _apart([signal.elastic for signal in forces], backlash.force(law, value)),
+        force_bound=found.force_bound + _apart(forces, force),
     )
 
 
+def _apart(signals, values):
+    """How far Signals are from samples ``(G, M)`` over the cycle, ``(G,)``: at any instant, as the series that they
+    are, and by their extremes, which are looked for at time samples that may miss them."""
+    series = np.stack([fourier.sample(np.asarray(signal.coefficients), values.shape[-1]) for signal in signals])
+    read = np.array([[float(signal.max), -float(signal.min)] for signal in signals])
+    between = _between(series)
+    missed = np.stack([series.max(-1), -series.min(-1)], axis=-1) + between[:, None] - read
+    return _largest(series - values) + np.maximum(missed, 0.0).max(-1)
+
+
 def _largest(values):
-    """``(G,)``: largest values over the cycle of periodic samples ``(G, M)``: between two of them a smooth function
-    exceeds the larger by an eighth of the second difference, at a kink by less than a half."""
-    second = np.abs(np.roll(values, 1, -1) - 2 * values + np.roll(values, -1, -1))
-    return np.abs(values).max(-1) + second.max(-1) / 2
+    """``(G,)``: largest absolute values over the cycle of periodic samples ``(G, M)``."""
+    return np.abs(values).max(-1) + _between(values)
+
+
+def _between(values):
+    """``(G,)``: by how much the largest value between two samples can exceed them: for a smooth function an eighth of
+    the second difference, at a kink less than a half."""
+    return np.abs(np.roll(values, 1, -1) - 2 * values + np.roll(values, -1, -1)).max(-1) / 2

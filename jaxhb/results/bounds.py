@@ -80,7 +80,8 @@ class Certificate:
     reason : what failed and what to do, empty where a bound holds; meshes : names of those with backlash
     deflection_bound, elastic_bound, force_bound : ``(G,)`` m, N, N
         Of each mesh the largest difference over the cycle between the computed motion and that of the train: of the
-        deflection, of the elastic tooth force and of the tooth force with its damping; inf where no bound holds.
+        deflection, of the elastic tooth force and of the tooth force with its damping, whether samples are read or
+        ``max``, ``min``, ``peak``, ``half_peak_to_peak``, ``mean`` and ``rms``; inf where no bound holds.
     Y0, Z1, Z2 : of the theorem, lengths in backlashes, at the motion that Newton's method finds on ``low`` harmonics
     small_gain : below 1 there is one motion of one cycle whatever the load (docs/theory A4.2)
     harmonic_balance : Kantorovich, of the truncated equations with exact integrals, weighted norm, backlashes

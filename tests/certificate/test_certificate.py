@@ -45,7 +45,7 @@ def solved(harmonics, **changes):
 def linearisation(response, low, high, scale=1.0):
     """The equation of a response with the sizes that a test asks for."""
     problem = problem_at(response.train, float(response.rpm), 8)
-    sizes = dataclasses.replace(certificate._sizes(low, 2.0, 8), high=high, reach=2 * high)
+    sizes = dataclasses.replace(certificate._sizes(low, 2.0, 8, 1), high=high, reach=2 * high)
     return Linearization(problem, response.train, np.asarray(response.deflections), sizes, scale)
 
 
@@ -204,6 +204,40 @@ def test_bounds_hold_for_both_laws_of_damping_and_for_loss_factors(changes):
     apart, off = np.abs(value - true_value).max(), np.abs(force - true_force).max()
     assert apart <= found.deflection_bound[0] <= WITHIN * apart
     assert off <= found.force_bound[0] <= 2 * WITHIN * off
+
+
+@pytest.mark.parametrize(
+    ("train", "rpm", "harmonics"),
+    [
+        (one_mass(), ONE_RADIAN_PER_SECOND, 32),
+        (pair(), 1500.0, None),
+        (jaxhb.load_scene("engine_with_damper"), 2300.0, None),
+    ],
+    ids=["one mass", "pair", "engine"],
+)
+def test_whatever_is_read_of_a_response_lies_within_the_bound(train, rpm, harmonics):
+    """Beside the law along a solution with many more harmonics: forces are read as series, and extremes at samples."""
+    response = jaxhb.solve(train, rpm=rpm, harmonics=harmonics)
+    found = certify(response)
+    fine = jaxhb.solve(train, rpm=rpm, harmonics=1536, start=response)
+    count = 2**16
+    deflections, true_forces = forces(fine, count)
+    law = jax.tree.map(np.asarray, backlash.law_of(train.meshes)).expand()
+    elastic = backlash.force(law, deflections)
+    for place, name in enumerate(found.meshes):
+        index = train.topology.mesh_names.index(name)
+        signals = response.deflection(name), response.force(name), response.force(name).elastic
+        bounds = found.deflection_bound, found.force_bound, found.elastic_bound
+        for signal, values, bound in zip(signals, (deflections, true_forces, elastic), bounds, strict=True):
+            true, off = values[index], {}
+            low, high = true.min(), true.max()
+            off["extremes"] = max(abs(signal.max - high), abs(signal.min - low), abs(signal.peak - abs(true).max()))
+            off["half peak-to-peak"] = abs(signal.half_peak_to_peak - (high - low) / 2)
+            off["mean and rms"] = max(abs(signal.mean - true.mean()), abs(signal.rms - np.sqrt((true**2).mean())))
+            off["samples"] = np.abs(signal.samples(count) - true).max()
+            off["few samples"] = np.abs(signal.samples(4096) - true[:: count // 4096]).max()
+            assert max(off.values()) <= bound[place] * (1 + 1e-6), (name, off)
+            assert bound[place] <= 4 * off["samples"] + 1e-9 * abs(true).max()
 
 
 def test_gear_train_is_certified_where_its_teeth_begin_to_separate():

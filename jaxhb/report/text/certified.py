@@ -22,15 +22,27 @@ def certificate_parts(answer, found):
         return [f"Computed bound: none: {found.reason}"]
     if not found.meshes:
         return ["Computed bound: no mesh has backlash: the equations are linear, solved to rounding."]
-    forces = [answer.force(name).peak / 1e3 for name in found.meshes]
-    rows = list(zip(found.meshes, forces, found.force_bound / 1e3, 1e6 * found.deflection_bound, strict=True))
-    _, force, bound, _ = max(rows, key=lambda row: row[1])
+    forces = [float(answer.force(name).peak) / 1e3 for name in found.meshes]
+    bounds = [_beside(force, bound / 1e3) for force, bound in zip(forces, found.force_bound, strict=True)]
+    rows = [
+        (name, *both, 1e6 * deflection)
+        for name, both, deflection in zip(found.meshes, bounds, found.deflection_bound, strict=True)
+    ]
+    force, bound = bounds[int(np.argmax(forces))]
     said = (
-        f"Computed bound: the largest tooth force is {force:.4g} kN, within {_up(bound)} kN of that of a periodic"
+        f"Computed bound: the largest tooth force is {force} kN, within {bound} kN of that of a periodic"
         f" motion of the train\n({MARGINS}; no proof).\nWhether that motion is stable: {_STABLE[found.stable]}."
     )
-    heads = "mesh", ("largest kN", "kN"), ("within kN", _up), ("deflection within um", _up)
+    heads = "mesh", "largest kN", "within kN", ("deflection within um", _up)
     return [said, from_rows("", heads, rows)]
+
+
+def _beside(value, bound):
+    """A number with the digits that its bound leaves, and the bound with what rounding takes from them, as texts."""
+    size = int(np.floor(np.log10(abs(value)))) if value else 0
+    wanted = 2 - int(np.floor(np.log10(bound))) if bound > 0 else 0
+    places = max(int(np.clip(wanted, 3 - size, 9 - size)), 0)
+    return f"{value:.{places}f}", _up(bound + 0.5 * 10.0**-places)
 
 
 def _up(bound):
