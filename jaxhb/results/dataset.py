@@ -44,6 +44,7 @@ OF_ELEMENTS = {
     "reverse_contact_fraction": ("mesh", "1", "share of the time on the flank that does not drive"),
     "impacts_per_cycle": ("mesh", "1", "entries into contact in a cycle of the excitation"),
     "hardest_impact": ("mesh", "m/s", "largest approach speed of an impact"),
+    "tooth_force_spread": ("mesh", "N", "two standard deviations of the largest absolute tooth force over records"),
     "load_torque": ("load", "N m", "mean torque of a load on its disk"),
     "ground_reaction": ("ground", "N m", "mean torque that a ground takes"),
 }
@@ -145,6 +146,7 @@ def _numbers(motion, topology):
     found["irregularity"] = [float(motion.irregularity(name)) for name in names["disk"]]
     for heat, dim in (("heat", "shaft"), ("mesh_heat", "mesh")):
         found[heat] = [float(motion.power(name)) for name in names[dim]]
+    found["tooth_force_spread"] = [0.0 if solved else motion.force(name).spread.peak for name in names["mesh"]]
     if solved:
         found |= {name: getattr(response, name) for name in ("load_torque", "ground_reaction")}
     return found | signals | {"source": "harmonics" if solved else "record"}, spectra

@@ -17,6 +17,7 @@ from jaxhb.results.motion import Motion
 from jaxhb.results.signal import Signal, Summarized
 from jaxhb.train.topology import Topology
 
+PARTS = 8  # of a record, whose extremes tell how far those of other records may lie
 PERCENT = 5, 50, 95  # that are given of a distribution over cycles
 
 
@@ -27,6 +28,18 @@ class PerCycle(NamedTuple):
     max: np.ndarray
     min: np.ndarray
     peak: np.ndarray
+
+
+class Spread(NamedTuple):
+    """By how much the largest, the smallest and the largest absolute value of another record as long would differ: two
+    standard deviations, 0 of a motion that repeats."""
+
+    max: float
+    min: float
+    peak: float
+
+
+NO_SPREAD = Spread(0.0, 0.0, 0.0)
 
 
 class OverCycles:
@@ -49,6 +62,8 @@ class SteadySignal(Signal, OverCycles):
     """The :class:`Signal` of a motion whose period is ``cycles`` cycles of the excitation."""
 
     cycles: int = field(default=1, metadata={"static": True})
+
+    spread = NO_SPREAD
 
     @property
     def highest(self) -> Array:
@@ -113,6 +128,16 @@ class RecordedSignal(Summarized, OverCycles):
         """(max - min) / 2 of the record."""
         return (self.max - self.min) / 2
 
+    @property
+    def spread(self) -> Spread:
+        """How far the extremes of other records may lie from these, as :class:`Spread`: from those of eight parts of the
+        record, which scatter no less than those of longer ones. 0 of fewer than 16 cycles."""
+        if len(self.highest) < 2 * PARTS:
+            return NO_SPREAD
+        values = self.highest, -self.lowest, np.maximum(self.highest, -self.lowest)
+        parts = ([part.max() for part in np.array_split(of_cycles, PARTS)] for of_cycles in values)
+        return Spread(*(2 * float(np.std(largest, ddof=1)) for largest in parts))
+
     def order(self, order: float) -> float:
         """Amplitude of one order of the cycle: quadratic mean over the cycles."""
         turns, count = self.revolutions_per_cycle, len(self.amplitudes)
@@ -176,6 +201,13 @@ class Record(Motion[RecordedSignal, SteadyContact, float]):
 
     solution = None
 
+    @property
+    def spread(self) -> float:
+        """Of the largest absolute tooth force of every mesh (without teeth: of the torque of shafts) its spread as a
+        share of it: the largest."""
+        signals = self.forces or self.torques
+        return max((one.spread.peak / one.peak for one in signals if one.peak > 0), default=0.0)
+
     def _read(self, quantity, index, sense=1):
         if quantity in ("acceleration", "transmission_error"):
             what = {"acceleration": "accelerations"}.get(quantity, "transmission errors")
@@ -199,6 +231,7 @@ class NoSignal(Summarized):
 
     mean = min = max = rms = peak = half_peak_to_peak = sum_of_amplitudes = math.nan
     per_cycle = PerCycle(*np.full((3, 3), np.nan))
+    spread = Spread(math.nan, math.nan, math.nan)
     elastic = property(lambda self: self)
 
     def spectrum(self):

@@ -12,9 +12,9 @@ from jaxhb.floquet.stability import attracts
 from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, kind_of_one_cycle
 from jaxhb.solutions.solve import solve
-from jaxhb.steady.closure import DECAYS, ended
+from jaxhb.steady.closure import DECAYS, LONGER, RECORDED, SPREAD, ended
 from jaxhb.steady.confirmation import LEVELS, compile_ahead, same_motion, shortest_period, solve_marched
-from jaxhb.steady.marching import Batch, Equations, record_of
+from jaxhb.steady.marching import Batch, Equations, part_sizes, record_of
 
 # Difference of deflections, relative to the largest and the gap, up to which a march arrives at a motion known from
 # another start.
@@ -41,7 +41,9 @@ class Classifier:
 
     def __init__(self, train, speeds, request, exact, cycles, devices=()):
         self.devices = devices
-        self.train, self.speeds, self.request, self.exact, self.cycles = train, speeds, request, exact, cycles
+        self.train, self.speeds, self.request, self.exact = train, speeds, request, exact
+        self.longest_record = LONGER if cycles.recorded is None else cycles.recorded
+        self.cycles = dataclasses.replace(cycles, recorded=RECORDED if cycles.recorded is None else cycles.recorded)
         self.known, self.apart = {}, set()
 
     def march_to_the_end(self, indices, motions, progress=lambda count: None):
@@ -195,8 +197,9 @@ class _Classification:
         return self._periodic(period, response.contacts().values(), response=response, stability=stability)
 
     def _made(self, kind, period, **found):
-        cycles, motion = self.spent + self.march.cycles, self.batch.motion(self.march)
-        classifier = self.classifier
+        cycles, classifier = self.spent + self.march.cycles, self.classifier
+        motion = found.pop("motion", None)
+        motion = self.batch.motion(self.march) if motion is None else motion
         rpm, known = classifier.speeds[self.index], {"cycles": cycles, "notes": self.notes, "motion": motion}
         return state_of(classifier.train, rpm, kind, period, **known, **found)
 
@@ -260,7 +263,14 @@ class _Classification:
                 f"a vibration that teeth notice {slow}, and the record began after {before}: "
                 f"the loads may still change ({longer})"
             )
-        return self._made("irregular", 0, record=record_of(equations, march))
+        motion, record = self.batch.motion(march), record_of(equations, march)
+        longer = self.classifier.longest_record - march.recorded
+        if record.spread > SPREAD and longer > 0:
+            # The motion from which a neighbour starts stays that of the shorter record.
+            for count in part_sizes(longer):
+                self.batch.run([march], True, count)
+            record = record_of(equations, march)
+        return self._made("irregular", 0, record=record, motion=motion)
 
     def _recorded(self, period):
         """Motion with a period, read from its record."""

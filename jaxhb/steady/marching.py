@@ -235,6 +235,12 @@ class Batch:
         return np.concatenate(parts, axis=1)
 
 
+def part_sizes(count):
+    """Cycles of each run of a march over ``count`` cycles."""
+    whole, rest = divmod(count, cycles.CYCLES)
+    return [cycles.CYCLES] * whole + [rest] * (rest > 0)
+
+
 def _of(tree, indices):
     """One speed, or some, of arrays with a leading axis."""
     return jax.tree.map(lambda a: a[indices], tree)

@@ -85,7 +85,8 @@ def steady_state(
 
     Teeth that stay in contact are known from the linear motion. Otherwise the train is marched through cycles of the
     excitation until its motion closes after 1 to 8 of them; harmonic balance of so many cycles, from there, gives the
-    exact motion. Where it does not close, the numbers are those of a record of at least 64 cycles.
+    exact motion. Where it does not close, the numbers are those of a record of 64 cycles, or of 256 where the
+    extremes of parts of it vary by more than 5 % (:class:`jaxhb.Cycles`).
 
     Parameters
     ----------

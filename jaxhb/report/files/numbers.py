@@ -46,6 +46,8 @@ def answer_record(answer, *, orders=None):
             "reason": "; ".join(state.notes) if not answer.known else None,
             "cycles": state.cycles,
             "started_from_rpm": state.started_from,
+            "recorded_cycles": state.record.cycles if answer.recorded else None,
+            "spread": of_each("mesh", lambda name: answer.force(name).spread._asdict()),
             "per_cycle": of_each("mesh", lambda name: _per_cycle(answer.force(name).per_cycle)),
         },
         "converged": answer.converged,
@@ -192,6 +194,9 @@ CELLS = {
             for what in ("max", "peak")
             for i, percent in enumerate(PERCENT)
         },
+        "spread of max N": lambda answer, name: answer.force(name).spread.max,
+        "spread of min N": lambda answer, name: answer.force(name).spread.min,
+        "spread of peak N": lambda answer, name: answer.force(name).spread.peak,
         "max N without backlash": f"tooth_force_max{WITHOUT}",
         "min N without backlash": f"tooth_force_min{WITHOUT}",
         "separated fraction": "separated_fraction",

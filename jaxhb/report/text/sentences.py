@@ -12,6 +12,7 @@ from jaxhb.report.selection import most_apart
 from jaxhb.report.text.columns import hit, plain_number
 from jaxhb.report.text.mean_torques import speed_of, torque_notes
 from jaxhb.results.status import Homotopy, Shooting, Status
+from jaxhb.steady.closure import SPREAD
 from jaxhb.train.firing import not_firing
 from jaxhb.train.plausible import plausibility
 
@@ -52,7 +53,15 @@ def motion_text(answer):
     if answer.recorded:
         kind += f"; {UNCONFIRMED}" if answer.unconfirmed else ""
         kind += f"; numbers are the extremes over {state.record.cycles} recorded cycles"
+        kind += "" if state.period else _spread_text(state.record)
     return "; ".join(filter(None, [kind, _stability_text(answer)]))
+
+
+def _spread_text(record):
+    """How far the extremes of another record may lie."""
+    aimed = "" if record.spread <= SPREAD else f", more than the {100 * SPREAD:g} % aimed at"
+    share = f"{100 * record.spread:.2g} % (two standard deviations{aimed})"
+    return f", and the largest forces of another such record would differ by up to {share}"
 
 
 def motion_word(answer):
