@@ -130,8 +130,11 @@ class RecordedSignal(Summarized, OverCycles):
 
     @property
     def spread(self) -> Spread:
-        """How far the extremes of other records may lie from these, as :class:`Spread`: from those of eight parts of the
-        record, which scatter no less than those of longer ones. 0 of fewer than 16 cycles."""
+        """How far the extremes of other records may lie from these, as :class:`Spread`.
+
+        From the extremes of eight parts of the record, which scatter no less than those of longer ones; 0 of fewer than
+        16 cycles.
+        """
         if len(self.highest) < 2 * PARTS:
             return NO_SPREAD
         values = self.highest, -self.lowest, np.maximum(self.highest, -self.lowest)

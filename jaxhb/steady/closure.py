@@ -37,7 +37,7 @@ DECAYS = 16.0  # times the decay of the slowest mode that teeth notice, that a t
 SLOWEST, SLOW_WORK = (512, 10_000), 4e7
 
 
-# Cycles of a record by default, of one whose extremes still vary, and twice their standard deviation from which they do.
+# Cycles of a record by default, and of one whose extremes vary: by two standard deviations of more than this share.
 RECORDED, LONGER, SPREAD = 64, 256, 0.05
 
 
@@ -48,7 +48,8 @@ class Cycles:
     transient : cycles before the record, by default 64 to 1024, more of them for trains whose cycles are cheap; where a
     mode that teeth notice decays slowly, sixteen times its decay, up to 512 if cycles take long and 10,000 if not;
     recorded : cycles of the record of a motion that does not return, at least; by default 64, and 256 where the largest
-    tooth forces of parts of them tell that those of another record would differ by more than 5 %; most : cycles while closure errors still
+    tooth forces of parts of them tell that those of another record would differ by more than 5 %; most : cycles while
+    closure errors still
     fall, with each length of steps.
     """
 
