@@ -9,7 +9,6 @@ import numpy as np
 
 from jaxhb._threads import side_by_side
 from jaxhb.floquet.stability import attracts
-from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, kind_of_one_cycle
 from jaxhb.solutions.solve import solve
 from jaxhb.steady.closure import DECAYS, LONGER, RECORDED, SPREAD, ended
@@ -65,8 +64,7 @@ class Classifier:
         if not self.exact or index in self.apart:
             return unknown(self.train, rpm, reason + HIGHER)
         response = solve(self.train, rpm=float(rpm), start="linear", **given)
-        solved = int(response.status) <= Status.TOLERANCE_NOT_MET
-        attracted, stability, _ = attracts(response) if solved else (False, None, "")
+        attracted, stability, _ = attracts(response) if response.solved else (False, None, "")
         if not attracted:
             return unknown(self.train, rpm, reason + HIGHER)
         note = reason + ": the motion is solved from teeth in contact, and other motions were not looked for"

@@ -49,8 +49,7 @@ class Cycles:
     mode that teeth notice decays slowly, sixteen times its decay, up to 512 if cycles take long and 10,000 if not;
     recorded : cycles of the record of a motion that does not return, at least; by default 64, and 256 where the largest
     tooth forces of parts of them tell that those of another record would differ by more than 5 %; most : cycles while
-    closure errors still
-    fall, with each length of steps.
+    closure errors still fall, with each length of steps.
     """
 
     transient: int | None = None

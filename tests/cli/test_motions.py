@@ -80,10 +80,13 @@ def test_a_motion_that_never_repeats_has_a_distribution_and_no_solution(answers,
     assert [record["motion"][key] for key in ("stable", "multiplier")] == [None, None]
     assert record["meshes"][MESH]["impacts"] is None
     assert all(phase is None for _, _, phase in record["meshes"][MESH]["amplitudes"])
-    assert "never repeats" in said and "64 recorded" in said
-    per_cycle = answers[IRREGULAR].state.force(MESH).per_cycle.peak / 1e3
-    line = said[said.index("Largest tooth force of a cycle") :].splitlines()[2]
-    assert line.split()[-3:] == [f"{value:.3f}" for value in per_cycle]
+    assert "never repeats" in said and "256 recorded" in said and "(two standard deviations" in said
+    force = answers[IRREGULAR].state.force(MESH)
+    per_cycle = [*force.per_cycle.peak / 1e3, force.spread.peak / 1e3]
+    assert record["motion"]["recorded_cycles"] == 256
+    assert record["motion"]["spread"][MESH] == force.spread._asdict()
+    line = said[said.index("Largest tooth force of a cycle") :].splitlines()[3]
+    assert line.split()[-4:] == [f"{value:.3f}" for value in per_cycle]
     why = record["certificate"]["reason"]
     assert record["certificate"]["holds"] is False and "does not repeat" in why and "--orbit" in why
     assert f"Computed bound: none. {why}" in said

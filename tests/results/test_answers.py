@@ -122,7 +122,7 @@ def test_quantities_are_not_chosen_where_no_speed_has_an_answer(train):
 
 
 def test_a_steady_state_beside_a_speed_without_an_answer_is_that_of_its_own(train):
-    assert jaxhb.steady_state(train, rpm=RPM).kind.tolist() == ["contact", "contact", "unknown", "contact"]
+    assert jaxhb.steady_state(train, rpm=RPM).kind.tolist() == ["periodic", "periodic", "unknown", "periodic"]
 
 
 def test_objectives_count_no_speed_without_an_answer(response):

@@ -150,6 +150,9 @@ def peak_table(answer, begin="L"):
         for i, percent in enumerate(PERCENT)
     ]
     title = f"{begin}argest tooth force of a cycle, kN: 5, 50 and 95 % of the recorded cycles stay below"
+    if not answer.state.period:  # what repeats has the same extremes in every record
+        specs.append(("+-", lambda answer, name: answer.force(name).spread.peak / 1e3, "kN"))
+        title += "; +-: by how\nmuch the largest of another such record would differ (two standard deviations)"
     return [element_table(title, "mesh", specs, answer)]
 
 
