@@ -342,7 +342,8 @@ class Torque:
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
-    """``[[cylinder.traces]]``: a pressure table, and the speed of the reference rotor and the load it holds for."""
+    """``[[cylinder.traces]]``: a pressure table, and the speed of the reference rotor and the load (share of the mean
+    effective pressure at full load) it holds for."""
 
     rpm: float = positive("rpm")
     load: float = not_negative("", 1.0)
@@ -356,6 +357,9 @@ class Combustion:
 
     Angles count from firing top dead centre. Either ``heat``, released per cycle, or ``imep``, the indicated mean
     effective pressure of the whole cycle, is given. ``exhaust_pressure`` is ``charge_pressure`` unless given.
+    ``charge_over_load`` = rows of (load, factor) or ``charge_over_rpm`` = rows of (rpm, factor) multiply both
+    pressures, linear between the rows and constant outside them; without either what they have above the atmosphere
+    grows with the load.
     """
 
     compression_ratio: float = quantity("", above=1.0)
@@ -368,6 +372,8 @@ class Combustion:
     imep: float | None = quantity("Pa", None)
     compression_exponent: float = quantity("", 1.35, above=1.0, most=5.0 / 3.0)
     expansion_exponent: float = quantity("", 1.28, above=1.0, most=5.0 / 3.0)
+    charge_over_load: tuple = rows(("load", "factor"))
+    charge_over_rpm: tuple = rows(_SCALE)
     stroke_cycle: int = quantity("", 4, kind="count", least=1.0)
 
 
@@ -384,7 +390,7 @@ class CrankSlider:
     table_firing_tdc: float | None = quantity("deg", None)
     traces: tuple | None = declared("tables", None, of=Trace)
     combustion: Combustion | None = declared("table", None, of=Combustion)
-    load: tuple = rows(("rpm", "share"))
+    load: tuple = rows(("rpm", "load"))
     ambient_pressure: float = not_negative("Pa", 0.0)
     gas_torque_mean: float | None = quantity("N m", None)
     gas_torque: tuple | None = rows(_HARMONICS, None)
@@ -408,7 +414,8 @@ class Cylinder(CrankSlider):
     15, up to which rules ask for orders. ``ambient_pressure``
     acts on the other side of the piston. A table that goes beyond 360 deg or over more than 360 deg is that of two
     revolutions and fires at 360 deg, one within fires at 0, unless ``table_firing_tdc`` says otherwise.
-    ``load`` = rows of (rpm, share of full load) says which of the ``traces`` hold, and multiplies ``heat`` or ``imep``.
+    ``load`` = rows of (rpm, load) says which of the ``traces`` hold, and multiplies ``heat`` or ``imep``. A load is a
+    share of the mean effective pressure at full load, and so of torque, not of power.
     ``gas_factor`` multiplies the gas torque: the scatter from cylinder to cylinder. ``injection`` multiplies what
     combustion adds to the pressure of compression alone: with 0, as with ``fires = false``, the cylinder misfires.
     ``kinematics = "mendes2008"`` takes the piston acceleration of the inertia torque from the short series of that

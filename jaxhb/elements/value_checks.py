@@ -477,6 +477,13 @@ def _combustion_errors(combustion) -> list[str]:
         errors.append("combustion: heat and imep are both given. Keep one of them.")
     if not any(given):
         errors.append("combustion: neither heat nor imep is given. Give one of them.")
+    if combustion.charge_over_load and combustion.charge_over_rpm:
+        errors.append("combustion: charge_over_load and charge_over_rpm are both given. Keep one of them.")
+    for name, columns in (("charge_over_load", ("load", "factor")), ("charge_over_rpm", ("rpm", "factor"))):
+        table = getattr(combustion, name)
+        least = None if row_errors(name, columns, table) else min((row[1] for row in table), default=1.0)
+        if least is not None and least <= 0.0:
+            errors.append(f"combustion: the least factor of {name} is {least:g}, must be greater than 0. Correct it.")
     if number_like(combustion.stroke_cycle) and combustion.stroke_cycle not in (2, 4):
         errors.append(f"combustion: stroke_cycle is {combustion.stroke_cycle:g}, must be 2 or 4. Correct it.")
     return errors

@@ -19,6 +19,7 @@ Array = Any
 
 GAS_SAMPLES = 7200  # angles of a gas cycle: a tenth of a degree of four strokes
 FAR = 1e30  # speed or load of points that fill up a grid: interpolation never reaches them
+STANDARD_ATMOSPHERE = 101325.0  # Pa
 COMPUTED = ("pressure", "traces", "combustion")  # fields of a cylinder whose gas torque is computed from its pressure
 
 
@@ -40,7 +41,7 @@ def _locked(self):
 
 @table
 class Traces:
-    """Pressure [n, R, S, M] (Pa) at the speeds ``rpm`` [n, R] and the load shares ``load`` [n, S].
+    """Pressure [n, R, S, M] (Pa) at the speeds ``rpm`` [n, R] and the loads ``load`` [n, S].
 
     ``seats`` [n] are the cylinders that have traces, ``sizes`` [n] how many speeds and loads are theirs; the rest
     of their rows never counts.
@@ -58,12 +59,14 @@ class Combustions:
     """The numbers of a :class:`~jaxhb.elements.elements.Combustion`, each [n]; ``heat`` or ``imep`` is 0 if absent.
 
     ``seats`` [n] are the cylinders with a combustion, ``revolutions`` [n] those of their gas cycle; ``by_work`` [n]
-    tells whose ``imep`` is given.
+    tells whose ``imep`` is given; ``charge_by`` [n] over what the factors of charge and exhaust pressure are given,
+    "load", "rpm" or "": ``charge_factor`` [n, L] at ``charge_at`` [n, L], None where nobody has any.
     """
 
     seats: tuple[int, ...] = field(metadata={"static": True})
     revolutions: tuple[int, ...] = field(metadata={"static": True})
     by_work: tuple[bool, ...] = field(metadata={"static": True})
+    charge_by: tuple[str, ...] = field(metadata={"static": True})
     compression_ratio: Array
     charge_pressure: Array
     exhaust_pressure: Array
@@ -74,6 +77,8 @@ class Combustions:
     imep: Array
     compression_exponent: Array
     expansion_exponent: Array
+    charge_at: Array | None = None
+    charge_factor: Array | None = None
 
 
 def source(cylinder) -> str | None:
@@ -248,15 +253,35 @@ def _weights(cylinders, rpm):
 
 
 def charge_pressures(cylinders, rpm):
-    """Pressure (Pa) of the charge and in the exhaust [..., n] of the cylinders with a combustion at ``rpm`` [...]."""
+    """Pressure (Pa) of the charge and in the exhaust [..., n] of the cylinders with a combustion at ``rpm`` [...].
+
+    Those at full load times the factor of the table over load or speed. Without one what lies above the atmosphere
+    grows with the load: a turbine that gets no energy does not charge, and with a constant excess of air the mass of
+    the charge, and so its pressure, grows as the fuel of a cycle. An engine that is not charged keeps its pressure.
+    """
     table = cylinders.combustion
-    shape = (*np.shape(rpm), len(table.seats))
     xp = namespace(cylinders, rpm)
-    return xp.broadcast_to(table.charge_pressure, shape), xp.broadcast_to(table.exhaust_pressure, shape)
+    share = load_share(cylinders, rpm)[..., np.array(table.seats)]
+
+    def with_the_load(full):
+        uncharged = xp.minimum(full, STANDARD_ATMOSPHERE)
+        return uncharged + (full - uncharged) * share
+
+    tabled = np.array([bool(by) for by in table.charge_by])
+    factor = xp.ones_like(share)
+    if table.charge_at is not None:
+        speed = xp.broadcast_to(xp.asarray(rpm, dtype=float)[..., None], share.shape)
+        at = xp.where(np.array([by == "rpm" for by in table.charge_by]), speed, share)
+        factor = (hats(at, table.charge_at) * table.charge_factor).sum(axis=-1)
+
+    def at_load(full):
+        return xp.where(tabled, full * factor, with_the_load(full))
+
+    return at_load(table.charge_pressure), at_load(table.exhaust_pressure)
 
 
 def load_share(cylinders, rpm):
-    """Share of full load [..., nc] of each cylinder at ``rpm`` [...]."""
+    """Load [..., nc] of each cylinder at ``rpm`` [...]: share of the mean effective pressure at full load."""
     xp = namespace(cylinders.load_rpm, cylinders.load_share, rpm)
     x = xp.broadcast_to(xp.asarray(rpm, dtype=float)[..., None], (*np.shape(rpm), cylinders.load_rpm.shape[0]))
     return (hats(x, cylinders.load_rpm) * cylinders.load_share).sum(axis=-1)
@@ -335,7 +360,7 @@ def outside_traces(train, rpm) -> list[str]:
     for k, i in enumerate(traces.seats):
         speeds, loads = traces.sizes[k]
         asked = [("speed", float(rpm), traces.rpm[k][:speeds], " rpm")]
-        asked += [("load share", float(share[i]), traces.load[k][:loads], "")] * (loads > 1)
+        asked += [("load", float(share[i]), traces.load[k][:loads], "")] * (loads > 1)
         for what, value, grid, unit in asked:
             low, high = float(grid[0]), float(grid[-1])
             if not low <= value <= high:

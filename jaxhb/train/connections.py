@@ -218,10 +218,13 @@ def on_disks(disks: int, seats, torques) -> np.ndarray:
 
 
 def speeds(train) -> np.ndarray:
-    """Speeds (rpm) at which torques have a point: of scales, load shares, traces and rated speeds; [0] without any."""
+    """Speeds (rpm) at which torques have a point: of scales, loads, traces, charge pressures and rated speeds; [0] without any."""
     torques, cylinders = on_host((train.torques, train.cylinders))
     points = [torques.scale_rpm, cylinders.scale_rpm, torques.rated_rpm, cylinders.load_rpm]
     points += [cylinders.traces.rpm] if cylinders.traces is not None else []
+    burning = cylinders.combustion
+    if burning is not None and burning.charge_at is not None:
+        points.append(burning.charge_at[[by == "rpm" for by in burning.charge_by]])
     found = np.unique(np.concatenate([np.ravel(rpm) for rpm in points if rpm is not None]))
     # Points that fill up grids are no speeds.
     return found[found < FAR] if len(found) else np.zeros(1)

@@ -34,7 +34,7 @@ USUAL = {
     # Of a cycle: from an engine that is turned without firing to the strongest diesels.
     "the largest pressure": (5e5, 4e7, "Pa", "is it in Pa, not in bar or MPa?"),
     # Overload is 1.1.
-    "load": (0.0, 2.0, "", "it is a share of full load, not percent"),
+    "load": (0.0, 2.0, "", "it is a share of the mean effective pressure at full load, not percent"),
     # A soft rubber has 0.3.
     "loss_factor": (0.0, 1.0, "", "is it in percent?"),
     # Of gears, from instruments to the bull gears of ships, and of their teeth, from precision to module 20 mm.
@@ -48,6 +48,7 @@ PEAK_ANGLE = -15.0, 45.0
 ATMOSPHERE = 3e4, 2.2e5
 """Pa, least pressure of a cycle that tells absolute pressures: overpressures fall to 0, and those of a charged engine
 that stay above may be either."""
+FOLLOWS = 0.05  # share by which a charge pressure may change with the load without a note
 TOGETHER = 1.0  # deg between two firings that count as one
 INERTIA_OF_MEDIAN = 500.0
 """Inertia over the median of the disks of the rotor: 400 for a car behind its gearbox on a crankshaft."""
@@ -69,7 +70,7 @@ def plausibility(train: DriveTrain) -> list[str]:
     """Find numbers of a train, not traced, that are allowed but far from usual: a note for each, empty where none is.
 
     The notes of the scene come first, as on what of a file of another program was not read. Notes on numbers name the
-    elements, the value and the usual range: of sizes, pressures and their angles, firings, masses, load shares, torques
+    elements, the value and the usual range: of sizes, pressures and their angles, firings, masses, loads, torques
     that drive, disks and shafts far from the others of their rotor, loss factors, gears and their teeth.
 
     >>> train = jaxhb.load_scene("gear_train_30")
@@ -79,7 +80,7 @@ def plausibility(train: DriveTrain) -> list[str]:
     [[mesh]] 'crank gear|idler': backlash is 0.15 m, usual 2e-5 to 0.001 m: is it in m, not in mm?
     """
     train = on_host(train)
-    rules = _sizes, _masses, _pressures, _firings, _drives, _disks, _links, _meshes
+    rules = _sizes, _masses, _pressures, _charges, _firings, _drives, _disks, _links, _meshes
     alike = {}
     for table, name, text in (note for rule in rules for note in rule(train)):
         alike.setdefault((table, text), []).append(name)
@@ -161,6 +162,25 @@ def _pressures(train):
             ask = "the pressure in the cylinder is absolute, and the crankcase has about 1e5 Pa"
             usual = (*USUAL["ambient_pressure"][:3], ask)
             yield from _unusual("cylinder", name, "ambient_pressure", 0.0, usual)
+
+
+def _charges(train):
+    """Charge pressures that follow the load because nothing else is known."""
+    burning, speeds = train.cylinders.combustion, connections.speeds(train)
+    speeds = speeds[speeds > 0.0]  # scales that nobody gave have a point at 0
+    if burning is None or not len(speeds):
+        return
+    charge, _ = gas.charge_pressures(train.cylinders, speeds)
+    loads = gas.load_share(train.cylinders, speeds)
+    for k, i in enumerate(burning.seats):
+        place, full = int(loads[:, i].argmin()), float(burning.charge_pressure[k])
+        if burning.charge_by[k] or abs(charge[place, k] / full - 1.0) < FOLLOWS:
+            continue
+        said = f"the charge pressure follows the load: {charge[place, k]:.4g} Pa at {speeds[place]:g} rpm"
+        said += f" (load {loads[place, i]:.3g}), {full:.4g} Pa at full load"
+        said = _EXPONENT.sub(r"e\1", said)
+        ask = "give charge_over_load or charge_over_rpm where it is known"
+        yield "cylinder", train.topology.cylinder_names[i], f"{said}: {ask}"
 
 
 def _firings(train):

@@ -263,17 +263,22 @@ def _combustion_table(cylinders) -> Combustions | None:
         return None
     own = [cylinders[i].combustion for i in seats]
     own = [c if c.exhaust_pressure else dataclasses.replace(c, exhaust_pressure=c.charge_pressure) for c in own]
-    names = [f.name for f in dataclasses.fields(Combustion) if f.name != "stroke_cycle"]
+    names = [f.name for f in dataclasses.fields(Combustion) if f.metadata["kind"] == "number"]
+    tables = [c.charge_over_load or c.charge_over_rpm for c in own]
+    tabled = any(tables)
     return Combustions(
         seats=seats,
         revolutions=tuple(gas.gas_revolutions(cylinders[i]) for i in seats),
         by_work=tuple(c.imep is not None for c in own),
+        charge_by=tuple("load" if c.charge_over_load else "rpm" if c.charge_over_rpm else "" for c in own),
+        charge_at=gas.padded([[at for at, _ in rows or ((0.0, 1.0),)] for rows in tables]) if tabled else None,
+        charge_factor=_padded(tables, (0.0, 1.0))[..., 1].copy() if tabled else None,
         **{name: np.array([float(getattr(c, name) or 0.0) for c in own]) for name in names},
     )
 
 
 def _shares(cylinders) -> dict[str, np.ndarray | None]:
-    """Speeds and shares of full load of every cylinder, [nc, L]; None where no share counts."""
+    """Speeds and loads of every cylinder, [nc, L]; None where no load counts."""
     if not any(gas.source(c) in ("traces", "combustion") for c in cylinders):
         return {"load_rpm": None, "load_share": None}
     rows = [c.load or ((0.0, 1.0),) for c in cylinders]

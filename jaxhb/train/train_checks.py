@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.elements import Suggestions, Torque, shown
+from jaxhb.elements.elements import Combustion, Suggestions, Torque, shown
 from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
 from jaxhb.excitation.mean_torques import mean_torques as mean_torques_at
@@ -217,6 +217,8 @@ def scale_speeds(parts) -> list[float]:
             sound: dict[str, Any] = {name: getattr(e, name, None) for name in names}
             found |= {float(row[0]) for name in ("scale", "load") for row in sound.get(name) or ()}
             found |= {float(trace.rpm) for trace in sound.get("traces") or ()}
+            if parts.usable(table, i, "combustion") and isinstance(getattr(e, "combustion", None), Combustion):
+                found |= {float(row[0]) for row in e.combustion.charge_over_rpm}
             found |= {float(sound["rated_rpm"])} if sound.get("rated_rpm") is not None else set()
     return sorted(found) or [0.0]
 

@@ -65,7 +65,7 @@ def test_between_loads_the_pressure_is_linear_in_the_load_of_that_speed():
     close(torque(train, 1500.0), single(1e3 * 1500.0 * 3.8, 1500.0))
     low = pair(cylinder(traces=parts, load=[(1000.0, 0.2)]))
     close(torque(low, 1500.0), single(1e3 * 1500.0 * 3.0, 1500.0))
-    assert low.outside_traces(1500.0)[0].startswith("the load share lies outside the pressure traces of 'c' (0.5 to 1)")
+    assert low.outside_traces(1500.0)[0].startswith("the load lies outside the pressure traces of 'c' (0.5 to 1)")
 
 
 def test_cylinders_with_different_sources_do_not_disturb_each_other():

@@ -15,7 +15,7 @@ from jaxhb.report.page.differences import said
 from jaxhb.report.page.parts import Sketch, environment, table
 from jaxhb.report.text.columns import NONE, Table, alike, plain_number
 from jaxhb.report.text.mean_torques import mean_angles_of
-from jaxhb.report.text.scene_check import referred_tables, torque_rows
+from jaxhb.report.text.scene_check import charges_of, referred_tables, torque_rows
 
 UNITS = {"m": (1e3, "mm"), "Pa": (1e-5, "bar")}  # in which numbers of a scene are told, as engineers read them
 OWN = ("disk", "firing_angle")  # in what cylinders differ that are told together
@@ -119,14 +119,15 @@ def _some(values):
 
 
 def _gas(report, first):
-    """Peak pressure, its angle, mean effective pressure and mean torque of the cylinders over the speed."""
+    """Load, charge and peak pressure, its angle, mean effective pressure and mean torque of the cylinders over the
+    speed."""
     topology, cylinders, speeds = report.train.topology, report.train.cylinders, np.array(_some(report.rpm))
     own = np.ones(len(first)) if cylinders.gas_factor is None else np.asarray(cylinders.gas_factor)
     factors, pressures = (
         own * scale_at(cylinders, speeds),
         own[:, None] * gas_pressures(cylinders, topology.gas_cycles, speeds),
     )
-    rows = []
+    rows, charges = [], charges_of(report.train, speeds)
     means = mean_torques(report.train.torques, cylinders, topology.gas_cycles, speeds)[:, len(topology.torque_names) :]
     for i in sorted({topology.cylinder_names.index(name) for name in first.values()}):
         turns, swept = topology.cylinder_gas_revolutions[i], np.pi / 4 * cylinders.bore[i] ** 2 * cylinders.stroke[i]
@@ -138,12 +139,15 @@ def _gas(report, first):
                 cells = [1e-5 * pressures[k, i, place], f"{angle - period * (angle > period / 2):.1f}"]
                 # Work of a gas cycle over the swept volume.
                 cells.append(1e-5 * 2 * np.pi * turns * means[k, i] / swept)
-            rows.append([topology.cylinder_names[i], f"{speed:g}", factors[k, i], *cells, means[k, i]])
+            name = topology.cylinder_names[i]
+            load, charge = (column[k] for column in charges[name]) if name in charges else (NONE, NONE)
+            rows.append([name, f"{speed:g}", factors[k, i], load, charge, *cells, means[k, i]])
     of_pressure = ["largest pressure bar", "deg after firing TDC", "imep bar"]
-    heads = ["cylinder", "rpm", "factor", *of_pressure, "mean torque N m"]
-    if all(row[3] == NONE for row in rows):
-        rows, heads = [row[:3] + row[6:] for row in rows], heads[:3] + heads[6:]
-    return table("Gas over the speed, of cylinders with the same numbers the first", rows, heads, digits=4)
+    heads = ["cylinder", "rpm", "factor", "load", "charge bar", *of_pressure, "mean torque N m"]
+    empty = [place for place in range(3, 8) if all(row[place] == NONE for row in rows)]
+    rows, heads = ([[x for i, x in enumerate(row) if i not in empty] for row in both] for both in (rows, [heads]))
+    said = "; load: share of the mean effective pressure at full load" * ("load" in heads[0])
+    return table(f"Gas over the speed, of cylinders with the same numbers the first{said}", rows, heads[0], digits=4)
 
 
 def _means(report, first):

@@ -9,6 +9,7 @@ from jaxhb.elements.elements import SceneError
 from jaxhb.equations.backlash import all_meshes
 from jaxhb.equations.fourier import sample
 from jaxhb.equations.kinematics import referred, tooth_damping_ratios
+from jaxhb.excitation.gas import charge_pressures, load_share
 from jaxhb.excitation.mean_torques import mean_torques
 from jaxhb.report.quantities import ROUNDING
 from jaxhb.report.text.columns import NONE, Table, fixed, from_rows
@@ -125,6 +126,7 @@ def check_text(train, responses, speeds, notes):
     if torques:
         title = "Mean torque on the disk's own shaft, N m (positive: drives)"
         parts.append(from_rows(title, ["", "disk", *heads], torques, left=(1,)))
+    parts += _charge_table(train, [response.rpm for response in responses], heads)
     ratios = tooth_damping_ratios(train)
     rows = [
         [name, *(1e-3 * abs(mean) for mean in _means(responses, name)), _drivers(responses, i)]
@@ -155,6 +157,31 @@ def _over_period(train):
     return rows
 
 
+def charges_of(train, speeds):
+    """Load and charge pressure (bar) over the speeds of the cylinders with a combustion, by their names."""
+    burning = train.cylinders.combustion
+    if burning is None:
+        return {}
+    speeds = np.array(speeds, dtype=float)
+    loads, (charge, _) = load_share(train.cylinders, speeds), charge_pressures(train.cylinders, speeds)
+    names = train.topology.cylinder_names
+    return {names[i]: (loads[:, i].tolist(), (1e-5 * charge[:, k]).tolist()) for k, i in enumerate(burning.seats)}
+
+
+def _charge_table(train, speeds, heads):
+    """A row for cylinders with the same loads and charge pressures, in a list; empty where all run at full load."""
+    alike = {}
+    for name, values in charges_of(train, speeds).items():
+        alike.setdefault(tuple(map(tuple, values)), []).append(name)
+    constant = [set(load) == {1.0} and len(set(charge)) == 1 for load, charge in alike]
+    if all(constant):
+        return []
+    rows = [[connections.names_of(names, range(len(names))), *load, *charge] for (load, charge), names in alike.items()]
+    title = "Load (share of the mean effective pressure at full load) and charge pressure, bar, of the combustion"
+    columns = [(f"{what} {head}", what) for what in ("load", "charge") for head, _ in heads]
+    return [from_rows(title, ["cylinder", *columns], rows)]
+
+
 def check_record(train, responses, notes):
     """What ``check --json`` writes but for the modes, SI units, lists over the speeds; ratios of two gears alone."""
     ratios, keys = tooth_damping_ratios(train), ("stiffness", "damping", "backlash")
@@ -168,6 +195,10 @@ def check_record(train, responses, notes):
             for i, name in enumerate(train.topology.mesh_names)
         },
         "not_firing": train.not_firing(),
+        "combustion": {
+            name: {"load": load, "charge_pressure_Pa": [1e5 * bar for bar in charge]}
+            for name, (load, charge) in charges_of(train, [float(response.rpm) for response in responses]).items()
+        },
         "notes": notes,
     }
 
