@@ -9,6 +9,7 @@ from jaxhb.design.quantities import Parameter
 from jaxhb.design.tolerances import read_tolerances
 from jaxhb.report.figures.speeds import plot_identified
 from jaxhb.report.files import output
+from jaxhb.report.orders import order_names
 from jaxhb.report.text.identified import identified_record, identified_text, weak_record, weak_text
 from jaxhb.scene.files import load_scene
 from jaxhb.scene.writer import changed_scene, copies_beside
@@ -22,7 +23,8 @@ def identify(train, given, measured, fit, noise, weak, plot, quiet, **_):
         if fit or given.output or plot:
             raise output.OutputError("--weak-cylinder: it fits no number. Leave out --fit, --output and --plot.")
         found = weak_cylinder(train, rows, noise=noise)
-        output.deliver(given, weak_text(found), json=lambda: {"scene": train.topology.name} | weak_record(found))
+        said = weak_text(found, order_names(train))
+        output.deliver(given, said, json=lambda: {"scene": train.topology.name} | weak_record(found))
         return output.ANSWERED if found.explains else output.NOT_ANSWERED
     parameters, priors = _asked(train, fit)
     with Progress(quiet=quiet) as progress:

@@ -4,6 +4,7 @@ import numpy as np
 
 from jaxhb.design.identification import APART, MOST_MISFIT
 from jaxhb.design.measurements import UNITS
+from jaxhb.report.orders import NUMBERS, order_names
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
 from jaxhb.report.text.sentences import remarks_text
@@ -22,8 +23,11 @@ def identified_text(found):
     if pairs := [f"{a} and {b} ({value:+.2f})" for a, b, value in found.alike()]:
         said.append(f"Hardly told apart (correlation): {'; '.join(pairs)}.")
     said += [f"Left out: {sentence}" for sentence in found.left_out]
+    names = order_names(found.train)
     both = {"scene off, %": found.before_computed, "fitted off, %": found.computed}
-    return "\n\n".join(["\n".join([head, told]), _numbers(found), *remarks_text(said, ""), _residuals(found, both)])
+    return "\n\n".join(
+        ["\n".join([head, told]), _numbers(found), *remarks_text(said, ""), _residuals(found, both, names)]
+    )
 
 
 def goodness(found):
@@ -46,9 +50,9 @@ def _numbers(found):
     return from_rows("Numbers", heads, rows, left=(7,))
 
 
-def _residuals(found, computed):
+def _residuals(found, computed, names):
     """Root mean squares of what is measured and of its difference from what is ``computed``, by head, for each element
-    and order; of the rows that were kept."""
+    and order, of which ``names`` tell; of the rows that were kept."""
     rows, measured, size = [], found.measured, found.measured.amplitude
     target = size * np.exp(1j * np.deg2rad(np.nan_to_num(measured.phase)))
     differences = [
@@ -62,7 +66,7 @@ def _residuals(found, computed):
             continue
         factor, unit = shown_unit(UNITS[quantity])
         offs = [100 * np.sqrt((off[own] ** 2).mean() / (size[own] ** 2).mean()) for off in differences]
-        called = "sum" if order == "nan" else f"{float(order):g}"
+        called = "sum" if order == "nan" else names.number(float(order))
         mean = count(factor * np.sqrt((size[own] ** 2).mean()))
         rows.append([f"{quantity} of {element}", called, f"{mean} {unit}", *(f"{off:.1f}" for off in offs)])
     return from_rows("Residuals over the speeds", ["measured", "order", "root mean square", *computed], rows)
@@ -92,7 +96,7 @@ def identified_record(found):
     }
 
 
-def weak_text(found):
+def weak_text(found, names=NUMBERS):
     """Which cylinder is weak, that none is, or that no cylinder alone explains the measurements."""
     rows = [
         [name, f"{100 * factor:.1f}", f"{100 * std:.1f}", count(more), "at its bound" * (name in found.at_bound)]
@@ -116,7 +120,7 @@ def weak_text(found):
     else:
         said = f"{first} burns {share}."
     remarks = remarks_text([f"Left out: {sentence}" for sentence in found.left_out], "")
-    residuals = _residuals(found, {f"off with {first}, %": found.computed})
+    residuals = _residuals(found, {f"off with {first}, %": found.computed}, names)
     return "\n\n".join([f"{said}\n{goodness(found)}", table, *remarks, residuals])
 
 
