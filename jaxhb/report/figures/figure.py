@@ -80,7 +80,8 @@ def figure(caption, x_title, panels, traces, *, x_range=None, height=PANEL, shap
         "hovermode": "closest",
         "showlegend": rows > 0,
         "legend": {"orientation": "h", "x": 0, "y": 1 + 6 / inside, "yanchor": "bottom", "font": {"size": 10}},
-        "xaxis": axis | {"title": {"text": x_title}, "zeroline": False, "anchor": _numbered("y", len(panels) - 1)},
+        "xaxis": axis
+        | {"title": {"text": x_title}, "zeroline": False, "anchor": _numbered("y", len(panels) - 1), "mirror": "all"},
         "shapes": list(shapes),
         "annotations": list(annotations),
     }
