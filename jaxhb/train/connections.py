@@ -218,7 +218,8 @@ def on_disks(disks: int, seats, torques) -> np.ndarray:
 
 
 def speeds(train) -> np.ndarray:
-    """Speeds (rpm) at which torques have a point: of scales, loads, traces, charge pressures and rated speeds; [0] without any."""
+    """Speeds (rpm) at which torques have a point: of scales, loads, traces, charge pressures and rated speeds; [0]
+    without any."""
     torques, cylinders = on_host((train.torques, train.cylinders))
     points = [torques.scale_rpm, cylinders.scale_rpm, torques.rated_rpm, cylinders.load_rpm]
     points += [cylinders.traces.rpm] if cylinders.traces is not None else []
