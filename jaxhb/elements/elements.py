@@ -71,6 +71,7 @@ def rows(columns: tuple[str, ...], default: Any = ()) -> Any:
 TOLD = 12  # sentences of an error that are printed
 LONGEST_SENTENCE = 1000  # characters that are printed of each
 LARGEST = 1e60  # of any number, in SI units: products of five stay finite
+SMALLEST = 1e-60  # of a number that is not 0: so do quotients
 
 
 class SceneError(ValueError):

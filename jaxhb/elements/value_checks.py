@@ -9,7 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.elements import LARGEST, RULES, TOLD, Combustion, Trace, Unread, fields_of, shown, suggestion
+from jaxhb.elements.elements import (
+    LARGEST,
+    RULES,
+    SMALLEST,
+    TOLD,
+    Combustion,
+    Trace,
+    Unread,
+    fields_of,
+    shown,
+    suggestion,
+)
 from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
 
@@ -113,6 +124,8 @@ def value_errors(f, value) -> list[str]:
         found, wanted = f"{number if number_like(value) else shown(value)}{unit}", "a finite number"
     elif abs(number) > LARGEST:
         found, wanted = f"{number:g}{unit}", f"at most {LARGEST:g} in size"
+    elif 0.0 < abs(number) < SMALLEST:
+        found, wanted = f"{number:g}{unit}", f"0 or at least {SMALLEST:g} in size"
     elif f.metadata["kind"] == "count" and number != int(number):
         found, wanted = f"{number:g}", "a whole number"
     elif limits.excludes(number):

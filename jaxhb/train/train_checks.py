@@ -137,9 +137,10 @@ def fitting_cycle(per_revolution) -> float | None:
 def phase_errors(parts, ratio) -> list[str]:
     """Find phases of what is no cylinder or torque, and of what turns at different speeds."""
     errors = []
-    groups = dict.fromkeys(name for table in ("cylinder", "torque") for name in parts.names[table])
-    groups |= dict.fromkeys(sorted({str(name).rpartition(" ")[0] for name in parts.names["cylinder"]} - {""}))
-    near = Suggestions(name for name in groups if isinstance(name, str))
+    names = {table: [name for name in parts.names[table] if isinstance(name, str)] for table in ("cylinder", "torque")}
+    engines = sorted({name.rpartition(" ")[0] for name in names["cylinder"]} - {""})
+    groups = dict.fromkeys([*names["cylinder"], *names["torque"], *engines])
+    near = Suggestions(groups)
     seats = {table: dict(parts.seats(table)) for table in ("cylinder", "torque")}
     for i, phase in enumerate(parts.tables["phase"]):
         named = phase.of if isinstance(phase.of, tuple | list) else []

@@ -109,6 +109,11 @@ def test_a_text_of_a_million_characters_is_not_echoed(tmp_path, added):
     assert max(map(len, error.sentences)) < 700 and "xxx" in error.sentences[0]
 
 
+def test_a_number_whose_quotients_overflow_is_refused(tmp_path):
+    said = refusal(tmp_path, SOUND + '[[torque]]\ndisk = "a"\nmean = 1e-300\n').sentences[0]
+    assert said.endswith("mean is 1e-300 N m, must be 0 or at least 1e-60 in size.")
+
+
 def test_a_name_has_a_length_that_tables_show(tmp_path):
     names = ["x" * LONGEST_NAME, "x" * (LONGEST_NAME + 1)]
     text = "".join(f'[[disk]]\nname = "{name}"\ninertia = 1.0\n' for name in names)
