@@ -39,6 +39,10 @@ USUAL = {
     "loss_factor": (0.0, 1.0, "", "is it in percent?"),
     # Of gears, from instruments to the bull gears of ships, and of their teeth, from precision to module 20 mm.
     "radius": (2e-3, 2.0, "m", _NOT_MM),
+    # From the couplings of instruments to a line of ship shafts.
+    "length": (1e-3, 60.0, "m", _NOT_MM),
+    # The heat that rubber dampers, viscous dampers and couplings give off.
+    "power_limit": (10.0, 1e6, "W", "is it in W, not in kW?"),
     "backlash": (2e-5, 1e-3, "m", _NOT_MM),
 }
 """Least and most of numbers, with their unit and what to ask."""
@@ -55,7 +59,28 @@ INERTIA_OF_MEDIAN = 500.0
 MEDIAN_OF_STIFFNESS = 1000.0
 """The median of the shafts of a rotor over a stiffness: 560 for a dual-mass flywheel beside crank throws."""
 MASS_PER_CUBE = 200.0, 2e4
-"""kg/m3, reciprocating mass over the cube of the bore: about 500 in racing engines, 1500 in cars, 1e4 in crossheads."""
+"""kg/m3, reciprocating mass over the cube of the bore: about 500 in racing engines, 1500 in cars, 1e4 in crossheads of
+strokes as long as the bore; the most is over bore x bore x stroke where the stroke is that of a crosshead engine."""
+LONG_STROKE = 1.5
+"""Stroke over bore from which on an engine has crossheads."""
+COMPRESSOR_ANGLE = -90.0, 5.0
+"""deg after top dead centre: a compressor discharges at its largest pressure before it."""
+LEAST_OF_COMPRESSOR = 1.1e5
+"""Pa, the largest pressure of a cycle of a blower."""
+SLENDERNESS = 300.0
+"""Length over outer diameter of a shaft between two disks: 100 for a quill shaft."""
+INERTIA_OF_SIZE = 300.0
+"""Inertia over that of a steel cylinder as long as its radius, of a throw as large as bore or stroke or of all gears of
+a train as large as their pitch circles: 0.1 to 30, more where engines are lumped into one disk."""
+STEEL = 7850.0  # kg/m3
+STIFF = 1e10, 5e12
+"""N m/rad per m3, the stiffer half of the shafts of a rotor in line over the cube of the radius of a steel cylinder, as
+long as its radius, that has all inertia of the rotor: 4e9 is a steel shaft of half its diameter and length;
+engines have 1e7 to 1e8, cams 2e9; what is above the second number is stiff on purpose."""
+STIFFNESS_OF_MEDIAN = 300.0
+"""A stiffness over the median of the shafts of its rotor."""
+INTERNAL_RATIO = 1.02
+"""Radius of a ring gear over that of the gear inside it, at least."""
 STIFFNESS_OF_WIDTH = 2e10
 """N/m per m of face width: c_gamma = 20 N/(mm um), the mean stiffness of steel teeth in ISO 6336-1, method C."""
 WIDTH_OF_DIAMETER = 0.01, 2.0
@@ -80,7 +105,8 @@ def plausibility(train: DriveTrain) -> list[str]:
     [[mesh]] 'crank gear|idler': backlash is 0.15 m, usual 2e-5 to 0.001 m: is it in m, not in mm?
     """
     train = on_host(train)
-    rules = _sizes, _masses, _pressures, _charges, _firings, _drives, _disks, _links, _meshes
+    rules = _sizes, _masses, _pressures, _charges, _firings, _drives
+    rules = *rules, _disks, _inertias, _shafts, _links, _meshes, _internal
     alike = {}
     for table, name, text in (note for rule in rules for note in rule(train)):
         alike.setdefault((table, text), []).append(name)
@@ -124,7 +150,8 @@ def _masses(train):
         if not 0 < size < 2 * USUAL["bore"][1] or not cylinders.stroke[i]:
             continue  # what is said of a bore in mm says enough
         ask = "is it in kg, of one cylinder?" if mass else "without it there is no inertia torque"
-        usual = (*(share * size**3 for share in MASS_PER_CUBE), "kg", ask)
+        longer = cylinders.stroke[i] / size if cylinders.stroke[i] > LONG_STROKE * size else 1.0
+        usual = (MASS_PER_CUBE[0] * size**3, MASS_PER_CUBE[1] * size**3 * longer, "kg", ask)
         for *element, said in _unusual("cylinder", name, "reciprocating_mass", mass, usual):
             yield *element, said.replace(" kg:", f" kg for a bore of {1e3 * size:.4g} mm:")
 
@@ -143,14 +170,16 @@ def _pressures(train):
     angles = cycles.argmax(axis=2) * period / cycles.shape[-1]
     # In the second half of the cycle the next firing is nearer: angles before it are negative.
     angles -= period * (angles > period / 2)
-    farthest = np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0)
+    farthest, compressing = np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0), compressors(train)
     for i, name in enumerate(topology.cylinder_names):
         peak, angle, source = peaks[i], angles[farthest[i], i], topology.cylinder_source[i]
         if source not in gas.COMPUTED:
             continue
         if i not in percent and peak > 0:
-            yield from _unusual("cylinder", name, "the largest pressure", peak)
-        if peak > 0 and _far(angle, PEAK_ANGLE):
+            least_of_peak, *others = USUAL["the largest pressure"]
+            usual = (LEAST_OF_COMPRESSOR if i in compressing else least_of_peak, *others)
+            yield from _unusual("cylinder", name, "the largest pressure", peak, usual)
+        if peak > 0 and i not in compressing and _far(angle, PEAK_ANGLE):
             where = f"{abs(angle):.4g} deg {'after' if angle > 0 else 'before'}"
             usual = f"{-PEAK_ANGLE[0]:g} deg before to {PEAK_ANGLE[1]:g} deg after"
             ask = "is table_firing_tdc the angle at which the table fires?"
@@ -181,6 +210,22 @@ def _charges(train):
         said = _EXPONENT.sub(r"e\1", said)
         ask = "give charge_over_load or charge_over_rpm where it is known"
         yield "cylinder", train.topology.cylinder_names[i], f"{said}: {ask}"
+
+
+def compressors(train: DriveTrain) -> set[int]:
+    """Cylinders that take power and have their largest pressure before every top dead centre."""
+    topology, speeds = train.topology, connections.speeds(train)
+    one_revolution = np.array(topology.cylinder_gas_revolutions, dtype=int) == 1
+    computed = np.array([source in gas.COMPUTED for source in topology.cylinder_source], dtype=bool)
+    if not (one_revolution & computed).any():
+        return set()
+    cycles = gas_pressures(train.cylinders, topology.gas_cycles, speeds)
+    angles = cycles.argmax(axis=2) * 360.0 / cycles.shape[-1]
+    angles -= 360.0 * (angles > 180.0)
+    before = ((angles >= COMPRESSOR_ANGLE[0]) & (angles <= COMPRESSOR_ANGLE[1])).all(axis=0)
+    means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, speeds)
+    takes = (means[:, len(topology.torque_names) :] < 0.0).all(axis=0)
+    return set(np.flatnonzero(one_revolution & computed & before & takes).tolist())
 
 
 def _firings(train):
@@ -239,16 +284,69 @@ def _by_rotor(rotor, values):
             yield own, np.median(values[own])
 
 
+def _above_median(train):
+    """Disks whose inertia is far above the median of their rotor, and this median."""
+    topology, inertia = train.topology, train.disks.inertia
+    for own, middle in _by_rotor(topology.rotor[: topology.n_scene_disks], inertia):
+        yield from ((int(i), middle) for i in own[inertia[own] > INERTIA_OF_MEDIAN * middle])
+
+
 def _disks(train):
     """Inertias far above the others of their rotor, and the radii of gears."""
     topology, disks = train.topology, train.disks
-    for own, middle in _by_rotor(topology.rotor[: topology.n_scene_disks], disks.inertia):
-        for i in own[disks.inertia[own] > INERTIA_OF_MEDIAN * middle]:
-            usual = f"{INERTIA_OF_MEDIAN:g} times the median of its rotor, {middle:.4g} kg m2"
-            said = f"inertia is {disks.inertia[i]:.4g} kg m2, usual up to {usual}: is it in kg m2, not in kg cm2?"
-            yield "disk", topology.disk_names[i], said
+    for i, middle in _above_median(train):
+        usual = f"{INERTIA_OF_MEDIAN:g} times the median of its rotor, {middle:.4g} kg m2"
+        said = f"inertia is {disks.inertia[i]:.4g} kg m2, usual up to {usual}: is it in kg m2, not in kg cm2?"
+        yield "disk", topology.disk_names[i], said
     for i in sorted({disk for ends in topology.mesh_ends for disk in ends}):
         yield from _unusual("disk", topology.disk_names[i], "radius", disks.radius[i])
+
+
+def _size(inertia):
+    """Radius (m) of a steel cylinder as long as its radius that has an inertia."""
+    return (2.0 * inertia / (np.pi * STEEL)) ** 0.2
+
+
+def _inertias(train):
+    """Throws far too heavy for their bore, and gears that are all far too heavy for their radius: whole trains in other
+    units, which medians do not tell."""
+    topology, inertia = train.topology, train.disks.inertia
+    ask = "is it in kg m2, not in kg cm2?"
+    sizes = np.maximum(train.cylinders.bore, train.cylinders.stroke) / 2.0
+    throws = {disk: size for disk, size in zip(topology.cylinder_disk, sizes, strict=True) if size > 0.0}
+    gears = {disk: train.disks.radius[disk] for ends in topology.mesh_ends for disk in ends}
+    told = {i for i, _ in _above_median(train)}
+    for what, radii in {"bore and stroke": throws, "pitch circle": gears}.items():
+        usual = {d: INERTIA_OF_SIZE * np.pi / 2.0 * STEEL * r**5 for d, r in radii.items()}
+        heavy = [d for d, most in usual.items() if d < topology.n_scene_disks and inertia[d] > most]
+        if len(heavy) == len(radii):
+            for d in heavy if told.isdisjoint(heavy) else ():
+                said = f"inertia is {inertia[d]:.4g} kg m2, usual up to {usual[d]:.2g} kg m2 for its {what}: {ask}"
+                yield "disk", topology.disk_names[d], _EXPONENT.sub(r"e\1", said)
+
+
+def _shafts(train):
+    """Shafts too long, and stiffnesses that no shaft between disks of this size has."""
+    topology, shafts = train.topology, train.shafts
+    for i, name in enumerate(topology.shaft_names if shafts.length is not None else ()):
+        length, outer = shafts.length[i], shafts.outer[i]
+        low, high, *others = USUAL["length"]
+        if length > 0.0:
+            most = min(high, SLENDERNESS * outer)
+            yield from _unusual("shaft", name, "length", length, (min(low, most), most, *others))
+    inertia = np.concatenate([train.disks.inertia, train.dampers.inertia])
+    rotor = np.array([topology.rotor[first] for first, _ in topology.shaft_ends], dtype=int)
+    for own, middle in _by_rotor(rotor, shafts.stiffness):
+        cube = _size(inertia[np.array(topology.rotor) == rotor[own[0]]].sum()) ** 3
+        least, most = STIFF[0] * cube, STIFF[1] * cube
+        stiffer = shafts.stiffness[own]
+        in_line = 1.0 / (1.0 / stiffer[stiffer >= middle]).sum()
+        single = (shafts.stiffness[own] > max(least, STIFFNESS_OF_MEDIAN * middle)) & (shafts.stiffness[own] < most)
+        for i in own if least < in_line < most else own[single]:
+            said = (
+                f"stiffness is {shafts.stiffness[i]:.4g} N m/rad, usual up to {least:.2g} N m/rad beside these inertias"
+            )
+            yield "shaft", topology.shaft_names[i], _EXPONENT.sub(r"e\1", f"{said}: is it in N m/rad, not in N mm/rad?")
 
 
 def _links(train):
@@ -262,11 +360,29 @@ def _links(train):
     for table, links in (("shaft", train.shafts), ("damper", train.dampers)):
         for name, value in zip(getattr(topology, f"{table}_names"), links.loss_factor, strict=True):
             yield from _unusual(table, name, "loss_factor", value)
+        for name, value in zip(getattr(topology, f"{table}_names"), _given(links.power_limit), strict=False):
+            if value > 0.0:
+                yield from _unusual(table, name, "power_limit", value)
     throws = set(topology.cylinder_disk)
     for i, ends in enumerate(topology.shaft_ends if strengths is not None else ()):
         if strengths[i] and throws.issuperset(ends) and topology.shaft_rules[i] == RULES[0]:
             said = "tensile_strength sets the limits of IACS UR M68, which do not hold for crankshafts: UR M53 does,"
             yield "shaft", topology.shaft_names[i], f"{said} and it lies between two disks with cylinders"
+
+
+def _given(vector):
+    """The numbers of a field over its elements, none where no element has it."""
+    return () if vector is None else vector
+
+
+def _internal(train):
+    """Ring gears that are no larger than the gears inside them."""
+    topology = train.topology
+    for name, ends, internal in zip(topology.mesh_names, topology.mesh_ends, topology.mesh_internal, strict=True):
+        small, large = sorted(float(train.disks.radius[disk]) for disk in ends)
+        if internal and large < INTERNAL_RATIO * small:
+            said = f"its gears have radii of {small:.4g} and {large:.4g} m, and kind is 'internal'"
+            yield "mesh", name, f"{said}: a ring is larger than the gear inside it; is it external?"
 
 
 def _meshes(train):

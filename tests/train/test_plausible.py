@@ -101,7 +101,8 @@ def test_two_engines_of_a_train_may_fire_together():
     own = tuple(range(len(train.topology.rotor)))
     apart = dataclasses.replace(train, topology=dataclasses.replace(train.topology, rotor=own))
     same = {f"{name}.firing_angle": 0.0 for name in ("cylinder A1", "cylinder A2")}
-    assert len(plausibility(train.replace(same))) == 1 and plausibility(apart.replace(same)) == []
+    together = [[note for note in plausibility(one.replace(same)) if "fire together" in note] for one in (train, apart)]
+    assert len(together[0]) == 1 and together[1] == []
 
 
 def test_a_pump_that_drives_is_noted(scene):

@@ -4,6 +4,7 @@ import numpy as np
 
 from jaxhb.excitation.torques import excitation
 from jaxhb.report.text.columns import plain_number
+from jaxhb.train.plausible import compressors
 
 NOTED_SHARE = 0.01
 ROUNDING = 1e-9
@@ -74,7 +75,8 @@ def torque_notes(responses):
         if said := _noted(responses, lambda one, name=name: abs(torques_of(one, "ground")[name])):
             share = f"more than {100 * NOTED_SHARE:g} % of the largest mean torque"
             found.append(f"The ground {name!r} takes {said}, {share}: is a [[load]] missing?")
-    driven = any(topology.cylinder_fires) or (np.asarray(responses[0].train.torques.mean) > 0).any()
+    train, fires = responses[0].train, np.flatnonzero(topology.cylinder_fires).tolist()
+    driven = not compressors(train).issuperset(fires) or (np.asarray(train.torques.mean) > 0).any()
     for name in topology.load_names if driven else ():  # else the load is the motor
         if said := _noted(responses, lambda one, name=name: torques_of(one, "load")[name]):
             found.append(

@@ -93,11 +93,27 @@ def own_speeds(train):
     return sorted({float(speeds[0]), float(speeds[-1])}) if len(speeds) else None
 
 
+MOST_OF_RATED = 20.0  # a mean torque over the rated torque that no gear is built for
+
+
 def scene_notes(responses):
     """All notes on a scene, of its mean motion at some speeds."""
     train, speeds = responses[0].train, [float(response.rpm) for response in responses]
     outside = once_alike((rpm, note) for rpm in speeds for note in train.outside_traces(rpm))
-    return plausibility(train) + torque_notes(responses) + outside
+    return plausibility(train) + torque_notes(responses) + _rated_notes(responses) + outside
+
+
+def _rated_notes(responses):
+    """Rated torques of meshes that are far below the mean torque of their first gear."""
+    train, found = responses[0].train, []
+    topology = train.topology
+    for i, name in enumerate(topology.mesh_names if train.meshes.rated_torque is not None else ()):
+        radius, rated = float(train.disks.radius[topology.mesh_ends[i][0]]), float(train.meshes.rated_torque[i])
+        mean = max(abs(float(response.force(name).mean)) for response in responses) * radius
+        if 0.0 < rated < mean / MOST_OF_RATED:
+            said = f"rated_torque is {rated:.4g} N m, and the mean torque of its first gear {mean:.4g} N m"
+            found.append(f"[[mesh]] {name!r}: {said}: is it in N m, not in kN m?")
+    return found
 
 
 def table_notes(train):
