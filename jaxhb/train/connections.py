@@ -234,7 +234,7 @@ def speeds(train) -> np.ndarray:
 @np.errstate(over="ignore", invalid="ignore")
 def _loaded(train) -> list[int]:
     """Disks under a mean torque at some speed."""
-    topology, given = train.topology, on_host((train.torques, train.cylinders))
-    means = mean_torques(*given, topology.gas_cycles, speeds(train))
+    topology, (torques, cylinders) = train.topology, on_host((train.torques, train.cylinders))
+    means = mean_torques(torques, cylinders, topology.gas_cycles, speeds(train))
     seats = [*topology.torque_disk, *topology.cylinder_disk]
     return np.flatnonzero(on_disks(topology.n_disks, seats, means).any(axis=0)).tolist()

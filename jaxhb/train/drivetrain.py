@@ -189,9 +189,8 @@ class DriveTrain:
         >>> train.topology.cylinder_fires
         (True, True, False, True, True, True)
         """
-        fires = [name not in cylinders for name in self._known_cylinders(cylinders)]
-        both = zip(fires, self.topology.cylinder_fires, strict=True)
-        fires = tuple(fires and before for fires, before in both)
+        asked = [name not in cylinders for name in self._known_cylinders(cylinders)]
+        fires = tuple(stays and before for stays, before in zip(asked, self.topology.cylinder_fires, strict=True))
         return dataclasses.replace(self, topology=dataclasses.replace(self.topology, cylinder_fires=fires))
 
     def cut_off(self, *cylinders: str) -> DriveTrain:

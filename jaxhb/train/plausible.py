@@ -105,10 +105,10 @@ def plausibility(train: DriveTrain) -> list[str]:
     [[mesh]] 'crank gear|idler': backlash is 0.15 m, usual 2e-5 to 0.001 m: is it in m, not in mm?
     """
     train = on_host(train)
-    rules = _sizes, _masses, _pressures, _charges, _firings, _drives
-    rules = *rules, _disks, _inertias, _shafts, _links, _meshes, _internal
+    of_cylinders = _sizes, _masses, _pressures, _charges, _firings, _drives
+    of_links = _disks, _inertias, _shafts, _links, _meshes, _internal
     alike = {}
-    for table, name, text in (note for rule in rules for note in rule(train)):
+    for table, name, text in (note for rule in (*of_cylinders, *of_links) for note in rule(train)):
         alike.setdefault((table, text), []).append(name)
     found = [
         f"[[{table}]] {connections.names_of(names, range(len(names)))}: {text}"
