@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from jaxhb._threads import side_by_side
-from jaxhb.floquet.stability import attracts
+from jaxhb.floquet.stability import NEUTRAL, attracts
 from jaxhb.results.steady import SteadyState, kind_of_one_cycle
 from jaxhb.solutions.solve import solve
 from jaxhb.steady.closure import DECAYS, LONGER, RECORDED, SPREAD, ended
@@ -58,18 +58,25 @@ class Classifier:
         return states | self._march_compiled([index for index in indices if index not in states], motions, progress)
 
     def _unmarched(self, index, reason):
-        """The steady state of a speed whose march is too long: known where the linear motion separates no teeth and the
-        motion that Newton's method finds from there attracts."""
-        rpm, given = self.speeds[index], {"harmonics": self.request.harmonics, "tolerance": self.request.tolerance}
+        """The steady state of a speed whose march is too long."""
+        return self.from_contact(index, f"{reason}: the motion") or unknown(
+            self.train, self.speeds[index], reason + HIGHER
+        )
+
+    def from_contact(self, index, why, neutral=False):
+        """The steady state that Newton's method finds from teeth in contact, None unless the linear motion separates no
+        teeth and disturbances of it do not grow (``neutral``: nor fall); ``why`` begins the note that says so."""
         if not self.exact or index in self.apart:
-            return unknown(self.train, rpm, reason + HIGHER)
+            return None
+        rpm, given = self.speeds[index], {"harmonics": self.request.harmonics, "tolerance": self.request.tolerance}
         response = solve(self.train, rpm=float(rpm), start="linear", **given)
         attracted, stability, _ = attracts(response) if response.solved else (False, None, "")
-        if not attracted:
-            return unknown(self.train, rpm, reason + HIGHER)
-        note = reason + ": the motion is solved from teeth in contact, and other motions were not looked for"
-        kind = kind_of_one_cycle(self.train.topology, response.contacts().values())
-        return state_of(self.train, rpm, kind, 1, response=response, stability=stability, notes=(note,))
+        if not attracted or neutral and stability.largest < 1 - NEUTRAL:
+            return None
+        notes = (f"{why} is solved from teeth in contact, and other motions were not looked for",)
+        apart = any(contact.separated_fraction > 0 for contact in response.contacts().values())
+        kind = "periodic" if apart else "contact"
+        return state_of(self.train, rpm, kind, 1, response=response, stability=stability, notes=notes)
 
     def _march_compiled(self, indices, motions, progress):
         """Those of speeds that are marched, while the programs that confirm them are made."""
@@ -251,6 +258,10 @@ class _Classification:
     def _irregular(self):
         """Motion without a period, read from its record."""
         equations, march = self.batch.equations, self.march
+        kept = "nothing damps the vibration with which time integration begins: the motion without it"
+        undisturbed = self.classifier.from_contact(self.index, kept, neutral=True)
+        if undisturbed is not None:
+            return undisturbed
         before = self.spent + march.cycles - march.recorded
         decay = equations.decay_cycles(march.rpm)
         if before < DECAYS * decay:

@@ -92,3 +92,15 @@ def test_a_residual_that_leaves_the_mean_forces_unbalanced_is_not_called_converg
     response = jaxhb.solve(train, rpm=60.0, plan=plan)
     assert abs(response.force("a", "b").mean - 1e-4 / 0.05) > 0.1 * 1e-4 / 0.05
     assert response.status > Status.TOLERANCE_NOT_MET
+
+
+def test_a_steady_state_keeps_no_vibration_of_its_start_where_nothing_damps_it(pair):
+    """A march from rest on the flank of a light load falls through the gap, where damping in contact ends, and swings
+    there for ever."""
+    torque = 1e-5
+    numbers = {"drive.mean": torque, "brake.mean": -2 * torque, "drive.harmonics": [[0.4 * torque, 0.1 * torque]]}
+    state = jaxhb.steady_state(pair.replace({"a|b.damping": 2000.0, **numbers}), rpm=20.0)
+    assert state.kind == "periodic" and "nothing damps" in state.notes[0]
+    force, amplitude = state.force("a", "b"), abs(0.4 + 0.1j) * torque / 0.05 / 2
+    found = [float(force.mean), float(force.max), float(force.min)]
+    np.testing.assert_allclose(found, torque / 0.05 + amplitude * np.array([0, 1, -1]), rtol=1e-4)
