@@ -3,7 +3,7 @@
 import math
 from functools import partial
 
-from jaxhb.train.speeds import read_speeds
+from jaxhb.train.speeds import MOST_SPEEDS, read_speeds
 
 RANGE_COUNT = 33  # speeds of a range that has no count
 
@@ -66,7 +66,8 @@ def over(text):
     try:
         if len(words) == 3:
             first, last, steps = float(words[0]), float(words[1]), int(words[2])
-            found = [first + (last - first) * i / (steps - 1) for i in range(steps)]
+            most = min(steps, MOST_SPEEDS + 1)
+            found = [first + (last - first) * i / (steps - 1) for i in range(most)]
         else:
             found = [float(word) for word in values.split(",")]
     except (ValueError, ZeroDivisionError):
@@ -74,6 +75,8 @@ def over(text):
     if not equals or len(found) < 2 or not all(map(math.isfinite, found)):
         example = '"crank damper.damping=100:400:13" or =100,200,400'
         raise ValueError(f"{text!r} is not NAME.FIELD=A:B:COUNT with a COUNT of at least 2, as {example}")
+    if len(found) > MOST_SPEEDS:
+        raise ValueError(f"{text!r} asks for more than {MOST_SPEEDS} values: give fewer")
     return key.strip(), found
 
 

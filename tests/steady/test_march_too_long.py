@@ -7,8 +7,10 @@ import pytest
 from reference_data import DATA
 
 import jaxhb
+from jaxhb.cli.values import over
 from jaxhb.integration.reference import integrate
 from jaxhb.steady.marching import MEMORY, MOST_STEPS, Equations
+from jaxhb.train.speeds import read_speeds
 
 
 def test_a_cycle_of_too_many_steps_is_told_within_seconds_and_not_marched():
@@ -31,6 +33,12 @@ def test_teeth_in_contact_are_solved_where_their_march_would_be_too_long():
     assert state.known and state.stability.stable and "other motions were not looked for" in state.notes[0]
     found, wanted = ([float(f.mean), float(f.max), float(f.min)] for f in (force, rigid))
     assert found == pytest.approx(wanted, rel=2e-3)
+
+
+def test_ranges_of_too_many_values_are_refused_before_they_are_made():
+    for reader, text in ((read_speeds, "600:2400:2000000000"), (over, "ring.damping=1:2:2000000000")):
+        with pytest.raises(ValueError, match="100000"):
+            reader(text)
 
 
 def test_the_memory_of_every_march_stays_below_a_gigabyte():
