@@ -13,7 +13,7 @@ from jaxhb.report.files import output
 from jaxhb.scene.csv_tables import unguarded
 from jaxhb.scene.files import load_scene
 
-EVERY, AS_WRITTEN = "all", "as written"
+EVERY, AS_WRITTEN, EACH = "all", "as written", "each"
 OWN_FILES = "plot", "netcdf", "html", "trace", "folder"  # options whose file each mode has for itself
 
 
@@ -43,8 +43,12 @@ def each(run, given, asked, read):
     if given.get("trace") == output.STANDARD_OUTPUT:
         raise output.OutputError("--trace: each scenario has a file of its own. Give a name.")
     with tempfile.TemporaryDirectory() as folder:
-        own, status = {}, []
+        own, status, skipped = {}, [], _skipped(given, asked)
+        if len(skipped) == len(asked):
+            raise output.OutputError("; ".join(f"--scenario {title!r}: {why}" for title, why in skipped.items()))
         for k, (title, name) in enumerate(asked.items()):
+            if title in skipped:
+                continue
             files = {option: _named(given[option], title) for option in OWN_FILES if given.get(option)}
             files |= {option: f"{folder}/{k}.{option}" for option in merged if given[option]}
             own[title] = given | files | {"scenario": name, "quiet": given["quiet"] or streamed, "compared": []}
@@ -57,17 +61,51 @@ def each(run, given, asked, read):
                 status.append(run(trains[title], changed))
         except KeyboardInterrupt as stop:
             done = dict(itertools.islice(own.items(), len(status)))
-            files = ", ".join(_write(given, done)[1]) if done else ""
+            files = ", ".join(_write(given, done, skipped)[1]) if done else ""
             kept = f": their numbers are in {files}" if files else ""
             stop.__notes__ = [f"{len(status)} of {len(own)} modes are done{kept}"]
             raise
-        worst, _ = _write(given, own)
-    if worst and not (given["quiet"] or streamed):
-        print(f"\n{_table(worst)}")
+        worst, _ = _write(given, own, skipped)
+    if not (given["quiet"] or streamed):
+        parts = [f"Skipped: {title}, {why}" for title, why in skipped.items()]
+        parts += [_table(worst)] if worst else []
+        print("".join(f"\n{part}\n" for part in parts), end="")
     return max(status)
 
 
-def _write(given, own):
+def _skipped(given, asked):
+    """Modes that lack what an option names, or in which no cylinder fires though ``each`` asks for one, and why."""
+    whole = load_scene(given["scene"])
+    skipped = {}
+    for title, name in asked.items():
+        train = whole if name is None else whole.scenario(name)
+        lacking = [
+            (option, element)
+            for option, element in _named_elements(given)
+            if element in whole.topology.elements and element not in train.topology.elements
+        ]
+        if lacking:
+            option, element = lacking[0]
+            skipped[title] = f"which has no {element!r} that {option} names."
+        elif EACH in (*given.get("misfire", ()), *given.get("cut_off", ())) and not train.topology.firing_cylinders:
+            skipped[title] = "in which no cylinder fires."
+    return skipped
+
+
+def _named_elements(given):
+    """Elements that options of a command name, (option, element)."""
+    for option in ("misfire", "cut_off", "element"):
+        yield from ((f"--{option.replace('_', '-')}", name) for name in given.get(option) or ())
+    yield from (("--of", str(name).rpartition(" of ")[2]) for name in given.get("of") or ())
+    yield from ((f"--{option}", given[key]) for option, key in (("gear", "gear"), ("phase", "name")) if given.get(key))
+    settings = [("--set", key) for key, _ in given.get("set") or ()]
+    settings += [("--over", given["over"][0])] if given.get("over") else []
+    for option, key in settings:
+        name = key.rpartition(".")[0]
+        yield option, name.removesuffix(".combustion").removesuffix(".traces")
+
+
+def _write(given, own, skipped):
     """Write JSON and CSV of modes that are done; the largest values of all, and the files written."""
     worst, contents = _worst({title: changed["compared"] for title, changed in own.items()}), {}
     if given.get("csv"):
@@ -81,7 +119,7 @@ def _write(given, own):
         contents[given["csv"]] = output.as_csv(["scenario", *heads], lines)
     if given.get("json"):
         records = {title: json.loads(Path(one["json"]).read_text("utf-8")) for title, one in own.items()}
-        contents[given["json"]] = output.as_json({"scenarios": records, "worst": worst})
+        contents[given["json"]] = output.as_json({"scenarios": records, "worst": worst, "skipped": skipped})
     output.write_files(contents)
     return worst, list(contents)
 

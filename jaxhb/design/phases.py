@@ -6,8 +6,10 @@ all phases exactly. Trains with backlash are solved at phases all round the circ
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 
 import jax
 import numpy as np
@@ -37,7 +39,8 @@ class WorstPhase:
 
     Parameters
     ----------
-    name : str, of the phase; circle : float, deg of its rotor after which all repeats
+    name : str, of the phase; circle : float, deg of its rotor after which all repeats: whole revolutions of one engine
+        cycle, however many of these the cycle of the scene holds
     of : tuple of Objective, Q quantities; labels : tuple of str, what they are called
     rpm : ``(S,)``
     nominal : ``(S, Q)``, with the phase that the train has
@@ -119,9 +122,11 @@ def worst_phase(
     if faults:
         raise SceneError(faults)
     turn = topology.phase_turn[topology.phase_names.index(name)]
-    circle, linear = 360.0 * turn, not (topology.has_law.any() or topology.amplitude_links)
+    circle, linear = _circle(topology, name), not (topology.has_law.any() or topology.amplitude_links)
     read: _Linear | _Solved = _Linear.of(train, name, rpm, turn) if linear else _Solved(train, name, rpm)
-    count = phases or (max(PHASES, PER_HARMONIC * read.highest) if linear else PHASES)
+    count = phases or (
+        max(PHASES, math.ceil(PER_HARMONIC * read.highest * circle / (360.0 * turn))) if linear else PHASES
+    )
     angles = np.arange(count) * (circle / count)
     values = np.empty((len(rpm), len(chosen), count))
     for k, angle in enumerate(angles):
@@ -148,6 +153,21 @@ def worst_phase(
     least = np.take_along_axis(values, best[..., None], -1)[..., 0]
     found = (nominal, at, worst, angles[best], least, angles, values)
     return WorstPhase(name, circle, chosen, rpm, *found, left_out=tuple(read.left_out()))
+
+
+def _circle(topology, name):
+    """Whole revolutions, in deg, of the rotor of a phase after which all that it turns repeats."""
+    place = topology.phase_names.index(name)
+    turn = topology.phase_turn[place]
+    harmonics = [n for k in topology.phase_torques[place] for n in topology.torque_harmonics[k]]
+    for i in topology.phase_cylinders[place]:
+        harmonics += topology.cylinder_harmonics[i]
+        harmonics += [topology.cylinder_step[i]] * bool(topology.cylinder_gas[i])
+        harmonics += [round(topology.cylinder_turn[i])] * bool(topology.cylinder_inertia[i])
+    # An angle alpha turns harmonic n of the cycle by n alpha / turn.
+    common = math.gcd(*harmonics) or 1
+    revolutions = Fraction(turn / common).limit_denominator(1000).numerator
+    return 360.0 * min(float(revolutions), turn)
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ def test_the_command_of_phases_finds_the_worst_angle_in_every_mode(run):
     )
     assert [float(row["worst"]) for row in found.rows] == pytest.approx(wanted.worst[:, 0].tolist(), rel=1e-12)
     assert [row["angle"] for row in found.json["phases"]] == pytest.approx(wanted.angle[:, 0].tolist(), rel=1e-12)
-    assert "phase turn, turned through 720 deg of its rotor, 2 speeds" in found.words
+    assert "phase turn, turned through 360 deg of its rotor, 2 speeds" in found.words
     every = run(f"{line} --scenario all", "json")
     worst = every.json["worst"]["shaft torque of line N m"]
     assert worst["scenario"] in MODES and worst["unit"] == "N m"
@@ -114,3 +114,52 @@ def test_modes_that_are_done_are_written_when_another_is_stopped(run, monkeypatc
     found = run(f"modes {PLANT} --scenario all", "json")
     assert found.status == 130 and list(found.json["scenarios"]) == ["as written"]
     assert "1 of 3 modes are done" in found.err
+
+
+CYLINDER = """
+[[cylinder]]
+name = "starboard 1"
+disk = "starboard engine"
+gas_torque_mean = 10.0
+gas_torque = [[0.5, 30.0, 0.0]]
+[[cylinder]]
+name = "port 1"
+disk = "port engine"
+gas_torque_mean = 10.0
+gas_torque = [[0.5, 30.0, 0.0]]
+"""
+
+
+@pytest.fixture
+def fired(tmp_path):
+    path = tmp_path / "fired.toml"
+    path.write_text(PLANT.read_text() + CYLINDER)
+    return path
+
+
+def test_a_mode_without_the_cylinder_that_misfires_is_skipped_with_a_note(run, fired):
+    called = run(f"forced {fired} --rpm 300 --scenario all --misfire 'starboard 1'", "json")
+    assert called.status == 0 and list(called.json["scenarios"]) == ["as written", "zero pitch"]
+    assert called.json["skipped"] == {"port alone": "which has no 'starboard 1' that --misfire names."}
+    assert "Skipped: port alone, which has no 'starboard 1' that --misfire names." in called.out
+    found = called.json["scenarios"]["as written"]
+    alone = run(f"forced {fired} --rpm 300 --misfire 'starboard 1'", "json").json
+    assert found["shafts"] == alone["shafts"]
+    alone = run(f"forced {fired} --rpm 300 --scenario 'port alone' --misfire 'starboard 1'")
+    assert alone.status == 2 and "there is no cylinder 'starboard 1'" in alone.err
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "modes --set 'starboard engine.inertia=30'",
+        "forced --rpm 300 --element 'starboard clutch'",
+        "forced --rpm 300 --cut-off 'starboard 1'",
+        "phase --rpm 300 --phases 4 --of 'shaft torque of starboard clutch'",
+    ],
+)
+def test_every_option_that_names_what_a_mode_lacks_skips_it(run, fired, line):
+    command, rest = line.split(" ", 1)
+    called = run(f"{command} {fired} {rest} --scenario all", "json")
+    assert (called.status, called.err) == (0, "") and list(called.json["skipped"]) == ["port alone"]
+    assert list(called.json["scenarios"]) == ["as written", "zero pitch"]

@@ -107,6 +107,16 @@ def test_the_worst_phase_of_a_linear_train_is_that_of_all_phases_tried_out():
     np.testing.assert_allclose(alone.worst[:, 0], 2 * (np.abs(a) + np.abs(b)), rtol=1e-9)
 
 
+def test_a_long_cycle_is_turned_through_one_engine_cycle():
+    """A cycle of five revolutions of the wheel holds five engine cycles, after each of which all repeats."""
+    long = jaxhb.build([*plant(phases=[TURN])], reference="wheel", revolutions_per_cycle=5, name="plant")
+    of = [Objective(quantity="shaft torque order", of="line", order=3.0)]
+    found, wanted = (jaxhb.worst_phase(train, "turn", rpm=RPM[:1], of=of) for train in (long, built(phases=[TURN])))
+    assert found.circle == wanted.circle == 720.0 and len(found.angles) == len(wanted.angles)
+    np.testing.assert_allclose(found.worst, wanted.worst, rtol=1e-9)
+    np.testing.assert_allclose(found.angle, wanted.angle, atol=1e-3)
+
+
 def test_with_backlash_phases_are_solved_round_the_circle():
     """Under a heavy load the teeth stay in contact: the train without backlash is the second way."""
     heavy = {f"{name}.gas_torque_mean": 2e4 for name in ("port 1", "port 2", *(f"starboard {k}" for k in (1, 2, 3)))}
