@@ -62,6 +62,8 @@ def test_only_what_is_unknown_or_beyond_its_limits_has_no_answer(solved, unsure)
     unknown = dataclasses.replace(solved, state=dataclasses.replace(solved.state, kind="unknown", response=None))
     irregular = dataclasses.replace(unsure, state=dataclasses.replace(unsure.state, kind="irregular", period=0))
     every = [solved, unsure, irregular, beyond, unknown]
+    share = f"{100 * irregular.state.record.spread:.2g} %"
+    assert f"would differ by up to {share} (two standard deviations)" in motion_sentences([solved, irregular])[-1]
     assert [answer.answered for answer in every] == [True, True, True, False, False]
     assert [answer.converged for answer in every] == [True, None, None, False, False]
     assert [answer.doubt for answer in every] == ["", "not confirmed", "", "not converged", ""]

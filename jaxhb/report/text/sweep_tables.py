@@ -145,7 +145,16 @@ def motion_sentences(answers):
         if said:
             alike_in.setdefault(said, []).append(answer.place)
     kinds = [f"{said} at {_where(answers, chosen)}." for said, chosen in alike_in.items()]
-    return [_verdict(answers), *kinds]
+    return [_verdict(answers), *kinds, *_spread(answers)]
+
+
+def _spread(answers):
+    """How far the extremes of other records of irregular motions may lie, in a list."""
+    shares = [answer.state.record.spread for answer in answers if answer.recorded and not answer.state.period]
+    if not shares:
+        return []
+    share = f"{100 * max(shares):.2g} % (two standard deviations)"
+    return [f"Largest forces of other such records of irregular motion would differ by up to {share}."]
 
 
 def _hysteresis(sweeps):
