@@ -43,6 +43,8 @@ def _take_closed_streams():
             os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
     if sys.stdout is None:
         sys.stdout = _Closed()
+    if sys.stderr is None:
+        sys.stderr = io.StringIO()  # what is printed to none would go to standard output
 
 
 def guarded(run):

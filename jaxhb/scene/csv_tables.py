@@ -18,8 +18,8 @@ _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 """What may be a decimal number or one with its thousands set apart."""
 _FOREIGN = {
-    "pressure": ("bar", "mbar", "hpa", "kpa", "mpa", "psi", "atm"),
-    "angle": ("rad", "s", "ms"),
+    "pressure": ("bar", "mbar", "hpa", "kpa", "mpa", "psi"),
+    "angle": ("rad", "mrad"),
     "twist": ("rad", "mrad"),
     "hz": ("rpm", "rad"),
 }

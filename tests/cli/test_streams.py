@@ -82,6 +82,11 @@ def test_a_closed_standard_output_is_a_sentence(words):
 
 
 @SHELL
+def test_an_error_goes_nowhere_else_where_standard_error_is_closed():
+    assert shell("jaxhb modes nowhere.toml 2>&-") == (2, "", "")
+
+
+@SHELL
 def test_files_are_written_though_standard_output_is_closed(tmp_path):
     status, _, told = shell('jaxhb scene spur_pair --out "$1" >&-', str(tmp_path / "copy.toml"))
     assert status == 2 and told == "standard output cannot be written: it is closed.\n"

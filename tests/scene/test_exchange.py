@@ -131,7 +131,10 @@ def test_two_tables_of_a_csv_file_are_a_train(tmp_path, text):
     assert same(load_scene(write(tmp_path, "pump.csv", text)), load_scene(DATA / "scenes" / "pump.toml"))
 
 
-@pytest.mark.parametrize("name, content", [("box.json", gearbox()), ("pump.csv", CSV)])
+RADII = text_of("gear_radius_tors.json")
+
+
+@pytest.mark.parametrize("name, content", [("box.json", gearbox()), ("pump.csv", CSV), ("radii.json", RADII)])
 def test_an_imported_train_comes_back_from_its_toml(tmp_path, name, content):
     path = write(tmp_path, name, content)
     text, beside = scene_text(path)
