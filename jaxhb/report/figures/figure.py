@@ -81,7 +81,12 @@ def figure(caption, x_title, panels, traces, *, x_range=None, height=PANEL, shap
         "showlegend": rows > 0,
         "legend": {"orientation": "h", "x": 0, "y": 1 + 6 / inside, "yanchor": "bottom", "font": {"size": 10}},
         "xaxis": axis
-        | {"title": {"text": x_title}, "zeroline": False, "anchor": _numbered("y", len(panels) - 1), "mirror": "all"},
+        | {
+            "title": {"text": x_title},
+            "zeroline": False,
+            "anchor": _numbered("y", len(panels) - 1),
+            "mirror": "all" if len(panels) > 1 else True,
+        },
         "shapes": list(shapes),
         "annotations": list(annotations),
     }
