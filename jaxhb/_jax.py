@@ -86,6 +86,14 @@ def staged():
     return bool(jax) and traced(jax.lax.full((), 0.0))
 
 
+def refuse_tracers(verb, *given, instead="", host=False):
+    """TypeError with a sentence where ``jit``, ``vmap`` or ``grad`` traces what a verb is given, whose values decide,
+    or ``jit`` what it computes, unless that is arithmetic of the ``host``; ``instead`` says what to do besides."""
+    if traced(given) or (not host and staged()):
+        also = f", and {instead}" if instead else ""
+        raise TypeError(f"{verb} depends on values, so jit, vmap and grad cannot trace it: call it outside{also}")
+
+
 def concrete(*trees):
     """The values, as numpy arrays where differentiation outside ``jit`` and ``vmap`` holds them; else still traced."""
     if not traced(trees):

@@ -5,13 +5,14 @@ import html
 
 import numpy as np
 
+from jaxhb._equal import by_value
 from jaxhb._jax import traced
 
 MOST_ROWS = 20  # rows of a table in a notebook
 
 
 def brief(cls):
-    """Give a dataclass a ``repr`` that tells the shapes of its arrays instead of their numbers.
+    """Give a dataclass a ``repr`` that tells the shapes of its arrays instead of their numbers, and ``==`` by value.
 
     Not for classes whose ``repr`` identifies them: static parts of pytrees, which keys of programs are made of.
 
@@ -25,7 +26,7 @@ def brief(cls):
         return f"{type(self).__name__}({', '.join(f'{name}={value_text(v)}' for name, v in parts if v is not None)})"
 
     cls.__repr__ = line
-    return cls
+    return by_value(cls)
 
 
 def value_text(value):

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from jaxhb._jax import refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Plan, Request, excited_harmonic, time_steps_for
 from jaxhb.balance.problem import problem_at
@@ -277,6 +278,9 @@ def follow(
     >>> round(float(branch.value[-1])), bool(branch.stable.all())
     (3000, True)
     """
+    refuse_tracers("follow", train, rpm, start, to, begin, instead="differentiate jaxhb.solve at a point of the branch")
+    for speed in (start, to) if parameter == "rpm" else ():
+        check_speed(train, speed)
     _check(train, parameter, start, to, rpm)
     ends = [train_at(train, rpm, parameter, float(value)) for value in (start, to)]
     first, speed = ends[0]

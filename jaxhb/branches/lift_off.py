@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import brentq
 
-from jaxhb._jax import Numbers
+from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import fourier
@@ -77,6 +77,7 @@ def lift_off(train: DriveTrain, *, rpm: Numbers, over: str | None = None, values
     >>> found.mesh, found.parts.tolist(), found.rpm.round(-1).tolist()
     (('gear a|gear b',), [True], [4620.0])
     """
+    refuse_tracers("lift_off", train, rpm, values)
     check_speed(train, rpm, many=True)
     rpm = np.asarray(rpm, dtype=float)
     if len(rpm) < 2 or (np.diff(rpm) <= 0).any():

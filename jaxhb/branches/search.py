@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb._jax import staged, traced
+from jaxhb._equal import by_value
+from jaxhb._jax import refuse_tracers
 from jaxhb.balance.plan import Request
 from jaxhb.floquet.stability import Stability, attracts
 from jaxhb.results.response import Response
@@ -24,6 +25,7 @@ SCATTERED = 24  # starts of marches at random states
 FARTHEST = 2.5  # how far off these are at most, in shifts of the teeth from mid-gap to their flanks
 
 
+@by_value
 @dataclass(frozen=True)
 class PeriodicMotion:
     """A periodic motion and whether the train runs in it; made by :func:`solve_all`.
@@ -75,8 +77,7 @@ def solve_all(
     >>> [(motion.period, motion.attracts) for motion in found]
     [(1, True)]
     """
-    if traced(train, rpm) or staged():
-        raise TypeError("solve_all depends on values, so jit, vmap and grad cannot trace it: call it outside")
+    refuse_tracers("solve_all", train, rpm)
     check_speed(train, rpm)
     rpm, request = float(rpm), Request.of(train, harmonics, tolerance)
     (plan,) = plan_speeds(train, np.array([rpm]), request)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 
+from jaxhb._jax import refuse_tracers
 from jaxhb.balance.plan import time_steps_of
 from jaxhb.balance.problem import problem_at
 from jaxhb.certificate.linearization import SAMPLES, CertificateSizes, Linearization, NotInverted, highest_frequency
@@ -46,6 +47,7 @@ def certify(response: Response) -> Certificate:
     >>> found.holds
     True
     """
+    refuse_tracers("certify", response)
     train = train_of(response)
     topology, gaps = train.topology, train.topology.law_index
     problem = problem_at(train, float(response.rpm), listed_harmonic(topology))

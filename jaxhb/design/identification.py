@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
+from jaxhb._jax import refuse_tracers
 from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb.design.evaluation import Task
@@ -131,6 +132,7 @@ def identify(
     >>> round(found.train.value("a|b.stiffness")), found.open
     (6200, ())
     """
+    refuse_tracers("identify", train, instead="differentiate jaxhb.forced_response")
     parameters, priors, where = tuple(parameters), dict(priors or {}), train.topology.title
     faults = [f"parameter {one.name!r}: {text}" for one in parameters for text in parameter_faults(train, one)]
     rows = len(measured.rpm) + int(np.isfinite(measured.phase).sum())
@@ -372,6 +374,7 @@ def weak_cylinder(
     and there is no verdict: :func:`identify` its numbers first. Arguments and errors as of :func:`identify`;
     :class:`SceneError` if no cylinder fires.
     """
+    refuse_tracers("weak_cylinder", train, instead="differentiate jaxhb.forced_response")
     names = list(train.topology.firing_cylinders)
     if not names:
         raise SceneError(f"{train.topology.title}: no cylinder fires, so none can be weak.")

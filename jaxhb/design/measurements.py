@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxhb._equal import by_value
 from jaxhb.elements.elements import SceneError, cut, shown, suggestion
 from jaxhb.scene.csv_tables import CsvText, Line, read_csv
 from jaxhb.scene.input_files import Unreadable, read_text
@@ -17,6 +18,7 @@ UNITS = {"torque": "N m", "angle": "rad", "speed": "rad/s", "acceleration": "rad
 COLUMNS = "rpm", "order", "element", "quantity", "amplitude", "phase"
 
 
+@by_value
 @dataclass(frozen=True)
 class Measured:
     """Measured amplitudes, a row for each ``(R,)``.

@@ -14,7 +14,7 @@ from fractions import Fraction
 import jax
 import numpy as np
 
-from jaxhb._jax import Array, on_host
+from jaxhb._jax import Array, on_host, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.design.quantities import QUANTITIES, Objective, label, objective_faults
 from jaxhb.elements.elements import SceneError, suggestion
@@ -109,6 +109,7 @@ def worst_phase(
     >>> float(found.circle), [round(float(x), 6) for x in (found.nominal[0, 0] / found.worst[0, 0], found.best[0, 0])]
     (360.0, [0.707107, 0.0])
     """
+    refuse_tracers("worst_phase", train, rpm, instead="differentiate jaxhb.forced_response or jaxhb.solve")
     topology = train.topology
     check_speed(train, rpm, many=True)
     if name not in topology.phase_names:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxhb._jax import Numbers
+from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
 from jaxhb.design.descent import OPTIMIZERS, Descent, Step, best_of
@@ -130,10 +130,11 @@ def tune(
     >>> round(tuned.after.parameters["pulley.inertia"], 3)
     0.026
     """
+    refuse_tracers("tune", train, rpm, instead="differentiate jaxhb.solve(train, rpm=..., plan=...)")
+    check_speed(train, rpm, many=True)
     rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
     given = tuple(objective) if isinstance(objective, (list, tuple)) else (objective,)
     task = Task(tuple(parameters), given, tuple(penalties))
-    check_speed(train, rpm, many=True)
     check_all(train, task.parameters, given, task.penalties, rpm)
     _check_numbers(train, optimizer, steps, starts, seed, peaks, widths)
     request = Request.of(train, harmonics, tolerance, integrals=integrals)

@@ -16,7 +16,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxhb._jax import Numbers
+from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
 from jaxhb.design.bounds_over_box import bounds_over_box
@@ -206,8 +206,9 @@ def tolerance(
     >>> bool((found.worst >= found.nominal).all())
     True
     """
-    rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
+    refuse_tracers("tolerance", train, rpm, instead="differentiate jaxhb.solve(train, rpm=..., plan=...)")
     check_speed(train, rpm, many=True)
+    rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
     if tolerances:
         check_tolerances(train, tolerances)
     tolerances = tuple(tolerances) or read_tolerances(train)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxhb._jax import traced
 from jaxhb.elements.elements import (
     LARGEST,
     RULES,
@@ -118,6 +119,9 @@ def value_errors(f, value) -> list[str]:
     limits, remedy = f.metadata["range"], ""
     unit = f" {limits.unit}" if limits.unit else ""
     number = float(value) if number_like(value) else math.nan
+    if not number_like(value) and traced(value):
+        there = "build the train outside, and change it there by train.replace, whose numbers may be traced"
+        return [f"{f.name} is traced by jit, vmap or grad, must be a number: {there}."]
     if not number_like(value) and (isinstance(value, bool) or not isinstance(value, int)):
         found, wanted = shown(value), f"a number{f' in {limits.unit}' if limits.unit else ''}"
     elif not math.isfinite(number):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from jaxhb._jax import on_host
+from jaxhb._jax import on_host, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.equations import exact_integrals, fourier
 from jaxhb.equations.backlash import law_meshes
@@ -126,6 +126,7 @@ def stability(response: Response) -> Stability:
     >>> found.stable, round(found.largest, 2), found.multipliers[found.rotation].real.round(2).tolist()
     (True, 0.41, [1.0, 1.0])
     """
+    refuse_tracers("stability", response)
     train = train_of(response)
     system, meshes, topology = chain.assemble(train), law_meshes(train), train.topology
     if topology.n_disks > DISKS:

@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._jax import on_host
+from jaxhb._equal import by_value
+from jaxhb._jax import on_host, refuse_tracers
 from jaxhb._program import Program
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import all_meshes, law_meshes
@@ -49,6 +50,7 @@ def _close(stepper, system, load, coefficients, tolerance):
     return nodes[0], trace, steps
 
 
+@by_value
 @dataclass(frozen=True)
 class Orbit:
     """A cycle found by time integration, on the host; samples at ``t_j = 2 pi j / (Omega steps)``, backlash meshes.
@@ -229,12 +231,14 @@ def integrate(
     >>> orbit.settled, orbit.elastic.max(axis=1).round(-1).tolist()
     (True, [1200.0])
     """
+    refuse_tracers("integrate", train, rpm)
     system, meshes, frequency, load = equations_of(train, rpm)
     return reference_orbit(
         system, meshes, frequency, load, steps=steps, cycles=cycles, tolerance=tolerance, max_cycles=max_cycles
     )
 
 
+@by_value
 @dataclass(frozen=True)
 class Correction:
     """What one-cycle shooting changes on a harmonic solution: its true error.
@@ -290,6 +294,7 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
     >>> jaxhb.shooting_correction(r).error < 1e-3
     True
     """
+    refuse_tracers("shooting_correction", response)
     train, rpm = response.train, float(response.rpm)
     if train is None:
         raise ValueError("the response comes out of a transformation without its train: solve outside of it")

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq
 
-from jaxhb._jax import Array
+from jaxhb._jax import Array, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations.backlash import all_meshes, error_load
@@ -152,6 +152,7 @@ def campbell(
     >>> [round(c.rpm, 3) for c in campbell(train, rpm=[20.0, 100.0], orders=[1.0, 2.0]).critical]
     [47.746, 95.493]
     """
+    refuse_tracers("campbell", train, rpm, instead="pass its critical speeds to jaxhb.critical_speed, which traces")
     name = train.topology.title
     check_speed(train, rpm, many=True)
     falling = len(rpm) < 2 or np.any(np.diff(rpm) <= 0)

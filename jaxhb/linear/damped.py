@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import eig
 from scipy.optimize import linear_sum_assignment
 
-from jaxhb._jax import Array, concrete, namespace, on_host, traced
+from jaxhb._jax import Array, concrete, namespace, on_host, refuse_tracers, traced
 from jaxhb._shown import brief
 from jaxhb.linear.modal import Modes
 from jaxhb.train import chain
@@ -68,6 +68,7 @@ def damped_modes(train: DriveTrain) -> DampedModes:
     >>> modes.eigenvalues.round(6).tolist(), modes.damping_ratio.round(6).tolist()
     ([(-1+9.949874j)], [0.1])
     """
+    refuse_tracers("damped_modes", train, instead="pass its modes to jaxhb.damped_eigenvalues, which traces", host=True)
     system = on_host(chain.assemble(train))
     values, velocity, resolved = _eigenpairs(system)
     order = np.argsort(values.imag, kind="stable")

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import eigh_tridiagonal, eigvalsh_tridiagonal, lapack
 
-from jaxhb._jax import Array, namespace, on_host
+from jaxhb._jax import Array, namespace, on_host, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.train import chain
 from jaxhb.train.connections import pieces
@@ -25,6 +25,8 @@ SMALL = 1e-3
 EVERY_DIGIT = 2 * np.finfo(float).tiny
 """Absolute tolerance that makes LAPACK's bisection (dstebz) stop by its relative one."""
 AT_REST = 1e-10  # ordinate over the largest one below which a disk lies in a node: rounding of a mode shape
+
+DIFFERENTIABLE = "take jaxhb.frequencies_hz and jaxhb.mode_shares, which have derivatives"
 
 
 @dataclass(frozen=True)
@@ -259,6 +261,7 @@ def natural_frequencies(train: DriveTrain, *, count: int | None = None) -> Modes
     >>> jaxhb.natural_frequencies(jaxhb.load_scene("six_cylinder_diesel")).frequencies_hz[:3].round(1).tolist()
     [0.0, 216.6, 592.7]
     """
+    refuse_tracers("natural_frequencies", train, instead=DIFFERENTIABLE, host=True)
     system, rows = factor(train)
     omega, vectors = singular_vectors(rows, count)
     displacement = rows.displacements(vectors / np.sqrt(rows.mass)[:, None], len(system.mass))
@@ -297,6 +300,7 @@ def all_frequencies(train: DriveTrain) -> Array:
     >>> jaxhb.all_frequencies(jaxhb.load_scene("six_cylinder_diesel"))[:3].round(1).tolist()
     [0.0, 216.6, 592.7]
     """
+    refuse_tracers("all_frequencies", train, instead=DIFFERENTIABLE, host=True)
     return singular_values(factor(train)[1]) / (2 * np.pi)
 
 

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._jax import Array, Numbers, concrete, on_host, traced
+from jaxhb._jax import Array, Numbers, concrete, on_host, refuse_tracers, traced
 from jaxhb._program import Program
 from jaxhb.linear.modal import ModeShares, shares
 from jaxhb.train import chain
@@ -137,6 +137,7 @@ def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy:
 
 def clusters_of(frequencies_hz: Numbers, tolerance: float = CLUSTER) -> tuple[tuple[int, ...], ...]:
     """Numbers of the modes whose frequencies ``(m,)``, rising, repeat to a relative ``tolerance``; host."""
+    refuse_tracers("clusters_of", frequencies_hz, instead="pass its result to jaxhb.cluster_sums_hz", host=True)
     found = np.asarray(frequencies_hz)
     starts = np.flatnonzero(np.diff(found, prepend=-np.inf) > tolerance * np.abs(found)).tolist()
     return tuple(tuple(range(a, b)) for a, b in zip(starts, [*starts[1:], len(found)], strict=True))

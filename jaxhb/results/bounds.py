@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxhb._equal import by_value
 from jaxhb._shown import brief
 
 NORM_MARGIN, ROW_SUM_MARGIN = 1.1, 1.5
@@ -14,6 +15,7 @@ MARGINS = f"in double precision; margins on iterated norms x{NORM_MARGIN:g}, on 
 """What is said beside the numbers of a bound."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Kantorovich:
     """The theorem of Newton and Kantorovich (Kantorovich & Akilov, XVIII.1; theory A4.3): norm ``H0`` of the inverse

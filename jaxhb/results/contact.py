@@ -4,9 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxhb._equal import by_value
 from jaxhb.equations import backlash, fourier
 
 
+@by_value
 @dataclass(frozen=True)
 class Contact:
     """Contact of one mesh over one cycle.

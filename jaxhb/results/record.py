@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jaxhb._equal import by_value
 from jaxhb._jax import Array
 from jaxhb._shown import brief
 from jaxhb.results.motion import Motion
@@ -57,6 +58,7 @@ class OverCycles:
 
 
 @jax.tree_util.register_dataclass
+@by_value
 @dataclass(frozen=True, repr=False)
 class SteadySignal(Signal, OverCycles):
     """The :class:`Signal` of a motion whose period is ``cycles`` cycles of the excitation."""

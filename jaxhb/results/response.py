@@ -1,13 +1,14 @@
 """The periodic response of a drive train: disks, shafts, gears and meshes, read by name."""
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import jax
 import numpy as np
 
-from jaxhb._jax import Array, namespace
+from jaxhb._equal import by_value
+from jaxhb._jax import Array, namespace, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.kinematics import rotor_ratios
@@ -36,6 +37,8 @@ class Fields:
     elastic_forces: Array
 
 
+SMOOTH = "jaxhb.design.objectives.separated_fraction and impact_severity"
+"""What tells of contact and has derivatives."""
 FIELDS = tuple(field.name for field in dataclasses.fields(Fields))
 
 
@@ -84,9 +87,10 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     steps: Array
     topology: Topology
     resolution: int
-    train: DriveTrain | None = None
-    path: tuple = ()
-    certificate: object = None
+    # Neither the log nor what the response was made from is part of what is compared.
+    train: DriveTrain | None = field(default=None, compare=False)
+    path: tuple = field(default=(), compare=False)
+    certificate: object = field(default=None, compare=False)
 
     @property
     def harmonics(self) -> int:
@@ -96,6 +100,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     @property
     def highest_harmonic(self) -> Array:
         """Highest harmonic that moves a disk, per speed: of a sweep :attr:`harmonics` is the largest among them."""
+        refuse_tracers("highest_harmonic", self.angles, instead="read .harmonics there", host=True)
         moves = np.any(np.asarray(self.angles) != 0, axis=-2)
         return np.max(np.where(moves, np.arange(moves.shape[-1]), 0), axis=-1)
 
@@ -113,6 +118,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     @property
     def status_name(self) -> str | np.ndarray:
         """Name of :attr:`status`, "CONVERGED"; of several speeds an array of names."""
+        refuse_tracers("status_name", self.status, instead="read .status there", host=True)
         names = np.array([status.name for status in Status])[np.asarray(self.status)]
         return names if np.ndim(names) else str(names)
 
@@ -126,6 +132,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     def __bool__(self) -> bool:
         if np.ndim(self.rpm):
             raise TypeError("a sweep is neither true nor false: read .converged, which has each of its speeds")
+        refuse_tracers("if response", self.status, instead="read .converged or .solved there", host=True)
         return bool(self.converged)
 
     def __len__(self) -> int:
@@ -180,6 +187,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
             case "power":
                 return self._power(index)
             case "contact":
+                refuse_tracers("mesh", self.deflections, instead=f"read {SMOOTH} there", host=True)
                 law = jax.tree.map(lambda values: np.asarray(values)[..., index], self.law)
                 signals = self.deflections, self.forces, self.elastic_forces
                 return contact_of(
@@ -248,6 +256,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         >>> swing.sel(rpm=1500).item().__round__(1), swing.attrs["units"]
         (2900.6, 'N m')
         """
+        refuse_tracers("to_xarray", self, host=True)
         motions = [self[i] for i in range(len(self))] if np.ndim(self.rpm) else [self]
         return to_xarray(motions, self.topology, np.asarray(self.rpm), orders=orders)
 
@@ -269,7 +278,7 @@ def register(cls):
         return cls(**dict(zip(names, leaves, strict=True)), **dict(zip(static, told, strict=True)))
 
     jax.tree_util.register_pytree_with_keys(cls, flatten, unflatten)
-    return cls
+    return by_value(cls)
 
 
 register(Response)

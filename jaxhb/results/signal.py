@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._jax import Array, namespace, traced
+from jaxhb._equal import by_value
+from jaxhb._jax import Array, namespace, refuse_tracers, traced
 from jaxhb.equations import fourier
 from jaxhb.results.display import signal_line
 
@@ -31,16 +32,19 @@ class Summarized:
 
     def summary(self: Any) -> dict[str, Any]:
         """Plain numbers for programs: mean, min, max, rms, half_peak_to_peak, sum_of_amplitudes, amplitudes."""
+        refuse_tracers("summary", self, instead="read .max, .min, .mean, .rms and .amplitudes there", host=True)
         numbers = {"rms": float(self.rms), "sum_of_amplitudes": float(self.sum_of_amplitudes)}
         return self.extremes() | numbers | {"amplitudes": self.spectrum()}
 
     def extremes(self: Any) -> dict[str, float]:
         """Plain numbers for programs: mean, min, max and half_peak_to_peak."""
+        refuse_tracers("extremes", self, instead="read .max, .min and .mean there", host=True)
         low, high = float(self.min), float(self.max)
         return {"mean": float(self.mean), "min": low, "max": high, "half_peak_to_peak": (high - low) / 2}
 
 
 @jax.tree_util.register_dataclass
+@by_value
 @dataclass(frozen=True)
 class Signal(Summarized):
     """A periodic quantity, or a batch of them.
@@ -181,6 +185,7 @@ class Signal(Summarized):
 
     def spectrum(self) -> list[list[float]]:
         """``[[order, A, phase_deg], ...]`` of one signal."""
+        refuse_tracers("spectrum", self, instead="read .orders, .amplitudes and .phases_deg there", host=True)
         columns = (self.orders, np.asarray(self.amplitudes), np.asarray(self.phases_deg))
         return [[float(v) for v in row] for row in zip(*columns, strict=True)]
 

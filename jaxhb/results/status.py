@@ -6,6 +6,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from jaxhb._jax import refuse_tracers
+
 AnyResponse = TypeVar("AnyResponse", bound=Any)
 
 
@@ -73,6 +75,7 @@ class NotConverged(RuntimeError):
 
 def check(response: AnyResponse) -> AnyResponse:
     """Raise :class:`NotConverged` with a sentence per speed that did not converge; return the response otherwise."""
+    refuse_tracers("check", response, instead="read response.solved or response.status there", host=True)
     columns = response.rpm, response.status, response.residual, response.truncation_error
     sentences = [
         f"{response.topology.title} at {rpm:g} rpm: {Status(int(s)).name}, residual {r:.1e}, truncation error "

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxhb._equal import by_value
 from jaxhb.results.contact import Contact
 from jaxhb.results.dataset import Dataset, to_xarray
 from jaxhb.results.display import state_html, state_line, states_html, states_line
@@ -19,6 +20,7 @@ from jaxhb.train.topology import Topology
 KINDS = "contact", "periodic", "subharmonic", "irregular", "unknown"
 
 
+@by_value
 @dataclass(frozen=True)
 class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
     """What a train does at one speed after it has run long enough; made by :func:`jaxhb.steady_state`.
@@ -118,6 +120,7 @@ def orbit_state(response):
     return SteadyState(float(response.rpm), kind, period, response, None, 0, notes, None, response.topology)
 
 
+@by_value
 @dataclass(frozen=True)
 class SteadySweep:
     """Steady states at several speeds, one after another as a sequence; :attr:`kind` and the like as arrays."""

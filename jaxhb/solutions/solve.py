@@ -12,10 +12,11 @@ import time
 
 import numpy as np
 
-from jaxhb._jax import Number, concrete, staged, traced
-from jaxhb.balance.plan import Plan, Request, check_harmonics, excited_harmonic
+from jaxhb._jax import Number, concrete, refuse_tracers, staged, traced
+from jaxhb.balance.plan import MOST_HARMONICS, Plan, Request, check_harmonics, excited_harmonic
 from jaxhb.balance.program import solve_planned
 from jaxhb.certificate import certificate
+from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status, check
 from jaxhb.solutions import planning, starts
@@ -169,10 +170,7 @@ def plan(
     >>> jaxhb.plan(train, rpm=1500.0).active
     ()
     """
-    if traced(train, rpm) or staged():
-        raise TypeError(
-            "plan depends on values, so jit, vmap and grad cannot trace it: call it outside and give solve its result"
-        )
+    refuse_tracers("plan", train, rpm, instead="give jaxhb.solve its result")
     found = _decide(train, rpm, Request.of(train, harmonics, tolerance, method, integrals), None)
     # Where a mesh left its flank, refine has planned again. What can still be violated is the number of crossings that
     # exact integrals have room for, at this speed: every solve under the plan verifies it and says so by its status.
@@ -195,15 +193,18 @@ def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = N
     The gaps of meshes are closed and all else stays as it is. Where that is not linear (a mesh stiffness that varies,
     stages, stops, clearance or friction of a shaft) it is solved as by :func:`solve`, else in one linear solve.
 
-    ``harmonics`` : default those of the excitation; arguments and errors otherwise as of :func:`solve`.
+    ``harmonics`` : default those of the excitation; arguments and errors otherwise as of :func:`solve`. Valid under
+    ``jit``, ``vmap`` and ``grad`` where it is linear.
     """
     train = in_contact(train)
     if not train.topology.linear_in_contact:
         return solve(train, rpm=rpm, harmonics=harmonics)
     check_speed(train, rpm)
-    if harmonics is not None:
+    if harmonics is not None and not traced(train):
         check_harmonics(train, harmonics, "reduced")
-    most = harmonics or excited_harmonic(train, "reduced")
+    # Which of the harmonics listed are excited, values tell.
+    listed = min(listed_harmonic(train.topology), MOST_HARMONICS["reduced"])
+    most = harmonics or (listed if traced(train) else excited_harmonic(train, "reduced"))
     plan = Plan(harmonics=most, active=(), flank=(0,) * len(train.topology.mesh_names))
     return solve_planned(train, rpm, plan)
 

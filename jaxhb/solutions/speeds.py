@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb._jax import Numbers
+from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb.balance.plan import Plan, Request, check_plan
 from jaxhb.balance.program import solve_batches
 from jaxhb.results.response import Response, stack
@@ -69,8 +69,9 @@ def solve_speeds(
     >>> sweep.torque("cyl6", "flywheel").half_peak_to_peak.shape
     (4,)
     """
-    rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
+    refuse_tracers("solve_speeds", train, rpm, instead="jax.vmap over jaxhb.solve(train, rpm=..., plan=...) instead")
     check_speed(train, rpm, many=True)
+    rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
     if plan and not (harmonics is None and tolerance is None and integrals is None):
         raise ValueError("harmonics, tolerance and integrals belong to the plan: give them to jaxhb.plan")
     request = Request.of(train, harmonics, tolerance, "reduced", integrals, few_levels=True)

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypedDict, Unpack, overload
 
 import numpy as np
 
-from jaxhb._jax import Array, Numbers, staged, traced
+from jaxhb._jax import Array, Numbers, refuse_tracers
 from jaxhb.balance.plan import Request
 from jaxhb.balance.program import solve_batches
 from jaxhb.elements.elements import SceneError
@@ -148,11 +148,8 @@ def steady_state(
     >>> s.kind, s.period
     ('contact', 1)
     """
-    if traced(train, rpm) or staged():
-        raise TypeError(
-            "steady_state depends on values, so jit, vmap and grad cannot trace it: call it outside, and differentiate "
-            "jaxhb.solve(train, rpm=..., plan=..., start=its response)"
-        )
+    instead = "differentiate jaxhb.solve(train, rpm=..., plan=..., start=its response)"
+    refuse_tracers("steady_state", train, rpm, instead=instead)
     if direction not in DIRECTIONS:
         raise ValueError(f"direction is {direction!r}: give 'up', 'down' or 'both'")
     check_speed(train, rpm, many=True)

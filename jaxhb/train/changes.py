@@ -5,7 +5,7 @@ import dataclasses
 
 import numpy as np
 
-from jaxhb._jax import traced
+from jaxhb._jax import load, traced
 from jaxhb.elements import derived, value_checks
 from jaxhb.elements.elements import LARGEST, TABLES, Combustion, Mesh, SceneError, Trace, shown, suggestion
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, rotor_ratios
@@ -171,6 +171,8 @@ def replace(train, values):
         except SceneError as error:
             errors += error.sentences
             continue
+        if isinstance(value, list | tuple) and traced(value):  # rows with traced numbers: numpy cannot join them
+            value = load().numpy.asarray(value)
         errors += _value_errors(train, key, table, field, index, value)
         changes.setdefault((table, field), {})[_place(train, field, index)] = value
     if errors:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxhb._equal import by_value
 from jaxhb._jax import Number, pytree, traced
 from jaxhb._shown import html_table
 from jaxhb.elements.elements import SceneError, shown, suggestion
@@ -20,7 +21,7 @@ from jaxhb.train.topology import Topology
 
 
 @pytree
-# No ==: that of arrays has no one truth value.
+@by_value
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DriveTrain:
     """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static topology.

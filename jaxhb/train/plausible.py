@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxhb._jax import on_host
+from jaxhb._jax import on_host, refuse_tracers
 from jaxhb.elements.elements import RULES
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, tooth_damping_ratios
 from jaxhb.excitation import gas
@@ -104,6 +104,7 @@ def plausibility(train: DriveTrain) -> list[str]:
     >>> print(plausibility(train.replace({"crank gear|idler.backlash": 0.15}))[0])
     [[mesh]] 'crank gear|idler': backlash is 0.15 m, usual 2e-5 to 0.001 m: is it in m, not in mm?
     """
+    refuse_tracers("plausibility", train, host=True)
     train = on_host(train)
     of_cylinders = _sizes, _masses, _pressures, _charges, _firings, _drives
     of_links = _disks, _inertias, _shafts, _links, _meshes, _internal

@@ -2,7 +2,7 @@
 
 import math
 
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.elements import SceneError, shown
 
 HIGHEST_RPM = 1e6  # speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles stay below
 MOST_SPEEDS = 100_000  # of a range: answers of so many small trains fill a gigabyte
@@ -41,11 +41,29 @@ def read_speeds(text):
 
 
 def check_speed(train, rpm, *, many=False):
-    """Refuse a speed that is not a positive number or beyond any train, and several speeds where one is wanted."""
+    """Refuse a speed that is not a positive number or beyond any train, and several speeds where one is wanted.
+
+    One that is traced is not known yet: where it is no speed, a status says so.
+    """
     import numpy as np  # the command line reads speeds before it imports anything heavy
 
-    values, name = np.atleast_1d(np.asarray(rpm, dtype=float)), train.topology.title
-    if np.ndim(rpm) and not many:
+    from jaxhb._jax import traced
+
+    if traced(rpm):
+        return
+    name = train.topology.title
+    try:
+        given = np.asarray(rpm)
+    except ValueError:  # rows of different lengths
+        given = np.array(None)
+    if given.size and given.dtype.kind not in "iuf":
+        raise SceneError(f"{name}: the speed is {shown(rpm)}, must be a number greater than 0 rpm.")
+    values = np.atleast_1d(given)
+    if values.ndim > 1:
+        raise SceneError(
+            f"{name}: the speeds are an array of {' x '.join(map(str, values.shape))}, must be numbers in one row."
+        )
+    if given.ndim and not many:
         raise SceneError(f"{name}: {values.size} speeds were given where one is solved: use jaxhb.solve_speeds.")
     if not values.size:
         raise SceneError(f"{name}: no speed is given: name at least one, in rpm.")
