@@ -279,8 +279,9 @@ def follow(
     (3000, True)
     """
     refuse_tracers("follow", train, rpm, start, to, begin, instead="differentiate jaxhb.solve at a point of the branch")
-    for speed in (start, to) if parameter == "rpm" else ():
-        check_speed(train, speed)
+    if parameter == "rpm":
+        check_speed(train, start)
+        check_speed(train, to)
     _check(train, parameter, start, to, rpm)
     ends = [train_at(train, rpm, parameter, float(value)) for value in (start, to)]
     first, speed = ends[0]
