@@ -37,7 +37,28 @@ def load():
         os.environ.update(vars(sys.modules[__package__])["_environment_before"])
         _jax = jax
         _register_waiting()
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=_note_fork)
     return _jax
+
+
+_forked = _computed = False
+
+
+def _note_fork():
+    """Of a process forked from one in which jax had computed: the threads of jax are not in it."""
+    global _forked
+    _forked = _computed
+
+
+def check_fork():
+    """Refuse to compute where jax would wait for ever for threads that a fork has left behind."""
+    if _forked:
+        raise RuntimeError(
+            "this process was forked from one in which jaxhb had computed, and the threads of jax are not in it: it "
+            "would wait for them for ever. Start processes by multiprocessing.get_context('spawn'), or fork before the "
+            "first solve."
+        )
 
 
 def _loaded():
@@ -133,7 +154,10 @@ def kept(function):
 
 
 def check_settings():
-    """Refuse settings of jax under which numbers would be wrong, or jax fails somewhere inside."""
+    """Refuse settings of jax under which numbers would be wrong, or jax fails or waits somewhere inside."""
+    global _computed
+    check_fork()
+    _computed = True
     config = load().config
     if not config.jax_enable_x64:
         raise RuntimeError(

@@ -21,6 +21,7 @@ TRIALS, EXPANSIONS = 12, 2
 """Lengths of a step tried at most; and that trial from which on one is taken that falls without Wolfe's condition."""
 
 DECREASE, CURVATURE = 1e-4, 0.9  # of the line search: Armijo's and Wolfe's conditions
+BY_USER = "stopped by the user"
 AGAIN = 2  # times that the last width is taken up again where peaks are followed
 FLAT = 1e-7  # largest slope, as a share of the objective, at which nothing is left to win
 
@@ -50,17 +51,29 @@ class Descent:
     """The designs of all starts as they are now, the best ones, and the history of the best of all."""
 
     def __init__(
-        self, evaluator, optimizer, *, rate, widths, improvement, patience, on_step, on_start=None, keep=computed
+        self,
+        evaluator,
+        optimizer,
+        *,
+        rate,
+        widths,
+        improvement,
+        patience,
+        on_step,
+        on_start=None,
+        keep=computed,
+        history=(),
     ):
         """``keep`` as of :func:`jaxhb.results.checkpoint.keeper`: an evaluation follows from those before, so that a
-        descent whose evaluations are kept goes on with the same numbers."""
+        descent whose evaluations are kept goes on with the same numbers. ``history`` of one before goes on, too."""
         self.keep = keep
         self.evaluator, self.searching, self.rate = evaluator, optimizer == "lbfgs", rate
         self.widths, self.improvement, self.patience = widths, improvement, patience
         self.on_step, self.on_start = on_step, on_start
         self.optimizer = OPTIMIZERS[optimizer]()
         self.update = jax.jit(jax.vmap(self.optimizer.update))
-        self.history, self.evaluations, self.began = [], 0, time.monotonic()
+        self.history, self.evaluations, self.began = list(history), 0, time.monotonic()
+        self.earlier = history[-1] if history else None
 
     def run(self, z, steps):
         """From the designs z to the end, or to Ctrl-C: the first and the best Point, why it stopped, whether so."""
@@ -69,7 +82,7 @@ class Descent:
         try:
             stopped, interrupted = self._stages(steps), False
         except KeyboardInterrupt:
-            stopped, interrupted = "stopped by the user", True
+            stopped, interrupted = BY_USER, True
         return first, self.best, stopped, interrupted
 
     def _at(self, z, near, **options):
@@ -238,18 +251,18 @@ class Descent:
         return where(bad, self._memory(), (memory[0], np.zeros_like(bad)))
 
     def _note(self, number):
-        evaluator, design = self.evaluator, best_of(self.best)
+        evaluator, design, earlier = self.evaluator, best_of(self.best), self.earlier
         step = Step(
-            number=number,
+            number=number + (earlier.number + 1 if earlier else 0),
             objective=float(self.best.value[design]),
             parameters=evaluator.task.named(self.best.z[design]),
             gradient_norm=float(np.linalg.norm(self.best.gradient[design])),
             valid=int(self.best.solved[design, : len(evaluator.rpm)].sum()),
             width=self.aim.share,
             start=design,
-            evaluations=self.evaluations,
+            evaluations=self.evaluations + (earlier.evaluations if earlier else 0),
             plan=evaluator.described(self.best, design),
-            seconds=time.monotonic() - self.began,
+            seconds=time.monotonic() - self.began + (earlier.seconds if earlier else 0.0),
         )
         self.history.append(step)
         self.on_step(step)

@@ -25,6 +25,7 @@ from jaxhb.balance.plan import RESIDUAL
 from jaxhb.balance.problem import problem_at
 from jaxhb.balance.program import BATCH_SPEEDS, active_deflections, differentiable, estimate, find, respond
 from jaxhb.design import objectives
+from jaxhb.design.between_speeds import speeds_of
 from jaxhb.design.quantities import OF_DESIGN, QUANTITIES, inertia_added, label
 from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
@@ -117,7 +118,7 @@ class Aim:
 class Point:
     """Designs and how they do: A starts, n speeds, P parameters, M meshes, N harmonics of the finest plan.
 
-    z : ``(A, P)``; speeds : ``(A, n)`` rpm, those asked for and behind them those that follow peaks
+    z : ``(A, P)``; speeds : ``(A, n)`` rpm, those asked for, those that follow peaks, and those at critical speeds
     status : ``(A, n)``; plan_number : ``(A, n)``, index of ``plans``, the first of which serves any motion
     motion : complex ``(A, n, M, N+1)`` m, deflections; resumed : bool ``(A, n)``, solved from the motion at hand alone
     smooth, exact : readings of responses ``(A, n, J)``; of_design : readings ``(A,)`` of the train alone
@@ -179,9 +180,11 @@ class Reading:
 class Evaluator:
     """Evaluates designs of one train on the host; it holds what stays the same all the way down."""
 
-    def __init__(self, train, rpm, task, request, peaks=0, scatter=None):
+    def __init__(self, train, rpm, task, request, peaks=0, scatter=None, critical=()):
         """``peaks`` speeds are added for every objective that is a maximum, to follow its highest peaks; ``scatter`` is
-        None, or the :class:`~jaxhb.design.robust.Scatter` of the trains at these speeds."""
+        None, or the :class:`~jaxhb.design.robust.Scatter` of the trains at these speeds; ``critical`` are the
+        :class:`~jaxhb.design.between_speeds.Followed` at whose speed each design is looked at, too."""
+        self.critical = tuple(critical)
         self.train, self.rpm, self.task, self.request, self.peaks = train, rpm, task, request, peaks
         self.followed = [j for j, objective in enumerate(task.objectives) if objective.over == "worst"] if peaks else []
         self.fallback, plans = plan_designs(train, rpm, request)
@@ -202,10 +205,22 @@ class Evaluator:
     def unsolved(self, z):
         """The Point of designs ``(A, P)`` without motions."""
         spread = np.linspace(0, len(self.rpm) - 1, self.peaks * len(self.followed)).round().astype(int)
-        speeds = np.tile(np.concatenate([self.rpm, self.rpm[spread]]), (len(z), 1))
+        speeds = np.tile(np.concatenate([self.rpm, self.rpm[spread], np.zeros(len(self.critical))]), (len(z), 1))
+        speeds = self._at_critical(z, speeds)
         motion = np.zeros((*speeds.shape, len(self.train.topology.has_law), 1), dtype=complex)
         lost = np.full(speeds.shape, Status.MAX_STEPS)
         return self._planned(Point(z, speeds, lost, np.zeros_like(lost), motion, plans=(self.fallback,)))
+
+    def _at_critical(self, z, speeds):
+        """The speeds ``(A, n)`` with the last ones at the critical speeds of designs ``(A, P)``.
+
+        There a reading is at a maximum over the speed: its derivative by z is that at a constant speed.
+        """
+        if not self.critical:
+            return speeds
+        trains = [self.train.replace(self.task.named(own)) for own in z]
+        critical = np.array([speeds_of(self.critical, train, self.rpm) for train in trains])
+        return np.concatenate([speeds[:, : -len(self.critical)], critical], axis=1)
 
     def replanned(self, point):
         """The same designs to be solved anew: the added speeds on their highest peaks, all planned by their numbers."""
@@ -251,6 +266,7 @@ class Evaluator:
         on_lanes : called with the Reading of the first design, again and again while its speeds are solved
         """
         wanted = np.broadcast_to(wanted, len(z))
+        near = dataclasses.replace(near, speeds=self._at_critical(z, near.speeds))
         lanes, pull = self.solved(z, near, wanted[:, None] & aim.counted, rescues=rescues, on_lanes=on_lanes)
         return self._valued(lanes, pull, aim, wanted, most)
 
@@ -279,7 +295,7 @@ class Evaluator:
         while True:
             kept = lanes.counted & answers.solved(status)
             weighted = point.smooth, kept, self.weights(point.speeds), aim.widths, aim.scales
-            shape = {"task": self.task, "own": len(self.rpm), "heavy": self.heavy}
+            shape = {"task": self.task, "own": len(self.rpm), "critical": len(self.critical), "heavy": self.heavy}
             combined = combine(self.train, point.z, *weighted, **shape)
             value, of_design, by_z, by_smooth = jax.tree.map(np.asarray, combined)
             # A line search rejects higher values without their gradients, which cost as much as the solves.
@@ -572,13 +588,16 @@ def pull_back(pull, cotangent):
     return pull(cotangent)[0]
 
 
-@partial(Program, static_argnames=("task", "own", "heavy"))
-def combine(train, z, smooth, kept, weights, widths, scales, *, task, own, heavy):
+@partial(Program, static_argnames=("task", "own", "critical", "heavy"))
+def combine(train, z, smooth, kept, weights, widths, scales, *, task, own, critical, heavy):
     """The objective of every design: value ``(A,)``, readings ``(A,)`` of the train alone, and derivatives of the value
     by z ``(A, P)`` and by the readings of responses ``(A, n, J)``.
 
-    Speeds ``kept`` ``(A, n)`` enter, the first ``own`` of them into means and penalties, all into smooth maxima.
+    Speeds ``kept`` ``(A, n)`` enter, the first ``own`` of them into means, these and the last ``critical`` into
+    penalties, all into smooth maxima.
     """
+    limited = np.arange(kept.shape[1]) < own
+    limited[kept.shape[1] - critical :] = True
 
     def cost(z, smooth, kept, weights):
         changed, total, readings = train.replace(task.named(z)), jnp.zeros(()), []
@@ -599,7 +618,7 @@ def combine(train, z, smooth, kept, weights, widths, scales, *, task, own, heavy
                 total += penalty.weight * _excess(penalty, readings[-1]) ** 2
             else:
                 excess = penalty.weight * _excess(penalty, next(values)) ** 2
-                total += objectives.masked_sum(excess[:own], kept[:own])
+                total += objectives.masked_sum(excess, kept & limited)
         return total, tuple(readings)
 
     (value, readings), slopes = jax.vmap(jax.value_and_grad(cost, (0, 1), has_aux=True))(z, smooth, kept, weights)

@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ import numpy as np
 from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
-from jaxhb.design.descent import OPTIMIZERS, Descent, Step, best_of
+from jaxhb.design.between_speeds import check_between, exceeded, is_linear, limits_of, near, shown_excess, worst_share
+from jaxhb.design.descent import BY_USER, OPTIMIZERS, Descent, Step, best_of
 from jaxhb.design.evaluation import Evaluator, Reading, Task
 from jaxhb.design.quantities import Objective, Parameter, Penalty, check_all, label
 from jaxhb.design.robust import Robustness, check_robust, tune_robust
@@ -20,6 +22,9 @@ from jaxhb.elements.elements import SceneError
 from jaxhb.results.checkpoint import Cached, keeper, place_in
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
+
+ROUNDS = 3  # tunings that go on at the critical speeds between those asked for
+ACROSS = (-2.2, 0.0, 2.2)  # z of designs across the bounds of a number: a tenth, a half, nine tenths of the way
 
 
 @brief
@@ -30,6 +35,8 @@ class Tuning:
     train : DriveTrain, tuned; rpm : ``(n,)``; before, after : Reading; history : tuple of Step
     outcomes : tuple of (objective, parameters, valid speeds) of every start; stopped : why it ended, a sentence;
     interrupted : whether the user ended it; robust : of a robust tuning what it is compared with
+    checked : of a tuning with limits what the last design does between the speeds, and the first of a linear train,
+    ``{"after": Checked, "before": Checked}``; followed : sentences, limits exceeded on the way, after which it went on
     """
 
     train: DriveTrain
@@ -41,6 +48,8 @@ class Tuning:
     stopped: str
     interrupted: bool
     robust: Robustness | None = None
+    checked: dict = dataclasses.field(default_factory=dict)
+    followed: tuple = ()
 
 
 def tune(
@@ -79,6 +88,12 @@ def tune(
     lost is tried again from a march; a step that still loses one is halved, never accepted. The plan of the solves is
     fixed during a line search; between steps it gets more harmonics where they are too few, and the optimiser begins
     anew.
+
+    With limits (penalties with ``most``, and objectives that are shares of a limit, of which 1 is the limit) the design
+    found is checked at the critical speeds between those asked for. Where a limit is exceeded, the tuning goes on at
+    the critical speeds that matter, which then follow each design, from the train as it is, the design found and the
+    best of some across the bounds. Speeds further apart than 2.5 times the median distance are a hole that is not
+    looked into.
 
     :class:`SceneError` if names are unknown, bounds exclude the start, a mesh without backlash is to separate and the
     like, one sentence each; or if no speed converges at the start.
@@ -142,31 +157,114 @@ def tune(
     options |= {"on_step": on_step or (lambda step: None), "on_start": on_start}
     drawn = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, len(task.parameters)))
 
+    start, every, accuracy = (
+        task.unbounded(train),
+        np.arange(len(rpm)),
+        {"harmonics": harmonics, "tolerance": tolerance},
+    )
     asked = {"answers": "designs", "speeds": rpm, "task": task, "optimizer": optimizer, "steps": steps, "rate": rate}
     asked |= {"starts": starts, "seed": seed, "widths": widths, "improvement": improvement, "patience": patience}
     asked |= {"peaks": peaks, "robust": robust, "within": tuple(tolerances), **vars(request)}
     stages = itertools.count()
 
-    def tuned(train, speeds, scatter):
-        # Of a robust tuning every stage has a folder of its own.
-        place = out if robust is None else place_in(out, f"tuning {next(stages)}")
-        keep = keeper(place, train, asked | {"lanes": (speeds, scatter)})
+    def tuned(train, speeds=every, scatter=None, more=(), critical=(), history=()):
+        """A Tuning from the train and the designs z of ``more``, and the largest responses of all its lanes."""
+        # Every stage has a folder of its own.
+        keep = keeper(place_in(out, f"stage {next(stages)}"), train, asked | {"lanes": (speeds, scatter, critical)})
         own = tuple(
             dataclasses.replace(one, weights=tuple(np.array(one.weights)[speeds])) if one.weights else one
             for one in given
         )
-        evaluator = Evaluator(train, rpm[speeds], dataclasses.replace(task, objectives=own), request, peaks, scatter)
-        descent = Descent(evaluator, optimizer, **options, keep=keep)
-        z = np.concatenate([task.unbounded(train)[None], np.log(drawn / (1 - drawn))])
+        lanes = peaks, scatter, critical
+        evaluator = Evaluator(train, rpm[speeds], dataclasses.replace(task, objectives=own), request, *lanes)
+        descent = Descent(evaluator, optimizer, **options, keep=keep, history=history)
+        z = np.concatenate([task.unbounded(train)[None], np.reshape(more, (-1, len(start)))])
         return _result(train, rpm, evaluator, descent, *descent.run(z, steps))
 
+    random = np.log(drawn / (1 - drawn))
     if robust is None:
-        return tuned(train, np.arange(len(rpm)), None)[0]
+        return tune_between(train, rpm, task, partial(tuned, train), random, accuracy)
     tolerances = tuple(tolerances) or read_tolerances(train)
     check_tolerances(train, tolerances)
     check_robust(train, robust, tolerances, peaks)
-    accuracy = {"harmonics": harmonics, "tolerance": tolerance}
-    return tune_robust(train, rpm, given, tolerances, robust, seed, tuned, **accuracy, out=out)
+    first = partial(tuned, more=random)
+    result = tune_robust(train, rpm, given, tolerances, robust, seed, first, **accuracy, out=out)
+    return result if result.interrupted else checked_between(train, result, rpm, task, accuracy)
+
+
+def checked_between(train, result, rpm, task, accuracy):
+    """A Tuning with what its first and last design do between the speeds, where it has limits."""
+    if not limits_of(task):
+        return result
+    designs = {"after": (result.train, result.after)}
+    if is_linear(train):  # where teeth hammer a look at the start would take as long as the tuning
+        designs["before"] = train, result.before
+    checked = {
+        when: check_between(design, rpm, task, reading, **accuracy) for when, (design, reading) in designs.items()
+    }
+    return dataclasses.replace(result, checked=checked)
+
+
+def tune_between(train, rpm, task, tuned, random, accuracy):
+    """The Tuning whose limits are kept between the speeds, too, or nearest to that.
+
+    ``tuned(more=, critical=, history=)`` makes a Tuning from the train and further designs ``(A, P)``, the first time
+    ``random`` ones, at critical speeds to follow.
+    """
+    result, _ = tuned(more=random)
+    candidates: list[tuple[float, Tuning]] = []
+    said: list[str] = []
+    critical: tuple = ()
+    while limits_of(task) and not result.interrupted:
+        try:
+            result = checked_between(train, result, rpm, task, accuracy)
+        except KeyboardInterrupt:  # the design is there, though not checked
+            return dataclasses.replace(result, interrupted=True, stopped=BY_USER)
+        after = result.checked["after"]
+        over = exceeded(task, after)
+        candidates.append((worst_share(task, after), result))
+        fresh = _fresh(critical, result.train, after, over)
+        if not fresh or len(candidates) > ROUNDS:
+            break
+        said += [shown_excess(one, rpm) for one in over]
+        critical += fresh
+        before = result.checked.get("before")
+        if before is not None:
+            critical += _fresh(critical, train, before, exceeded(task, before))
+        more = [task.unbounded(result.train), *_across(train, result.train, rpm, task, accuracy)]
+        result, _ = tuned(more=more, critical=critical, history=result.history)
+    if not candidates:
+        return result
+    _, best = min(candidates, key=lambda pair: pair[0])
+    went_on = {"history": result.history, "interrupted": result.interrupted, "stopped": result.stopped}
+    return dataclasses.replace(best, **went_on, followed=tuple(said))
+
+
+def _fresh(critical, train, checked, over):
+    """What is to be followed of limits exceeded and is not yet."""
+    known = [one.name for one in critical]
+    fresh = {}
+    for *_, speed in over:
+        peak = near(speed, train, checked.rpm)
+        if peak.name not in known:
+            fresh[peak.name] = peak
+    return tuple(fresh.values())
+
+
+def _across(train, design, rpm, task, accuracy):
+    """The z ``(P,)`` of the best of some designs that have one number elsewhere within its bounds, if it is better."""
+    if not is_linear(train):  # a look at so many designs would take as long as the tuning
+        return []
+    z = task.unbounded(design)
+    tried = [z]
+    for k in range(len(z)):
+        tried += [np.where(np.arange(len(z)) == k, place, z) for place in ACROSS]
+    shares = []
+    for one in tried:
+        checked = check_between(train.replace(task.named(one)), rpm, task, **accuracy)
+        shares.append(worst_share(task, checked) if checked.solved.all() else np.inf)
+    best = int(np.argmin(shares))
+    return [tried[best]] if best else []
 
 
 def _result(train, rpm, evaluator, descent, first, best, stopped, interrupted):

@@ -43,12 +43,14 @@ def read_speeds(text):
 def check_speed(train, rpm, *, many=False):
     """Refuse a speed that is not a positive number or beyond any train, and several speeds where one is wanted.
 
-    One that is traced is not known yet: where it is no speed, a status says so.
+    One that is traced is not known yet: where it is no speed, a status says so. In a process forked after a solve
+    nothing can be computed, whatever the speed.
     """
     import numpy as np  # the command line reads speeds before it imports anything heavy
 
-    from jaxhb._jax import traced
+    from jaxhb._jax import check_fork, traced
 
+    check_fork()
     if traced(rpm):
         return
     name = train.topology.title

@@ -51,13 +51,20 @@ def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, tmp_path, 
     swing = record["readings"]["shaft torque of cyl6|flywheel"]
     truth = jaxhb.solve_speeds(after, rpm=np.array(record["rpm"])).torque("cyl6|flywheel").half_peak_to_peak
     np.testing.assert_allclose(swing["after"], truth, rtol=1e-9)
-    assert max(swing["after"]) < max(swing["before"]) and swing["unit"] == "N m"
+    assert swing["unit"] == "N m"
+    # Between the speeds lie resonances, which the tuning finds and makes smaller.
+    swings = {when: record["checked"][when]["worst"]["shaft torque of cyl6|flywheel"] for when in ("before", "after")}
+    for when, design in (("before", before.replace({"cyl2.damping": 3.0})), ("after", after)):
+        peak = jaxhb.solve(design, rpm=swings[when]["rpm"]).torque("cyl6|flywheel").half_peak_to_peak
+        assert swings[when]["value"] == pytest.approx(float(peak), rel=1e-9)
+        assert swings[when]["value"] > max(swing[when])
+    assert swings["after"]["value"] < swings["before"]["value"]
     assert record["readings"]["inertia added"]["after"] > -0.0063  # a penalty gives way a little
     assert [step["number"] for step in record["history"]] == list(range(len(record["history"])))
     assert record["solved"]["after"] == [True] * 4 and not record["interrupted"]
-    worst = record["rpm"][int(np.argmax(truth))]
-    assert f"{round(max(swing['after']), -1):.0f} N m at {worst:g} rpm after" in said
-    assert "NOT within" not in said
+    worst = swings["after"]
+    assert f"{round(worst['value'], -1):.0f} N m at {worst['rpm']:.5g} rpm after" in said
+    assert "NOT within its limits" in said and record["followed"]
     assert "pulley.inertia" in said and "0.005 to 0.05" in said and "at least -0.006" in said
     # A linear train does what was tuned.
     checked = record["steady_state"]["after"]
@@ -119,7 +126,7 @@ def test_the_picture_shows_the_response_before_and_after_and_the_history(scene):
     above, below = plot_tuning(asked["objective"], result).axes
     before, after = (line.get_ydata() for line in above.get_lines())
     digits = 0.5 * 10 ** (1 - DIGITS)
-    np.testing.assert_allclose(before, result.before.readings["shaft torque of cyl6|flywheel"], rtol=digits)
+    np.testing.assert_allclose(before, result.checked["before"].readings["shaft torque of cyl6|flywheel"], rtol=digits)
     assert after.max() < before.max()
     wanted = [step.objective for step in result.history]
     np.testing.assert_allclose(below.get_lines()[0].get_ydata(), wanted, rtol=digits)
@@ -144,7 +151,7 @@ def test_a_limit_that_is_exceeded_is_told_and_a_folder_of_tables_is_made_beside_
     called = tune("--steps 1 --rpm 1440,1800,2166,2400")  # at 2166 rpm order 6 is in resonance
     assert called.status == 0 and called.json["rpm"] == [1440.0, 1800.0, 2166.0, 2400.0]
     told = called.out[called.out.index("NOT within its limits: ") :]
-    assert "shaft torque of cyl6|flywheel is" in told and "N m, at most 5000." in told
+    assert "shaft torque of cyl6|flywheel is" in told and "rpm, at most 5000." in told
     assert jaxhb.load_scene(tmp_path / "better.toml").topology == jaxhb.load_scene(scene).topology
 
 

@@ -147,10 +147,12 @@ def plot_tuning(objectives, result):
     figures, axis = [], speed_range(result.rpm)
     for objective in objectives:
         name, (factor, unit) = label(objective), scaled_unit(objective.quantity)
-        traces = [
-            line(result.rpm, factor * reading.readings[name], said, style, mode="lines+markers")
-            for style, (said, reading) in enumerate((("before", result.before), ("after", result.after)))
-        ]
+        designs = {"before": result.before, "after": result.after}
+        traces = []
+        for style, (said, design) in enumerate(designs.items()):
+            checked = result.checked.get(said)  # between the speeds, too
+            rpm, readings = (checked.rpm, checked.readings) if checked else (result.rpm, design.readings)
+            traces.append(line(rpm, factor * readings[name], said, style, mode="lines+markers"))
         said = f"{objective.quantity}, {unit}".removesuffix(", ")
         traces += crosses(result.rpm[~(result.before.solved | result.after.solved)])
         figures.append(figure(plain(name), "speed, rpm", said, traces, x_range=axis))

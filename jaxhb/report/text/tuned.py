@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 
+from jaxhb.design.between_speeds import EXCESS, most_of
 from jaxhb.design.quantities import OF_DESIGN, label, unit_of
 from jaxhb.report.answer import SPEED
 from jaxhb.report.quantities import shown_unit
@@ -15,8 +16,6 @@ from jaxhb.train.changes import declared_field, locate
 
 SAME_MOTION = 0.02
 """Difference of a force, torque or angle from which the steady state is told as another motion than the orbit tuned."""
-
-EXCESS = 0.01  # share of a limit by which a penalty lets it be exceeded before that is told
 
 
 def tuned_record(train, asked, result):
@@ -42,8 +41,16 @@ def tuned_record(train, asked, result):
             for chosen, name, first, last in _readings(asked, result)
         },
         "solved": {"before": before.solved, "after": after.solved},
+        "checked": {when: checked_record(checked) for when, checked in result.checked.items()},
+        "followed": result.followed,
         "outcomes": [{"objective": value, "parameters": own, "valid": valid} for value, own, valid in result.outcomes],
     }
+
+
+def checked_record(checked):
+    """The readings of a design at the speeds of a tuning and between them, and the largest of each."""
+    worst = {name: dict(zip(("value", "rpm"), checked.worst(name), strict=True)) for name in checked.readings}
+    return {"rpm": checked.rpm, "solved": checked.solved, "readings": checked.readings, "worst": worst}
 
 
 def progress_record(train, rpm, history):
@@ -63,12 +70,15 @@ def tuned_parts(train, asked, result):
     rpm, last = np.asarray(asked["rpm"]), result.history[-1]
     won, rows = [], []
     for chosen, name, *both in _compared(asked, result):
-        (old, old_rpm), (new, new_rpm) = found = [_worst(rpm, values, chosen) for values in both]
+        found = [_worst(rpm, values, chosen) for values in both]
         if len(won) < len(asked["objective"]):
+            (old, old_rpm), (new, new_rpm) = found
+            if "before" in result.checked:
+                (old, old_rpm), (new, new_rpm) = (result.checked[when].worst(name) for when in ("before", "after"))
             change = f", {100 * (new / old - 1):+.0f} %" if old else ""
             won.append(
-                f"{name[0].upper()}{name[1:]} at its worst: {shown_value(chosen, old)} at {old_rpm:g} rpm before, "
-                f"{shown_value(chosen, new)} at {new_rpm:g} rpm after{change}."
+                f"{name[0].upper()}{name[1:]} at its worst: {shown_value(chosen, old)} at {old_rpm:.5g} rpm before, "
+                f"{shown_value(chosen, new)} at {new_rpm:.5g} rpm after{change}."
             )
         factor, _ = scaled_unit(chosen.quantity)
         rows.append([with_unit(chosen)])
@@ -96,7 +106,33 @@ def tuned_parts(train, asked, result):
     heads = ["parameter", ("before", plain_number), ("after", plain_number), "unit", "bounds"]
     parameters = from_rows("Parameters", heads, rows)
     robust = [_robust_table(asked, result)] if result.robust else []
-    return ["\n".join(head), parameters, quantities, *robust, *_limits_exceeded(asked, rpm, result)]
+    between = [_between_table(asked, result)] if result.checked else []
+    followed = [_followed_text(result.followed)] if result.followed else []
+    limits = _limits_exceeded(asked, rpm, result)
+    return ["\n".join(head), parameters, quantities, *between, *robust, *followed, *limits]
+
+
+def _between_table(asked, result):
+    """The readings over which a tuning has limits, or which it made small, at their worst between the speeds, too."""
+    rows = []
+    for chosen, name, *_ in _readings(asked, result):
+        if chosen.quantity not in OF_DESIGN:
+            factor, _ = scaled_unit(chosen.quantity)
+            rows.append([with_unit(chosen)])
+            for when in ("before", "after"):
+                checked = result.checked.get(when)
+                value, at = checked.worst(name) if checked else (np.nan, np.nan)
+                rows[-1] += [count(factor * value), f"{at:.4g}"] if checked else [NONE, NONE]
+            rows[-1].append(_limit(chosen) or NONE)
+    looked = len(result.checked["after"].rpm)
+    title = f"The same between the speeds, at the critical speeds of each design, too ({looked} speeds of the last one)"
+    return from_rows(title, ["quantity, worst over the speeds", "before", "at rpm", "after", "at rpm", "limit"], rows)
+
+
+def _followed_text(followed):
+    """Limits that were exceeded on the way, after which the tuning went on."""
+    told = "Where a limit was exceeded the tuning went on at the critical speeds, which follow each design"
+    return "".join(remarks_text(followed, told))
 
 
 def _robust_table(asked, result):
@@ -130,14 +166,19 @@ def _not_solved(rpm, result):
 
 def _limits_exceeded(asked, rpm, result):
     """A sentence on the limits that the last design exceeds by more than what a penalty lets through."""
-    said = []
+    said, checked = [], result.checked.get("after")
     for chosen, name, _, after in _readings(asked, result):
-        value, _ = _worst(rpm, after, chosen)
-        most, least = getattr(chosen, "most", None), getattr(chosen, "least", None)
+        value, at = _worst(rpm, after, chosen)
+        most, least = most_of(chosen), getattr(chosen, "least", None)
+        if checked and most is not None and name in checked.readings:
+            value, at = checked.worst(name)
         over = most is not None and value > most + EXCESS * abs(most)
         if over or (least is not None and value < least - EXCESS * abs(least)):
-            said.append(f"{name} is {shown_value(chosen, value)}, {_limit(chosen)}")
-    return [f"NOT within its limits: {'; '.join(said)}."] if said else []
+            where = "" if chosen.quantity in OF_DESIGN else f" at {at:.4g} rpm"
+            said.append(f"{name} is {shown_value(chosen, value)}{where}, {_limit(chosen) or 'at most 1'}")
+    if said:
+        return [f"NOT within its limits: {'; '.join(said)}."]
+    return ["Within its limits, between the speeds too."] if checked else []
 
 
 def _readings(asked, result):

@@ -1,0 +1,54 @@
+"""Processes beside one in which jax has computed: forked ones end with a sentence, spawned ones solve."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+FORKED = """
+import os, signal, sys, warnings
+import jaxhb
+warnings.simplefilter("ignore")  # jax says that a fork may wait for ever
+train = jaxhb.load_scene("spur_pair")
+def child(what):
+    pid = os.fork()
+    if not pid:
+        signal.alarm(60)
+        try:
+            what()
+            print("solved", flush=True)
+        except RuntimeError as error:
+            print(error, flush=True)
+        os._exit(0)
+    assert os.waitpid(pid, 0)[1] == 0
+jaxhb.solve(train, rpm=2000.0)
+child(lambda: jaxhb.solve(train, rpm=2000.0))
+child(lambda: jaxhb.forced_response(train, rpm=[2000.0]))
+child(lambda: jaxhb.steady_state(train, rpm=2000.0))
+"""
+SPAWNED = """
+import multiprocessing
+import jaxhb
+def solve(rpm):
+    return int(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=rpm).status)
+if __name__ == "__main__":
+    solve(2000.0)
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        print(pool.map(solve, [2000.0]))
+"""
+
+
+def printed(*command):
+    return subprocess.run([sys.executable, *command], capture_output=True, text=True, check=True, timeout=300).stdout
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+def test_a_process_forked_after_a_solve_ends_with_a_sentence_instead_of_waiting_for_ever():
+    told = printed("-c", FORKED).splitlines()
+    assert len(told) == 3 and all("Start processes by multiprocessing.get_context('spawn')" in line for line in told)
+
+
+def test_a_spawned_process_solves(tmp_path):
+    (tmp_path / "spawned.py").write_text(SPAWNED)
+    assert printed(str(tmp_path / "spawned.py")).strip() == "[0]"
