@@ -400,6 +400,7 @@ class CrankSlider:
     orders: float | None = positive("", None)
     kinematics: str = choice("exact", "mendes2008")
     fires: bool = declared("flag", True)
+    fires_every: int = quantity("", 1, kind="count", least=1.0, most=100.0)
     scale: tuple = rows(_SCALE)
     name: str | None = declared("name", None)
 
@@ -418,7 +419,8 @@ class Cylinder(CrankSlider):
     ``load`` = rows of (rpm, load) says which of the ``traces`` hold, and multiplies ``heat`` or ``imep``. A load is a
     share of the mean effective pressure at full load, and so of torque, not of power.
     ``gas_factor`` multiplies the gas torque: the scatter from cylinder to cylinder. ``injection`` multiplies what
-    combustion adds to the pressure of compression alone: with 0, as with ``fires = false``, the cylinder misfires.
+    combustion adds to the pressure of compression alone: with 0, as with ``fires = false``, the cylinder misfires. With
+    ``fires_every = 2`` it is injected in every second of its engine cycles, and compresses alone in the others.
     ``kinematics = "mendes2008"`` takes the piston acceleration of the inertia torque from the short series of that
     paper instead of the exact one.
     """

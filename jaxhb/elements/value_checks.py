@@ -457,6 +457,9 @@ def cylinder_errors(cylinder) -> list[str]:
         )
     if cylinder.load and not {"traces", "combustion"} & set(found):
         errors.append("load is given without traces or combustion, which it acts on. Give scale instead.")
+    if number_like(cylinder.fires_every) and cylinder.fires_every > 1 and not found:
+        why = "only pressure, traces and combustion tell what a cycle without injection does"
+        errors.append(f"fires_every is {cylinder.fires_every:g}, but {why}. Give gas_torque with orders of its own.")
     errors += _trace_errors(cylinder.traces) if isinstance(cylinder.traces, tuple | list) else []
     return errors + (_combustion_errors(cylinder.combustion) if isinstance(cylinder.combustion, Combustion) else [])
 

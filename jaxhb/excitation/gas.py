@@ -144,12 +144,19 @@ def hats(x, grid):
 @dataclass(frozen=True)
 class GasCycles:
     """How the gas of each cylinder works: where its torque comes from (:func:`source`, "harmonics" or "none"), whether
-    it fires, whether it is cut off and has no gas torque at all, and the revolutions of its crank in a gas cycle."""
+    it fires, whether it is cut off and has no gas torque at all, the revolutions of its crank in a gas cycle, and in
+    every how many of these it is injected."""
 
     source: tuple[str, ...]
     fires: tuple[bool, ...]
     cut_off: tuple[bool, ...]
     revolutions: tuple[int, ...]
+    every: tuple[int, ...]
+
+    @property
+    def skipping(self) -> bool:
+        """Whether some computed cylinder is injected in some of its gas cycles alone."""
+        return any(works and every > 1 for works, every in zip(self.computed, self.every, strict=True))
 
     @property
     def computed(self) -> tuple[bool, ...]:
@@ -165,6 +172,8 @@ class GasCycles:
 
     def compressing(self, cylinders) -> bool:
         """Tell whether pressures without injection count anywhere."""
+        if self.skipping:
+            return True
         idle = any(works and not fires for works, fires in zip(self.computed, self.fires, strict=True))
         return idle or (cylinders.injection is not None and any(self.computed))
 
@@ -225,9 +234,15 @@ def weights(cylinders, cycles: GasCycles, rpm):
     if not cycles.compressing(cylinders):
         return burnt
     share = injection(cylinders, cycles)
+    return xp.concatenate([share * burnt, (1.0 - share) * unburnt_weights(cylinders, rpm)], axis=-2)
+
+
+def unburnt_weights(cylinders, rpm):
+    """Weight [..., J, nc] at ``rpm`` [...] of the last J :func:`components`, those without injection."""
+    tabled, burning = _weights(cylinders, rpm)
     # The heat of the combustion comes last: without injection it is not there.
-    unburnt = xp.concatenate([*tabled, *(part[..., :-1, :] for part in burning)], axis=-2)
-    return xp.concatenate([share * burnt, (1.0 - share) * unburnt], axis=-2)
+    parts = [*tabled, *(part[..., :-1, :] for part in burning)]
+    return namespace(parts).concatenate(parts, axis=-2)
 
 
 def _weights(cylinders, rpm):

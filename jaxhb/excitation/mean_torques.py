@@ -53,7 +53,13 @@ def mean_torques(torques: Torques, cylinders: Cylinders, cycles: GasCycles, rpm)
     The ambient pressure and the inertia torque do no work over a cycle. In NumPy or JAX.
     """
     given_mean = namespace(cylinders.gas_torque_mean).asarray(cylinders.gas_torque_mean)
-    computed = (gas.weights(cylinders, cycles, rpm) * _computed_means(cylinders, cycles)).sum(axis=-2)
+    means = _computed_means(cylinders, cycles)
+    computed = (gas.weights(cylinders, cycles, rpm) * means).sum(axis=-2)
+    if cycles.skipping:
+        unburnt = gas.unburnt_weights(cylinders, rpm)
+        every = np.array(cycles.every)
+        idle = (unburnt * means[means.shape[0] - unburnt.shape[-2] :]).sum(axis=-2)
+        computed = (computed + (every - 1) * idle) / every
     given_mean = np.array(cycles.given) * gas.injection(cylinders, cycles) * given_mean
     mean = given_mean + np.array(cycles.computed) * computed
     if cylinders.gas_factor is not None:

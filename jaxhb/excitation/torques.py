@@ -19,7 +19,7 @@ from jaxhb._jax import added, kept, namespace
 from jaxhb.equations import fourier
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, speed_ratios
 from jaxhb.excitation.crank import CRANK_SAMPLES, gas_torque, inertia_torque
-from jaxhb.excitation.gas import components, injection, weights
+from jaxhb.excitation.gas import components, injection, unburnt_weights, weights
 from jaxhb.excitation.mean_torques import mean_torques, scale_at
 
 if TYPE_CHECKING:
@@ -45,7 +45,32 @@ def _pressure_harmonics(table, rows, cycles):
     ambient, *geometry = (xp.asarray(values)[rows] for values in given)
     all_of = xp.concatenate([pressure, xp.broadcast_to(ambient[None, :, None], (1, *pressure.shape[1:]))])
     torque = gas_torque(all_of, *geometry, revolutions=revolutions)
+    if cycles.skipping:
+        return _over_several_cycles(torque[:-1], torque[-1], [cycles.every[i] for i in rows])
     harmonics = fourier.analyze(torque, torque.shape[-1] // 2)
+    return harmonics[:-1], harmonics[-1]
+
+
+def _over_several_cycles(torque, ambient, every):
+    """The same of cylinders that are injected in one of ``every`` [n] gas cycles: harmonics of all these cycles.
+
+    Components [J, n, M] hold in the gas cycle round the injection; those without injection, the second half of them but
+    for the heat, hold in the others too, and follow once more with that part.
+    """
+    xp, samples = namespace(torque), torque.shape[-1]
+    half, found, order = samples // 2, [], []
+    for cycles in sorted(set(every)):
+        rows = np.flatnonzero(np.array(every) == cycles)
+        between = xp.zeros((*torque[:, rows].shape[:-1], (cycles - 1) * samples))
+        with_injection = xp.concatenate([torque[:, rows, :half], between, torque[:, rows, half:]], axis=-1)
+        turned = xp.roll(torque[:, rows], -half, axis=-1)
+        others = xp.concatenate([turned] * (cycles - 1), axis=-1) if cycles > 1 else between
+        none = xp.zeros((*others.shape[:-1], half))
+        without = xp.concatenate([none, others, none], axis=-1)
+        outside = xp.concatenate([ambient[None, rows]] * cycles, axis=-1)
+        found.append(fourier.analyze(xp.concatenate([with_injection, without, outside]), half))
+        order.append(rows)
+    harmonics = xp.concatenate(found, axis=1)[:, np.argsort(np.concatenate(order))]
     return harmonics[:-1], harmonics[-1]
 
 
@@ -121,7 +146,7 @@ def _add_cylinders(torque, train, rpm, ratio):
 
     def computed(i, k, n):
         row = np.searchsorted(rows, i)
-        gas = (weights(table, cycles, rpm)[:, i] * parts[:, row, k + 1]).sum(axis=0)
+        gas = (_gas_weights(table, cycles, rpm)[:, i] * parts[:, row, k + 1]).sum(axis=0)
         return factor[i] * (scale[i] * gas - ambient[row, k + 1]) * phase(i, n)
 
     steps = enumerate(zip(topology.cylinder_step, topology.cylinder_gas, strict=True))
@@ -136,6 +161,17 @@ def _add_cylinders(torque, train, rpm, ratio):
     turns = zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)
     lists = [tuple(round(j * turn) for j in range(1, min(kept, CRANK_SAMPLES // 2) + 1)) for kept, turn in turns]
     return _add_listed(torque, disks, lists, inertia)
+
+
+def _gas_weights(table, cycles, rpm):
+    """Weights [J, nc] of all that :func:`_pressure_harmonics` gives."""
+    own = weights(table, cycles, rpm)
+    if not cycles.skipping:
+        return own
+    unburnt = unburnt_weights(table, rpm)
+    xp = namespace(own, unburnt)
+    burnt = xp.zeros((own.shape[0] - unburnt.shape[0], own.shape[1]))
+    return xp.concatenate([own, burnt, unburnt])
 
 
 def _turned(train, members, i, n):

@@ -206,6 +206,7 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
             continue
         if gas.source(cylinder) and parts.usable("cylinder", i, *gas.COMPUTED):
             turns = gas.gas_revolutions(cylinder)
+            turns *= int(cylinder.fires_every) if parts.usable("cylinder", i, "fires_every") else 1
             text = f"one gas cycle of {turns} revolution{'s' if turns > 1 else ''}"
             needs.append(("cylinder", i, text, factor / turns, ""))
         moving = parts.usable("cylinder", i, "stroke", "reciprocating_mass") and cylinder.stroke is not None
@@ -277,6 +278,7 @@ def _topology(parts, rotors, reference_disk, cycle, ratio, head) -> Topology:
         cylinder_series=tuple(c.kinematics == "mendes2008" for c in t["cylinder"]),
         cylinder_fires=tuple(c.fires for c in t["cylinder"]),
         cylinder_cut_off=(False,) * len(t["cylinder"]),
+        cylinder_every=tuple(int(c.fires_every) for c in t["cylinder"]),
         link_keys=derived.link_keys([link for table in derived.LINKS for link in t[table]]),
         hz_links=tuple(i for i, e in enumerate(links) if e.over_hz),
         amplitude_links=tuple(i for i, e in enumerate(links) if e.over_amplitude),
@@ -306,10 +308,10 @@ def _computed_torques(cylinders, turn) -> dict:
         computed, turns = gas.source(c), gas.gas_revolutions(c)
         moves = None not in (c.stroke, c.rod) and train_checks.whole(per_order)
         kinds["source"].append(gas.source_word(c))
-        kinds["step"].append(round(per_order / turns) if computed else 0)
+        kinds["step"].append(round(per_order / (turns * c.fires_every)) if computed else 0)
         kinds["gas_revolutions"].append(turns)
         # 1e-9 keeps a product that rounds below a whole number.
         orders = c.orders or (ORDERS_OF_TWO_STROKES if computed and turns == 1 else ORDERS)
-        kinds["gas"].append(math.floor(orders * turns + 1e-9) if computed else 0)
+        kinds["gas"].append(math.floor(orders * turns * c.fires_every + 1e-9) if computed else 0)
         kinds["inertia"].append(math.floor(orders + 1e-9) if moves else 0)
     return {f"cylinder_{kind}": tuple(values) for kind, values in kinds.items()}

@@ -235,7 +235,8 @@ def _firings(train):
     for i, name in enumerate(topology.cylinder_names):
         if topology.cylinder_fires[i] and (factor is None or factor[i] > 0):
             computed = topology.cylinder_source[i] in gas.COMPUTED
-            turns = topology.cylinder_gas_revolutions[i] if computed else topology.cylinder_turn[i]
+            own_cycle = topology.cylinder_gas_revolutions[i] * topology.cylinder_every[i]
+            turns = own_cycle if computed else topology.cylinder_turn[i]
             crank = cranks.setdefault((topology.rotor[topology.cylinder_disk[i]], 360.0 * turns), [])
             crank.append((train.cylinders.firing_angle[i] % (360.0 * turns), name))
     for (_, cycle), firings in cranks.items():

@@ -30,7 +30,8 @@ class Topology:
     harmonics of the cycle per harmonic of the gas cycle (0 where no pressure is given) and ``cylinder_turn``
     per order of the own rotor; ``cylinder_gas`` and ``cylinder_inertia`` how many harmonics of the gas cycle
     and how many orders of the own rotor are computed; ``cylinder_fires`` whether each is injected, ``cylinder_cut_off``
-    whether it has no gas torque at all. ``rotor_path`` holds for each rotor the pairs (driving
+    whether it has no gas torque at all, ``cylinder_every`` in every how many of its gas cycles it is injected, of which
+    all together ``cylinder_step`` and ``cylinder_gas`` count. ``rotor_path`` holds for each rotor the pairs (driving
     disk, driven disk) that lead to it from the reference rotor. ``hz_links``, ``amplitude_links`` and
     ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed. ``springs`` are
     what acts beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or "friction", row).
@@ -85,6 +86,7 @@ class Topology:
     cylinder_series: tuple[bool, ...]
     cylinder_fires: tuple[bool, ...]
     cylinder_cut_off: tuple[bool, ...]
+    cylinder_every: tuple[int, ...]
     load_harmonics: tuple[tuple[int, ...], ...] = ()
     shaft_rules: tuple[str, ...] = ()
     phase_names: tuple[str, ...] = ()
@@ -134,6 +136,7 @@ class Topology:
             fires=self.cylinder_fires,
             cut_off=self.cylinder_cut_off,
             revolutions=self.cylinder_gas_revolutions,
+            every=self.cylinder_every,
         )
 
     @cached_property

@@ -178,6 +178,7 @@ def _mean_fields(element) -> tuple[str, ...]:
     return (
         "fires",
         "scale",
+        "fires_every",
         "gas_factor",
         "injection",
         "gas_torque_mean",
@@ -204,6 +205,7 @@ def mean_torques(parts, speeds) -> np.ndarray:
         fires=tuple(c.fires for c in cylinders),
         cut_off=(False,) * len(cylinders),
         revolutions=tuple(map(gas.gas_revolutions, cylinders)),
+        every=tuple(int(c.fires_every) for c in cylinders),
     )
     given = tables.torque_table(known["torque"]), tables.cylinder_table(cylinders)
     return connections.on_disks(len(parts.disk_names), seats, mean_torques_at(*given, cycles, speeds))

@@ -192,3 +192,40 @@ def test_a_scenario_may_misfire_by_a_flag_by_its_injection_and_by_its_imep():
     wanted = torque(train.replace({"c.combustion.imep": 0.0}))
     np.testing.assert_array_equal(torque(train.scenario("work")), wanted)
     assert not torque(train.scenario("cut")).any()
+
+
+def over_cycles(fired, idle, every, firing=0.0):
+    """Harmonics of several engine cycles in time: samples of the one with injection, round its top dead centre, and of
+    those without, from harmonics of one cycle each, [N]."""
+    size = 4096
+    long = [np.fft.irfft(np.r_[own[0].real, own[1:]] * size, size) for own in (fired, idle)]
+    cycle = np.concatenate([long[0][: size // 2], *[np.roll(long[1], -size // 2)] * (every - 1), long[0][size // 2 :]])
+    return np.fft.rfft(cycle) / cycle.size
+
+
+@pytest.mark.parametrize("source", ["combustion", "table"])
+def test_a_cylinder_that_fires_every_second_cycle_compresses_alone_in_the_other(source):
+    model = {"combustion": Combustion(**BURNING), "orders": 300, "reciprocating_mass": 0.0}
+    given = model if source == "combustion" else {"pressure": table(), "table_firing_tdc": 0.0, "orders": 300}
+    one = pair(Cylinder(**CRANK, **given))
+    skipping = pair(Cylinder(**CRANK, **given, fires_every=2), revolutions_per_cycle=4)
+    fired, idle = torque(one, 600), torque(one.misfire("c"), 600)
+    wanted = over_cycles(fired, idle, 2)[:60]
+    # 600 harmonics of one cycle leave steps of the samples.
+    np.testing.assert_allclose(torque(skipping, 59), wanted, rtol=0, atol=3e-4 * abs(wanted).max())
+    np.testing.assert_allclose(torque(skipping, 59)[0], (fired[0] + idle[0]) / 2, rtol=0, atol=1e-9 * abs(fired[0]))
+    never = torque(skipping.misfire("c"), 60)
+    np.testing.assert_allclose(never[::2], idle[:31], rtol=0, atol=ALGEBRAIC * abs(idle).max())
+    assert abs(never[1::2]).max() < 1e-9 * abs(idle).max()
+
+
+def test_in_a_cycle_of_several_engine_cycles_a_cylinder_fires_in_each_unless_it_says_otherwise():
+    model = {"combustion": Combustion(**BURNING)}
+    short, long = (pair(Cylinder(**CRANK, **model), revolutions_per_cycle=r) for r in (2, 4))
+    found = torque(long, 24)
+    np.testing.assert_allclose(found[::2], torque(short, 12), rtol=0, atol=ALGEBRAIC * abs(found).max())
+    assert not found[1::2].any()
+    with pytest.raises(SceneError, match="one gas cycle of 4 revolutions is harmonic 0.5 .* = 4"):
+        pair(Cylinder(**CRANK, **model, fires_every=2))
+    with pytest.raises(SceneError, match="fires_every is 2, but only pressure, traces and combustion tell"):
+        pair(Cylinder(**CRANK, gas_torque_mean=10.0, fires_every=2))

@@ -138,7 +138,7 @@ def _gas(report, first):
                 angle = place * period / GAS_SAMPLES
                 cells = [1e-5 * pressures[k, i, place], f"{angle - period * (angle > period / 2):.1f}"]
                 # Work of a gas cycle over the swept volume.
-                cells.append(1e-5 * 2 * np.pi * turns * means[k, i] / swept)
+                cells.append(1e-5 * 2 * np.pi * turns * topology.cylinder_every[i] * means[k, i] / swept)
             name = topology.cylinder_names[i]
             load, charge = (column[k] for column in charges[name]) if name in charges else (NONE, NONE)
             rows.append([name, f"{speed:g}", factors[k, i], load, charge, *cells, means[k, i]])
