@@ -243,9 +243,11 @@ class Shaft(Spring):
 class Mesh(Link):
     """``[[mesh]]``: the tooth contact between two gears.
 
-    ``epsilon`` and ``transition`` are 1e-3 and 0.04 when neither they nor ``law = "fridman2009"`` (0.03 and
-    0.2, the law (18) of Fridman 2009) are given. ``rated_torque`` is that of its first gear; :func:`jaxhb.strength`
-    reads it.
+    ``epsilon`` and ``transition`` that are not given follow from the smallest mean force F of the mesh at the speeds at
+    which the scene gives torques, when the train is built: with C = stiffness x backlash / 2 epsilon is 0.04 F / C
+    within 1e-4 and 1e-3, and transition 0.2 F / C - epsilon within 0.004 and 0.04, so that full stiffness begins below
+    a fifth of F. ``law = "fridman2009"`` is 0.03 and 0.2, the law (18) of Fridman 2009. ``rated_torque`` is that of its
+    first gear; :func:`jaxhb.strength` reads it.
 
     Over the mesh period, of angle psi, 0 at t = 0, ``stiffness_orders`` = rows of (order, Re, Im) make the stiffness
     its mean x (1 + sum Re((Re + i Im) exp(i order (psi + phase)))). ``transmission_error``, likewise a sum in m, is how

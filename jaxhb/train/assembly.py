@@ -10,7 +10,7 @@ from jaxhb.elements import checks, derived, meshing, value_checks
 from jaxhb.elements.elements import Head, Mesh, SceneError
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
 from jaxhb.excitation import gas
-from jaxhb.train import connections, tables, train_checks
+from jaxhb.train import connections, contact_law, tables, train_checks
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
 
@@ -124,7 +124,8 @@ def checked(
     # Only now: nothing follows from keys that a sentence was said about.
     for table in derived.LINKS:
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
-    return DriveTrain(topology=topology, **tables.of_elements(parts.tables))
+    train = DriveTrain(topology=topology, **tables.of_elements(parts.tables))
+    return contact_law.with_contact_law(train, parts.tables["mesh"])
 
 
 def _expand_meshes(parts):
