@@ -9,7 +9,7 @@ from jaxhb.linear.forced import forced_response
 from jaxhb.linear.holzer import holzer_table
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.strength import strength
-from jaxhb.linear.tangent import at_mean_load
+from jaxhb.linear.tangent import at_mean_load, with_slopes
 from jaxhb.report.figures.linear import plot_campbell, plot_holzer, plot_modes
 from jaxhb.report.figures.speeds import plot_forced
 from jaxhb.report.files.compared import of_forced
@@ -45,13 +45,14 @@ def check(train, given, rpm, links_at, **_):
         found, kinds, ratios = modes_of(constant)
         parts.append(linear_text.modes_text(found, train.topology.name, kinds, ratios, linear_text.in_contact(train)))
         record |= {"modes": linear_text.modes_record(found, kinds, ratios)}
+        parts += remarks_text(linear_text.approximations(constant), "Of the modes")
     deliver(given, "\n\n".join([*parts, *remarks_text(remarks)]), json=lambda: record)
     return status(told.forced_failures(response))
 
 
 def modes(train, given, at, links_at, plot, **_):
     """Natural frequencies of a scene."""
-    (train,), teeth, below, more = _with_teeth(at, links_at, _constant(train, at, links_at))
+    (train,), teeth, below, more = _with_teeth(at, links_at, None, _constant(train, at, links_at))
     found, kinds, ratios = modes_of(train)
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
     if plot and not elastic:
@@ -75,7 +76,7 @@ def modes(train, given, at, links_at, plot, **_):
 
 def holzer(train, given, at, links_at, hz, mode, plot, **_):
     """Holzer's tables."""
-    (train,), teeth, below, more = _with_teeth(at, links_at, _constant(train, at, links_at))
+    (train,), teeth, below, more = _with_teeth(at, links_at, None, _constant(train, at, links_at))
     name, found = train.topology.title, natural_frequencies(train)
     kinds = mode_kinds(found, train.topology.damper_names)
     natural = {k: float(frequency) for k, frequency in enumerate(found.frequencies_hz)}
@@ -95,7 +96,7 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     """Natural frequencies and orders over the speed."""
     trains = misfire_trains(train, given, each=True)
     name, lines = train_name(trains[""].topology), firing_lines(*trains.values())
-    every, teeth, below, more = _with_teeth(at, links_at, *trains.values())
+    every, teeth, below, more = _with_teeth(at, links_at, rpm, *trains.values())
     orders = orders or {order for one in every for order in excited_orders(one, rpm=rpm)}
     asked = {"rpm": rpm, "orders": orders, "count": modes, "links_at": dict(links_at)}
     misfires = {cylinder: campbell_of(one, **asked) for cylinder, one in zip(trains, every, strict=True)}
@@ -134,12 +135,15 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
     worst = told.worst_of(cases, found, judged) if len(cases) > 1 else None
     parts = [told.forced_text(cases, found, worst, each=bool(element))]
     parts += strength_text({f"With {titles[name]}" if worst else "": one for name, one in judged.items()})
-    parts += remarks_text(train.topology.notes)
+    notes = linear_text.approximations(train, rpm, response)
+    parts += remarks_text([*train.topology.notes, *notes])
     deliver(
         given,
         "\n\n".join(parts),
         json=lambda: (
-            not_firing_record(*trains.values()) | told.forced_record(cases, found, judged, worst, orders=orders)
+            not_firing_record(*trains.values())
+            | told.forced_record(cases, found, judged, worst, orders=orders)
+            | {"notes": notes}
         ),
         # An order that a response does not have has no column there: its amplitude is 0.
         csv=lambda: rows_csv(told.forced_rows(cases, found, judged), missing=0.0),
@@ -156,12 +160,16 @@ def _constant(train, at, links_at):
     return train.with_constant_links(**given) if given else train
 
 
-def _with_teeth(at, links_at, *trains):
-    """Trains with teeth as ``--at`` asks, those of the first: how stiff they are, a sentence in a list, a record."""
+def _with_teeth(at, links_at, rpm, *trains):
+    """Trains with teeth as ``--at`` asks, those of the first: how stiff they are, lines and notes to print below, a
+    record; ``rpm`` are the speeds asked for, None without any."""
+    first = trains[0]
+    notes = linear_text.approximations(first, rpm if at is None else [at], closed=at is None)
+    record = {"notes": notes}
     if at is None:
-        return trains, linear_text.in_contact(trains[0]), [], {}
-    load = at_mean_load(_constant(trains[0], at, links_at), rpm=at)
+        return trains, linear_text.in_contact(first), remarks_text(notes), record
+    load = at_mean_load(_constant(first, at, links_at), rpm=at)
     # Links that vary go on doing so: only the equilibrium needed them constant.
-    made = [dataclasses.replace(linearised(one), meshes=load.train.meshes) for one in trains]
-    told = [linear_text.mean_load_text(load, at)]
-    return made, f"teeth at the mean load of {at:g} rpm", told, linear_text.mean_load_record(load, at)
+    made = [dataclasses.replace(linearised(with_slopes(one, load)), meshes=load.train.meshes) for one in trains]
+    told = [linear_text.mean_load_text(load, at), *remarks_text(notes)]
+    return made, f"teeth at the mean load of {at:g} rpm", told, linear_text.mean_load_record(load, at) | record

@@ -25,6 +25,7 @@ from jaxhb.design.quantities import Parameter, parameter_faults
 from jaxhb.elements.elements import SceneError
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.linear.forced import forced_response
+from jaxhb.linear.tangent import linear_train
 from jaxhb.results.answers import left_out, solved
 from jaxhb.results.dataset import SIGNALS
 from jaxhb.results.status import NotConverged
@@ -135,6 +136,7 @@ def identify(
     refuse_tracers("identify", train, instead="differentiate jaxhb.forced_response")
     parameters, priors, where = tuple(parameters), dict(priors or {}), train.topology.title
     faults = [f"parameter {one.name!r}: {text}" for one in parameters for text in parameter_faults(train, one)]
+    faults += [f"parameter {one.name!r}: {_STAGED}" for one in parameters if _is_of_stages(train, one.name)]
     rows = len(measured.rpm) + int(np.isfinite(measured.phase).sum())
     if not parameters:
         faults.append("there is nothing to fit: name at least one parameter.")
@@ -150,6 +152,16 @@ def identify(
     if fit.keep_solved(u):  # numbers that lose an answer are no step, but they may win some
         u, residuals, slopes = fit.solve(u, every)
     return fit.result(u, residuals, slopes)
+
+
+_STAGED = "its link is linear here, with its stiffness at the mean load, so that this cannot be fitted. Leave it out."
+
+
+def _is_of_stages(train, name):
+    """Whether a parameter is the stiffness of a link with stages, stops, clearance or friction, or one of these."""
+    element, _, field = name.rpartition(".")
+    links = {train.topology.link_names[link] for link, *_ in train.topology.springs}
+    return element in links and field in ("stiffness", "clearance", "friction", "slip_speed")
 
 
 @dataclass(frozen=True)
@@ -184,6 +196,7 @@ class Fit:
 
     def __init__(self, train, measured, parameters, noise, priors):
         self.train, self.measured, self.parameters = train, measured, parameters
+        self.linear = linear_train(train, rpm=float(np.median(measured.rpm)))
         self.task = Shares(parameters, (), ())
         self.rpm, speed = np.unique(measured.rpm, return_inverse=True)
         pairs = list(zip(measured.quantity, measured.element, strict=True))
@@ -257,7 +270,7 @@ class Fit:
     def computed(self, u):
         """Complex amplitudes ``(R,)``, the status of the speeds ``(S,)``, and derivatives ``(R, P)``."""
         shape = {"shares": self.task, "read": self.read, "harmonics": self.harmonics}
-        return [np.asarray(part) for part in computed_rows(self.train, self.rpm, self.places, np.asarray(u), **shape)]
+        return [np.asarray(part) for part in computed_rows(self.linear, self.rpm, self.places, np.asarray(u), **shape)]
 
     def residuals(self, u):
         """Residuals over their deviations: of rows, the second half of those with a phase, priors; and derivatives.

@@ -19,6 +19,7 @@ from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.sensitivity import frequencies_hz, mode_shares
+from jaxhb.linear.tangent import at_pressed_load, linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
@@ -162,8 +163,10 @@ def campbell(
     if errors:
         raise SceneError(errors)
     orders = excited_orders(train, rpm=rpm) if orders is None else sorted(set(orders))
-    # Only order-tuned absorbers make frequencies depend on the speed, unless ``links_at`` holds theirs.
-    constant = not (train.topology.order_links and "rpm" not in dict(links_at))
+    # Order-tuned absorbers, unless ``links_at`` holds theirs, and stages under changing mean torques make frequencies
+    # depend on the speed.
+    tuned = train.topology.order_links and "rpm" not in dict(links_at)
+    constant = not (tuned or _stages_change(train, rpm))
 
     def modes_at(speed):
         return natural_frequencies(_held(train, speed, links_at))
@@ -219,8 +222,17 @@ def critical_speed(
 
 
 def _held(train, rpm, links_at):
-    """The train with the links that vary as they are at a speed."""
+    """The train with stages and the links that vary as they are at a speed."""
+    train = linear_train(train, rpm=rpm)
     return train.with_constant_links(**{"rpm": rpm} | dict(links_at)) if varying(train.topology) else train
+
+
+def _stages_change(train, rpm):
+    """Whether shafts and dampers with stages have other stiffnesses at other speeds."""
+    if not train.topology.springs:
+        return False
+    slopes = np.array([at_pressed_load(train, rpm=float(speed)).link_stiffness for speed in rpm])
+    return bool(np.ptp(slopes, axis=0).max() > ROUNDED * np.abs(slopes).max())
 
 
 def _crossings(modes_at, rpm, hz, mode, order, constant):

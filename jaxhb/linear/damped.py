@@ -10,6 +10,7 @@ from scipy.optimize import linear_sum_assignment
 from jaxhb._jax import Array, concrete, namespace, on_host, refuse_tracers, traced
 from jaxhb._shown import brief
 from jaxhb.linear.modal import Modes
+from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -69,7 +70,7 @@ def damped_modes(train: DriveTrain) -> DampedModes:
     ([(-1+9.949874j)], [0.1])
     """
     refuse_tracers("damped_modes", train, instead="pass its modes to jaxhb.damped_eigenvalues, which traces", host=True)
-    system = on_host(chain.assemble(train))
+    system = on_host(chain.assemble(linear_train(train)))
     values, velocity, resolved = _eigenpairs(system)
     order = np.argsort(values.imag, kind="stable")
     order = order[np.abs(values[order]) > AT_REST * resolved]
@@ -99,7 +100,7 @@ def damped_eigenvalues(train: DriveTrain, modes: DampedModes) -> Array:
     >>> round(float(jax.grad(decay)(2.0)), 9)
     0.5
     """
-    system = chain.assemble(train)
+    system = chain.assemble(linear_train(train))
     value, x = jnp.asarray(modes.eigenvalues), jnp.asarray(modes.shapes.T) * jnp.asarray(system.radius)[:, None]
     bent = system.deflections(x)
     # Squares, not moduli: Q is symmetric, not Hermitian.

@@ -25,13 +25,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array, Numbers, on_host, staged, traced
+from jaxhb._jax import Array, Numbers, concrete, on_host, staged, traced
 from jaxhb._program import Program
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import dynamic_stiffness, fourier
 from jaxhb.equations.backlash import all_meshes, law_of
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation.torques import excitation, listed_harmonic, load_power_kW
+from jaxhb.linear.tangent import at_pressed_load
 from jaxhb.results.response import Response, register
 from jaxhb.results.status import Status
 from jaxhb.train import chain
@@ -46,6 +47,7 @@ ACCEPTED = 1e-8  # the same over A, up to which an amplitude is found
 CURVED = 0.5  # share of g(A) - A by which a step may miss what its linearisation says
 LANES, CELLS = 500, 500_000
 """Speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of a processor."""
+DIGITS = 6  # decimals of stiffnesses in N m/rad that count as alike
 SINGULAR = 1e11  # force of a link or disk over load beyond which rounding alone is left: an undamped resonance
 UNSOLVED = 1e-6  # force left on a disk, over the largest force, from which the equations count as singular
 UNBALANCED = 1e-9  # the same of the mean, over mean loads and forces, from which mean torques count as unbalanced
@@ -222,7 +224,7 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
     >>> r.power("a", "b").round(6).tolist(), r.input_power.round(6).tolist()
     ([0.004444, 3.77522], [0.004444, 3.77522])
     """
-    train = linearised(train)
+    springs, train = train, linearised(train)
     if harmonics is None:
         harmonics = listed_harmonic(train.topology)
     elif not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
@@ -230,11 +232,35 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
     if not traced(rpm):
         check_speed(train, rpm, many=True)
     speeds = jnp.atleast_1d(jnp.asarray(rpm, dtype=float))
-    found = _respond(train, speeds, int(harmonics))
+    if springs.topology.springs:
+        train, found = _at_mean_loads(springs, speeds, int(harmonics))
+    else:
+        found = _respond(train, speeds, int(harmonics))
     if not (traced(found) or staged()):
         found = on_host(found)
     found = dataclasses.replace(found, train=train)
     return found if np.ndim(rpm) else found[0]
+
+
+def _at_mean_loads(train, speeds, harmonics):
+    """The train linearised at the mean load of the first speed, and the ForcedResponse at ``speeds`` ``(n,)`` of a
+    train whose shafts or dampers have stages, stops or clearance: those alike at several speeds are solved together."""
+    loads = [at_pressed_load(train, rpm=speed) for speed in speeds]
+    alike = {}
+    for place, load in enumerate(loads):
+        (slopes,) = concrete(load.link_stiffness)
+        alike.setdefault(tuple(np.round(slopes, DIGITS)), []).append(place)
+    groups = [np.array(places) for places in alike.values()]
+    responses = [_respond(linearised(loads[places[0]].train), speeds[places], harmonics) for places in groups]
+    order = np.argsort(np.concatenate(groups), kind="stable")
+    found = jax.tree.map(lambda *parts: jnp.concatenate(parts)[order], *responses)
+    # Twists of stages begin at their own zero, not at that of the slope.
+    means = jnp.stack([jnp.asarray(load.angle) for load in loads])
+    angles = jnp.asarray(found.angles).at[..., 0].set(means)
+    ground = np.array(train.topology.ground_disk, dtype=int)
+    reaction = train.grounds.stiffness * angles[:, ground, 0].real
+    found = dataclasses.replace(found, angles=angles, ground_reaction=reaction)
+    return linearised(loads[0].train), found
 
 
 @partial(Program, static_argnames="harmonics")

@@ -13,6 +13,7 @@ import numpy as np
 from jaxhb._jax import Array, Number, Numbers, concrete, namespace, on_host, traced
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
+from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -138,7 +139,7 @@ def holzer_residual(train: DriveTrain, *, hz: Numbers) -> Array:
 
 def _system(train):
     """The System of a train without closed loops."""
-    system = on_host(chain.assemble(train))
+    system = on_host(chain.assemble(linear_train(train)))
     if len(system.tree.loops):
         name = train.topology.link_names[system.tree.loops[0]]
         raise SceneError(

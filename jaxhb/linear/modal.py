@@ -15,6 +15,7 @@ from scipy.linalg import eigh_tridiagonal, eigvalsh_tridiagonal, lapack
 
 from jaxhb._jax import Array, namespace, on_host, refuse_tracers
 from jaxhb._shown import brief
+from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.connections import pieces
 from jaxhb.train.drivetrain import DriveTrain
@@ -80,6 +81,7 @@ class Factor:
 
 def factor(train):
     """The System of a concrete train, meshes in contact, and its :class:`Factor`; links without stiffness drop."""
+    train = linear_train(train)
     system = on_host(chain.assemble(train))
     rigid = np.asarray(chain.rigid_shape(train, system.radius))
     disks, elastic, held = len(system.mass), np.flatnonzero(system.stiffness), np.flatnonzero(system.ground)

@@ -31,6 +31,7 @@ from jaxhb._jax import Array, Numbers, concrete, traced
 from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
+from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -231,7 +232,7 @@ def characteristic(train: DriveTrain, p: Array) -> Scaled:
     >>> jaxhb.characteristic(train, 1j * jnp.array([0.0, 5.0])).value().real.tolist()  # p^2 (p^2 + 100)
     [0.0, -1875.0]
     """
-    return _characteristic(train, jnp.asarray(p, complex))
+    return _characteristic(linear_train(train), jnp.asarray(p, complex))
 
 
 @Program
@@ -257,7 +258,7 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
     [-0.013333333]
     """
     ends = train.topology.disk_index(disk), train.topology.disk_index(at)
-    return _receptance(train, 2j * np.pi * jnp.asarray(hz, float), ends)
+    return _receptance(linear_train(train), 2j * np.pi * jnp.asarray(hz, float), ends)
 
 
 @partial(Program, static_argnames="ends")
@@ -316,7 +317,7 @@ def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation
     >>> bool(jaxhb.damped_approximation(train, jnp.array([5.0])).relative_error[0] < 1e-15)  # exact for one link
     True
     """
-    return _approximation(train, jnp.asarray(omega, float))
+    return _approximation(linear_train(train), jnp.asarray(omega, float))
 
 
 @Program
@@ -419,6 +420,7 @@ def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tu
     >>> [str(value) for value in jaxhb.characteristic_coefficients(train, exact=True)]
     ['1', '1/6', '5', '0', '0']
     """
+    train = linear_train(train)
     _refuse_coefficients(train, exact)
 
     def number(value):

@@ -15,6 +15,7 @@ import numpy as np
 from jaxhb._jax import Array, Numbers, concrete, on_host, refuse_tracers, traced
 from jaxhb._program import Program
 from jaxhb.linear.modal import ModeShares, shares
+from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -47,7 +48,7 @@ def strain_energy(train: DriveTrain, angle: Array) -> Array:
     >>> float(jaxhb.strain_energy(train, jnp.array([0.3, 0.1]))).__round__(12)
     2.0
     """
-    system = chain.assemble(train)
+    system = chain.assemble(linear_train(train))
     displacement = system.radius * jnp.asarray(angle)
     links = jnp.sum(system.stiffness * system.deflections(displacement) ** 2)
     return (links + jnp.sum(system.ground * displacement**2)) / 2
@@ -84,7 +85,7 @@ def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
     >>> round(float(slope), 12), round(10 / (2 * jax.numpy.pi) / 200.0, 12)  # f is proportional to the root of k
     (0.007957747155, 0.007957747155)
     """
-    return _frequencies(train, _heavy(train, heavy))
+    return _frequencies(linear_train(train), _heavy(train, heavy))
 
 
 @partial(Program, static_argnames="heavy")
@@ -111,7 +112,7 @@ def mode_shares(train: DriveTrain, heavy: Array | None = None) -> ModeShares:
     >>> round(float(share(100.0)), 9), round(float(jax.grad(share)(100.0)), 9)
     (0.5, -0.0075)
     """
-    return _shares(train, _heavy(train, heavy))
+    return _shares(linear_train(train), _heavy(train, heavy))
 
 
 @partial(Program, static_argnames="heavy")

@@ -13,7 +13,7 @@ from jaxhb.report.orders import order_names
 from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import cylinder_of, misfiring
 from jaxhb.report.text.forced import forced_failures, misfire_tables, readings, worst_of, worst_tables
-from jaxhb.report.text.linear import campbell_parts, in_contact, modes_text
+from jaxhb.report.text.linear import approximations, campbell_parts, in_contact, modes_text
 
 CAMPBELL_MODES = 6, 12
 """Modes of the Campbell diagram: at least so many, and those that the orders reach up to the second number."""
@@ -32,7 +32,7 @@ def modes(report):
     table = modes_text(found, train.topology.title, kinds, ratios, in_contact(train))
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:MOST]
     shapes = [elastic[i : i + TOGETHER] for i in range(0, len(elastic), TOGETHER)]
-    return [table, *(shapes_figure(train, found, some, ratios) for some in shapes)]
+    return [table, *approximations(train), *(shapes_figure(train, found, some, ratios) for some in shapes)]
 
 
 def campbell(report):
@@ -72,7 +72,7 @@ def forced(report):
     worst = _worst(first, misfires, found) if len(misfires) > 1 else None
     said = f"Linear, teeth in contact, at {len(speeds)} speeds. Sums and orders in the figures: {title}."
     said += " Lines of a misfire are its half peak-to-peak." if misfires else ""
-    blocks = [said]
+    blocks = [said, *approximations(report.train, report.rpm)]
     for one in chosen:
         governing = {worst[one.name].cylinder: misfires[worst[one.name].cylinder]} if worst else misfires
         blocks.append(orders_figure(first, one, governing, title))

@@ -2,8 +2,12 @@
 
 import dataclasses
 
+import numpy as np
+
 from jaxhb.elements.elements import SceneError
+from jaxhb.equations.backlash import all_meshes
 from jaxhb.linear.critical import ELASTIC, RIGID, RING
+from jaxhb.linear.tangent import at_pressed_load, own_speed
 from jaxhb.report.text.columns import NONE, Table, fixed, from_rows, percent, plain_number
 
 FIRST = 3  # modes whose energies or tables are shown where none is asked for
@@ -69,9 +73,88 @@ def modes_record(modes, kinds, ratios):
     }
 
 
+def approximations(train, rpm=None, response=None, *, closed=True):
+    """What linear calculations take at the mean load or leave out, a sentence for each element and reason: of one speed
+    or several, by default of that of :func:`own_speed`; ``response``, a :class:`jaxhb.ForcedResponse` at these, tells
+    which vibrations leave the stage; ``closed``: clearances are."""
+    topology, springs = train.topology, {}
+    for link, kind, row in topology.springs:
+        springs.setdefault(link, {}).setdefault(kind, []).append(row)
+    asked = [own_speed(train)] if rpm is None else rpm
+    loads = [at_pressed_load(train, rpm=float(speed)) for speed in asked] if springs else []
+    found = []
+    for place, (link, kinds) in enumerate(springs.items()):
+        name = topology.link_names[link]
+        if "stages" in kinds or "stops" in kinds:
+            found.append(f"{name}: {_stage_sentence(loads, place)}.")
+            found += _crossing(train, link, kinds, response)
+        if "clearance" in kinds and closed:
+            found.append(f"{name}: its clearance is taken closed; jaxhb solve has it open.")
+        if "friction" in kinds:
+            friction = _of_link(train, link, "friction")
+            found.append(f"{name}: its dry friction of {float(friction):.4g} N m is left out; jaxhb solve has it.")
+    variation = all_meshes(train).variation
+    for mesh in np.flatnonzero(topology.mesh_varies):
+        most = 200 * np.abs(np.asarray(variation[mesh])).sum()
+        said = f"its stiffness varies over the mesh period, by up to {most:.3g} % of its mean"
+        found.append(f"{topology.mesh_names[mesh]}: {said}, which is taken here; jaxhb solve has the variation.")
+    return found
+
+
+def _of_link(train, link, field):
+    """A field of a shaft or damper by the number of the link."""
+    shafts = len(train.topology.shaft_names)
+    table, index = (train.shafts, link) if link < shafts else (train.dampers, link - shafts)
+    return np.asarray(getattr(table, field))[index]
+
+
+def _stage_sentence(loads, place):
+    """The stiffness of one link with stages or stops at its mean load, over the speeds."""
+    slopes = [float(load.link_stiffness[place]) for load in loads]
+    torques = [float(load.torque[place]) for load in loads]
+    if not all(load.loaded for load in loads):
+        return f"linear with {slopes[0]:.4g} N m/rad, its stiffness at rest: no load balances the mean torques"
+    first, last = loads[0].rpm, loads[-1].rpm
+    where = f"at {first:g} rpm" if len(loads) == 1 else f"from {first:g} to {last:g} rpm"
+    stiffness, torque = (
+        f"{min(own):.4g}" if np.ptp(own) <= 1e-6 * np.abs(own).max() else f"{min(own):.4g} to {max(own):.4g}"
+        for own in (slopes, torques)
+    )
+    return f"linear with {stiffness} N m/rad, its stiffness at the mean torque of {torque} N m {where}"
+
+
+def _crossing(train, link, kinds, response):
+    """A sentence on the speeds at which the vibration of a link leaves the stage of its mean torque, in a list."""
+    if response is None:
+        return []
+    knots = [sign * row[0] for row in _rows_of(train, link, kinds, "stages") for sign in (1, -1)]
+    knots = np.array(knots + [row[0] for row in _rows_of(train, link, kinds, "stops")])
+    ends = [train.topology.disk_names[disk] for disk in train.topology.link_ends[link]]
+    twist = response.twist(*ends)
+    low, high = (np.rad2deg(np.asarray(values))[:, None] for values in (twist.min, twist.max))
+    crossed = np.asarray(response.converged) & ((low < knots) & (knots < high)).any(axis=-1)
+    if not crossed.any():
+        return []
+    worst = int(np.argmax(np.where(crossed, (high - low)[:, 0], -1.0)))
+    speeds = np.asarray(response.rpm)[crossed]
+    where = f"at {speeds[0]:g} rpm" if len(speeds) == 1 else f"at {len(speeds)} speeds from {speeds[0]:g} rpm on"
+    swing = f"{low[worst, 0]:.3g} to {high[worst, 0]:.3g} deg at {float(response.rpm[worst]):g} rpm"
+    name = train.topology.link_names[link]
+    return [f"{name}: its vibration leaves this stage {where} ({swing}): only jaxhb solve tells what it does there."]
+
+
+def _rows_of(train, link, kinds, field):
+    """The stages or stops of a link."""
+    return _of_link(train, link, field)[: len(kinds.get(field, ()))] if field in kinds else []
+
+
 def mean_load_text(load, rpm):
-    """A line that tells the tangent stiffness of every mesh with backlash; ``load`` is a :class:`jaxhb.MeanLoad`."""
-    said = []
+    """A line that tells the tangent stiffness of every mesh with backlash, and of shafts and dampers with stages, stops
+    or clearance; ``load`` is a :class:`jaxhb.MeanLoad`."""
+    said = [
+        f"{name} {torque:.4g} N m at {stiffness:.4g} N m/rad"
+        for name, torque, stiffness in zip(load.links, load.torque, load.link_stiffness, strict=True)
+    ]
     for name, force, engagement, share in zip(load.names, load.force, load.engagement, load.share, strict=True):
         where = "in the gap" if engagement == 0 else "in the transition zone"
         where = "in contact" if engagement == 1 else f"{where}, {percent(share)} % of its stiffness"
@@ -80,9 +163,12 @@ def mean_load_text(load, rpm):
 
 
 def mean_load_record(load, rpm):
-    """What ``modes --at --json`` adds by mesh with backlash: elastic force, tangent stiffness, engagement 0 to 1."""
+    """What ``modes --at --json`` adds by mesh with backlash: elastic force, tangent stiffness, engagement 0 to 1; by
+    shaft or damper with stages, stops, clearance or friction: torque, twist, tangent stiffness."""
     keys = "force", "stiffness", "engagement"
     rows = {name: {key: getattr(load, key)[i] for key in keys} for i, name in enumerate(load.names)}
+    of_links = {"torque": load.torque, "twist": load.twist, "stiffness": load.link_stiffness}
+    rows |= {name: {key: values[i] for key, values in of_links.items()} for i, name in enumerate(load.links)}
     return {"at_rpm": rpm, "mean_load": rows}
 
 
