@@ -8,7 +8,7 @@ the energy falls, on the host. Derivatives are those of two more steps: the firs
 import dataclasses
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -54,7 +54,7 @@ class MeanLoad:
     loaded : bool, False where links are taken at rest, as nothing balances the mean torques or the train is too large
     """
 
-    train: object
+    train: Any
     names: tuple
     force: np.ndarray
     stiffness: np.ndarray
