@@ -67,9 +67,9 @@ def _least_mean_forces(train):
 def _mean_torques(train, speeds):
     """Mean torque ``(n, S)`` N m on every disk at some speeds, loads included."""
     topology, disks = train.topology, train.topology.n_disks
-    cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
     seats = [*topology.torque_disk, *topology.cylinder_disk]
-    torque = connections.on_disks(disks, seats, mean_torques(train.torques, train.cylinders, *cycle, speeds))
+    means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, speeds)
+    torque = connections.on_disks(disks, seats, means)
     if not topology.load_disk:
         return torque
     ratio, share = speed_ratios(train)[np.array(topology.rotor, dtype=int)], train.loads.share
