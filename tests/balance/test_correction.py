@@ -46,7 +46,11 @@ def test_a_long_train_without_any_damping_has_a_basis():
     count = reduced_models.DISKS + 6
     parts = [Disk(name=str(k), inertia=0.01, radius=0.1) for k in range(count)]
     parts += [Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(count - 1) if k != count // 2]
-    parts.append(Mesh(between=(str(count // 2), str(count // 2 + 1)), stiffness=1e8, backlash=1e-4))
+    parts.append(
+        Mesh(
+            between=(str(count // 2), str(count // 2 + 1)), stiffness=1e8, backlash=1e-4, epsilon=1e-3, transition=0.04
+        )
+    )
     problem = problem_at(build(parts, reference="0"), RPM, HARMONICS)
     found = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
@@ -56,7 +60,10 @@ def test_meshes_are_swept_in_blocks_of_any_length(monkeypatch):
     meshes = 3
     names = [str(k) for k in range(meshes + 1)]
     parts = [Disk(name=name, inertia=0.01, radius=0.1, damping=0.1) for name in names]
-    parts += [Mesh(between=pair, stiffness=1e8, damping=1e3, backlash=1e-4) for pair in itertools.pairwise(names)]
+    parts += [
+        Mesh(between=pair, stiffness=1e8, damping=1e3, backlash=1e-4, epsilon=1e-3, transition=0.04)
+        for pair in itertools.pairwise(names)
+    ]
     problem = problem_at(build(parts, reference="0"), RPM, HARMONICS)
     model = approximate(problem.system, problem.meshes.link, np.ones(meshes), problem.frequency, time_steps=512)
     draw = np.random.default_rng(3)
@@ -141,7 +148,7 @@ def test_modes_that_outlast_the_cycle_are_carried_into_the_next():
     gears = {6: 0.05, 7: 0.05}
     parts = [Disk(name=str(k), inertia=0.01, damping=0.001, radius=gears.get(k)) for k in range(14)]
     parts += [Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(13) if k != 6]
-    parts += [Mesh(between=("6", "7"), stiffness=2e8, damping=200.0, backlash=1e-4, epsilon=0.02)]
+    parts += [Mesh(between=("6", "7"), stiffness=2e8, damping=200.0, backlash=1e-4, epsilon=0.02, transition=0.04)]
     problem = problem_at(build(parts, reference="0"), RPM, 1)
     reduced, _ = reduce(problem, HARMONICS, ActiveMeshes(np.ones(1), np.arange(1), np.zeros(1)))
     train = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512)

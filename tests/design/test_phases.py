@@ -29,7 +29,7 @@ def plant(port=(0.0, 360.0), starboard=(0.0, 240.0, 480.0), *, backlash=None, ph
     yield from (Disk(name="wheel", inertia=40.0, radius=0.4), Disk(name="propeller", inertia=150.0))
     yield Shaft(name="line", between=("wheel", "propeller"), stiffness=1e6, damping=500.0, diameter=0.12)
     for name in ("port", "starboard"):
-        gap = {"backlash": backlash} if backlash else {}
+        gap = {"backlash": backlash, "epsilon": 1e-3, "transition": 0.04} if backlash else {}
         yield Mesh(name=name + " mesh", between=(f"{name} pinion", "wheel"), stiffness=1e9, damping=3e4, **gap)
     yield Torque(name="pump", disk="port pinion", harmonics=((3.0, 60.0, -30.0),), orders_of="reference")
     yield from (Load(disk="propeller", harmonics=((4.0, 0.05, 0.0),)), Ground(disk="propeller", stiffness=1.0))

@@ -41,7 +41,9 @@ def gearbox():
     parts = [part for part in parts if getattr(part, "between", None) != ("lay 3", "output")]
     parts = [dataclasses.replace(p, loss_factor=0.0) if getattr(p, "loss_factor", 0) else p for p in parts]
     parts = [dataclasses.replace(p, inertia=0.001) if p.name == "lay 3" else p for p in parts]
-    mesh = Mesh(between=("lay 3", "output"), stiffness=1.5e8, damping=300.0, backlash=1e-4)
+    mesh = Mesh(
+        between=("lay 3", "output"), stiffness=1.5e8, damping=300.0, backlash=1e-4, epsilon=1e-3, transition=0.04
+    )
     return trains.build([*parts, mesh], cycle=1, reference="motor")
 
 

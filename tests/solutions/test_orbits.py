@@ -116,7 +116,11 @@ def test_more_steps_begin_at_the_motion_of_the_disks_whatever_modes_they_keep(mo
     """The modes, and of a long train which are kept, depend on the steps: the same numbers would be another motion."""
     parts = [Disk(name=str(k), inertia=0.01, radius=0.1, damping=0.1) for k in range(2 * half)]
     parts += [Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(2 * half - 1) if k != half - 1]
-    parts.append(Mesh(between=(str(half - 1), str(half)), stiffness=1e8, damping=1e3, backlash=1e-4))
+    parts.append(
+        Mesh(
+            between=(str(half - 1), str(half)), stiffness=1e8, damping=1e3, backlash=1e-4, epsilon=1e-3, transition=0.04
+        )
+    )
     parts += [Torque(disk="0", mean=5.0, harmonics=[(2.0, 8.0, 0.0)]), Load(disk=str(2 * half - 1))]
     train = build(parts, reference="0")
     plan = Plan(harmonics=64, active=(0,), flank=(0,), start="march", time_steps=few, excited=2)
