@@ -180,7 +180,8 @@ class Signal(Summarized):
 
     def smooth_peak(self, p: float = 64) -> Array:
         """Differentiable peak, the p-norm over the cycle, ``(mean |x|^p)^(1/p)``: with M time samples between
-        ``peak M^(-1/p)`` and ``peak``."""
+        ``peak M^(-1/p)`` and ``peak``. Where teeth hammer differentiate this: :attr:`max` and the like are
+        differentiated at one time sample, whose slope truncation spoils."""
         return p_norm(abs(self._sampled(self.resolution)), p)
 
     def spectrum(self) -> list[list[float]]:
