@@ -13,7 +13,7 @@ from jaxhb.results.record import RecordedSignal
 BETWEEN = re.compile(r'between = \["([^"]*)", "([^"]*)"\]')
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.])")
 OWN = r"SHA-256 \w+|\d{4}-\d\d-\d\d \d\d:\d\d UTC|[^\s'\"<>]*\b(scene|twin)(\b|_)[^\s'\"<>]*"
-OWN += r"|<script>.*?</script>|<style>.*?</style>|<details.*</details>|<svg.*?</svg>"
+OWN += r"|\b\d+ s\b|<script>.*?</script>|<style>.*?</style>|<details.*</details>|<svg.*?</svg>"
 """What differs by the file, the time and the scene as it is written; the lines of the sketch begin at either end."""
 ROUNDED, NOTHING = 2e-3, 1e-8
 """Of numbers that both have but for rounding to digits, and what is 0 but for rounding."""
