@@ -45,7 +45,14 @@ def pair(case, backlash=True, varying=True):
 def idler():
     """Three gears, the second an idler, with errors of teeth and of a gear, and phases."""
     gears = [jaxhb.Disk(name=n, inertia=j, radius=r, teeth=z) for n, j, r, z in GEARS]
-    law = {"stiffness": 2e8, "damping": 2e3, "damping_law": "always", "backlash": 2 * HALF, "epsilon": 1e-3}
+    law = {
+        "stiffness": 2e8,
+        "damping": 2e3,
+        "damping_law": "always",
+        "backlash": 2 * HALF,
+        "epsilon": 1e-3,
+        "transition": 0.04,
+    }
     first = {"stiffness_orders": [(1, 0.2, 0.1), (2, 0.0, -0.05)], "transmission_error": [(1, 4e-6, 2e-6)]}
     own = {"first_gear_error": [(1, 6e-6, 0.0)], "phase": 40.0}
     meshes = [
