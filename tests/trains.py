@@ -69,7 +69,7 @@ def build(parts, *, cycle=1, reference=None):
 
 def pinions_parts(pump):
     """A crank gear between a light cam gear, which hammers at 1500 rpm, and a pump gear that takes ``pump`` N m."""
-    common = {"stiffness": 2e8, "damping": 1500.0, "backlash": 1e-4, "epsilon": 0.02}
+    common = {"stiffness": 2e8, "damping": 1500.0, "backlash": 1e-4, "epsilon": 0.02, "transition": 0.04}
     return [
         Disk(name="flywheel", inertia=0.8, damping=0.4),
         Disk(name="crank gear", inertia=0.01, radius=0.05),
