@@ -16,7 +16,6 @@ from jaxhb.elements.elements import SceneError
 from jaxhb.linear.critical import campbell, modes_of
 from jaxhb.linear.forced import forced_response
 from jaxhb.linear.modal import natural_frequencies
-from jaxhb.results.status import Status
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.varying import varying
 
@@ -185,7 +184,7 @@ def _read(train, rpm, task, accuracy):
     # Their number is a shape, and a shape is a program: where they cost little they are filled up to one of few.
     filled = np.concatenate([rpm, np.repeat(rpm[-1:], -len(rpm) % FILLED if is_linear(train) else 0)])
     response = solve_speeds(train, rpm=filled, **accuracy)
-    solved = (np.asarray(response.status) <= Status.TOLERANCE_NOT_MET)[: len(rpm)]
+    solved = np.asarray(response.solved)[: len(rpm)]
     told = {}
     for chosen in task.of_response:
         told[label(chosen)] = np.where(solved, _values(response, chosen, train)[: len(rpm)], np.nan)
