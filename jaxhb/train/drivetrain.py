@@ -182,7 +182,7 @@ class DriveTrain:
         torque stay. This is the misfire that classification rules ask for.
 
         The pressure of compression alone is told from a pressure table
-        (:func:`~jaxhb.excitation.compression.unburnt_table`), traces or the combustion model without heat. From a given
+        (``jaxhb.excitation.compression``), traces or the combustion model without heat. From a given
         ``gas_torque`` it cannot be told: all of that goes, as by :meth:`cut_off`; :meth:`not_firing` says what holds.
         :class:`SceneError` if there is no such cylinder.
 
