@@ -316,7 +316,7 @@ def _solve_traced(train, rpm, begin, active_meshes, goals, plan):
     outcome = dataclasses.replace(outcome, status=jnp.where(valid, status, Status.INVALID_INPUT))
     response = respond(train, rpm, problem, outcome, plan)
     # nan for all that was computed if it is not solved, and derivatives of zero, not nan.
-    given = ("rpm", "radius", "law", "topology", "resolution", "train", "path", "certificate")
+    given = ("rpm", "radius", "law", "topology", "resolution", "sharp", "train", "path", "certificate")
     found = {f.name: getattr(response, f.name) for f in dataclasses.fields(response) if f.name not in given}
     return dataclasses.replace(response, **derivative.only_known(response.solved, found))
 
@@ -341,6 +341,7 @@ def respond(train, rpm, problem, outcome, plan):
         topology=topology,
         # A multiple of the samples, so that extremes are no smaller than theirs, and enough for few harmonics too.
         resolution=plan.samples * max(1, -(-FEWEST_SAMPLES // plan.samples)),
+        sharp=outcome.deflection.shape[-2] > 0,  # an active mesh at least
         train=train,
     )
 

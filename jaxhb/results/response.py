@@ -69,6 +69,8 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     steps : ``(...)`` int, of Newton's method
     topology : Topology, names and connections
     resolution : int, time samples per cycle at which extremes are looked for
+    sharp : bool, whether the contact of teeth was an unknown of the solve, at one of the speeds at least; see
+        :class:`Signal`
     train : DriveTrain or None
     path : tuple of events, how the solve went; of a sweep one tuple per speed
     certificate : Certificate or None, where it was asked for
@@ -87,6 +89,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     steps: Array
     topology: Topology
     resolution: int
+    sharp: bool = False
     # Neither the log nor what the response was made from is part of what is compared.
     train: DriveTrain | None = field(default=None, compare=False)
     path: tuple = field(default=(), compare=False)
@@ -151,7 +154,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         return self
 
     def _signal(self, coefficients, elastic=None):
-        return Signal(coefficients, elastic, self.topology.revolutions_per_cycle, self.resolution)
+        return Signal(coefficients, elastic, self.topology.revolutions_per_cycle, self.resolution, self.sharp)
 
     def _read(self, quantity, index, sense=1):
         match quantity:
@@ -267,7 +270,7 @@ def register(cls):
     Leaves are what depends on the speed: ``train`` would copy pressure tables, ``path`` make programs retrace.
     """
     # Not by register_dataclass, whose drop_fields fail on jax 0.9.
-    static, aside = ("topology", "resolution"), ("train", "path", "certificate")
+    static, aside = ("topology", "resolution", "sharp"), ("train", "path", "certificate")
     names = [f.name for f in dataclasses.fields(cls) if f.name not in (*static, *aside)]
 
     def flatten(response):
@@ -287,11 +290,14 @@ register(Response)
 def stack(responses):
     """Responses of one train at several speeds as one with a leading axis; all get the most harmonics among them."""
     most = {name: max(getattr(response, name).shape[-1] for response in responses) - 1 for name in FIELDS}
-    resolution = max(response.resolution for response in responses)
+    same = {
+        "resolution": max(response.resolution for response in responses),
+        "sharp": any(response.sharp for response in responses),
+    }
 
     def padded(response):
         wider = {name: fourier.resize(np.asarray(getattr(response, name)), count) for name, count in most.items()}
-        return dataclasses.replace(response, resolution=resolution, **wider)
+        return dataclasses.replace(response, **same, **wider)
 
     joined = jax.tree.map(lambda *leaves: np.stack(leaves), *map(padded, responses))
     return dataclasses.replace(joined, train=responses[0].train, path=tuple(r.path for r in responses))

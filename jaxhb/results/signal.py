@@ -3,6 +3,7 @@
 import dataclasses
 import warnings
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Self
 
 import jax
@@ -58,6 +59,8 @@ class Signal(Summarized):
     elastic_coefficients : the same or None, elastic part (stiffness only) of a transmitted force or torque
     revolutions_per_cycle : float, of the reference rotor; harmonic n is order n / revolutions_per_cycle
     resolution : int, time samples per cycle at which extremes are looked for
+    sharp : bool, whether the contact of teeth was an unknown of the solve, as where they hammer: extremes may then be
+        narrow peaks, and their derivatives, of one time sample, come with a warning
 
     Examples
     --------
@@ -70,6 +73,7 @@ class Signal(Summarized):
     elastic_coefficients: Array | None
     revolutions_per_cycle: float = field(metadata={"static": True})
     resolution: int = field(metadata={"static": True})
+    sharp: bool = field(default=False, metadata={"static": True})
 
     __repr__ = signal_line
 
@@ -148,26 +152,28 @@ class Signal(Summarized):
 
     @property
     def max(self) -> Array:
-        """Largest value over the cycle."""
-        return self._over(lambda values: values.max(axis=-1))
+        """Largest value over the cycle; its derivative is of one time sample, and warns where teeth may hammer."""
+        return self._over("max", lambda values: values.max(axis=-1))
 
     @property
     def min(self) -> Array:
-        """Smallest value over the cycle."""
-        return self._over(lambda values: values.min(axis=-1))
+        """Smallest value over the cycle; derivatives as of :attr:`max`."""
+        return self._over("min", lambda values: values.min(axis=-1))
 
     @property
     def peak(self) -> Array:
-        """Largest absolute value over the cycle."""
-        return self._over(lambda values: namespace(values).abs(values).max(axis=-1))
+        """Largest absolute value over the cycle; derivatives as of :attr:`max`."""
+        return self._over("peak", lambda values: namespace(values).abs(values).max(axis=-1))
 
     @property
     def half_peak_to_peak(self) -> Array:
-        """(max - min) / 2 of the synthesised signal."""
-        return self._over(lambda values: (values.max(axis=-1) - values.min(axis=-1)) / 2)
+        """(max - min) / 2 of the synthesised signal; derivatives as of :attr:`max`."""
+        return self._over("half_peak_to_peak", lambda values: (values.max(axis=-1) - values.min(axis=-1)) / 2)
 
-    def _over(self, function):
+    def _over(self, name, function):
         values = self._sampled(self.resolution)
+        if self.sharp and traced(values):
+            values = _warned_of_when_differentiated(name, values)
         # 0, or nan of a signal that is nan: jax 0.12 gives -inf on a processor for the largest of many nan.
         return function(values) + 0 * values[..., 0]
 
@@ -181,7 +187,7 @@ class Signal(Summarized):
     def smooth_peak(self, p: float = 64) -> Array:
         """Differentiable peak, the p-norm over the cycle, ``(mean |x|^p)^(1/p)``: with M time samples between
         ``peak M^(-1/p)`` and ``peak``. Where teeth hammer differentiate this: :attr:`max` and the like are
-        differentiated at one time sample, whose slope truncation spoils."""
+        differentiated at one time sample, whose slope truncation spoils, and warn."""
         return p_norm(abs(self._sampled(self.resolution)), p)
 
     def spectrum(self) -> list[list[float]]:
@@ -189,6 +195,23 @@ class Signal(Summarized):
         refuse_tracers("spectrum", self, instead="read .orders, .amplitudes and .phases_deg there", host=True)
         columns = (self.orders, np.asarray(self.amplitudes), np.asarray(self.phases_deg))
         return [[float(v) for v in row] for row in zip(*columns, strict=True)]
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _warned_of_when_differentiated(name, values):
+    """The samples from which the extreme ``name`` is taken, as they are: only their derivative comes with a warning."""
+    return values
+
+
+@_warned_of_when_differentiated.defjvp
+def _with_warning(name, primals, tangents):
+    (values,), (changes,) = primals, tangents
+    warnings.warn(
+        f".{name} is differentiated at one time sample, and where teeth hammer such a derivative may have the wrong "
+        "sign: differentiate .smooth_peak() or jaxhb.design.objectives.half_peak_to_peak(signal)",
+        stacklevel=2,
+    )
+    return values, changes
 
 
 def p_norm(values, p):

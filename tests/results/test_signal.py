@@ -1,14 +1,20 @@
 """A periodic signal as the engineer reads it."""
 
+import pickle
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from tolerances import ALGEBRAIC, GRADIENT
 
+import jaxhb
 from jaxhb import Signal
+from jaxhb.design.objectives import half_peak_to_peak
+from jaxhb.results.response import stack
 
 HARMONICS, RESOLUTION = 9, 4096
+SLOPE_WARNING = "differentiated at one time sample, and where teeth hammer such a derivative may have the wrong sign"
 
 
 @pytest.fixture(scope="module")
@@ -110,3 +116,66 @@ def test_summary_is_plain_numbers_and_the_spectrum_gives_the_signal_back():
     theta = np.deg2rad(s.angles_deg(50))
     rebuilt = 1.0 + sum(A * np.cos(order * theta + np.deg2rad(phase)) for order, A, phase in summary["amplitudes"])
     np.testing.assert_allclose(s.samples(50), rebuilt, rtol=0, atol=30 * ALGEBRAIC)
+
+
+EXTREMES = ("max", "min", "peak", "half_peak_to_peak")
+
+
+def extreme_of(name, sharp):
+    """An extreme of a signal as a function of its size; ``elastic`` and ``reversed`` are to hand the flag on."""
+    coefficients = jnp.array([1.0, 2.0 - 1.0j, 0.0, 0.25j])
+
+    def extreme(size):
+        signal = Signal(size * coefficients, size * coefficients, 2.0, 64, sharp)
+        return getattr(signal.reversed().elastic, name)
+
+    return extreme
+
+
+@pytest.mark.parametrize("name", EXTREMES)
+def test_the_derivative_of_an_extreme_comes_with_a_warning_where_contact_was_an_unknown(name):
+    sharp, calm = (extreme_of(name, flag) for flag in (True, False))
+    ways = {"reverse": jax.grad, "forward": jax.jacfwd, "staged": lambda f: jax.jit(jax.grad(f))}
+    ways |= {"inside": lambda f: jax.grad(jax.jit(f)), "in a batch": lambda f: jax.vmap(jax.grad(f))}
+    for way, differentiated in ways.items():
+        at = jnp.array([1.5]) if way == "in a batch" else 1.5
+        with pytest.warns(UserWarning, match=rf"^\.{name} is {SLOPE_WARNING}: differentiate .smooth_peak\(\)"):
+            slope = differentiated(sharp)(at)
+        assert slope == differentiated(calm)(at), way  # without a warning, which would be an error
+
+
+@pytest.mark.parametrize("name", EXTREMES)
+def test_an_extreme_that_is_not_differentiated_is_read_without_a_warning(name):
+    sharp, calm = (extreme_of(name, flag) for flag in (True, False))
+    assert sharp(1.5) == calm(1.5)
+    assert jax.jit(sharp)(1.5) == jax.jit(calm)(1.5)
+    assert jax.vmap(sharp)(jnp.array([1.5])) == jax.vmap(calm)(jnp.array([1.5]))
+    held = jax.value_and_grad(lambda size: size * sharp(jax.lax.stop_gradient(size)))
+    assert held(1.5) == (1.5 * sharp(1.5), sharp(1.5))
+
+
+@pytest.mark.parametrize("smooth", [Signal.smooth_peak, half_peak_to_peak])
+def test_what_is_to_be_differentiated_instead_has_no_warning(smooth):
+    def read(size):
+        return smooth(Signal(size * jnp.array([1.0, 2.0 - 1.0j]), None, 2.0, 64, True))
+
+    assert jax.grad(read)(1.5) == pytest.approx(float(read(1.0)))  # proportional to the size
+
+
+def test_signals_of_hammering_teeth_warn_and_those_of_teeth_in_contact_do_not():
+    pair, key = jaxhb.load_scene("spur_pair"), "gear a|gear b.damping"
+    own = float(pair.value(key))
+    plans = {rpm: jaxhb.plan(pair, rpm=rpm, harmonics=50) for rpm in (3000.0, 5625.0)}
+
+    def largest(share, rpm):
+        return jaxhb.solve(pair.replace({key: own * share}), rpm=rpm, plan=plans[rpm]).force("gear a", "gear b").max
+
+    assert plans[3000.0].active == () and plans[5625.0].active == (0,)
+    assert np.isfinite(jax.grad(largest)(1.0, 3000.0))
+    with pytest.warns(UserWarning, match=SLOPE_WARNING):
+        assert np.isfinite(jax.grad(largest)(1.0, 5625.0))
+    calm, hammering = (jaxhb.solve(pair, rpm=rpm, plan=plan) for rpm, plan in plans.items())
+    assert not calm.sharp and hammering.sharp and pickle.loads(pickle.dumps(hammering)) == hammering
+    assert stack([calm, hammering]).sharp and not stack([calm, calm]).sharp
+    state = jaxhb.SteadyState(3000.0, "periodic", 1, hammering, None, 0, (), None, pair.topology)
+    assert state.force("gear a", "gear b").sharp and not jaxhb.linear_response(pair, rpm=5625.0).sharp
