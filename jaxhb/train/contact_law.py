@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation.mean_torques import mean_torques
-from jaxhb.train import chain, connections
+from jaxhb.train import connections
 from jaxhb.train.varying import without_tables
 
 KNEE_SHARE, GAP_SPRING_SHARE = 0.2, 0.04  # of the mean force, at which stiffness is full, and that the gap carries
@@ -47,6 +47,8 @@ def with_contact_law(train, meshes):
 def _least_mean_forces(train):
     """Smallest mean tooth force ``(M,)`` N of every mesh over the speeds at which the scene gives torques, all teeth in
     contact."""
+    from jaxhb.train import chain  # here: it takes jax, which what has no mesh to decide on does without
+
     speeds, rated = connections.speeds(train), train.torques.rated_rpm
     # A torque that follows a power of the speed has a point at its rated speed alone.
     speeds = np.append(speeds, [] if rated is None else IDLE * rated)

@@ -15,6 +15,7 @@ import pytest
 from reference_data import reference
 
 import jaxhb
+from jaxhb import _store
 from jaxhb.cli import commands, resume
 from jaxhb.cli.main import main
 from jaxhb.cli.progress import Progress
@@ -233,7 +234,7 @@ def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(orbit,
     assert called.err.endswith("the same command goes on from there\n")
     assert called.json["rpm"] == [row["rpm"] for row in called.json["responses"]] and not called.json["complete"]
     assert len(called.rows) == 2
-    (folder,) = (cache / resume.FOLDER).iterdir()
+    (folder,) = (cache / resume.FOLDER).glob("[!.]*")
     assert list(folder.glob("*.npz"))
     monkeypatch.setattr(orbits, "orbit_state", lambda response: solved.append(response) or orbit_state(response))
     called = run(*call)
@@ -253,15 +254,15 @@ def test_a_report_that_is_stopped_goes_on_where_it_was(run, cache, monkeypatch):
         stopped.setattr(Progress, "advance", stop)
         called = run(*call)
     assert called.status == 130 and called.err.endswith("the same command goes on from there\n")
-    (folder,) = (cache / resume.FOLDER).iterdir()
-    assert [path.name for path in folder.iterdir()] == ["0"]
+    (folder,) = (cache / resume.FOLDER).glob("[!.]*")
+    assert [path.name for path in folder.glob("[!.]*")] == ["0"]
     called = run(*call)
     assert called.status == 0 and called.path("json").exists() and not folder.exists()
 
 
 def test_what_a_stopped_command_left_is_forgotten_after_a_month(cache):
     train, month = jaxhb.load_scene("spur_pair"), 86400 * resume.FORGOTTEN_AFTER
-    folders = [resume.Kept([train], asked).folder for asked in ("old", "recent")]
+    folders = [resume.Kept([train], asked).folder.folder for asked in ("old", "recent")]
     for folder, age in zip(folders, (month + 60, month - 60), strict=True):
         (folder / "0 2000").mkdir(parents=True)
         (folder / "0 2000" / "sweep.json").write_text("")
@@ -271,10 +272,12 @@ def test_what_a_stopped_command_left_is_forgotten_after_a_month(cache):
     own.forget()  # there is none
 
 
-def test_a_sweep_that_cannot_be_kept_goes_on_without(run, cache):
+def test_a_sweep_that_cannot_be_kept_goes_on_without_and_says_so_once(run, cache, monkeypatch):
     cache.write_text("no folder")
+    monkeypatch.setattr(_store, "_told", set())
     called = run("sweep spur_pair --rpm 5000", "csv")
-    assert (called.status, called.err) == (0, "")
+    assert called.status == 0 and called.path("csv").exists()
+    assert called.err.count("\n") == 1 and str(cache) in called.err
 
 
 def test_a_sweep_lists_amplitudes_only_where_it_is_asked_to(told):

@@ -71,7 +71,7 @@ PENALTIES = (
     Penalty(quantity="inertia added", most=1e-3, of="ring", weight=1.0),
     Penalty(quantity="natural frequency", mode=2, least=180.0, weight=1.0),
 )
-LOST = SimpleNamespace(status=jaxhb.Status.STALLED)
+LOST = SimpleNamespace(status=jaxhb.Status.STALLED, solved=False)
 PLAN = tight_plan(**BOTH_SEPARATE, estimated=True)
 
 

@@ -119,7 +119,9 @@ def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):
     found = record["readings"]["stress over continuous limit of line shaft"]
     heat = record["readings"]["power over limit of ring"]
     assert max(found["before"]) < 1.5 and max(heat["after"]) < 0.96 * max(heat["before"])
-    assert max(found["after"]) == pytest.approx(1.6, rel=0.01)  # the limit holds back the objective
+    between = record["checked"]["after"]["worst"]["stress over continuous limit of line shaft"]
+    assert between["value"] == pytest.approx(1.6, rel=0.01)  # the limit holds back the objective
+    assert max(found["after"]) < between["value"]  # the peak lies between the speeds asked for
     tuned = jaxhb.load_scene(out / "tuned.toml")
     judged = jaxhb.strength(jaxhb.forced_response(tuned, rpm=record["rpm"])).stresses["line shaft"]
     np.testing.assert_allclose(judged.stress / judged.continuous, found["after"], rtol=1e-5)
