@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -120,13 +121,14 @@ def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):
     heat = record["readings"]["power over limit of ring"]
     assert max(found["before"]) < 1.5 and max(heat["after"]) < 0.96 * max(heat["before"])
     between = record["checked"]["after"]["worst"]["stress over continuous limit of line shaft"]
-    assert between["value"] == pytest.approx(1.6, rel=0.01)  # the limit holds back the objective
-    assert max(found["after"]) < between["value"]  # the peak lies between the speeds asked for
+    assert max(found["after"]) < between["value"] < 1.6 * 1.01  # the peak lies between the speeds asked for
     tuned = jaxhb.load_scene(out / "tuned.toml")
     judged = jaxhb.strength(jaxhb.forced_response(tuned, rpm=record["rpm"])).stresses["line shaft"]
     np.testing.assert_allclose(judged.stress / judged.continuous, found["after"], rtol=1e-5)
     said = capsys.readouterr().out
     assert "stress over continuous limit of line shaft" in said and "at most 1.6" in said
+    # Without the limit between the speeds the tuning would end beyond it.
+    assert re.search(r"limit of line shaft 1\.0\d+ of its limit at .* rpm, between the speeds asked for", said)
 
 
 def test_speeds_for_which_the_rule_has_no_limit_are_not_called_free_of_barred_ranges(scene, capsys):
