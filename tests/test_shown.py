@@ -17,7 +17,7 @@ ROUNDING = (
 )
 # whose times in the gap differ by so much
 
-pytestmark = pytest.mark.skipif(sys.version_info < (3, 12), reason="the pages show what the newest jax gives")
+newest_jax = pytest.mark.skipif(sys.version_info < (3, 12), reason="the pages show what the newest jax gives")
 
 
 def tolerance_of(number):
@@ -52,12 +52,14 @@ def names_of(page):
     return {block.command.split()[2] for block in shown.shown_on(page)}
 
 
+@newest_jax
 @pytest.mark.parametrize("page", [p for p in shown.pages() if names_of(p) - SLOW - SEARCHED], ids=lambda p: p.stem)
 def test_a_page_shows_what_its_quick_commands_print(page, tmp_path):
     compare(page, tmp_path, slow=False)
 
 
 @pytest.mark.oracle
+@newest_jax
 @pytest.mark.parametrize("page", [p for p in shown.pages() if names_of(p) & SLOW], ids=lambda p: p.stem)
 def test_a_page_shows_what_its_slow_commands_print(page, tmp_path):
     compare(page, tmp_path, slow=True)
@@ -89,6 +91,7 @@ def test_pages_with_output_are_found():
 
 
 @pytest.mark.oracle
+@newest_jax
 def test_python_gives_the_numbers_that_the_readme_says_it_gives():
     """Each expression whose comment begins with a number; a derivative, which compiles for long, says none."""
     (block,) = re.findall(
