@@ -178,7 +178,9 @@ def force_defect(problem, active_meshes, nonlinear_force, computed):
     balancing += meshes.law.linear_stiffness * computed.deflections[:, 0].real
     missed = jnp.max(jnp.abs(computed.forces[:, 0].real - balancing), initial=0.0)
     size = jnp.max(jnp.linalg.norm(fourier.pack(computed.forces), axis=-1), initial=0.0)
-    return missed / jnp.where(size > 0, size, 1.0)
+    # Without a load all forces are rounding.
+    driven = jnp.any(problem.load != 0) & (size > 0)
+    return jnp.where(driven, missed / jnp.where(driven, size, 1.0), 0.0)
 
 
 def held_in_contact(problem, deflections, flank, samples):

@@ -221,9 +221,10 @@ def test_whatever_is_read_of_a_response_lies_within_the_bound(train, rpm, harmon
     found = certify(response)
     fine = jaxhb.solve(train, rpm=rpm, harmonics=1536, start=response)
     count = 2**16
-    deflections, true_forces = forces(fine, count)
     law = jax.tree.map(np.asarray, backlash.law_of(train.meshes)).expand()
-    elastic = backlash.force(law, deflections)
+    with np.errstate(invalid="ignore"):  # the law has no meaning for meshes without backlash, which have no bound
+        deflections, true_forces = forces(fine, count)
+        elastic = backlash.force(law, deflections)
     for place, name in enumerate(found.meshes):
         index = train.topology.mesh_names.index(name)
         signals = response.deflection(name), response.force(name), response.force(name).elastic
@@ -295,7 +296,7 @@ def truncated(train):
     """A function that solves the equations truncated to some harmonics, and gives the deflections in m."""
     first = jaxhb.check(jaxhb.solve(train, rpm=ONE_RADIAN_PER_SECOND, harmonics=32))
     problem = problem_at(train, ONE_RADIAN_PER_SECOND, 8)
-    sizes = certificate._sizes(FINE, 4.0, 8)
+    sizes = certificate._sizes(FINE, 4.0, 8, 1)
     at = Linearization(problem, train, np.asarray(first.deflections), sizes, 1.0)
 
     def solve(harmonics):
