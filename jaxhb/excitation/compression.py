@@ -9,8 +9,14 @@ first angle of :data:`BEFORE_IGNITION` on is
 linear in c and n - 1: least squares over these angles find both, without the derivative of a measured pressure. Closer
 to top dead centre the table may burn already, so that the line goes on as this polytrope. What was compressed then
 expands along the same line: a charge that does not burn gives its work back, but for heat and leakage, of which a table
-with combustion tells nothing. So the mean torque of compression and expansion is 0. Exhaust and inlet strokes stay as
-the table has them.
+with combustion tells nothing. So the mean torque of compression and expansion is 0. Where the exhaust opens before
+bottom dead centre makes no difference that counts: the piston hardly moves, and the pressure has nearly come down to
+that of the exchange.
+
+In the exhaust stroke of a four-stroke engine the table still blows down what burnt, from several bar. A charge that did
+not burn has nothing to blow down: above the pressure of :data:`LATE_EXHAUST` the table is cut. The rest of exhaust and
+inlet strokes stays as the table has it. In two-stroke engines the mirrored compression holds the scavenging pressure
+instead of the blowdown.
 """
 
 import numpy as np
@@ -24,6 +30,8 @@ EXPONENT = 1.1, 1.6
 """Of the compression of gases in engines, 1.25 to 1.40, with room for the errors of measurements."""
 CLEARANCE = 1.0 / 40.0, 1.0 / 3.0
 """Clearance over the stroke: compression ratios of 4 to 41."""
+LATE_EXHAUST = 300.0, 330.0
+"""deg from firing top dead centre of a four-stroke: the blowdown is over, and the inlet is not open wide yet."""
 
 
 def unburnt_table(pressure, stroke, rod, *, revolutions):
@@ -53,7 +61,18 @@ def unburnt_table(pressure, stroke, rod, *, revolutions):
     line = xp.exp(constant - exponent * height)
     compressed = xp.where(sound[..., None] & (angle > BEFORE_IGNITION[1]), line, compressed)
     expanded = compressed[..., :0:-1]
-    return xp.concatenate([expanded, pressure[..., half : samples - half], compressed[..., :-1]], axis=-1)
+    exchange = pressure[..., half : samples - half]
+    if revolutions == 2:
+        exchange = _without_blowdown(exchange)
+    return xp.concatenate([expanded, exchange, compressed[..., :-1]], axis=-1)
+
+
+def _without_blowdown(exchange):
+    """Exhaust and inlet stroke [..., K], 180 to 540 deg, that begins with the pressure of :data:`LATE_EXHAUST`."""
+    xp, samples = namespace(exchange), exchange.shape[-1]
+    first, last = (round(samples * (limit - 180.0) / 360.0) for limit in LATE_EXHAUST)
+    blown_down = exchange[..., first:last].mean(axis=-1, keepdims=True)
+    return xp.concatenate([xp.minimum(exchange[..., :first], blown_down), exchange[..., first:]], axis=-1)
 
 
 def _polytrope(pressure, travel):

@@ -51,12 +51,14 @@ def torque(train, harmonics=12, rpm=0.0):
     return np.asarray(excitation(train, rpm, harmonics)[0])[0]
 
 
-def table(strokes=4, first=-180.0, step=0.5, compressed=motored):
-    """A measured cycle: the compression of :func:`motored` up to 6 deg before top dead centre, then combustion."""
+def table(strokes=4, first=-180.0, step=0.5, compressed=motored, blowdown=0.0):
+    """A measured cycle: the compression of :func:`motored` up to 6 deg before top dead centre, then combustion, and an
+    exhaust stroke that begins with ``blowdown`` Pa above the pressure of its end."""
     angle = np.arange(first, first + 180.0 * strokes + step / 2, step)
     burnt = CHARGE * 9.0 * (height(180.0) / height(angle)) ** 1.2 / (1 + np.exp(-(angle - 4.0) / 2.0))
     pressure = np.where(angle < -6.0, compressed(angle), np.maximum(burnt, compressed(angle)))
-    pressure[angle > 180.0] = np.where(angle[angle > 180.0] < 360.0, 1.9e5, CHARGE)
+    emptied = 1.9e5 + blowdown * np.exp(-(angle - 180.0) / 20.0)
+    pressure[angle > 180.0] = np.where(angle < 360.0, emptied, CHARGE)[angle > 180.0]
     return tuple(zip(angle.tolist(), pressure.tolist(), strict=True))
 
 
@@ -78,9 +80,10 @@ def test_the_misfire_of_a_combustion_is_the_polytrope_in_every_order(strokes):
         np.testing.assert_allclose(found[0].real, (CHARGE - 1.9e5) * AREA * STROKE / (4 * np.pi), rtol=1e-6)
 
 
+@pytest.mark.parametrize("blowdown", [0.0, 6e5])
 @pytest.mark.parametrize("source", ["pressure", "traces"])
-def test_the_misfire_of_a_table_follows_its_polytrope_through_the_combustion(source):
-    rows = table()
+def test_the_misfire_of_a_table_follows_its_polytrope_through_the_combustion(source, blowdown):
+    rows = table(blowdown=blowdown)
     given = {"pressure": rows, "table_firing_tdc": 0.0} if source == "pressure" else {}
     if source == "traces":
         given = {"traces": [Trace(rpm=1000.0, pressure=rows, table_firing_tdc=0.0)]}
