@@ -362,7 +362,7 @@ class Combustion:
     effective pressure of the whole cycle, is given. ``exhaust_pressure`` is ``charge_pressure`` unless given.
     ``charge_over_load`` = rows of (load, factor) or ``charge_over_rpm`` = rows of (rpm, factor) multiply both
     pressures, linear between the rows and constant outside them; without either what they have above the atmosphere
-    grows with the load.
+    grows with the power.
     """
 
     compression_ratio: float = quantity("", above=1.0)

@@ -20,6 +20,9 @@ Array = Any
 GAS_SAMPLES = 7200  # angles of a gas cycle: a tenth of a degree of four strokes
 FAR = 1e30  # speed or load of points that fill up a grid: interpolation never reaches them
 STANDARD_ATMOSPHERE = 101325.0  # Pa
+CHARGE_EXPONENT = 1.5
+"""Power of the engine's power with which a turbocharger's pressure above the atmosphere grows, as engines on test beds
+show it at part load, on the propeller law and at constant speed: see ``docs/reference/excitation.md``."""
 COMPUTED = ("pressure", "traces", "combustion")  # fields of a cylinder whose gas torque is computed from its pressure
 
 
@@ -56,7 +59,8 @@ class Traces:
 
 @table
 class Combustions:
-    """The numbers of a :class:`~jaxhb.elements.elements.Combustion`, each [n]; ``heat`` or ``imep`` is 0 if absent.
+    """The numbers of a :class:`~jaxhb.elements.elements.Combustion`, each [n]; ``heat`` or ``imep``, and
+    ``exhaust_pressure``, are 0 if absent.
 
     ``seats`` [n] are the cylinders with a combustion, ``revolutions`` [n] those of their gas cycle; ``by_work`` [n]
     tells whose ``imep`` is given; ``charge_by`` [n] over what the factors of charge and exhaust pressure are given,
@@ -271,28 +275,53 @@ def charge_pressures(cylinders, rpm):
     """Pressure (Pa) of the charge and in the exhaust [..., n] of the cylinders with a combustion at ``rpm`` [...].
 
     Those at full load times the factor of the table over load or speed. Without one what lies above the atmosphere
-    grows with the load: a turbine that gets no energy does not charge, and with a constant excess of air the mass of
-    the charge, and so its pressure, grows as the fuel of a cycle. An engine that is not charged keeps its pressure.
+    grows with the power of the engine to the :data:`CHARGE_EXPONENT`. An engine that is not charged keeps its pressure.
     """
     table = cylinders.combustion
     xp = namespace(cylinders, rpm)
-    share = load_share(cylinders, rpm)[..., np.array(table.seats)]
+    seats = np.array(table.seats)
+    charging = power_share(cylinders, rpm)[..., seats] ** CHARGE_EXPONENT
 
-    def with_the_load(full):
+    def with_the_power(full):
         uncharged = xp.minimum(full, STANDARD_ATMOSPHERE)
-        return uncharged + (full - uncharged) * share
+        return uncharged + (full - uncharged) * charging
 
     tabled = np.array([bool(by) for by in table.charge_by])
-    factor = xp.ones_like(share)
+    factor = xp.ones_like(charging)
     if table.charge_at is not None:
-        speed = xp.broadcast_to(xp.asarray(rpm, dtype=float)[..., None], share.shape)
-        at = xp.where(np.array([by == "rpm" for by in table.charge_by]), speed, share)
+        speed = xp.broadcast_to(xp.asarray(rpm, dtype=float)[..., None], charging.shape)
+        by_speed = np.array([by == "rpm" for by in table.charge_by])
+        at = xp.where(by_speed, speed, load_share(cylinders, rpm)[..., seats])
         factor = (hats(at, table.charge_at) * table.charge_factor).sum(axis=-1)
 
     def at_load(full):
-        return xp.where(tabled, full * factor, with_the_load(full))
+        return xp.where(tabled, full * factor, with_the_power(full))
 
-    return at_load(table.charge_pressure), at_load(table.exhaust_pressure)
+    return at_load(table.charge_pressure), at_load(full_exhaust_pressure(table))
+
+
+def full_exhaust_pressure(table: Combustions):
+    """Pressure (Pa) in the exhaust at full load [n]: that of the charge unless one is given."""
+    given = table.exhaust_pressure
+    return namespace(given, table.charge_pressure).where(given > 0.0, given, table.charge_pressure)
+
+
+def power_share(cylinders, rpm):
+    """Power [..., nc] of each cylinder over that at full load.
+
+    The most power among the rows of its load has the largest load among them as its share. Without rows a cylinder runs
+    at full load at every speed.
+    """
+    rows, loads = cylinders.load_rpm, cylinders.load_share
+    xp = namespace(rows, loads, rpm)
+    # Points that fill up the grid do not count.
+    given = rows < FAR
+    most_power = xp.where(given, rows * loads, 0.0).max(axis=-1)
+    most_load = xp.where(given, loads, 0.0).max(axis=-1)
+    load = load_share(cylinders, rpm)
+    known = most_power > 0.0
+    power = load * xp.asarray(rpm, dtype=float)[..., None] / xp.where(known, most_power, 1.0)
+    return xp.where(known, most_load * power, load)
 
 
 def load_share(cylinders, rpm):

@@ -149,6 +149,8 @@ def _row(train, table, field, index):
         return row[: sum((link, field) == spring[:2] for spring in train.topology.springs)]
     if field in ("harmonics", "gas_torque", *OF_PERIOD, *OF_GEARS):
         return row[: len(getattr(train.topology, f"mesh_{field}" if table == "mesh" else f"{table}_harmonics")[index])]
+    if field == "combustion.exhaust_pressure":
+        return gas.full_exhaust_pressure(train.cylinders.combustion)[place]
     if field.startswith("traces."):
         speeds, loads = train.cylinders.traces.sizes[place]
         parts = {"traces.rpm": np.s_[:speeds], "traces.load": np.s_[:loads], "traces.pressure": np.s_[:speeds, :loads]}

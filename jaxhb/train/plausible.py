@@ -52,7 +52,7 @@ PEAK_ANGLE = -15.0, 45.0
 ATMOSPHERE = 3e4, 2.2e5
 """Pa, least pressure of a cycle that tells absolute pressures: overpressures fall to 0, and those of a charged engine
 that stay above may be either."""
-FOLLOWS = 0.05  # share by which a charge pressure may change with the load without a note
+FOLLOWS = 0.05  # share by which a charge pressure may change with the power without a note
 TOGETHER = 1.0  # deg between two firings that count as one
 INERTIA_OF_MEDIAN = 500.0
 """Inertia over the median of the disks of the rotor: 400 for a car behind its gearbox on a crankshaft."""
@@ -195,7 +195,7 @@ def _pressures(train):
 
 
 def _charges(train):
-    """Charge pressures that follow the load because nothing else is known."""
+    """Charge pressures that follow the power because nothing else is known."""
     burning, speeds = train.cylinders.combustion, connections.speeds(train)
     speeds = speeds[speeds > 0.0]  # scales that nobody gave have a point at 0
     if burning is None or not len(speeds):
@@ -203,10 +203,10 @@ def _charges(train):
     charge, _ = gas.charge_pressures(train.cylinders, speeds)
     loads = gas.load_share(train.cylinders, speeds)
     for k, i in enumerate(burning.seats):
-        place, full = int(loads[:, i].argmin()), float(burning.charge_pressure[k])
+        place, full = int(charge[:, k].argmin()), float(burning.charge_pressure[k])
         if burning.charge_by[k] or abs(charge[place, k] / full - 1.0) < FOLLOWS:
             continue
-        said = f"the charge pressure follows the load: {charge[place, k]:.4g} Pa at {speeds[place]:g} rpm"
+        said = f"the charge pressure follows the power: {charge[place, k]:.4g} Pa at {speeds[place]:g} rpm"
         said += f" (load {loads[place, i]:.3g}), {full:.4g} Pa at full load"
         said = _EXPONENT.sub(r"e\1", said)
         ask = "give charge_over_load or charge_over_rpm where it is known"

@@ -262,7 +262,6 @@ def _combustion_table(cylinders) -> Combustions | None:
     if not seats:
         return None
     own = [cylinders[i].combustion for i in seats]
-    own = [c if c.exhaust_pressure else dataclasses.replace(c, exhaust_pressure=c.charge_pressure) for c in own]
     names = [f.name for f in dataclasses.fields(Combustion) if f.metadata["kind"] == "number"]
     tables = [c.charge_over_load or c.charge_over_rpm for c in own]
     tabled = any(tables)
