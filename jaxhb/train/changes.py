@@ -332,6 +332,12 @@ def _has_no_effect_on_cylinder(train, field, index) -> str:
     return ""
 
 
+def _periods(topology, ratios, index):
+    """Mesh periods of a mesh in a revolution of the reference rotor; 1 where no gear has teeth."""
+    gears = [disk for disk in topology.mesh_ends[index] if disk < len(topology.teeth) and topology.teeth[disk]]
+    return next((topology.teeth[disk] * ratios[topology.rotor[disk]] for disk in gears), 1.0)
+
+
 def _check_ratios(before, after):
     """Refuse concrete radii that lock a loop or change the speed of a rotor with orders of its own."""
     topology, radius = after.topology, after.disks.radius
@@ -345,12 +351,24 @@ def _check_ratios(before, after):
     # A phase counts on the rotor, whatever the orders of a torque count on.
     turned = {k for row in topology.phase_torques for k in row}
     own += [(name, disk) for k, (name, disk, is_own) in enumerate(given) if is_own or k in turned]
+    pulsating = zip(topology.load_names, topology.load_disk, topology.load_harmonics, strict=True)
+    own += [(name, disk) for name, disk, orders in pulsating if orders]
+    for place, field in enumerate(OF_GEARS):
+        listed = zip(topology.mesh_names, topology.mesh_ends, getattr(topology, f"mesh_{field}"), strict=True)
+        own += [(name, ends[place]) for name, ends, orders in listed if orders]
     for name, disk in own:
         rotor = topology.rotor[disk]
         if abs(new[rotor] / old[rotor] - 1.0) > RATIO_TOLERANCE:
             errors.append(
                 f"{where}: the new radii change the speed of {name!r} from {old[rotor]:.6g} to {new[rotor]:.6g} times"
                 " the reference, so that its orders fit the cycle no more. Build the scene anew with these radii."
+            )
+    for index, name in enumerate(topology.mesh_names):
+        periods = [_periods(train.topology, ratios, index) for train, ratios in ((before, old), (after, new))]
+        if topology.mesh_periods[index] and abs(periods[1] / periods[0] - 1.0) > RATIO_TOLERANCE:
+            errors.append(
+                f"{where}: the new gears of mesh {name!r} have {periods[1]:.6g} mesh periods in a revolution of the"
+                f" reference, not {periods[0]:.6g}, so that its orders fit no more. Build the scene anew with them."
             )
     for name, (a, b) in zip(topology.mesh_names, topology.mesh_ends, strict=True):
         slip = new[topology.rotor[a]] * radius[a] / (new[topology.rotor[b]] * radius[b])

@@ -234,6 +234,32 @@ def test_teeth_change_the_radius_at_the_same_pitch_and_with_it_the_ratio():
     np.testing.assert_allclose(both.disks.radius, [0.0625, 0.0625], rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("mesh", "load", "values", "sentence"),
+    [
+        ({"stiffness_orders": [(1, 0.1, 0.0)]}, {}, {"a.teeth": 21, "b.teeth": 42}, "have 21 mesh periods .*, not 20,"),
+        (
+            {"second_gear_error": [(1, 1e-6, 0.0)]},
+            {},
+            {"a.teeth": 40},
+            r"change the speed of 'a\|b' from 0.5 to 1 times",
+        ),
+        ({}, {"harmonics": [(4.0, 0.1, 0.0)]}, {"b.teeth": 20}, "change the speed of 'l' from 0.5 to 1 times"),
+    ],
+)
+def test_orders_that_new_teeth_would_change_are_not_left_as_they_were(mesh, load, values, sentence):
+    """Of a mesh that has its orders by its teeth, of a gear with errors, and of a load that pulsates."""
+    parts = [
+        Disk(name="a", inertia=0.1, radius=0.05, teeth=20),
+    with pytest.raises(SceneError, match=sentence):
+        Mesh(between=("a", "b"), stiffness=1e8, **mesh),
+        Load(disk="b", name="l", **load),
+    ]
+    train = build(parts, revolutions_per_cycle=2, reference="a")
+    with pytest.raises(SceneError, match=sentence.replace("|", r"\|").replace("has", "have")):
+        train.replace(values)
+
+
 def test_laws_of_a_mesh_change_by_their_words():
     pair, mesh = load_scene("spur_pair"), "gear a|gear b"
     changed = pair.replace({f"{mesh}.damping_law": "contact", f"{mesh}.law": "fridman2009"})
