@@ -251,12 +251,12 @@ def test_orders_that_new_teeth_would_change_are_not_left_as_they_were(mesh, load
     """Of a mesh that has its orders by its teeth, of a gear with errors, and of a load that pulsates."""
     parts = [
         Disk(name="a", inertia=0.1, radius=0.05, teeth=20),
-    with pytest.raises(SceneError, match=sentence):
+        Disk(name="b", inertia=0.2, radius=0.1, teeth=40),
         Mesh(between=("a", "b"), stiffness=1e8, **mesh),
         Load(disk="b", name="l", **load),
     ]
     train = build(parts, revolutions_per_cycle=2, reference="a")
-    with pytest.raises(SceneError, match=sentence.replace("|", r"\|").replace("has", "have")):
+    with pytest.raises(SceneError, match=sentence):
         train.replace(values)
 
 
