@@ -16,7 +16,7 @@ from jax import lax
 from jaxhb.balance import correction
 from jaxhb.equations import backlash, fourier, iterations
 from jaxhb.equations.block_sweep import block_sweep
-from jaxhb.equations.residual import link_blocks, node_blocks, residual
+from jaxhb.equations.residual import link_blocks, node_blocks, residual_of
 
 KRYLOV_STEPS = 60  # of a Newton step at most
 RENEW_ABOVE = 12  # krylov steps of a Newton step above which the preconditioner is made anew
@@ -203,10 +203,12 @@ def solve_reduced(reduced, model, start, *, samples, time_steps, tolerance, max_
 
 
 def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, max_steps):
-    """Newton on all disks, each step one block sweep over the tree; unknowns packed ``(S, 2N+1)``.
+    """Newton on all disks, each step one block sweep over the tree, from packed displacements ``(S, 2N+1)``: Iterate,
+    deflections ``(L, N+1)`` of all links.
 
     Fridman's method, kept as an oracle: memory and work grow with ``S N^2`` and ``S N^3``. ``tolerance`` is relative
-    to the largest force in the balance. A tree is needed: the caller refuses closed loops.
+    to the largest force in the balance, of light loads to theirs (:func:`deflection_scale`). A tree is needed: the
+    caller refuses closed loops.
     """
     # The sweep counts from the leaves: arms of the node and of its parent, whichever end of the link they are at.
     tree = system.tree
@@ -217,18 +219,26 @@ def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, m
     hold = jnp.where(system.floating, 1.0, 0.0)
     root = tree.node[-1]
     node = node.at[root, 0, 0].add(hold)
-    scale = jnp.linalg.norm(fourier.pack(load)) + 2 * jnp.max(backlash.offset(meshes.law), initial=0.0)
+    driven, gap = jnp.linalg.norm(fourier.pack(load)), 2 * jnp.max(backlash.offset(meshes.law), initial=0.0)
+    scale = driven + jnp.where(driven > 0, jnp.minimum(gap, LIGHT * driven), gap)
+    # Deflections are unknowns beside the displacements: they change by what a sweep finds of them, without the digits
+    # that their differences lose in a train that turns far as one.
+    first = jnp.concatenate([start, fourier.pack(system.deflections(fourier.unpack(start)))])
+    disks = len(start)
 
     def evaluate(packed):
-        value = residual(packed, system, meshes, frequency, load, samples)
+        value = residual_of(packed[:disks], packed[disks:], system, meshes, frequency, load, samples)
         return value.at[root, 0].add(hold * packed[root, 0])
 
     def direction(_, packed, value, error, forcing):
-        blocks = link_blocks(packed, system, meshes, frequency, samples)[tree.link]
-        x, _ = block_sweep(tree.parent, near, far, blocks, node[tree.node], value[tree.node])
-        return jnp.zeros_like(x).at[tree.node].set(x), 1
+        blocks = link_blocks(packed[disks:], system, meshes, frequency, samples)[tree.link]
+        x, apart, _ = block_sweep(tree.parent, near, far, blocks, node[tree.node], value[tree.node])
+        apart = jnp.where(tree.from_a, 1.0, -1.0)[:, None] * apart
+        change = jnp.zeros_like(packed).at[tree.node].set(x)
+        return change.at[disks + tree.link[:-1]].set(apart[:-1]), 1
 
     def norm(value):
         return jnp.linalg.norm(value) / scale
 
-    return newton(evaluate, lambda packed: (), direction, norm, start, tolerance=tolerance, max_steps=max_steps)[0]
+    iterate, _ = newton(evaluate, lambda _: (), direction, norm, first, tolerance=tolerance, max_steps=max_steps)
+    return iterate, fourier.unpack(iterate.x[disks:])

@@ -200,7 +200,7 @@ def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
     """Newton on all disks by the block sweep; meshes held on a flank follow the whole law here."""
     system, meshes = problem.system, problem.meshes
     displacement, _ = condensed.combine(reduced.nonlinear_force_coefficients(start, plan.samples))
-    iterate = solve_chain(
+    iterate, deflection = solve_chain(
         system,
         meshes,
         problem.frequency,
@@ -210,8 +210,8 @@ def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
         tolerance=1e-13,
         max_steps=plan.max_steps,
     )
-    found = backlash.less_error(meshes, system.deflections(fourier.unpack(iterate.x), meshes.link))
-    return found[active_meshes.index] * active_meshes.mask[:, None], iterate
+    teeth = backlash.less_error(meshes, deflection[meshes.link])
+    return teeth[active_meshes.index] * active_meshes.mask[:, None], iterate
 
 
 def _failure(problem, active_meshes, reduced, condensed, found, newton, crossings, samples):

@@ -118,9 +118,9 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
 def block_sweep(parent, near, far, link, node, load):
     """The same elimination with matrices C and P: ``parent`` as of :func:`slots`, ``link`` and ``node`` ``(S, P, P)``.
 
-    Gives displacements ``(S, P)`` under ``load`` ``(S, P)``, and the smallest ratio of the extreme diagonal entries of
-    U over all pivots, a cheap sign of a breakdown: elimination without pivoting between blocks fails at a part that is
-    singular with its upper node held.
+    Gives displacements ``(S, P)`` under ``load`` ``(S, P)``, deflections ``(S, P)`` of the links to the parents, zero
+    at the root, and the smallest ratio of the extreme diagonal entries of U over all pivots, a cheap sign of a
+    breakdown: elimination without pivoting between blocks fails at a part that is singular with its upper node held.
     """
     width = node.shape[-1]
 
@@ -135,17 +135,21 @@ def block_sweep(parent, near, far, link, node, load):
         moment = moment.at[up].add(alpha * beta * passed[:, width])
         diagonal = jnp.abs(jnp.diagonal(factor[0]))
         quality = diagonal.min() / diagonal.max()
-        return (stiffness, moment), (solved[:, width], alpha * beta * solved[:, width + 1 :], quality)
+        free, transfer, follow = solved[:, width], solved[:, :width], solved[:, width + 1 :]
+        # l = alpha x_s - beta x_p without a difference of displacements: what of x_p the node does not follow is P's.
+        held = free, alpha * beta * follow, alpha * free, beta * transfer
+        return (stiffness, moment), (held, quality)
 
     places = jnp.arange(node.shape[0] - 1), parent[:-1]
     items = (*places, near[:-1], far[:-1], link[:-1])
-    (stiffness, moment), (free, follow, quality) = lax.scan(eliminate, (node, load), items)
+    (stiffness, moment), (held, quality) = lax.scan(eliminate, (node, load), items)
     root = jnp.linalg.solve(stiffness[-1], moment[-1])
 
     def substitute(displacement, item):
-        position, up, free, follow = item
-        return displacement.at[position].set(free + follow @ displacement[up]), None
+        position, up, (free, follow, bent, transfer) = item
+        above = displacement[up]
+        return displacement.at[position].set(free + follow @ above), bent - transfer @ above
 
     start = jnp.zeros_like(load).at[-1].set(root)
-    displacement, _ = lax.scan(substitute, start, (*places, free, follow), reverse=True)
-    return displacement, quality.min(initial=1.0)
+    displacement, deflection = lax.scan(substitute, start, (*places, held), reverse=True)
+    return displacement, jnp.concatenate([deflection, jnp.zeros_like(root)[None]]), quality.min(initial=1.0)

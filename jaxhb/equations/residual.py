@@ -18,10 +18,16 @@ def residual(packed, system, meshes, frequency, load, samples):
     load : complex ``(S, N+1)`` N, without that of transmission errors; samples : per cycle, at which the law is
     evaluated, at least 2N+1.
     """
-    x = fourier.unpack(packed)
+    deflection = fourier.pack(system.deflections(fourier.unpack(packed)))
+    return residual_of(packed, deflection, system, meshes, frequency, load, samples)
+
+
+def residual_of(displacement, deflection, system, meshes, frequency, load, samples):
+    """The same at packed displacements ``(S, 2N+1)`` m and the deflections ``(L, 2N+1)`` m of all links between them,
+    which a train that turns far as one does not tell by their differences."""
+    x, deflection = fourier.unpack(displacement), fourier.unpack(deflection)
     harmonics = x.shape[-1] - 1
     omega = frequencies(frequency, harmonics)
-    deflection = system.deflections(x)
     force = link_stiffness(system, omega) * deflection
     mesh = backlash.less_error(meshes, deflection[meshes.link])
     values = _at_samples(backlash.mesh_force, meshes, mesh, frequency, samples)
@@ -30,13 +36,13 @@ def residual(packed, system, meshes, frequency, load, samples):
 
 
 def link_blocks(packed, system, meshes, frequency, samples):
-    """Tangent blocks ``(L, P, P)`` of all links at x: diagonal for linear links, for backlash meshes Toeplitz,
-    ``T[df/dl] + T[df/dl'] d/dt``, with the slopes of the law written out by hand."""
-    x = fourier.unpack(packed)
-    harmonics = x.shape[-1] - 1
+    """Tangent blocks ``(L, P, P)`` of all links at packed deflections ``(L, P)`` m: diagonal for linear links, for
+    backlash meshes Toeplitz, ``T[df/dl] + T[df/dl'] d/dt``, with the slopes of the law written out by hand."""
+    deflection = fourier.unpack(packed)
+    harmonics = deflection.shape[-1] - 1
     omega = frequencies(frequency, harmonics)
     blocks = fourier.packed_diagonal(link_stiffness(system, omega))
-    mesh = backlash.less_error(meshes, system.deflections(x, meshes.link))
+    mesh = backlash.less_error(meshes, deflection[meshes.link])
     slope, rate_slope = _at_samples(backlash.mesh_slopes, meshes, mesh, frequency, samples)
     # A product with a slope couples harmonics n and m by its harmonic n - m: 2 N of them are needed.
     stiffness = fourier.product_matrix(fourier.analyze(slope, 2 * harmonics))

@@ -45,9 +45,12 @@ def pair(tmp_path_factory):
     return jaxhb.load_scene(path)
 
 
+@pytest.mark.parametrize("method", ["reduced", "chain"])
 @pytest.mark.parametrize(("epsilon", "transition"), [(1e-3, 0.04), (0.0, 0.2)])
 @pytest.mark.parametrize("load", 10.0 ** np.arange(-12, 1))
-def test_a_force_that_converged_is_right_however_small_the_load_is_beside_the_gap(pair, load, epsilon, transition):
+def test_a_force_that_converged_is_right_however_small_the_load_is_beside_the_gap(
+    pair, load, epsilon, transition, method
+):
     """Slow motion: the teeth carry the mean torque over the radius, and half of its vibration as both gears are equally
     heavy along the teeth, whether they lie in the gap or in contact."""
     stiffness, backlash = 1e11, 0.01
@@ -55,7 +58,7 @@ def test_a_force_that_converged_is_right_however_small_the_load_is_beside_the_ga
     numbers = {"a|b.stiffness": stiffness, "a|b.backlash": backlash, "a|b.epsilon": epsilon}
     numbers |= {"a|b.transition": transition, "drive.mean": torque, "brake.mean": -2 * torque}
     train = pair.replace({**numbers, "drive.harmonics": [[0.4 * torque, 0.1 * torque]]})
-    response = jaxhb.solve(train, rpm=0.05, harmonics=16)
+    response = jaxhb.solve(train, rpm=0.05, harmonics=16, method=method)
     status, force = Status(int(response.status)), response.force("a", "b")
     mean, amplitude = torque / 0.05, abs(0.4 + 0.1j) * torque / 0.05 / 2
     if epsilon and not 1e-4 < load < 1e-1:  # wholly in the gap or wholly in contact: two linear trains
@@ -66,14 +69,15 @@ def test_a_force_that_converged_is_right_however_small_the_load_is_beside_the_ga
         np.testing.assert_allclose(found, [mean, mean + amplitude, mean - amplitude], atol=most * mean)
 
 
+@pytest.mark.parametrize("method", ["reduced", "chain"])
 @pytest.mark.parametrize(
     ("scene", "rpm", "largest"),
     [("tiny_load.toml", 54863.54, 4.53552e-5), ("never_leaves_gap.toml", 0.10174, 0.982802)],
 )
-def test_teeth_that_stay_in_the_gap_carry_the_torque_over_the_radius(scene, rpm, largest):
+def test_teeth_that_stay_in_the_gap_carry_the_torque_over_the_radius(scene, rpm, largest, method):
     """``largest``: of the linear pair with the stiffness of the gap, ``F + |F1| k/(k - m w^2)``."""
     train = jaxhb.load_scene(DATA / "scenes" / scene)
-    response = jaxhb.check(jaxhb.solve(train, rpm=rpm))
+    response = jaxhb.check(jaxhb.solve(train, rpm=rpm, harmonics=16, method=method))
     radius, mass = np.asarray(train.disks.radius), np.asarray(train.disks.inertia) / np.asarray(train.disks.radius) ** 2
     torque, wave = float(train.torques.mean[0]), abs(complex(*np.asarray(train.torques.harmonics)[0, 0]))
     frequency, together = 2 * np.pi * rpm / 60, mass[0] * mass[1] / mass.sum()

@@ -71,7 +71,7 @@ def test_block_sweep_with_toeplitz_links_equals_dense_solve():
         link = np.asarray(fourier.product_matrix(c))
         node = np.asarray(fourier.packed_diagonal(random_line(draw, size, harmonics + 1)))
         load = draw.normal(size=(size, width))
-        x, quality = sweep_blocks(parent, near, far, link, node, load)
+        x, deflection, quality = sweep_blocks(parent, near, far, link, node, load)
         K = np.zeros((size, width, size, width))
         K[np.arange(size), :, np.arange(size), :] = node
         for s in range(size - 1):
@@ -79,7 +79,9 @@ def test_block_sweep_with_toeplitz_links_equals_dense_solve():
             row[s], row[parent[s]] = near[s], -far[s]
             K += np.einsum("s,t,ij->sitj", row, row, link[s])
         exact = np.linalg.solve(K.reshape(size * width, -1), load.reshape(-1)).reshape(size, width)
+        apart = near[:-1, None] * exact[:-1] - far[:-1, None] * exact[parent[:-1]]
         assert relative_error(x, exact) < ALGEBRAIC
+        assert relative_error(deflection[:-1], apart) < ALGEBRAIC and not deflection[-1].any()
         assert 0 < quality <= 1
 
 
@@ -93,7 +95,7 @@ def test_block_sweep_tells_when_a_pivot_breaks_down_though_the_whole_matrix_is_r
     link = np.asarray(fourier.product_matrix(coefficients))[None].repeat(2, 0)
     node = np.asarray(fourier.packed_diagonal(np.stack([-m * n**2 + 1j * b * n, 0.5 - 2 * n**2 + 0.3j * n])))
     ones = np.ones(2)
-    _, quality = sweep_blocks(np.array([1, 2]), ones, ones, link, node, np.ones((2, 2 * harmonics + 1)))
+    *_, quality = sweep_blocks(np.array([1, 2]), ones, ones, link, node, np.ones((2, 2 * harmonics + 1)))
     whole = np.block([[node[0] + link[0], -link[0]], [-link[0], node[1] + link[0]]])
     assert np.linalg.cond(whole) < 1e4
     assert quality < 1e-10

@@ -26,7 +26,7 @@ def assembled(packed, system, meshes, frequency, samples):
     """The dense Jacobian ``(S P, S P)`` of A(x), assembled from Toeplitz blocks; sweeps never assemble it."""
     disks, width = packed.shape
     columns = system.incidence()
-    blocks = link_blocks(packed, system, meshes, frequency, samples)
+    blocks = link_blocks(fourier.pack(system.deflections(fourier.unpack(packed))), system, meshes, frequency, samples)
     matrix = jnp.einsum("sl,tl,lij->sitj", columns, columns, blocks)
     node = node_blocks(system, frequency, (width - 1) // 2)
     disk = jnp.arange(disks)
