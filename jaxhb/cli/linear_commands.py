@@ -101,23 +101,34 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     asked = {"rpm": rpm, "orders": orders, "count": modes, "links_at": dict(links_at)}
     misfires = {cylinder: campbell_of(one, **asked) for cylinder, one in zip(trains, every, strict=True)}
     found, names = misfires.pop(""), order_names(train)
-    titles = {cylinder: case_title(trains[cylinder], cylinder) for cylinder in misfires}
+    titles = {cylinder: case_title(trains[cylinder], cylinder) for cylinder in trains}
+    responses = _at_critical_speeds(found, dict(zip(trains, every, strict=True)), links_at)
+    worst = told.hardest_misfire(responses) if responses else None
+    compared = told.critical_misfire_text(responses, worst, titles[""]) if responses else []
     deliver(
         given,
         "\n\n".join(
             [
-                linear_text.campbell_text(found, modes, name, misfires, names, teeth, lines),
+                linear_text.campbell_text(found, modes, name, misfires, names, teeth, lines, compared),
                 *below,
                 *remarks_text(train.topology.notes),
             ]
         ),
         json=lambda: (
-            linear_text.campbell_record(found, modes, name, misfires) | not_firing_record(*trains.values()) | more
+            linear_text.campbell_record(found, modes, name, misfires, worst) | not_firing_record(*trains.values()) | more
         ),
         csv=lambda: as_csv(*linear_text.campbell_rows(found, misfires, titles)),
         plot=lambda: plot_campbell(found, modes, name, names),
     )
     return ANSWERED
+
+
+def _at_critical_speeds(found, trains, links_at):
+    """Linear forced responses at the critical speeds, by the cylinder that does not fire; empty without such a case."""
+    speeds = sorted({c.rpm for c in found.critical})
+    if len(trains) == 1 or not speeds:
+        return {}
+    return {cylinder: forced_response(_constant(train, None, links_at), rpm=speeds) for cylinder, train in trains.items()}
 
 
 def forced(train, given, rpm, element, orders, netcdf, plot, **_):

@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
-from reference_data import text_of
+from reference_data import DATA, text_of
 
 import jaxhb
 from jaxhb.linear.critical import Critical, shares_in_mode
@@ -57,13 +57,42 @@ def test_modal_torques_count_beside_those_of_their_mode_alone():
 def test_the_modal_torques_of_every_misfire_are_those_of_its_train(told):
     call = f"campbell {SCENE} --rpm 1000:2600 --misfire"
     called, alone = told(f"{call} each", "json", "csv"), told(f"{call} 'cylinder 3'", "json").json["critical_speeds"]
-    speeds, worst = called.json["critical_speeds"], called.json["worst_misfire"]
+    speeds = called.json["critical_speeds"]
     torques = {(c["order"], c["mode"]): c["modal_torque"] for c in alone}
     assert all(c["misfires"]["cylinder 3"] == pytest.approx(torques[c["order"], c["mode"]], rel=1e-12) for c in speeds)
-    assert worst["modal_torque"] == max(torque for c in speeds for torque in c["misfires"].values())
-    assert f"The worst misfire is that of {worst['cylinder']}" in called.out
     row = called.rows[0]
     assert float(row["modal torque N m, cylinder 3 not firing"]) == speeds[0]["misfires"]["cylinder 3"]
+
+
+@pytest.mark.parametrize(
+    ("scene", "rpm"), [(SCENE, "700:1500"), (DATA / "scenes" / "slow_two_stroke.toml", "60:130")], ids=["torque", "limit"]
+)
+def test_the_worst_misfire_is_that_of_the_forced_response_at_the_critical_speeds(told, scene, rpm):
+    """By the largest share of a limit of stress, or without limits the largest torque of a shaft."""
+    called = told(f"campbell {scene} --rpm {rpm} --misfire each", "json")
+    worst, critical = called.json["worst_misfire"], called.json["critical_speeds"]
+    speeds = ",".join(repr(speed) for speed in sorted({c["rpm"] for c in critical}))
+    forced = told(f"forced {scene} --rpm {speeds} --misfire each", "json").json["worst_misfire"]
+    assert {key: worst[key] for key in forced} == pytest.approx(forced)
+    assert ("share" in worst) == ("stroke" in str(scene))
+    (at,) = (c for c in critical if (c["rpm"], c["order"]) == (worst["rpm"], worst["order"]))
+    assert worst["modal_torque"] == at["misfires"][worst["cylinder"]]
+    assert worst["modal_torque_firing"] == at["modal_torque"]
+    if "share" in worst:  # the largest modal torque is another's
+        largest = max(critical, key=lambda c: max(c["misfires"].values()))["misfires"]
+        assert max(largest, key=largest.get) != worst["cylinder"]
+    assert f"The worst misfire is that of {worst['cylinder']}: torque of " in called.out
+
+
+def test_misfires_at_critical_speeds_that_nothing_damps_are_not_compared(run, tmp_path):
+    gas = {"gas_torque_mean": 10.0, "gas_torque": [(1.0, 5.0, 4.0)]}
+    parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
+    parts += [jaxhb.Shaft(between=("a", "b"), stiffness=100.0), jaxhb.Load(disk="b")]
+    parts += [jaxhb.Cylinder(name=name, disk="a", firing_angle=k, **gas) for name, k in (("one", 0.0), ("two", 90.0))]
+    (tmp_path / "free.toml").write_text(jaxhb.elements_text(parts, name="free"))
+    called = run(f"campbell {tmp_path / 'free.toml'} --rpm 50:200 --misfire each", "json")
+    assert called.status == 0 and called.json["worst_misfire"] is None
+    assert "At 1 of 1 critical speeds nothing damps the mode" in called.out
 
 
 def test_a_range_without_critical_speeds_has_no_worst_misfire(told):

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.linear.strength import strength
 from jaxhb.report.answer import SPEED
 from jaxhb.report.orders import order_names
 from jaxhb.report.quantities import READERS, shown_unit
@@ -288,6 +289,28 @@ def hardest_of(found, worst):
     if limited:
         return max(limited, key=lambda one: worst[one.name].share.share)
     return max(by_kind(found)[-1], key=lambda one: worst[one.name].value)
+
+
+def hardest_misfire(cases):
+    """The record of the misfire that governs the element nearest to its limit, or without limits that swings most; None
+    where no misfire has an answer. ``cases`` as of :func:`forced_text`."""
+    if not any(response.converged.any() for cylinder, response in cases.items() if cylinder):
+        return None
+    found = readings(cases[""])
+    worst = worst_of(cases, found, {cylinder: strength(response) for cylinder, response in cases.items()})
+    return _worst_record(hardest_of(found, worst), worst)
+
+
+def critical_misfire_text(cases, worst, firing):
+    """Sentences on the ``worst`` misfire at critical speeds, as of :func:`hardest_misfire`: what it is, and of how many
+    speeds nothing is known."""
+    rpm = cases[""].rpm
+    known = np.logical_or.reduce([response.converged for cylinder, response in cases.items() if cylinder])
+    sentences = [misfire_text(worst, firing, " half peak-to-peak")] if worst else []
+    if not known.all():
+        lost = f"At {np.sum(~known)} of {len(rpm)} critical speeds nothing damps the mode and no response is finite"
+        sentences.append(f"{lost}: modal torques of different modes do not tell which misfire is worse.")
+    return sentences
 
 
 def _misfire_parts(cases, found, worst, each):

@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations.backlash import all_meshes
-from jaxhb.linear.critical import ELASTIC, RIGID, RING
+from jaxhb.linear.critical import ELASTIC, RIGID, RING, shares_in_mode
 from jaxhb.linear.tangent import at_pressed_load, own_speed
 from jaxhb.report.text.columns import NONE, Table, fixed, from_rows, percent, plain_number
 
@@ -227,12 +227,12 @@ def holzer_record(tables, name):
     return {"scene": name, "tables": rows}
 
 
-def campbell_text(found, count, name, misfires, names, teeth="", lines=()):
+def campbell_text(found, count, name, misfires, names, teeth="", lines=(), worst=()):
     """Modes and critical speeds of a Campbell diagram of ``count`` elastic modes; ``misfires`` by cylinder, ``names``
-    of the orders; ``lines`` stand below the first."""
+    of the orders; ``lines`` stand below the first, sentences on the ``worst`` misfire last."""
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     head = f"{name}: Campbell diagram from {found.rpm[0]:g} to {found.rpm[-1]:g} rpm, {stiff}"
-    return "\n\n".join(["\n".join([head, *lines]), *campbell_parts(found, count, misfires, names)])
+    return "\n\n".join(["\n".join([head, *lines]), *campbell_parts(found, count, misfires, names), *worst])
 
 
 def campbell_parts(found, count, misfires, names):
@@ -250,25 +250,28 @@ def campbell_parts(found, count, misfires, names):
     rows = [
         [f"{c.rpm:.1f}", names.number(c.order), c.mode, f"{c.hz:.2f}", plain_number(c.torque)] for c in found.critical
     ]
-    worst = _worst_misfires(found, misfires)
-    if worst:
+    if misfires:
         heads += ["worst misfire N m", "that of"]
-        rows = [[*row, plain_number(torque), name] for row, (name, torque, _) in zip(rows, worst, strict=True)]
+        worst = [_worst_at(place, misfires) for place in range(len(rows))]
+        rows = [[*row, plain_number(torque), name] for row, (name, torque) in zip(rows, worst, strict=True)]
     title = f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}."
-    parts.append(from_rows(title, heads, rows, left=(6,)))
-    if worst:
-        cylinder, torque, at = max(worst, key=lambda row: row[1])
-        said = f"{torque:.4g} N m of order {names.number(at.order)} at {at.rpm:.1f} rpm, mode {at.mode}"
-        parts.append(f"The worst misfire is that of {cylinder}: {said}, {at.torque:.4g} N m without it.")
-    return parts
+    return [*parts, from_rows(title, heads, rows, left=(6,))]
 
 
-def _worst_misfires(found, misfires):
-    """Of every critical speed the cylinder whose misfire has the largest modal torque, this torque, and the speed."""
-    torques = [{name: one.critical[k].torque for name, one in misfires.items()} for k in range(len(found.critical))]
-    return [
-        (*max(own.items(), key=lambda row: row[1]), c) for own, c in zip(torques, found.critical, strict=True) if own
-    ]
+def _worst_at(place, misfires):
+    """The cylinder whose misfire has the largest modal torque at a critical speed, where all have the same mode, and
+    this torque."""
+    torques = {cylinder: diagram.critical[place].torque for cylinder, diagram in misfires.items()}
+    return max(torques.items(), key=lambda item: item[1])
+
+
+def excited_most(found, misfires, cylinder, rpm):
+    """The Critical at a critical speed whose order and mode a misfire excites most beside others of its mode, its modal
+    torque that of the misfire, and the torque with all firing."""
+    critical = misfires[cylinder].critical
+    shares = shares_in_mode(critical, [c.torque for c in critical])
+    place = max((k for k, c in enumerate(critical) if c.rpm == rpm), key=lambda k: shares[k])
+    return critical[place], found.critical[place].torque
 
 
 def _left_out(found, count):
@@ -285,8 +288,8 @@ def _left_out(found, count):
     return [f"{first}; the orders reach {crossed} of them ({top}). {call}"]
 
 
-def campbell_record(found, count, name, misfires):
-    """What ``campbell --json`` writes, see ``docs/how_to/linear.md``."""
+def campbell_record(found, count, name, misfires, worst=None):
+    """What ``campbell --json`` writes, see ``docs/how_to/linear.md``; ``worst`` is the record of the worst misfire."""
     speeds = [_critical_record(c) for c in found.critical]
     for place, speed in enumerate(speeds if misfires else ()):
         speed["misfires"] = {cylinder: one.critical[place].torque for cylinder, one in misfires.items()}
@@ -295,10 +298,14 @@ def campbell_record(found, count, name, misfires):
     ]
     record = {"scene": name, "rpm": found.rpm, "orders": found.orders, "modes": modes, "critical_speeds": speeds}
     if misfires:
-        cylinder, torque, c = max(_worst_misfires(found, misfires), key=lambda row: row[1], default=[None] * 3)
-        worst = {"modal_torque": torque, "firing": c and c.torque}
-        record["worst_misfire"] = c and {"cylinder": cylinder} | _critical_record(c) | worst
+        record["worst_misfire"] = worst and worst | _of_mode(found, misfires, worst)
     return record
+
+
+def _of_mode(found, misfires, worst):
+    """Order, mode and modal torques of the record of a worst misfire."""
+    critical, firing = excited_most(found, misfires, worst["cylinder"], worst["rpm"])
+    return _critical_record(critical) | {"modal_torque_firing": firing}
 
 
 def _critical_record(c):
