@@ -1,7 +1,6 @@
 """Files that appear whole or not at all, and what killed processes leave of them."""
 
 import os
-import secrets
 import stat
 from pathlib import Path
 
@@ -18,7 +17,7 @@ def write_whole(contents, mode=0o666):
     try:
         for name, content in contents.items():
             path = Path(name).resolve()
-            beside[name] = path.with_name(f".{path.name}.{secrets.token_hex(4)}.{os.getpid()}{PART}")
+            beside[name] = path.with_name(f".{path.name}.{os.urandom(4).hex()}.{os.getpid()}{PART}")
             with os.fdopen(_new_file(beside[name], path, mode), "wb") as file:
                 file.writelines(content)
                 file.flush()

@@ -76,10 +76,16 @@ def printed(code):
 
 LOADED = "print([m for m in ('jax', 'numpy', 'matplotlib', 'optax') if m in sys.modules])"
 SOLVES = "import sys, jaxhb; jaxhb.solve; "
+COMMANDS = "import sys, jaxhb.cli.identify_command, jaxhb.cli.linear_commands, jaxhb.cli.tolerance_command; "
 FROM_TERMINAL = "import os, jaxhb.cli.main as c; c.main(['--version']); import jax; "
 PRINTED = {
     "the package loads neither matplotlib nor optax": (SOLVES + LOADED, "['jax', 'numpy']"),
     "the command line loads neither jax nor numpy": ("import sys, jaxhb.cli.main; " + LOADED, "[]"),
+    "nor what only files need": (
+        "import sys, jaxhb.cli.main; print([m for m in ('hmac', 'random', 'secrets') if m in sys.modules])",
+        "[]",
+    ),
+    "commands do not wait for statistics": (COMMANDS + "print('scipy.stats' in sys.modules)", "False"),
     "the command line keeps BLAS to one thread": (FROM_TERMINAL + "print(os.environ['OPENBLAS_NUM_THREADS'])", "1"),
     "double precision if jax comes first": ("import jax, jaxhb; print(jax.numpy.ones(1).dtype)", "float64"),
     "double precision if jax comes later": ("import jaxhb; import jax; print(jax.numpy.ones(1).dtype)", "float64"),

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import hadamard
-from scipy.stats import norm, qmc
 
 from jaxhb._jax import namespace
 from jaxhb.design.evaluation import Task
@@ -172,6 +171,8 @@ class Box(Task):
 
     def sample(self, count, seed):
         """``(count, P)`` shares: a Latin hypercube of uniform and, where a standard deviation is given, normal ones."""
+        from scipy.stats import norm, qmc  # a third of a second, which commands without samples are spared
+
         points = qmc.LatinHypercube(len(self.parameters), rng=np.random.default_rng(seed)).random(count)
         for k, (one, ((_, value), *_)) in enumerate(zip(self.parameters, self.own, strict=True)):
             if one.std:

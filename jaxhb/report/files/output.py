@@ -11,7 +11,6 @@ import sys
 from pathlib import Path
 
 from jaxhb._files import clear_parts, write_whole
-from jaxhb.scene.csv_tables import guarded
 
 ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
 STANDARD_OUTPUT = "-"
@@ -103,6 +102,8 @@ def _plain(value):
 
 def as_csv(heads, rows):
     """The file of a table, numbers in full precision, cells of what is not finite empty, texts no formulae."""
+    from jaxhb.scene.csv_tables import guarded  # not before the help of a command is printed
+
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     for cells in [heads, *_plain(list(rows))]:
