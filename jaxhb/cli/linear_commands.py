@@ -115,7 +115,9 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
             ]
         ),
         json=lambda: (
-            linear_text.campbell_record(found, modes, name, misfires, worst) | not_firing_record(*trains.values()) | more
+            linear_text.campbell_record(found, modes, name, misfires, worst)
+            | not_firing_record(*trains.values())
+            | more
         ),
         csv=lambda: as_csv(*linear_text.campbell_rows(found, misfires, titles)),
         plot=lambda: plot_campbell(found, modes, name, names),
@@ -128,7 +130,8 @@ def _at_critical_speeds(found, trains, links_at):
     speeds = sorted({c.rpm for c in found.critical})
     if len(trains) == 1 or not speeds:
         return {}
-    return {cylinder: forced_response(_constant(train, None, links_at), rpm=speeds) for cylinder, train in trains.items()}
+    constant = {cylinder: _constant(train, None, links_at) for cylinder, train in trains.items()}
+    return {cylinder: forced_response(train, rpm=speeds) for cylinder, train in constant.items()}
 
 
 def forced(train, given, rpm, element, orders, netcdf, plot, **_):

@@ -65,7 +65,9 @@ def test_the_modal_torques_of_every_misfire_are_those_of_its_train(told):
 
 
 @pytest.mark.parametrize(
-    ("scene", "rpm"), [(SCENE, "700:1500"), (DATA / "scenes" / "slow_two_stroke.toml", "60:130")], ids=["torque", "limit"]
+    ("scene", "rpm"),
+    [(SCENE, "700:1500"), (DATA / "scenes" / "slow_two_stroke.toml", "60:130")],
+    ids=["torque", "limit"],
 )
 def test_the_worst_misfire_is_that_of_the_forced_response_at_the_critical_speeds(told, scene, rpm):
     """By the largest share of a limit of stress, or without limits the largest torque of a shaft."""
