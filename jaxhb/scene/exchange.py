@@ -7,8 +7,12 @@ outerDiameter in mm, density; shear modulus 80 GPa, half its inertia at each end
 damping; teeth, diameter in mm, or radius; parent in the same component). A component goes on from the node at which
 another one is connected; one that begins with a gear without parent, and is connected to a gear, meshes with it. Gears
 are rigid there: here they are meshes, and several gears of one node are joined by shafts, all so stiff that they change
-natural frequencies by about 1e-5. Gears of which only teeth are given get a module of 5 mm. What is not read, as
-excitations, and what had to be guessed stands in the ``notes`` of the scene.
+natural frequencies by about 1e-5. Gears of which only teeth are given get a module of 5 mm. ``excitation`` is a list of
+rows (order, amplitude), or a table with these as ``values``; it acts at the node where its element begins, in the phase
+of a cosine, and its frequencies are multiples of the one speed of an analysis, that of the reference rotor here.
+Amplitudes are in N m. Those of the type ``excitationValuesRpmPercentage`` are shares of a torque over the speed that an
+analysis adds and no file has: they cannot be read. What is not read and what had to be guessed stands in the ``notes``
+of the scene.
 
 **CSV** has a table of inertias and one of links: docs/how_to/other_programs.md.
 """
@@ -22,6 +26,7 @@ from collections import Counter
 from jaxhb.elements.elements import Disk, Mesh, SceneError, Shaft, cut, shown, suggestion
 from jaxhb.elements.value_checks import plain_number
 from jaxhb.scene.csv_tables import CsvText, read_csv
+from jaxhb.train.train_checks import fitting_cycle
 
 SHEAR_MODULUS = 80e9  # Pa, of steel: TORS gives none
 MODULE = 5e-3  # m, of a gear of which only the number of teeth is given: ratios are those of the teeth whatever it is
@@ -55,13 +60,16 @@ def tors_content(text: str, source: str, errors: list[str]) -> dict:
 
 
 _READ = {
-    "Disk": ("name", "type", "inertia", "damping"),
-    "ShaftDiscrete": ("name", "type", "stiffness", "damping"),
-    "ShaftContinuous": ("name", "type", "damping", "length", "innerDiameter", "outerDiameter", "density"),
-    "GearElement": ("name", "type", "inertia", "damping", "teeth", "diameter", "radius", "parent"),
+    "Disk": ("inertia", "damping"),
+    "ShaftDiscrete": ("stiffness", "damping"),
+    "ShaftContinuous": ("damping", "length", "innerDiameter", "outerDiameter", "density"),
+    "GearElement": ("inertia", "damping", "teeth", "diameter", "radius", "parent"),
 }
-"""Keys that are read of each type of element."""
+"""Keys that are read of each type of element, besides those of all."""
+_OF_ALL = "name", "type", "excitation"
 _SIZES = "teeth", "diameter", "radius"
+CYCLE = 2  # revolutions of the reference rotor, unless orders need more
+LARGEST_SHARE = 1.0  # amplitudes that are all below it may be shares of a torque, as in the examples of openTorsion
 
 
 class _Tors:
@@ -71,6 +79,7 @@ class _Tors:
         self.source, self.errors, self.connections = source, [], {}
         self.nodes, self.walked = [], set()
         self.shafts, self.gears, self.meshes, self.notes = [], {}, [], []
+        self.excitations: dict[str, tuple[int, list]] = {}  # node and rows by element
         for name, count in Counter(component["name"] for component in components).items():
             if count > 1:
                 self._tell(f"component {shown(name)} is given twice. Rename one of them.")
@@ -151,11 +160,12 @@ class _Tors:
     def _add(self, component, own, element, node, gear):
         """Put one element at a node, that of ``gear`` if the component begins there; where the component goes on."""
         kind = element.get("type")
-        if "excitation" in element:
-            self.notes.append(f"the excitation of {own!r} is not read: give it as [[torque]]")
-        self.note_unread(repr(own), element, (*_READ.get(kind, element), "excitation"))
+        self.note_unread(repr(own), element, (*_OF_ALL, *_READ.get(kind, element)))
+        if kind in ("ShaftDiscrete", "ShaftContinuous"):
+            self._excite(node, own, element)
         if kind == "Disk":
             self._load(node, own, self._take(own, element, "inertia"), self._take(own, element, "damping", 0.0))
+            self._excite(node, own, element)
         elif kind in ("ShaftDiscrete", "ShaftContinuous"):
             end = self._node()
             discrete = kind == "ShaftDiscrete"
@@ -166,7 +176,8 @@ class _Tors:
             self.shafts.append((node, end, row))
             return end
         elif kind == "GearElement":
-            return self._gear(component, own, element, node, gear)
+            node = self._gear(component, own, element, node, gear)
+            self._excite(node, own, element)
         else:
             self._tell(f"unknown type {shown(kind)}.{suggestion(kind, _READ)}", own)
         return node
@@ -193,6 +204,23 @@ class _Tors:
                 found[key] = 1.0
         self.gears[own] = {"node": node, **found}
         return node
+
+    def _excite(self, node: int, name: str, element: dict):
+        """Keep the excitation of an element at a node, or note why it cannot be read."""
+        excitation = element.get("excitation")
+        if excitation in (None, [], {}):
+            return
+        rows = excitation.get("values") if isinstance(excitation, dict) else excitation
+        kind = excitation.get("type") if isinstance(excitation, dict) else None
+        why = _unread_excitation(kind, rows)
+        if why:
+            self.notes.append(f"the excitation of {name!r} is not read: {why}. Give it as [[torque]]")
+        else:
+            self.excitations[name] = node, [row for row in rows if row[0] != 0]
+            if len(self.excitations[name][1]) < len(rows):
+                self.notes.append(
+                    f"order 0 of the excitation of {name!r} is not read: no load takes up a mean torque here"
+                )
 
     def _load(self, node, own, inertia, damping):
         """Add an inertia to a node, which is called as its first."""
@@ -263,13 +291,52 @@ class _Tors:
             stiffness = rigid / min(end["radius"] for end in ends) ** 2
             meshes.append({"between": [end["name"] for end in ends], "stiffness": stiffness})
         said = f"From {self.source}" + "; rigid gears are stiff meshes" * bool(meshes)
-        content = {"scene": {"description": said, "reference": disks[0]["name"]}}
+        reference = disks[0]["name"]
+        content = {"scene": {"description": said, "reference": reference}}
+        torques = [
+            _torque(name, disks[node]["name"], excitation_rows)
+            for name, (node, excitation_rows) in self.excitations.items()
+        ]
+        if torques:
+            content["scene"]["revolutions_per_cycle"] = _cycle_of(torques)
+            names = ", ".join(map(repr, self.excitations))
+            rows_are = f"rows are taken to be orders of the turn of {reference!r} and amplitudes in N m, of cosines"
+            self.notes.append(f"excitation of {names}: {rows_are}")
         if self.notes:
             content["scene"]["notes"] = [f"{self.source}: {text}." for text in dict.fromkeys(self.notes)]
-        for table, rows in {"disk": disks, "shaft": shafts, "mesh": meshes}.items():
+        for table, rows in {"disk": disks, "shaft": shafts, "mesh": meshes, "torque": torques}.items():
             if rows:
                 content[table] = [{k: value for k, value in row.items() if k != "damping" or value} for row in rows]
         return content
+
+
+def _unread_excitation(kind: object, rows: object) -> str:
+    """Why rows of an excitation of a type (None: it has none) cannot be read; empty where they can."""
+    pairs = isinstance(rows, list) and all(isinstance(row, list) and len(row) == 2 for row in rows)
+    if not (pairs and all(plain_number(number) for row in rows for number in row)):
+        return "it has no 'values' that are rows of order and amplitude"
+    if isinstance(kind, str) and kind.lower().endswith("percentage"):
+        return "its amplitudes are shares of a torque, which the file does not have"
+    if kind is not None:
+        return f"its type {shown(kind)} is unknown"
+    if all(abs(amplitude) < LARGEST_SHARE for _, amplitude in rows):
+        return "its amplitudes are below 1, and may be N m or shares of a torque"
+    return ""
+
+
+def _torque(name: str, disk: str, rows: list) -> dict:
+    """The ``[[torque]]`` of rows of order and amplitude."""
+    amplitudes: Counter = Counter()
+    for order, amplitude in rows:
+        amplitudes[float(order)] += float(amplitude)
+    harmonics = [[order, amplitude, 0.0] for order, amplitude in sorted(amplitudes.items())]
+    return {"name": f"{name} excitation", "disk": disk, "harmonics": harmonics}
+
+
+def _cycle_of(torques: list[dict]) -> float:
+    """Revolutions of the reference rotor after which all orders of torques repeat."""
+    fitting = fitting_cycle({order for torque in torques for order, *_ in torque["harmonics"]})
+    return math.lcm(CYCLE, int(fitting)) if fitting else CYCLE
 
 
 def csv_content(text: str, source: str, errors: list[str]) -> dict:

@@ -9,6 +9,7 @@ from reference_data import DATA, reference, text_of
 from scipy.linalg import eigh
 
 from jaxhb import Combustion, Cylinder, Damper, Disk, Engine, Ground, Load, Mesh, SceneError, Shaft, Torque, Trace
+from jaxhb.linear.forced import forced_response
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.scene.files import load_scene, scene_names
 from jaxhb.scene.writer import elements_text, scene_text
@@ -66,8 +67,9 @@ def test_what_is_not_read_of_a_tors_file_is_told_and_stays_told_in_its_toml(tmp_
     path = write(tmp_path, "box.json", gearbox(motor=motor) | {"format": "TORS"})
     wanted = [
         "box.json: 'format' of the file is not read.",
-        "box.json: the excitation of 'motor.rotor' is not read: give it as [[torque]].",
         "box.json: 'mass' of 'motor.rotor' is not read.",
+        "box.json: the excitation of 'motor.rotor' is not read: it has no 'values' that are rows of order and amplitude."
+        " Give it as [[torque]].",
         "box.json: 'inertia' of 'motor.s' is not read.",
     ]
     assert plausibility(load_scene(path))[:4] == wanted
@@ -86,7 +88,56 @@ def test_gears_with_radii_that_structure_joins_turn_at_the_ratio_of_their_radii(
     np.testing.assert_allclose(found, [56.4010, 202.065], rtol=1e-5)
     assert train.topology.name == "pair" and train.value("G.G.radius") == 0.3
     told = " ".join(train.topology.notes)
-    assert all(part in told for part in ("'P.P' and 'G.G'", "excitation of 'B.B' is not read", "to be in m."))
+    assert all(part in told for part in ("'P.P' and 'G.G'", "excitation of 'B.B': rows are taken", "to be in m."))
+
+
+def test_excitations_of_a_tors_file_drive_the_train_as_in_its_scene_and_in_closed_form(tmp_path):
+    """Three coordinates, the pinion turning with three times the wheel's angle and against it, undamped."""
+    path, rpm = DATA / "scenes" / "gear_radius_tors.json", 700.0
+    inertia = np.diag([40.0, 3.0 + 9 * 0.2, 1.5])
+    stiffness = np.array([[2e6, -2e6, 0.0], [-2e6, 2e6 + 9 * 5e5, -3 * 5e5], [0.0, -3 * 5e5, 5e5]])
+    again = load_scene(write(tmp_path, "pair.toml", scene_text(path)[0]))
+    for train in (load_scene(path), again):
+        response = forced_response(train, rpm=[rpm])
+        for order, amplitude in ((2, 30.0), (4, 12.0)):
+            omega = order * 2 * np.pi * rpm / 60
+            angles = np.linalg.solve(stiffness - omega**2 * inertia, [0.0, 0.0, amplitude])
+            # The stiff mesh in the place of rigid teeth changes 1e-5 of natural frequencies.
+            torque = 2e6 * abs(angles[0] - angles[1])
+            np.testing.assert_allclose(response.torque("A.A", "G.G").order(order), [torque], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("excitation", "why"),
+    [
+        ({"type": "excitationValuesRpmPercentage", "values": [[4, 2.0]]}, "shares of a torque, which the file"),
+        ({"type": "steps", "values": [[4, 2.0]]}, "its type 'steps' is unknown"),
+        ([[4, 0.0015], [6, 0.02]], "below 1, and may be N m or shares"),
+        ([[4, "much"]], "no 'values' that are rows"),
+        ({"values": {"4": 2.0}}, "no 'values' that are rows"),
+    ],
+)
+def test_an_excitation_whose_torque_a_tors_file_does_not_tell_is_not_read_and_told(tmp_path, excitation, why):
+    motor = [disk("rotor", 4e-4) | {"excitation": excitation}, shaft("s", 1e4)]
+    topology = load_scene(write(tmp_path, "box.json", gearbox(motor=motor))).topology
+    assert not topology.torque_names
+    assert len(topology.notes) == 1 and "'motor.rotor' is not read" in topology.notes[0] and why in topology.notes[0]
+
+
+def test_excitations_of_shafts_and_gears_act_where_opentorsion_puts_them(tmp_path):
+    """At the node where a shaft begins, at the node of a gear; the cycle holds all orders, of which 0 has no load."""
+    values = {"values": [[0, 5.0], [1 / 3, 2.0], [1 / 3, 1.0]]}
+    motor = [disk("rotor", 4e-4), shaft("s", 1e4) | {"excitation": values}]
+    parts = gearbox(motor=motor)
+    parts["components"][1]["elements"][1]["excitation"] = [[1, -4.0]]
+    train = load_scene(write(tmp_path, "box.json", parts))
+    topology = train.topology
+    name = parts["components"][1]["elements"][1]["name"]
+    assert [topology.disk_names[disk] for disk in topology.torque_disk] == ["motor.rotor", f"box.{name}"]
+    assert topology.revolutions_per_cycle == 6
+    assert any("order 0 of the excitation of 'motor.s' is not read" in note for note in topology.notes)
+    back = scene_text(tmp_path / "box.json")[0]
+    assert "harmonics = [[0.3333333333333333, 3.0, 0.0]]" in back and "harmonics = [[1.0, -4.0, 0.0]]" in back
 
 
 @pytest.mark.parametrize(("size", "radius"), [({"radius": 60.0}, 0.06), ({"diameter": 120.0}, 0.06), ({}, 0.05)])
