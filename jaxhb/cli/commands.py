@@ -87,7 +87,7 @@ class _TunedFiles:
         self.history, self.start = [], None
         _, beside = changed_scene(given.scene, {})
         self.copies = copies_beside(beside, Path(given.output).parent)
-        output.make_folders(self.copies)
+        output.make_folders(self.copies.files)
 
     def begin(self, reading):
         """What is known of the scene as it is."""
@@ -123,7 +123,8 @@ class _TunedFiles:
         ranges = moved_ranges(self.train, parameters)
         text, _ = changed_scene(given.scene, values, tolerances=ranges, remark=f"{given.scene}, tuned by jaxhb tune.")
         record = output.changes(given) | record
-        output.write_files(self.copies | {given.output: text.encode(), given.json: output.as_json(record)})
+        scene = self.copies.renamed(text).encode()
+        output.write_files(self.copies.files | {given.output: scene, given.json: output.as_json(record)})
 
 
 def check_files(train, given):

@@ -60,5 +60,5 @@ def _write(given, found):
     whole = load_scene(given.scene).replace(values)  # a scenario may leave elements out
     text, beside = changed_scene(given.scene, scene_values(whole, values), tolerances=known, remark=remark)
     copies = copies_beside(beside, Path(given.output).parent)
-    output.make_folders(copies)
-    output.write_files(copies | {given.output: text.encode()})
+    output.make_folders(copies.files)
+    output.write_files(copies.files | {given.output: copies.renamed(text).encode()})

@@ -34,9 +34,9 @@ def new(file, scene, quiet):
         raise output.OutputError(f"FILE: {file!r} is there already, and is not overwritten. Give another name.")
     text, beside = scene_text(scene, called=path.stem)
     copies = copies_beside(beside, path.parent, "FILE")
-    output.write_files(copies | {file: text.encode()})
+    output.write_files(copies.files | {file: copies.renamed(text).encode()})
     if not quiet:
-        print("".join(f"{name} is written.\n" for name in (file, *copies)), end="")
+        print("".join(f"{name} is written.\n" for name in (file, *copies.files)), end="")
         print(f"Try: jaxhb check {shlex.quote(file)}")
     return 0
 
@@ -55,7 +55,7 @@ def scene(scene, quiet, expand, out, referred, plot):
             raise output.OutputError(f"--plot: {error}") from None
     if out:
         copies = copies_beside(beside, Path(out).parent, "--out")
-        files |= {out: text.encode()} | copies
+        files |= {out: copies.renamed(text).encode()} | copies.files
     output.write_files(files)
     if referred and not quiet:
         from jaxhb.report.text.scene_check import referred_tables

@@ -21,7 +21,8 @@ import dataclasses
 import difflib
 import json
 import math
-from collections import Counter
+from collections import Counter, defaultdict
+from typing import Any
 
 from jaxhb.elements.elements import Disk, Mesh, SceneError, Shaft, cut, shown, suggestion
 from jaxhb.elements.value_checks import plain_number
@@ -210,7 +211,7 @@ class _Tors:
         excitation = element.get("excitation")
         if excitation in (None, [], {}):
             return
-        rows = excitation.get("values") if isinstance(excitation, dict) else excitation
+        rows: Any = excitation.get("values") if isinstance(excitation, dict) else excitation
         kind = excitation.get("type") if isinstance(excitation, dict) else None
         why = _unread_excitation(kind, rows)
         if why:
@@ -310,7 +311,7 @@ class _Tors:
         return content
 
 
-def _unread_excitation(kind: object, rows: object) -> str:
+def _unread_excitation(kind: Any, rows: Any) -> str:
     """Why rows of an excitation of a type (None: it has none) cannot be read; empty where they can."""
     pairs = isinstance(rows, list) and all(isinstance(row, list) and len(row) == 2 for row in rows)
     if not (pairs and all(plain_number(number) for row in rows for number in row)):
@@ -326,7 +327,7 @@ def _unread_excitation(kind: object, rows: object) -> str:
 
 def _torque(name: str, disk: str, rows: list) -> dict:
     """The ``[[torque]]`` of rows of order and amplitude."""
-    amplitudes: Counter = Counter()
+    amplitudes: dict[float, float] = defaultdict(float)
     for order, amplitude in rows:
         amplitudes[float(order)] += float(amplitude)
     harmonics = [[order, amplitude, 0.0] for order, amplitude in sorted(amplitudes.items())]

@@ -7,6 +7,7 @@ pieces, one for each head, and tomlkit changes one piece at a time.
 
 import re
 import tomllib
+from collections.abc import Iterable
 from functools import reduce
 from operator import getitem
 
@@ -61,6 +62,13 @@ class TomlText:
         if found is not None:
             self._change(number, path, lambda node: node.pop(key))
         return found
+
+    def rename(self, keys: Iterable[str], names: dict[str, str]):
+        """Change texts that are values of some keys, in whatever table: ``{text: new text}``."""
+        for number, read in enumerate(self._read):
+            for path in _places(read, keys, names):
+                *outer, key = path
+                self._change(number, outer, lambda node, key=key: node.__setitem__(key, names[node[key]]))
 
     def append(self, table, rows):
         """Add rows ``[[table]]``, or one ``[table]``: behind the rows it has, or at the end."""
@@ -125,6 +133,15 @@ class TomlText:
 
     def _write(self, number, piece):
         self._pieces[number], self._read[number] = piece, tomllib.loads(piece)
+
+
+def _places(value, keys, texts, path=()):
+    """Paths, inside a table or a list, of values of some keys that are one of some texts."""
+    for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+        if isinstance(inner, dict | list):
+            yield from _places(inner, keys, texts, (*path, key))
+        elif key in keys and isinstance(inner, str) and inner in texts:
+            yield *path, key
 
 
 def _cut(text):

@@ -5,19 +5,30 @@ What a ``.toml`` says is kept as it was written, comments included, but for what
 
 import dataclasses
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from jaxhb.elements.checks import Parts
-from jaxhb.elements.elements import SceneError, table_of
-from jaxhb.elements.engine import cylinder_rows
+from jaxhb.elements.elements import TABLES, SceneError, table_of
+from jaxhb.elements.engine import Engine, cylinder_rows
 from jaxhb.scene.files import _READERS, BESIDE, _find, _parse, _read_elements, load_scene
-from jaxhb.scene.input_files import read_bytes
+from jaxhb.scene.input_files import is_beside, read_bytes
 from jaxhb.scene.toml_text import TomlText
-from jaxhb.train.tables import LAW_OF_FRIDMAN, ROWS
+from jaxhb.train.tables import LAW_OF_FRIDMAN
 
-_CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "stiffness_table", *ROWS)
+
+def _keys_of_rows(cls: type) -> Iterator[str]:
+    """Keys of a table, and of tables inside it, whose rows may stand in a file."""
+    for field in dataclasses.fields(cls):
+        if field.metadata.get("kind") == "rows":
+            yield field.name
+        if "of" in field.metadata:
+            yield from _keys_of_rows(field.metadata["of"])
+
+
+_CSV = tuple(dict.fromkeys(key for cls in (*TABLES.values(), Engine) for key in _keys_of_rows(cls)))
 
 
 def scene_text(name: str | Path, *, expand: bool = False, called: str | None = None) -> tuple[str, dict[str, Path]]:
@@ -191,17 +202,66 @@ def elements_of(name, values=()):
     return {parts.names[kind][i]: element for kind, i, element in parts.rows()}
 
 
-def copies_beside(beside, folder, option="--output"):
-    """``{path: bytes}`` of the CSV files to copy into ``folder``, which ``option`` names: where none lies there."""
-    found = {}
+@dataclass(frozen=True)
+class Copies:
+    """Tables to write into the folder of a scene that is written.
+
+    Parameters
+    ----------
+    files : ``{path: bytes}`` of tables that are not there yet
+    names : ``{name in the scene: name beside the scene that is written}`` of tables that would lie outside its folder
+    """
+
+    files: dict[str, bytes]
+    names: dict[str, str]
+
+    def renamed(self, text: str) -> str:
+        """The text of a scene with the names that its tables have there."""
+        if not self.names:
+            return text
+        changed = TomlText(text)
+        changed.rename(_CSV, self.names)
+        return str(changed)
+
+
+def copies_beside(beside: dict[str, Path], folder: str | Path, option: str = "--output") -> Copies:
+    """:class:`Copies` of the CSV files ``beside`` a scene in ``folder``, which ``option`` names.
+
+    None is written over another file or outside of the folder: a table of a name as ``../x.csv`` becomes ``x.csv``,
+    unless its name leads to it from there, too.
+    """
+    files, names, sources = {}, {}, {}
     for name, source in beside.items():
-        target = Path(folder) / name
+        if _leads_to(Path(folder) / name, source):
+            continue
+        copied = name
+        if not is_beside(Path(folder) / name, Path(folder)):
+            copied = names[name] = _free_name(Path(name), source, sources)
+        sources[copied] = source
+        target = Path(folder) / copied
         content = read_bytes(source)
         if not target.exists():
-            found[str(target)] = content
+            files[str(target)] = content
         elif not (target.is_file() and read_bytes(target) == content):
             raise SceneError(
                 f"{str(target)!r} is another file than {name!r} of the scene, which must lie beside the "
                 f"{'tuned' if option == '--output' else 'written'} one: give {option} in another folder."
             )
-    return found
+    return Copies(files, names)
+
+
+def _leads_to(path: Path, source: Path) -> bool:
+    """Whether a path is that of a file that is there."""
+    try:
+        return path.samefile(source)
+    except OSError:
+        return False
+
+
+def _free_name(path: Path, source: Path, sources: dict[str, Path]) -> str:
+    """The name of a file without its folders, numbered where another source has it already."""
+    name, number = path.name, 1
+    while name in sources and not _leads_to(sources[name], source):
+        number += 1
+        name = f"{path.stem} {number}{path.suffix}"
+    return name

@@ -6,6 +6,7 @@ import sys
 import jax
 import numpy as np
 import pytest
+from built_trains import same
 from reference_data import text_of
 
 import jaxhb
@@ -37,6 +38,68 @@ def test_a_scene_is_written_with_its_tables_beside_it(scene, run, tmp_path):
     assert said.splitlines() == [f"{folder / name} is written." for name in ("copy.toml", "p.csv")]
     text = (folder / "copy.toml").read_text()
     assert "[engine]" in text and jaxhb.load_scene(folder / "copy.toml").topology.name == "engine"
+
+
+DRIVEN = """\
+[scene]
+name = "driven"
+[[disk]]
+name = "a"
+inertia = 1.0
+[[disk]]
+name = "b"
+inertia = 2.0
+[[shaft]]
+between = ["a", "b"]
+stiffness = 1e5
+[[torque]]
+disk = "a"
+harmonics = "../drive.csv"  # of the motor
+scale = "../tables/drive.csv"
+"""
+
+
+@pytest.fixture
+def driven(tmp_path):
+    """A scene whose tables lie beside its folder, two of one name."""
+    for folder in ("scenes", "tables"):
+        (tmp_path / "in" / folder).mkdir(parents=True)
+    (tmp_path / "in" / "drive.csv").write_text("1, 3.0, 4.0\n")
+    (tmp_path / "in" / "tables" / "drive.csv").write_text("500, 1.0\n1500, 2.0\n")
+    path = tmp_path / "in" / "scenes" / "driven.toml"
+    path.write_text(DRIVEN)
+    return path
+
+
+@pytest.mark.parametrize("line", ["scene {scene} --out {copy}", "new {copy} --from {scene}"])
+def test_tables_outside_of_the_folder_of_a_scene_are_copied_into_that_of_its_copy(driven, run, tmp_path, line):
+    copy = tmp_path / "out" / "inner" / "copy.toml"
+    copy.parent.mkdir(parents=True)
+    run(line.format(scene=driven, copy=copy))
+    assert sorted(path.name for path in (tmp_path / "out").rglob("*.csv")) == ["drive 2.csv", "drive.csv"]
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["inner"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in", "out"]
+    assert 'harmonics = "drive.csv"  # of the motor' in copy.read_text()
+    original = jaxhb.load_scene(driven)
+    (tmp_path / "in").rename(tmp_path / "elsewhere")  # the copy does not lean on it
+    assert same(jaxhb.load_scene(copy), original)
+
+
+def test_a_copy_from_which_the_names_lead_to_the_same_tables_keeps_them(driven, run):
+    before = sorted(driven.parents[1].rglob("*.csv"))
+    run(f"scene {driven} --out {driven.with_name('copy.toml')}")
+    assert sorted(driven.parents[1].rglob("*.csv")) == before
+    assert driven.with_name("copy.toml").read_text() == DRIVEN
+
+
+def test_every_table_that_a_scene_may_name_is_copied(run, tmp_path):
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "charge.csv").write_text("0.0, 0.4\n1.0, 1.0\n")
+    named = '[engine.combustion]\ncharge_over_load = "charge.csv"'
+    scene, copy = tmp_path / "in" / "engine.toml", tmp_path / "copy.toml"
+    scene.write_text(text_of("two_strokes.toml").replace("[engine.combustion]", named))
+    run(f"scene {scene} --out {copy}")
+    assert (tmp_path / "charge.csv").is_file() and jaxhb.load_scene(copy).cylinders.combustion is not None
 
 
 def test_a_csv_file_becomes_a_scene(tmp_path, run):

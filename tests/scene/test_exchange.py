@@ -68,8 +68,8 @@ def test_what_is_not_read_of_a_tors_file_is_told_and_stays_told_in_its_toml(tmp_
     wanted = [
         "box.json: 'format' of the file is not read.",
         "box.json: 'mass' of 'motor.rotor' is not read.",
-        "box.json: the excitation of 'motor.rotor' is not read: it has no 'values' that are rows of order and amplitude."
-        " Give it as [[torque]].",
+        "box.json: the excitation of 'motor.rotor' is not read: it has no 'values' that are rows of order and"
+        " amplitude. Give it as [[torque]].",
         "box.json: 'inertia' of 'motor.s' is not read.",
     ]
     assert plausibility(load_scene(path))[:4] == wanted
