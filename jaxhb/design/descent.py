@@ -47,30 +47,35 @@ class Step:
     seconds: float
 
 
+@dataclass(frozen=True)
+class Rules:
+    """The way of a descent.
+
+    optimizer : a name of OPTIMIZERS; rate : step of Adam in z; widths : of smooth maxima, shares of the worst value,
+    each in its turn; improvement, patience : a width is done when so many steps in a row each win less than this share
+    """
+
+    optimizer: str
+    rate: float
+    widths: tuple
+    improvement: float
+    patience: int
+
+    @property
+    def searching(self):
+        """Whether each step is a line search."""
+        return self.optimizer == "lbfgs"
+
+
 class Descent:
     """The designs of all starts as they are now, the best ones, and the history of the best of all."""
 
-    def __init__(
-        self,
-        evaluator,
-        optimizer,
-        *,
-        rate,
-        widths,
-        improvement,
-        patience,
-        on_step,
-        on_start=None,
-        keep=computed,
-        history=(),
-    ):
+    def __init__(self, evaluator, rules, *, on_step=None, on_start=None, keep=computed, history=()):
         """``keep`` as of :func:`jaxhb.results.checkpoint.keeper`: an evaluation follows from those before, so that a
         descent whose evaluations are kept goes on with the same numbers. ``history`` of one before goes on, too."""
-        self.keep = keep
-        self.evaluator, self.searching, self.rate = evaluator, optimizer == "lbfgs", rate
-        self.widths, self.improvement, self.patience = widths, improvement, patience
-        self.on_step, self.on_start = on_step, on_start
-        self.optimizer = OPTIMIZERS[optimizer]()
+        self.evaluator, self.rules = evaluator, rules
+        self.on_step, self.on_start, self.keep = on_step, on_start, keep
+        self.optimizer = OPTIMIZERS[rules.optimizer]()
         self.update = jax.jit(jax.vmap(self.optimizer.update))
         self.history, self.evaluations, self.began = list(history), 0, time.monotonic()
         self.earlier = history[-1] if history else None
@@ -111,7 +116,7 @@ class Descent:
             point = self._at(z, evaluator.replanned(point))
             self._count(point.solved)
         self.aim = dataclasses.replace(self.aim, scales=self._sizes(point, 0))
-        self._sharpen(self.widths[0], point)
+        self._sharpen(self.rules.widths[0], point)
         return self._at(z, point)
 
     def _count(self, counted):
@@ -133,8 +138,8 @@ class Descent:
 
     def _stages(self, steps):
         """Each width in turn until nothing is won or the steps are used up."""
-        number, again = 0, self.widths[-1:] * AGAIN if self.evaluator.peaks else ()
-        for stage, width in enumerate((*self.widths, *again)):
+        number, again = 0, self.rules.widths[-1:] * AGAIN if self.evaluator.peaks else ()
+        for stage, width in enumerate((*self.rules.widths, *again)):
             self.sharpened = stage > 0
             if stage:
                 self._sharpen(width, self.best)
@@ -155,17 +160,17 @@ class Descent:
         while number < steps:
             # A design rests when its last steps won too little or its slope is gone; the others go on beside it.
             steep = np.abs(self.point.gradient).max(1) > FLAT * np.abs(self.point.value)
-            moving = (idle < self.patience) & steep
+            moving = (idle < self.rules.patience) & steep
             if not moving.any():
                 return False, number
             direction, memory = self._direction(memory)
             before = self.point
-            after, moved = (self._search if self.searching else self._stride)(before, direction, moving)
+            after, moved = (self._search if self.rules.searching else self._stride)(before, direction, moving)
             number += 1
             self.point = where(moved, after, before)
             won = self.best.value - self.point.value
-            idle = np.where(won > self.improvement * np.abs(self.best.value), 0, idle + 1)
-            idle = np.where(moved, idle, np.maximum(idle, self.patience - 1))  # once more, along the gradient
+            idle = np.where(won > self.rules.improvement * np.abs(self.best.value), 0, idle + 1)
+            idle = np.where(moved, idle, np.maximum(idle, self.rules.patience - 1))  # once more, along the gradient
             self.best = where(won > 0, self.point, self.best)
             # Between plans the objective jumps by its truncation error: such a step says nothing about curvature.
             other = (self.point.plan_number != before.plan_number).any(1)
@@ -179,7 +184,7 @@ class Descent:
 
     def _stride(self, point, direction, moving):
         """One step of Adam, halved while it loses a speed: (Point, whether each design moved)."""
-        length, best, moved = np.full(len(point.z), self.rate), point, np.zeros(len(point.z), dtype=bool)
+        length, best, moved = np.full(len(point.z), self.rules.rate), point, np.zeros(len(point.z), dtype=bool)
         for _ in range(TRIALS):
             trial = self._at(point.z + length[:, None] * direction, point, wanted=moving & ~moved)
             good = self._kept(trial) & moving & ~moved
@@ -232,7 +237,7 @@ class Descent:
         direction = -np.asarray(updates)
         # With gradients of two sides of a kink in its memory L-BFGS may point uphill.
         uphill = np.sum(direction * self.point.gradient, axis=1) >= 0
-        if self.searching:
+        if self.rules.searching:
             direction = np.where(uphill[:, None], -self.point.gradient, direction)
             square = np.maximum(np.sum(self.point.gradient**2, axis=1), 1e-300)
             # A kink is as wide as that.
@@ -243,7 +248,7 @@ class Descent:
 
     def _without_curvature(self, memory, before, moved):
         """L-BFGS begins anew where a step did not turn the gradient the right way."""
-        if not self.searching:
+        if not self.rules.searching:
             return memory
         change = (self.point.z - before.z) * (self.point.gradient - before.gradient)
         # L-BFGS needs s . y > 0: without, its matrix is not positive definite any more.
@@ -265,7 +270,8 @@ class Descent:
             seconds=time.monotonic() - self.began + (earlier.seconds if earlier else 0.0),
         )
         self.history.append(step)
-        self.on_step(step)
+        if self.on_step:
+            self.on_step(step)
 
 
 def best_of(point):

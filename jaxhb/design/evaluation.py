@@ -26,7 +26,7 @@ from jaxhb.balance.problem import problem_at
 from jaxhb.balance.program import BATCH_SPEEDS, active_deflections, differentiable, estimate, find, respond
 from jaxhb.design import objectives
 from jaxhb.design.between_speeds import speeds_of
-from jaxhb.design.quantities import OF_DESIGN, QUANTITIES, inertia_added, label
+from jaxhb.design.quantities import OF_DESIGN, QUANTITIES, Penalty, inertia_added, label
 from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.linear.sensitivity import frequencies_hz
@@ -72,9 +72,10 @@ class Task:
 
     @property
     def asked(self):
-        """Quantity, element and order of each reading of a response, and whether its derivative is that of the smooth
-        one."""
-        return tuple((chosen.quantity, chosen.of, chosen.order, self.smooth) for chosen in self.of_response)
+        """Quantity, element and order of each reading of a response, and which of its readings is differentiated."""
+        how = ["close" if isinstance(chosen, Penalty) else "read" for chosen in self.of_response]
+        how = how if self.smooth else ["sharp"] * len(how)
+        return tuple((c.quantity, c.of, c.order, reading) for c, reading in zip(self.of_response, how, strict=True))
 
     def named(self, z):
         """Parameters by name, in their own units, from z ``(P,)``; floats on the host."""
@@ -560,10 +561,7 @@ def _differentiated(response, asked):
     # Who asks for sharp ones wants the slope of one time sample: no warning.
     response = dataclasses.replace(response, sharp=False)
     return jnp.stack(
-        [
-            ((not smooth and QUANTITIES[quantity].sharp) or QUANTITIES[quantity].read)(response, of, order, None)
-            for quantity, of, order, smooth in asked
-        ]
+        [QUANTITIES[quantity].differentiated(how)(response, of, order, None) for quantity, of, order, how in asked]
     )
 
 

@@ -24,6 +24,7 @@ from jaxhb.results.signal import Signal, p_norm
 from jaxhb.train.drivetrain import DriveTrain
 
 Swing = Callable[[Signal], Array]  # the half peak-to-peak of a signal, or what stands for it
+CLOSE = 1024  # p of norms that limits read
 TIME_SAMPLES = 4096  # least number of time samples of the cycle at which contact is looked at
 
 
@@ -88,7 +89,7 @@ def damper_power(response: Response, a: str, b: str | None = None) -> Array:
 
 def close_half_peak_to_peak(signal: Signal) -> Array:
     """:func:`half_peak_to_peak` with p = 1024, for limits: at 4096 time samples at most 0.8 % below the true value."""
-    return half_peak_to_peak(signal, p=1024)
+    return half_peak_to_peak(signal, p=CLOSE)
 
 
 def power_over_limit(response: Response, name: str, *, train: DriveTrain | None = None) -> Array:

@@ -90,8 +90,8 @@ class Quantity:
     """A response quantity: its unit, and the kind of element that ``of`` names.
 
     read : smooth, ``(response, of, order, train) -> (n,)``; exact, sharp : what ``read`` smooths, at the time samples
-    for people and between them to be differentiated, None where that is ``read`` itself; compared : whether a tuned
-    design is compared with its steady states in it
+    for people and between them to be differentiated; close : smooth, at most 0.8 % below ``exact``, for limits; None
+    where that is ``read`` itself; compared : whether a tuned design is compared with its steady states in it
     """
 
     unit: str
@@ -99,6 +99,7 @@ class Quantity:
     read: Callable
     exact: Callable | None = None
     sharp: Callable | None = None
+    close: Callable | None = None
     ordered: bool = False
     compared: bool = False
 
@@ -106,15 +107,42 @@ class Quantity:
         """The value for people ``(n,)`` of a Response, or a SteadyState of the ``train`` where it is ``compared``."""
         return (self.exact or self.read)(motion, of, order, train)
 
+    def differentiated(self, how):
+        """What a gradient is taken of: "read", "sharp" or "close"."""
+        return getattr(self, how) or self.read
 
-def _swing(unit, kind, reader, smooth=objectives.half_peak_to_peak, exact=lambda signal: signal.half_peak_to_peak):
+
+@dataclass(frozen=True)
+class Size:
+    """Readings of one size of a Signal, as those of :class:`Quantity`."""
+
+    read: Callable
+    exact: Callable
+    sharp: Callable
+    close: Callable
+
+
+SWING = Size(
+    read=objectives.half_peak_to_peak,
+    exact=lambda signal: signal.half_peak_to_peak,
+    sharp=objectives.sharp_half_peak_to_peak,
+    close=objectives.close_half_peak_to_peak,
+)
+PEAK = Size(
+    read=Signal.smooth_peak,
+    exact=lambda signal: signal.peak,
+    sharp=lambda signal: signal.peak,
+    close=lambda signal: signal.smooth_peak(p=objectives.CLOSE),
+)
+
+
+def _sized(unit, kind, reader, size=SWING):
     """A size of a signal ``(motion, of) -> Signal``."""
 
-    def of_signal(size):
-        return lambda motion, of, *_: size(reader(objectives.usable(motion), of))
+    def of_signal(measure):
+        return lambda motion, of, *_: measure(reader(objectives.usable(motion), of))
 
-    sharp = objectives.sharp_half_peak_to_peak if smooth is objectives.half_peak_to_peak else exact
-    return Quantity(unit, kind, of_signal(smooth), of_signal(exact), of_signal(sharp), compared=True)
+    return Quantity(unit, kind, **{name: of_signal(measure) for name, measure in vars(size).items()}, compared=True)
 
 
 def _order(unit, kind, reader):
@@ -134,13 +162,13 @@ def _judged(unit, kind, value, *, compared=True, **more):
 
 
 QUANTITIES = {
-    "tooth force": _swing("N", "mesh", Motion.force),
-    "tooth force peak": _swing("N", "mesh", Motion.force, Signal.smooth_peak, lambda signal: signal.peak),
+    "tooth force": _sized("N", "mesh", Motion.force),
+    "tooth force peak": _sized("N", "mesh", Motion.force, PEAK),
     "tooth force order": _order("N", "mesh", Motion.force),
-    "shaft torque": _swing("N m", "shaft or damper", Motion.torque),
+    "shaft torque": _sized("N m", "shaft or damper", Motion.torque),
     "shaft torque order": _order("N m", "shaft or damper", Motion.torque),
-    "gear torque": _swing("N m", "gear", Motion.gear_torque),
-    "angle": _swing("rad", "disk", Motion.disk),
+    "gear torque": _sized("N m", "gear", Motion.gear_torque),
+    "angle": _sized("rad", "disk", Motion.disk),
     "angle order": _order("rad", "disk", Motion.disk),
     "separated fraction": Quantity("", "mesh with backlash", lambda r, of, *_: objectives.separated_fraction(r, of)),
     "impact severity": Quantity("m/s", "mesh with backlash", lambda r, of, *_: objectives.impact_severity(r, of)),

@@ -12,8 +12,8 @@ import numpy as np
 from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
-from jaxhb.design.between_speeds import check_between, exceeded, is_linear, limits_of, near, shown_excess, worst_share
-from jaxhb.design.descent import BY_USER, OPTIMIZERS, Descent, Step, best_of
+from jaxhb.design.between_speeds import check_between, exceeded, is_linear, near, worst_share
+from jaxhb.design.descent import BY_USER, OPTIMIZERS, Descent, Rules, Step, best_of
 from jaxhb.design.evaluation import Evaluator, Reading, Task
 from jaxhb.design.quantities import Objective, Parameter, Penalty, check_all, label
 from jaxhb.design.robust import Robustness, check_robust, tune_robust
@@ -35,7 +35,7 @@ class Tuning:
     train : DriveTrain, tuned; rpm : ``(n,)``; before, after : Reading; history : tuple of Step
     outcomes : tuple of (objective, parameters, valid speeds) of every start; stopped : why it ended, a sentence;
     interrupted : whether the user ended it; robust : of a robust tuning what it is compared with
-    checked : of a tuning with limits what the last design does between the speeds, and the first of a linear train,
+    checked : what the last design does between the speeds, and the first of a linear train,
     ``{"after": Checked, "before": Checked}``; followed : sentences, limits exceeded on the way, after which it went on
     """
 
@@ -89,11 +89,12 @@ def tune(
     fixed during a line search; between steps it gets more harmonics where they are too few, and the optimiser begins
     anew.
 
-    With limits (penalties with ``most``, and objectives that are shares of a limit, of which 1 is the limit) the design
-    found is checked at the critical speeds between those asked for. Where a limit is exceeded, the tuning goes on at
-    the critical speeds that matter, which then follow each design, from the train as it is, the design found and the
-    best of some across the bounds. Speeds further apart than 2.5 times the median distance are a hole that is not
-    looked into.
+    The design found is checked between the speeds asked for (``checked`` of the result): at its critical speeds, and,
+    where motions are not linear, at 64 speeds or more and round the largest values. With limits (penalties with
+    ``most``, and objectives that are shares of a limit, of which 1 is the limit) the tuning goes on where one is
+    exceeded, at most three times: at the critical speeds that matter, which then follow each design, or at the speed
+    found where that is none; from the train as it is, the design found and, of a linear train, the best of some across
+    the bounds. Speeds further apart than 2.5 times the median distance are a hole that is not looked into.
 
     :class:`SceneError` if names are unknown, bounds exclude the start, a mesh without backlash is to separate and the
     like, one sentence each; or if no speed converges at the start.
@@ -153,15 +154,10 @@ def tune(
     check_all(train, task.parameters, given, task.penalties, rpm)
     _check_numbers(train, optimizer, steps, starts, seed, peaks, widths)
     request = Request.of(train, harmonics, tolerance, integrals=integrals)
-    options = {"rate": rate, "widths": tuple(widths), "improvement": improvement, "patience": patience}
-    options |= {"on_step": on_step or (lambda step: None), "on_start": on_start}
-    drawn = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, len(task.parameters)))
-
-    start, every, accuracy = (
-        task.unbounded(train),
-        np.arange(len(rpm)),
-        {"harmonics": harmonics, "tolerance": tolerance},
-    )
+    rules = Rules(optimizer, rate, tuple(widths), improvement, patience)
+    question = Question(train, rpm, task, {"harmonics": harmonics, "tolerance": tolerance})
+    every, many = np.arange(len(rpm)), len(task.parameters)
+    drawn = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, many))
     asked = {"answers": "designs", "speeds": rpm, "task": task, "optimizer": optimizer, "steps": steps, "rate": rate}
     asked |= {"starts": starts, "seed": seed, "widths": widths, "improvement": improvement, "patience": patience}
     asked |= {"peaks": peaks, "robust": robust, "within": tuple(tolerances), **vars(request)}
@@ -171,100 +167,117 @@ def tune(
         """A Tuning from the train and the designs z of ``more``, and the largest responses of all its lanes."""
         # Every stage has a folder of its own.
         keep = keeper(place_in(out, f"stage {next(stages)}"), train, asked | {"lanes": (speeds, scatter, critical)})
-        own = tuple(
-            dataclasses.replace(one, weights=tuple(np.array(one.weights)[speeds])) if one.weights else one
-            for one in given
-        )
+        objectives = tuple(_at_lanes(chosen, speeds) for chosen in given)
         lanes = peaks, scatter, critical
-        evaluator = Evaluator(train, rpm[speeds], dataclasses.replace(task, objectives=own), request, *lanes)
-        descent = Descent(evaluator, optimizer, **options, keep=keep, history=history)
-        z = np.concatenate([task.unbounded(train)[None], np.reshape(more, (-1, len(start)))])
+        evaluator = Evaluator(train, rpm[speeds], dataclasses.replace(task, objectives=objectives), request, *lanes)
+        descent = Descent(evaluator, rules, on_step=on_step, on_start=on_start, keep=keep, history=history)
+        z = np.concatenate([task.unbounded(train)[None], np.reshape(more, (-1, many))])
         return _result(train, rpm, evaluator, descent, *descent.run(z, steps))
 
     random = np.log(drawn / (1 - drawn))
     if robust is None:
-        return tune_between(train, rpm, task, partial(tuned, train), random, accuracy)
+        return tune_between(question, partial(tuned, train), random)
     tolerances = tuple(tolerances) or read_tolerances(train)
     check_tolerances(train, tolerances)
     check_robust(train, robust, tolerances, peaks)
     first = partial(tuned, more=random)
-    result = tune_robust(train, rpm, given, tolerances, robust, seed, first, **accuracy, out=out)
-    return result if result.interrupted else checked_between(train, result, rpm, task, accuracy)
+    result = tune_robust(train, rpm, given, tolerances, robust, seed, first, **question.accuracy, out=out)
+    return result if result.interrupted else checked_between(question, result)
 
 
-def checked_between(train, result, rpm, task, accuracy):
-    """A Tuning with what its first and last design do between the speeds, where it has limits."""
-    if not limits_of(task):
-        return result
-    designs = {"after": (result.train, result.after)}
-    if is_linear(train):  # where teeth hammer a look at the start would take as long as the tuning
-        designs["before"] = train, result.before
-    checked = {
-        when: check_between(design, rpm, task, reading, **accuracy) for when, (design, reading) in designs.items()
-    }
+def _at_lanes(objective, speeds):
+    """An Objective with the weights of lanes at indices ``speeds``."""
+    if not objective.weights:
+        return objective
+    return dataclasses.replace(objective, weights=tuple(np.array(objective.weights)[speeds]))
+
+
+@dataclass(frozen=True)
+class Question:
+    """A train to be tuned: its speeds ``(n,)`` rpm, the :class:`~jaxhb.design.evaluation.Task`, and ``harmonics`` and
+    ``tolerance`` of its solves."""
+
+    train: DriveTrain
+    rpm: np.ndarray
+    task: Task
+    accuracy: dict
+
+    def checked(self, design, reading=None):
+        """The Checked of a design, of whose Reading it takes what is known."""
+        return check_between(design, self.rpm, self.task, reading, **self.accuracy)
+
+
+def checked_between(question, result):
+    """A Tuning with what its first and last design do between the speeds."""
+    checked = {"after": question.checked(result.train, result.after)}
+    if is_linear(question.train):  # where teeth hammer a look at the start would take as long as the tuning
+        checked["before"] = question.checked(question.train, result.before)
     return dataclasses.replace(result, checked=checked)
 
 
-def tune_between(train, rpm, task, tuned, random, accuracy):
+def tune_between(question, tuned, random):
     """The Tuning whose limits are kept between the speeds, too, or nearest to that.
 
     ``tuned(more=, critical=, history=)`` makes a Tuning from the train and further designs ``(A, P)``, the first time
     ``random`` ones, at critical speeds to follow.
     """
+    rpm, task = question.rpm, question.task
     result, _ = tuned(more=random)
-    candidates: list[tuple[float, Tuning]] = []
-    said: list[str] = []
-    critical: tuple = ()
-    while limits_of(task) and not result.interrupted:
+    attempts: list[Tuning] = []
+    sentences: list[str] = []
+    followed: tuple = ()
+    while not result.interrupted:
         try:
-            result = checked_between(train, result, rpm, task, accuracy)
+            result = checked_between(question, result)
         except KeyboardInterrupt:  # the design is there, though not checked
             return dataclasses.replace(result, interrupted=True, stopped=BY_USER)
-        after = result.checked["after"]
-        over = exceeded(task, after)
-        candidates.append((worst_share(task, after), result))
-        fresh = _fresh(critical, result.train, after, over)
-        if not fresh or len(candidates) > ROUNDS:
+        attempts.append(result)
+        excesses = exceeded(task, result.checked["after"])
+        peaks = _new_peaks(followed, result.train, rpm, excesses)
+        if not peaks or len(attempts) > ROUNDS:
             break
-        said += [shown_excess(one, rpm) for one in over]
-        critical += fresh
-        before = result.checked.get("before")
-        if before is not None:
-            critical += _fresh(critical, train, before, exceeded(task, before))
-        more = [task.unbounded(result.train), *_across(train, result.train, rpm, task, accuracy)]
-        result, _ = tuned(more=more, critical=critical, history=result.history)
-    if not candidates:
+        sentences += [excess.sentence(rpm) for excess in excesses]
+        followed += peaks
+        if "before" in result.checked:
+            followed += _new_peaks(followed, question.train, rpm, exceeded(task, result.checked["before"]))
+        more = [task.unbounded(result.train), *_across(question, result.train)]
+        result, _ = tuned(more=more, critical=followed, history=result.history)
+    if not attempts:
         return result
-    _, best = min(candidates, key=lambda pair: pair[0])
-    went_on = {"history": result.history, "interrupted": result.interrupted, "stopped": result.stopped}
-    return dataclasses.replace(best, **went_on, followed=tuple(said))
+    best = min(attempts, key=lambda attempt: worst_share(task, attempt.checked["after"]))
+    stopped = result.stopped
+    if sentences and exceeded(task, best.checked["after"]):
+        rounds = f"{len(attempts) - 1} round{'s' * (len(attempts) > 2)}"
+        stopped += f"; a limit is still exceeded after {rounds} at speeds between those asked for"
+    last = {"history": result.history, "interrupted": result.interrupted, "stopped": stopped}
+    return dataclasses.replace(best, **last, followed=tuple(sentences))
 
 
-def _fresh(critical, train, checked, over):
-    """What is to be followed of limits exceeded and is not yet."""
-    known = [one.name for one in critical]
-    fresh = {}
-    for *_, speed in over:
-        peak = near(speed, train, checked.rpm)
+def _new_peaks(followed, train, rpm, excesses):
+    """What is to be followed of limits exceeded by a train and is not yet ``followed``."""
+    known, new = {each.name for each in followed}, {}
+    for excess in excesses:
+        peak = near(excess.rpm, train, rpm, known)
         if peak.name not in known:
-            fresh[peak.name] = peak
-    return tuple(fresh.values())
+            new[peak.name] = peak
+    return tuple(new.values())
 
 
-def _across(train, design, rpm, task, accuracy):
+def _across(question, design):
     """The z ``(P,)`` of the best of some designs that have one number elsewhere within its bounds, if it is better."""
-    if not is_linear(train):  # a look at so many designs would take as long as the tuning
+    if not is_linear(question.train):  # a look at so many designs would take as long as the tuning
         return []
-    z = task.unbounded(design)
-    tried = [z]
-    for k in range(len(z)):
-        tried += [np.where(np.arange(len(z)) == k, place, z) for place in ACROSS]
-    shares = []
-    for one in tried:
-        checked = check_between(train.replace(task.named(one)), rpm, task, **accuracy)
-        shares.append(worst_share(task, checked) if checked.solved.all() else np.inf)
-    best = int(np.argmin(shares))
+    own_z = question.task.unbounded(design)
+    numbers = np.arange(len(own_z))
+    tried = [own_z, *(np.where(numbers == number, place, own_z) for number in numbers for place in ACROSS)]
+    best = int(np.argmin([_share_of(question, z) for z in tried]))
     return [tried[best]] if best else []
+
+
+def _share_of(question, z):
+    """The largest reading over its limit of the design z, at and between the speeds; inf where one is not solved."""
+    checked = question.checked(question.train.replace(question.task.named(z)))
+    return worst_share(question.task, checked) if checked.solved.all() else np.inf
 
 
 def _result(train, rpm, evaluator, descent, first, best, stopped, interrupted):
@@ -283,7 +296,7 @@ def _result(train, rpm, evaluator, descent, first, best, stopped, interrupted):
         stopped=stopped,
         interrupted=interrupted,
     )
-    return made, np.array([np.nanmax(after.readings[label(one)]) for one in task.objectives])
+    return made, np.array([np.nanmax(after.readings[label(chosen)]) for chosen in task.objectives])
 
 
 def _check_numbers(train, optimizer, steps, starts, seed, peaks, widths):

@@ -14,7 +14,7 @@ from tolerances import GRADIENT, PATHS
 import jaxhb
 from jaxhb.balance.plan import Request
 from jaxhb.design import Objective, Parameter, Penalty, evaluation
-from jaxhb.design.descent import Descent, best_of
+from jaxhb.design.descent import Descent, Rules, best_of
 
 
 def optimum(case):
@@ -249,8 +249,8 @@ class Bowl:
 
 
 def descended(optimizer, on_step=lambda step: None, evaluator=None):
-    given = {"rate": 0.4, "widths": (0.1,), "improvement": 1e-6, "patience": 3}
-    descent = Descent(evaluator or Bowl(), optimizer, **given, on_step=on_step)
+    rules = Rules(optimizer, rate=0.4, widths=(0.1,), improvement=1e-6, patience=3)
+    descent = Descent(evaluator or Bowl(), rules, on_step=on_step)
     return descent, *descent.run(np.array([[0.0, -0.5], [0.3, 0.2]]), 20)
 
 

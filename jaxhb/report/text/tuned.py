@@ -14,6 +14,8 @@ from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.strength import AID
 from jaxhb.train.changes import declared_field, locate
 
+LARGER = 0.02  # share by which a value between the speeds exceeds those at them before a sentence says so
+MANY = 12  # speeds that are listed
 SAME_MOTION = 0.02
 """Difference of a force, torque or angle from which the steady state is told as another motion than the orbit tuned."""
 
@@ -108,12 +110,33 @@ def tuned_parts(train, asked, result):
     robust = [_robust_table(asked, result)] if result.robust else []
     between = [_between_table(asked, result)] if result.checked else []
     followed = [_followed_text(result.followed)] if result.followed else []
+    peaks = _peaks_between(asked, rpm, result) if result.checked else []
     limits = _limits_exceeded(asked, rpm, result)
-    return ["\n".join(head), parameters, quantities, *between, *robust, *followed, *limits]
+    return ["\n".join(head), parameters, quantities, *between, *robust, *followed, *peaks, *limits]
+
+
+def _peaks_between(asked, rpm, result):
+    """Sentences on the last design: readings that are larger between the speeds asked for, and speeds there without a
+    solution."""
+    checked, said = result.checked["after"], []
+    for chosen, name, _, after in _readings(asked, result):
+        if chosen.quantity in OF_DESIGN or not np.isfinite(after).any() or _lower_alone(chosen):
+            continue
+        value, speed = checked.worst(name)
+        at_grid, place = np.nanmax(after), int(np.nanargmax(after))
+        if value > (1 + LARGER) * at_grid:
+            most = f"{shown_value(chosen, value)} at {speed:.4g} rpm"
+            said.append(f"{name} {most}, not {shown_value(chosen, at_grid)} as at {rpm[place]:g} rpm")
+    told = [f"LARGER between the speeds asked for: {'; '.join(said)}. Give more speeds there."] if said else []
+    lost = np.setdiff1d(checked.rpm[~checked.solved], rpm)
+    if len(lost):
+        shown = f"{', '.join(f'{speed:.5g}' for speed in lost[:MANY])}{', ...' * (len(lost) > MANY)} rpm"
+        told.append(f"NOT solved between the speeds, and left out of what is told of them: {shown}.")
+    return told
 
 
 def _between_table(asked, result):
-    """The readings over which a tuning has limits, or which it made small, at their worst between the speeds, too."""
+    """All readings of responses at their worst, between the speeds, too."""
     rows = []
     for chosen, name, *_ in _readings(asked, result):
         if chosen.quantity not in OF_DESIGN:
@@ -125,7 +148,7 @@ def _between_table(asked, result):
                 rows[-1] += [count(factor * value), f"{at:.4g}"] if checked else [NONE, NONE]
             rows[-1].append(_limit(chosen) or NONE)
     looked = len(result.checked["after"].rpm)
-    title = f"The same between the speeds, at the critical speeds of each design, too ({looked} speeds of the last one)"
+    title = f"The same between the speeds, too ({looked} speeds of the last design)"
     return from_rows(title, ["quantity, worst over the speeds", "before", "at rpm", "after", "at rpm", "limit"], rows)
 
 
@@ -178,7 +201,8 @@ def _limits_exceeded(asked, rpm, result):
             said.append(f"{name} is {shown_value(chosen, value)}{where}, {_limit(chosen) or 'at most 1'}")
     if said:
         return [f"NOT within its limits: {'; '.join(said)}."]
-    return ["Within its limits, between the speeds too."] if checked else []
+    limited = any(most_of(chosen) is not None for chosen, *_ in _readings(asked, result))
+    return ["Within its limits, between the speeds too."] if checked and limited else []
 
 
 def _readings(asked, result):
@@ -201,9 +225,13 @@ def _worst(rpm, values, chosen):
     values = np.atleast_1d(np.asarray(values, dtype=float))
     if not np.isfinite(values).any():
         return np.nan, np.nan
-    lower = getattr(chosen, "least", None) is not None and getattr(chosen, "most", None) is None
-    place = int((np.nanargmin if lower else np.nanargmax)(values))
+    place = int((np.nanargmin if _lower_alone(chosen) else np.nanargmax)(values))
     return float(values[place]), float(rpm[place])
+
+
+def _lower_alone(chosen):
+    """Whether only a lower limit is set."""
+    return getattr(chosen, "least", None) is not None and getattr(chosen, "most", None) is None
 
 
 def shown_value(chosen, value):
