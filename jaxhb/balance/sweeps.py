@@ -1,0 +1,218 @@
+"""Periodic motion by sweeps: march one cycle, correct what its steps did wrong, repeat.
+
+Harmonic balance asks for ``F(l) = l - l_lin + G phi(l) = 0`` (:mod:`jaxhb.equations.condensation`). A sweep marches one
+cycle under a corrected linear motion b in place of l_lin, from the state s at hand:
+
+    l = P(b, s),     b <- b - (F(l) - J(s_end - s)),     s <- s_end.
+
+``J(s_end - s)`` is the free motion in a cycle that does not close, known mode by mode: without it F(l) would be
+transient as well as error of the steps, and sweeps would run away where a mode lives for many cycles. At a fixed point
+``s_end = s``, hence ``F(l) = 0``: the cycle closes and harmonic balance holds, whatever the march does wrong. The march
+is a nonlinear preconditioner (defect correction); solving and settling are one thing.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxhb._program import Program
+from jaxhb.balance.march import (
+    InstantSolve,
+    MarchModes,
+    StepWeights,
+    TeethLaw,
+    complex_modes,
+    march_cycle,
+    real_pairs,
+    step_weights,
+)
+from jaxhb.equations import backlash, condensation, fourier
+from jaxhb.integration.step import force_on_flank, with_rate
+
+STEPS = tuple(2**k for k in range(9, 15))  # of a cycle that are offered: each is a program
+STEPS_PER_PERIOD = 5.5  # of the fastest mode in which teeth move
+MOVES = 0.05  # share of the acceleration of a mesh under its force from which teeth move in a mode
+NEAR_NYQUIST = 24  # harmonics next to half the steps that a march does not resolve
+SAMPLES_PER_STEP = 3  # of the law in the residual
+MOST_SWEEPS = 12
+FEWEST_SWEEPS = 3
+NOTHING = 1e-8
+
+
+@dataclass(frozen=True)
+class SweepPlan:
+    """What a sweep is compiled for: steps K of a cycle, and how phi of an instant is found."""
+
+    steps: int
+    instant: InstantSolve = InstantSolve()
+
+    @property
+    def harmonics(self) -> int:
+        """N of the deflections."""
+        return self.steps // 2 - NEAR_NYQUIST
+
+    @property
+    def samples(self) -> int:
+        """M, at which the residual takes the law."""
+        return SAMPLES_PER_STEP * self.steps
+
+
+def steps_for(modes: MarchModes, frequency: float) -> int:
+    """Steps of a cycle that resolve the modes in which teeth move, one of STEPS."""
+    meshes = modes.forcing.shape[1]
+    accelerated = np.abs(modes.observation[meshes:].T * modes.forcing)
+    moves = (accelerated > MOVES * accelerated.sum(axis=0)).any(axis=1)
+    fastest = np.abs(modes.rates[moves]).max(initial=0.0)
+    wanted = STEPS_PER_PERIOD * fastest / frequency
+    return next((steps for steps in STEPS if steps >= wanted), STEPS[-1])
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SweepEquation:
+    """A train at one speed, ready for sweeps.
+
+    equation : CondensedEquation of the active meshes with N harmonics; modes; weights of its steps; teeth; free :
+    complex ``(2, m, N+1)``, harmonics of a mode and of its conjugate in a cycle that ends off by 1; motion rows of the
+    variation of the stiffness ``(K, G)``, None where none varies.
+    """
+
+    equation: condensation.CondensedEquation
+    modes: MarchModes
+    weights: StepWeights
+    teeth: TeethLaw
+    free: jax.Array
+    variation: jax.Array | None
+
+    def rows(self, deflection, steps):
+        """(l, l') ``(steps, 2G)`` of coefficients ``(G, N+1)``."""
+        return fourier.synthesize(with_rate(deflection, self.equation.frequency), steps).T
+
+    def free_motion(self, jump):
+        """J ``(G, N+1)`` m of a state that ends off by ``jump`` ``(2m,)``."""
+        observed = self.modes.deflections * complex_modes(jump)
+        return (observed @ self.free[0] + observed.conj() @ self.free[1]) / 2
+
+
+def sweep_equation(equation, modes: MarchModes, plan: SweepPlan) -> SweepEquation:
+    """The :class:`SweepEquation` of a CondensedEquation with ``plan.harmonics``."""
+    dt = 2 * jnp.pi / equation.frequency / plan.steps
+    decay = jnp.exp(modes.rates * dt)
+    both = jnp.stack([decay, decay.conj()])[:, :, None]
+    back = jnp.exp(-2j * jnp.pi * jnp.arange(plan.harmonics + 1) / plan.steps)
+    return SweepEquation(
+        equation=equation,
+        modes=modes,
+        weights=step_weights(modes, dt),
+        teeth=TeethLaw(equation.law, equation.viscous, equation.contact_damping),
+        free=1 / (both * back - 1) / plan.steps,
+        variation=None if equation.variation is None else fourier.sample(equation.variation, plan.steps).T,
+    )
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SweepPoint:
+    """What a sweep begins with: b ``(G, N+1)`` m, in place of the linear motion; state ``(2m,)`` of the modes and force
+    phi ``(G,)`` N at the beginning of the cycle."""
+
+    linear: jax.Array
+    state: jax.Array
+    force: jax.Array
+
+
+def first_point(sweeps: SweepEquation) -> SweepPoint:
+    """All teeth on their drive sides."""
+    linear, modes = sweeps.equation.linear, sweeps.modes
+    force = force_on_flank(sweeps.equation.law, linear)
+    at_rest = -(modes.forcing @ force) / modes.rates
+    return SweepPoint(linear, real_pairs(at_rest) - sweeps.weights.late @ force, force)
+
+
+def sweep(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
+    """The next :class:`SweepPoint`, and the deflections ``(G, N+1)`` m of the cycle marched."""
+    rows = sweeps.rows(point.linear, plan.steps)
+    given = sweeps.modes, sweeps.weights, sweeps.teeth
+    start = point.state, point.force
+    marched, state, force = march_cycle(*given, *start, rows, sweeps.variation, plan.instant)
+    deflection = fourier.analyze(marched.T, plan.harmonics)
+    missed = sweeps.equation.residual(deflection, plan.samples)
+    transient = sweeps.free_motion(state - point.state)
+    return SweepPoint(point.linear - (missed - transient), state, force), deflection
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Settled:
+    """Where sweeps ended: point; deflection ``(G, N+1)`` m; sweeps, how many were taken; change of the deflection in
+    the last one over :func:`~jaxhb.balance.newton.deflection_scale`; error, size of F likewise."""
+
+    point: SweepPoint
+    deflection: jax.Array
+    sweeps: jax.Array
+    change: jax.Array
+    error: jax.Array
+
+
+def force_size(equation, deflection):
+    """Root mean square of deflections ``(G, N+1)`` times the stiffness of their meshes, N, the largest."""
+    size = jnp.linalg.norm(fourier.pack(deflection), axis=-1)
+    return jnp.max(size * jnp.abs(equation.law.stiffness), initial=0.0)
+
+
+def vibration_size(equation, deflection):
+    """:func:`force_size` without the means; a rounding of what the gap carries where nothing vibrates."""
+    rounding = NOTHING * jnp.max(equation.law.stiffness * equation.law.backlash, initial=0.0)
+    return force_size(equation, deflection.at[:, 0].set(0.0)) + rounding
+
+
+def settle(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, goal, most) -> Settled:
+    """Sweeps until the deflections change by ``goal`` or less, at most ``most``.
+
+    The first sweep, and no other, corrects nothing: it forgets what the start has of no motion of the train.
+    """
+    equation = sweeps.equation
+
+    def one(carry):
+        count, point, before, _ = carry
+        following, deflection = sweep(sweeps, point, plan)
+        linear = jnp.where(count == 0, point.linear, following.linear)
+        change = force_size(equation, deflection - before) / vibration_size(equation, before)
+        return count + 1, SweepPoint(linear, following.state, following.force), deflection, change
+
+    def unsettled(carry):
+        count, _, _, change = carry
+        return (count < FEWEST_SWEEPS) | ((count < most) & (change > goal) & jnp.isfinite(change))
+
+    begin = jnp.array(0), point, equation.linear, jnp.array(jnp.inf)
+    count, point, deflection, change = lax.while_loop(unsettled, one, begin)
+    missed = equation.residual(deflection, plan.samples)
+    error = force_size(equation, missed) / vibration_size(equation, deflection)
+    return Settled(point, deflection, count, change, error)
+
+
+def settled_from_flank(equation, modes: MarchModes, plan: SweepPlan, goal, most) -> Settled:
+    """:func:`settle` of a CondensedEquation with N harmonics, from teeth on their drive sides."""
+    sweeps = sweep_equation(equation, modes, plan)
+    return settle(sweeps, first_point(sweeps), plan, goal, most)
+
+
+def unclosed(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
+    """Point less what a sweep makes of it, and the deflections ``(G, N+1)`` m.
+
+    Modes that no force changes close at once: the jump of each over 1 - exp(rate T).
+    """
+    following, deflection = sweep(sweeps, point, plan)
+    period = 2 * jnp.pi / sweeps.equation.frequency
+    jump = complex_modes(following.state - point.state)
+    closed = jump / jnp.expm1(sweeps.modes.rates * period)
+    left = SweepPoint(point.linear - following.linear, real_pairs(closed), point.force - following.force)
+    return left, deflection
+
+
+settle_program = Program(settled_from_flank, static_argnames="plan")
+equation_program = Program(sweep_equation, static_argnames="plan")
+unclosed_program = Program(unclosed, static_argnames="plan")
