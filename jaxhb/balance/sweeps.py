@@ -38,6 +38,7 @@ MOVES = 0.05  # share of the acceleration of a mesh under its force from which t
 NEAR_NYQUIST = 24  # harmonics next to half the steps that a march does not resolve
 SAMPLES_PER_STEP = 3  # of the law in the residual
 MOST_SWEEPS = 12
+HARDLY = 0.2  # share of its rate that teeth which part change of a mode that they hardly strain
 FEWEST_SWEEPS = 3
 NOTHING = 1e-8
 
@@ -76,8 +77,10 @@ class SweepEquation:
     """A train at one speed, ready for sweeps.
 
     equation : CondensedEquation of the active meshes with N harmonics; modes; weights of its steps; teeth; free :
-    complex ``(2, m, N+1)``, harmonics of a mode and of its conjugate in a cycle that ends off by 1; motion rows of the
-    variation of the stiffness ``(K, G)``, None where none varies.
+    equation : CondensedEquation of the active meshes with N harmonics; modes; weights of its steps; teeth; free :
+    complex ``(2, m, N+1)``, harmonics of a mode and of its conjugate in a cycle that ends off by 1; closing : complex
+    ``(m,)``, by how many times the jump of a cycle a mode goes on to the next one; variation : rows ``(K, G)`` of the
+    stiffness over its mean, less 1, None where none varies.
     """
 
     equation: condensation.CondensedEquation
@@ -85,6 +88,7 @@ class SweepEquation:
     weights: StepWeights
     teeth: TeethLaw
     free: jax.Array
+    closing: jax.Array
     variation: jax.Array | None
 
     def rows(self, deflection, steps):
@@ -109,8 +113,22 @@ def sweep_equation(equation, modes: MarchModes, plan: SweepPlan) -> SweepEquatio
         weights=step_weights(modes, dt),
         teeth=TeethLaw(equation.law, equation.viscous, equation.contact_damping),
         free=1 / (both * back - 1) / plan.steps,
+        closing=closing_of(modes, equation.law, equation.frequency),
         variation=None if equation.variation is None else fourier.sample(equation.variation, plan.steps).T,
     )
+
+
+def closing_of(modes: MarchModes, law, frequency):
+    """By how many times its jump in a cycle each mode ``(m,)`` goes on to the next cycle.
+
+    Once, as the train does. A mode that teeth hardly strain is free of their forces: it closes at once by
+    1 / (1 - exp(rate T)) times, and does not take hundreds of cycles to settle as the train on a soft ground does.
+    """
+    # First-order change of a rate where the teeth part: forces fall by their stiffness times the deflection.
+    change = jnp.abs(modes.forcing.T * modes.deflections) * jnp.abs(law.stiffness)[:, None]
+    strained = change.sum(axis=0) > HARDLY * jnp.abs(modes.rates)
+    at_once = -1 / jnp.expm1(modes.rates * 2 * jnp.pi / frequency)
+    return jnp.where(strained, 1.0, at_once)
 
 
 @jax.tree_util.register_dataclass
@@ -140,8 +158,10 @@ def sweep(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
     marched, state, force = march_cycle(*given, *start, rows, sweeps.variation, plan.instant)
     deflection = fourier.analyze(marched.T, plan.harmonics)
     missed = sweeps.equation.residual(deflection, plan.samples)
-    transient = sweeps.free_motion(state - point.state)
-    return SweepPoint(point.linear - (missed - transient), state, force), deflection
+    jump = state - point.state
+    transient = sweeps.free_motion(jump)
+    onward = point.state + real_pairs(sweeps.closing * complex_modes(jump))
+    return SweepPoint(point.linear - (missed - transient), onward, force), deflection
 
 
 @jax.tree_util.register_dataclass
@@ -207,7 +227,7 @@ def unclosed(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
     """
     following, deflection = sweep(sweeps, point, plan)
     period = 2 * jnp.pi / sweeps.equation.frequency
-    jump = complex_modes(following.state - point.state)
+    jump = complex_modes(following.state - point.state) / sweeps.closing
     closed = jump / jnp.expm1(sweeps.modes.rates * period)
     left = SweepPoint(point.linear - following.linear, real_pairs(closed), point.force - following.force)
     return left, deflection
