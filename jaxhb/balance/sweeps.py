@@ -235,4 +235,5 @@ def unclosed(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
 
 settle_program = Program(settled_from_flank, static_argnames="plan")
 equation_program = Program(sweep_equation, static_argnames="plan")
+sweep_program = Program(sweep, static_argnames="plan")
 unclosed_program = Program(unclosed, static_argnames="plan")
