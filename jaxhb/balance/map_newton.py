@@ -51,7 +51,7 @@ class PackedPoint:
 def solve_map(
     sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, *, goal: float, most_marches: int = 400
 ) -> MapSolution:
-    """Newton's method from a point until what is unclosed is ``goal`` of the vibration, as long as steps lead closer."""
+    """Newton's method from a point until ``goal`` of the vibration is unclosed, as long as steps lead closer."""
     packing = PackedPoint(sweeps, point)
     marches = 0
 

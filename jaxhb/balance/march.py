@@ -165,8 +165,8 @@ class InstantSolve:
 def march_cycle(modes: MarchModes, weights: StepWeights, teeth: TeethLaw, state, force, motion, variation, instant):
     """One cycle from ``state`` ``(2m,)`` and phi ``force`` ``(G,)`` N at its beginning.
 
-    motion : ``(K, 2G)``, rows of (b, b') at each of K steps; variation : ``(K, G)`` of the stiffness, or None; instant :
-    :class:`InstantSolve`. Gives deflections ``(K, G)`` m at the steps, and state and force at the end.
+    motion : ``(K, 2G)``, rows of (b, b') at each of K steps; variation : ``(K, G)`` of the stiffness, or None. Gives
+    deflections ``(K, G)`` m at the steps, and state and force at the end.
     """
     meshes = len(force)
     observed = jnp.concatenate([modes.observation.real, -modes.observation.imag], axis=1)

@@ -3,12 +3,14 @@
 Harmonic balance asks for ``F(l) = l - l_lin + G phi(l) = 0`` (:mod:`jaxhb.equations.condensation`). A sweep marches one
 cycle under a corrected linear motion b in place of l_lin, from the state s at hand:
 
-    l = P(b, s),     b <- b - (F(l) - J(s_end - s)),     s <- s_end.
+    l = P(b, s),     b <- b - (F(l) - J(s_end - s)),     s <- s + closing (s_end - s).
 
 ``J(s_end - s)`` is the free motion in a cycle that does not close, known mode by mode: without it F(l) would be
-transient as well as error of the steps, and sweeps would run away where a mode lives for many cycles. At a fixed point
-``s_end = s``, hence ``F(l) = 0``: the cycle closes and harmonic balance holds, whatever the march does wrong. The march
-is a nonlinear preconditioner (defect correction); solving and settling are one thing.
+transient as well as error of the steps, and sweeps would run away where a mode lives for many cycles. ``closing`` is 1,
+so that sweeps settle as the train does, except for modes that teeth hardly strain: these close at once, by
+``1 / (1 - exp(rate T))``, and a train on a soft ground takes a few sweeps in place of hundreds of cycles. At a fixed
+point ``s_end = s``, hence ``F(l) = 0``: harmonic balance holds, whatever the march does wrong. The march is a nonlinear
+preconditioner (defect correction); solving and settling are one thing.
 """
 
 from dataclasses import dataclass
@@ -29,7 +31,7 @@ from jaxhb.balance.march import (
     real_pairs,
     step_weights,
 )
-from jaxhb.equations import backlash, condensation, fourier
+from jaxhb.equations import condensation, fourier
 from jaxhb.integration.step import force_on_flank, with_rate
 
 STEPS = tuple(2**k for k in range(9, 15))  # of a cycle that are offered: each is a program
@@ -37,10 +39,9 @@ STEPS_PER_PERIOD = 5.5  # of the fastest mode in which teeth move
 MOVES = 0.05  # share of the acceleration of a mesh under its force from which teeth move in a mode
 NEAR_NYQUIST = 24  # harmonics next to half the steps that a march does not resolve
 SAMPLES_PER_STEP = 3  # of the law in the residual
-MOST_SWEEPS = 12
-HARDLY = 0.2  # share of its rate that teeth which part change of a mode that they hardly strain
+HARDLY = 0.05  # share of the rate of a mode by which teeth that part change it at most if they hardly strain it
 FEWEST_SWEEPS = 3
-NOTHING = 1e-8
+NOTHING = 1e-8  # of what the gap carries: a vibration that is rounding
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,8 @@ class SweepEquation:
     """A train at one speed, ready for sweeps.
 
     equation : CondensedEquation of the active meshes with N harmonics; modes; weights of its steps; teeth; free :
-    equation : CondensedEquation of the active meshes with N harmonics; modes; weights of its steps; teeth; free :
     complex ``(2, m, N+1)``, harmonics of a mode and of its conjugate in a cycle that ends off by 1; closing : complex
-    ``(m,)``, by how many times the jump of a cycle a mode goes on to the next one; variation : rows ``(K, G)`` of the
-    stiffness over its mean, less 1, None where none varies.
+    ``(m,)``, of :func:`closing_of`; variation : rows ``(K, G)`` of the stiffness over its mean, less 1, None of none.
     """
 
     equation: condensation.CondensedEquation
@@ -119,12 +118,12 @@ def sweep_equation(equation, modes: MarchModes, plan: SweepPlan) -> SweepEquatio
 
 
 def closing_of(modes: MarchModes, law, frequency):
-    """By how many times its jump in a cycle each mode ``(m,)`` goes on to the next cycle.
+    """How many times the jump in its cycle each mode ``(m,)`` goes on to the next cycle.
 
-    Once, as the train does. A mode that teeth hardly strain is free of their forces: it closes at once by
-    1 / (1 - exp(rate T)) times, and does not take hundreds of cycles to settle as the train on a soft ground does.
+    Once, as the train does, or if teeth hardly strain the mode as often as closes it under forces that stay what they
+    are. Where teeth decide what a mode does, that would lead away from the motion that the train comes to.
     """
-    # First-order change of a rate where the teeth part: forces fall by their stiffness times the deflection.
+    # First-order change of a rate by teeth that part: their force falls by stiffness times deflection.
     change = jnp.abs(modes.forcing.T * modes.deflections) * jnp.abs(law.stiffness)[:, None]
     strained = change.sum(axis=0) > HARDLY * jnp.abs(modes.rates)
     at_once = -1 / jnp.expm1(modes.rates * 2 * jnp.pi / frequency)
@@ -192,7 +191,7 @@ def vibration_size(equation, deflection):
 def settle(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, goal, most) -> Settled:
     """Sweeps until the deflections change by ``goal`` or less, at most ``most``.
 
-    The first sweep, and no other, corrects nothing: it forgets what the start has of no motion of the train.
+    The first sweep corrects and closes nothing: it forgets what the start has of no motion of the train.
     """
     equation = sweeps.equation
 
@@ -221,16 +220,9 @@ def settled_from_flank(equation, modes: MarchModes, plan: SweepPlan, goal, most)
 
 
 def unclosed(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
-    """Point less what a sweep makes of it, and the deflections ``(G, N+1)`` m.
-
-    Modes that no force changes close at once: the jump of each over 1 - exp(rate T).
-    """
+    """Point less what a sweep makes of it, and the deflections ``(G, N+1)`` m."""
     following, deflection = sweep(sweeps, point, plan)
-    period = 2 * jnp.pi / sweeps.equation.frequency
-    jump = complex_modes(following.state - point.state) / sweeps.closing
-    closed = jump / jnp.expm1(sweeps.modes.rates * period)
-    left = SweepPoint(point.linear - following.linear, real_pairs(closed), point.force - following.force)
-    return left, deflection
+    return jax.tree.map(lambda before, after: before - after, point, following), deflection
 
 
 settle_program = Program(settled_from_flank, static_argnames="plan")

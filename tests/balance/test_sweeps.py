@@ -121,7 +121,11 @@ def hammering():
     return case_of(pair())
 
 
-@pytest.mark.parametrize("name", TRAINS)
+FAST = ("damping in contact", "a gear without inertia", "a stage")
+KINDS = [pytest.param(name, marks=() if name in FAST else pytest.mark.oracle) for name in TRAINS]
+
+
+@pytest.mark.parametrize("name", KINDS)
 def test_sweeps_settle_at_a_solution_of_harmonic_balance(name):
     """Within a few cycles, however long the train on its soft ground takes: some 150 of them."""
     case = case_of(pair(**TRAINS[name]))
@@ -136,6 +140,7 @@ def test_sweeps_settle_at_a_solution_of_harmonic_balance(name):
     assert not apart[0].all()
 
 
+@pytest.mark.oracle
 def test_newtons_method_finds_the_same_motion(hammering):
     """It takes the law at 16 samples a harmonic and sweeps at 6: kinks of the law make that 1e-5 here."""
     response = jaxhb.solve(hammering.train, rpm=RPM, harmonics=hammering.plan.harmonics)
@@ -166,6 +171,7 @@ class FinerMarch(SweepPlan):
         return SweepPlan(self.harmonics_of).samples
 
 
+@pytest.mark.oracle
 def test_steps_err_by_their_square():
     """What b differs from the linear motion by is what steps do wrong; under a law that is smooth in a wide zone."""
     case = case_of(pair(mesh={"transition": 1.0}))
@@ -179,7 +185,9 @@ def test_steps_err_by_their_square():
 
 def test_a_cycle_that_does_not_close_is_no_error_of_the_steps():
     """Teeth in contact all cycle: whatever state a sweep begins with, b stays the linear motion to rounding."""
-    case = case_of(pair(mesh={"backlash": 2e-7}, more=[Torque(name="preload", disk="flywheel", mean=400.0)], brake=-800.0))
+    case = case_of(
+        pair(mesh={"backlash": 2e-7}, more=[Torque(name="preload", disk="flywheel", mean=400.0)], brake=-800.0)
+    )
     sweeps = equation_program(case.equation, case.modes, plan=case.plan)
     begin = first_point(sweeps)
     disturbed = dataclasses.replace(begin, state=begin.state + np.linspace(-1e-3, 1e-3, len(begin.state)))
