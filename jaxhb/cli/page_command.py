@@ -76,7 +76,9 @@ def report(train, given, rpm, at, orders, gear, plot, certify, tune, html, quiet
     with Progress(runs * len(rpm), quiet=quiet) as progress:
         left = f"no file is written, but what was found is kept; {GOES_ON}"
         cases, place, seconds, *beside = kept.run(compute, lambda: left if kept.folder else "nothing more is written")
-    worst, whole = {"worst_misfire": told.worst_misfire(cases)} if each else {}, True
+    worst, whole = {}, True
+    if each:
+        worst = {"worst_misfire": told.worst_misfire(cases), "worst_misfires": told.worst_misfires(cases)}
     if html:
         from jaxhb.report.page.page import as_page
 

@@ -309,8 +309,8 @@ def full_exhaust_pressure(table: Combustions):
 def power_share(cylinders, rpm):
     """Power [..., nc] of each cylinder over that at full load.
 
-    The most power among the rows of its load has the largest load among them as its share. Without rows a cylinder runs
-    at full load at every speed.
+    The most power among the rows of its load has the largest load among them as its share; above their last speed power
+    is that there. Without rows a cylinder runs at full load at every speed.
     """
     rows, loads = cylinders.load_rpm, cylinders.load_share
     xp = namespace(rows, loads, rpm)
@@ -318,9 +318,10 @@ def power_share(cylinders, rpm):
     given = rows < FAR
     most_power = xp.where(given, rows * loads, 0.0).max(axis=-1)
     most_load = xp.where(given, loads, 0.0).max(axis=-1)
-    load = load_share(cylinders, rpm)
+    last_speed = xp.where(given, rows, 0.0).max(axis=-1)
+    load, speed = load_share(cylinders, rpm), xp.minimum(xp.asarray(rpm, dtype=float)[..., None], last_speed)
     known = most_power > 0.0
-    power = load * xp.asarray(rpm, dtype=float)[..., None] / xp.where(known, most_power, 1.0)
+    power = load * speed / xp.where(known, most_power, 1.0)
     return xp.where(known, most_load * power, load)
 
 

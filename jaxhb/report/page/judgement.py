@@ -4,11 +4,11 @@ import numpy as np
 
 from jaxhb.report.figures.speeds import judged_elements, limit_figure
 from jaxhb.report.page.parts import Heading, flowing, table
-from jaxhb.report.text.cases import hardest_of, worst_misfire
+from jaxhb.report.text.cases import governing_misfires, governing_table, hardest_of, worst_misfire
 from jaxhb.report.text.certified import certificate_parts
 from jaxhb.report.text.columns import NONE, Table, from_rows, plain_number
 from jaxhb.report.text.sentences import firing_lines, misfire_text, notes, warnings
-from jaxhb.report.text.strength import AID, LIMITED, answers_strength, at_same_speed, largest_shares, strength_text
+from jaxhb.report.text.strength import AID, LIMITED, answers_strength, largest_shares, strength_text
 from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.train.plausible import plausibility
 
@@ -138,29 +138,17 @@ def limits(report):
     normal = report.cases[0].title
     if not every[normal]:
         return ["The scene gives no limits: no diameter of a shaft, no rated_torque of a mesh, no power_limit."]
-    blocks, misfires = [], {title: strength for title, strength in every.items() if title != normal}
+    blocks = []
     for case in report.shown:
         parts = strength_text({"": every[case.title]})
         parts = [part if isinstance(part, Table) else flowing(part) for part in parts]
         blocks += [Heading(f"With {case.title}"), *(part for part in parts if part not in blocks)]
-    governing = largest_shares(misfires)
-    if len(misfires) > 1 and governing:
-        blocks += [Heading("Of all misfires"), _worst_misfires(governing, every[normal])]
+    governing = governing_misfires(report.cases)
+    if len(report.cases) > 2 and governing:
+        blocks += [Heading("Of all misfires"), governing_table(report.cases)]
     chosen = judged_elements(every[normal], each=True)[: 2 * MOST] if len(report.rpm) > 1 else []
     for key, name in chosen:
         worst = governing.get((key, name))
         drawn = [normal, worst.case] if worst else [case.title for case in report.shown]
         blocks.append(limit_figure({title: every[title] for title in drawn}, key, name, report.train))
     return blocks
-
-
-def _worst_misfires(governing, normal):
-    """The misfire that governs each element, beside normal running at the same speed."""
-    rows = []
-    for (key, name), worst in governing.items():
-        factor, unit = worst.kind.shown
-        _, before = at_same_speed(worst, key, normal)
-        shares = [f"{worst.share:.2f}", f"{before:.2f}"]
-        rows.append([name, f"{worst.kind.called} {unit}", factor * worst.value, *shares, f"{worst.rpm:g}", worst.case])
-    heads = ["element", "judged", ("worst misfire", "number"), "share of its limit", "without it", "at rpm", "that of"]
-    return from_rows("The misfire with the largest share of the limit, element by element", heads, rows, left=(1, 6))

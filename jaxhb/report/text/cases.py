@@ -247,9 +247,9 @@ def hardest_of(cases):
 def worst_misfire(cases):
     """The misfire that governs, as it is written: with the largest share of a limit, without limits with the largest
     value of all; None where no motion is known."""
-    shares = largest_shares({case.title: answers_strength(case.answers) for case in cases[1:]})
-    if shares:
-        return _worst_of_limits(cases, shares)
+    governing = worst_misfires(cases)
+    if governing:
+        return next(iter(governing.values()))
     found = hardest_of(cases[1:])
     return found and {
         "cylinder": cylinder_of(found.case.title),
@@ -262,28 +262,54 @@ def worst_misfire(cases):
     }
 
 
-def _worst_of_limits(cases, shares):
-    (key, name), worst = next(iter(shares.items()))
-    firing, firing_share = at_same_speed(worst, key, answers_strength(cases[0].answers))
-    of_limit = {"share": worst.share, "firing_share": firing_share, "limit": worst.said}
-    return {
-        "cylinder": cylinder_of(worst.case),
-        "rpm": worst.rpm,
-        "quantity": worst.kind.called,
-        "of": name,
-        "unit": worst.kind.si_unit,
-        "value": worst.value,
-        "firing": firing,
-    } | of_limit
+def worst_misfires(cases):
+    """The misfire that governs each element with a limit, as it is written, by names, the largest share first."""
+    normal, records = answers_strength(cases[0].answers), {}
+    for (key, name), worst in governing_misfires(cases).items():
+        firing, firing_share = at_same_speed(worst, key, normal)
+        record = {
+            "cylinder": cylinder_of(worst.case),
+            "rpm": worst.rpm,
+            "quantity": worst.kind.called,
+            "of": name,
+            "unit": worst.kind.si_unit,
+            "value": worst.value,
+            "firing": firing,
+            "share": worst.share,
+            "firing_share": firing_share,
+            "limit": worst.said,
+        }
+        records.setdefault(name, record)
+    return records
+
+
+def governing_misfires(cases):
+    """The largest share of every limit over all misfires, as :func:`largest_shares`."""
+    return largest_shares({case.title: answers_strength(case.answers) for case in cases[1:]})
+
+
+def governing_table(cases):
+    """The misfire that governs each element with a limit, beside normal running at the same speed; None without."""
+    normal, rows = answers_strength(cases[0].answers), []
+    for (key, name), worst in governing_misfires(cases).items():
+        factor, unit = worst.kind.shown
+        _, before = at_same_speed(worst, key, normal)
+        shares = [f"{worst.share:.2f}", f"{before:.2f}" if math.isfinite(before) else NONE]
+        rows.append([name, f"{worst.kind.called} {unit}", factor * worst.value, *shares, f"{worst.rpm:g}", worst.case])
+    heads = ["element", "judged", ("worst misfire", "number"), "share of its limit", "without it", "at rpm", "that of"]
+    title = "The misfire with the largest share of the limit, element by element"
+    return from_rows(title, heads, rows, left=(1, 6)) if rows else None
 
 
 def misfires_text(cases):
-    """The worst misfire, then per speed what each misfire hits hardest, against normal running."""
+    """The worst misfire and that of each element with a limit, then per speed what each misfire hits hardest, against
+    normal running."""
     worst = worst_misfire(cases)
     parts = [misfire_text(worst, cases[0].title) if worst else "No motion with a misfire is known."]
     parts += firing_lines(*(case.answers[0].train for case in cases))
+    parts += filter(None, [governing_table(cases)])
     parts += [_speed_table(cases, place) for place in range(len(cases[0].answers))]
-    return "\n\n".join([*parts, *_below(cases)])
+    return "\n\n".join([*map(str, parts), *_below(cases)])
 
 
 def _speed_table(cases, place):
