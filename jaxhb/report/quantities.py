@@ -126,6 +126,14 @@ class Quantity:
         """The same without backlash; nan where that has not converged."""
         return self.of([answer.without_backlash for answer in answers], name)
 
+    def spread(self, answer, name):
+        """By how much the number of another record of an irregular motion would differ, in the unit for people; of ""
+        that of the element with the largest number; 0 where that is not known."""
+        if not self.of_signal:
+            return 0.0
+        found = self.signal(answer, name or self.largest(answer)).spread
+        return self.factor * getattr(found, _parts(self.variable)[1], 0.0)
+
     def largest(self, answer):
         """The element with the largest number at one speed; None where nothing is known."""
         return largest(self.names, lambda name: self.read(answer, name))

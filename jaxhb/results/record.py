@@ -39,6 +39,11 @@ class Spread(NamedTuple):
     min: float
     peak: float
 
+    @property
+    def half_peak_to_peak(self) -> float:
+        """That of (largest - smallest) / 2, at most."""
+        return (self.max + self.min) / 2
+
 
 NO_SPREAD = Spread(0.0, 0.0, 0.0)
 

@@ -10,7 +10,19 @@ from jaxhb.design.quantities import label
 from jaxhb.equations import fourier
 from jaxhb.equations.backlash import separated
 from jaxhb.report.figures.draw import drawn
-from jaxhb.report.figures.figure import above, bands, bars, crosses, figure, line, marks, plain, speed_range, top_of
+from jaxhb.report.figures.figure import (
+    above,
+    bands,
+    bars,
+    crosses,
+    figure,
+    line,
+    marks,
+    plain,
+    speed_range,
+    spread_bars,
+    top_of,
+)
 from jaxhb.report.quantities import forces, gear_torques, shaft_torques
 from jaxhb.report.selection import meshes_of, subject_of, train_name
 from jaxhb.report.text.columns import plain_number
@@ -22,6 +34,7 @@ SAMPLES = 4320
 
 PANEL = 130  # pixels, the height of a panel
 MOST_TICKS = 12  # steps of an axis of angles, whose numbers have up to five digits
+FOOT = 0.012  # width of a bar, as a share of the recorded cycles
 SPIKES = 3  # cycles up to which every sample is drawn; of longer periods as many points in all
 
 
@@ -120,6 +133,9 @@ def _record(answer, rows):
         for style, (said, values, width) in enumerate(levels):
             x, y = np.tile([1, len(cycles), np.nan], len(values)), np.repeat(factor * np.array(values, float), 3)
             traces.append(line(x, y, said, style, look={"width": width}, **more))
+        extremes, spread = np.array([after.max, after.min]), np.array([after.spread.max, after.spread.min])
+        at = np.array([np.argmax(after.highest), np.argmin(after.lowest)]) + 1
+        traces += spread_bars(at, factor * extremes, factor * spread, FOOT * len(cycles), **more)
     said = ", extremes of every recorded cycle; the motion never repeats"
     return said, "recorded cycle", len(cycles) + 1.0, traces, ()
 

@@ -167,6 +167,24 @@ def bars(x, low, high, name, *, panel=0, look=None, **more):
     return line(*ends, name, panel=panel, look=look, **more)
 
 
+OTHER_RECORDS = "of other such records: two standard deviations up and down"
+
+
+def spread_bars(x, values, spread, width, **more):
+    """Bars with feet of ``width`` at values of irregular motions, to where those of other records as long may lie, in a
+    list; none where no spread is known."""
+    known = np.flatnonzero(np.asarray(spread) > 0)
+    if not len(known):
+        return []
+    x, values, spread = (np.asarray(column, float)[known] for column in (x, values, spread))
+    gap, left, right = np.full(len(x), np.nan), x - width / 2, x + width / 2
+    high, low = values + spread, values - spread
+    across = np.stack([left, right, gap, x, x, gap, left, right, gap], axis=-1)
+    up = np.stack([high, high, gap, high, low, gap, low, low, gap], axis=-1)
+    look = {"color": "black", "dash": "solid", "width": 1.4}
+    return [line(across.ravel(), up.ravel(), OTHER_RECORDS, look=look, hoverinfo="skip", **more)]
+
+
 def marks(x, y, name, symbol, *, panel=0, size=8, color="black", **more):
     """Points over x."""
     own = {"type": "scatter", "mode": "markers", "x": numbers(x), "y": numbers(y), "name": name}

@@ -21,6 +21,7 @@ from jaxhb.report.figures.figure import (
     plain,
     rings,
     speed_range,
+    spread_bars,
 )
 from jaxhb.report.orders import order_names
 from jaxhb.report.quantities import forces, separation, shaft_torques, shown_unit
@@ -89,6 +90,7 @@ def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
     axis = speed_range(places)
     if quantity.called == "tooth force" and names[0]:
         traces += _cycles(quantity, names, cases, BESIDE * (axis[1] - axis[0]))
+    traces += _spread(quantity, names, cases, 2 * BESIDE * (axis[1] - axis[0]))
     unconfirmed = [(a.place, value) for a, value in seen if a.unconfirmed]
     traces += rings(*zip(*unconfirmed, strict=True)) if unconfirmed else []
     traces += kind_keys(*(case.answers for case in cases))
@@ -99,16 +101,31 @@ def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
 
 def _cycles(quantity, names, cases, beside):
     """Bars from 5 to 95 % of the largest forces of a cycle, of motions that never repeat; one mesh beside the other."""
-    answers = [answer for case in cases for answer in case.answers]
     rows = [
         (answer.place + beside * number, *quantity.factor * np.asarray(answer.force(name).per_cycle.peak)[[0, 2]])
         for number, name in enumerate(names)
-        for answer in answers
-        if answer.answered and answer.state.kind == "irregular"
+        for answer in _irregular(cases)
     ]
     look = {"color": "#555555", "dash": "solid", "width": 5}
     said = "5 to 95 % of the cycles"
     return [bars(*np.transpose(rows), said, look=look, opacity=0.45, hoverinfo="skip")] if rows else []
+
+
+def _irregular(cases):
+    """Answers whose motion never repeats."""
+    answers = (answer for case in cases for answer in case.answers)
+    return [answer for answer in answers if answer.answered and answer.state.kind == "irregular"]
+
+
+def _spread(quantity, names, cases, width):
+    """Bars to where the numbers of other records of motions that never repeat may lie, in a list."""
+    answers = _irregular(cases)
+    rows = [
+        (answer.place, quantity.factor * quantity.read(answer, name), quantity.spread(answer, name))
+        for name in names
+        for answer in answers
+    ]
+    return spread_bars(*np.transpose(rows), width) if rows else []
 
 
 def plot_tolerance(spread):
