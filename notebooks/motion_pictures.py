@@ -157,7 +157,7 @@ def plot_branch(branch, mesh=None):
     ``mesh`` is by default the one with the largest force.
     """
     topology, moduli = branch.train.topology, np.abs(branch.multiplier)
-    mesh = mesh or topology.mesh_names[int(np.argmax(_branch_peaks(branch).max(axis=0)))]
+    mesh = mesh or topology.mesh_names[int(np.argmax(branch.largest_force.max(axis=0)))]
     traces = branch_traces(branch, mesh)
     panels = [("largest tooth force, kN", top_of(traces)), ("modulus of the multiplier", None)]
     traces.append(line(branch.value, moduli, "critical multiplier", 3, panel=1, look={"dash": "solid", "width": 0.9}))
@@ -195,7 +195,7 @@ def plot_multipliers(rpm, stabilities):
 
 def branch_traces(branch, mesh):
     """Largest forces of a branch in kN as lines, solid where stable, with its special points on them."""
-    peaks = _branch_peaks(branch)[:, branch.train.topology.mesh_names.index(mesh)]
+    peaks = branch.largest_force[:, branch.train.topology.mesh_names.index(mesh)] / 1e3
     at, special = [point.after for point in branch.special], branch.special
     shares = [_share(point, *branch.value[point.after : point.after + 2]) for point in special]
     marked = np.array([peaks[k] + share * (peaks[k + 1] - peaks[k]) for k, share in zip(at, shares, strict=True)])
@@ -215,11 +215,6 @@ def branch_traces(branch, mesh):
         x = [point.value for point in special if point.kind == kind]
         traces.append(marks(x, marked[own], kind, f"{POINTS[kind]}-open"))
     return traces
-
-
-def _branch_peaks(branch):
-    """Largest absolute tooth forces in kN ``(P, M)``."""
-    return np.maximum(branch.largest_force, -branch.smallest_force) / 1e3
 
 
 def _share(point, before, after):

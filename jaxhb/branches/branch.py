@@ -22,6 +22,7 @@ from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.floquet.stability import stability
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.answers import need_solved
+from jaxhb.results.motion import drive_sense
 from jaxhb.results.response import Response
 from jaxhb.results.status import NotConverged
 from jaxhb.solutions import continuation, planning
@@ -58,6 +59,24 @@ def response_at(curve, plan, y):
     return solve_once(train, rpm, problem_at(train, rpm, curve.plan.excited), plan, given)[0]
 
 
+def extremes(response):
+    """Columns of a branch on the teeth, of every mesh: none depends on which of its gears is named first."""
+    names = response.topology.mesh_names
+    forces, deflections = [response.force(name) for name in names], [response.deflection(name) for name in names]
+    senses = [drive_sense(response, name) for name in names]
+
+    def of_all(signals, extreme, opposite):
+        pairs = zip(signals, senses, strict=True)
+        return [getattr(s, extreme) if sense > 0 else -getattr(s, opposite) for s, sense in pairs]
+
+    return {
+        "largest_deflection": of_all(deflections, "max", "min"),
+        "smallest_deflection": of_all(deflections, "min", "max"),
+        "largest_force": [force.peak for force in forces],
+        "smallest_force": of_all(forces, "min", "max"),
+    }
+
+
 @dataclass(frozen=True)
 class Point:
     """A point of a branch: its row of the table by column; y and tangent of its curve, the multipliers of its teeth."""
@@ -71,11 +90,7 @@ class Point:
     def at(cls, curve, plan, y, tangent):
         """The point with its row."""
         response = response_at(curve, plan, y)
-        found, row = stability(response), {"value": curve.value(y)}
-        for quantity in ("deflection", "force"):
-            signals = [getattr(response, quantity)(name) for name in response.topology.mesh_names]
-            row[f"largest_{quantity}"] = [signal.max for signal in signals]
-            row[f"smallest_{quantity}"] = [signal.min for signal in signals]
+        found, row = stability(response), {"value": curve.value(y)} | extremes(response)
         row |= {"multiplier": found.critical, "stable": found.stable}
         row["truncation_error"] = float(response.truncation_error)
         return cls(row, y, tangent, found.multipliers[~found.rotation])
@@ -155,8 +170,9 @@ class Branch:
     ----------
     parameter : "rpm" or "NAME.FIELD"
     value : ``(P,)`` of the parameter, in its unit
-    largest_deflection, smallest_deflection : ``(P, M)`` m
-    largest_force, smallest_force : ``(P, M)`` N, transmitted tooth forces
+    largest_deflection, smallest_deflection : ``(P, M)`` m, positive as the teeth deflect under their mean force
+    largest_force : ``(P, M)`` N, largest absolute tooth force
+    smallest_force : ``(P, M)`` N, positive where the gear drives that does so on the whole
     multiplier : complex ``(P,)``, the critical one of :class:`~jaxhb.Stability`
     stable : bool ``(P,)``
     truncation_error : ``(P,)``, as of a response

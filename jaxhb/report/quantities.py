@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxhb.report.selection import largest, turning_disks
 from jaxhb.results.dataset import OF_ELEMENTS, SIGNALS, names_of as element_names
+from jaxhb.results.motion import drive_sense as sense_of_motion
 
 SHOWN_UNITS = {
     "N": (1e-3, "kN"),
@@ -35,19 +36,10 @@ def unit_of(variable):
     return (SIGNALS | OF_ELEMENTS)[signal][-2]
 
 
-ROUNDING = 1e-9  # share of the peak below which a mean is none
-
-
 def drive_sense(answer, name):
-    """Sign by which people read the force or torque of a mesh, shaft or damper, so that it does not depend on which of
-    its ends the scene names first: that of the mean; without a mean positive where the disk drives that stands first
-    in the scene."""
-    motion, topology = answer if answer.known else answer.linear, answer.topology
-    signal = motion.force(name) if name in topology.mesh_names else motion.torque(name)
-    mean, (first, second) = float(signal.mean), topology.link_ends[topology.link_index(name)[0]]
-    if abs(mean) > ROUNDING * float(signal.peak):
-        return 1 if mean > 0 else -1
-    return 1 if first < second else -1
+    """Sign by which people read the force or torque of a link of an answer (:func:`jaxhb.results.motion.drive_sense`),
+    where nothing is known that of the linear motion."""
+    return sense_of_motion(answer if answer.known else answer.linear, name)
 
 
 def number_for_people(answer, name, variable):

@@ -11,6 +11,21 @@ ContactOf = TypeVar("ContactOf")
 NumberOf = TypeVar("NumberOf")
 
 
+ROUNDING = 1e-9  # share of the peak below which a mean is none
+
+
+def drive_sense(motion: Any, name: str) -> int:
+    """Sign by which people read the force or torque of a mesh, shaft or damper, so that it does not depend on which of
+    its ends the scene names first: that of the mean; without a mean positive where the disk drives that stands first
+    in the scene."""
+    topology = motion.topology
+    signal = motion.force(name) if name in topology.mesh_names else motion.torque(name)
+    mean, (first, second) = float(signal.mean), topology.link_ends[topology.link_index(name)[0]]
+    if abs(mean) > ROUNDING * float(signal.peak):
+        return 1 if mean > 0 else -1
+    return 1 if first < second else -1
+
+
 class Motion(Generic[SignalOf, ContactOf, NumberOf]):
     """Readers by name; what extends it says in ``_read`` what a quantity of the disk, gear, link or mesh ``index`` is,
     of a twist of two disks, times ``sense``."""

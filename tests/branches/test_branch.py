@@ -1,6 +1,8 @@
 """Branches through folds: the chain of public harmonic-balance codes against dense equations written down in numpy."""
 
+import shutil
 from functools import cache
+from pathlib import Path
 
 import chain_task
 import numpy as np
@@ -12,7 +14,7 @@ from scipy.optimize import root
 from trains import ONE_RADIAN_PER_SECOND, Pair, pair_train
 
 import jaxhb
-from jaxhb.branches.branch import BranchOptions
+from jaxhb.branches.branch import BranchOptions, extremes
 
 PUBLISHED = chain_task.published()["main_folds_w_S3"]
 
@@ -113,6 +115,23 @@ def test_points_are_solutions_of_the_harmonic_equations():
     assert np.abs(left).max() < 1e-9
     assert abs(response.deflection("m1", "m2").max - branch.largest_deflection[number, 0]) < 1e-6
     assert abs(response.force("m1", "m2").max - branch.largest_force[number, 0]) < 1e-6
+
+
+def test_columns_of_a_branch_do_not_depend_on_which_gear_is_named_first(tmp_path):
+    """A pair that hammers, its driven gear named second and first: forces are of either sign, columns the same."""
+    pair, twin = "gear a|gear b", "gear b|gear a"
+    packaged = Path(jaxhb.__path__[0], "scene", "scenes")
+    shutil.copy(packaged / "spur_pair_omega_squared.csv", tmp_path)
+    text = (packaged / "spur_pair.toml").read_text(encoding="utf-8")
+    assert 'between = ["gear a", "gear b"]' in text
+    (tmp_path / "twin.toml").write_text(text.replace('["gear a", "gear b"]', '["gear b", "gear a"]'), encoding="utf-8")
+    loaded = jaxhb.load_scene("spur_pair"), jaxhb.load_scene(tmp_path / "twin.toml")
+    response, reversed_response = (jaxhb.solve(train, rpm=5000.0, harmonics=192) for train in loaded)
+    assert response.force(pair).mean > 0 > reversed_response.force(twin).mean
+    columns, reversed_columns = extremes(response), extremes(reversed_response)
+    assert columns["largest_force"] == [response.force(pair).peak]
+    for name, values in columns.items():
+        assert reversed_columns[name] == pytest.approx(values, rel=1e-6), name
 
 
 def test_a_number_of_the_train_is_followed_at_one_speed():

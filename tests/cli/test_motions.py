@@ -7,8 +7,9 @@ import jaxhb
 from jaxhb.report.compute import Asked, answer_one, answer_speeds
 from jaxhb.report.figures import cycle, speeds
 from jaxhb.report.figures.cycle import plot_cycle
-from jaxhb.report.figures.figure import DIGITS
+from jaxhb.report.figures.figure import DIGITS, OTHER_RECORDS
 from jaxhb.report.figures.speeds import plot_sweep
+from jaxhb.report.quantities import gear_torques, separation
 from jaxhb.report.text.sweep_tables import sweep_text
 
 MESH = "gear a|gear b"
@@ -160,6 +161,31 @@ def test_the_picture_of_an_irregular_motion_shows_the_distribution_over_the_cycl
     traces = figures_of(plot_sweep, {"up": [answer]})[0].traces
     (bars,) = [one for one in traces if one["name"] == "5 to 95 % of the cycles"]
     assert bars["x"] == [6000.0, 6000.0, None] and bars["y"][:2] == pytest.approx([low, high], rel=digits)
+
+
+def test_pictures_of_an_irregular_motion_show_how_far_other_records_may_lie(answers, figures_of):
+    """Bars with feet, 2 standard deviations up and down, at the largest force and at the extremes of a record."""
+    answer, digits = answers[IRREGULAR], {"rtol": 10.0 ** (1 - DIGITS)}
+    force, torque = answer.force(MESH), answer.gear_torque("gear a")
+    assert force.spread.peak > 0.01 * force.peak
+    traces = figures_of(plot_sweep, {"up": [answer]})[0].traces
+    (bar,) = [trace for trace in traces if trace["name"] == OTHER_RECORDS]
+    ends = np.array([bar["y"][4], bar["y"][3]]) * 1e3
+    np.testing.assert_allclose(ends, force.peak + np.array([-1, 1]) * force.spread.peak, **digits)
+    assert bar["x"][3:5] == [6000.0, 6000.0] and bar["x"][0] < 6000.0 < bar["x"][1]
+    extremes, _ = figures_of(plot_cycle, answer)
+    bars = [trace for trace in extremes.traces if trace["name"] == OTHER_RECORDS]
+    assert [trace["showlegend"] for trace in bars] == [True, False]
+    for signal, factor, trace in zip((torque, force), (1.0, 1e3), bars, strict=True):
+        upper, lower = np.reshape(np.array(trace["y"], float) * factor, (2, 9))
+        np.testing.assert_allclose(upper[[4, 3]], signal.max + np.array([-1, 1]) * signal.spread.max, **digits)
+        np.testing.assert_allclose(lower[[4, 3]], signal.min + np.array([-1, 1]) * signal.spread.min, **digits)
+        assert trace["x"][3] == 1 + np.argmax(signal.highest) and trace["x"][12] == 1 + np.argmin(signal.lowest)
+    gears = gear_torques(answer.train)
+    assert gears.spread(answer, "gear a") == (torque.spread.max + torque.spread.min) / 2
+    assert separation(answer.train).spread(answer, MESH) == 0.0
+    periodic = figures_of(plot_sweep, {"up": [answers[PERIODIC]]})[0].traces
+    assert OTHER_RECORDS not in [trace["name"] for trace in periodic]
 
 
 def test_what_is_not_known_exits_1_with_the_reason_and_no_numbers(told):

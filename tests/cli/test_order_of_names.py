@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from reference_data import text_of
 
+import jaxhb
 from jaxhb.report.figures import draw
 from jaxhb.results.record import RecordedSignal
 
@@ -55,6 +56,10 @@ COMMANDS = (
     ("two engines", "solve --rpm 300", "plot"),
     ("two engines", "sweep --rpm 350 --over turn.angle=0:360:3 --scenario all", ""),
     ("two engines", "holzer --hz 5", "plot"),
+    ("two engines", "identify measured.csv --fit line.stiffness=5e5:2e6", "plot"),
+    ("hammering", "sweep --rpm 1500,4000 --direction both", "plot"),
+    ("hammering", "forced --rpm 1500,4000 --misfire each", "plot"),
+    ("hammering", "campbell --rpm 1000:9000 --misfire each", "plot"),
 )
 
 
@@ -90,12 +95,28 @@ def same_for_people(text, twin):
     assert different == []
 
 
+def write_measured(path, scene):
+    """Orders of the propeller's speed with a softer line shaft, as they are measured."""
+    response = jaxhb.forced_response(
+        jaxhb.load_scene(scene).replace({"line.stiffness": 9e5}), rpm=[250.0, 300.0, 350.0]
+    )
+    speed, lines = response.speed("propeller"), ["rpm,order,element,quantity,amplitude,phase"]
+    for place, rpm in enumerate(response.rpm):
+        for order in (2.0, 4.0, 6.0):
+            k = list(speed.orders).index(order)
+            amplitude, phase = speed.amplitudes[place, k], speed.phases_deg[place, k]
+            lines.append(f"{rpm},{order},propeller,speed,{amplitude:.12g},{phase:.12g}")
+    path.write_text("\n".join(lines), encoding="utf-8")
+
+
 @pytest.mark.parametrize(("train", "command", "file"), COMMANDS)
 def test_what_people_read_does_not_depend_on_which_end_of_a_link_is_named_first(
     scenes, drawn, run, monkeypatch, tmp_path, train, command, file
 ):
     monkeypatch.chdir(tmp_path)
     word, _, options = command.partition(" ")
+    if "measured" in options:
+        write_measured(tmp_path / "measured.csv", scenes[train][0])
     told, figures, pages = [], [], []
     for path in scenes[train]:
         called = run(f"{word} {path} {options}", *filter(None, [file]))

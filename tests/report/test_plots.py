@@ -76,7 +76,8 @@ def test_a_train_without_teeth_shows_its_hardest_shaft_and_over_the_speed_both_m
 
 
 def test_the_bars_of_several_meshes_stand_beside_each_other():
-    cycles = SimpleNamespace(per_cycle=SimpleNamespace(peak=np.array([1e3, 2e3, 3e3])), peak=3e3)
+    spread = SimpleNamespace(peak=0.0)
+    cycles = SimpleNamespace(per_cycle=SimpleNamespace(peak=np.array([1e3, 2e3, 3e3])), peak=3e3, spread=spread)
     topology = SimpleNamespace(mesh_names=("a|b", "b|c"), mesh_backlash=(0.0, 0.0))
     irregular = {"state": SimpleNamespace(kind="irregular"), "answered": True, "force": lambda mesh: cycles}
     irregular |= {"axis": SPEED, "train": SimpleNamespace(topology=topology), "topology": topology}

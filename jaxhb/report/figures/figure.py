@@ -167,7 +167,7 @@ def bars(x, low, high, name, *, panel=0, look=None, **more):
     return line(*ends, name, panel=panel, look=look, **more)
 
 
-OTHER_RECORDS = "of other such records: two standard deviations up and down"
+OTHER_RECORDS = "other records, +- 2 deviations"
 
 
 def spread_bars(x, values, spread, width, **more):
@@ -181,7 +181,7 @@ def spread_bars(x, values, spread, width, **more):
     high, low = values + spread, values - spread
     across = np.stack([left, right, gap, x, x, gap, left, right, gap], axis=-1)
     up = np.stack([high, high, gap, high, low, gap, low, low, gap], axis=-1)
-    look = {"color": "black", "dash": "solid", "width": 1.4}
+    look = {"color": "#ef6c00", "dash": "solid", "width": 2.2}
     return [line(across.ravel(), up.ravel(), OTHER_RECORDS, look=look, hoverinfo="skip", **more)]
 
 

@@ -11,10 +11,10 @@ from jaxhb.equations.fourier import sample
 from jaxhb.equations.kinematics import referred, tooth_damping_ratios
 from jaxhb.excitation.gas import charge_pressures, load_share
 from jaxhb.excitation.mean_torques import mean_torques
-from jaxhb.report.quantities import ROUNDING
 from jaxhb.report.text.columns import NONE, Table, fixed, from_rows
 from jaxhb.report.text.mean_torques import torque_notes, torques_of
 from jaxhb.report.text.sentences import firing_lines, once_alike
+from jaxhb.results.motion import ROUNDING
 from jaxhb.train import connections
 from jaxhb.train.plausible import plausibility
 
