@@ -5,6 +5,7 @@ A map of the package; ``help(jaxhb.solve)`` and the like have units, shapes, err
 =====================  ==============================================================================================
 a train                load_scene, scene_names, build from Disk, Shaft, Mesh, Damper, Engine, ...; DriveTrain.replace
 one speed              solve (a Response), check, linear_response, forced_response, plan, gradient_and_error
+the equations          harmonic_residual (A(x) and its Jacobian), block_sweep (a Newton step)
 many speeds            solve_speeds, misfire_each, cut_off_each, follow (a branch through its folds)
 what the train does    steady_state; stability, solve_all, lift_off
 linear                 natural_frequencies, damped_modes, campbell, holzer_table, at_mean_load, frequency_response

@@ -2,6 +2,11 @@
 
 from ._program import cache_programs as cache_programs
 from .balance.derivative import gradient_and_error as gradient_and_error
+from .balance.harmonic_residual import (
+    HarmonicResidual as HarmonicResidual,
+    block_sweep as block_sweep,
+    harmonic_residual as harmonic_residual,
+)
 from .balance.plan import Plan as Plan
 from .branches.branch import Branch as Branch, BranchOptions as BranchOptions, follow as follow
 from .branches.lift_off import LiftOff as LiftOff, lift_off as lift_off

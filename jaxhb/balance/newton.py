@@ -15,8 +15,6 @@ from jax import lax
 
 from jaxhb.balance import correction
 from jaxhb.equations import backlash, fourier, iterations
-from jaxhb.equations.block_sweep import block_sweep
-from jaxhb.equations.residual import link_blocks, node_blocks, residual_of
 
 KRYLOV_STEPS = 60  # of a Newton step at most
 RENEW_ABOVE = 12  # krylov steps of a Newton step above which the preconditioner is made anew
@@ -202,7 +200,7 @@ def solve_reduced(reduced, model, start, *, samples, time_steps, tolerance, max_
     return newton(evaluate, prepare, direction, norm, start, **goal, renew_above=RENEW_ABOVE)
 
 
-def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, max_steps):
+def solve_chain(balance, start, *, tolerance, max_steps):
     """Newton on all disks, each step one block sweep over the tree, from packed displacements ``(S, 2N+1)``: Iterate,
     deflections ``(L, N+1)`` of all links.
 
@@ -210,32 +208,19 @@ def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, m
     to the largest force in the balance, of light loads to theirs (:func:`deflection_scale`). A tree is needed: the
     caller refuses closed loops.
     """
-    # The sweep counts from the leaves: arms of the node and of its parent, whichever end of the link they are at.
-    tree = system.tree
-    near = jnp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
-    far = jnp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
-    node = node_blocks(system, frequency, load.shape[-1] - 1)
-    # A floating train turns freely at the mean: its root is held there, by a spring that no balanced load strains.
-    hold = jnp.where(system.floating, 1.0, 0.0)
-    root = tree.node[-1]
-    node = node.at[root, 0, 0].add(hold)
-    driven, gap = jnp.linalg.norm(fourier.pack(load)), 2 * jnp.max(backlash.offset(meshes.law), initial=0.0)
+    driven = jnp.linalg.norm(fourier.pack(balance.load))
+    gap = 2 * jnp.max(backlash.offset(balance.meshes.law), initial=0.0)
     scale = driven + jnp.where(driven > 0, jnp.minimum(gap, LIGHT * driven), gap)
     # Deflections are unknowns beside the displacements: they change by what a sweep finds of them, without the digits
     # that their differences lose in a train that turns far as one.
-    first = jnp.concatenate([start, fourier.pack(system.deflections(fourier.unpack(start)))])
+    first = jnp.concatenate([start, balance.deflections(start)])
     disks = len(start)
 
     def evaluate(packed):
-        value = residual_of(packed[:disks], packed[disks:], system, meshes, frequency, load, samples)
-        return value.at[root, 0].add(hold * packed[root, 0])
+        return balance.residual_at(packed[:disks], packed[disks:])
 
     def direction(_, packed, value, error, forcing):
-        blocks = link_blocks(packed[disks:], system, meshes, frequency, samples)[tree.link]
-        x, apart, _ = block_sweep(tree.parent, near, far, blocks, node[tree.node], value[tree.node])
-        apart = jnp.where(tree.from_a, 1.0, -1.0)[:, None] * apart
-        change = jnp.zeros_like(packed).at[tree.node].set(x)
-        return change.at[disks + tree.link[:-1]].set(apart[:-1]), 1
+        return jnp.concatenate(balance.sweep(packed[disks:], value)), 1
 
     def norm(value):
         return jnp.linalg.norm(value) / scale

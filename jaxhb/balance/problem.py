@@ -9,6 +9,7 @@ from jaxhb._jax import Array, namespace
 from jaxhb.equations import backlash, condensation, dynamic_stiffness, fourier
 from jaxhb.equations.backlash import MeshParameters, all_meshes
 from jaxhb.equations.reduced_model import reduced_model
+from jaxhb.equations.residual import ForceBalance
 from jaxhb.excitation.torques import excitation, listed_harmonic, load_power_kW
 from jaxhb.results.response import Fields
 from jaxhb.train import chain
@@ -80,6 +81,18 @@ def reduced_equation(problem, harmonics, active_meshes):
     chosen = jax.tree.map(lambda a: jnp.asarray(a)[active_meshes.index], meshes)
     given = problem.system, problem.frequency, load, harmonics, meshes, chosen, active_meshes.mask
     return condensation.condense(*given)
+
+
+def force_balance(problem, harmonics, samples):
+    """The :class:`~jaxhb.equations.residual.ForceBalance` on all disks, every mesh with its whole law."""
+    return ForceBalance(
+        system=problem.system,
+        meshes=problem.meshes,
+        frequency=problem.frequency,
+        load=fourier.resize(problem.load, harmonics),
+        rigid=problem.rigid,
+        samples=samples,
+    )
 
 
 def model_of(problem, active_meshes, time_steps):

@@ -22,6 +22,7 @@ from jaxhb.balance.plan import check_plan
 from jaxhb.balance.problem import (
     Problem,
     fields,
+    force_balance,
     force_defect,
     held_in_contact,
     model_of,
@@ -198,18 +199,10 @@ def marched(reduced, model, time_steps, cycles, periodicity_tolerance):
 
 def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
     """Newton on all disks by the block sweep; meshes held on a flank follow the whole law here."""
-    system, meshes = problem.system, problem.meshes
+    meshes = problem.meshes
     displacement, _ = condensed.combine(reduced.nonlinear_force_coefficients(start, plan.samples))
-    iterate, deflection = solve_chain(
-        system,
-        meshes,
-        problem.frequency,
-        fourier.resize(jnp.asarray(problem.load), displacement.shape[-1] - 1),
-        fourier.pack(displacement),
-        samples=plan.samples,
-        tolerance=1e-13,
-        max_steps=plan.max_steps,
-    )
+    balance = force_balance(problem, displacement.shape[-1] - 1, plan.samples)
+    iterate, deflection = solve_chain(balance, fourier.pack(displacement), tolerance=1e-13, max_steps=plan.max_steps)
     teeth = backlash.less_error(meshes, deflection[meshes.link])
     return teeth[active_meshes.index] * active_meshes.mask[:, None], iterate
 

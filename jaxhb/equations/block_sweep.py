@@ -6,10 +6,10 @@ the dynamic stiffness and ``psi`` the load collected at the node, elimination of
     f = pi - Y x_p,    Y = beta C (P + alpha^2 C)^{-1} P,    pi = alpha C (P + alpha^2 C)^{-1} psi.
 
 Unlike the textbook recursion, ``Y`` is exactly zero for a part that nothing holds: a soft ground costs no digits, and
-link forces are no differences of displacements. The scalar sweep treats every harmonic at once; the block sweep dense
-blocks that couple all harmonics (Newton's matrix along a chain). Source: Fridman 2009, (10)-(12), in the form of
-Moliboshko's equivalent transformation; forces of all branches of a node add in ``P`` and ``psi``, which is what a
-fictitious node of Fridman's numbering does.
+link forces are no differences of displacements. The scalar sweep treats every harmonic at once; the matrix sweep dense
+blocks that couple all harmonics (Newton's matrix along a chain, :func:`jaxhb.block_sweep`). Source: Fridman 2009,
+(10)-(12), in the form of Moliboshko's equivalent transformation; forces of all branches of a node add in ``P`` and
+``psi``, which is what a fictitious node of Fridman's numbering does.
 """
 
 import heapq
@@ -115,7 +115,7 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
     return jnp.concatenate([below, root[None]]), jnp.concatenate([force, jnp.zeros_like(root)[None, kept]])
 
 
-def block_sweep(parent, near, far, link, node, load):
+def matrix_sweep(parent, near, far, link, node, load):
     """The same elimination with matrices C and P: ``parent`` as of :func:`slots`, ``link`` and ``node`` ``(S, P, P)``.
 
     Gives displacements ``(S, P)`` under ``load`` ``(S, P)``, deflections ``(S, P)`` of the links to the parents, zero

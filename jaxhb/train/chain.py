@@ -56,7 +56,8 @@ class Tree:
     node : ``(S,)`` disk of each position; parent : ``(S,)`` position of the parent, S at the root;
     slots : of the sweep; link : ``(S,)`` link to the parent, 0 at the root; from_a : ``(S,)`` whether the node is the
     link's first end; loops : ``(n,)`` links outside the tree; end_a, end_b : ``(L,)`` disks that each link joins;
-    condensation : what is left of it between the teeth, if that is known.
+    condensation : what is left of it between the teeth, if that is known; pinned : bool ``(L,)``, the links that hold
+    the mean of what hangs on them where they have no stiffness, if that is known.
     """
 
     node: np.ndarray
@@ -68,6 +69,7 @@ class Tree:
     end_a: np.ndarray
     end_b: np.ndarray
     condensation: Condensation | None = None
+    pinned: np.ndarray | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -141,7 +143,22 @@ def span(topology):
     root = topology.ground_disk[0] if topology.ground_disk else 0
     tree = span_links(ends, disks, root)
     teeth = {disk for pair in (*topology.mesh_ends, *(ends[link] for link, *_ in topology.springs)) for disk in pair}
-    return dataclasses.replace(tree, condensation=condense_chains(tree, root, teeth))
+    condensation = condense_chains(tree, root, teeth)
+    return dataclasses.replace(tree, condensation=condensation, pinned=_pinned(topology, tree))
+
+
+def _pinned(topology, tree):
+    """Whether each link ``(L,)`` is that of a damper whose ring hangs on it alone, with no spring beside it."""
+    ends, first = topology.link_ends, len(topology.shaft_names)
+    sprung = {link for link, kind, _ in topology.springs if kind != "friction"}
+
+    def hangs(link):
+        hub, ring = ends[link]
+        others = neighbours(ends, topology.n_disks, [link]) if len(tree.loops) else None
+        return others is None or ring not in {disk for disk, *_ in breadth_first(others, hub)}
+
+    dampers = range(first, first + len(topology.damper_names))
+    return np.isin(np.arange(len(ends)), [link for link in dampers if link not in sprung and hangs(link)])
 
 
 def condense_chains(tree, root, teeth):

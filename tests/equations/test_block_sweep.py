@@ -7,10 +7,10 @@ from reference_data import complex_numbers, method_case, numbers
 from tolerances import ALGEBRAIC
 
 from jaxhb.equations import fourier
-from jaxhb.equations.block_sweep import block_sweep, scalar_sweep, slots
+from jaxhb.equations.block_sweep import matrix_sweep, scalar_sweep, slots
 
 solve = jax.jit(scalar_sweep)
-sweep_blocks = jax.jit(block_sweep)
+sweep_blocks = jax.jit(matrix_sweep)
 
 SIZES = (2, 5, 9, 13)
 """Few sizes, for each is compiled once."""
@@ -61,7 +61,7 @@ def test_sweep_equals_dense_solve_on_random_trees_with_any_arms(size):
             assert relative_error(found, wanted) < ALGEBRAIC
 
 
-def test_block_sweep_with_toeplitz_links_equals_dense_solve():
+def test_matrix_sweep_with_toeplitz_links_equals_dense_solve():
     draw = np.random.default_rng(200)
     size, harmonics, width = 7, 3, 7
     for _ in range(15):
@@ -85,7 +85,7 @@ def test_block_sweep_with_toeplitz_links_equals_dense_solve():
         assert 0 < quality <= 1
 
 
-def test_block_sweep_tells_when_a_pivot_breaks_down_though_the_whole_matrix_is_regular():
+def test_matrix_sweep_tells_when_a_pivot_breaks_down_though_the_whole_matrix_is_regular():
     # docs/theory A2: node 1 with its upper node held is at parametric resonance, m = 1, b = 0.1, c = 1 + a cos 2t
     m, b, a = 1.0, 0.1, 0.200109342148869
     harmonics = 8
