@@ -33,12 +33,17 @@ FITTED = """\
 Exit status: 0 done; 1 no cylinder alone explains the measurements, or too few speeds have an answer; 2 bad input
 (nothing is written); 3 an error in the program."""
 
-STATUS = """\
+ANSWERED = """\
 Exit status: 0 every speed has its answer: the kind of motion is known, and the harmonic solution of a periodic one is
 within its limits (residual and truncation error); what is "not confirmed by harmonic balance" is known from recorded
 cycles, an answer that a ? marks; 1 a speed has none (files are still written); 2 bad input (nothing is written); 3 an
-error in the program. With --orbit: 0 converged at all speeds, 1 not; an unstable orbit is reported. A scene whose mean
-torques do not balance is bad input (2). If --set unbalances a scene, it is reported as such (1)."""
+error in the program. """
+
+BALANCED = """\
+A scene whose mean torques do not balance is bad input (2). If --set unbalances a scene, it is reported as such (1)."""
+
+SEARCHED = ANSWERED + BALANCED
+STATUS = f"{ANSWERED}With --orbit: 0 converged at all speeds, 1 not; an unstable orbit is reported. {BALANCED}"
 
 
 def main(argv=None):
@@ -282,7 +287,8 @@ def solve():
 @option("--full", "amplitudes of all orders in the JSON and NetCDF files (default: none, and those excited)")
 @option(
     "--over NAME.FIELD=A:B:COUNT",
-    "go over a number of the scene at the one speed of --rpm: from A to B in COUNT steps, or V1,V2,..., SI units",
+    "go over a number of the scene at the one speed of --rpm: COUNT values from A to B, equally far apart, or"
+    " V1,V2,..., SI units",
     over,
 )
 @option("--out DIR", "keep what is found in this folder for good (default: until the sweep is done)", to="folder")
@@ -328,7 +334,7 @@ def report():
     """
 
 
-@command(STATUS, "tune engine_with_damper --plot tuned.png")
+@command(SEARCHED, "tune engine_with_damper --plot tuned.png")
 @options.SCENE_OF_TUNING
 @option("--rpm A:B:COUNT", "speeds instead of those of the [tune] table, rpm: A:B:COUNT or R1,R2,...", read_speeds)
 @option("--optimizer {lbfgs,adam}", "default: lbfgs", ("lbfgs", "adam"))
@@ -343,7 +349,7 @@ def report():
 @option("--tolerance T", "as in solve (default 0.01)", share)
 @option("--output FILE.toml", "the tuned scene (default: SCENE_tuned.toml here)")
 @option("--json FILE", "parameters, readings, history (default: as --output, .json)")
-@option("--plot FILE.png", "draw the response before and after and the history")
+@options.plot("the response before and after and the history")
 def tune():
     """Find the dampers (or any numbers) that cure it, by gradient.
 
@@ -354,7 +360,7 @@ def tune():
 
 
 @command(
-    STATUS,
+    SEARCHED,
     "tolerance my_engine.toml --rpm 800:2400:17 --samples 200 --plot tolerance.png",
     'tolerance my_engine.toml --rpm 1800 --of "tooth force of crank gear|idler" --csv worst.csv',
 )

@@ -212,7 +212,7 @@ SCENE = together(
 
 RPM = option(
     "--rpm A:B:COUNT",
-    "speeds of the reference rotor, rpm: from A to B in COUNT equal steps, or a list R1,R2,...",
+    "speeds of the reference rotor, rpm: COUNT from A to B, equally far apart, or a list R1,R2,...",
     read_speeds,
     required=True,
 )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxhb.report.selection import largest, turning_disks
+from jaxhb.report.text.columns import plain_number
 from jaxhb.results.dataset import OF_ELEMENTS, SIGNALS, names_of as element_names
 from jaxhb.results.motion import drive_sense as sense_of_motion
 
@@ -108,7 +109,7 @@ class Quantity:
 
     def said(self, value):
         """A number in SI in words for people."""
-        return f"{self.factor * value:.4g} {self.unit}"
+        return f"{plain_number(self.factor * value)} {self.unit}"
 
     def of(self, answers, name):
         """Of every answer in the unit for people, nan where there is none to rely on."""

@@ -148,7 +148,7 @@ _NO_MEAN = ("harmonics", "gas_torque", "firing_angle", "reciprocating_mass", "am
 def names_of(names, indices, most: int = 8) -> str:
     """List names for a sentence."""
     listed = ", ".join(shown(names[i]) for i in indices[:most])
-    return listed + (f", … ({len(indices)} disks)" if len(indices) > most else "")
+    return listed + (f", … ({len(indices)} in all)" if len(indices) > most else "")
 
 
 def unheld(source, names, *, links, static, ground, loaded, main: int) -> list[str]:

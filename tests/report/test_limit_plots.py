@@ -78,8 +78,8 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
     assert (shaded["x0"], shaded["x1"]) == (one.low, one.high)
     # Thousands of N m are told in kN m, in the caption and in the title of the axis too.
     assert told(tooth, "vibratory torque", 1e-3 * rated.vibratory) and told(tooth, "a third of the rated torque", 0.5)
-    assert tooth.caption == "pinion - wheel: vibratory torque against its limits, kN m"
-    assert heat.caption == "ring: heat against its limits, W"  # nearer to its limit than the coupling
+    assert tooth.caption == "pinion - wheel: vibratory torque against its limit, kN m"
+    assert heat.caption == "ring: heat against its limit, W"  # nearer to its limit than the coupling
     assert told(heat, "heat", wanted.heat["ring"].power)
     # Of more elements than have room: those with limits.
     for names in (["coupling"], ["coupling", "engine", "pinion", "wheel", "propeller"]):

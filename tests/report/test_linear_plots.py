@@ -80,6 +80,8 @@ def test_the_picture_has_the_residual_and_its_zeros():
     changes = curve.get_xdata()[:-1][np.diff(np.sign(curve.get_ydata())) != 0]
     assert zero.get_xdata() == pytest.approx([hz], rel=1e-4) and changes == pytest.approx([hz], abs=1.0)
     assert asked.get_xdata()[0] == 400.0
+    below = plot_holzer(train, [(None, jaxhb.holzer_table(train, hz=100.0))], {1: hz})
+    assert [text.get_text() for text in below.axes[0].get_legend().get_texts()] == ["residual", "frequency asked for"]
 
 
 def test_ticks_of_holzers_residual_are_decades_beyond_the_linear_part_and_0():

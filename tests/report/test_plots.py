@@ -11,7 +11,7 @@ from jaxhb.report.answer import SPEED, Answer, Case
 from jaxhb.report.compute import Asked, answer_one, answer_speeds
 from jaxhb.report.figures.cycle import cycle_figure, in_the_gap, plot_cycle
 from jaxhb.report.figures.draw import drawn
-from jaxhb.report.figures.figure import DIGITS, above, bands, figure, line, marks
+from jaxhb.report.figures.figure import DIGITS, MOTIONS, above, bands, figure, line, marks
 from jaxhb.report.figures.speeds import BESIDE, over_speed, plot_sweep, tolerance_figures
 from jaxhb.report.quantities import Quantity
 from jaxhb.report.selection import subject_of
@@ -151,6 +151,31 @@ def test_thousands_are_told_in_the_next_larger_unit_panel_by_panel():
     )
     # The traces that were given stay as they are.
     assert traces[0]["y"] == [12000.0, -3.0]
+
+
+def test_tiny_numbers_are_told_in_a_smaller_unit_so_that_an_axis_shows_more_than_zeros():
+    tiny = line([0.0, 1.0], [8.7e-9, 3e-9], "force"), line([0.0, 1.0], [2e-8, 0.0], "angle", panel=1)
+    made = figure("two panels", "rpm", [("force, kN", (0.0, 1e-8)), ("angle, deg", None)], tiny)
+    titles = [made.layout[name]["title"]["text"] for name in ("yaxis", "yaxis2")]
+    assert titles == ["force, 1e-6 N", "angle, 1e-9 deg"]
+    assert [trace["y"] for trace in made.traces] == [[8.7, 3.0], [20.0, 0.0]]
+    assert made.layout["yaxis"]["range"] == pytest.approx([0.0, 10.0])
+    assert figure("a - b, kN", "rpm", "force, kN", tiny[:1]).caption == "a - b, 1e-6 N"
+    for axes in drawn(made).axes:
+        axes.figure.canvas.draw()
+        assert len({text.get_text() for text in axes.get_yticklabels()}) == len(axes.get_yticklabels())
+
+
+def test_numbers_of_one_speed_are_marked_and_told_apart_without_colour():
+    names = "half peak-to-peak", "limit", "sum of amplitudes"
+    made = figure("", "rpm", "torque, N m", [line([500.0], [1.0 + k], name, k) for k, name in enumerate(names)])
+    symbols = {trace["marker"]["symbol"] for trace in made.traces}
+    assert len(symbols) == len(names) and not symbols & {symbol for symbol, _ in MOTIONS.values()}
+    shown = drawn(made).axes[0].get_lines()
+    assert len({one.get_marker() for one in shown}) == len(names) and "None" not in {one.get_marker() for one in shown}
+    # A point between gaps is reached by no line either; where every point has another beside it there are no marks.
+    assert line([1.0, 2.0, 3.0], [1.0, np.nan, 2.0], "gap")["mode"] == "lines+markers"
+    assert line([1.0, 2.0, 3.0], [1.0, 2.0, np.nan], "line")["mode"] == "lines"
 
 
 def test_a_title_longer_than_its_panel_is_high_stands_in_rows_with_room_beside_the_numbers():

@@ -173,13 +173,13 @@ def plot_tuning(objectives, result):
         traces += crosses(result.rpm[~(result.before.solved | result.after.solved)])
         figures.append(figure(plain(name), "speed, rpm", said, traces, x_range=axis))
     steps, values = zip(*((step.number, step.objective) for step in result.history), strict=True)
-    traces = [line(steps, values, "objective, 1 at the start", 1, mode="lines+markers")]
+    traces = [line(steps, values, "objective", 1, mode="lines+markers")]
     panels = [("objective", top_of(traces))]
     sharper = [one.number + 0.5 for one, after in pairwise(result.history) if after.width != one.width]
     if sharper:
         low, high = np.broadcast_to(panels[0][1], (len(sharper), 2)).T
         traces.append(bars(sharper, low, high, "smooth maximum sharpened", look={"color": "grey", "dash": "dot"}))
-    figures.append(figure("History of the tuning", "step", panels, traces))
+    figures.append(figure("History of the tuning: the objective, 1 at the start", "step", panels, traces))
     return drawn(*figures, title=result.train.topology.title)
 
 

@@ -15,7 +15,8 @@ LETTERS = 112  # of a line of a caption
 DASHES: dict = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":"}
 DASHES |= {"longdash": (0, (9, 2.5)), "longdashdot": (0, (9, 2, 1.5, 2))}
 MARKERS = {"circle": "o", "square": "s", "diamond": "D", "star": "*", "triangle-down": "v", "triangle-up": "^"}
-MARKERS |= {"cross": "P", "x-thin": "x", "cross-thin": "+"}
+MARKERS |= {"cross": "P", "x-thin": "x", "cross-thin": "+", "line-ew": "_", "pentagon": "p", "hexagon": "h"}
+MARKERS |= {"triangle-left": "<", "triangle-right": ">"}
 
 
 def empty(width, height, **more):

@@ -20,6 +20,9 @@ AXIS, ROW = 62, 15
 TITLE_LETTER = 5.9  # pixels of a letter of the title of an axis
 THOUSANDS = {"N m": "kN m", "kN m": "MN m", "kN": "MN", "W": "kW", "kW": "MW"}
 MOST = 2000.0  # largest number of an axis in a unit; above it the next of THOUSANDS is taken
+THOUSANDTHS = {"kN": "N", "MPa": "kPa"}
+SMALL = "N", "kPa", "N m", "W", "deg", "rpm", "%"  # units that powers of ten stand before where numbers are tiny
+LEAST = 1e-3  # largest number of an axis in a unit, below which a smaller one is taken
 HEADROOM = 1.08
 DIGITS = 5
 MARKED = 80  # points up to which every one is marked, or with a large mark
@@ -33,6 +36,12 @@ STYLES = (
     {"color": "#ef6c00", "dash": "longdashdot"},
 )
 """Lines that differ without colour."""
+
+SYMBOLS = "circle", "square", "diamond", "triangle-up", "cross", "star"
+"""Of marked lines, by their style."""
+
+ALONE = "cross-thin-open", "line-ew-open", "triangle-left", "triangle-right", "pentagon", "hexagon"
+"""Of lines of one point, which nothing else would show, by their style; none of them is a kind of motion."""
 
 MOTIONS = {
     "contact": ("circle", "teeth in contact"),
@@ -100,28 +109,41 @@ def figure(caption, x_title, panels, traces, *, x_range=None, height=PANEL, shap
 
 
 def _readable_units(caption, panels, traces):
-    """Caption, panels and traces with numbers of thousands in the next larger unit: 12 kN m in place of 12000 N m."""
+    """Caption, panels and traces with numbers of thousands in the next larger unit, 12 kN m in place of 12000 N m, and
+    tiny ones in a smaller unit."""
     single = isinstance(panels, str)
     titles, ranges = ([panels], [None]) if single else map(list, zip(*panels, strict=True))
     for panel, title in enumerate(titles):
         _, behind, unit = title.rpartition(", ")
         shown = [trace for trace in traces if trace["yaxis"] == _numbered("y", panel)]
-        largest, factor, larger = (
-            max((abs(y) for trace in shown for y in trace["y"] if y is not None), default=0.0),
-            1.0,
-            unit,
-        )
-        while behind and factor * largest > MOST and larger in THOUSANDS:
-            factor, larger = 1e-3 * factor, THOUSANDS[larger]
-        if larger == unit:
+        largest = max((abs(y) for trace in shown for y in trace["y"] if y is not None), default=0.0)
+        factor, readable = _readable(unit, largest) if behind else (1.0, unit)
+        if readable == unit:
             continue
-        titles[panel] = f"{title.removesuffix(unit)}{larger}"
+        titles[panel] = f"{title.removesuffix(unit)}{readable}"
         ranges[panel] = ranges[panel] and tuple(factor * limit for limit in ranges[panel])
         scaled = {id(trace): trace | {"y": _scaled(trace["y"], factor)} for trace in shown}
         traces = [scaled.get(id(trace), trace) for trace in traces]
         if single:  # the caption tells the unit of its only panel
-            caption = re.sub(rf", {unit}(?!\w)", f", {larger}", caption)
+            caption = re.sub(rf", {unit}(?!\w)", f", {readable}", caption)
     return caption, titles[0] if single else list(zip(titles, ranges, strict=True)), list(traces)
+
+
+def _readable(unit, largest):
+    """Factor from a unit, and the unit in which an axis up to ``largest`` has short numbers.
+
+    >>> _readable("N m", 12000.0), _readable("kN", 4e-5), _readable("deg", 2e-8)
+    ((0.001, 'kN m'), (1000000.0, '1e-3 N'), (1000000000.0, '1e-9 deg'))
+    """
+    factor = 1.0
+    while factor * largest > MOST and unit in THOUSANDS:
+        factor, unit = 1e-3 * factor, THOUSANDS[unit]
+    while 0 < factor * largest < LEAST and unit in THOUSANDTHS:
+        factor, unit = 1e3 * factor, THOUSANDTHS[unit]
+    if 0 < factor * largest < LEAST and unit in SMALL:
+        thousands = -math.floor(math.log10(factor * largest) / 3)
+        return factor * 1e3**thousands, f"1e-{3 * thousands} {unit}"
+    return factor, unit
 
 
 def _scaled(values, factor):
@@ -151,13 +173,28 @@ def numbers(values):
     return [float(f"{value:.{DIGITS}g}") + 0.0 if math.isfinite(value) else None for value in map(float, values)]
 
 
-def line(x, y, name, style=0, *, panel=0, look=None, **more):
-    """A line over x; ``style`` numbers one of STYLES, ``look`` is what differs from it."""
-    own = {"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(y), "name": name}
+def line(x, y, name, style=0, *, panel=0, look=None, alone=None, **more):
+    """A line over x; ``style`` numbers one of STYLES, ``look`` is what differs from it.
+
+    Where a point has none beside it the line has marks: the symbol of its style, or number ``alone`` of ALONE.
+    """
     turn, place = divmod(style, len(STYLES))
+    own = {"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(y), "name": name} | more
+    if "markers" in own["mode"]:
+        own.setdefault("marker", {"symbol": SYMBOLS[place], "size": 6})
+    elif _stands_alone(own["y"]):
+        symbol = ALONE[place if alone is None else alone]
+        edge = {"width": 2 * symbol.endswith("-open")}
+        own |= {"mode": "lines+markers", "marker": {"symbol": symbol, "size": 9, "line": edge}}
     # What has a colour once more has another dash than before.
     drawn = STYLES[place] | {"dash": STYLES[(place + turn) % len(STYLES)]["dash"], "width": 1.6} | (look or {})
-    return own | {"yaxis": _numbered("y", panel), "line": drawn} | more
+    return own | {"yaxis": _numbered("y", panel), "line": drawn}
+
+
+def _stands_alone(values):
+    """Whether a number has none beside it, so that no line reaches it."""
+    known = [False, *(value is not None for value in values), False]
+    return any(at and not before and not after for before, at, after in zip(known, known[1:], known[2:], strict=False))
 
 
 def bars(x, low, high, name, *, panel=0, look=None, **more):

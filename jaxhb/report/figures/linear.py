@@ -10,6 +10,7 @@ from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import GREY, WITH, WITHOUT, above, bars, figure, line, marks, note
 from jaxhb.report.figures.ways import train_lines
 from jaxhb.report.orders import NUMBERS
+from jaxhb.report.text.columns import plain_number
 
 POINTS = 2000
 COUNTS = 0.1  # modal torque over the largest of the mode from which a critical speed is filled
@@ -33,7 +34,8 @@ def plot_holzer(train, tables, natural):
     asked = [table.hz for mode, table in tables if mode is None]
     ends = np.nanmin(values), np.nanmax(values)
     traces = [line(hz, values, "residual", 1, look={"dash": "solid"})]
-    traces.append(marks(list(zeros.values()), np.zeros(len(zeros)), "zero", "circle-open", color=WITH))
+    if zeros:
+        traces.append(marks(list(zeros.values()), np.zeros(len(zeros)), "zero", "circle-open", color=WITH))
     if asked:
         low, high = (np.full(len(asked), end) for end in ends)
         traces.append(bars(asked, low, high, "frequency asked for", look={"color": "black", "dash": "dot"}))
@@ -86,7 +88,7 @@ def campbell_figure(found, count, title, names):
         traces.append(line(found.rpm, own, f"mode {k}", look=look | {"width": 1.8}, showlegend=False))
     filled = counting(found)
     for symbol, own in {"circle": filled, "circle-open": [c for c in found.critical if c not in filled]}.items():
-        text = [f"order {names.number(c.order)}, mode {c.mode}, modal torque {c.torque:.4g} N m" for c in own]
+        text = [f"order {names.number(c.order)}, mode {c.mode}, modal torque {plain_number(c.torque)} N m" for c in own]
         more = {"text": text, "hovertemplate": "%{x} rpm, %{y} Hz: %{text}<extra></extra>", "showlegend": False}
         points = [c.rpm for c in own], [c.hz for c in own]
         traces.append(marks(*points, "critical speed", symbol, color=WITH, **more))

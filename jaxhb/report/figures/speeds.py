@@ -10,6 +10,7 @@ from jaxhb.report.answer import SPEED, Case
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import (
     MARKED,
+    SYMBOLS,
     bands,
     bars,
     crosses,
@@ -85,7 +86,7 @@ def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
                 said = "" if alike else f"{plain(case.title)}, "
                 style = {"style": place if several else 2 * number + 1, "showlegend": not (several and place)}
                 values, look = quantity.without(case.answers, name), {"width": 0.8} if several else {}
-                traces.append(line(places, values, f"{said}without backlash", look=look, **style))
+                traces.append(line(places, values, f"{said}without backlash", look=look, alone=1, **style))
     traces += more
     axis = speed_range(places)
     if quantity.called == "tooth force" and names[0]:
@@ -144,7 +145,8 @@ def tolerance_figures(spread):
             line(rpm, factor * spread.worst[:, j], "worst case found", 0),
         ]
         if np.isfinite(spread.bound[:, j]).any():
-            traces.append(line(rpm, factor * spread.bound[:, j], "at most", 0, look={"width": 0.8, "dash": "dot"}))
+            look = {"width": 0.8, "dash": "dot"}
+            traces.append(line(rpm, factor * spread.bound[:, j], "at most", look=look, alone=2))
         if len(spread.drawn):
             low, middle, high = (factor * spread.percentile(q)[:, j] for q in (5, 50, 95))
             look = {"color": "#555555", "dash": "solid", "width": 5}
@@ -182,7 +184,6 @@ def plot_identified(found):
 
 
 MOST = 4  # elements, or orders, in one picture
-SYMBOLS = "circle", "square", "diamond", "triangle-up", "cross", "star"  # of the orders
 
 
 def plot_forced(cases, found, worst=None):
@@ -286,7 +287,8 @@ def limit_figure(judged, key, name, train):
     traces += rings(*zip(*doubtful, strict=True)) if doubtful else []
     barred = [one for found in judged.values() for one in found.barred.get(name, ())] if key == "stresses" else []
     shaded = "; grey: barred" + " in one of these cases" * (len(judged) > 1) if barred else ""
-    against = " against its limits" if any(values is not None for values in limits) else ""
+    drawn_limits = sum(values is not None for values in limits)
+    against = f" against its limit{'s' * (drawn_limits > 1)}" if drawn_limits else ""
     caption = f"{plain(name)}: {called}{against}, {unit}{shaded}"
     layout = {"x_range": speed_range(first.rpm), "height": 180, "shapes": bands([(b.low, b.high) for b in barred])}
     return figure(caption, "speed, rpm", f"{called}, {unit}", traces, **layout)

@@ -35,7 +35,7 @@ def _largest(case):
         return f"{case.title}: {said} No speed has an answer."
     quantity = found.quantity
     before = quantity.without([found.answer], found.name)[0] if any(found.answer.topology.mesh_backlash) else np.nan
-    without = f" ({before:.4g} {quantity.unit} without backlash)" if np.isfinite(before) else ""
+    without = f" ({plain_number(before)} {quantity.unit} without backlash)" if np.isfinite(before) else ""
     return f"{case.title}: {said} {quantity.title}: {found.said}{without}."
 
 

@@ -113,7 +113,9 @@ def _stage_sentence(loads, place):
     slopes = [float(load.link_stiffness[place]) for load in loads]
     torques = [float(load.torque[place]) for load in loads]
     if not all(load.loaded for load in loads):
-        return f"linear with {slopes[0]:.4g} N m/rad, its stiffness at rest: no load balances the mean torques"
+        return (
+            f"linear with {plain_number(slopes[0])} N m/rad, its stiffness at rest: no load balances the mean torques"
+        )
     first, last = loads[0].rpm, loads[-1].rpm
     where = f"at {first:g} rpm" if len(loads) == 1 else f"from {first:g} to {last:g} rpm"
     stiffness, torque = (
@@ -152,7 +154,7 @@ def mean_load_text(load, rpm):
     """A line that tells the tangent stiffness of every mesh with backlash, and of shafts and dampers with stages, stops
     or clearance; ``load`` is a :class:`jaxhb.MeanLoad`."""
     said = [
-        f"{name} {torque:.4g} N m at {stiffness:.4g} N m/rad"
+        f"{name} {plain_number(torque)} N m at {plain_number(stiffness)} N m/rad"
         for name, torque, stiffness in zip(load.links, load.torque, load.link_stiffness, strict=True)
     ]
     for name, force, engagement, share in zip(load.names, load.force, load.engagement, load.share, strict=True):

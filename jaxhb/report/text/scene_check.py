@@ -11,7 +11,7 @@ from jaxhb.equations.fourier import sample
 from jaxhb.equations.kinematics import referred, tooth_damping_ratios
 from jaxhb.excitation.gas import charge_pressures, load_share
 from jaxhb.excitation.mean_torques import mean_torques
-from jaxhb.report.text.columns import NONE, Table, fixed, from_rows
+from jaxhb.report.text.columns import NONE, Table, fixed, from_rows, plain_number
 from jaxhb.report.text.mean_torques import torque_notes, torques_of
 from jaxhb.report.text.sentences import firing_lines, once_alike
 from jaxhb.results.motion import ROUNDING
@@ -111,7 +111,8 @@ def _rated_notes(responses):
         radius, rated = float(train.disks.radius[topology.mesh_ends[i][0]]), float(train.meshes.rated_torque[i])
         mean = max(abs(float(response.force(name).mean)) for response in responses) * radius
         if 0.0 < rated < mean / MOST_OF_RATED:
-            said = f"rated_torque is {rated:.4g} N m, and the mean torque of its first gear {mean:.4g} N m"
+            torques = plain_number(rated), plain_number(mean)
+            said = "rated_torque is {} N m, and the mean torque of its first gear {} N m".format(*torques)
             found.append(f"[[mesh]] {name!r}: {said}: is it in N m, not in kN m?")
     return found
 

@@ -244,7 +244,7 @@ def once_alike(notes_of, axis=SPEED):
 def misfire_text(worst, firing, swing=""):
     """The sentence on a misfire, the record of which the JSON has; ``firing`` is what the train is called without."""
     factor, unit = shown_unit(worst["unit"])
-    value, normal = (f"{factor * worst[key]:.4g} {unit}" for key in ("value", "firing"))
+    value, normal = (f"{plain_number(factor * worst[key])} {unit}" for key in ("value", "firing"))
     normal = "no answer" if np.isnan(worst["firing"]) else normal
     share = f", {worst['share']:.2f} of {worst['limit']}" if "share" in worst else ""
     before = f", {worst['firing_share']:.2f} of it" if share and np.isfinite(worst["firing_share"]) else ""

@@ -25,7 +25,8 @@ def tolerance_parts(spread, checked):
         parts += [_moving(spread), _places(spread), *remarks_text(_guarantee(spread, solved), "Bounds")]
     if len(spread.drawn):
         share = 100 * spread.solved[solved].min()
-        parts.append(f"Sample: {len(spread.drawn)} trains, of which {share:.0f} % or more are solved at each speed.")
+        many = "all" if share == 100 else f"{share:.0f} % or more"
+        parts.append(f"Sample: {len(spread.drawn)} trains, of which {many} are solved at each speed.")
     differences = checked["differences"] if checked else []
     return parts + remarks_text(differences, "Steady states that are not the periodic motions searched")
 
