@@ -32,6 +32,12 @@ SLOWED = 2.0
 MODES, DISKS = 160, 1000  # slow ones with backlash, and of any train, beyond which it would take minutes
 
 
+def fall_text(largest: float) -> str:
+    """Words for how a disturbance falls by a multiplier below 1: to a share of its size, or by one near 1."""
+    left = f"{largest:.2g}"
+    return f"falls to {left} of its size" if left != "1" else f"falls by {100 * (1 - largest):.1g} %"
+
+
 @brief
 @dataclass(frozen=True)
 class Stability:
@@ -80,7 +86,7 @@ class Stability:
 
     def __str__(self):
         if self.stable:
-            return f"stable: a disturbance falls to {self.largest:.2g} of its size in a cycle."
+            return f"stable: a disturbance {fall_text(self.largest)} in a cycle."
         manner = {
             "fold": "",
             "period doubling": " and changes its sign each time, so that two cycles differ",

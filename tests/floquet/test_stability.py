@@ -186,6 +186,7 @@ def test_a_failure_of_linear_algebra_is_no_refusal(monkeypatch):
 
 
 LOST = [([0.5], None, "falls to 0.5 of its size"), ([2.0], "fold", "grows 2 times")]
+LOST += [([0.99996], None, "a disturbance falls by 0.004 % in a cycle")]
 LOST += [([-3.0], "period doubling", "two cycles differ"), ([1 + 1j, 1 - 1j], "Neimark-Sacker", "second frequency")]
 
 

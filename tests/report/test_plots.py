@@ -161,8 +161,9 @@ def test_tiny_numbers_are_told_in_a_smaller_unit_so_that_an_axis_shows_more_than
     assert [trace["y"] for trace in made.traces] == [[8.7, 3.0], [20.0, 0.0]]
     assert made.layout["yaxis"]["range"] == pytest.approx([0.0, 10.0])
     assert figure("a - b, kN", "rpm", "force, kN", tiny[:1]).caption == "a - b, 1e-6 N"
-    for axes in drawn(made).axes:
-        axes.figure.canvas.draw()
+    picture = drawn(made)
+    picture.canvas.draw()
+    for axes in picture.axes:
         assert len({text.get_text() for text in axes.get_yticklabels()}) == len(axes.get_yticklabels())
 
 

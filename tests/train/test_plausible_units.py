@@ -112,7 +112,7 @@ def test_internal_gears_of_equal_radii_are_noted():
 @pytest.mark.parametrize("rated, noted", [(12.5, True), (12500.0, False), (9000.0, False)])
 def test_a_rated_torque_in_kn_m_is_noted_beside_the_mean_torque(rated, noted):
     notes = notes_of(pair(rated_torque=rated))
-    said = "rated_torque is 12.5 N m, and the mean torque of its first gear 1.25e+04 N m: is it in N m, not in kN m?"
+    said = "rated_torque is 12.5 N m, and the mean torque of its first gear 12500 N m: is it in N m, not in kN m?"
     assert notes == [f"[[mesh]] 'a|b': {said}"] * noted
 
 

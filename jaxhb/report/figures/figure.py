@@ -87,6 +87,7 @@ def figure(caption, x_title, panels, traces, *, x_range=None, height=PANEL, shap
         "paper_bgcolor": "white",
         "plot_bgcolor": "white",
         "hovermode": "closest",
+        "separators": ".",  # no comma in 12000 rpm
         "showlegend": rows > 0,
         "legend": {"orientation": "h", "x": 0, "y": 1 + 6 / inside, "yanchor": "bottom", "font": {"size": 10}},
         "xaxis": axis
@@ -95,6 +96,8 @@ def figure(caption, x_title, panels, traces, *, x_range=None, height=PANEL, shap
             "zeroline": False,
             "anchor": _numbered("y", len(panels) - 1),
             "mirror": "all" if len(panels) > 1 else True,
+            # Mirrored ticks would cross the texts above the panels.
+            "ticks": "" if len(panels) > 1 else "outside",
         },
         "shapes": list(shapes),
         "annotations": list(annotations),

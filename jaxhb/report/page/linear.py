@@ -7,6 +7,7 @@ import numpy as np
 from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, modes_of, shares_in_mode
 from jaxhb.linear.forced import forced_response
 from jaxhb.linear.strength import strength
+from jaxhb.report.answer import SPEED
 from jaxhb.report.figures.linear import MOST, campbell_figure, shapes_figure
 from jaxhb.report.figures.speeds import hardest_elements, orders_figure
 from jaxhb.report.orders import order_names
@@ -70,8 +71,10 @@ def forced(report):
     chosen = hardest_elements([one.at(good) for one in found]) if len(speeds) > 1 and good.any() else []
     misfires = {other: response for other, response in responses.items() if misfiring(other)}
     worst = _worst(first, misfires, found) if len(misfires) > 1 else None
-    said = f"Linear, teeth in contact, at {len(speeds)} speeds. Sums and orders in the figures: {title}."
-    said += " Lines of a misfire are its half peak-to-peak." if misfires else ""
+    said = f"Linear, teeth in contact, at {SPEED.span(speeds)}."
+    if chosen:
+        said += f" Sums and orders in the figures: {title}."
+        said += " Lines of a misfire are its half peak-to-peak." if misfires else ""
     blocks = [said, *approximations(report.train, report.rpm)]
     for one in chosen:
         governing = {worst[one.name].cylinder: misfires[worst[one.name].cylinder]} if worst else misfires

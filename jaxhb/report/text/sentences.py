@@ -6,6 +6,7 @@ import textwrap
 import numpy as np
 
 from jaxhb.balance.plan import MOST_HARMONICS
+from jaxhb.floquet.stability import fall_text
 from jaxhb.report.answer import SPEED, UNCONFIRMED
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import most_apart
@@ -36,7 +37,7 @@ def _stability_text(answer):
     if answer.unstable:
         how = f" ({found.loses_by})" if found.loses_by else ""
         return f"UNSTABLE{how}: a disturbance grows {found.largest:.3g} times in {span}; the train does not run in it"
-    return f"stable: a disturbance falls to {found.largest:.2g} of its size in {span}"
+    return f"stable: a disturbance {fall_text(found.largest)} in {span}"
 
 
 def motion_text(answer):
