@@ -22,14 +22,32 @@ if TYPE_CHECKING:
 else:
     Array = Number = Numbers = Any
 
+LEAST_MEMORY = 2e9  # bytes of address space; with less the compiler of jax ends the process without a word
+
 _jax: Any = None
 _waiting: list[type] = []
 
 
+def too_little_memory() -> str:
+    """Say in a sentence that the system allows too little memory to compute; empty where it allows enough."""
+    try:
+        import resource
+    except ImportError:  # on Windows, which has no such limit
+        return ""
+    allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if allowed == resource.RLIM_INFINITY or allowed >= LEAST_MEMORY:
+        return ""
+    needed = f"must be at least {LEAST_MEMORY / 1e9:g} GB"
+    return f"the limit of memory (ulimit -v) is {allowed / 1e9:.2g} GB, {needed}. Raise it."
+
+
 def load():
-    """Import jax, in double precision for every array, and return it."""
+    """Import jax, in double precision for every array, and return it; MemoryError where too little is allowed."""
     global _jax
     if _jax is None:
+        refusal = too_little_memory()
+        if refusal:
+            raise MemoryError(refusal)
         import jax
 
         jax.config.update("jax_enable_x64", True)

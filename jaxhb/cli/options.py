@@ -1,6 +1,5 @@
 """Options: how one is declared and completed, those that several commands take, and what of them is beyond click."""
 
-import contextlib
 import gc
 import importlib
 import os
@@ -11,6 +10,7 @@ from types import SimpleNamespace
 import click
 from click.shell_completion import BashComplete, CompletionItem, add_completion_class
 
+from jaxhb._jax import too_little_memory
 from jaxhb.cli.values import place, positive, setting, share, whole
 from jaxhb.report.files.output import OutputError
 from jaxhb.train.speeds import read_speed, read_speeds
@@ -65,22 +65,6 @@ NO_SPEED = "Natural frequencies do not depend on the speed; --at R takes the tee
 MORE = " ...]"  # ends how an option is spelled that takes one or more values: ``--mode K [K ...]``
 
 
-LEAST_MEMORY = 2e9  # bytes of address space; with less the compiler of jax ends the process without a word
-
-
-def _check_memory():
-    """Refuse to compute where the system allows too little memory."""
-    with contextlib.suppress(ImportError):  # not on Windows, which has no such limit
-        import resource
-
-        allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
-        if allowed != resource.RLIM_INFINITY and allowed < LEAST_MEMORY:
-            told = (
-                f"the limit of memory (ulimit -v) is {allowed / 1e9:.2g} GB, must be at least {LEAST_MEMORY / 1e9:g} GB"
-            )
-            raise OutputError(f"{told}. Raise it.")
-
-
 class Command(click.Command):
     """A command that takes no option for a value, reads ``--mode 1 2``, and knows under which words a speed may stand.
 
@@ -104,7 +88,9 @@ class Command(click.Command):
 
         given = given | ({"scenario": [*asked.values()][0]} if len(asked) == 1 and "scenario" in given else {})
         train = read(given) if len(asked) == 1 else None  # takes a fraction of the time of importing jax
-        _check_memory()
+        refusal = too_little_memory()
+        if refusal:
+            raise OutputError(refusal)
         from jaxhb._program import keep_programs
         from jaxhb._store import user_folder
 

@@ -29,7 +29,8 @@ IDLE = 1e-9  # tooth force over the largest mean force below which a mesh begins
 SINGULAR = 1e-14  # singular value of a tangent stiffness over the largest that is rounding of a rigid motion
 UNBALANCED = 1e-9  # mean torque left over the largest from which the train does not run steadily
 ROUNDED = 1e-14  # of the work of the loads, by which an energy may rise in rounding
-DENSE_DISKS = 1000  # up to which links are taken at their mean load without being asked: matrices are dense
+DENSE_DISKS = 1000  # up to which the equilibrium is found with dense matrices
+HELD = 1e-12  # of the largest stiffness, by which a train of more disks is held; the next steps take back its force
 ANY_SPEED = 1000.0  # rpm, where a scene names none
 
 
@@ -51,7 +52,7 @@ class MeanLoad:
     links : tuple of str, shafts and dampers with stages, stops, clearance or friction
     torque : ``(l,)`` N m, their mean torque; twist : ``(l,)`` rad; link_stiffness : ``(l,)`` N m/rad, slope there
     angle : ``(S,)`` rad, mean angles of the disks, rings last
-    loaded : bool, False where links are taken at rest, as nothing balances the mean torques or the train is too large
+    loaded : bool, False where links are taken at rest, as nothing balances the mean torques
     """
 
     train: Any
@@ -100,8 +101,7 @@ def at_pressed_load(train: DriveTrain, *, rpm: Number | None = None) -> MeanLoad
     """
     values, at = _concrete(train, own_speed(train) if rpm is None else rpm)
     equations = _equations(in_contact(without_tables(values)), at)
-    small = len(equations.load) <= DENSE_DISKS
-    x = _equilibrium(equations) if equations.balanced and small else None
+    x = _equilibrium(equations) if equations.balanced else None
     statics = in_contact(without_tables(train))
     load = _mean_load(statics, at if rpm is None else rpm, equations, x, pressed=True)
     return dataclasses.replace(load, train=with_slopes(train, load), loaded=x is not None)
@@ -210,6 +210,23 @@ class _Equations(NamedTuple):
         force, _ = self.links(self.system.deflections(x))
         return self.load - self.system.spread(force) - self.system.ground * x
 
+    def solved(self, slope: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """Displacements ``(S,)`` in m under forces ``(S,)`` in N of links with these slopes and grounds; host."""
+        if len(force) <= DENSE_DISKS:
+            # Least squares: the tangent of a floating train is singular.
+            return np.linalg.lstsq(self.tangent(slope), force, rcond=SINGULAR)[0]
+        from scipy import sparse
+        from scipy.sparse.linalg import splu
+
+        tree, system = self.system.tree, self.system
+        links = np.arange(len(slope))
+        disks = np.concatenate([tree.end_a, tree.end_b])
+        arms = np.concatenate([system.arm_a, -system.arm_b])
+        incidence = sparse.csr_array((arms, (disks, np.tile(links, 2))), shape=(len(force), len(slope)))
+        held = system.ground + HELD * np.abs(slope).max(initial=0.0)
+        tangent = incidence @ sparse.diags_array(slope) @ incidence.T + sparse.diags_array(held)
+        return splu(tangent.tocsc()).solve(force)
+
     def tangent(self, slope):
         """Stiffness ``(S, S)`` in N/m of links with these slopes and grounds."""
         incidence = self.system.incidence()
@@ -275,10 +292,6 @@ def _equilibrium(equations):
     """Displacements ``(S,)`` in m at which the mean torques are in equilibrium, or None where none was found; host."""
     system, law, load = equations.system, equations.law, equations.load
 
-    def solved(slope, force):
-        # Least squares: the tangent of a floating train is singular.
-        return np.linalg.lstsq(equations.tangent(slope), force, rcond=SINGULAR)[0]
-
     def energy(x):
         deflection = system.deflections(x)
         links = (equations.constant * deflection**2).sum() / 2 + backlash.energy(law, deflection[equations.link]).sum()
@@ -286,18 +299,18 @@ def _equilibrium(equations):
 
     # begin on the flanks that all teeth in contact would press: in a gap without stiffness nothing pulls back to them
     size = np.abs(load).max(initial=0.0)
-    x = solved(system.stiffness, load)
+    x = equations.solved(system.stiffness, load)
     pressed = (system.stiffness * system.deflections(x))[equations.link]
     flank = np.where(np.abs(pressed) > IDLE * size, np.sign(pressed), 0.0) * backlash.offset(law)
     # On a flank f = c l - offset: the offset goes to the side of the load.
-    x = solved(system.stiffness, load + system.spread(equations.on_links(flank)))
+    x = equations.solved(system.stiffness, load + system.spread(equations.on_links(flank)))
     least = energy(x)
     for _ in range(STEPS):
         deflection, left = system.deflections(x), equations.unbalanced(x)
         force, slope = equations.links(deflection)
         if np.abs(left).max(initial=0.0) <= SOLVED * max(size, np.abs(force).max(initial=0.0)):
             return x
-        step, share = solved(slope, left), 1.0
+        step, share = equations.solved(slope, left), 1.0
         for _ in range(HALVINGS):
             reached = energy(x + share * step)
             if reached <= least + ROUNDED * (np.abs(load) @ np.abs(x)):

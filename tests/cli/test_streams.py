@@ -107,7 +107,10 @@ def test_a_limit_of_memory_that_the_compiler_cannot_keep_is_a_sentence():
     status, said, told = shell("ulimit -v 1000000 && jaxhb solve spur_pair --rpm 2000")
     wanted = "the limit of memory (ulimit -v) is 1 GB, must be at least 2 GB. Raise it.\n"
     assert (status, said, told) == (2, "", wanted)
-    assert shell("ulimit -v 1000000 && jaxhb scenes")[0] == 0
+    assert shell("ulimit -v 1000000 && jaxhb scenes && jaxhb --version")[0] == 0
+    program = "import jaxhb; jaxhb.solve(jaxhb.load_scene('spur_pair'), rpm=2000.0)"
+    status, _, told = shell(f'ulimit -v 1000000 && "{sys.executable}" -c "{program}"')
+    assert status == 1 and told.endswith(f"MemoryError: {wanted}")
 
 
 @SHELL

@@ -11,6 +11,7 @@ from tolerances import GRADIENT, PATHS
 
 import jaxhb
 from jaxhb.design import Measured, Parameter
+from jaxhb.linear.tangent import at_pressed_load
 from jaxhb.report.text.linear import approximations
 
 RATTLE = Path(__file__).parents[1] / "data" / "scenes" / "idle_rattle.toml"
@@ -123,3 +124,39 @@ def test_the_stiffness_of_a_staged_link_is_not_fitted():
     found = jaxhb.identify(train, rows, parameters=[Parameter(name="b.inertia", low=0.003, high=0.008)])
     assert found.train.value("b.inertia") == pytest.approx(INERTIA[1], rel=1e-4)
     assert found.train.topology.springs
+
+
+@pytest.mark.parametrize("loop", [False, True])
+def test_links_of_more_than_1000_disks_are_taken_at_their_mean_load(loop):
+    """A branched train: its links in equilibrium, and its angles those of a dense solve with the first disk held."""
+    disks, drive, knee, second = 1100, np.array([1200.0, -700.0]), 0.003, 5e5
+    pairs = [(k - 1 if k % 5 else max(0, k - 6), k) for k in range(1, disks)] + [(2, 550)] * loop
+    stiffness = 1e5 * (1 + 0.1 * (np.arange(len(pairs)) % 7))
+    staged = np.arange(len(pairs)) % 4 == 0
+    parts = [jaxhb.Disk(name=f"d{k}", inertia=1.0) for k in range(disks)]
+    for number, (a, b) in enumerate(pairs):
+        stages = {"stages": [(np.degrees(knee), second)]} if staged[number] else {}
+        parts.append(jaxhb.Shaft(name=f"s{number}", between=(f"d{a}", f"d{b}"), stiffness=stiffness[number], **stages))
+    parts += [jaxhb.Torque(disk=f"d{k}", mean=mean) for k, mean in zip((0, 7), drive, strict=True)]
+    load = at_pressed_load(jaxhb.build([*parts, jaxhb.Load(disk=f"d{disks - 1}")], reference="d0"))
+    assert load.loaded
+
+    first, last = np.array(pairs).T
+    rows = np.zeros((len(pairs), disks))
+    rows[np.arange(len(pairs)), first] = 1.0
+    rows[np.arange(len(pairs)), last] = -1.0
+    twist = rows @ load.angle
+    beyond = staged & (np.abs(twist) > knee)
+    assert 10 < beyond.sum() < staged.sum()
+    sharp = np.where(beyond, (stiffness - second) * knee * np.sign(twist), 0.0)
+    sharp += np.where(beyond, second, stiffness) * twist
+    np.testing.assert_allclose(load.torque, sharp[staged], rtol=0.02, atol=0.1)  # knees are rounded
+    slope, offset = stiffness.copy(), np.zeros(len(pairs))
+    slope[staged] = load.link_stiffness
+    offset[staged] = load.torque - load.link_stiffness * twist[staged]
+    applied = np.zeros(disks)
+    applied[[0, 7, disks - 1]] = [*drive, -drive.sum()]
+    held = np.s_[1:]
+    matrix = (rows.T * slope) @ rows
+    angles = np.linalg.solve(matrix[held, held], (applied - rows.T @ offset)[held])
+    np.testing.assert_allclose(load.angle[held] - load.angle[0], angles, atol=1e-9 * np.abs(angles).max())
