@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import click
 from click.shell_completion import BashComplete, CompletionItem, add_completion_class
 
-from jaxhb._jax import too_little_memory
 from jaxhb.cli.values import place, positive, setting, share, whole
 from jaxhb.report.files.output import OutputError
 from jaxhb.train.speeds import read_speed, read_speeds
@@ -88,6 +87,8 @@ class Command(click.Command):
 
         given = given | ({"scenario": [*asked.values()][0]} if len(asked) == 1 and "scenario" in given else {})
         train = read(given) if len(asked) == 1 else None  # takes a fraction of the time of importing jax
+        from jaxhb._jax import too_little_memory
+
         refusal = too_little_memory()
         if refusal:
             raise OutputError(refusal)
