@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import all_meshes
-from jaxhb.equations.state_space import dense_linear_motion, matrices, static_response
+from jaxhb.equations.state_space import linear_motion_and_bends, matrices, static_response
 from jaxhb.excitation.torques import excitation
 from jaxhb.integration.step import Stepper, force_on_flank, krogstad, rows_of
 
@@ -25,11 +25,12 @@ DISTURBED = 0.02
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class LinearMotion:
-    """Several speeds: frequency ``(L,)`` rad/s; displacement ``(L, S, N+1)`` m of the linear train; flank ``(L, S)`` m,
-    its shift onto the drive sides."""
+    """Several speeds: frequency ``(L,)`` rad/s; displacement ``(L, S, N+1)`` m of the linear train and deflection
+    ``(L, M, N+1)`` m of the meshes with backlash; flank ``(L, S)`` m, its shift onto the drive sides."""
 
     frequency: jax.Array
     displacement: jax.Array
+    deflection: jax.Array
     flank: jax.Array
 
 
@@ -40,10 +41,10 @@ def linear_motions(train, rpm, system, meshes, harmonics):
         torque, _, _ = excitation(train, rpm, harmonics)
         frequency = train.topology.cycle_frequency(rpm)
         load = backlash.error_load(system, all_meshes(train), frequency, torque / system.radius[:, None])
-        displacement = dense_linear_motion(system, frequency, load)
-        force = force_on_flank(meshes.law, system.deflections(displacement, meshes.link))
+        displacement, bends = linear_motion_and_bends(system, frequency, load)
+        force = force_on_flank(meshes.law, bends[meshes.link])
         shift = static_response(matrices(system)[1], system.spread(-force, meshes.link))
-        return LinearMotion(frequency, displacement, shift)
+        return LinearMotion(frequency, displacement, bends[meshes.link], shift)
 
     return jax.tree.map(lambda *values: np.stack(values), *map(one, np.asarray(rpm, float)))
 
@@ -53,8 +54,7 @@ def steppers(modes, system, meshes, linear_motion, steps):
 
     modes : Modes; meshes : those with backlash of the System (MeshParameters); steps : per cycle, a multiple of 32.
     """
-    deflection = np.moveaxis(system.deflections(np.moveaxis(linear_motion.displacement, 0, 1), meshes.link), 1, 0)
-    deflection = backlash.less_error(meshes, deflection)
+    deflection = backlash.less_error(meshes, linear_motion.deflection)
     both = np.concatenate([deflection, fourier.derivative(deflection, linear_motion.frequency[:, None, None])], axis=1)
     linear = np.ascontiguousarray(np.moveaxis(fourier.synthesize(both, 2 * steps), 1, 2))
 

@@ -10,7 +10,7 @@ from jaxhb._jax import on_host
 from jaxhb.balance.plan import MOST_HARMONICS, Plan, excited_harmonic, time_steps_for, time_steps_of
 from jaxhb.balance.program import solve_batches
 from jaxhb.equations import backlash, fourier
-from jaxhb.equations.state_space import dense_linear_motion
+from jaxhb.equations.state_space import linear_motion_and_bends
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.train import chain
@@ -164,8 +164,8 @@ def _dense_mesh_forces(train, rpm, harmonics):
     for speed in rpm:
         load, frequency = excitation(train, speed, harmonics)[0], train.topology.cycle_frequency(speed)
         load = backlash.error_load(system, meshes, frequency, load / system.radius[:, None])
-        deflection = system.deflections(dense_linear_motion(system, frequency, load), meshes.link)
-        found.append(meshes.law.stiffness[:, None] * backlash.less_error(meshes, deflection))
+        _, bends = linear_motion_and_bends(system, frequency, load)
+        found.append(meshes.law.stiffness[:, None] * backlash.less_error(meshes, bends[meshes.link]))
     return np.stack(found)
 
 

@@ -2,12 +2,16 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 from reference_data import DATA
 
 import jaxhb
+from jaxhb._jax import on_host
 from jaxhb.results.status import Status
+from jaxhb.solutions.planning import _dense_mesh_forces
+from jaxhb.steady.marching import Equations
 
 PAIR = """
 [scene]
@@ -87,6 +91,77 @@ def test_teeth_that_stay_in_the_gap_carry_the_torque_over_the_radius(scene, rpm,
     assert torque / radius[0] + amplitude == pytest.approx(largest, rel=1e-5)
     assert force.mean == pytest.approx(torque / radius[0], rel=1e-6)
     assert force.max == pytest.approx(torque / radius[0] + amplitude, rel=1e-6)
+
+
+@pytest.mark.parametrize(("scene", "rpm"), [("tiny_load.toml", 54863.54), ("never_leaves_gap.toml", 0.10174)])
+def test_plans_and_marches_know_the_forces_of_teeth_in_contact_however_far_the_train_turns(scene, rpm):
+    """Mean torque over the radius, and of the vibration what two masses leave for the spring between them."""
+    train = jaxhb.load_scene(DATA / "scenes" / scene)
+    radius, mass = np.asarray(train.disks.radius), np.asarray(train.disks.inertia) / np.asarray(train.disks.radius) ** 2
+    stiffness, together = float(train.meshes.stiffness[0]), mass[0] * mass[1] / mass.sum()
+    wave = complex(*np.asarray(train.torques.harmonics)[0, 0]) / radius[0] * mass[1] / mass.sum()
+    vibration = wave * stiffness / (stiffness - together * (2 * np.pi * rpm / 60) ** 2) / 2
+    wanted = [float(train.torques.mean[0]) / radius[0], vibration]
+    planned = _dense_mesh_forces(on_host(train), [rpm], 1)[0, 0]
+    marched = stiffness * Equations(train).linear_motion([rpm]).deflection[0, 0, :2]
+    np.testing.assert_allclose([planned, marched], [wanted, wanted], rtol=1e-9)
+
+
+def light(pair, load):
+    """The pair with a load of so many times the force of the gap, and the mean and the vibration of its tooth force."""
+    stiffness, backlash = 1e11, 0.01
+    torque = load * stiffness * backlash / 2 * 0.05
+    numbers = {"a|b.stiffness": stiffness, "a|b.backlash": backlash, "a|b.epsilon": 1e-3, "a|b.transition": 0.04}
+    numbers |= {"drive.mean": torque, "brake.mean": -2 * torque, "drive.harmonics": [[0.4 * torque, 0.1 * torque]]}
+    return pair.replace(numbers), torque / 0.05, abs(0.4 + 0.1j) * torque / 0.05 / 2
+
+
+@pytest.mark.parametrize("load", [1e-12, 1e-7])
+def test_multipliers_of_teeth_that_stay_in_the_gap_are_those_of_its_spring(pair, load):
+    """Turning as one has the multiplier 1 twice; equal masses of 4 kg on the spring of the gap turn by w T."""
+    train, *_ = light(pair, load)
+    multipliers = jaxhb.stability(jaxhb.solve(train, rpm=0.05, harmonics=16)).multipliers
+    swing = np.exp(1j * np.sqrt(1e-3 * 1e11 / 2) * 1200)
+    assert len(multipliers) == 4
+    for wanted in (1.0, swing, swing.conjugate()):
+        assert np.abs(multipliers - wanted).min() < 1e-5
+
+
+def test_solves_of_many_light_loads_side_by_side_have_the_forces_of_each(pair):
+    train, *_ = light(pair, 1e-6)
+    plan, loads = jaxhb.plan(train, rpm=0.05, harmonics=16), 10.0 ** np.arange(-12, -4)
+
+    def solved(share):
+        torques = {"drive.mean": train.value("drive.mean") * share, "brake.mean": train.value("brake.mean") * share}
+        torques["drive.harmonics"] = train.torques.harmonics[0] * share
+        response = jaxhb.solve(train.replace(torques), rpm=0.05, plan=plan)
+        force = response.force("a", "b")
+        return response.status, force.mean, force.max, force.min
+
+    status, *forces = jax.jit(jax.vmap(solved))(loads / 1e-6)
+    means, vibrations = np.transpose([light(pair, load)[1:] for load in loads])
+    assert (np.asarray(status) == Status.CONVERGED).all()
+    np.testing.assert_allclose(forces, [means, means + vibrations, means - vibrations], rtol=1e-4)
+
+
+@pytest.mark.parametrize("load", [1e-12, 1e-7])
+def test_the_speed_of_lift_off_does_not_depend_on_the_load(pair, load):
+    """Teeth in contact part where the vibration grows to the mean: ``c / (c - m w^2) = 2 / |0.4 + 0.1 i|``."""
+    softer = {"a|b.stiffness": 1e9, "a|b.backlash": 1.0}
+    train, growth = light(pair, load)[0].replace(softer), 2 / abs(0.4 + 0.1j)
+    rpm = np.sqrt(1e9 / 2 * (1 - 1 / growth)) * 30 / np.pi
+    found = jaxhb.lift_off(train, rpm=[0.5 * rpm, 1.05 * rpm])
+    np.testing.assert_allclose(found.rpm, [rpm], rtol=1e-6)
+
+
+@pytest.mark.oracle  # a branch has two programs of its own
+@pytest.mark.parametrize("load", [1e-12, 1e-7])
+def test_a_branch_over_the_stiffness_in_the_gap_keeps_the_forces_of_the_load(pair, load):
+    train, mean, vibration = light(pair, load)
+    branch = jaxhb.follow(train, "a|b.epsilon", start=1e-3, to=2e-3, rpm=0.05, harmonics=8)
+    assert branch.value[-1] == pytest.approx(2e-3, rel=1e-9)
+    np.testing.assert_allclose(branch.largest_force[:, 0], mean + vibration, rtol=1e-6)
+    np.testing.assert_allclose(branch.smallest_force[:, 0], mean - vibration, rtol=1e-6)
 
 
 def test_a_residual_that_leaves_the_mean_forces_unbalanced_is_not_called_converged(pair):
