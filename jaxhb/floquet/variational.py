@@ -32,6 +32,7 @@ REACH = 4.0
 POWERS = 16  # of A that are kept for exponentials; two factors of them make the terms of a series
 TERMS = 2 * POWERS + 1
 CHUNK = 3_000_000  # entries of the propagators that are held at a time
+MOST_SLOPES = 20_000_000  # slopes at Gauss nodes of a cycle, 160 MB
 SAMPLES, DERIVATIVES = 16, 9  # per harmonic, and at each, from which a motion is known at any time to 1e-12
 
 
@@ -124,6 +125,11 @@ class _Cycle:
         norm = np.array([self.train(row.tobytes()).norm for row in constant])
         reach = np.maximum(norm, quickest) * period * share
         count = np.where(between.any(axis=1), np.ceil(reach / REACH), 1).astype(int)
+        if count.sum() * STAGES * constant.shape[1] > MOST_SLOPES:
+            raise ValueError(
+                f"stability would take {count.sum():.3g} steps a cycle, as teeth stay in the smooth zone of their law"
+                " while they vibrate fast beside the cycle, and memory does not suffice: ask at a higher speed."
+            )
         share = np.repeat(share / count, count)
         number = np.arange(len(share)) - np.repeat(np.cumsum(count) - count, count)
         begin, self.constant, self.between = (np.repeat(a, count, axis=0) for a in (begin, constant, between))
