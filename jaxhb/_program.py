@@ -120,6 +120,8 @@ class Program:
             return self.function(**arguments, **static)
 
         call.__name__ = self.__name__
+        if _store.own_folder is not None:  # else jax's cache has what other versions made, which is never stored
+            call.__name__ += "_" + _store.origin.hex()[:8]
         retrieved = _held.retrieved
         made = jax.jit(call, compiler_options=options).lower(arguments).compile()
         if _held.retrieved == retrieved:  # one out of jax's cache does not run any more when it is stored again
