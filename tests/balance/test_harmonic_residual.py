@@ -246,6 +246,14 @@ def test_newton_by_the_block_sweep_from_the_motion_in_contact_finds_teeth_that_p
     close(A.unpack(x) / A.radius[:, None], r.angles, PATHS)
 
 
+def test_the_method_of_the_chain_solves_a_grounded_train_with_a_viscous_ring():
+    """The mean angle of the ring, which no force decides, is no unknown that a sweep divides by nothing for."""
+    train = jaxhb.build([*ringed_parts(), Ground(disk="b", stiffness=100.0)], revolutions_per_cycle=1, reference="a")
+    found = [jaxhb.solve(train, rpm=900.0, harmonics=16, method=m, tolerance=0.5) for m in ("reduced", "chain")]
+    assert all(r.solved for r in found)
+    close(found[1].angles[:, 1:], found[0].angles[:, 1:], PATHS)
+
+
 def test_numbers_and_speeds_are_traced_batched_and_differentiated():
     parts, rpm, harmonics, _ = CASES["viscous ring"]
     train = jaxhb.build(parts, revolutions_per_cycle=1, reference="a")
