@@ -26,7 +26,8 @@ from jaxhb.train.chain import span
 from jaxhb.train.changes import linearised
 from jaxhb.train.varying import varying
 
-MOST_OF_CHECK = 500  # disks whose natural frequencies are computed for a check: time grows with their third power
+MOST_OF_CHECK = 500  # disks of which a check has all modes; of more it has the lowest
+LOWEST = 20  # modes of these
 
 
 def check(train, given, rpm, links_at, **_):
@@ -37,13 +38,14 @@ def check(train, given, rpm, links_at, **_):
     remarks = scene_notes(responses) + table_notes(train)
     parts, record = check_text(train, responses, speeds, remarks), check_record(train, responses, remarks)
     constant = _constant(train, None, links_at)
-    if train.topology.n_disks > MOST_OF_CHECK:
-        parts.append(f"Natural frequencies of more than {MOST_OF_CHECK} disks: jaxhb modes computes them.")
-    elif varying(constant.topology):
+    if varying(constant.topology):
         parts.append("Links vary: natural frequencies need --links-at, as hz=30.")
     else:
-        found, kinds, ratios = modes_of(constant)
+        many = train.topology.n_disks > MOST_OF_CHECK
+        found, kinds, ratios = modes_of(constant, LOWEST if many else None)
         parts.append(linear_text.modes_text(found, train.topology.name, kinds, ratios, linear_text.in_contact(train)))
+        if len(kinds) < train.topology.n_disks and many:
+            parts.append(f"These are the {len(kinds)} lowest modes of {train.topology.n_disks} disks.")
         record |= {"modes": linear_text.modes_record(found, kinds, ratios)}
         parts += remarks_text(linear_text.approximations(constant), "Of the modes")
     deliver(given, "\n\n".join([*parts, *remarks_text(remarks)]), json=lambda: record)

@@ -20,6 +20,8 @@ from jaxhb.train import chain
 from jaxhb.train.connections import pieces
 from jaxhb.train.drivetrain import DriveTrain
 
+FEW = 10  # of so many modes fewer than one, the lowest are found by Lanczos steps
+SHIFT = 1e-9  # of the largest square of a frequency: far below the squares that are asked for, above their rounding
 DENSE = 500  # disks above which a dense factor takes longer than a few seconds
 SMALL = 1e-3
 """Singular value over the largest up to which the fast method, exact to rounding of the largest, loses digits."""
@@ -160,7 +162,10 @@ def singular_vectors(factor, count=None):
     """Lowest ``count`` of the singular values ``(m,)`` in rad/s, and vectors ``(H, m)``, orthonormal M^(1/2) x."""
     zeros, path = factor.rigid.shape[1], factor.path()
     wanted = len(factor.heavy) if count is None else min(count, len(factor.heavy))
-    if path is None or wanted <= zeros:
+    moving = len(factor.heavy) - zeros
+    if path is None and 0 < wanted - zeros < moving // FEW and moving > DENSE:
+        values, vectors = _lowest(factor, wanted - zeros)
+    elif path is None or wanted <= zeros:
         values, vectors = _dense(factor) if wanted > zeros else (np.zeros(0), np.zeros((len(factor.heavy), 0)))
     else:
         off, disks = _golub_kahan(factor, path)
@@ -201,6 +206,24 @@ def _dense(factor, vectors=True):
     rising = np.s_[moving - 1 :: -1]
     # dgejsv returns scaled values where they would overflow or underflow.
     return (scale[0] / scale[1] * values)[rising], (left if wide else right)[:, rising] if vectors else None
+
+
+def _lowest(factor, count):
+    """The ``count`` lowest singular values that are not zero, rising, and right vectors, of a large train of any shape
+    by Lanczos steps on the inverse of E^T E, a little shifted where rigid motions have zeros."""
+    from scipy import sparse
+    from scipy.sparse.linalg import eigsh
+
+    disks, rigid = len(factor.mass), factor.rigid.shape[1]
+    rows = np.repeat(np.arange(len(factor.stiffness)), 2)
+    entries = factor.entries().ravel(), (rows, factor.ends.ravel())
+    E = sparse.csr_array(entries, shape=(len(factor.stiffness), disks + 1))[:, :disks]
+    square = (E.T @ E).tocsc()
+    shift = -SHIFT * square.diagonal().max()
+    start = np.cos(np.arange(disks))  # the same at every call
+    squares, vectors = eigsh(square, k=count + rigid, sigma=shift, v0=start)
+    order = np.argsort(squares)[rigid:]
+    return np.sqrt(squares[order]), vectors[:, order]
 
 
 class ModeShares(NamedTuple):
@@ -257,7 +280,7 @@ def natural_frequencies(train: DriveTrain, *, count: int | None = None) -> Modes
     digits of soft modes beside stiff links and gives exact zeros to rigid motions, one for each part of the train that
     no spring holds. Disks without inertia are condensed statically; a purely viscous link does not count.
 
-    Of a concrete train, all modes or the lowest ``count``: a chain of more than 500 disks should ask for few, as n
+    Of a concrete train, all modes or the lowest ``count``: a train of more than 500 disks should ask for few, as n
     modes of S disks take n S numbers.
 
     >>> jaxhb.natural_frequencies(jaxhb.load_scene("six_cylinder_diesel")).frequencies_hz[:3].round(1).tolist()
