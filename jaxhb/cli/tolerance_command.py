@@ -47,7 +47,7 @@ def tolerance(train, given, rpm, of, samples, seed, plot, quiet, **_):
     )
     tell(given, lambda: of_worst(tolerance_rows(spread, checked)))
     kept.forget()
-    return output.ANSWERED if np.isfinite(spread.nominal).all() else output.NOT_ANSWERED
+    return output.ANSWERED if spread.answered.all() else output.NOT_ANSWERED
 
 
 def asked_quantity(text):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxhb._shown import brief
-from jaxhb.design.quantities import QUANTITIES, label
+from jaxhb.design.quantities import QUANTITIES, judged, label
 from jaxhb.elements.elements import SceneError
 from jaxhb.linear.critical import campbell, modes_of
 from jaxhb.linear.forced import forced_response
@@ -56,7 +56,8 @@ class Followed:
 class Checked:
     """Readings of a design at the speeds of a tuning and between them.
 
-    rpm : ``(m,)``, rising; solved : ``(m,)``; readings : by label ``(m,)``, SI units, nan where not solved
+    rpm : ``(m,)``, rising; solved : ``(m,)``; readings : by label ``(m,)``, SI units, nan where not solved or
+    a rule has no limit
     """
 
     rpm: np.ndarray
@@ -108,7 +109,8 @@ class Reader:
         solved = np.asarray(response.solved)[: len(rpm)]
         told = {}
         for chosen in self.task.of_response:
-            told[label(chosen)] = np.where(solved, _values(response, chosen, self.train)[: len(rpm)], np.nan)
+            kept = solved & judged(self.train, chosen, rpm)
+            told[label(chosen)] = np.where(kept, _values(response, chosen, self.train)[: len(rpm)], np.nan)
         return Checked(rpm, solved, told)
 
     def with_more(self, checked, rpm):

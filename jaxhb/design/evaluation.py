@@ -26,7 +26,7 @@ from jaxhb.balance.problem import problem_at
 from jaxhb.balance.program import BATCH_SPEEDS, active_deflections, differentiable, estimate, find, respond
 from jaxhb.design import objectives
 from jaxhb.design.between_speeds import speeds_of
-from jaxhb.design.quantities import OF_DESIGN, QUANTITIES, Penalty, inertia_added, label
+from jaxhb.design.quantities import OF_DESIGN, QUANTITIES, Penalty, inertia_added, judged, label
 from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.linear.sensitivity import frequencies_hz
@@ -164,8 +164,8 @@ def where(chosen, here, there):
 class Reading:
     """What a design does: parameters by name, whether each speed is solved ``(n,)``, readings by label.
 
-    A reading is an array ``(n,)`` in SI units, nan where the speed is not solved, or a float for those of the train
-    alone; its label is ``"tooth force of crank gear|idler"``.
+    A reading is an array ``(n,)`` in SI units, nan where the speed is not solved or a rule has no limit, or a float for
+    those of the train alone; its label is ``"tooth force of crank gear|idler"``.
     """
 
     parameters: dict
@@ -338,8 +338,11 @@ class Evaluator:
         """The :class:`Reading` of one design, of as much as is known."""
         solved, told = point.solved[design, : len(self.rpm)], {}
         for chosen, values in zip(self.task.of_response + self.task.of_design, point.readings, strict=False):
-            own = values[design]
-            told[label(chosen)] = np.where(solved, own[: len(solved)], np.nan) if np.ndim(own) else float(own)
+            if chosen.quantity in OF_DESIGN:
+                told[label(chosen)] = float(values[design])
+            else:
+                kept = solved & judged(self.train, chosen, self.rpm)
+                told[label(chosen)] = np.where(kept, values[design][: len(solved)], np.nan)
         return Reading(self.task.named(point.z[design]), solved, told)
 
     def described(self, point, design):

@@ -8,7 +8,7 @@ import numpy as np
 from jaxhb.design import objectives
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.equations.kinematics import inertias
-from jaxhb.linear.strength import having
+from jaxhb.linear.strength import having, stress_limits
 from jaxhb.results.motion import Motion
 from jaxhb.results.signal import Signal
 
@@ -201,6 +201,14 @@ def label(chosen):
     order = f" {chosen.order:g}" if chosen.order is not None else ""
     mode = f" {chosen.mode}" if chosen.quantity == "natural frequency" else ""
     return f"{chosen.quantity}{order}{mode}" + (f" of {chosen.of}" if chosen.of else "")
+
+
+def judged(train, chosen, rpm):
+    """Whether what is read has a meaning at each speed ``(n,)``: a share of a limit has none where the rule of the
+    shaft has no limit."""
+    if not chosen.quantity.startswith("stress over "):
+        return np.ones(len(rpm), dtype=bool)
+    return np.isfinite(np.asarray(stress_limits(train, chosen.of, np.asarray(rpm))[0]))
 
 
 def inertia_added(train, start, of=None):

@@ -21,7 +21,7 @@ from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
 from jaxhb.design.bounds_over_box import bounds_over_box
 from jaxhb.design.evaluation import Evaluator, pull_back, where
-from jaxhb.design.quantities import QUANTITIES, Objective, label, objective_faults
+from jaxhb.design.quantities import QUANTITIES, Objective, judged, label, objective_faults
 from jaxhb.design.tolerances import Tolerance, box_of, check_tolerances, read_tolerances
 from jaxhb.elements.elements import SceneError
 from jaxhb.results.answers import left_out
@@ -39,6 +39,7 @@ EXPLORED_LINEAR = 64  # trains where no tooth separates, from which searches may
 GAIN, PATIENCE = 1e-3, 2  # share of the value below which a step has won nothing; so many of them end a search
 ASCENT, CURVED = 1e-4, 1e-8
 """Share of the slope that a step has to win, Armijo's condition; cosine of step and change of the slope at least."""
+NO_LIMIT = "the rule of the shaft has no limit there"
 TOGETHER = 8  # speeds whose searches are solved, and kept, together
 QUANTITIES_ASKED = "tooth force", "shaft torque", "damper power", "stress over continuous limit"
 
@@ -46,7 +47,8 @@ QUANTITIES_ASKED = "tooth force", "shaft torque", "damper power", "stress over c
 @brief
 @dataclass(frozen=True)
 class Spread:
-    """Result of :func:`tolerance`: n speeds, Q quantities, P tolerances, S samples. SI units, nan where not solved.
+    """Result of :func:`tolerance`: n speeds, Q quantities, P tolerances, S samples. SI units, nan where not solved and
+    where the rule of a shaft has no limit of which a stress would be a share.
 
     of : tuple of Objective; tolerances : tuple of Tolerance; rpm : ``(n,)``
     nominal : ``(n, Q)``, of the train as the scene has it
@@ -78,9 +80,25 @@ class Spread:
         return [label(one) for one in self.of]
 
     @property
+    def judged(self) -> np.ndarray:
+        """Whether each quantity has a meaning at each speed ``(n, Q)``: a share of a limit has none where the rule has
+        no limit."""
+        return np.column_stack([judged(self.train, chosen, self.rpm) for chosen in self.of])
+
+    @property
+    def answered(self) -> np.ndarray:
+        """Whether each speed is solved for the train as it is ``(n,)``."""
+        return (np.isfinite(self.nominal) | ~self.judged).all(axis=1)
+
+    @property
+    def drawn_solved(self) -> np.ndarray:
+        """Whether each train of the sample is solved at each speed ``(n, S)``."""
+        return (np.isfinite(self.samples) | ~self.judged[:, None]).all(axis=2)
+
+    @property
     def solved(self) -> np.ndarray:
         """Share of the samples that are solved ``(n,)``."""
-        return np.isfinite(self.samples).all(axis=2).mean(axis=1)
+        return self.drawn_solved.mean(axis=1)
 
     @property
     def effects(self) -> np.ndarray:
@@ -88,20 +106,18 @@ class Spread:
         where that has at least three trains for each number, else the slopes, which hold for small changes: where
         teeth hammer a force is no smooth function of the numbers."""
         found, count = self.slopes.copy(), 3 * self.drawn.shape[1]
-        for i, own in enumerate(self.samples):
-            kept = np.isfinite(own).all(axis=1)
+        for i, (responses, kept, meant) in enumerate(zip(self.samples, self.drawn_solved, self.judged, strict=True)):
             if kept.sum() >= count:
                 shares = np.column_stack([np.ones(kept.sum()), self.drawn[kept]])
-                found[i] = np.linalg.lstsq(shares, own[kept])[0][1:].T
+                found[i, meant] = np.linalg.lstsq(shares, responses[kept][:, meant])[0][1:].T
         return found
 
     def percentile(self, q: float) -> np.ndarray:
         """Of the samples that are solved ``(n, Q)``; nan where none is."""
         found = np.full(self.nominal.shape, np.nan)
-        for i, own in enumerate(self.samples):
-            kept = own[np.isfinite(own).all(axis=1)]
-            if len(kept):
-                found[i] = np.percentile(kept, q, axis=0)
+        for i, (responses, kept, meant) in enumerate(zip(self.samples, self.drawn_solved, self.judged, strict=True)):
+            if kept.any():
+                found[i, meant] = np.percentile(responses[kept][:, meant], q, axis=0)
         return found
 
     def to_xarray(self) -> Any:
@@ -231,6 +247,11 @@ def tolerance(
     worst, shares = search.worst()
     found = {"worst": worst, "shares": shares, "bound": bound, "no_bound": no_bound}
     found |= {"rpm": rpm, "nominal": search.nominal, "slopes": search.slopes, "samples": sampled, "drawn": drawn}
+    meant = np.column_stack([judged(train, chosen, rpm) for chosen in of])
+    found |= {name: np.where(meant, found[name], np.nan) for name in ("nominal", "worst", "bound")}
+    found |= {name: np.where(meant[..., None], found[name], np.nan) for name in ("slopes", "shares")}
+    found["samples"] = np.where(meant[:, None], sampled, np.nan)
+    found["no_bound"] = np.where(meant, no_bound, NO_LIMIT)
     return Spread(train, of, tolerances, **found, evaluations=search.evaluations)
 
 

@@ -111,3 +111,36 @@ def test_the_page_of_a_report_has_the_worst_cases(scene, run, tmp_path):
     assert called.status == 0 and "Worst case over the tolerances" in text and "worst case found" in text
     called = run(f"report {scene} --rpm 900,1000 --tolerances")
     assert called.status == 2 and "--tolerances: they appear on the page only" in called.err
+
+
+def test_no_share_of_a_limit_is_told_where_the_rule_has_none(tmp_path, run):
+    """At 1.05 of the rated speed, 126 rpm, the rule ends: 140 rpm has a stress, but no limit."""
+    path, name = tmp_path / "line.toml", "stress over continuous limit of shaft"
+    path.write_text(text_of("propeller_shaft.toml") + '\n[tolerance]\n"shaft.outer" = { share = 0.01 }\n')
+    line = f'tolerance {path} --rpm 100,120,140 --samples 4 --of "{name}" --of "stress of shaft"'
+    called = run(line, "json", "csv", "netcdf", "plot")
+    assert called.status == 0 and called.is_drawn
+    share, stress = called.json["quantities"]
+    limits = jaxhb.strength(jaxhb.forced_response(jaxhb.load_scene(path), rpm=np.array([100.0, 120.0, 140.0])))
+    judged = limits.stresses["shaft"]
+    np.testing.assert_allclose(share["nominal"][:2], (judged.stress / judged.continuous)[:2], rtol=1e-3)
+    np.testing.assert_allclose(stress["nominal"], judged.stress, rtol=1e-3)
+    for key in ("nominal", "worst", "slopes", "effects", "numbers_at_worst"):
+        assert np.ravel(share[key][2]).tolist() == [None]
+        assert None not in np.ravel(share[key][:2]).tolist()
+    assert None not in stress["worst"]
+    assert share["percentiles"]["95"][2] is None and share["percentiles"]["95"][0] > 0
+    assert (share["judged"], stress["judged"]) == ([True, True, False], [True] * 3)
+    assert share["no_bound"][2] == "the rule of the shaft has no limit there"
+    assert called.json["solved"] == [1.0] * 3  # of the sample
+    beyond = [row for row in called.rows if row["rpm"].startswith("140") and row["quantity"] == name]
+    assert [row["worst"] for row in beyond] == [""] and beyond[0]["judged"] == "False"
+    assert f"NOT judged, as the rule has no limit there: {name} at 140 rpm." in called.out
+    assert "NOT solved" not in called.out
+    import xarray
+
+    with xarray.open_dataset(called.path("netcdf")) as data:
+        assert np.isnan(data.worst.values[2, 0]) and np.isnan(data["sample"].values[2, :, 0]).all()
+    # Beyond the limit alone nothing is left to tell but that.
+    called = run(f'tolerance {path} --rpm 140,150 --of "{name}"')
+    assert called.status == 0 and f"{name} at 140, 150 rpm." in called.out and "Worst case" not in called.out

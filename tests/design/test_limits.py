@@ -7,6 +7,7 @@ from reference_data import DATA
 from tolerances import GRADIENT
 
 import jaxhb
+from jaxhb.design import Objective, Parameter
 from jaxhb.design.quantities import QUANTITIES
 
 SPEEDS, SHAFT, TRAIN = (
@@ -55,3 +56,14 @@ def test_the_gradient_of_limits_is_that_of_differences():
     step = 1e-4
     wanted = (total(step)[0] - total(-step)[0]) / (2 * step)
     assert total(0.0)[1] == pytest.approx(float(wanted), rel=GRADIENT)
+
+
+def test_no_share_of_a_limit_is_told_where_the_rule_has_none():
+    """Of a design that is tuned, at and between its speeds: 1000 rpm lies above 1.05 of the rated speed."""
+    read = Objective(quantity="stress over continuous limit", of=SHAFT)
+    thicker = Parameter(name="line shaft.outer", low=0.1, high=0.12)
+    found = jaxhb.tune(TRAIN, parameters=[thicker], rpm=[600.0, 800.0, 1000.0], objective=read, steps=1)
+    readings = found.after.readings[f"{read.quantity} of {SHAFT}"]
+    assert found.after.solved.all() and (readings[:2] > 0).all() and np.isnan(readings[2])
+    checked = found.checked["after"]
+    np.testing.assert_array_equal(np.isnan(checked.readings[f"{read.quantity} of {SHAFT}"]), checked.rpm > 945.0)

@@ -15,25 +15,42 @@ NEGLIGIBLE = 0.002  # share of the nominal response below which a number moves n
 
 def tolerance_parts(spread, checked):
     """Words and tables of a Spread: the worst case of each quantity, over the speeds, which numbers move it, where."""
-    title, rpm, solved = spread.train.topology.title, spread.rpm, np.isfinite(spread.nominal).all(axis=1)
+    title, rpm, solved = spread.train.topology.title, spread.rpm, spread.answered
     head = f"{title} at {SPEED.span(rpm)}: {len(spread.tolerances)} tolerances; {spread.evaluations} solves of a speed."
     lost = f"NOT solved, and left out: {', '.join(f'{x:g}' for x in rpm[~solved])} rpm."
     parts = ["\n".join([head, *([] if solved.all() else [lost])])]
-    if solved.any():
+    parts += _not_judged(spread)
+    if len(_told(spread)):
         parts += [_worst_table(spread)]
-        parts += [_over_speeds(spread, j, checked) for j in range(len(spread.of))]
-        parts += [_moving(spread), _places(spread), *remarks_text(_guarantee(spread, solved), "Bounds")]
+        parts += [_over_speeds(spread, j, checked) for j in _told(spread)]
+        parts += [_moving(spread), _places(spread), *remarks_text(_guarantee(spread), "Bounds")]
     if len(spread.drawn):
-        share = 100 * spread.solved[solved].min()
+        share = 100 * spread.solved[solved].min() if solved.any() else 0.0
         many = "all" if share == 100 else f"{share:.0f} % or more"
         parts.append(f"Sample: {len(spread.drawn)} trains, of which {many} are solved at each speed.")
     differences = checked["differences"] if checked else []
     return parts + remarks_text(differences, "Steady states that are not the periodic motions searched")
 
 
-def _guarantee(spread, solved):
+def _told(spread):
+    """Indices of the quantities that have a value at any speed."""
+    return np.flatnonzero(np.isfinite(spread.worst).any(axis=0))
+
+
+def _not_judged(spread):
+    """A line on the speeds for which a rule has no limit, of each share of a limit."""
+    said = [
+        f"{name} at {', '.join(f'{speed:g}' for speed in spread.rpm[~meant])} rpm"
+        for name, meant in zip(spread.labels, spread.judged.T, strict=True)
+        if not meant.all()
+    ]
+    return [f"NOT judged, as the rule has no limit there: {'; '.join(said)}."] if said else []
+
+
+def _guarantee(spread):
     """Sentences on what is proved of the worst cases, and where and why it is not."""
-    asked = spread.no_bound[solved]
+    found = spread.answered[:, None] & spread.judged
+    asked = spread.no_bound[found]
     bounded, free = bool((asked == "").any()), bool((asked != "").any())
     loose = any(spread.train.topology.mesh_backlash)
     told = []
@@ -41,7 +58,7 @@ def _guarantee(spread, solved):
         teeth = ", as long as its teeth stay in contact, in which all of them can run" if loose else ""
         told.append(f"No train within the tolerances has more than stands under 'at most'{teeth}.")
     for reason in dict.fromkeys(asked[asked != ""].tolist()):
-        here = (spread.no_bound == reason) & solved[:, None]
+        here = (spread.no_bound == reason) & found
         names = [name for name, own in zip(spread.labels, here.any(0), strict=True) if own]
         own = "" if len(names) == len(spread.of) else f" of {', '.join(names)}"
         told.append(f"No bound{own} at {', '.join(f'{x:g}' for x in spread.rpm[here.any(1)])} rpm: {reason}.")
@@ -59,7 +76,8 @@ def _largest(spread, j):
 def _worst_table(spread):
     """Each quantity at its worst speed, as the scene is and within the tolerances."""
     rows = []
-    for j, one in enumerate(spread.of):
+    for j in _told(spread):
+        one = spread.of[j]
         factor, _ = scaled_unit(one.quantity)
         at = [int(np.nanargmax(spread.nominal[:, j])), _largest(spread, j)]
         old, new = factor * spread.nominal[at[0], j], factor * spread.worst[at[1], j]
@@ -91,7 +109,8 @@ def _over_speeds(spread, j, checked):
 def _moving(spread):
     """Which numbers move each quantity, where its worst case is largest."""
     rows = []
-    for j, one in enumerate(spread.of):
+    for j in _told(spread):
+        one = spread.of[j]
         i = _largest(spread, j)
         slopes, size = spread.effects[i, j], spread.nominal[i, j]
         order = [k for k in np.argsort(-np.abs(slopes), kind="stable") if abs(slopes[k]) > NEGLIGIBLE * abs(size)]
@@ -105,15 +124,15 @@ def _moving(spread):
 
 def _places(spread):
     """The numbers of each worst case beside their ranges."""
-    train, places = spread.train, [_largest(spread, j) for j in range(len(spread.of))]
+    train, places = spread.train, {j: _largest(spread, j) for j in _told(spread)}
     rows = []
     for k, one in enumerate(spread.tolerances):
-        own = [plain_number(spread.numbers[i, j, k]) for j, i in enumerate(places)]
+        own = [plain_number(spread.numbers[i, j, k]) for j, i in places.items()]
         unit = parameter_unit(train, one.name) or NONE
         rows.append([one.name, plain_number(float(train.value(one.name))), *own, unit])
         rows[-1].append(f"{plain_number(one.low)} to {plain_number(one.high)}")
     worst = [f"worst {j}" for j in range(1, len(places) + 1)]
-    told = "; ".join(f"{j} {label(one)}" for j, one in enumerate(spread.of, 1))
+    told = "; ".join(f"{j} {label(one)}" for j, one in enumerate((spread.of[j] for j in places), 1))
     return from_rows(f"Numbers in the worst case of {told}", ["number", "as it is", *worst, "unit", "range"], rows)
 
 
@@ -131,6 +150,7 @@ def tolerance_record(spread, checked):
         "quantities": [
             {"name": name, "unit": unit_of(one.quantity), "nominal": spread.nominal[:, j], "worst": spread.worst[:, j]}
             | {"bound": spread.bound[:, j], "no_bound": spread.no_bound[:, j].tolist()}
+            | {"judged": spread.judged[:, j]}
             | {"slopes": spread.slopes[:, j], "effects": spread.effects[:, j], "numbers_at_worst": spread.numbers[:, j]}
             | ({"percentiles": {str(q): spread.percentile(q)[:, j] for q in PERCENT}} if len(spread.drawn) else {})
             | ({"kind_at_worst": [own[j] for own in worst]} if checked else {})
@@ -150,6 +170,7 @@ def tolerance_rows(spread, checked):
     for i, rpm in enumerate(spread.rpm):
         for j, one in enumerate(spread.of):
             row = {"rpm": rpm, "quantity": spread.labels[j], "unit": unit_of(one.quantity)}
+            row["judged"] = bool(spread.judged[i, j])
             row |= {"nominal": spread.nominal[i, j], "worst": spread.worst[i, j]}
             row |= {"bound": spread.bound[i, j], "no bound": spread.no_bound[i, j]}
             row |= {head: own[i, j] for head, own in sampled.items()}
