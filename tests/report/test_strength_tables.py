@@ -124,7 +124,7 @@ def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):
     tuned = jaxhb.load_scene(out / "tuned.toml")
     fine = jaxhb.strength(jaxhb.forced_response(tuned, rpm=np.linspace(390.0, 450.0, 1201))).stresses["line shaft"]
     peak = (fine.stress / fine.continuous).max()
-    # The peak lies between the speeds asked for; the ring, which has all the damping that it may, leaves room to the limit.
+    # It lies between the speeds asked for; the ring, with all the damping that it may have, leaves room to the limit.
     assert max(found["after"]) < between["value"] < 1.6 and between["value"] == pytest.approx(peak, rel=1e-4)
     assert record["parameters"]["ring.damping"]["after"] > 0.99 * 400.0
     judged = jaxhb.strength(jaxhb.forced_response(tuned, rpm=record["rpm"])).stresses["line shaft"]
