@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxhb._jax import Array
 from jaxhb.equations import backlash
 from jaxhb.equations.state_space import LIGHT, march_modes, partition
 
@@ -38,12 +39,12 @@ class MarchModes:
     of (l, l').
     """
 
-    rates: jax.Array
-    forcing: jax.Array
-    observation: jax.Array
+    rates: Array
+    forcing: Array
+    observation: Array
 
     @property
-    def deflections(self) -> jax.Array:
+    def deflections(self) -> Array:
         """Rows ``(G, m)`` of ``observation`` for l alone."""
         return self.observation[: self.forcing.shape[1]]
 

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxhb._jax import Array
 from jaxhb._program import Program
 from jaxhb.balance.march import (
     InstantSolve,
@@ -136,9 +137,9 @@ class SweepPoint:
     """What a sweep begins with: b ``(G, N+1)`` m, in place of the linear motion; state ``(2m,)`` of the modes and force
     phi ``(G,)`` N at the beginning of the cycle."""
 
-    linear: jax.Array
-    state: jax.Array
-    force: jax.Array
+    linear: Array
+    state: Array
+    force: Array
 
 
 def first_point(sweeps: SweepEquation) -> SweepPoint:
