@@ -16,7 +16,7 @@ import numpy as np
 
 from jaxhb._jax import Array, on_host, refuse_tracers
 from jaxhb._shown import brief
-from jaxhb.design.quantities import QUANTITIES, Objective, label, objective_faults
+from jaxhb.design.quantities import QUANTITIES, Objective, judged, label, objective_faults
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.linear.forced import forced_response
 from jaxhb.results.answers import left_out
@@ -228,9 +228,13 @@ def _by_deg(values, turn):
 
 
 def _read(motion, chosen, train):
-    """Quantities ``(S, Q)`` for people, nan where they are not converged."""
-    found = [QUANTITIES[one.quantity].exact_value(motion, one.of, one.order, train) for one in chosen]
-    return np.where(np.asarray(motion.converged)[:, None], np.stack(found, axis=-1), np.nan)
+    """Quantities ``(S, Q)`` for people, nan where they are not converged or a rule has no limit."""
+    columns = []
+    for quantity in chosen:
+        values = QUANTITIES[quantity.quantity].exact_value(motion, quantity.of, quantity.order, train)
+        told = np.asarray(motion.converged) & judged(train, quantity, motion.rpm)
+        columns.append(np.where(told, values, np.nan))
+    return np.stack(columns, axis=-1)
 
 
 @dataclass(frozen=True)

@@ -130,6 +130,20 @@ def test_with_backlash_phases_are_solved_round_the_circle():
     assert found.worst[0, 0] == pytest.approx(linear.worst[0, 0], rel=1e-3)
 
 
+def test_no_share_of_a_stress_limit_is_told_above_the_range_of_its_rule():
+    """1.05 of the rated speed: 241.5 rpm."""
+    steel = {"tensile_strength": 6e8, "stress_concentration": 0.5}
+    parts = [
+        dataclasses.replace(part, **steel) if getattr(part, "name", None) == "line" else part
+        for part in plant(phases=[Phase(name="turn", of=["starboard"], angle=0.0)])
+    ]
+    train = jaxhb.build(parts, reference="wheel", revolutions_per_cycle=1, rated_rpm=230.0, name="plant")
+    share = Objective(quantity="stress over continuous limit", of="line")
+    found = jaxhb.worst_phase(train, "turn", rpm=[200.0, 240.0, 310.0], of=[share])
+    for values in (found.nominal, found.worst, found.best):
+        assert (values[:2, 0] > 0).all() and np.isnan(values[2, 0])
+
+
 def test_what_is_no_phase_is_said_in_a_sentence():
     wrong = {"a": ("prt",), "b": ("port", "propeller gas"), "c": ()}
     with pytest.raises(SceneError) as told:

@@ -91,3 +91,12 @@ def test_product_matrix_is_the_product_in_time_truncated_to_the_same_harmonics(s
     product = fourier.synthesize(c, SAMPLES) * fourier.synthesize(signals, SAMPLES)
     found = np.einsum("sij,sj->si", fourier.product_matrix(c), fourier.pack(signals))
     np.testing.assert_allclose(found, fourier.pack(fourier.analyze(product, N)), rtol=0, atol=ALGEBRAIC * 100)
+
+
+def test_values_at_any_times_take_what_harmonics_are_there_alone():
+    """Three harmonics among 50,000 at 20,000 times: a product with all of them would hold 16 GB."""
+    coefficients = np.zeros((1, 50_001), dtype=complex)
+    coefficients[0, [0, 7, 50_000]] = 0.5, 1 - 2j, 0.25j
+    share = np.random.default_rng(5).uniform(size=20_000)
+    waves = 0.5 + 2 * ((1 - 2j) * np.exp(14j * np.pi * share) + 0.25j * np.exp(100_000j * np.pi * share)).real
+    np.testing.assert_allclose(fourier.values_at(coefficients, share)[0], waves, rtol=0, atol=1e-9)
