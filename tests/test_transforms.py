@@ -65,6 +65,12 @@ def forced(x):
     return jaxhb.forced_response(shaft(x), rpm=40.0)
 
 
+def balanced(x):
+    """The equations of two harmonics."""
+    return jaxhb.harmonic_residual(shaft(x), rpm=40.0, harmonics=2)
+
+
+ONES = jnp.ones(2 * 5)  # their unknowns: two disks, the mean and two waves
 tuned = {"parameters": [Parameter(name="a|b.stiffness", low=50.0, high=200.0)], "rpm": [40.0], "objective": TORQUE}
 spread = {"tolerances": [Tolerance(name="a|b.stiffness", low=90.0, high=110.0)], "rpm": [40.0], "of": [TORQUE]}
 
@@ -89,6 +95,8 @@ CALLS = {
     "forced_response": lambda x: forced(x).torque("a", "b").rms,
     "frequencies_hz": lambda x: jaxhb.frequencies_hz(shaft(x))[1],
     "gradient_and_error": None,
+    "block_sweep": lambda x: jaxhb.block_sweep(balanced(x), ONES, ONES).sum(),
+    "harmonic_residual": lambda x: balanced(x)(ONES).sum(),
     "holzer_residual": lambda x: jaxhb.holzer_residual(shaft(x), hz=1.0),
     "holzer_table": lambda x: jaxhb.holzer_table(shaft(x), hz=1.0).residual,
     "identify": lambda x: jaxhb.identify(shaft(x), MEASURED, parameters=tuned["parameters"]).values[0],

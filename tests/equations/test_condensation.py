@@ -12,13 +12,13 @@ from tolerances import ALGEBRAIC
 from trains import branched_parts, build, gearbox_parts
 
 from jaxhb import Damper, Disk, Mesh, Shaft
-from jaxhb.balance.problem import ActiveMeshes, problem_at, reduced_equation
+from jaxhb.balance.problem import ActiveMeshes, force_balance, problem_at, reduced_equation
 from jaxhb.equations import condensation, dynamic_stiffness, fourier
-from jaxhb.equations.residual import residual
+from jaxhb.equations.residual import ForceBalance
 
 HARMONICS, SAMPLES, RPM = 6, 96, 1500.0
 
-evaluate = jax.jit(residual, static_argnames="samples")
+evaluate = jax.jit(ForceBalance.residual)
 reduce = jax.jit(reduced_equation, static_argnums=1)
 excess_at = jax.jit(condensation.CondensedEquation.nonlinear_force_coefficients, static_argnums=2)
 reduced_residual = jax.jit(condensation.CondensedEquation.residual, static_argnums=2)
@@ -90,7 +90,7 @@ def assert_same_equation(problem, reduced, condensed, l):
     """Take any l: x = Z^-1 (q - D^T phi(l)) has F(l) = l - D x, and leaves A(x) = D^T (phi(D x) - phi(l))."""
     nonlinear_force = np.asarray(excess_at(reduced, l, SAMPLES))
     x = np.asarray(combine(condensed, nonlinear_force)[0])
-    full = evaluate(fourier.pack(x), problem.system, problem.meshes, problem.frequency, problem.load, samples=SAMPLES)
+    full = evaluate(force_balance(problem, HARMONICS, SAMPLES), fourier.pack(x))
     meshes = np.asarray(problem.meshes.link)[: len(l)]
     moved = problem.system.deflections(x, meshes)
     # D x as a difference of displacements loses some digits

@@ -135,8 +135,8 @@ def _readable_units(caption, panels, traces):
 def _readable(unit, largest):
     """Factor from a unit, and the unit in which an axis up to ``largest`` has short numbers.
 
-    >>> _readable("N m", 12000.0), _readable("kN", 4e-5), _readable("deg", 2e-8)
-    ((0.001, 'kN m'), (1000000.0, '1e-3 N'), (1000000000.0, '1e-9 deg'))
+    >>> _readable("N m", 12000.0), _readable("kN", 4e-7), _readable("deg", 2e-8)
+    ((0.001, 'kN m'), (1000000000.0, '1e-6 N'), (1000000000.0, '1e-9 deg'))
     """
     factor = 1.0
     while factor * largest > MOST and unit in THOUSANDS:
