@@ -146,9 +146,8 @@ class TeethLaw:
     def excess(self, deflection, rate):
         """phi in N, and its slopes in l (N/m) and l' (N s/m)."""
         known = self.law, self.viscous, self.contact_damping
-        by_deflection, by_rate = backlash.mesh_slopes(*known, deflection, rate)
-        phi = backlash.nonlinear_force(*known, deflection, rate)
-        return phi, by_deflection - self.law.linear_stiffness, by_rate - self.viscous
+        by_deflection, by_rate = backlash.nonlinear_slopes(*known, deflection, rate)
+        return backlash.nonlinear_force(*known, deflection, rate), by_deflection, by_rate
 
 
 @dataclass(frozen=True)

@@ -289,6 +289,12 @@ def mesh_slopes(law, viscous, contact_damping, deflection, rate):
     return slope(law, deflection) + extra, viscous * share + dry
 
 
+def nonlinear_slopes(law, viscous, contact_damping, deflection, rate):
+    """Partial derivatives of :func:`nonlinear_force` with respect to l (N/m) and l' (N s/m)."""
+    by_deflection, by_rate = mesh_slopes(law, viscous, contact_damping, deflection, rate)
+    return by_deflection - law.linear_stiffness, by_rate - viscous
+
+
 def at_samples(meshes, synthesize):
     """Law, viscous N s/m and contact damping of meshes with a trailing axis, to meet samples ``(G, samples)``.
 

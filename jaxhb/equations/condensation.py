@@ -55,9 +55,9 @@ class CondensedEquation:
     def nonlinear_force(self, deflection, rate, rule):
         """phi and its slopes in l and l' at the samples ``(G, samples)`` of a rule: what the linear mesh does not
         contain."""
-        law, viscous, _ = known = backlash.at_samples(self, rule.synthesize)
-        slope, rate_slope = backlash.mesh_slopes(*known, deflection, rate)
-        return backlash.nonlinear_force(*known, deflection, rate), slope - law.linear_stiffness, rate_slope - viscous
+        known = backlash.at_samples(self, rule.synthesize)
+        by_deflection, by_rate = backlash.nonlinear_slopes(*known, deflection, rate)
+        return backlash.nonlinear_force(*known, deflection, rate), by_deflection, by_rate
 
     def _along(self, deflection, samples):
         """The time samples of a motion, and phi and its slopes there."""

@@ -141,10 +141,10 @@ class _Cycle:
 
     def slopes(self, share):
         """Slopes ``(K, 2G)`` of phi in l and l' at shares of the cycle ``(K,)``."""
-        law, viscous, _ = known = backlash.at_samples(self.meshes, lambda c: fourier.values_at(c, share))
+        known = backlash.at_samples(self.meshes, lambda c: fourier.values_at(c, share))
         deflection, rate = between_samples(self.sampled, self.frequency, share)
-        slope, rate_slope = backlash.mesh_slopes(*known, deflection, rate)
-        return np.concatenate([slope - law.linear_stiffness, rate_slope - viscous + 0 * rate]).T
+        by_deflection, by_rate = backlash.nonlinear_slopes(*known, deflection, rate)
+        return np.concatenate([by_deflection, by_rate + 0 * rate]).T
 
     def propagators(self):
         """Chunk by chunk the propagators ``(K, n, n)`` of the steps, and the logarithms ``(K,)`` of their
