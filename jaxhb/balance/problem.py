@@ -196,6 +196,22 @@ def force_defect(problem, active_meshes, nonlinear_force, computed):
     return jnp.where(driven, missed / jnp.where(driven, size, 1.0), 0.0)
 
 
+def ring_force(problem, computed):
+    """Mean force on a damper ring that no stiffness holds, over the root mean square of the dry friction on it, the
+    largest of all; 0 for a motion that repeats, as nothing else takes that mean.
+
+    Where dry friction slips longer one way than the other, such a ring creeps on its hub. computed : Fields.
+    """
+    system, meshes = problem.system, problem.meshes
+    if not meshes.springs:
+        return jnp.zeros(())
+    beside = computed.forces[-meshes.springs :]
+    links = jnp.asarray(meshes.link)[-meshes.springs :]
+    loose = (system.tree.pinned & (jnp.asarray(system.stiffness) == 0))[links]
+    mean, size = jnp.abs(beside[:, 0].real), jnp.linalg.norm(fourier.pack(beside), axis=-1)
+    return jnp.max(jnp.where(loose & (size > 0), mean / jnp.where(size > 0, size, 1.0), 0.0))
+
+
 def held_in_contact(problem, deflections, flank, samples):
     """Whether every held mesh stays beyond the transition zone on its flank all cycle."""
     values = fourier.synthesize(deflections, samples)

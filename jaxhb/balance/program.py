@@ -29,6 +29,7 @@ from jaxhb.balance.problem import (
     power_defect,
     problem_at,
     reduced_equation,
+    ring_force,
 )
 from jaxhb.equations import backlash, condensation, exact_integrals, fourier
 from jaxhb.equations.backlash import law_of
@@ -127,7 +128,8 @@ def _find(problem, active_meshes, start, goals, plan):
     motion = condensed.combine(nonlinear_force)
     found = fields(problem, *motion, plan.integrals, plan.samples)
     defect = power_defect(problem, *motion, found)
-    balanced = force_defect(problem, active_meshes, nonlinear_force, found) <= jnp.maximum(limit, UNBALANCED_FORCE)
+    most_unbalanced = jnp.maximum(limit, UNBALANCED_FORCE)
+    balanced = force_defect(problem, active_meshes, nonlinear_force, found) <= most_unbalanced
     if plan.integrals == "exact":
         every = exact_integrals.find_crossings(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
         crossings = reduced.crossings, every
@@ -135,6 +137,8 @@ def _find(problem, active_meshes, start, goals, plan):
     newton = jnp.where(((error <= tolerance) | small_step) & balanced, Status.CONVERGED, newton)
     newton = jnp.where(jnp.isfinite(error), newton, Status.NONFINITE)
     failure = _failure(problem, active_meshes, reduced, condensed, found, newton, crossings, plan.samples)
+    creeps = (failure == Status.CONVERGED) & (ring_force(problem, found) > UNBALANCED_FORCE)
+    failure = jnp.where(creeps, Status.UNBALANCED, failure)
     solved = failure == Status.CONVERGED
     status = jnp.where(solved & ~(truncation <= limit), Status.TOLERANCE_NOT_MET, failure)
     outcome = Outcome(found, deflection, status, periodicity_error, error, truncation, defect, steps)

@@ -61,7 +61,8 @@ _SENTENCES = {
     "amplitude of a link was not found: make its table over_amplitude smoother or add damping",
     Status.STALLED: "Newton's method found no step that improves the solution: " + _REMEDY,
     Status.UNBALANCED: "the mean torques do not balance and no load or ground takes the difference: add a [[load]] or "
-    "correct the mean torques",
+    "correct the mean torques; a damper ring that dry friction drives and no stiffness holds creeps: give it a small "
+    "stiffness",
     Status.NEAR_SINGULAR: "the equations are singular here (an undamped resonance): add damping or move the speed",
     Status.NONFINITE: "the solution is not finite: check the scene for huge or tiny numbers",
     Status.INVALID_INPUT: "the speed is not between 0 and 1000000 rpm, or a number of the train lies outside its range "

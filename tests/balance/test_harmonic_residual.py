@@ -15,7 +15,7 @@ from tolerances import ALGEBRAIC, PATHS
 from trains import branched_parts, gearbox_parts
 
 import jaxhb
-from jaxhb import Damper, Disk, Ground, Load, Mesh, Shaft, Torque
+from jaxhb import Damper, Disk, Ground, Load, Mesh, Shaft, Status, Torque
 
 LAW = {"stiffness": 2e8, "damping": 2e3, "backlash": 2e-4, "epsilon": 1e-2, "transition": 0.2}
 SPRINGS = {"clearance": 1.0, "stages": [(3.0, 1000.0)], "stops": [(-5.0, 3000.0), (6.0, 5000.0)]}
@@ -233,6 +233,17 @@ def test_solutions_make_it_zero(case):
     assert r.solved
     load = np.abs(A(np.zeros(A.size))).max()
     assert np.abs(A(A.pack(A.radius[:, None] * r.angles))).max() < PATHS * load
+
+
+def test_a_ring_that_dry_friction_turns_on_is_no_periodic_motion():
+    """A(x) has the mean torque that nothing takes, 5 % of the dry friction, and the status tells it."""
+    train = jaxhb.build(clutch_parts(), revolutions_per_cycle=1, reference="engine")
+    r = jaxhb.solve(train, rpm=700.0, harmonics=32, tolerance=0.5)
+    A = jaxhb.harmonic_residual(train, rpm=700.0, harmonics=32)
+    left = A.unpack(A(A.pack(A.radius[:, None] * r.angles)))
+    assert abs(left[train.topology.disk_names.index("ring"), 0]) > 0.05 * 2.0
+    assert r.status == Status.UNBALANCED and not r.solved
+    refused(lambda: jaxhb.check(r), "creeps: give it a small stiffness", jaxhb.NotConverged)
 
 
 def test_newton_by_the_block_sweep_from_the_motion_in_contact_finds_teeth_that_part():
