@@ -128,17 +128,14 @@ def _find(problem, active_meshes, start, goals, plan):
     motion = condensed.combine(nonlinear_force)
     found = fields(problem, *motion, plan.integrals, plan.samples)
     defect = power_defect(problem, *motion, found)
-    most_unbalanced = jnp.maximum(limit, UNBALANCED_FORCE)
-    balanced = force_defect(problem, active_meshes, nonlinear_force, found) <= most_unbalanced
     if plan.integrals == "exact":
         every = exact_integrals.find_crossings(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
         crossings = reduced.crossings, every
+    balanced = is_balanced(problem, active_meshes, nonlinear_force, found, limit)
     newton = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
     newton = jnp.where(((error <= tolerance) | small_step) & balanced, Status.CONVERGED, newton)
     newton = jnp.where(jnp.isfinite(error), newton, Status.NONFINITE)
-    failure = _failure(problem, active_meshes, reduced, condensed, found, newton, crossings, plan.samples)
-    creeps = (failure == Status.CONVERGED) & (ring_force(problem, found) > UNBALANCED_FORCE)
-    failure = jnp.where(creeps, Status.UNBALANCED, failure)
+    failure = failure_of(problem, active_meshes, reduced, condensed, found, newton, crossings, plan.samples)
     solved = failure == Status.CONVERGED
     status = jnp.where(solved & ~(truncation <= limit), Status.TOLERANCE_NOT_MET, failure)
     outcome = Outcome(found, deflection, status, periodicity_error, error, truncation, defect, steps)
@@ -211,8 +208,14 @@ def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
     return teeth[active_meshes.index] * active_meshes.mask[:, None], iterate
 
 
-def _failure(problem, active_meshes, reduced, condensed, found, newton, crossings, samples):
-    """The status as far as the equations go, CONVERGED whatever the truncation error, from that of Newton's method."""
+def is_balanced(problem, active_meshes, nonlinear_force, found, limit):
+    """Whether mean tooth forces are what the mean torques ask for, to ``limit`` of the forces or UNBALANCED_FORCE."""
+    missed = force_defect(problem, active_meshes, nonlinear_force, found)
+    return missed <= jnp.maximum(limit, UNBALANCED_FORCE)
+
+
+def failure_of(problem, active_meshes, reduced, condensed, found, newton, crossings, samples):
+    """The status as far as the equations go, CONVERGED whatever the truncation error, from that of the iteration."""
     finite = (newton != Status.NONFINITE) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
     _, linear = residual_and_status(*condensed.balance)
     # Teeth in the gap push at harmonics that no torque has, where the train may be at resonance as well.
@@ -222,6 +225,8 @@ def _failure(problem, active_meshes, reduced, condensed, found, newton, crossing
     # The later, the stronger: a motion that is not finite says nothing of the plan, and at a resonance without damping
     # nothing else means anything.
     status = jnp.where(held & complete, newton, Status.PLAN_VIOLATED)
+    creeps = (status == Status.CONVERGED) & (ring_force(problem, found) > UNBALANCED_FORCE)
+    status = jnp.where(creeps, Status.UNBALANCED, status)
     status = jnp.where(linear == Status.UNBALANCED, linear, status)
     status = jnp.where(finite, status, Status.NONFINITE)
     linear = jnp.where(compliance > SINGULAR, jnp.maximum(linear, Status.NEAR_SINGULAR), linear)
@@ -248,19 +253,25 @@ def truncation_error(fine, operator, deflection, samples):
     wide = fourier.resize(deflection, harmonics)
     residual = fine.residual(wide, 2 * samples)
     change, left, _ = correction.correct(fine, operator, wide, residual, 2 * samples, *ESTIMATE)
-    law, *_ = backlash.at_samples(fine, fourier.Equidistant(2 * samples).synthesize)
+    return relative_force_change(fine, wide, change, 2 * samples) / (1 - jnp.minimum(left, 0.999))
+
+
+def relative_force_change(equation, deflection, change, samples):
+    """Sup-norm of what ``change`` ``(G, N+1)`` m takes from the elastic forces at a deflection, over the largest of
+    them."""
+    law, *_ = backlash.at_samples(equation, fourier.Equidistant(samples).synthesize)
 
     def force(deflection):
-        elastic = backlash.force(law, fourier.synthesize(deflection, 2 * samples))
+        elastic = backlash.force(law, fourier.synthesize(deflection, samples))
         if law.friction is None:
             return elastic
-        return elastic + backlash.dry_friction(law, fine.sampled(deflection, 2 * samples)[1])
+        return elastic + backlash.dry_friction(law, equation.sampled(deflection, samples)[1])
 
-    before, after = force(wide), force(wide - change)
+    before, after = force(deflection), force(deflection - change)
     # Of solved equations, where no tooth carries a load.
-    noise = 1e-8 * jnp.max(fine.law.stiffness * deflection_scale(fine))
-    estimate = jnp.max(jnp.abs(after - before)) / jnp.maximum(jnp.max(jnp.abs(before)), jnp.maximum(noise, 1e-300))
-    return estimate / (1 - jnp.minimum(left, 0.999))
+    noise = 1e-8 * jnp.max(equation.law.stiffness * deflection_scale(equation))
+    largest = jnp.maximum(jnp.max(jnp.abs(before)), jnp.maximum(noise, 1e-300))
+    return jnp.max(jnp.abs(after - before)) / largest
 
 
 def active_deflections(plan, deflections):
