@@ -214,9 +214,9 @@ def is_balanced(problem, active_meshes, nonlinear_force, found, limit):
     return missed <= jnp.maximum(limit, UNBALANCED_FORCE)
 
 
-def failure_of(problem, active_meshes, reduced, condensed, found, newton, crossings, samples):
-    """The status as far as the equations go, CONVERGED whatever the truncation error, from that of the iteration."""
-    finite = (newton != Status.NONFINITE) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
+def failure_of(problem, active_meshes, reduced, condensed, found, iteration, crossings, samples):
+    """The status as far as the equations go, CONVERGED whatever the truncation error, from that of ``iteration``."""
+    finite = (iteration != Status.NONFINITE) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
     _, linear = residual_and_status(*condensed.balance)
     # Teeth in the gap push at harmonics that no torque has, where the train may be at resonance as well.
     compliance = jnp.max(jnp.abs(reduced.receptance), initial=0.0) * jnp.max(reduced.law.stiffness, initial=0.0)
@@ -224,7 +224,7 @@ def failure_of(problem, active_meshes, reduced, condensed, found, newton, crossi
     complete = jnp.array(True) if crossings is None else crossings[0].complete & crossings[1].complete
     # The later, the stronger: a motion that is not finite says nothing of the plan, and at a resonance without damping
     # nothing else means anything.
-    status = jnp.where(held & complete, newton, Status.PLAN_VIOLATED)
+    status = jnp.where(held & complete, iteration, Status.PLAN_VIOLATED)
     creeps = (status == Status.CONVERGED) & (ring_force(problem, found) > UNBALANCED_FORCE)
     status = jnp.where(creeps, Status.UNBALANCED, status)
     status = jnp.where(linear == Status.UNBALANCED, linear, status)

@@ -19,13 +19,14 @@ LAST_CHANGES = 2.0  # times the last change that sweeps to come may add, as they
 def _solved_by_sweeps(problem, active_meshes, modes: MarchModes, tolerance, plan: SweepPlan) -> Outcome:
     """The Outcome of a Problem from teeth on their drive sides, by MOST_SWEEPS at most.
 
-    CONVERGED : the truncation error is ``tolerance`` of the largest elastic force or less. It is estimated by one sweep
-    on 2 N harmonics, F(l) taken from the deflections once, and the changes that more sweeps would make: on hammering
-    trains the true error was 0.1 to 1.1 of it, no bound. MAX_STEPS : the sweeps did not settle.
+    CONVERGED : the truncation error is ``tolerance`` of the largest elastic force or less. It is an estimate, no bound:
+    F(l) on 2 N harmonics taken from the deflections once, and the changes that more sweeps would make. MAX_STEPS : the
+    sweeps did not settle, or mean forces miss the mean torques.
     """
     fine, condensed = reduced_equation(problem, 2 * plan.harmonics, active_meshes)
     equation = condensation.truncate(fine, plan.harmonics)
-    settled = sweeps.settled_from_flank(equation, modes, plan, SETTLED * tolerance, MOST_SWEEPS)
+    goal = SETTLED * tolerance
+    settled = sweeps.settled_from_flank(equation, modes, plan, goal, MOST_SWEEPS)
     deflection = settled.deflection
     wide = fourier.resize(deflection, 2 * plan.harmonics)
     missed = fine.residual(wide, 2 * plan.samples)
@@ -34,16 +35,15 @@ def _solved_by_sweeps(problem, active_meshes, modes: MarchModes, tolerance, plan
     nonlinear_force = equation.nonlinear_force_coefficients(deflection, plan.samples)
     displacement, force = condensed.combine(nonlinear_force)
     found = fields(problem, displacement, force, "sampled", plan.samples)
-    settles = settled.change <= SETTLED * tolerance
     balanced = is_balanced(problem, active_meshes, nonlinear_force, found, tolerance)
-    status = jnp.where(settles & balanced, Status.CONVERGED, Status.MAX_STEPS)
-    status = jnp.where(jnp.isfinite(settled.error), status, Status.NONFINITE)
-    status = failure_of(problem, active_meshes, equation, condensed, found, status, None, plan.samples)
-    exceeded = (status == Status.CONVERGED) & ~(truncation <= tolerance)
+    iteration = jnp.where((settled.change <= goal) & balanced, Status.CONVERGED, Status.MAX_STEPS)
+    iteration = jnp.where(jnp.isfinite(settled.error), iteration, Status.NONFINITE)
+    failure = failure_of(problem, active_meshes, equation, condensed, found, iteration, None, plan.samples)
+    exceeded = (failure == Status.CONVERGED) & ~(truncation <= tolerance)
     return Outcome(
         fields=found,
         deflection=deflection,
-        status=jnp.where(exceeded, Status.TOLERANCE_NOT_MET, status),
+        status=jnp.where(exceeded, Status.TOLERANCE_NOT_MET, failure),
         periodicity_error=settled.change,
         residual=settled.error,
         truncation_error=truncation,
