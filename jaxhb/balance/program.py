@@ -4,7 +4,6 @@ A compiled solve starts Newton's method, estimates the truncation error, and giv
 """
 
 import dataclasses
-from dataclasses import dataclass
 from functools import partial
 
 import jax
@@ -17,24 +16,13 @@ from jaxhb._jax import namespace, staged, traced
 from jaxhb._program import WHOLE, Program, across, along
 from jaxhb._threads import side_by_side
 from jaxhb.balance import correction, derivative
-from jaxhb.balance.newton import deflection_scale, relative_residual, solve_chain, solve_reduced
+from jaxhb.balance.newton import relative_residual, solve_chain, solve_reduced
+from jaxhb.balance.outcome import Ended, conclude, relative_force_change
 from jaxhb.balance.plan import check_plan
-from jaxhb.balance.problem import (
-    Problem,
-    fields,
-    force_balance,
-    force_defect,
-    held_in_contact,
-    model_of,
-    power_defect,
-    problem_at,
-    reduced_equation,
-    ring_force,
-)
-from jaxhb.equations import backlash, condensation, exact_integrals, fourier
+from jaxhb.balance.problem import Problem, force_balance, model_of, problem_at, reduced_equation
+from jaxhb.equations import backlash, condensation, fourier
 from jaxhb.equations.backlash import law_of
 from jaxhb.integration.step import force_on_flank, march, rows_of, stepper_of, with_rate
-from jaxhb.linear.forced import SINGULAR, residual_and_status
 from jaxhb.results.response import Response
 from jaxhb.results.status import March, Newton, Status
 from jaxhb.train.changes import within_range
@@ -42,30 +30,10 @@ from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 
 # Relative residual, a few times that of a settled march, from which Newton's method takes longer than a march.
 MARCH_ABOVE = 3e-4
-UNBALANCED_FORCE = 1e-2  # share of the tooth forces, at least, by which their means may miss the balance of torques
 ESTIMATE = 0.05, 20  # share of the residual that the correction of an estimate may leave, and its Krylov steps at most
 FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked for
 BATCH_SPEEDS = 8  # speeds that one program solves side by side where contacts are unknowns, on accelerators
 LINEAR_SPEEDS = 64  # and where teeth stay in contact; of fewer each is solved by itself, without one more program
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Outcome:
-    """Fields of the solution, deflections ``(G, N+1)`` of the active meshes, and how the solve went.
-
-    periodicity_error : of the last cycle marched, nan where that is not finite and 0 where nothing was marched;
-    residual, truncation_error, power_defect; steps : of Newton.
-    """
-
-    fields: object
-    deflection: jax.Array
-    status: jax.Array
-    periodicity_error: jax.Array
-    residual: jax.Array
-    truncation_error: jax.Array
-    power_defect: jax.Array
-    steps: jax.Array
 
 
 @partial(Program, static_argnames="plan")
@@ -123,23 +91,20 @@ def _find(problem, active_meshes, start, goals, plan):
         if plan.estimated:
             truncation = truncation_error(fine, operator, deflection, plan.samples)
         steps, stalled = iterate.steps, iterate.stalled
-    reduced, crossings = reduced.with_crossings(deflection), None
+    reduced = reduced.with_crossings(deflection)
     nonlinear_force = reduced.nonlinear_force_coefficients(deflection, plan.samples)
-    motion = condensed.combine(nonlinear_force)
-    found = fields(problem, *motion, plan.integrals, plan.samples)
-    defect = power_defect(problem, *motion, found)
-    if plan.integrals == "exact":
-        every = exact_integrals.find_crossings(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
-        crossings = reduced.crossings, every
-    balanced = is_balanced(problem, active_meshes, nonlinear_force, found, limit)
-    newton = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
-    newton = jnp.where(((error <= tolerance) | small_step) & balanced, Status.CONVERGED, newton)
-    newton = jnp.where(jnp.isfinite(error), newton, Status.NONFINITE)
-    failure = failure_of(problem, active_meshes, reduced, condensed, found, newton, crossings, plan.samples)
-    solved = failure == Status.CONVERGED
-    status = jnp.where(solved & ~(truncation <= limit), Status.TOLERANCE_NOT_MET, failure)
-    outcome = Outcome(found, deflection, status, periodicity_error, error, truncation, defect, steps)
-    return outcome, (operator, crossings), solved
+    ended = Ended(
+        deflection=deflection,
+        settled=(error <= tolerance) | small_step,
+        stalled=stalled,
+        steps=steps,
+        error=error,
+        periodicity_error=periodicity_error,
+        truncation_error=truncation,
+    )
+    given = problem, active_meshes, reduced, condensed
+    outcome, crossings = conclude(*given, nonlinear_force, ended, limit, plan.samples)
+    return outcome, (operator, crossings), outcome.status <= Status.TOLERANCE_NOT_MET
 
 
 def _first(reduced, model, start, plan):
@@ -208,31 +173,6 @@ def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
     return teeth[active_meshes.index] * active_meshes.mask[:, None], iterate
 
 
-def is_balanced(problem, active_meshes, nonlinear_force, found, limit):
-    """Whether mean tooth forces are what the mean torques ask for, to ``limit`` of the forces or UNBALANCED_FORCE."""
-    missed = force_defect(problem, active_meshes, nonlinear_force, found)
-    return missed <= jnp.maximum(limit, UNBALANCED_FORCE)
-
-
-def failure_of(problem, active_meshes, reduced, condensed, found, iteration, crossings, samples):
-    """The status as far as the equations go, CONVERGED whatever the truncation error, from that of ``iteration``."""
-    finite = (iteration != Status.NONFINITE) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
-    _, linear = residual_and_status(*condensed.balance)
-    # Teeth in the gap push at harmonics that no torque has, where the train may be at resonance as well.
-    compliance = jnp.max(jnp.abs(reduced.receptance), initial=0.0) * jnp.max(reduced.law.stiffness, initial=0.0)
-    held = held_in_contact(problem, found.deflections, active_meshes.flank, samples)
-    complete = jnp.array(True) if crossings is None else crossings[0].complete & crossings[1].complete
-    # The later, the stronger: a motion that is not finite says nothing of the plan, and at a resonance without damping
-    # nothing else means anything.
-    status = jnp.where(held & complete, iteration, Status.PLAN_VIOLATED)
-    creeps = (status == Status.CONVERGED) & (ring_force(problem, found) > UNBALANCED_FORCE)
-    status = jnp.where(creeps, Status.UNBALANCED, status)
-    status = jnp.where(linear == Status.UNBALANCED, linear, status)
-    status = jnp.where(finite, status, Status.NONFINITE)
-    linear = jnp.where(compliance > SINGULAR, jnp.maximum(linear, Status.NEAR_SINGULAR), linear)
-    return jnp.where(linear >= Status.NEAR_SINGULAR, linear, status)
-
-
 @partial(Program, static_argnames="plan")
 def estimate(problem, active_meshes, deflection, plan):
     """The truncation error of a motion found without it: deflections ``(G, N+1)`` of the active meshes."""
@@ -254,24 +194,6 @@ def truncation_error(fine, operator, deflection, samples):
     residual = fine.residual(wide, 2 * samples)
     change, left, _ = correction.correct(fine, operator, wide, residual, 2 * samples, *ESTIMATE)
     return relative_force_change(fine, wide, change, 2 * samples) / (1 - jnp.minimum(left, 0.999))
-
-
-def relative_force_change(equation, deflection, change, samples):
-    """Sup-norm of what ``change`` ``(G, N+1)`` m takes from the elastic forces at a deflection, over the largest of
-    them."""
-    law, *_ = backlash.at_samples(equation, fourier.Equidistant(samples).synthesize)
-
-    def force(deflection):
-        elastic = backlash.force(law, fourier.synthesize(deflection, samples))
-        if law.friction is None:
-            return elastic
-        return elastic + backlash.dry_friction(law, equation.sampled(deflection, samples)[1])
-
-    before, after = force(deflection), force(deflection - change)
-    # Of solved equations, where no tooth carries a load.
-    noise = 1e-8 * jnp.max(equation.law.stiffness * deflection_scale(equation))
-    largest = jnp.maximum(jnp.max(jnp.abs(before)), jnp.maximum(noise, 1e-300))
-    return jnp.max(jnp.abs(after - before)) / largest
 
 
 def active_deflections(plan, deflections):
@@ -357,17 +279,21 @@ def respond(train, rpm, problem, outcome, plan):
 def solve_once(train, rpm, problem, plan, begin):
     """The Response with numpy arrays, and the Outcome, of one eager solve."""
     outcome = jax.tree.map(np.asarray, solve_problem(problem, plan.active_meshes, begin, plan.goals, plan.static))
-    return _response_of(train, rpm, problem, outcome, plan), outcome
+    return response_of(train, rpm, problem, outcome, plan, _newtons_path(outcome, plan)), outcome
 
 
-def _response_of(train, rpm, problem, outcome, plan):
-    """The Response of an Outcome with numpy arrays, its train and its path."""
+def response_of(train, rpm, problem, outcome, plan, path):
+    """The Response of an Outcome with numpy arrays, its train and the events that led to it."""
     response = jax.tree.map(np.asarray, respond(train, rpm, problem, outcome, plan))
-    status, steps, error = Status(int(response.status)), int(response.steps), float(outcome.periodicity_error)
-    path = (Newton(plan.harmonics, len(plan.active), plan.integrals, status, steps),)
-    if error:  # 0: nothing was marched
-        path = (March(plan.cycles, plan.time_steps, error), *path)
-    return dataclasses.replace(response, train=train, path=path)
+    return dataclasses.replace(response, train=train, path=tuple(path))
+
+
+def _newtons_path(outcome, plan):
+    """The events of a solve under a plan."""
+    status, steps, error = Status(int(outcome.status)), int(outcome.steps), float(outcome.periodicity_error)
+    newton = Newton(plan.harmonics, len(plan.active), plan.integrals, status, steps)
+    marched = error != 0  # 0: nothing was marched
+    return (March(plan.cycles, plan.time_steps, error), newton) if marched else (newton,)
 
 
 def solve_batches(train, rpm, plan, devices=()):
@@ -400,7 +326,7 @@ def solve_batches(train, rpm, plan, devices=()):
         for i, speed in enumerate(speeds):
             row, (torque, power) = jax.tree.map(lambda leaf, i=i: leaf[i], (outcome, loads))
             own = dataclasses.replace(problem, load_torque=torque, load_power=power)
-            responses.append(_response_of(train, speed, own, row, plan))
+            responses.append(response_of(train, speed, own, row, plan, _newtons_path(row, plan)))
         yield responses
 
 

@@ -58,6 +58,11 @@ class SweepPlan:
         return self.steps // 2 - NEAR_NYQUIST
 
     @property
+    def kept(self) -> int:
+        """Harmonics of the motion that are kept: those above them carry little more than rounding of the teeth."""
+        return self.steps // 4
+
+    @property
     def samples(self) -> int:
         """M, at which the residual takes the law."""
         return SAMPLES_PER_STEP * self.steps
@@ -168,13 +173,12 @@ def sweep(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
 @dataclass(frozen=True)
 class Settled:
     """Where sweeps ended: point; deflection ``(G, N+1)`` m; sweeps, how many were taken; change of the deflection in
-    the last one over :func:`~jaxhb.balance.newton.deflection_scale`; error, size of F likewise."""
+    the last one over its :func:`vibration_size`."""
 
     point: SweepPoint
-    deflection: jax.Array
-    sweeps: jax.Array
-    change: jax.Array
-    error: jax.Array
+    deflection: Array
+    sweeps: Array
+    change: Array
 
 
 def force_size(equation, deflection):
@@ -209,15 +213,7 @@ def settle(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, goal, most
 
     begin = jnp.array(0), point, equation.linear, jnp.array(jnp.inf)
     count, point, deflection, change = lax.while_loop(unsettled, one, begin)
-    missed = equation.residual(deflection, plan.samples)
-    error = force_size(equation, missed) / vibration_size(equation, deflection)
-    return Settled(point, deflection, count, change, error)
-
-
-def settled_from_flank(equation, modes: MarchModes, plan: SweepPlan, goal, most) -> Settled:
-    """:func:`settle` of a CondensedEquation with N harmonics, from teeth on their drive sides."""
-    sweeps = sweep_equation(equation, modes, plan)
-    return settle(sweeps, first_point(sweeps), plan, goal, most)
+    return Settled(point, deflection, count, change)
 
 
 def unclosed(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
@@ -226,7 +222,7 @@ def unclosed(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
     return jax.tree.map(lambda before, after: before - after, point, following), deflection
 
 
-settle_program = Program(settled_from_flank, static_argnames="plan")
+settle_program = Program(settle, static_argnames="plan")
 equation_program = Program(sweep_equation, static_argnames="plan")
 sweep_program = Program(sweep, static_argnames="plan")
 unclosed_program = Program(unclosed, static_argnames="plan")

@@ -1,55 +1,92 @@
 """The solution of one train at one speed by sweeps, with its status and the error of its harmonics."""
 
+from dataclasses import dataclass
+
+import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxhb._program import Program
-from jaxhb.balance import sweeps
+from jaxhb.balance import map_newton, sweeps
 from jaxhb.balance.march import MarchModes
-from jaxhb.balance.problem import fields, power_defect, reduced_equation
-from jaxhb.balance.program import Outcome, failure_of, is_balanced, relative_force_change
-from jaxhb.balance.sweeps import SweepPlan
+from jaxhb.balance.outcome import Ended, Outcome, conclude, relative_force_change
+from jaxhb.balance.problem import reduced_equation
+from jaxhb.balance.sweeps import Settled, SweepEquation, SweepPlan, SweepPoint
 from jaxhb.equations import condensation, fourier
-from jaxhb.results.status import Status
+from jaxhb.results.status import NewtonOnSweeps, Sweeps
 
-MOST_SWEEPS = 12  # a motion that these do not settle wants shorter steps, Newton's method or more cycles
+MOST_SWEEPS = 12  # a motion that these do not settle wants Newton's method
+MOST_MARCHES = 100  # of Newton's method: orbits of irregular trains that need more are rarely found at all
 SETTLED = 0.1  # share of the tolerance that the last sweep may change of the vibration
 LAST_CHANGES = 2.0  # times the last change that sweeps to come may add, as they shrink it to a half or less
 
 
-def _solved_by_sweeps(problem, active_meshes, modes: MarchModes, tolerance, plan: SweepPlan) -> Outcome:
-    """The Outcome of a Problem from teeth on their drive sides, by MOST_SWEEPS at most.
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SweptProblem:
+    """A Problem ready for sweeps: its equation with 2 N harmonics, condensed train, equation of the sweeps, and the
+    point with all teeth on their drive sides."""
+
+    fine: condensation.CondensedEquation
+    condensed: condensation.CondensedTrain
+    sweeps: SweepEquation
+    flank: SweepPoint
+
+
+def _prepared(problem, active_meshes, modes: MarchModes, plan: SweepPlan) -> SweptProblem:
+    """The :class:`SweptProblem` of a Problem."""
+    fine, condensed = reduced_equation(problem, 2 * plan.harmonics, active_meshes)
+    equation = sweeps.sweep_equation(condensation.truncate(fine, plan.harmonics), modes, plan)
+    return SweptProblem(fine, condensed, equation, sweeps.first_point(equation))
+
+
+def _concluded(problem, active_meshes, swept: SweptProblem, settled: Settled, tolerance, plan: SweepPlan) -> Outcome:
+    """The Outcome with ``plan.kept`` harmonics of where sweeps ended.
 
     CONVERGED : the truncation error is ``tolerance`` of the largest elastic force or less. It is an estimate, no bound:
-    F(l) on 2 N harmonics taken from the deflections once, and the changes that more sweeps would make. MAX_STEPS : the
-    sweeps did not settle, or mean forces miss the mean torques.
+    harmonics above those kept, F(l) on 2 N harmonics taken from the deflections once, and the changes that more sweeps
+    would make. MAX_STEPS : the sweeps did not settle, or mean forces miss the mean torques.
     """
-    fine, condensed = reduced_equation(problem, 2 * plan.harmonics, active_meshes)
-    equation = condensation.truncate(fine, plan.harmonics)
-    goal = SETTLED * tolerance
-    settled = sweeps.settled_from_flank(equation, modes, plan, goal, MOST_SWEEPS)
-    deflection = settled.deflection
-    wide = fourier.resize(deflection, 2 * plan.harmonics)
+    fine, equation = swept.fine, swept.sweeps.equation
+    wide = fourier.resize(settled.deflection, 2 * plan.harmonics)
     missed = fine.residual(wide, 2 * plan.samples)
-    truncation = relative_force_change(fine, wide, missed, 2 * plan.samples) + LAST_CHANGES * settled.change
-
-    nonlinear_force = equation.nonlinear_force_coefficients(deflection, plan.samples)
-    displacement, force = condensed.combine(nonlinear_force)
-    found = fields(problem, displacement, force, "sampled", plan.samples)
-    balanced = is_balanced(problem, active_meshes, nonlinear_force, found, tolerance)
-    iteration = jnp.where((settled.change <= goal) & balanced, Status.CONVERGED, Status.MAX_STEPS)
-    iteration = jnp.where(jnp.isfinite(settled.error), iteration, Status.NONFINITE)
-    failure = failure_of(problem, active_meshes, equation, condensed, found, iteration, None, plan.samples)
-    exceeded = (failure == Status.CONVERGED) & ~(truncation <= tolerance)
-    return Outcome(
-        fields=found,
-        deflection=deflection,
-        status=jnp.where(exceeded, Status.TOLERANCE_NOT_MET, failure),
-        periodicity_error=settled.change,
-        residual=settled.error,
-        truncation_error=truncation,
-        power_defect=power_defect(problem, displacement, force, found),
+    corrected = wide - missed
+    kept = fourier.resize(settled.deflection, plan.kept)
+    left_out = corrected - fourier.resize(kept, 2 * plan.harmonics)
+    truncation = relative_force_change(fine, corrected, left_out, 2 * plan.samples) + LAST_CHANGES * settled.change
+    nonlinear_force = equation.nonlinear_force_coefficients(settled.deflection, plan.samples)
+    ended = Ended(
+        deflection=kept,
+        settled=settled.change <= SETTLED * tolerance,
+        stalled=jnp.array(False),
         steps=settled.sweeps,
+        error=sweeps.force_size(fine, missed[:, : plan.harmonics + 1]) / sweeps.vibration_size(fine, wide),
+        periodicity_error=settled.change,
+        truncation_error=truncation,
     )
+    given = problem, active_meshes, equation, swept.condensed
+    samples = fourier.SAMPLES_PER_HARMONIC * plan.kept
+    outcome, _ = conclude(*given, fourier.resize(nonlinear_force, plan.kept), ended, tolerance, samples)
+    return outcome
 
 
-solve_by_sweeps = Program(_solved_by_sweeps, static_argnames="plan")
+prepare = Program(_prepared, static_argnames="plan")
+conclude_sweeps = Program(_concluded, static_argnames="plan")
+
+
+def solve_by_sweeps(problem, active_meshes, modes: MarchModes, tolerance: float, plan: SweepPlan):
+    """The Outcome of a Problem from teeth on their drive sides, as arrays of the host, and the events on the way.
+
+    Sweeps, and where these do not settle, Newton's method on the same map.
+    """
+    goal = SETTLED * tolerance
+    swept = prepare(problem, active_meshes, modes, plan=plan)
+    settled = sweeps.settle_program(swept.sweeps, swept.flank, goal=goal, most=MOST_SWEEPS, plan=plan)
+    count, change = int(settled.sweeps), float(settled.change)
+    path = [Sweeps(count, plan.steps, change)]
+    if goal < change < np.inf:
+        found = map_newton.solve_map(swept.sweeps, settled.point, plan, goal=goal, most_marches=MOST_MARCHES)
+        path.append(NewtonOnSweeps(found.marches, plan.steps, found.left))
+        settled = Settled(found.point, found.deflection, np.array(count + found.marches), np.array(found.left))
+    outcome = conclude_sweeps(problem, active_meshes, swept, settled, tolerance, plan=plan)
+    return jax.tree.map(np.asarray, outcome), path

@@ -120,6 +120,30 @@ class March:
 
 
 @dataclass(frozen=True)
+class Sweeps:
+    """Sweeps of a cycle, each corrected by what its steps did wrong; ``change`` of the vibration in the last one."""
+
+    count: int
+    time_steps: int
+    change: float
+
+    def __str__(self):
+        return f"{self.count} sweeps of {self.time_steps} steps (last change {self.change:.1e})"
+
+
+@dataclass(frozen=True)
+class NewtonOnSweeps:
+    """Newton's method on what a sweep changes; ``left`` of the vibration is what the last cycle misses."""
+
+    marches: int
+    time_steps: int
+    left: float
+
+    def __str__(self):
+        return f"Newton on sweeps: {self.marches} marches of {self.time_steps} steps (left {self.left:.1e})"
+
+
+@dataclass(frozen=True)
 class Shooting:
     """Newton's method on the state at the beginning of a cycle, from so many cycles of a march or ``refined``, from an
     orbit that fewer time steps found; ``closed`` : whether the orbit counts as periodic."""

@@ -171,7 +171,7 @@ def plan(
     ()
     """
     refuse_tracers("plan", train, rpm, instead="give jaxhb.solve its result")
-    found = _decide(train, rpm, Request.of(train, harmonics, tolerance, method, integrals), None)
+    found = _decide(train, rpm, Request.of(train, harmonics, tolerance, method, integrals), None, by_sweeps=False)
     # Where a mesh left its flank, refine has planned again. What can still be violated is the number of crossings that
     # exact integrals have room for, at this speed: every solve under the plan verifies it and says so by its status.
     if found.status > Status.PLAN_VIOLATED:
@@ -218,8 +218,11 @@ def solve_again(train, rpm, request, plan, start=None):
     return starts.first_solved(starts.Case(train, rpm, request, plan), wanted).response
 
 
-def _decide(train, rpm, request, start, seconds=None):
-    """The Case after all start strategies for one speed, or of those that ``start`` leaves."""
+def _decide(train, rpm, request, start, seconds=None, by_sweeps=True):
+    """The Case after all start strategies for one speed, or of those that ``start`` leaves.
+
+    by_sweeps : whether sweeps come first, where they serve; a plan wants a start of Newton's method.
+    """
     check_speed(train, rpm)
     (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
     if start is None:
@@ -232,4 +235,7 @@ def _decide(train, rpm, request, start, seconds=None):
     else:
         wanted = (starts.from_response(start),)
     deadline = math.inf if seconds is None else time.monotonic() + seconds
-    return starts.first_solved(starts.Case(train, rpm, request, plan, deadline=deadline), wanted)
+    case = starts.Case(train, rpm, request, plan, deadline=deadline)
+    if by_sweeps and start is None:
+        starts.sweep(case)
+    return case if case.solved else starts.first_solved(case, wanted)

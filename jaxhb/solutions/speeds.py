@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
 from jaxhb._jax import Numbers, refuse_tracers
@@ -12,6 +13,7 @@ from jaxhb.balance.plan import Plan, Request, check_plan
 from jaxhb.balance.program import solve_batches
 from jaxhb.results.response import Response, stack
 from jaxhb.results.status import Status
+from jaxhb.solutions import sweeping
 from jaxhb.solutions.planning import plan_speeds
 from jaxhb.solutions.solve import solve_again
 from jaxhb.train.drivetrain import DriveTrain
@@ -32,7 +34,7 @@ def solve_speeds(
     """Periodic responses at many speeds.
 
     The linear motion shows at which speeds teeth leave contact or separate; speeds with the same needs share a plan
-    and one compiled program, side by side in threads, or in batches where that is faster: many speeds with teeth in
+    and compiled programs, side by side in threads, or in batches where that is faster: many speeds with teeth in
     contact, all speeds on accelerators. A speed that fails is solved again by itself, from the nearest speed that
     converged, with more harmonics or by shooting.
 
@@ -82,7 +84,11 @@ def solve_speeds(
     for shared in dict.fromkeys(plans):
         indices = [i for i, own in enumerate(plans) if own == shared]
         free = iter(indices)
-        for batch in solve_batches(train, rpm[indices], shared, tuple(devices)):
+        if plan is None and sweeping.serve(shared, request) and _one_by_one(devices):
+            batches = sweeping.solve_each(train, rpm[indices], shared, request)
+        else:
+            batches = solve_batches(train, rpm[indices], shared, tuple(devices))
+        for batch in batches:
             for response in batch:
                 found[next(free)] = response
             if progress:
@@ -92,6 +98,11 @@ def solve_speeds(
             if worth_another_try(found[index], request):
                 found[index] = try_again(train, index, found, request, plans[index])
     return stack(found)
+
+
+def _one_by_one(devices):
+    """Whether each speed is solved by itself: lanes side by side are what accelerators want."""
+    return len(devices) < 2 and jax.default_backend() == "cpu"
 
 
 def worth_another_try(response, request):

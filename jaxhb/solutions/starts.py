@@ -22,7 +22,7 @@ from jaxhb.balance.program import active_deflections, first_start, solve_once, s
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.response import Response
 from jaxhb.results.status import March, Shooting, Status
-from jaxhb.solutions import homotopy, orbits, planning
+from jaxhb.solutions import homotopy, orbits, planning, sweeping
 from jaxhb.train.drivetrain import DriveTrain
 
 # Periodicity error of a march from which shooting with its steps is useless: what Newton's method then lacks are
@@ -161,6 +161,17 @@ def refine(case, plan, given=None, event=None):
             case.response = dataclasses.replace(response, path=tuple(case.path))
             case.reached, case.harmonics, case.solved = plan, harmonics, not status.another_start_may_help
             return
+
+
+def sweep(case):
+    """Make the attempt by sweeps, where they serve."""
+    if not sweeping.serve(case.plan, case.request):
+        return
+    swept = sweeping.SweptTrain.of(case.train, case.rpm, case.plan, case.request)
+    case.response = swept.solve(case.rpm)
+    case.path += case.response.path
+    case.reached = case.resolved(swept.plan_of(case.response.harmonics))
+    case.solved = not case.status.another_start_may_help
 
 
 def compile_ahead(case):

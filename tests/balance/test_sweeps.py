@@ -111,7 +111,8 @@ def case_of(train, *, steps=STEPS, instant=None):
 
 def settled(case, goal=GOAL):
     """Where sweeps of the case end."""
-    return settle_program(case.equation, case.modes, goal=goal, most=40, plan=case.plan)
+    sweeps = equation_program(case.equation, case.modes, plan=case.plan)
+    return settle_program(sweeps, first_point(sweeps), goal=goal, most=40, plan=case.plan)
 
 
 def distance(case, motion, other):
@@ -138,7 +139,8 @@ def test_sweeps_settle_at_a_solution_of_harmonic_balance(name):
     assert float(motion.change) <= GOAL
     assert int(motion.sweeps) <= 15
     # F, which knows nothing of the march; sweeps contract, so that what is left is below the last change.
-    assert float(motion.error) <= GOAL
+    left = case.equation.residual(motion.deflection, case.plan.samples)
+    assert distance(case, motion.deflection - left, motion.deflection) <= GOAL
     teeth, _ = case.equation.sampled(motion.deflection, 4096)
     apart = np.abs(np.asarray(teeth)) < np.asarray(case.equation.law.gap)[:, None]
     assert apart[0].any()
@@ -203,7 +205,7 @@ def test_a_cycle_that_does_not_close_is_no_error_of_the_steps():
 
 def solved(case, tolerance):
     """The Outcome of a case by sweeps."""
-    return jax.tree.map(np.asarray, solve_by_sweeps(case.problem, case.meshes, case.modes, tolerance, plan=case.plan))
+    return solve_by_sweeps(case.problem, case.meshes, case.modes, tolerance, case.plan)[0]
 
 
 def test_a_solve_by_sweeps_tells_how_it_went(hammering):
@@ -212,8 +214,8 @@ def test_a_solve_by_sweeps_tells_how_it_went(hammering):
     assert met.status == Status.CONVERGED and met.truncation_error <= 0.01
     assert missed.status == Status.TOLERANCE_NOT_MET and missed.truncation_error > 1e-5
     assert unsettled.status == Status.MAX_STEPS
-    # Energy: what torques do and dampers take in the motion that was found.
-    assert abs(missed.power_defect) < 1e-5
+    # Energy: what torques do and dampers take, to what the harmonics left out carry.
+    assert abs(missed.power_defect) < 1e-4
 
 
 def test_the_error_that_a_solve_by_sweeps_tells_covers_that_of_a_march_with_four_times_the_steps(hammering):

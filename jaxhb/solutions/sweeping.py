@@ -1,0 +1,79 @@
+"""Motions of hammering teeth by sweeps of the cycle: which trains they serve, with how many steps, at any speed."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxhb._threads import side_by_side
+from jaxhb.balance.march import InstantSolve, MarchModes, modes_for_march
+from jaxhb.balance.plan import Plan, Request, excited_harmonic
+from jaxhb.balance.problem import problem_at
+from jaxhb.balance.program import response_of
+from jaxhb.balance.sweeps import STEPS, SweepPlan, steps_for
+from jaxhb.balance.swept import solve_by_sweeps
+from jaxhb.results.response import Response
+from jaxhb.results.status import Status
+from jaxhb.solutions import planning
+from jaxhb.train.drivetrain import DriveTrain
+
+
+def serve(plan: Plan, request: Request) -> bool:
+    """Whether sweeps may solve what is asked for: teeth that part, and as many harmonics as it takes."""
+    free = request.harmonics is None and request.method == "reduced" and request.integrals == "sampled"
+    return plan.marches and free
+
+
+def solve_each(train: DriveTrain, rpm: np.ndarray, plan: Plan, request: Request) -> Iterator[list[Response]]:
+    """Lists of the Response at each of the speeds ``(n,)``, in order."""
+    swept = SweptTrain.of(train, float(rpm.max()), plan, request)
+    return ([response] for response in side_by_side(swept.solve, rpm.tolist()))
+
+
+@dataclass(frozen=True)
+class SweptTrain:
+    """A train ready to be solved by sweeps at many speeds.
+
+    plan : with every mesh that has a law as an unknown; excited : the highest harmonic that torques have; modes : those
+    that the meshes notice, at any speed.
+    """
+
+    train: DriveTrain
+    plan: Plan
+    excited: int
+    modes: MarchModes
+
+    @classmethod
+    def of(cls, train: DriveTrain, rpm: float, plan: Plan, request: Request) -> SweptTrain:
+        """The train, with the tolerance of a plan made for it."""
+        plan = planning.all_active(train, plan, request)
+        modes = modes_for_march(problem_at(train, rpm, plan.excited), plan.active_meshes)
+        return cls(train, plan, excited_harmonic(train, request.method), modes)
+
+    def solve(self, rpm: float) -> Response:
+        """The response at a speed: the first that meets the tolerance, with twice and more times the steps.
+
+        A status above TOLERANCE_NOT_MET says that sweeps lead to no periodic motion.
+        """
+        problem = problem_at(self.train, rpm, self.plan.excited)
+        topology = self.train.topology
+        # Friction and stops of a shaft act at once on the gear at its end.
+        instant = InstantSolve(steps=2, coupled=True) if topology.springs else InstantSolve()
+        least = max(steps_for(self.modes, float(problem.frequency)), 4 * planning.ABOVE_EXCITATION * self.excited)
+        path = []
+        for steps in [count for count in STEPS if count >= least] or STEPS[-1:]:
+            sweep_plan = SweepPlan(steps, instant)
+            given = problem, self.plan.active_meshes, self.modes, self.plan.tolerance
+            outcome, events = solve_by_sweeps(*given, sweep_plan)
+            path += events
+            if int(outcome.status) != Status.TOLERANCE_NOT_MET:
+                break
+        reached = self.plan_of(outcome.deflection.shape[-1] - 1)
+        return response_of(self.train, rpm, problem, outcome, reached, path)
+
+    def plan_of(self, harmonics: int) -> Plan:
+        """The plan under which Newton's method has so many harmonics."""
+        return dataclasses.replace(self.plan, harmonics=harmonics)
