@@ -74,17 +74,17 @@ prepare = Program(_prepared, static_argnames="plan")
 conclude_sweeps = Program(_concluded, static_argnames="plan")
 
 
-def solve_by_sweeps(problem, active_meshes, modes: MarchModes, tolerance: float, plan: SweepPlan):
+def solve_by_sweeps(problem, active_meshes, modes: MarchModes, tolerance: float, plan: SweepPlan, *, newton=True):
     """The Outcome of a Problem from teeth on their drive sides, as arrays of the host, and the events on the way.
 
-    Sweeps, and where these do not settle, Newton's method on the same map.
+    Sweeps, and where these do not settle, with ``newton`` its method on the same map.
     """
     goal = SETTLED * tolerance
     swept = prepare(problem, active_meshes, modes, plan=plan)
     settled = sweeps.settle_program(swept.sweeps, swept.flank, goal=goal, most=MOST_SWEEPS, plan=plan)
     count, change = int(settled.sweeps), float(settled.change)
     path = [Sweeps(count, plan.steps, change)]
-    if goal < change < np.inf:
+    if newton and goal < change < np.inf:
         found = map_newton.solve_map(swept.sweeps, settled.point, plan, goal=goal, most_marches=MOST_MARCHES)
         path.append(NewtonOnSweeps(found.marches, plan.steps, found.left))
         settled = Settled(found.point, found.deflection, np.array(count + found.marches), np.array(found.left))

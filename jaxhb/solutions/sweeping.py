@@ -53,10 +53,11 @@ class SweptTrain:
         modes = modes_for_march(problem_at(train, rpm, plan.excited), plan.active_meshes)
         return cls(train, plan, excited_harmonic(train, request.method), modes)
 
-    def solve(self, rpm: float) -> Response:
+    def solve(self, rpm: float, *, newton: bool = True) -> Response:
         """The response at a speed: the first that meets the tolerance, with twice and more times the steps.
 
-        A status above TOLERANCE_NOT_MET says that sweeps lead to no periodic motion.
+        newton : whether Newton's method is tried where sweeps do not settle; what it finds may be unstable. A status
+        above TOLERANCE_NOT_MET says that no periodic motion was found.
         """
         problem = problem_at(self.train, rpm, self.plan.excited)
         topology = self.train.topology
@@ -67,7 +68,7 @@ class SweptTrain:
         for steps in [count for count in STEPS if count >= least] or STEPS[-1:]:
             sweep_plan = SweepPlan(steps, instant)
             given = problem, self.plan.active_meshes, self.modes, self.plan.tolerance
-            outcome, events = solve_by_sweeps(*given, sweep_plan)
+            outcome, events = solve_by_sweeps(*given, sweep_plan, newton=newton)
             path += events
             if int(outcome.status) != Status.TOLERANCE_NOT_MET:
                 break

@@ -8,12 +8,17 @@ import jax
 import numpy as np
 
 from jaxhb._threads import side_by_side
+from jaxhb.elements.elements import SceneError
+from jaxhb.equations import fourier
 from jaxhb.floquet.stability import NEUTRAL, attracts
+from jaxhb.results.response import Response
 from jaxhb.results.steady import SteadyState, kind_of_one_cycle
+from jaxhb.solutions import sweeping
 from jaxhb.solutions.solve import solve
 from jaxhb.steady.closure import DECAYS, LONGER, RECORDED, SPREAD, ended
 from jaxhb.steady.confirmation import LEVELS, compile_ahead, same_motion, shortest_period, solve_marched
 from jaxhb.steady.marching import Batch, Equations, part_sizes, record_of
+from jaxhb.train import chain
 
 # Difference of deflections, relative to the largest and the gap, up to which a march arrives at a motion known from
 # another start.
@@ -30,12 +35,13 @@ MORE_CYCLES = 32  # that a march with the finest steps goes on where harmonic ba
 
 class Classifier:
     """The steady states of one train, from marches of its speeds ``(n,)``, on one device or across several; ``known``
-    are those at hand, by the index of their speed, ``apart`` the indices of speeds where the linear motion separates
-    teeth.
+    are those at hand, by the index of their speed, ``apart`` the plans of speeds where the linear motion separates
+    teeth, likewise.
 
-    A march begins with few steps. What harmonic balance confirms is exact whatever the steps. The rest, irregular
-    motion above all, is marched on with twice the steps: on ``gear_train_30`` three of sixty speeds had another kind
-    of motion with the fewest steps than with any others.
+    Sweeps that settle are a march that did, and what they end at is exact; the rest is marched. A march begins with few
+    steps. What harmonic balance confirms is exact whatever the steps. The rest, irregular motion above all, is marched
+    on with twice the steps: on ``gear_train_30`` three of sixty speeds had another kind of motion with the fewest steps
+    than with any others.
     """
 
     def __init__(self, train, speeds, request, exact, cycles, devices=()):
@@ -43,7 +49,7 @@ class Classifier:
         self.train, self.speeds, self.request, self.exact = train, speeds, request, exact
         self.longest_record = LONGER if cycles.recorded is None else cycles.recorded
         self.cycles = dataclasses.replace(cycles, recorded=RECORDED if cycles.recorded is None else cycles.recorded)
-        self.known, self.apart = {}, set()
+        self.known, self.apart = {}, {}
 
     def march_to_the_end(self, indices, motions, progress=lambda count: None):
         """Steady states of some speeds by index, side by side, from motions ``{index: (x, x')}`` or from teeth in
@@ -55,7 +61,34 @@ class Classifier:
             too_long = {index: self.equations.too_long(self.speeds[index]) for index in indices}
             states = {index: self._unmarched(index, reason) for index, reason in too_long.items() if reason}
         progress(len(states))
+        states |= self._swept([i for i in indices if i not in states and i not in motions], progress)
         return states | self._march_compiled([index for index in indices if index not in states], motions, progress)
+
+    def _swept(self, indices, progress):
+        """Steady states by index of speeds at which sweeps from teeth in contact settle at a motion that attracts."""
+        served = [i for i in indices if i in self.apart and sweeping.serve(self.apart[i], self.request)]
+        if not self.exact or not served or len(self.devices) > 1 or jax.default_backend() != "cpu":
+            return {}
+        given = float(self.speeds[served].max()), self.apart[served[0]], self.request
+        settle = partial(self._settled, sweeping.SweptTrain.of(self.train, *given))
+        states = {}
+        with contextlib.closing(side_by_side(settle, served, self.devices)) as found:
+            for index, state in zip(served, found, strict=False):
+                if state is not None:
+                    states[index] = state
+                    progress(1)
+        return states
+
+    def _settled(self, swept, index):
+        """The steady state of a speed at which sweeps settle at a motion that attracts, else None."""
+        rpm = float(self.speeds[index])
+        response = swept.solve(rpm, newton=False)
+        attracted, stability, _ = attracts(response) if response.solved else (False, None, "")
+        if not attracted:
+            return None
+        kind = kind_of_one_cycle(self.train.topology, response.contacts().values())
+        found = {"motion": motion_of(self.train, response), "stability": stability}
+        return state_of(self.train, rpm, kind, 1, response=response, cycles=int(response.steps), **found)
 
     def _unmarched(self, index, reason):
         """The steady state of a speed whose march is too long."""
@@ -300,3 +333,20 @@ def state_of(train, rpm, kind, period, *, response=None, record=None, cycles=0, 
 def unknown(train, rpm, reason):
     """The SteadyState of a motion that is not known."""
     return state_of(train, rpm, "unknown", 0, notes=(reason,))
+
+
+def motion_of(train, start):
+    """(x, x') ``(2S,)`` at the beginning of a cycle of a SteadyState or Response of the train."""
+    motion = start.motion if isinstance(start, SteadyState) else None
+    if isinstance(start, Response):
+        if np.ndim(start.rpm):
+            raise ValueError("start is a sweep: give the response at one speed, sweep[i]")
+        radius = np.asarray(chain.assemble(train).radius)[:, None]
+        angles = np.asarray(start.angles) * radius
+        omega = start.topology.cycle_frequency(float(start.rpm))
+        motion = fourier.sample(np.concatenate([angles, fourier.derivative(angles, omega)]), 1)[:, 0]
+    if motion is None:
+        raise SceneError("start holds no motion: give a Response, or a SteadyState whose kind is known.")
+    if len(motion) != 2 * train.topology.n_disks:
+        raise SceneError("start is a motion of another train: give one with the same disks.")
+    return motion

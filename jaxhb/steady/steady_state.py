@@ -14,17 +14,14 @@ import numpy as np
 from jaxhb._jax import Array, Numbers, refuse_tracers
 from jaxhb.balance.plan import Request
 from jaxhb.balance.program import solve_batches
-from jaxhb.elements.elements import SceneError
-from jaxhb.equations import fourier
 from jaxhb.results.checkpoint import CHUNK, Checkpoint
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, SteadySweep, kind_of_one_cycle
 from jaxhb.solutions.planning import plan_speeds
-from jaxhb.steady.classification import APART, ARRIVED, Classifier, state_of, unknown
+from jaxhb.steady.classification import APART, ARRIVED, Classifier, motion_of, state_of, unknown
 from jaxhb.steady.closure import Cycles
 from jaxhb.steady.confirmation import difference
-from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
@@ -182,9 +179,9 @@ class _SpeedSweep:
         self.train, self.speeds, request = classifier.train, classifier.speeds, classifier.request
         self.progress = progress or (lambda count: None)
         self._on_states, self._told, self.way = on_states or (lambda states, way: None), {}, "up"
-        self.start = None if start is None else (_motion_of(self.train, start), float(start.rpm))
+        self.start = None if start is None else (motion_of(self.train, start), float(start.rpm))
         plans = plan_speeds(self.train, self.speeds, request)
-        classifier.apart = {index for index, plan in enumerate(plans) if plan.active and plan.marches}
+        classifier.apart = {index: plan for index, plan in enumerate(plans) if plan.active and plan.marches}
         self.contact = {}  # responses of the speeds at which the linear motion holds the teeth in contact, by index
         for shared in {plan for plan in plans if not plan.active}:
             indices = [i for i, plan in enumerate(plans) if plan == shared]
@@ -268,7 +265,7 @@ class _SpeedSweep:
         if not response.solved:
             return unknown(self.train, rpm, Status(int(response.status)).sentence)
         kind = kind_of_one_cycle(self.train.topology, ())
-        return state_of(self.train, rpm, kind, 1, response=response, motion=_motion_of(self.train, response))
+        return state_of(self.train, rpm, kind, 1, response=response, motion=motion_of(self.train, response))
 
 
 def _kind(state):
@@ -309,20 +306,3 @@ def _distance(one, other):
         np.array([float(state.deflection(name).peak) for name in state.topology.mesh_names]) for state in (one, other)
     )
     return float((np.abs(one - other) / np.maximum(np.maximum(one, other), 1e-300)).max(initial=0.0))
-
-
-def _motion_of(train, start):
-    """(x, x') ``(2S,)`` at the beginning of a cycle of a SteadyState or Response of the train."""
-    motion = start.motion if isinstance(start, SteadyState) else None
-    if isinstance(start, Response):
-        if np.ndim(start.rpm):
-            raise ValueError("start is a sweep: give the response at one speed, sweep[i]")
-        radius = np.asarray(chain.assemble(train).radius)[:, None]
-        angles = np.asarray(start.angles) * radius
-        omega = start.topology.cycle_frequency(float(start.rpm))
-        motion = fourier.sample(np.concatenate([angles, fourier.derivative(angles, omega)]), 1)[:, 0]
-    if motion is None:
-        raise SceneError("start holds no motion: give a Response, or a SteadyState whose kind is known.")
-    if len(motion) != 2 * train.topology.n_disks:
-        raise SceneError("start is a motion of another train: give one with the same disks.")
-    return motion
