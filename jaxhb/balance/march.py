@@ -36,12 +36,13 @@ class MarchModes:
     """Damped modes of a train with its meshes in contact, one of each conjugate pair.
 
     rates : complex ``(m,)`` 1/s; forcing : complex ``(m, G)``, what phi does to them; observation : complex ``(2G, m)``
-    of (l, l').
+    of (l, l'); coordinates : complex ``(m, 2S)``, z of displacements and velocities (x, x') of the disks.
     """
 
     rates: Array
     forcing: Array
     observation: Array
+    coordinates: Array
 
     @property
     def deflections(self) -> Array:
@@ -74,6 +75,7 @@ def modes_for_march(problem, active_meshes) -> MarchModes:
         rates=np.pad(modes.rates[noticed], (0, idle), constant_values=IDLE_RATE),
         forcing=np.pad(forcing[noticed], ((0, idle), (0, 0))),
         observation=np.pad(observation[:, noticed], ((0, 0), (0, idle))),
+        coordinates=np.pad(modes.coordinates[noticed], ((0, idle), (0, 0))),
     )
 
 

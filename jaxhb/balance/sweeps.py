@@ -155,6 +155,16 @@ def first_point(sweeps: SweepEquation) -> SweepPoint:
     return SweepPoint(linear, real_pairs(at_rest) - sweeps.weights.late @ force, force)
 
 
+def point_at(sweeps: SweepEquation, deviation) -> SweepPoint:
+    """From a motion that deviates from the linear one by ``deviation`` ``(2S,)`` m, m/s of (x, x') at t = 0."""
+    modes, linear = sweeps.modes, sweeps.equation.linear
+    modal = modes.coordinates @ deviation
+    begin = sweeps.rows(linear, 1)[0] + (modes.observation @ modal).real
+    teeth = sweeps.teeth.at_instant(None if sweeps.variation is None else sweeps.variation[0])
+    force, _, _ = teeth.excess(*jnp.split(begin, 2))
+    return SweepPoint(linear, real_pairs(modal) - sweeps.weights.late @ force, force)
+
+
 def sweep(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
     """The next :class:`SweepPoint`, and the deflections ``(G, N+1)`` m of the cycle marched."""
     rows = sweeps.rows(point.linear, plan.steps)
@@ -223,6 +233,7 @@ def unclosed(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
 
 
 settle_program = Program(settle, static_argnames="plan")
+point_program = Program(point_at)
 equation_program = Program(sweep_equation, static_argnames="plan")
 sweep_program = Program(sweep, static_argnames="plan")
 unclosed_program = Program(unclosed, static_argnames="plan")

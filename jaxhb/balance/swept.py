@@ -74,14 +74,17 @@ prepare = Program(_prepared, static_argnames="plan")
 conclude_sweeps = Program(_concluded, static_argnames="plan")
 
 
-def solve_by_sweeps(problem, active_meshes, modes: MarchModes, tolerance: float, plan: SweepPlan, *, newton=True):
-    """The Outcome of a Problem from teeth on their drive sides, as arrays of the host, and the events on the way.
+def solve_by_sweeps(problem, active_meshes, modes, tolerance, plan: SweepPlan, *, deviation=None, newton=True):
+    """The Outcome of a Problem, as arrays of the host, and the events on the way.
 
-    Sweeps, and where these do not settle, with ``newton`` its method on the same map.
+    From teeth on their drive sides, or from a ``deviation`` ``(2S,)`` from the linear motion
+    (:func:`~jaxhb.balance.sweeps.point_at`): sweeps, and where these do not settle, with ``newton`` its method on the
+    same map.
     """
     goal = SETTLED * tolerance
     swept = prepare(problem, active_meshes, modes, plan=plan)
-    settled = sweeps.settle_program(swept.sweeps, swept.flank, goal=goal, most=MOST_SWEEPS, plan=plan)
+    begin = swept.flank if deviation is None else sweeps.point_program(swept.sweeps, deviation)
+    settled = sweeps.settle_program(swept.sweeps, begin, goal=goal, most=MOST_SWEEPS, plan=plan)
     count, change = int(settled.sweeps), float(settled.change)
     path = [Sweeps(count, plan.steps, change)]
     if newton and goal < change < np.inf:

@@ -15,9 +15,13 @@ from jaxhb.balance.problem import problem_at
 from jaxhb.balance.program import response_of
 from jaxhb.balance.sweeps import STEPS, SweepPlan, steps_for
 from jaxhb.balance.swept import solve_by_sweeps
+from jaxhb.equations.backlash import law_meshes
+from jaxhb.excitation.torques import listed_harmonic
+from jaxhb.integration.batch import linear_motions, linear_start
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.solutions import planning
+from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
 
@@ -53,27 +57,36 @@ class SweptTrain:
         modes = modes_for_march(problem_at(train, rpm, plan.excited), plan.active_meshes)
         return cls(train, plan, excited_harmonic(train, request.method), modes)
 
-    def solve(self, rpm: float, *, newton: bool = True) -> Response:
+    def solve(self, rpm: float, *, motion: np.ndarray | None = None, newton: bool = True) -> Response:
         """The response at a speed: the first that meets the tolerance, with twice and more times the steps.
 
-        newton : whether Newton's method is tried where sweeps do not settle; what it finds may be unstable. A status
-        above TOLERANCE_NOT_MET says that no periodic motion was found.
+        motion : ``(2S,)``, displacements and velocities of the disks at the beginning of a cycle, in m and m/s, from
+        which it starts; by default teeth are on their drive sides. newton : whether Newton's method is tried where
+        sweeps do not settle; what it finds may be unstable. A status above TOLERANCE_NOT_MET says that no periodic
+        motion was found.
         """
         problem = problem_at(self.train, rpm, self.plan.excited)
         topology = self.train.topology
         # Friction and stops of a shaft act at once on the gear at its end.
         instant = InstantSolve(steps=2, coupled=True) if topology.springs else InstantSolve()
         least = max(steps_for(self.modes, float(problem.frequency)), 4 * planning.ABOVE_EXCITATION * self.excited)
+        deviation = None if motion is None else motion - self._linear_start(rpm)
         path = []
         for steps in [count for count in STEPS if count >= least] or STEPS[-1:]:
             sweep_plan = SweepPlan(steps, instant)
             given = problem, self.plan.active_meshes, self.modes, self.plan.tolerance
-            outcome, events = solve_by_sweeps(*given, sweep_plan, newton=newton)
+            outcome, events = solve_by_sweeps(*given, sweep_plan, deviation=deviation, newton=newton)
             path += events
             if int(outcome.status) != Status.TOLERANCE_NOT_MET:
                 break
         reached = self.plan_of(outcome.deflection.shape[-1] - 1)
         return response_of(self.train, rpm, problem, outcome, reached, path)
+
+    def _linear_start(self, rpm):
+        """(x, x') ``(2S,)`` of the linear train at the beginning of a cycle."""
+        system, meshes = chain.assemble(self.train), law_meshes(self.train)
+        highest = listed_harmonic(self.train.topology)
+        return linear_start(linear_motions(self.train, [rpm], system, meshes, highest))[0]
 
     def plan_of(self, harmonics: int) -> Plan:
         """The plan under which Newton's method has so many harmonics."""

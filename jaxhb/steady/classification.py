@@ -61,16 +61,16 @@ class Classifier:
             too_long = {index: self.equations.too_long(self.speeds[index]) for index in indices}
             states = {index: self._unmarched(index, reason) for index, reason in too_long.items() if reason}
         progress(len(states))
-        states |= self._swept([i for i in indices if i not in states and i not in motions], progress)
+        states |= self._swept([i for i in indices if i not in states], motions, progress)
         return states | self._march_compiled([index for index in indices if index not in states], motions, progress)
 
-    def _swept(self, indices, progress):
-        """Steady states by index of speeds at which sweeps from teeth in contact settle at a motion that attracts."""
+    def _swept(self, indices, motions, progress):
+        """Steady states by index of speeds at which sweeps settle at a motion that attracts."""
         served = [i for i in indices if i in self.apart and sweeping.serve(self.apart[i], self.request)]
         if not self.exact or not served or len(self.devices) > 1 or jax.default_backend() != "cpu":
             return {}
         given = float(self.speeds[served].max()), self.apart[served[0]], self.request
-        settle = partial(self._settled, sweeping.SweptTrain.of(self.train, *given))
+        settle = partial(self._settled, sweeping.SweptTrain.of(self.train, *given), motions)
         states = {}
         with contextlib.closing(side_by_side(settle, served, self.devices)) as found:
             for index, state in zip(served, found, strict=False):
@@ -79,10 +79,10 @@ class Classifier:
                     progress(1)
         return states
 
-    def _settled(self, swept, index):
+    def _settled(self, swept, motions, index):
         """The steady state of a speed at which sweeps settle at a motion that attracts, else None."""
         rpm = float(self.speeds[index])
-        response = swept.solve(rpm, newton=False)
+        response = swept.solve(rpm, motion=motions.get(index), newton=False)
         attracted, stability, _ = attracts(response) if response.solved else (False, None, "")
         if not attracted:
             return None
