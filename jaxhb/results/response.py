@@ -66,7 +66,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         largest tooth force.
     power_defect : ``(...)``
         Power of the torques less what is turned into heat, over the power that they exchange with the train.
-    steps : ``(...)`` int, of Newton's method
+    steps : ``(...)`` int, of Newton's method; sweeps, and marches of that method on them
     topology : Topology, names and connections
     resolution : int, time samples per cycle at which extremes are looked for
     sharp : bool, whether the contact of teeth was an unknown of the solve, at one of the speeds at least; see

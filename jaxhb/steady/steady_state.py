@@ -80,8 +80,9 @@ def steady_state(
 ) -> SteadyState | SteadySweep | tuple[SteadySweep, SteadySweep]:
     """What a drive train does at each speed after it has run long enough.
 
-    Teeth that stay in contact are known from the linear motion. Otherwise the train is marched through cycles of the
-    excitation until its motion closes after 1 to 8 of them; harmonic balance of so many cycles, from there, gives the
+    Teeth that stay in contact are known from the linear motion. Where teeth part, sweeps that settle at a motion in
+    which disturbances die away give the exact motion. Otherwise the train is marched through cycles of the excitation
+    until its motion closes after 1 to 8 of them; harmonic balance of so many cycles, from there, gives the
     exact motion. Where it does not close, the numbers are those of a record of 64 cycles, or of 256 where the
     extremes of parts of it vary by more than 5 % (:class:`jaxhb.Cycles`).
 
@@ -130,7 +131,7 @@ def steady_state(
 
     Notes
     -----
-    The march takes five steps per period of the highest mesh mode or more. Where harmonic balance does not confirm what
+    A march takes five steps per period of the highest mesh mode or more. Where harmonic balance does not confirm what
     it shows, or disturbances of the solution grow, or the march does not become periodic, it goes on with twice and
     four times as many: beside a bifurcation the kind of motion is that of the steps. A transient that outlasts the
     march counts as irregular; where a mode that teeth notice had not decayed when the record began, a note says so. In
