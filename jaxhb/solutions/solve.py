@@ -66,7 +66,8 @@ def solve(
         Where Newton starts: another response, on whose branch the solution then usually lies, the motion with all teeth
         in contact ("linear"), or a few cycles of time integration from it ("march"). By default teeth that part are
         solved by sweeps (docs/theory/harmonic_balance.md), and where these lead nowhere by Newton's method from one
-        start after the other, at last a few shots. Several motions may exist at one speed: :func:`jaxhb.solve_all` searches for them.
+        start after the other, at last a few shots. Several motions may exist at one speed: :func:`jaxhb.solve_all`
+        searches for them.
     certify : bool, optional
         Add a computed bound, ``response.certificate`` (:func:`jaxhb.certify`); harmonics that are not fixed are raised
         until it holds, as far as they go. Not beside a plan.
