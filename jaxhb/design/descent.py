@@ -15,6 +15,7 @@ from jaxhb.results.checkpoint import computed
 from jaxhb.results.status import Status
 
 OPTIMIZERS = {"lbfgs": optax.scale_by_lbfgs, "adam": optax.scale_by_adam}
+Optimizer = str | optax.GradientTransformation
 
 LONGEST = 1.5  # largest change of a z in one step: the share of the range then moves by at most 0.36
 TRIALS, EXPANSIONS = 12, 2
@@ -51,11 +52,12 @@ class Step:
 class Rules:
     """The way of a descent.
 
-    optimizer : a name of OPTIMIZERS; rate : step of Adam in z; widths : of smooth maxima, shares of the worst value,
-    each in its turn; improvement, patience : a width is done when so many steps in a row each win less than this share
+    optimizer : a name of OPTIMIZERS, or an optax transformation; rate : step of "adam" in z; widths : of smooth maxima,
+    shares of the worst value, each in its turn; improvement, patience : a width is done when so many steps in a row
+    each win less than this share
     """
 
-    optimizer: str
+    optimizer: Optimizer
     rate: float
     widths: tuple
     improvement: float
@@ -66,6 +68,14 @@ class Rules:
         """Whether each step is a line search."""
         return self.optimizer == "lbfgs"
 
+    @property
+    def transformation(self):
+        """What makes steps of gradients; those of a line search have a length of their own."""
+        if not isinstance(self.optimizer, str):
+            return self.optimizer
+        length = 1.0 if self.searching else self.rate
+        return optax.chain(OPTIMIZERS[self.optimizer](), optax.scale(-length))
+
 
 class Descent:
     """The designs of all starts as they are now, the best ones, and the history of the best of all."""
@@ -75,7 +85,7 @@ class Descent:
         descent whose evaluations are kept goes on with the same numbers. ``history`` of one before goes on, too."""
         self.evaluator, self.rules = evaluator, rules
         self.on_step, self.on_start, self.keep = on_step, on_start, keep
-        self.optimizer = OPTIMIZERS[rules.optimizer]()
+        self.optimizer = rules.transformation
         self.update = jax.jit(jax.vmap(self.optimizer.update))
         self.history, self.evaluations, self.began = list(history), 0, time.monotonic()
         self.earlier = history[-1] if history else None
@@ -183,8 +193,8 @@ class Descent:
         return True, number
 
     def _stride(self, point, direction, moving):
-        """One step of Adam, halved while it loses a speed: (Point, whether each design moved)."""
-        length, best, moved = np.full(len(point.z), self.rules.rate), point, np.zeros(len(point.z), dtype=bool)
+        """One step as it is, halved while it loses a speed: (Point, whether each design moved)."""
+        length, best, moved = np.ones(len(point.z)), point, np.zeros(len(point.z), dtype=bool)
         for _ in range(TRIALS):
             trial = self._at(point.z + length[:, None] * direction, point, wanted=moving & ~moved)
             good = self._kept(trial) & moving & ~moved
@@ -234,7 +244,7 @@ class Descent:
         """Descent directions ``(A, P)``, no component longer than the longest, and the memory."""
         memory, short = memory
         updates, memory = self.update(self.point.gradient, memory, self.point.z)
-        direction = -np.asarray(updates)
+        direction = np.asarray(updates)
         # With gradients of two sides of a kink in its memory L-BFGS may point uphill.
         uphill = np.sum(direction * self.point.gradient, axis=1) >= 0
         if self.rules.searching:

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import optax
 
 from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb._shown import brief
@@ -59,7 +60,7 @@ def tune(
     rpm: Numbers,
     objective: Objective | Sequence[Objective],
     penalties: Sequence[Penalty] = (),
-    optimizer: str = "lbfgs",
+    optimizer: str | optax.GradientTransformation = "lbfgs",
     steps: int = 40,
     rate: float = 0.15,
     starts: int = 1,
@@ -102,8 +103,10 @@ def tune(
     Parameters
     ----------
     rpm : array ``(n,)``
-    optimizer : "lbfgs" or "adam"
-        L-BFGS with a line search after Armijo and Wolfe (Lewis and Overton, 2013), or Adam of step ``rate`` in z.
+    optimizer : "lbfgs", "adam" or an optax transformation
+        L-BFGS with a line search after Armijo and Wolfe (Lewis and Overton, 2013), Adam of step ``rate`` in z, or what
+        optax offers, ``optax.rmsprop(0.05)`` say, with a step of its own in z. Not one that searches along a line
+        itself: it would ask for values that only a tuning has.
     steps : int
         Most steps.
     starts, seed : int
@@ -158,7 +161,8 @@ def tune(
     question = Question(train, rpm, task, {"harmonics": harmonics, "tolerance": tolerance})
     every, many = np.arange(len(rpm)), len(task.parameters)
     drawn = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, many))
-    asked = {"answers": "designs", "speeds": rpm, "task": task, "optimizer": optimizer, "steps": steps, "rate": rate}
+    named = optimizer if isinstance(optimizer, str) else "given"
+    asked = {"answers": "designs", "speeds": rpm, "task": task, "optimizer": named, "steps": steps, "rate": rate}
     asked |= {"starts": starts, "seed": seed, "widths": widths, "improvement": improvement, "patience": patience}
     asked |= {"peaks": peaks, "robust": robust, "within": tuple(tolerances), **vars(request)}
     stages = itertools.count()
@@ -301,8 +305,11 @@ def _result(train, rpm, evaluator, descent, first, best, stopped, interrupted):
 
 def _check_numbers(train, optimizer, steps, starts, seed, peaks, widths):
     where, faults = train.topology.title, []
-    if optimizer not in OPTIMIZERS:
+    if isinstance(optimizer, str) and optimizer not in OPTIMIZERS:
         faults.append(f"{where}: optimizer is {optimizer!r}, must be 'lbfgs' or 'adam'.")
+    elif not isinstance(optimizer, str | optax.GradientTransformation):
+        kind = type(optimizer).__name__
+        faults.append(f"{where}: optimizer is a {kind}, must be 'lbfgs', 'adam' or an optax transformation.")
     for name, value, least in (("steps", steps, 1), ("starts", starts, 1), ("seed", seed, 0), ("peaks", peaks, 0)):
         if value != int(value) or value < least:
             faults.append(f"{where}: {name} is {value:g}, must be a whole number of at least {least}.")

@@ -5,6 +5,7 @@ from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
+import optax
 import pytest
 import trains
 from differences import BOTH_SEPARATE, differences, tight_plan
@@ -254,12 +255,19 @@ def descended(optimizer, on_step=lambda step: None, evaluator=None):
     return descent, *descent.run(np.array([[0.0, -0.5], [0.3, 0.2]]), 20)
 
 
-@pytest.mark.parametrize("optimizer", ["lbfgs", "adam"])
+@pytest.mark.parametrize("optimizer", ["lbfgs", "adam", optax.rmsprop(0.3)])
 def test_no_step_that_loses_a_speed_is_accepted(optimizer):
     _, first, best, *_ = descended(optimizer)
     assert best.solved.all() and (best.value < first.value).all()
     assert (best.z <= 1.0).all() and best.z.max(1) == pytest.approx(1.0, abs=0.05)
     assert best_of(best) == np.argmin(best.value)
+
+
+def test_an_optax_transformation_makes_the_steps_that_its_name_makes():
+    """The name stands for a transformation with a rate of its own; here that rate is given."""
+    _, _, named, *_ = descended("adam")
+    _, _, given, *_ = descended(optax.adam(0.4))
+    np.testing.assert_allclose(given.z, named.z, rtol=1e-12)
 
 
 def test_a_tuning_goes_on_where_it_was_stopped_with_the_same_numbers(tmp_path, monkeypatch):
