@@ -1,10 +1,8 @@
 """Newton's method on the map of a sweep, on the host: corrections by GCR, products by differences of one program."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from jaxhb.balance.sweeps import SweepEquation, SweepPlan, SweepPoint, unclosed_program
+from jaxhb.balance.sweeps import UNSETTLED, Settled, SweepEquation, SweepPlan, SweepPoint, unclosed_program
 from jaxhb.equations import fourier
 
 FORCING = 0.03  # share of what is unclosed that a correction may leave
@@ -12,16 +10,6 @@ KRYLOV_STEPS = 60
 SHORTEST = 1 / 256  # step that is tried at last
 DIFFERENCE = 1e-7  # length of a difference over that of the point
 FAINT = 1e-9  # share of the largest visibility that a state has at least
-
-
-@dataclass(frozen=True)
-class MapSolution:
-    """Point; deflection ``(G, N+1)`` m; left, size of what is unclosed over that of the vibration; marches."""
-
-    point: SweepPoint
-    deflection: np.ndarray
-    left: float
-    marches: int
 
 
 class PackedPoint:
@@ -50,8 +38,13 @@ class PackedPoint:
 
 def solve_map(
     sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, *, goal: float, most_marches: int = 400
-) -> MapSolution:
-    """Newton's method from a point until ``goal`` of the vibration is unclosed, as long as steps lead closer."""
+) -> Settled:
+    """Newton's method from a point until ``goal`` of the vibration or less is left to the fixed point, as long as steps
+    lead closer.
+
+    What is left is told from how far the last correction led for what it closed: beside a bifurcation a cycle that
+    nearly closes may be far from one that does.
+    """
     packing = PackedPoint(sweeps, point)
     marches = 0
 
@@ -82,17 +75,24 @@ def solve_map(
         return change
 
     packed = packing.pack(point)
-    left, deflection = left_at(packed)
+    unclosed, deflection = left_at(packed)
     backlash = np.max(np.asarray(sweeps.equation.law.backlash))
     scale = np.linalg.norm(fourier.pack(deflection)[:, 1:]) + 1e-8 * backlash
-    while np.linalg.norm(left) > goal * scale and marches < most_marches:
-        change = correction(packed, left)
-        length = 1.0
-        after, moved = left_at(packed + change)
-        while not np.linalg.norm(after) < (1 - length / 4) * np.linalg.norm(left):
-            length /= 2
-            if length < SHORTEST:
-                return MapSolution(packing.unpack(packed), deflection, np.linalg.norm(left) / scale, marches)
+    size = np.linalg.norm(unclosed)
+    left, distance, closer = UNSETTLED * deflection, UNSETTLED * scale, True
+    while closer and distance > goal * scale and marches < most_marches:
+        change = correction(packed, unclosed)
+        length, closer = 1.0, False
+        while not closer and length >= SHORTEST:
             after, moved = left_at(packed + length * change)
-        packed, left, deflection = packed + length * change, after, moved
-    return MapSolution(packing.unpack(packed), deflection, np.linalg.norm(left) / scale, marches)
+            share = np.linalg.norm(after) / size
+            closer = bool(share < 1 - length / 4)
+            if closer:
+                packed, unclosed, size = packed + length * change, after, share * size
+                # A whole correction closed all but a share: as much of it is what the next one will change.
+                left = (moved - deflection) * share / length
+                distance = np.linalg.norm(change) * share
+                deflection = moved
+            length /= 2
+    ended = packing.unpack(packed), deflection, np.array(marches)
+    return Settled(*ended, size / scale, left, distance / scale)

@@ -42,6 +42,8 @@ NEAR_NYQUIST = 24  # harmonics next to half the steps that a march does not reso
 SAMPLES_PER_STEP = 3  # of the law in the residual
 HARDLY = 0.05  # share of the rate of a mode by which teeth that part change it at most if they hardly strain it
 FEWEST_SWEEPS = 3
+NEAR, WAITED = 0.01, 4  # change of the vibration from which sweeps may take so many times as long
+UNSETTLED = 1e6  # times the last change that counts as no end in sight
 NOTHING = 1e-8  # of what the gap carries: a vibration that is rounding
 
 
@@ -182,13 +184,16 @@ def sweep(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Settled:
-    """Where sweeps ended: point; deflection ``(G, N+1)`` m; sweeps, how many were taken; change of the deflection in
-    the last one over its :func:`vibration_size`."""
+    """Where an iteration ended: point; deflection ``(G, N+1)`` m; marches, how many were taken; change of the
+    deflection in the last of them over its :func:`vibration_size`; left ``(G, N+1)`` m, what the deflection may still
+    change on the way to the fixed point, estimated; distance, the size of that likewise."""
 
     point: SweepPoint
     deflection: Array
-    sweeps: Array
+    marches: Array
     change: Array
+    left: Array
+    distance: Array
 
 
 def force_size(equation, deflection):
@@ -203,27 +208,41 @@ def vibration_size(equation, deflection):
     return force_size(equation, deflection.at[:, 0].set(0.0)) + rounding
 
 
+def changes_to_come(change, before_last):
+    """How many times its last change a sequence may still change, from the size of that and of the one two before: a
+    geometric series, at least 1; inf where changes do not shrink."""
+    ratio = jnp.sqrt(change / before_last)
+    return jnp.where(ratio < 1, jnp.maximum(1.0, ratio / (1 - ratio)), jnp.inf)
+
+
 def settle(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, goal, most) -> Settled:
-    """Sweeps until the deflections change by ``goal`` or less, at most ``most``.
+    """Sweeps until the deflections may still change by ``goal`` or less, at most ``most``, near the end WAITED times
+    as many.
 
     The first sweep corrects and closes nothing: it forgets what the start has of no motion of the train.
     """
     equation = sweeps.equation
 
     def one(carry):
-        count, point, before, _ = carry
+        count, point, _, before, (_, last_but_one, last) = carry
         following, deflection = sweep(sweeps, point, plan)
         linear = jnp.where(count == 0, point.linear, following.linear)
         change = force_size(equation, deflection - before) / vibration_size(equation, before)
-        return count + 1, SweepPoint(linear, following.state, following.force), deflection, change
+        point = SweepPoint(linear, following.state, following.force)
+        return count + 1, point, before, deflection, (last_but_one, last, change)
 
     def unsettled(carry):
-        count, _, _, change = carry
-        return (count < FEWEST_SWEEPS) | ((count < most) & (change > goal) & jnp.isfinite(change))
+        count, _, _, _, (before_last, _, change) = carry
+        away = change * changes_to_come(change, before_last) > goal
+        allowed = jnp.where(change < NEAR, WAITED * most, most)
+        return (count < FEWEST_SWEEPS) | ((count < allowed) & away & jnp.isfinite(change))
 
-    begin = jnp.array(0), point, equation.linear, jnp.array(jnp.inf)
-    count, point, deflection, change = lax.while_loop(unsettled, one, begin)
-    return Settled(point, deflection, count, change)
+    none_yet = (jnp.array(jnp.inf),) * 3
+    begin = jnp.array(0), point, equation.linear, equation.linear, none_yet
+    count, point, before, deflection, changes = lax.while_loop(unsettled, one, begin)
+    before_last, _, change = changes
+    to_come = jnp.minimum(changes_to_come(change, before_last), UNSETTLED)
+    return Settled(point, deflection, count, change, to_come * (deflection - before), to_come * change)
 
 
 def unclosed(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):

@@ -1,0 +1,91 @@
+"""Sweeps answer where teeth part: Newton's method with fixed harmonics and time integration are the second ways."""
+
+import numpy as np
+import pytest
+
+import jaxhb
+from jaxhb.balance.plan import Request
+from jaxhb.results.status import NewtonOnSweeps, Sweeps
+from jaxhb.solutions import planning, sweeping
+
+RPM = 1833.0
+LATE = 2296.7  # twelve sweeps do not settle there
+
+
+@pytest.fixture(scope="module")
+def train():
+    return jaxhb.load_scene("gear_train_30")
+
+
+@pytest.fixture(scope="module")
+def response(train):
+    return jaxhb.solve(train, rpm=RPM)
+
+
+@pytest.fixture(scope="module")
+def swept(train):
+    request = Request.of(train)
+    (plan,) = planning.plan_speeds(train, np.array([RPM]), request)
+    return sweeping.SweptTrain.of(train, RPM, plan, request)
+
+
+def force_difference(one, other):
+    """Largest difference of the tooth forces of two responses, over the largest force."""
+    one, other = (r.force("crank gear", "idler").samples(2**15) for r in (one, other))
+    return np.abs(one - other).max() / np.abs(other).max()
+
+
+def test_newtons_method_with_fixed_harmonics_finds_the_motion_of_sweeps(train, response):
+    """To the errors that the two tell."""
+    assert [type(event) for event in response.path] == [Sweeps]
+    newton = jaxhb.solve(train, rpm=RPM, harmonics=1024, start=response)
+    assert newton.converged
+    assert force_difference(response, newton) < 1.2 * float(response.truncation_error + newton.truncation_error)
+
+
+def test_a_tighter_tolerance_takes_more_steps(train, response):
+    finer = jaxhb.solve(train, rpm=RPM, tolerance=1e-3)
+    assert finer.converged
+    assert float(finer.truncation_error) <= 1e-3
+    assert finer.harmonics > response.harmonics
+    assert [event.time_steps for event in finer.path if isinstance(event, Sweeps)] == sorted(
+        {event.time_steps for event in finer.path}
+    )
+    assert force_difference(response, finer) < 1.2 * float(response.truncation_error + finer.truncation_error)
+
+
+def test_newtons_method_on_sweeps_solves_what_these_do_not(train):
+    found = jaxhb.solve(train, rpm=LATE)
+    assert found.converged
+    assert [type(event) for event in found.path] == [Sweeps, NewtonOnSweeps]
+    error = jaxhb.shooting_correction(found).error
+    assert error < 2 * float(found.truncation_error)
+
+
+def test_speeds_of_a_sweep_are_solved_as_each_by_itself(train, response):
+    found = jaxhb.solve_speeds(train, rpm=[RPM - 20, RPM])
+    np.testing.assert_array_equal(found[1].angles, response.angles)
+
+
+def test_sweeps_from_a_motion_stay_there(train, swept, response):
+    """Started at the motion itself, they end after the fewest; it is what a steady state starts a neighbour from."""
+    state = jaxhb.steady_state(train, rpm=RPM)
+    assert state.kind == "periodic"
+    assert state.cycles == int(response.steps)
+    again = swept.solve(RPM, motion=state.motion, newton=False)
+    assert int(again.steps) < int(response.steps)
+    assert force_difference(again, response) < 5e-3
+
+
+def test_a_start_that_is_no_motion_of_the_train_is_forgotten(swept, response):
+    """A train that settles comes to the same motion from elsewhere."""
+    disturbed = np.zeros(2 * response.topology.n_disks)
+    again = swept.solve(RPM, motion=disturbed, newton=False)
+    assert force_difference(again, response) < 5e-3
+
+
+def test_fixed_harmonics_exact_integrals_and_a_start_are_left_to_newtons_method(train, response):
+    for asked in ({"harmonics": 192}, {"integrals": "exact"}, {"start": "march"}):
+        found = jaxhb.solve(train, rpm=RPM, **asked)
+        assert not any(isinstance(event, Sweeps) for event in found.path)
+        assert force_difference(found, response) < 0.1
