@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
+from jaxhb._jax import Array
 from jaxhb.balance.newton import deflection_scale
 from jaxhb.balance.problem import fields, force_defect, held_in_contact, power_defect, ring_force
 from jaxhb.equations import backlash, exact_integrals, fourier
@@ -21,13 +22,13 @@ class Ended:
     stalled; steps; error, what is left of the equations; periodicity_error of the last cycle marched; estimated
     truncation_error."""
 
-    deflection: jax.Array
-    settled: jax.Array
-    stalled: jax.Array
-    steps: jax.Array
-    error: jax.Array
-    periodicity_error: jax.Array
-    truncation_error: jax.Array
+    deflection: Array
+    settled: Array
+    stalled: Array
+    steps: Array
+    error: Array
+    periodicity_error: Array
+    truncation_error: Array
 
 
 @jax.tree_util.register_dataclass
@@ -40,13 +41,13 @@ class Outcome:
     """
 
     fields: object
-    deflection: jax.Array
-    status: jax.Array
-    periodicity_error: jax.Array
-    residual: jax.Array
-    truncation_error: jax.Array
-    power_defect: jax.Array
-    steps: jax.Array
+    deflection: Array
+    status: Array
+    periodicity_error: Array
+    residual: Array
+    truncation_error: Array
+    power_defect: Array
+    steps: Array
 
 
 def conclude(problem, active_meshes, equation, condensed, nonlinear_force, ended: Ended, limit, samples):
@@ -56,8 +57,8 @@ def conclude(problem, active_meshes, equation, condensed, nonlinear_force, ended
     integrals are exact; nonlinear_force : coefficients ``(G, N+1)`` N at the deflections; limit : on the truncation
     error; samples : of tooth forces over the cycle.
     """
-    motion = condensed.combine(nonlinear_force)
-    found = fields(problem, *motion, equation.integrals, samples)
+    displacement, force = condensed.combine(nonlinear_force)
+    found = fields(problem, displacement, force, equation.integrals, samples)
     crossings = None
     if equation.integrals == "exact":
         every = exact_integrals.find_crossings(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
@@ -75,7 +76,7 @@ def conclude(problem, active_meshes, equation, condensed, nonlinear_force, ended
         periodicity_error=ended.periodicity_error,
         residual=ended.error,
         truncation_error=ended.truncation_error,
-        power_defect=power_defect(problem, *motion, found),
+        power_defect=power_defect(problem, displacement, force, found),
         steps=ended.steps,
     )
     return outcome, crossings

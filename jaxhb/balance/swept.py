@@ -90,7 +90,7 @@ def solve_by_sweeps(problem, active_meshes, modes, tolerance, plan: SweepPlan, *
     swept = prepare(problem, active_meshes, modes, plan=plan)
     begin = swept.flank if deviation is None else sweeps.point_program(swept.sweeps, deviation)
     settled = sweeps.settle_program(swept.sweeps, begin, goal=goal, most=MOST_SWEEPS, plan=plan)
-    path = [Sweeps(int(settled.marches), plan.steps, float(settled.change))]
+    path: list[Sweeps | NewtonOnSweeps] = [Sweeps(int(settled.marches), plan.steps, float(settled.change))]
     if newton and goal < float(settled.distance) and np.isfinite(settled.change):
         begun = int(settled.marches)
         settled = map_newton.solve_map(swept.sweeps, settled.point, plan, goal=goal, most_marches=MOST_MARCHES)

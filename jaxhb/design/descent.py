@@ -3,6 +3,7 @@
 import dataclasses
 import time
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import jax
 import numpy as np
@@ -15,7 +16,7 @@ from jaxhb.results.checkpoint import computed
 from jaxhb.results.status import Status
 
 OPTIMIZERS = {"lbfgs": optax.scale_by_lbfgs, "adam": optax.scale_by_adam}
-Optimizer = str | optax.GradientTransformation
+Optimizer: TypeAlias = str | optax.GradientTransformation
 
 LONGEST = 1.5  # largest change of a z in one step: the share of the range then moves by at most 0.36
 TRIALS, EXPANSIONS = 12, 2
@@ -25,6 +26,15 @@ DECREASE, CURVATURE = 1e-4, 0.9  # of the line search: Armijo's and Wolfe's cond
 BY_USER = "stopped by the user"
 AGAIN = 2  # times that the last width is taken up again where peaks are followed
 FLAT = 1e-7  # largest slope, as a share of the objective, at which nothing is left to win
+
+
+def fault_of_optimizer(optimizer: object) -> str:
+    """Why something is no optimizer, a sentence; empty where it is."""
+    if isinstance(optimizer, str):
+        return "" if optimizer in OPTIMIZERS else f"optimizer is {optimizer!r}, must be 'lbfgs' or 'adam'."
+    if isinstance(optimizer, optax.GradientTransformation):
+        return ""
+    return f"optimizer is a {type(optimizer).__name__}, must be 'lbfgs', 'adam' or an optax transformation."
 
 
 @dataclass(frozen=True)

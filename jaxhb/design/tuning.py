@@ -8,13 +8,12 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import optax
 
 from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
 from jaxhb.design.between_speeds import check_between, exceeded, is_linear, near, worst_share
-from jaxhb.design.descent import BY_USER, OPTIMIZERS, Descent, Rules, Step, best_of
+from jaxhb.design.descent import BY_USER, Descent, Optimizer, Rules, Step, best_of, fault_of_optimizer
 from jaxhb.design.evaluation import Evaluator, Reading, Task
 from jaxhb.design.quantities import Objective, Parameter, Penalty, check_all, label
 from jaxhb.design.robust import Robustness, check_robust, tune_robust
@@ -60,7 +59,7 @@ def tune(
     rpm: Numbers,
     objective: Objective | Sequence[Objective],
     penalties: Sequence[Penalty] = (),
-    optimizer: str | optax.GradientTransformation = "lbfgs",
+    optimizer: Optimizer = "lbfgs",
     steps: int = 40,
     rate: float = 0.15,
     starts: int = 1,
@@ -305,11 +304,8 @@ def _result(train, rpm, evaluator, descent, first, best, stopped, interrupted):
 
 def _check_numbers(train, optimizer, steps, starts, seed, peaks, widths):
     where, faults = train.topology.title, []
-    if isinstance(optimizer, str) and optimizer not in OPTIMIZERS:
-        faults.append(f"{where}: optimizer is {optimizer!r}, must be 'lbfgs' or 'adam'.")
-    elif not isinstance(optimizer, str | optax.GradientTransformation):
-        kind = type(optimizer).__name__
-        faults.append(f"{where}: optimizer is a {kind}, must be 'lbfgs', 'adam' or an optax transformation.")
+    if fault := fault_of_optimizer(optimizer):
+        faults.append(f"{where}: {fault}")
     for name, value, least in (("steps", steps, 1), ("starts", starts, 1), ("seed", seed, 0), ("peaks", peaks, 0)):
         if value != int(value) or value < least:
             faults.append(f"{where}: {name} is {value:g}, must be a whole number of at least {least}.")

@@ -80,7 +80,7 @@ def solve_speeds(
     if plan:
         check_plan(train, plan)
     plans = [plan] * len(rpm) if plan else plan_speeds(train, rpm, request)
-    found = [None] * len(rpm)
+    found: list = [None] * len(rpm)
     for shared in dict.fromkeys(plans):
         indices = [i for i, own in enumerate(plans) if own == shared]
         free = iter(indices)
