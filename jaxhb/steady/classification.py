@@ -16,7 +16,7 @@ from jaxhb.results.steady import SteadyState, kind_of_one_cycle
 from jaxhb.solutions import sweeping
 from jaxhb.solutions.solve import solve
 from jaxhb.steady.closure import DECAYS, LONGER, RECORDED, SPREAD, ended
-from jaxhb.steady.confirmation import LEVELS, compile_ahead, same_motion, shortest_period, solve_marched
+from jaxhb.steady.confirmation import LEVELS, compile_ahead, difference, same_motion, shortest_period, solve_marched
 from jaxhb.steady.marching import Batch, Equations, part_sizes, record_of
 from jaxhb.train import chain
 
@@ -80,10 +80,15 @@ class Classifier:
         return states
 
     def _settled(self, swept, motions, index):
-        """The steady state of a speed at which sweeps settle at a motion that attracts, else None."""
-        rpm = float(self.speeds[index])
-        response = swept.solve(rpm, motion=motions.get(index), newton=False)
-        attracted, stability, _ = attracts(response) if response.solved else (False, None, "")
+        """The steady state of a speed at which sweeps end at a motion that attracts, else None."""
+        rpm, known = float(self.speeds[index]), self.known.get(index)
+        response = swept.solve(rpm, motion=motions.get(index))
+        if not response.solved:
+            return None
+        common = known is not None and known.response is not None and known.period == 1
+        if common and difference(response, known.response, 1) <= ARRIVED:
+            return known
+        attracted, stability, _ = attracts(response)
         if not attracted:
             return None
         kind = kind_of_one_cycle(self.train.topology, response.contacts().values())
