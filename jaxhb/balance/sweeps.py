@@ -36,7 +36,7 @@ from jaxhb.equations import condensation, fourier
 from jaxhb.integration.step import force_on_flank, with_rate
 
 STEPS = tuple(2**k for k in range(9, 15))  # of a cycle that are offered: each is a program
-STEPS_PER_PERIOD = 5.5  # of the fastest mode in which teeth move
+STEPS_PER_PERIOD = 5.0  # of the fastest mode in which teeth move
 MOVES = 0.05  # share of the acceleration of a mesh under its force from which teeth move in a mode
 NEAR_NYQUIST = 24  # harmonics next to half the steps that a march does not resolve
 SAMPLES_PER_STEP = 3  # of the law in the residual

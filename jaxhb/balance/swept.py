@@ -44,8 +44,8 @@ def _prepared(problem, active_meshes, modes: MarchModes, plan: SweepPlan) -> Swe
     return SweptProblem(fine, condensed, equation, sweeps.first_point(equation))
 
 
-def _concluded(problem, active_meshes, swept: SweptProblem, settled: Settled, tolerance, plan: SweepPlan) -> Outcome:
-    """The Outcome with ``plan.kept`` harmonics of where sweeps ended.
+def _concluded(problem, active_meshes, swept: SweptProblem, settled: Settled, tolerance, goal, plan) -> Outcome:
+    """The Outcome with ``plan.kept`` harmonics of where sweeps ended, settled where ``goal`` of the vibration is left.
 
     CONVERGED : the truncation error is ``tolerance`` of the largest elastic force or less. It is an estimate, no bound:
     harmonics above those kept, F(l) on 2 N harmonics taken from the deflections once, and what is left to the fixed
@@ -62,7 +62,7 @@ def _concluded(problem, active_meshes, swept: SweptProblem, settled: Settled, to
     nonlinear_force = equation.nonlinear_force_coefficients(settled.deflection, plan.samples)
     ended = Ended(
         deflection=kept,
-        settled=settled.distance <= SETTLED * tolerance,
+        settled=settled.distance <= goal,
         stalled=jnp.array(False),
         steps=settled.marches,
         error=sweeps.force_size(fine, missed[:, : plan.harmonics + 1]) / sweeps.vibration_size(fine, wide),
@@ -79,22 +79,22 @@ prepare = Program(_prepared, static_argnames="plan")
 conclude_sweeps = Program(_concluded, static_argnames="plan")
 
 
-def solve_by_sweeps(problem, active_meshes, modes, tolerance, plan: SweepPlan, *, deviation=None, newton=True):
+def solve_by_sweeps(problem, active_meshes, modes, tolerance, plan: SweepPlan, *, deviation=None, settled=SETTLED):
     """The Outcome of a Problem, as arrays of the host, and the events on the way.
 
     From teeth on their drive sides, or from a ``deviation`` ``(2S,)`` from the linear motion
-    (:func:`~jaxhb.balance.sweeps.point_at`): sweeps, and where these do not settle, with ``newton`` its method on the
-    same map.
+    (:func:`~jaxhb.balance.sweeps.point_at`): sweeps, and where these do not settle, Newton's method on the same map;
+    ``settled`` : share of the tolerance that may be left of the vibration.
     """
-    goal = SETTLED * tolerance
+    goal = settled * tolerance
     swept = prepare(problem, active_meshes, modes, plan=plan)
     begin = swept.flank if deviation is None else sweeps.point_program(swept.sweeps, deviation)
-    settled = sweeps.settle_program(swept.sweeps, begin, goal=goal, most=MOST_SWEEPS, plan=plan)
-    path: list[Sweeps | NewtonOnSweeps] = [Sweeps(int(settled.marches), plan.steps, float(settled.change))]
-    if newton and goal < float(settled.distance) and np.isfinite(settled.change):
-        begun = int(settled.marches)
-        settled = map_newton.solve_map(swept.sweeps, settled.point, plan, goal=goal, most_marches=MOST_MARCHES)
-        path.append(NewtonOnSweeps(int(settled.marches), plan.steps, float(settled.change)))
-        settled = dataclasses.replace(settled, marches=begun + settled.marches)
-    outcome = conclude_sweeps(problem, active_meshes, swept, settled, tolerance, plan=plan)
+    ended = sweeps.settle_program(swept.sweeps, begin, goal=goal, most=MOST_SWEEPS, plan=plan)
+    path: list[Sweeps | NewtonOnSweeps] = [Sweeps(int(ended.marches), plan.steps, float(ended.change))]
+    if goal < float(ended.distance) and np.isfinite(ended.change):
+        begun = int(ended.marches)
+        ended = map_newton.solve_map(swept.sweeps, ended.point, plan, goal=goal, most_marches=MOST_MARCHES)
+        path.append(NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change)))
+        ended = dataclasses.replace(ended, marches=begun + ended.marches)
+    outcome = conclude_sweeps(problem, active_meshes, swept, ended, tolerance, goal, plan=plan)
     return jax.tree.map(np.asarray, outcome), path

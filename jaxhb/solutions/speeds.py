@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import jax
 import numpy as np
 
 from jaxhb._jax import Numbers, refuse_tracers
@@ -84,7 +83,7 @@ def solve_speeds(
     for shared in dict.fromkeys(plans):
         indices = [i for i, own in enumerate(plans) if own == shared]
         free = iter(indices)
-        if plan is None and sweeping.serve(shared, request) and _one_by_one(devices):
+        if plan is None and shared.marches and sweeping.serve(request) and len(devices) < 2:
             batches = sweeping.solve_each(train, rpm[indices], shared, request)
         else:
             batches = solve_batches(train, rpm[indices], shared, tuple(devices))
@@ -98,11 +97,6 @@ def solve_speeds(
             if worth_another_try(found[index], request):
                 found[index] = try_again(train, index, found, request, plans[index])
     return stack(found)
-
-
-def _one_by_one(devices):
-    """Whether each speed is solved by itself: lanes side by side are what accelerators want."""
-    return len(devices) < 2 and jax.default_backend() == "cpu"
 
 
 def worth_another_try(response, request):

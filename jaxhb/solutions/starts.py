@@ -165,7 +165,7 @@ def refine(case, plan, given=None, event=None):
 
 def sweep(case):
     """Make the attempt by sweeps, where they serve."""
-    if not sweeping.serve(case.plan, case.request):
+    if not (case.plan.marches and sweeping.serve(case.request)):
         return
     swept = sweeping.SweptTrain.of(case.train, case.rpm, case.plan, case.request)
     case.response = swept.solve(case.rpm)

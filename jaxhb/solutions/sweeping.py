@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import jax
 import numpy as np
 
 from jaxhb._threads import side_by_side
@@ -14,7 +15,7 @@ from jaxhb.balance.plan import Plan, Request, excited_harmonic
 from jaxhb.balance.problem import problem_at
 from jaxhb.balance.program import response_of
 from jaxhb.balance.sweeps import STEPS, SweepPlan, steps_for
-from jaxhb.balance.swept import solve_by_sweeps
+from jaxhb.balance.swept import SETTLED, solve_by_sweeps
 from jaxhb.equations.backlash import law_meshes
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.integration.batch import linear_motions, linear_start
@@ -25,10 +26,13 @@ from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
 
-def serve(plan: Plan, request: Request) -> bool:
-    """Whether sweeps may solve what is asked for: teeth that part, and as many harmonics as it takes."""
+def serve(request: Request) -> bool:
+    """Whether sweeps may answer what is asked for: as many harmonics as it takes, the law sampled, one speed at a time.
+
+    Lanes side by side are what accelerators want.
+    """
     free = request.harmonics is None and request.method == "reduced" and request.integrals == "sampled"
-    return plan.marches and free
+    return free and jax.default_backend() == "cpu"
 
 
 def solve_each(train: DriveTrain, rpm: np.ndarray, plan: Plan, request: Request) -> Iterator[list[Response]]:
@@ -57,13 +61,13 @@ class SweptTrain:
         modes = modes_for_march(problem_at(train, rpm, plan.excited), plan.active_meshes)
         return cls(train, plan, excited_harmonic(train, request.method), modes)
 
-    def solve(self, rpm: float, *, motion: np.ndarray | None = None, newton: bool = True) -> Response:
+    def solve(self, rpm: float, *, motion: np.ndarray | None = None, settled: float = SETTLED) -> Response:
         """The response at a speed: the first that meets the tolerance, with twice and more times the steps.
 
         motion : ``(2S,)``, displacements and velocities of the disks at the beginning of a cycle, in m and m/s, from
-        which it starts; by default teeth are on their drive sides. newton : whether Newton's method is tried where
-        sweeps do not settle; what it finds may be unstable. A status above TOLERANCE_NOT_MET says that no periodic
-        motion was found.
+        which it starts; by default teeth are on their drive sides. settled : share of the tolerance that may be left of
+        the vibration. A status above TOLERANCE_NOT_MET says that no periodic motion was found; what is found may be
+        unstable.
         """
         problem = problem_at(self.train, rpm, self.plan.excited)
         topology = self.train.topology
@@ -75,7 +79,7 @@ class SweptTrain:
         for steps in [count for count in STEPS if count >= least] or STEPS[-1:]:
             sweep_plan = SweepPlan(steps, instant)
             given = problem, self.plan.active_meshes, self.modes, self.plan.tolerance
-            outcome, events = solve_by_sweeps(*given, sweep_plan, deviation=deviation, newton=newton)
+            outcome, events = solve_by_sweeps(*given, sweep_plan, deviation=deviation, settled=settled)
             path += events
             if int(outcome.status) != Status.TOLERANCE_NOT_MET:
                 break

@@ -13,10 +13,18 @@ from jaxhb.equations import fourier
 from jaxhb.floquet.stability import NEUTRAL, attracts
 from jaxhb.results.response import Response
 from jaxhb.results.steady import SteadyState, kind_of_one_cycle
-from jaxhb.solutions import sweeping
+from jaxhb.solutions import planning, sweeping
 from jaxhb.solutions.solve import solve
 from jaxhb.steady.closure import DECAYS, LONGER, RECORDED, SPREAD, ended
-from jaxhb.steady.confirmation import LEVELS, compile_ahead, difference, same_motion, shortest_period, solve_marched
+from jaxhb.steady.confirmation import (
+    LEVELS,
+    compile_ahead,
+    difference,
+    same_motion,
+    settle_marched,
+    shortest_period,
+    solve_marched,
+)
 from jaxhb.steady.marching import Batch, Equations, part_sizes, record_of
 from jaxhb.train import chain
 
@@ -35,8 +43,8 @@ MORE_CYCLES = 32  # that a march with the finest steps goes on where harmonic ba
 
 class Classifier:
     """The steady states of one train, from marches of its speeds ``(n,)``, on one device or across several; ``known``
-    are those at hand, by the index of their speed, ``apart`` the plans of speeds where the linear motion separates
-    teeth, likewise.
+    are those at hand, by the index of their speed, ``apart`` the indices of speeds where the linear motion separates
+    teeth.
 
     Sweeps that settle are a march that did, and what they end at is exact; the rest is marched. A march begins with few
     steps. What harmonic balance confirms is exact whatever the steps. The rest, irregular motion above all, is marched
@@ -49,7 +57,7 @@ class Classifier:
         self.train, self.speeds, self.request, self.exact = train, speeds, request, exact
         self.longest_record = LONGER if cycles.recorded is None else cycles.recorded
         self.cycles = dataclasses.replace(cycles, recorded=RECORDED if cycles.recorded is None else cycles.recorded)
-        self.known, self.apart = {}, {}
+        self.known, self.apart, self._swept_trains = {}, set(), {}
 
     def march_to_the_end(self, indices, motions, progress=lambda count: None):
         """Steady states of some speeds by index, side by side, from motions ``{index: (x, x')}`` or from teeth in
@@ -64,14 +72,23 @@ class Classifier:
         states |= self._swept([i for i in indices if i not in states], motions, progress)
         return states | self._march_compiled([index for index in indices if index not in states], motions, progress)
 
+    def swept(self, period):
+        """The SweptTrain with so many cycles as its cycle; None where sweeps do not serve."""
+        if not (self.exact and sweeping.serve(self.request)) or len(self.devices) > 1:
+            return None
+        if period not in self._swept_trains:
+            train = self.train.repeated(period) if period > 1 else self.train
+            contact = planning.contact_plan(train, self.request)
+            made = sweeping.SweptTrain.of(train, float(self.speeds.max()), contact, self.request)
+            self._swept_trains[period] = made
+        return self._swept_trains[period]
+
     def _swept(self, indices, motions, progress):
         """Steady states by index of speeds at which sweeps settle at a motion that attracts."""
-        served = [i for i in indices if i in self.apart and sweeping.serve(self.apart[i], self.request)]
-        if not self.exact or not served or len(self.devices) > 1 or jax.default_backend() != "cpu":
+        served = [index for index in indices if index in self.apart]
+        if not served or self.swept(1) is None:
             return {}
-        given = float(self.speeds[served].max()), self.apart[served[0]], self.request
-        settle = partial(self._settled, sweeping.SweptTrain.of(self.train, *given), motions)
-        states = {}
+        settle, states = partial(self._settled, motions), {}
         with contextlib.closing(side_by_side(settle, served, self.devices)) as found:
             for index, state in zip(served, found, strict=False):
                 if state is not None:
@@ -79,10 +96,10 @@ class Classifier:
                     progress(1)
         return states
 
-    def _settled(self, swept, motions, index):
+    def _settled(self, motions, index):
         """The steady state of a speed at which sweeps end at a motion that attracts, else None."""
         rpm, known = float(self.speeds[index]), self.known.get(index)
-        response = swept.solve(rpm, motion=motions.get(index))
+        response = self.swept(1).solve(rpm, motion=motions.get(index))
         if not response.solved:
             return None
         common = known is not None and known.response is not None and known.period == 1
@@ -119,7 +136,7 @@ class Classifier:
     def _march_compiled(self, indices, motions, progress):
         """Those of speeds that are marched, while the programs that confirm them are made."""
         programs = []
-        if self.exact and indices:
+        if self.exact and indices and self.swept(1) is None:
             separates = {self.speeds[index]: index in self.apart for index in indices}
             programs = compile_ahead(self.train, separates, self.request)
         try:
@@ -259,8 +276,12 @@ class _Classification:
             if common and same_motion(known.response, trace, meshes, classifier.train, ARRIVED):
                 return known.response, period
             given = {"steps": batch.steps, "meshes": meshes}
-            levels = LEVELS if self.refinement == FINEST else 1
-            response = solve_marched(classifier.train, march, trace, period, classifier.request, levels=levels, **given)
+            swept = classifier.swept(period)
+            if swept is not None:
+                response = settle_marched(swept, march, batch.motion(march), trace, period, **given)
+            else:
+                given["levels"] = LEVELS if self.refinement == FINEST else 1
+                response = solve_marched(classifier.train, march, trace, period, classifier.request, **given)
             shorter = period if response is None else shortest_period(response, period)
             if shorter == period:
                 return response, period

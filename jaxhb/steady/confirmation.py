@@ -22,7 +22,25 @@ TRUNCATED, REPEATS, WEAK, DOUBTED = 10.0, 1e-4, 5e-3, 0.02
 # Numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there may be no
 # solution near the motion.
 LEVELS = 3
+NO_SUBHARMONIC = 1e-5  # share of the tolerance that sweeps may leave where the rest would look like a weak subharmonic
 COMPARED = 1024  # time samples of a cycle at which motions are compared
+
+
+def settle_marched(swept, march, motion, trace, period, *, steps, meshes):
+    """The Response of a motion with a period of some cycles, by sweeps from where its march stands; None where they
+    lead to no motion, or to another one.
+
+    swept : SweptTrain with that period as its cycle; motion : (x, x') ``(2S,)`` of the disks at the end of the trace;
+    others as of :func:`solve_marched`.
+    """
+    response = swept.solve(march.rpm, motion=motion)
+    if response.solved and period > 1 and repetition(response, period) <= DOUBTED:
+        exact = swept.solve(march.rpm, motion=motion, settled=NO_SUBHARMONIC)
+        response = exact if exact.solved else response
+    if not response.solved or not same_motion(response, trace, meshes, swept.train):
+        return None
+    event = March(march.cycles, steps, max(march.closure.errors(period)[0], 1e-300))
+    return dataclasses.replace(response, path=(event, *response.path))
 
 
 def solve_marched(train, march, trace, period, request, *, steps, meshes, levels=LEVELS):

@@ -182,7 +182,7 @@ class _SpeedSweep:
         self._on_states, self._told, self.way = on_states or (lambda states, way: None), {}, "up"
         self.start = None if start is None else (motion_of(self.train, start), float(start.rpm))
         plans = plan_speeds(self.train, self.speeds, request)
-        classifier.apart = {index: plan for index, plan in enumerate(plans) if plan.active and plan.marches}
+        classifier.apart = {index for index, plan in enumerate(plans) if plan.active and plan.marches}
         self.contact = {}  # responses of the speeds at which the linear motion holds the teeth in contact, by index
         for shared in {plan for plan in plans if not plan.active}:
             indices = [i for i, plan in enumerate(plans) if plan == shared]
