@@ -167,6 +167,23 @@ def point_at(sweeps: SweepEquation, deviation) -> SweepPoint:
     return SweepPoint(linear, real_pairs(modal) - sweeps.weights.late @ force, force)
 
 
+def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
+    """The point at which a sweep marches the deflections ``(G, n+1)`` m, as far as its steps tell them apart."""
+    equation, modes = sweeps.equation, sweeps.modes
+    deflection = fourier.resize(deflection, plan.harmonics)
+    rule = fourier.Equidistant(plan.steps)
+    values, rates = equation.sampled(deflection, plan.steps)
+    force, _, _ = equation.nonlinear_force(values, rates, rule)
+    # States of the modes under these forces, periodic: s' = decay s + push phi, harmonic by harmonic.
+    onward = jnp.exp(2j * jnp.pi * jnp.arange(plan.steps) / plan.steps)
+    pushed = complex_modes(sweeps.weights.push.T) @ jnp.fft.fft(force)
+    decay = sweeps.weights.decay[0] + 1j * sweeps.weights.decay[1]
+    states = jnp.fft.ifft(pushed / (onward - decay[:, None]))
+    moved = (modes.deflections @ states).real + sweeps.weights.at_once[: len(force)] @ force
+    linear = deflection - fourier.analyze(moved, plan.harmonics)
+    return SweepPoint(linear, real_pairs(states[:, 0]), force[:, 0])
+
+
 def sweep(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
     """The next :class:`SweepPoint`, and the deflections ``(G, N+1)`` m of the cycle marched."""
     rows = sweeps.rows(point.linear, plan.steps)
@@ -253,6 +270,7 @@ def unclosed(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
 
 settle_program = Program(settle, static_argnames="plan")
 point_program = Program(point_at)
+motion_program = Program(point_of, static_argnames="plan")
 equation_program = Program(sweep_equation, static_argnames="plan")
 sweep_program = Program(sweep, static_argnames="plan")
 unclosed_program = Program(unclosed, static_argnames="plan")

@@ -79,16 +79,22 @@ prepare = Program(_prepared, static_argnames="plan")
 conclude_sweeps = Program(_concluded, static_argnames="plan")
 
 
-def solve_by_sweeps(problem, active_meshes, modes, tolerance, plan: SweepPlan, *, deviation=None, settled=SETTLED):
-    """The Outcome of a Problem, as arrays of the host, and the events on the way.
+def solve_by_sweeps(
+    problem, active_meshes, modes, tolerance, plan: SweepPlan, *, deviation=None, deflection=None, settled=SETTLED
+):
+    """The Outcome of a Problem, as arrays of the host, where it ended (Settled), and the events on the way.
 
-    From teeth on their drive sides, or from a ``deviation`` ``(2S,)`` from the linear motion
-    (:func:`~jaxhb.balance.sweeps.point_at`): sweeps, and where these do not settle, Newton's method on the same map;
-    ``settled`` : share of the tolerance that may be left of the vibration.
+    From teeth on their drive sides, from a ``deviation`` ``(2S,)`` from the linear motion
+    (:func:`~jaxhb.balance.sweeps.point_at`), or from deflections ``(G, n+1)`` m of a motion: sweeps, and where these do
+    not settle, Newton's method on the same map; ``settled`` : share of the tolerance that may be left of the vibration.
     """
     goal = settled * tolerance
     swept = prepare(problem, active_meshes, modes, plan=plan)
-    begin = swept.flank if deviation is None else sweeps.point_program(swept.sweeps, deviation)
+    begin = swept.flank
+    if deflection is not None:
+        begin = sweeps.motion_program(swept.sweeps, fourier.resize(deflection, plan.harmonics), plan=plan)
+    elif deviation is not None:
+        begin = sweeps.point_program(swept.sweeps, deviation)
     ended = sweeps.settle_program(swept.sweeps, begin, goal=goal, most=MOST_SWEEPS, plan=plan)
     path: list[Sweeps | NewtonOnSweeps] = [Sweeps(int(ended.marches), plan.steps, float(ended.change))]
     if goal < float(ended.distance) and np.isfinite(ended.change):
@@ -97,4 +103,4 @@ def solve_by_sweeps(problem, active_meshes, modes, tolerance, plan: SweepPlan, *
         path.append(NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change)))
         ended = dataclasses.replace(ended, marches=begun + ended.marches)
     outcome = conclude_sweeps(problem, active_meshes, swept, ended, tolerance, goal, plan=plan)
-    return jax.tree.map(np.asarray, outcome), path
+    return jax.tree.map(np.asarray, outcome), ended, path

@@ -61,12 +61,21 @@ class SweptTrain:
         modes = modes_for_march(problem_at(train, rpm, plan.excited), plan.active_meshes)
         return cls(train, plan, excited_harmonic(train, request.method), modes)
 
-    def solve(self, rpm: float, *, motion: np.ndarray | None = None, settled: float = SETTLED) -> Response:
-        """The response at a speed: the first that meets the tolerance, with twice and more times the steps.
+    def solve(
+        self,
+        rpm: float,
+        *,
+        motion: np.ndarray | None = None,
+        deflection: np.ndarray | None = None,
+        settled: float = SETTLED,
+    ) -> Response:
+        """The response at a speed: the first that meets the tolerance, with twice and more times the steps, twice where
+        it finds nothing.
 
         motion : ``(2S,)``, displacements and velocities of the disks at the beginning of a cycle, in m and m/s, from
-        which it starts; by default teeth are on their drive sides. settled : share of the tolerance that may be left of
-        the vibration. A status above TOLERANCE_NOT_MET says that no periodic motion was found; what is found may be
+        which it starts; deflection : ``(G, n+1)`` m of the meshes that have a law, of a motion at that speed from which
+        it starts; by default teeth are on their drive sides. settled : share of the tolerance that may be left of the
+        vibration. A status above TOLERANCE_NOT_MET says that no periodic motion was found; what is found may be
         unstable.
         """
         problem = problem_at(self.train, rpm, self.plan.excited)
@@ -75,16 +84,30 @@ class SweptTrain:
         instant = InstantSolve(steps=2, coupled=True) if topology.springs else InstantSolve()
         least = max(steps_for(self.modes, float(problem.frequency)), 4 * planning.ABOVE_EXCITATION * self.excited)
         deviation = None if motion is None else motion - self._linear_start(rpm)
-        path = []
+        deflection = None if deflection is None else self._padded(deflection)
+        path, outcomes, failures = [], [], 0
         for steps in [count for count in STEPS if count >= least] or STEPS[-1:]:
-            sweep_plan = SweepPlan(steps, instant)
-            given = problem, self.plan.active_meshes, self.modes, self.plan.tolerance
-            outcome, events = solve_by_sweeps(*given, sweep_plan, deviation=deviation, settled=settled)
+            given = problem, self.plan.active_meshes, self.modes, self.plan.tolerance, SweepPlan(steps, instant)
+            outcome, ended, events = solve_by_sweeps(
+                *given, deviation=deviation, deflection=deflection, settled=settled
+            )
             path += events
-            if int(outcome.status) != Status.TOLERANCE_NOT_MET:
+            status = Status(int(outcome.status))
+            outcomes.append(outcome)
+            if status == Status.TOLERANCE_NOT_MET:
+                deflection = np.asarray(ended.deflection)
+            elif status.another_start_may_help and not failures:
+                failures += 1  # sweeps that go astray with long steps may settle with shorter ones
+            else:
                 break
-        reached = self.plan_of(outcome.deflection.shape[-1] - 1)
-        return response_of(self.train, rpm, problem, outcome, reached, path)
+        best = min(reversed(outcomes), key=lambda outcome: int(outcome.status))  # the finest of the best
+        reached = self.plan_of(best.deflection.shape[-1] - 1)
+        return response_of(self.train, rpm, problem, best, reached, path)
+
+    def _padded(self, deflection):
+        """Deflections of the active meshes, with the rows that pad them."""
+        idle = len(self.plan.active_meshes.mask) - len(deflection)
+        return np.pad(deflection, ((0, idle), (0, 0)))
 
     def _linear_start(self, rpm):
         """(x, x') ``(2S,)`` of the linear train at the beginning of a cycle."""

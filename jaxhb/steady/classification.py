@@ -273,12 +273,12 @@ class _Classification:
             trace, meshes = batch.traced(march, period), batch.equations.meshes
             known = classifier.known.get(self.index)
             common = known is not None and known.response is not None and known.period == period
-            if common and same_motion(known.response, trace, meshes, classifier.train, ARRIVED):
+            if common and same_motion(known.response, trace, meshes, classifier.train, period, ARRIVED):
                 return known.response, period
             given = {"steps": batch.steps, "meshes": meshes}
             swept = classifier.swept(period)
             if swept is not None:
-                response = settle_marched(swept, march, batch.motion(march), trace, period, **given)
+                response = settle_marched(swept, march, trace, period, **given)
             else:
                 given["levels"] = LEVELS if self.refinement == FINEST else 1
                 response = solve_marched(classifier.train, march, trace, period, classifier.request, **given)

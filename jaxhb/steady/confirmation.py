@@ -26,18 +26,19 @@ NO_SUBHARMONIC = 1e-5  # share of the tolerance that sweeps may leave where the 
 COMPARED = 1024  # time samples of a cycle at which motions are compared
 
 
-def settle_marched(swept, march, motion, trace, period, *, steps, meshes):
-    """The Response of a motion with a period of some cycles, by sweeps from where its march stands; None where they
-    lead to no motion, or to another one.
+def settle_marched(swept, march, trace, period, *, steps, meshes):
+    """The Response of a motion with a period of some cycles, by sweeps from one marched period; None where they lead to
+    no motion, or to another one.
 
-    swept : SweptTrain with that period as its cycle; motion : (x, x') ``(2S,)`` of the disks at the end of the trace;
-    others as of :func:`solve_marched`.
+    swept : SweptTrain with that period as its cycle; others as of :func:`solve_marched`.
     """
-    response = swept.solve(march.rpm, motion=motion)
+    deflection = np.split(trace, 2)[0]
+    deflection = fourier.analyze(deflection, (deflection.shape[1] - 1) // 2)
+    response = swept.solve(march.rpm, deflection=deflection)
     if response.solved and period > 1 and repetition(response, period) <= DOUBTED:
-        exact = swept.solve(march.rpm, motion=motion, settled=NO_SUBHARMONIC)
+        exact = swept.solve(march.rpm, deflection=deflection, settled=NO_SUBHARMONIC)
         response = exact if exact.solved else response
-    if not response.solved or not same_motion(response, trace, meshes, swept.train):
+    if not response.solved or not same_motion(response, trace, meshes, swept.train, period):
         return None
     event = March(march.cycles, steps, max(march.closure.errors(period)[0], 1e-300))
     return dataclasses.replace(response, path=(event, *response.path))
@@ -68,7 +69,7 @@ def solve_marched(train, march, trace, period, request, *, steps, meshes, levels
             response = case.response
             if period > 1 and repetition(response, period) <= DOUBTED:
                 response = _exact(case)
-            return response if same_motion(response, trace, meshes, train) else None
+            return response if same_motion(response, trace, meshes, train, period) else None
         if request.harmonics or not higher:
             break
         plan, event = dataclasses.replace(plan, harmonics=higher), None
@@ -133,14 +134,17 @@ def compile_ahead(train, separates, request):
     return [made for made in map(starts.compile_ahead, cases) if made is not None]
 
 
-def same_motion(response, trace, meshes, train, most=SAME):
-    """Whether a response is the motion of a marched period ``(2G, steps)``."""
+def same_motion(response, trace, meshes, train, period=1, most=SAME):
+    """Whether a response is the motion of a marched period ``(2G, steps)`` of some cycles, from whichever of its cycles
+    on."""
     own = train.topology.law_index
     deflection = np.split(trace, 2)[0]
-    found = response.deflection_samples(deflection.shape[1])[own]
+    steps = deflection.shape[1]
+    found = response.deflection_samples(steps)[own]
     gap = (1 - meshes.law.epsilon) * meshes.law.backlash
-    size = np.abs(deflection).max(axis=1) + gap
-    return bool((np.abs(found - deflection).max(axis=1) <= most * size).all())
+    size = most * (np.abs(deflection).max(axis=1) + gap)
+    shifted = (np.roll(found, cycle * (steps // period), axis=1) for cycle in range(period))
+    return any((np.abs(moved - deflection).max(axis=1) <= size).all() for moved in shifted)
 
 
 def shortest_period(response, period):

@@ -21,6 +21,7 @@ from jaxhb.balance.sweeps import (
     equation_program,
     first_point,
     force_size,
+    motion_program,
     settle_program,
     sweep_program,
     vibration_size,
@@ -205,7 +206,8 @@ def test_a_cycle_that_does_not_close_is_no_error_of_the_steps():
 
 def solved(case, tolerance):
     """The Outcome of a case by sweeps."""
-    return solve_by_sweeps(case.problem, case.meshes, case.modes, tolerance, case.plan)[0]
+    outcome, *_ = solve_by_sweeps(case.problem, case.meshes, case.modes, tolerance, case.plan)
+    return outcome
 
 
 def test_a_solve_by_sweeps_tells_how_it_went(hammering):
@@ -244,6 +246,17 @@ def test_newtons_method_on_the_map_finds_the_fixed_point(hammering):
     found = solve_map(sweeps, begun, hammering.plan, goal=1e-8)
     assert found.change <= 1e-8
     assert distance(hammering, found.deflection, settled(hammering).deflection) < 1e-6
+
+
+def test_a_motion_is_where_sweeps_from_it_stay(hammering):
+    """The point of the motion that sweeps end at is nearly their fixed point: harmonics above N, and what one step of
+    Newton's method leaves of the force of an instant, are 2e-5 here."""
+    motion = settled(hammering).deflection
+    sweeps = equation_program(hammering.equation, hammering.modes, plan=hammering.plan)
+    begin = motion_program(sweeps, motion, plan=hammering.plan)
+    following, marched = sweep_program(sweeps, begin, plan=hammering.plan)
+    assert distance(hammering, marched, motion) < 1e-4
+    assert distance(hammering, following.linear, begin.linear) < 1e-4
 
 
 def test_padding_by_idle_meshes_changes_nothing(hammering):

@@ -72,14 +72,14 @@ def test_sweeps_from_a_motion_stay_there(train, swept, response):
     state = jaxhb.steady_state(train, rpm=RPM)
     assert state.kind == "periodic"
     assert state.cycles == int(response.steps)
-    again = swept.solve(RPM, motion=state.motion, newton=False)
+    again = swept.solve(RPM, motion=state.motion)
     assert force_difference(again, response) < 5e-3
 
 
 def test_a_start_that_is_no_motion_of_the_train_is_forgotten(swept, response):
     """A train that settles comes to the same motion from elsewhere."""
     disturbed = np.zeros(2 * response.topology.n_disks)
-    again = swept.solve(RPM, motion=disturbed, newton=False)
+    again = swept.solve(RPM, motion=disturbed)
     assert force_difference(again, response) < 5e-3
 
 
