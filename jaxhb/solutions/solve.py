@@ -211,10 +211,10 @@ def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = N
     return solve_planned(train, rpm, plan)
 
 
-def solve_again(train, rpm, request, plan, start=None):
-    """Response where the plan's own start of Newton's method has failed: from another motion, then by the other start
-    strategies."""
-    failed = starts.short_march if plan.marches else starts.contact
+def solve_again(train, rpm, request, plan, start=None, *, marched=True):
+    """Response where the first attempt under a plan has failed: from another motion, then by the other start
+    strategies; ``marched`` : whether that attempt began with a march, where the plan has one."""
+    failed = starts.short_march if plan.marches and marched else starts.contact
     above = starts.STRATEGIES[starts.STRATEGIES.index(failed) + 1 :]
     wanted = above if start is None else (starts.from_response(start), *above)
     return starts.first_solved(starts.Case(train, rpm, request, plan), wanted).response

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from jaxhb._jax import Numbers, refuse_tracers
+from jaxhb._threads import side_by_side
 from jaxhb.balance.plan import Plan, Request, check_plan
 from jaxhb.balance.program import solve_batches
 from jaxhb.results.response import Response, stack
-from jaxhb.results.status import Status
+from jaxhb.results.status import Status, Sweeps
 from jaxhb.solutions import sweeping
 from jaxhb.solutions.planning import plan_speeds
 from jaxhb.solutions.solve import solve_again
@@ -83,10 +84,12 @@ def solve_speeds(
     for shared in dict.fromkeys(plans):
         indices = [i for i, own in enumerate(plans) if own == shared]
         free = iter(indices)
-        if plan is None and shared.marches and sweeping.serve(request) and len(devices) < 2:
-            batches = sweeping.solve_each(train, rpm[indices], shared, request)
-        else:
+        alone = plan is None and shared.marches and len(devices) < 2
+        swept = sweeping.swept_train(train, shared, request) if alone else None
+        if swept is None:
             batches = solve_batches(train, rpm[indices], shared, tuple(devices))
+        else:
+            batches = ([response] for response in side_by_side(swept.solve, rpm[indices].tolist()))
         for batch in batches:
             for response in batch:
                 found[next(free)] = response
@@ -116,5 +119,6 @@ def try_again(train, index, found, request, plan):
     if int(response.status) != Status.TOLERANCE_NOT_MET:
         near = [other for other in found if other.converged]
         start = min(near, key=lambda other: abs(other.rpm - response.rpm), default=None)
-    again = solve_again(train, float(response.rpm), request, plan, start)
+    marched = not isinstance(response.path[0], Sweeps)
+    again = solve_again(train, float(response.rpm), request, plan, start, marched=marched)
     return response if again is None or again.status > response.status else again

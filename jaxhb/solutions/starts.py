@@ -164,11 +164,11 @@ def refine(case, plan, given=None, event=None):
 
 
 def sweep(case):
-    """Make the attempt by sweeps, where they serve."""
-    if not (case.plan.marches and sweeping.serve(case.request)):
+    """Make the attempt by sweeps, where teeth part and they serve."""
+    swept = sweeping.swept_train(case.train, case.plan, case.request) if case.plan.marches else None
+    if swept is None:
         return
-    swept = sweeping.SweptTrain.of(case.train, case.rpm, case.plan, case.request)
-    case.response = swept.solve(case.rpm)
+    case.response = swept.solve(float(case.rpm))
     case.path += case.response.path
     case.reached = case.resolved(swept.plan_of(case.response.harmonics))
     case.solved = not case.status.another_start_may_help

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import jax
 import numpy as np
 
-from jaxhb._threads import side_by_side
 from jaxhb.balance.march import InstantSolve, MarchModes, modes_for_march
 from jaxhb.balance.plan import Plan, Request, excited_harmonic
 from jaxhb.balance.problem import problem_at
@@ -25,41 +23,38 @@ from jaxhb.solutions import planning
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
+MODES_RPM = 1000.0  # at which modes are made: only the slowest depend on it, by a soft hold, and so no bit on the speed
 
-def serve(request: Request) -> bool:
-    """Whether sweeps may answer what is asked for: as many harmonics as it takes, the law sampled, one speed at a time.
 
-    Lanes side by side are what accelerators want.
+def swept_train(train: DriveTrain, plan: Plan, request: Request) -> SweptTrain | None:
+    """The train ready to be solved by sweeps, with the tolerance of a plan made for it; None where they do not serve.
+
+    They serve where as many harmonics are taken as it needs, the law is sampled, and disks are few enough for a dense
+    matrix of all; and not on accelerators, which want lanes side by side.
     """
     free = request.harmonics is None and request.method == "reduced" and request.integrals == "sampled"
-    return free and jax.default_backend() == "cpu"
-
-
-def solve_each(train: DriveTrain, rpm: np.ndarray, plan: Plan, request: Request) -> Iterator[list[Response]]:
-    """Lists of the Response at each of the speeds ``(n,)``, in order."""
-    swept = SweptTrain.of(train, float(rpm.max()), plan, request)
-    return ([response] for response in side_by_side(swept.solve, rpm.tolist()))
+    if not free or train.topology.n_disks > planning.DENSE_DISKS or jax.default_backend() != "cpu":
+        return None
+    plan = planning.all_active(train, plan, request)
+    try:
+        modes = modes_for_march(problem_at(train, MODES_RPM, plan.excited), plan.active_meshes)
+    except ValueError:  # disks without inertia that leave no equation in time
+        return None
+    return SweptTrain(train, plan, excited_harmonic(train, request.method), modes)
 
 
 @dataclass(frozen=True)
 class SweptTrain:
-    """A train ready to be solved by sweeps at many speeds.
+    """A train ready to be solved by sweeps at any speed.
 
     plan : with every mesh that has a law as an unknown; excited : the highest harmonic that torques have; modes : those
-    that the meshes notice, at any speed.
+    that the meshes notice.
     """
 
     train: DriveTrain
     plan: Plan
     excited: int
     modes: MarchModes
-
-    @classmethod
-    def of(cls, train: DriveTrain, rpm: float, plan: Plan, request: Request) -> SweptTrain:
-        """The train, with the tolerance of a plan made for it."""
-        plan = planning.all_active(train, plan, request)
-        modes = modes_for_march(problem_at(train, rpm, plan.excited), plan.active_meshes)
-        return cls(train, plan, excited_harmonic(train, request.method), modes)
 
     def solve(
         self,

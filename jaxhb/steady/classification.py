@@ -74,13 +74,12 @@ class Classifier:
 
     def swept(self, period):
         """The SweptTrain with so many cycles as its cycle; None where sweeps do not serve."""
-        if not (self.exact and sweeping.serve(self.request)) or len(self.devices) > 1:
+        if not self.exact or len(self.devices) > 1:
             return None
         if period not in self._swept_trains:
             train = self.train.repeated(period) if period > 1 else self.train
-            contact = planning.contact_plan(train, self.request)
-            made = sweeping.SweptTrain.of(train, float(self.speeds.max()), contact, self.request)
-            self._swept_trains[period] = made
+            plan = planning.contact_plan(train, self.request)
+            self._swept_trains[period] = sweeping.swept_train(train, plan, self.request)
         return self._swept_trains[period]
 
     def _swept(self, indices, motions, progress):
