@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -79,6 +80,24 @@ prepare = Program(_prepared, static_argnames="plan")
 conclude_sweeps = Program(_concluded, static_argnames="plan")
 
 
+_begun: set = set()
+"""Structures of problems, with their plans, whose programs were begun beforehand."""
+
+
+def compile_ahead(problem, active_meshes, modes: MarchModes, plan: SweepPlan) -> None:
+    """Begin to make the programs that follow :data:`prepare` while that is made, once for each structure of arrays."""
+    leaves, tree = jax.tree.flatten((problem, active_meshes, modes))
+    structure = plan, tree, tuple(map(np.shape, leaves))
+    if structure in _begun:
+        return
+    _begun.add(structure)
+    swept = jax.eval_shape(partial(_prepared, plan=plan), problem, active_meshes, modes)
+    point, number = swept.flank, np.zeros(())
+    ended = Settled(point, point.linear, np.zeros((), dtype=int), number, point.linear, number)
+    conclude_sweeps.compile_ahead(problem, active_meshes, swept, ended, 0.0, 0.0, plan=plan)
+    sweeps.settle_program.compile_ahead(swept.sweeps, point, goal=0.0, most=MOST_SWEEPS, plan=plan)
+
+
 def solve_by_sweeps(
     problem, active_meshes, modes, tolerance, plan: SweepPlan, *, deviation=None, deflection=None, settled=SETTLED
 ):
@@ -89,6 +108,7 @@ def solve_by_sweeps(
     not settle, Newton's method on the same map; ``settled`` : share of the tolerance that may be left of the vibration.
     """
     goal = settled * tolerance
+    compile_ahead(problem, active_meshes, modes, plan)
     swept = prepare(problem, active_meshes, modes, plan=plan)
     begin = swept.flank
     if deflection is not None:
@@ -102,5 +122,6 @@ def solve_by_sweeps(
         ended = map_newton.solve_map(swept.sweeps, ended.point, plan, goal=goal, most_marches=MOST_MARCHES)
         path.append(NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change)))
         ended = dataclasses.replace(ended, marches=begun + ended.marches)
+    ended = jax.tree.map(np.asarray, ended)  # one program, whatever made them
     outcome = conclude_sweeps(problem, active_meshes, swept, ended, tolerance, goal, plan=plan)
     return jax.tree.map(np.asarray, outcome), ended, path

@@ -116,7 +116,7 @@ def test_too_few_harmonics_are_told_as_such_whatever_a_second_try_ends_in(pair, 
     assert response.residual < 1e-10
     refused(lambda: jaxhb.check(response), "use more harmonics", jaxhb.NotConverged)
     lost = dataclasses.replace(response, status=np.array(jaxhb.Status.STALLED))
-    monkeypatch.setattr(speeds, "solve_again", lambda *_: lost)
+    monkeypatch.setattr(speeds, "solve_again", lambda *_, **__: lost)
     found = speeds.try_again(pair, 0, [response], Request(tolerance=1e-6), None)
     assert int(found.status) == jaxhb.Status.TOLERANCE_NOT_MET
 
