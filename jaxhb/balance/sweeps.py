@@ -174,14 +174,15 @@ def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
     rule = fourier.Equidistant(plan.steps)
     values, rates = equation.sampled(deflection, plan.steps)
     force, _, _ = equation.nonlinear_force(values, rates, rule)
-    # States of the modes under these forces, periodic: s' = decay s + push phi, harmonic by harmonic.
-    onward = jnp.exp(2j * jnp.pi * jnp.arange(plan.steps) / plan.steps)
-    pushed = complex_modes(sweeps.weights.push.T) @ jnp.fft.fft(force)
-    decay = sweeps.weights.decay[0] + 1j * sweeps.weights.decay[1]
-    states = jnp.fft.ifft(pushed / (onward - decay[:, None]))
-    moved = (modes.deflections @ states).real + sweeps.weights.at_once[: len(force)] @ force
-    linear = deflection - fourier.analyze(moved, plan.harmonics)
-    return SweepPoint(linear, real_pairs(states[:, 0]), force[:, 0])
+    # States under these forces, periodic: s' = decay s + push phi, by harmonics of a mode and of its conjugate.
+    harmonics = fourier.analyze(force, plan.harmonics)
+    turned = -plan.steps * jnp.exp(-2j * jnp.pi * jnp.arange(plan.harmonics + 1) / plan.steps) * harmonics
+    push = complex_modes(sweeps.weights.push.T)
+    own, other = sweeps.free[0] * (push @ turned), sweeps.free[1] * (push.conj() @ turned)
+    late = sweeps.weights.at_once[: len(force)] @ harmonics
+    moved = (modes.deflections @ own + modes.deflections.conj() @ other) / 2 + late
+    state = own.sum(axis=1) + other[:, 1:].conj().sum(axis=1)
+    return SweepPoint(deflection - moved, real_pairs(state), force[:, 0])
 
 
 def sweep(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):

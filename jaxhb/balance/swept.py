@@ -99,13 +99,23 @@ def compile_ahead(problem, active_meshes, modes: MarchModes, plan: SweepPlan) ->
 
 
 def solve_by_sweeps(
-    problem, active_meshes, modes, tolerance, plan: SweepPlan, *, deviation=None, deflection=None, settled=SETTLED
+    problem,
+    active_meshes,
+    modes,
+    tolerance,
+    plan: SweepPlan,
+    *,
+    deviation=None,
+    deflection=None,
+    settled=SETTLED,
+    newton=True,
 ):
     """The Outcome of a Problem, as arrays of the host, where it ended (Settled), and the events on the way.
 
     From teeth on their drive sides, from a ``deviation`` ``(2S,)`` from the linear motion
     (:func:`~jaxhb.balance.sweeps.point_at`), or from deflections ``(G, n+1)`` m of a motion: sweeps, and where these do
-    not settle, Newton's method on the same map; ``settled`` : share of the tolerance that may be left of the vibration.
+    not settle, with ``newton`` its method on the same map; ``settled`` : share of the tolerance that may be left of the
+    vibration.
     """
     goal = settled * tolerance
     compile_ahead(problem, active_meshes, modes, plan)
@@ -117,7 +127,7 @@ def solve_by_sweeps(
         begin = sweeps.point_program(swept.sweeps, deviation)
     ended = sweeps.settle_program(swept.sweeps, begin, goal=goal, most=MOST_SWEEPS, plan=plan)
     path: list[Sweeps | NewtonOnSweeps] = [Sweeps(int(ended.marches), plan.steps, float(ended.change))]
-    if goal < float(ended.distance) and np.isfinite(ended.change):
+    if newton and goal < float(ended.distance) and np.isfinite(ended.change):
         begun = int(ended.marches)
         ended = map_newton.solve_map(swept.sweeps, ended.point, plan, goal=goal, most_marches=MOST_MARCHES)
         path.append(NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change)))

@@ -63,6 +63,7 @@ class SweptTrain:
         motion: np.ndarray | None = None,
         deflection: np.ndarray | None = None,
         settled: float = SETTLED,
+        newton: bool = True,
     ) -> Response:
         """The response at a speed: the first that meets the tolerance, with twice and more times the steps, twice where
         it finds nothing.
@@ -70,8 +71,8 @@ class SweptTrain:
         motion : ``(2S,)``, displacements and velocities of the disks at the beginning of a cycle, in m and m/s, from
         which it starts; deflection : ``(G, n+1)`` m of the meshes that have a law, of a motion at that speed from which
         it starts; by default teeth are on their drive sides. settled : share of the tolerance that may be left of the
-        vibration. A status above TOLERANCE_NOT_MET says that no periodic motion was found; what is found may be
-        unstable.
+        vibration; newton : whether its method may find what sweeps do not settle at, which may be unstable, or not
+        where a train from there would go. A status above TOLERANCE_NOT_MET says that no periodic motion was found.
         """
         problem = problem_at(self.train, rpm, self.plan.excited)
         topology = self.train.topology
@@ -82,16 +83,23 @@ class SweptTrain:
         deflection = None if deflection is None else self._padded(deflection)
         path, outcomes, failures = [], [], 0
         for steps in [count for count in STEPS if count >= least] or STEPS[-1:]:
-            given = problem, self.plan.active_meshes, self.modes, self.plan.tolerance, SweepPlan(steps, instant)
             outcome, ended, events = solve_by_sweeps(
-                *given, deviation=deviation, deflection=deflection, settled=settled
+                problem,
+                self.plan.active_meshes,
+                self.modes,
+                self.plan.tolerance,
+                SweepPlan(steps, instant),
+                deviation=deviation,
+                deflection=deflection,
+                settled=settled,
+                newton=newton,
             )
             path += events
             status = Status(int(outcome.status))
             outcomes.append(outcome)
             if status == Status.TOLERANCE_NOT_MET:
                 deflection = np.asarray(ended.deflection)
-            elif status.another_start_may_help and not failures:
+            elif newton and status.another_start_may_help and not failures:
                 failures += 1  # sweeps that go astray with long steps may settle with shorter ones
             else:
                 break

@@ -98,7 +98,7 @@ class Classifier:
     def _settled(self, motions, index):
         """The steady state of a speed at which sweeps end at a motion that attracts, else None."""
         rpm, known = float(self.speeds[index]), self.known.get(index)
-        response = self.swept(1).solve(rpm, motion=motions.get(index))
+        response = self.swept(1).solve(rpm, motion=motions.get(index), newton=False)
         if not response.solved:
             return None
         common = known is not None and known.response is not None and known.period == 1
