@@ -69,3 +69,6 @@ def test_a_plan_whose_own_start_does_not_lead_to_the_motion_asks_for_one(train, 
     # What sweeps found has the error that it tells.
     difference = abs(planned.deflection("a", "b").max - found.deflection("a", "b").max)
     assert difference <= found.truncation_error * found.deflection("a", "b").max
+    # Both residuals are below 1e-10, and the deflection has the condition of its equations beside.
+    exact = jaxhb.solve(train, rpm=rpm(speed), harmonics=planned.harmonics, start=found)
+    assert abs(planned.deflection("a", "b").max - exact.deflection("a", "b").max) < 1e-7
