@@ -35,7 +35,7 @@ def settle_marched(swept, march, trace, period, *, steps, meshes):
     deflection = np.split(trace, 2)[0]
     deflection = fourier.analyze(deflection, (deflection.shape[1] - 1) // 2)
     response = swept.solve(march.rpm, deflection=deflection)
-    if response.solved and period > 1 and repetition(response, period) <= DOUBTED:
+    if response.solved and may_repeat(response, period):
         exact = swept.solve(march.rpm, deflection=deflection, settled=NO_SUBHARMONIC)
         response = exact if exact.solved else response
     if not response.solved or not same_motion(response, trace, meshes, swept.train, period):
@@ -67,7 +67,7 @@ def solve_marched(train, march, trace, period, request, *, steps, meshes, levels
         higher = case.next_level(plan.harmonics)
         if case.response.solved:
             response = case.response
-            if period > 1 and repetition(response, period) <= DOUBTED:
+            if may_repeat(response, period):
                 response = _exact(case)
             return response if same_motion(response, trace, meshes, train, period) else None
         if request.harmonics or not higher:
@@ -151,11 +151,20 @@ def shortest_period(response, period):
     """The smallest divisor of a number of cycles after which the motion over so many cycles repeats, as far as its
     truncation error shows: whether a weaker subharmonic is there, the stability of the shorter motion tells."""
     most = np.clip(TRUNCATED * float(response.truncation_error), REPEATS, WEAK)
-    divisors = (divisor for divisor in range(1, period) if period % divisor == 0)
-    return next((d for d in divisors if repetition(response, period, d) <= most), period)
+    return next((d for d in proper_divisors(period) if repetition(response, period, d) <= most), period)
 
 
-def repetition(response, period, divisor=1):
+def may_repeat(response, period):
+    """Whether a motion over ``period`` cycles may be one of fewer, once it is solved to the end."""
+    return any(repetition(response, period, divisor) <= DOUBTED for divisor in proper_divisors(period))
+
+
+def proper_divisors(period):
+    """Numbers of cycles, shortest first, after which a motion over ``period`` cycles may repeat before its end."""
+    return [divisor for divisor in range(1, period) if period % divisor == 0]
+
+
+def repetition(response, period, divisor):
     """Share of the amplitudes of a motion over ``period`` cycles that do not repeat after ``divisor`` of them."""
     deflections = np.abs(np.asarray(response.deflections))
     others = np.arange(deflections.shape[-1]) % (period // divisor) != 0

@@ -195,7 +195,7 @@ LAWS = {"contact": {}, "always": {"damping_law": "always"}, "loss": {"loss": 0.0
 @pytest.mark.parametrize("changes", LAWS.values(), ids=LAWS)
 def test_bounds_hold_for_both_laws_of_damping_and_for_loss_factors(changes):
     train = pair(**changes)
-    response = jaxhb.solve(train, rpm=1500.0)
+    response = jaxhb.solve(train, rpm=1500.0, harmonics=192)  # most of its error is that of the truncation
     assert response.mesh("a", "b").separated_fraction > 0
     found = certify(response)
     assert found.holds, found.reason
@@ -203,7 +203,7 @@ def test_bounds_hold_for_both_laws_of_damping_and_for_loss_factors(changes):
     (value, force), (true_value, true_force) = forces(response), forces(fine)
     apart, off = np.abs(value - true_value).max(), np.abs(force - true_force).max()
     assert apart <= found.deflection_bound[0] <= WITHIN * apart
-    assert off <= found.force_bound[0] <= 2 * WITHIN * off
+    assert off <= found.force_bound[0] <= WITHIN * off
 
 
 @pytest.mark.parametrize(
