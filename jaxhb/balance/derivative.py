@@ -82,7 +82,7 @@ def attach(plan, problem, active_meshes, at, solved, found, deflection):
     """The solution ``found``, ``deflection`` of ``problem`` with its derivative with respect to ``problem``.
 
     at : PeriodicOperator at the solution or near it, None without active meshes; and None or, of exact integrals, the
-    Crossings of the active and of all meshes. Where it is not ``solved`` the derivative is zero and never nan.
+    Crossings of the active and of all meshes. Where it is not ``solved`` the derivative is what the plan says.
     """
     return found, deflection
 
@@ -93,7 +93,8 @@ def _attach_jvp(plan, primals, tangents):
     active, every = lax.stop_gradient(crossings or (None, None))
     found, deflection = attach(plan, *primals)  # second derivatives need that of the solution
     samples = plan.samples * (plan.slope_samples if plan.integrals == "sampled" else 1)
-    problem, change = _where(solved, problem, lax.stop_gradient(problem)), _where(solved, tangents[0], None)
+    change = _kept(plan.failed_gradient, solved, tangents[0])
+    problem = _where(solved, problem, lax.stop_gradient(problem))
 
     def equation(problem):
         reduced, condensed = reduced_equation(problem, plan.harmonics, active_meshes)
@@ -118,7 +119,7 @@ def _attach_jvp(plan, primals, tangents):
         return fields(problem, *condensed.combine(force), plan.integrals, plan.samples, every)
 
     _, found_dot = jax.jvp(motion, (problem, condensed, force), (change, condensed_dot, force_dot))
-    return (found, deflection), _where(solved, (found_dot, deflection_dot), None)
+    return (found, deflection), _kept(plan.failed_gradient, solved, (found_dot, deflection_dot))
 
 
 def all_finite(tree):
@@ -126,21 +127,45 @@ def all_finite(tree):
     return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)]))
 
 
-def only_if(good, tree):
-    """The same numbers, without derivatives where they are not ``good``: nothing else of a batch then is nan."""
-    return _where(good, tree, lax.stop_gradient(tree))
+def only_if(good, tree, failed_gradient="zero"):
+    """The same numbers, with derivatives where they are ``good`` and "zero" or "nan" elsewhere."""
+    return jax.tree.map(lambda value: _gated(failed_gradient, good, value) if _is_number(value) else value, tree)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _gated(failed_gradient, good, value):
+    return value
+
+
+@_gated.defjvp
+def _gated_jvp(failed_gradient, primals, tangents):
+    good, value = primals
+    return value, _kept(failed_gradient, good, tangents[1])
+
+
+def _kept(failed_gradient, good, tangents):
+    """Tangents where ``good``; elsewhere zero, so that nothing else of a batch is nan, or nan."""
+    if failed_gradient == "zero":
+        return _where(good, tangents, None)
+    known = jnp.where(good, 1.0, jnp.nan)  # a product, whose transpose is nan likewise
+    return jax.tree.map(lambda tangent: known * tangent if _is_number(tangent) else tangent, tangents)
 
 
 def only_known(solved, tree):
-    """The same numbers, nan where not ``solved``: there their derivatives are zero, and spoil no other's of a batch."""
+    """The same numbers, nan where not ``solved``: behind them derivatives are zero, and spoil no other's of a batch."""
     return _where(solved, tree, jax.tree.map(lambda _: jnp.nan, tree))
+
+
+def _is_number(value):
+    """Whether a value has derivatives: no integer and no truth value."""
+    return jnp.issubdtype(jnp.result_type(value), jnp.inexact)
 
 
 def _where(solved, values, others):
     """``values``, or ``others`` (None: zeros) where not solved; integers and their tangents as they are."""
 
     def choose(value, other):
-        return jnp.where(solved, value, other) if jnp.issubdtype(jnp.result_type(value), jnp.inexact) else value
+        return jnp.where(solved, value, other) if _is_number(value) else value
 
     if others is None:
         return jax.tree.map(lambda value: choose(value, 0.0), values)

@@ -23,9 +23,11 @@ from jax import lax
 
 from jaxhb._jax import Array
 from jaxhb.equations import backlash
-from jaxhb.equations.state_space import LIGHT, march_modes, partition
+from jaxhb.equations.reduced_model import ReducedOrderModel
+from jaxhb.equations.state_space import LIGHT, march_modes, paired, partition
 
 UNSEEN = 1e-10  # share of the motion of a mesh under its force below which a mode is left out
+STILL = 1e-12  # share of the fastest rate below which a mode of a reduced-order model does not move by itself
 IDLE_RATE = -1.0  # 1/s, of modes that fill an array
 FEWEST_MODES = 32
 
@@ -76,6 +78,29 @@ def modes_for_march(problem, active_meshes) -> MarchModes:
         forcing=np.pad(forcing[noticed], ((0, idle), (0, 0))),
         observation=np.pad(observation[:, noticed], ((0, 0), (0, idle))),
         coordinates=np.pad(modes.coordinates[noticed], ((0, idle), (0, 0))),
+    )
+
+
+def modes_of_model(model: ReducedOrderModel) -> MarchModes:
+    """The modes of a reduced-order model, which exists inside programs, too; of what turns, half of them idle."""
+    space = model.space
+    (own, upper), (lower, other) = paired(space.transition)
+    # A pair of states is a mode that turns, as its real and imaginary part, or two that do not.
+    turns = ((own - other) / 2) ** 2 + upper * lower < 0
+    rates = jnp.concatenate([jnp.where(turns, own + 1j * upper, own), jnp.where(turns, IDLE_RATE, other)])
+    # Free rotation, which no mesh sees, and modes that respond at once, which others have.
+    still = jnp.abs(rates) <= STILL * jnp.max(jnp.abs(rates))
+    half = len(own)
+
+    def as_modes(first, second):
+        return jnp.concatenate([jnp.where(turns, first + 1j * second, first), jnp.where(turns, 0.0, second)], axis=-1)
+
+    forcing, coordinates = (as_modes(a[:half].T, -a[half:].T).T for a in (space.forcing, space.coordinates))
+    return MarchModes(
+        rates=jnp.where(still, IDLE_RATE, rates),
+        forcing=jnp.where(still[:, None], 0.0, forcing),
+        observation=jnp.where(still, 0.0, as_modes(space.observation[:, :half], space.observation[:, half:])),
+        coordinates=coordinates,
     )
 
 
@@ -162,6 +187,11 @@ class InstantSolve:
 
     steps: int = 1
     coupled: bool = False
+
+    @classmethod
+    def of(cls, springs: int) -> "InstantSolve":
+        """For meshes and so many springs: friction and stops of a shaft act at once on the gear at its end."""
+        return cls(steps=2, coupled=True) if springs else cls()
 
 
 def march_cycle(modes: MarchModes, weights: StepWeights, teeth: TeethLaw, state, force, motion, variation, instant):

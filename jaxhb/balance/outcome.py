@@ -19,14 +19,15 @@ UNBALANCED_FORCE = 1e-2  # share of the tooth forces, at least, by which their m
 @dataclass(frozen=True)
 class Ended:
     """Where an iteration ended: deflections ``(G, N+1)`` m of the active meshes; whether it settled, else whether it
-    stalled; steps; error, what is left of the equations; periodicity_error of the last cycle marched; estimated
-    truncation_error."""
+    stalled; steps; error, what is left of the equations; sweeps with which it began, 0 for none, and periodicity_error,
+    by which the last of them changed the vibration; estimated truncation_error."""
 
     deflection: Array
     settled: Array
     stalled: Array
     steps: Array
     error: Array
+    sweeps: Array
     periodicity_error: Array
     truncation_error: Array
 
@@ -36,13 +37,14 @@ class Ended:
 class Outcome:
     """Fields of the solution, deflections ``(G, N+1)`` of the active meshes, and how the solve went.
 
-    periodicity_error : of the last cycle marched, nan where that is not finite and 0 where nothing was marched;
-    residual, truncation_error, power_defect; steps : of Newton, or sweeps.
+    sweeps with which it began, 0 for none; periodicity_error : by which the last of them changed the vibration, nan
+    where that is not finite; residual, truncation_error, power_defect; steps : of Newton, or sweeps.
     """
 
     fields: object
     deflection: Array
     status: Array
+    sweeps: Array
     periodicity_error: Array
     residual: Array
     truncation_error: Array
@@ -73,6 +75,7 @@ def conclude(problem, active_meshes, equation, condensed, nonlinear_force, ended
         fields=found,
         deflection=ended.deflection,
         status=jnp.where(exceeded, Status.TOLERANCE_NOT_MET, status),
+        sweeps=ended.sweeps,
         periodicity_error=ended.periodicity_error,
         residual=ended.error,
         truncation_error=ended.truncation_error,

@@ -22,8 +22,7 @@ RESIDUAL = 1e-10  # of equations that count as solved exactly, as derivatives wa
 # Whole step of Newton's method after which values are known, as a share of the tolerance: what is left of the motion is
 # a tenth of it at most (``newton.LEAVES``). A residual would not do: near resonances 3e-8 of it hides 3 % of the force.
 STEP_SHARE = 1e-2
-# Cycles of time integration before Newton's method, which then takes 2 to 5 steps on ``gear_train_30``.
-MARCH_CYCLES = 3
+MARCH_CYCLES = 12  # sweeps before Newton's method, at most
 # Numbers of time steps per cycle that are offered, multiples of 32: blocks of the preconditioner and segments of a
 # cycle divide them.
 TIME_STEPS = (*(n * 2**k for k in range(5, 13) for n in (2, 3)), 16384)
@@ -99,7 +98,7 @@ class Plan:
     flank : tuple of int, +1 or -1 for a mesh taken to stay on that flank all cycle (verified), 0 otherwise
     method : "reduced" or "chain"
     start : "linear", "march", or "response": neither leads to the motion, and a solve under the plan is to be given one
-    cycles : int, of the march
+    cycles : int, of the march, at most: sweeps (:mod:`jaxhb.balance.sweeps`)
     time_steps : int, per cycle, of the march and of the preconditioner, a multiple of 32
     tolerance : float, on the truncation error, a share of the largest tooth force
     tolerance_share : float, share of the tolerance that an estimate may use: it sees 2 N harmonics, and mesh modes
@@ -115,6 +114,7 @@ class Plan:
     compare_starts : bool, whether a given start is compared with a marched one
     slope_samples : int, times 16 N at which derivatives evaluate a sampled law. Its slope has kinks: where teeth hammer
         few samples of a solve lie in its transition zones, and derivatives from them alone are off by 8 % and more
+    failed_gradient : "zero" or "nan", derivative of a response that is not solved
     """
 
     harmonics: int
@@ -134,6 +134,7 @@ class Plan:
     estimated: bool = True
     compare_starts: bool = False
     slope_samples: int = 16
+    failed_gradient: str = "zero"
 
     @property
     def unknowns(self) -> int:

@@ -4,6 +4,7 @@ A compiled solve starts Newton's method, estimates the truncation error, and giv
 """
 
 import dataclasses
+from dataclasses import dataclass
 from functools import partial
 
 import jax
@@ -15,21 +16,24 @@ from jax.custom_batching import sequential_vmap
 from jaxhb._jax import namespace, staged, traced
 from jaxhb._program import WHOLE, Program, across, along
 from jaxhb._threads import side_by_side
-from jaxhb.balance import correction, derivative
+from jaxhb.balance import correction, derivative, sweeps
+from jaxhb.balance.march import InstantSolve, modes_of_model
 from jaxhb.balance.newton import relative_residual, solve_chain, solve_reduced
 from jaxhb.balance.outcome import Ended, conclude, relative_force_change
 from jaxhb.balance.plan import check_plan
 from jaxhb.balance.problem import Problem, force_balance, model_of, problem_at, reduced_equation
+from jaxhb.balance.sweeps import SweepPlan
 from jaxhb.equations import backlash, condensation, fourier
 from jaxhb.equations.backlash import law_of
-from jaxhb.integration.step import force_on_flank, march, rows_of, stepper_of, with_rate
+from jaxhb.integration.step import force_on_flank, stepper_of
 from jaxhb.results.response import Response
-from jaxhb.results.status import March, Newton, Status
+from jaxhb.results.status import Newton, Status, Sweeps
 from jaxhb.train.changes import within_range
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 
 # Relative residual, a few times that of a settled march, from which Newton's method takes longer than a march.
 MARCH_ABOVE = 3e-4
+START_SETTLED = 1e-4  # share of the vibration that sweeps may leave to Newton's method, which is quick from there
 ESTIMATE = 0.05, 20  # share of the residual that the correction of an estimate may leave, and its Krylov steps at most
 FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked for
 BATCH_SPEEDS = 8  # speeds that one program solves side by side where contacts are unknowns, on accelerators
@@ -40,9 +44,10 @@ LINEAR_SPEEDS = 64  # and where teeth stay in contact; of fewer each is solved b
 def solve_problem(problem, active_meshes, start, goals, plan):
     """The Outcome of one Problem and its ActiveMeshes under a :attr:`Plan.static` and :attr:`Plan.goals`.
 
-    start : coefficients ``(G, N+1)`` m; whether they are where Newton's method starts, and not teeth in contact; cycles
-    that are marched from there (of a given start only if ``plan.compare_starts`` and it leaves more than MARCH_ABOVE of
-    the equations: the better of the two is then the start); periodicity error at which a march ends.
+    start : coefficients ``(G, N+1)`` m; whether they are where Newton's method starts, and not teeth in contact; sweeps
+    from teeth on their drive sides at most (beside a given start only if ``plan.compare_starts`` and it leaves more
+    than MARCH_ABOVE of the equations: the better of the two is then the start); share of the vibration at which they
+    end.
     """
     # The iteration is not differentiated: the implicit function theorem gives the derivative of what it found.
     frozen = lax.stop_gradient((problem, start, goals))
@@ -72,21 +77,23 @@ def _find(problem, active_meshes, start, goals, plan):
     reach = 2 * harmonics if plan.estimated and not none else harmonics
     fine, condensed = reduced_equation(problem, reach, active_meshes)
     reduced = dataclasses.replace(condensation.truncate(fine, harmonics), integrals=plan.integrals)
-    periodicity_error, error, truncation = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
+    error, truncation = jnp.zeros(()), jnp.zeros(())
+    begin = Begin(reduced.linear, jnp.array(0), jnp.zeros(()))
     operator = None
     steps, stalled, small_step = jnp.array(0), jnp.array(False), jnp.array(False)
     deflection = reduced.linear
     if not none:
         model = model_of(problem, active_meshes, plan.time_steps)
-        first, periodicity_error = _first(reduced, model, start, plan)
+        instant = InstantSolve.of(problem.meshes.springs)
+        begin = _first(reduced, model, start, plan, instant)
         numbers = {"samples": plan.samples, "time_steps": plan.time_steps}
         if plan.method == "chain":
-            deflection, iterate = _by_chain(problem, active_meshes, reduced, condensed, first, plan)
+            deflection, iterate = _by_chain(problem, active_meshes, reduced, condensed, begin.deflection, plan)
             operator = correction.prepare(reduced, model, deflection, **numbers)
             error = relative_residual(reduced, reduced.residual(deflection, plan.samples))
         else:
             goal = {"tolerance": tolerance, "step_tolerance": step_tolerance, "max_steps": plan.max_steps}
-            iterate, operator = solve_reduced(reduced, model, first, **numbers, **goal)
+            iterate, operator = solve_reduced(reduced, model, begin.deflection, **numbers, **goal)
             deflection, error, small_step = iterate.x, iterate.error, iterate.step < step_tolerance
         if plan.estimated:
             truncation = truncation_error(fine, operator, deflection, plan.samples)
@@ -99,7 +106,8 @@ def _find(problem, active_meshes, start, goals, plan):
         stalled=stalled,
         steps=steps,
         error=error,
-        periodicity_error=periodicity_error,
+        sweeps=begin.sweeps,
+        periodicity_error=begin.change,
         truncation_error=truncation,
     )
     given = problem, active_meshes, reduced, condensed
@@ -107,31 +115,43 @@ def _find(problem, active_meshes, start, goals, plan):
     return outcome, (operator, crossings), outcome.status <= Status.TOLERANCE_NOT_MET
 
 
-def _first(reduced, model, start, plan):
-    """Where Newton starts, coefficients ``(G, N+1)``, and the periodicity error of the march, 0 without."""
-    coefficients, given, cycles, periodicity_tolerance = start
-    begun = jnp.where(given, coefficients, deflections_on_flank(reduced))
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Begin:
+    """Where Newton's method starts: deflections ``(G, N+1)`` m; how many sweeps led there, 0 for none, and by how much
+    of the vibration the last of them changed it."""
 
-    def from_flank():
-        return marched(reduced, model, plan.time_steps, cycles, periodicity_tolerance)
+    deflection: jax.Array
+    sweeps: jax.Array
+    change: jax.Array
 
+
+def _first(reduced, model, start, plan, instant):
+    """The :class:`Begin` of a ``start`` of :func:`solve_problem`."""
+    coefficients, given, most, goal = start
+    at_hand = jnp.where(given, coefficients, deflections_on_flank(reduced))
+    unswept = Begin(at_hand, jnp.array(0), jnp.zeros(()))
     if not plan.marches:
-        return begun, jnp.zeros(())
-    if not plan.compare_starts:
-        return lax.cond(cycles > 0, from_flank, lambda: (begun, jnp.zeros(())))
+        return unswept
     sampled = dataclasses.replace(reduced, integrals="sampled")
+
+    def swept():
+        return by_sweeps(sampled, model, plan, instant, most, goal)
+
+    if not plan.compare_starts:
+        return lax.cond(most > 0, swept, lambda: unswept)
 
     def left(deflection):
         return relative_residual(sampled, sampled.residual(deflection, plan.samples))
 
     def better():
-        found, periodicity_error = from_flank()
-        worse = lax.cond(compared, lambda found: ~(left(found) < remaining), lambda _: False, found)
-        return jnp.where(worse, begun, found), jnp.where(worse, 0.0, periodicity_error)
+        other = swept()
+        worse = lax.cond(compared, lambda found: ~(left(found) < remaining), lambda _: False, other.deflection)
+        return jax.tree.map(partial(jnp.where, worse), unswept, other)
 
-    compared = given & (cycles > 0)
-    remaining = lax.cond(compared, left, lambda _: jnp.inf, begun)
-    return lax.cond((cycles > 0) & (remaining > MARCH_ABOVE), better, lambda: (begun, jnp.zeros(())))
+    compared = given & (most > 0)
+    remaining = lax.cond(compared, left, lambda _: jnp.inf, at_hand)
+    return lax.cond((most > 0) & (remaining > MARCH_ABOVE), better, lambda: unswept)
 
 
 def deflections_on_flank(reduced):
@@ -148,19 +168,17 @@ def reduced_stepper(reduced, model, time_steps, linear, variation, residual_flex
     return stepper_of(model.space, reduced, linear, variation, *given)
 
 
-def marched(reduced, model, time_steps, cycles, periodicity_tolerance):
-    """Deflections ``(G, N+1)`` over the last of ``cycles`` cycles from the drive sides, and its periodicity error.
-
-    Those on the flanks where the steps were too long for the train. The march ends earlier where a cycle closes to
-    ``periodicity_tolerance``.
-    """
-    linear = rows_of(with_rate(reduced.linear, reduced.frequency), time_steps)
-    stepper = reduced_stepper(reduced, model, time_steps, linear, rows_of(reduced.variation, time_steps))
-    _, trace, _ = march(stepper, stepper.flank_state, tolerance=periodicity_tolerance, max_cycles=cycles)
-    harmonics = reduced.linear.shape[-1] - 1
-    kept = fourier.analyze(trace.deflection, min(harmonics, (time_steps - 1) // 2))
-    finite = jnp.all(jnp.isfinite(trace.deflection))
-    return jnp.where(finite, fourier.resize(kept, harmonics), deflections_on_flank(reduced)), trace.periodicity_error
+def by_sweeps(reduced, model, plan, instant, most, goal):
+    """The :class:`Begin` to which at most so many sweeps from the drive sides lead, which end where ``goal`` of the
+    vibration is left; on the flanks where the steps were too long for the train."""
+    sweep_plan = SweepPlan(plan.time_steps, instant, plan.harmonics)
+    equation = condensation.truncate(reduced, sweep_plan.harmonics)
+    equation = sweeps.sweep_equation(equation, modes_of_model(model), sweep_plan)
+    equation = equation.with_flexibility(model.residual_flexibility)
+    ended = sweeps.settle(equation, sweeps.first_point(equation), sweep_plan, goal, most)
+    finite = jnp.all(jnp.isfinite(ended.deflection))
+    kept = fourier.resize(ended.deflection, plan.harmonics)
+    return Begin(jnp.where(finite, kept, deflections_on_flank(reduced)), ended.marches, ended.change)
 
 
 def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
@@ -205,8 +223,8 @@ def first_start(plan, *, marches=False, given=None, xp=np):
     """``start`` of :func:`solve_problem`: teeth in contact, marched on or not, or given deflections ``(G, n+1)``."""
     if given is None:
         nothing = np.zeros((len(plan.active_meshes.mask), plan.harmonics + 1), dtype=complex)
-        return nothing, np.array(False), np.array(plan.cycles if marches else 0), 0.0
-    return fourier.resize(xp.asarray(given), plan.harmonics), np.array(True), np.array(0), 0.0
+        return nothing, np.array(False), np.array(plan.cycles if marches else 0), START_SETTLED
+    return fourier.resize(xp.asarray(given), plan.harmonics), np.array(True), np.array(0), START_SETTLED
 
 
 def solve_planned(train, rpm, plan, start=None):
@@ -239,13 +257,13 @@ def _solve_traced(train, rpm, begin, active_meshes, goals, plan):
     finite = derivative.all_finite((train, rpm))
     # Not ``rpm > 0``: nan is not out of range but not finite, and has its own status.
     valid = within_range(train) & ~((rpm <= 0) | (rpm > HIGHEST_RPM))
-    train, rpm = derivative.only_if(finite & valid, (train, rpm))
+    train, rpm = derivative.only_if(finite & valid, (train, rpm), plan.failed_gradient)
     problem = problem_at(train, rpm, plan.excited)
     outcome = solve_problem(problem, active_meshes, begin, goals, plan)
     status = jnp.where(finite, outcome.status, Status.NONFINITE)
     outcome = dataclasses.replace(outcome, status=jnp.where(valid, status, Status.INVALID_INPUT))
     response = respond(train, rpm, problem, outcome, plan)
-    # nan for all that was computed if it is not solved, and derivatives of zero, not nan.
+    # nan for all that was computed if it is not solved, and derivatives as the plan wants them.
     given = ("rpm", "radius", "law", "topology", "resolution", "sharp", "train", "path", "certificate")
     found = {f.name: getattr(response, f.name) for f in dataclasses.fields(response) if f.name not in given}
     return dataclasses.replace(response, **derivative.only_known(response.solved, found))
@@ -290,10 +308,10 @@ def response_of(train, rpm, problem, outcome, plan, path):
 
 def _newtons_path(outcome, plan):
     """The events of a solve under a plan."""
-    status, steps, error = Status(int(outcome.status)), int(outcome.steps), float(outcome.periodicity_error)
+    status, steps, swept = Status(int(outcome.status)), int(outcome.steps), int(outcome.sweeps)
     newton = Newton(plan.harmonics, len(plan.active), plan.integrals, status, steps)
-    marched = error != 0  # 0: nothing was marched
-    return (March(plan.cycles, plan.time_steps, error), newton) if marched else (newton,)
+    begun = Sweeps(swept, plan.time_steps, float(outcome.periodicity_error))
+    return (begun, newton) if swept else (newton,)
 
 
 def solve_batches(train, rpm, plan, devices=()):

@@ -13,6 +13,7 @@ point ``s_end = s``, hence ``F(l) = 0``: harmonic balance holds, whatever the ma
 preconditioner (defect correction); solving and settling are one thing.
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import jax
@@ -49,15 +50,17 @@ NOTHING = 1e-8  # of what the gap carries: a vibration that is rounding
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What a sweep is compiled for: steps K of a cycle, and how phi of an instant is found."""
+    """What a sweep is compiled for: steps K of a cycle, how phi of an instant is found, and harmonics at most."""
 
     steps: int
     instant: InstantSolve = InstantSolve()
+    most_harmonics: int | None = None
 
     @property
     def harmonics(self) -> int:
         """N of the deflections."""
-        return self.steps // 2 - NEAR_NYQUIST
+        resolved = self.steps // 2 - min(NEAR_NYQUIST, self.steps // 8)
+        return min(resolved, self.most_harmonics or resolved)
 
     @property
     def kept(self) -> int:
@@ -101,6 +104,12 @@ class SweepEquation:
     def rows(self, deflection, steps):
         """(l, l') ``(steps, 2G)`` of coefficients ``(G, N+1)``."""
         return fourier.synthesize(with_rate(deflection, self.equation.frequency), steps).T
+
+    def with_flexibility(self, flexibility):
+        """The same beside modes that respond at once, with so much ``(G, G)`` m/N."""
+        meshes = len(flexibility)
+        at_once = self.weights.at_once.at[:meshes].add(-flexibility)
+        return dataclasses.replace(self, weights=dataclasses.replace(self.weights, at_once=at_once))
 
     def free_motion(self, jump):
         """J ``(G, N+1)`` m of a state that ends off by ``jump`` ``(2m,)``."""

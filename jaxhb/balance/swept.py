@@ -67,6 +67,7 @@ def _concluded(problem, active_meshes, swept: SweptProblem, settled: Settled, to
         stalled=jnp.array(False),
         steps=settled.marches,
         error=sweeps.force_size(fine, missed[:, : plan.harmonics + 1]) / sweeps.vibration_size(fine, wide),
+        sweeps=settled.marches,
         periodicity_error=settled.change,
         truncation_error=truncation + unsettled,
     )

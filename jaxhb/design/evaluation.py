@@ -23,7 +23,15 @@ from jaxhb._threads import side_by_side
 from jaxhb.balance.derivative import all_finite, only_if
 from jaxhb.balance.plan import RESIDUAL
 from jaxhb.balance.problem import problem_at
-from jaxhb.balance.program import BATCH_SPEEDS, active_deflections, differentiable, estimate, find, respond
+from jaxhb.balance.program import (
+    BATCH_SPEEDS,
+    START_SETTLED,
+    active_deflections,
+    differentiable,
+    estimate,
+    find,
+    respond,
+)
 from jaxhb.design import objectives
 from jaxhb.design.between_speeds import speeds_of
 from jaxhb.design.quantities import OF_DESIGN, QUANTITIES, Penalty, inertia_added, judged, label
@@ -36,7 +44,6 @@ from jaxhb.solutions.planning import next_level, plan_marching, plan_speeds
 from jaxhb.solutions.solve import solve
 
 NEWTON_STEPS = 15  # of a lane at most
-CLOSED = 1e-4  # periodicity error at which a march ends; what its steps leave of the equations is as much
 NEGLIGIBLE = 1e-8
 """Share of the largest derivative of the objective by a reading below which no gradient is taken through it."""
 
@@ -410,7 +417,7 @@ class Lanes:
         point, evaluator = self.point, self.evaluator
         motion = np.zeros((len(given), 0, plan.harmonics + 1), complex)
         motion = of_active_meshes(point.motion[at], plan) if plan.active else motion
-        start = motion, given, np.full(len(given), plan.cycles * marching), np.full(len(given), CLOSED)
+        start = motion, given, np.full(len(given), plan.cycles * marching), np.full(len(given), START_SETTLED)
         step, slopes = evaluator.task.accuracy
         goals = np.tile([1.0, RESIDUAL, step], (len(given), 1))
         # Whether a plan has enough harmonics is asked by itself.
@@ -419,9 +426,9 @@ class Lanes:
         shape = {"form": evaluator.form, "asked": evaluator.task.asked}
         shape["sizes"] = dataclasses.replace(plan.static, **changes)
         lanes = [leaf[at] for leaf in self.numbers], evaluator.held, point.speeds[at]
-        smooth, found, (status, error, motion, exact) = read_lanes(*lanes, start, goals, plan.active_meshes, **shape)
+        smooth, found, (status, sweeps, motion, exact) = read_lanes(*lanes, start, goals, plan.active_meshes, **shape)
         motion = fourier.resize(np.asarray(motion), point.motion.shape[-1] - 1)
-        solved = status, motion, given & (np.asarray(error) == 0), smooth, exact
+        solved = status, motion, given & (np.asarray(sweeps) == 0), smooth, exact
         return solved, partial(pull_lanes, *lanes, found, plan.active_meshes, **shape)
 
     def rescue(self, which):
@@ -530,7 +537,7 @@ def train_and_problem(form, numbers, held):
 @partial(Program, static_argnames=("form", "asked", "sizes"))
 def read_lanes(numbers, held, rpm, start, goals, active_meshes, *, form, asked, sizes):
     """Solve ``c`` lanes of one plan: smooth readings ``(c, J)``; the solutions, for :func:`pull_lanes`; and status
-    ``(c,)``, periodicity error of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, exact readings.
+    ``(c,)``, sweeps to its start or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, exact readings.
     """
 
     def lane(numbers, speed, start, goals):
@@ -538,7 +545,7 @@ def read_lanes(numbers, held, rpm, start, goals, active_meshes, *, form, asked, 
         found = find(problem, active_meshes, start, goals, sizes)
         response = respond(train, speed, problem, found[0], sizes)
         exact = [QUANTITIES[quantity].exact_value(response, of, order) for quantity, of, order, _ in asked]
-        outcome = jnp.asarray(response.status), found[0].periodicity_error, response.deflections, jnp.stack(exact)
+        outcome = jnp.asarray(response.status), found[0].sweeps, response.deflections, jnp.stack(exact)
         return _differentiated(response, asked), found, outcome
 
     return _each(lane, numbers, rpm, start, goals)

@@ -176,3 +176,15 @@ def plan_marching(train, rpm, plan, request):
     least = time_steps_for(max(modes, 2 * excited))
     steps = max(plan.time_steps, least) if plan.active else least
     return dataclasses.replace(all_active(train, plan, request), start="march", time_steps=steps)
+
+
+def plan_range(train, rpm, request, *, every_mesh):
+    """One plan for all ``rpm`` ``(n,)`` as far as the linear motion tells: of teeth in contact where none leaves it at
+    any of them, unless ``every_mesh`` is to be an unknown."""
+    plans = plan_speeds(train, rpm, request)
+    unknown = [plan for plan in plans if plan.active]
+    held = {plan.flank for plan in plans}
+    if not unknown and not every_mesh and len(held) == 1:
+        return plans[0]
+    marching = plan_marching(train, rpm, max(unknown or plans, key=lambda plan: plan.harmonics), request)
+    return dataclasses.replace(marching, time_steps=max([marching.time_steps, *(plan.time_steps for plan in unknown)]))

@@ -9,11 +9,12 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
 from jaxhb._jax import Number, concrete, refuse_tracers, staged, traced
-from jaxhb.balance.plan import MOST_HARMONICS, Plan, Request, check_harmonics, excited_harmonic
+from jaxhb.balance.plan import MOST_HARMONICS, Plan, Request, check_harmonics, excited_harmonic, time_steps_of
 from jaxhb.balance.program import solve_planned
 from jaxhb.certificate import certificate
 from jaxhb.excitation.torques import listed_harmonic
@@ -140,18 +141,29 @@ def _certified(response, fixed, method, integrals):
 def plan(
     train: DriveTrain,
     *,
-    rpm: float,
+    rpm: float | Sequence[float] | np.ndarray,
     harmonics: int | None = None,
     tolerance: float = 0.01,
     method: str = "reduced",
     integrals: str = "sampled",
+    active: str | None = None,
+    failed_gradient: str = "zero",
 ) -> Plan:
-    """Decide how to solve a train at a speed, by solving it: harmonics, active meshes, start.
+    """Decide how to solve a train at a speed or over a range, by solving it: harmonics, active meshes, start.
 
     Parameters
     ----------
-    train, rpm, harmonics, tolerance, method, integrals
+    train, harmonics, tolerance, method, integrals
         As in :func:`solve`.
+    rpm : float or sequence of float
+        A speed, or several: one plan then serves them all, and those between.
+    active : "all", optional
+        Makes the motion at every mesh with backlash an unknown, also where it stays loaded at these speeds: designs and
+        speeds at which it parts are then served, too. By default such a mesh is held on its flank, which is cheaper,
+        and a solve in which it parts has status PLAN_VIOLATED.
+    failed_gradient : "zero" (default) or "nan"
+        Derivative, under a transformation, of a response whose status is above TOLERANCE_NOT_MET. Zero leaves the
+        others of a batch theirs; nan cannot be taken for a derivative.
 
     Returns
     -------
@@ -163,7 +175,12 @@ def plan(
     Raises
     ------
     NotConverged
-        If the equations could not be solved at this speed.
+        If the equations could not be solved at this speed, or at none of several.
+
+    Notes
+    -----
+    A plan of several speeds has the harmonics that the most demanding of them needs. At some of them no motion of one
+    cycle may be found (:func:`jaxhb.steady_state` tells what the train does there): every solve says so by its status.
 
     Examples
     --------
@@ -173,7 +190,22 @@ def plan(
     ()
     """
     refuse_tracers("plan", train, rpm, instead="give jaxhb.solve its result")
-    found = _decide(train, rpm, Request.of(train, harmonics, tolerance, method, integrals), None, by_sweeps=False)
+    if active not in (None, "all"):
+        raise ValueError(f"active is {active!r}: give 'all', or leave it out")
+    if failed_gradient not in ("zero", "nan"):
+        raise ValueError(f"failed_gradient is {failed_gradient!r}: give 'zero' or 'nan'")
+    request = Request.of(train, harmonics, tolerance, method, integrals)
+    speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
+    if np.ndim(rpm) or active == "all" and train.topology.has_law.any():
+        made = _plan_of_several(train, speeds, request, active)
+    else:
+        made = _plan_of_one(train, rpm, request)
+    return dataclasses.replace(made, failed_gradient=failed_gradient)
+
+
+def _plan_of_one(train, rpm, request):
+    """The plan of one speed, from whatever start led to its motion."""
+    found = _decide(train, rpm, request, None, by_sweeps=False)
     # Where a mesh left its flank, refine has planned again. What can still be violated is the number of crossings that
     # exact integrals have room for, at this speed: every solve under the plan verifies it and says so by its status.
     if found.status > Status.PLAN_VIOLATED:
@@ -181,6 +213,31 @@ def plan(
     plan = _exact(found.reached)
     if plan.active and solve_planned(train, rpm, plan).status > found.status:
         return dataclasses.replace(plan, start="response")
+    return plan
+
+
+def _plan_of_several(train, speeds, request, active):
+    """The plan that serves several speeds, with the harmonics that the most demanding of them needs."""
+    if not len(speeds):
+        raise ValueError("rpm is empty: give the speeds that the plan is to serve")
+    for speed in speeds:
+        check_speed(train, speed)
+    plan = _exact(planning.plan_range(train, speeds, request, every_mesh=active == "all"))
+    wanted = speeds
+    solved = False
+    while True:
+        responses = [solve_planned(train, speed, plan) for speed in wanted]
+        if not plan.active:
+            return plan
+        solved = solved or any(response.solved for response in responses)
+        needs_more = [response.status == Status.TOLERANCE_NOT_MET for response in responses]
+        higher = None if request.harmonics else planning.next_level(plan.harmonics, plan.method)
+        if not any(needs_more) or not higher:
+            break
+        wanted = wanted[needs_more]
+        plan = dataclasses.replace(plan, harmonics=higher, time_steps=max(plan.time_steps, time_steps_of(higher)))
+    if not solved:
+        check(responses[0])
     return plan
 
 

@@ -77,7 +77,7 @@ class SweptTrain:
         problem = problem_at(self.train, rpm, self.plan.excited)
         topology = self.train.topology
         # Friction and stops of a shaft act at once on the gear at its end.
-        instant = InstantSolve(steps=2, coupled=True) if topology.springs else InstantSolve()
+        instant = InstantSolve.of(len(topology.springs))
         least = max(steps_for(self.modes, float(problem.frequency)), 4 * planning.ABOVE_EXCITATION * self.excited)
         deviation = None if motion is None else motion - self._linear_start(rpm)
         deflection = None if deflection is None else self._padded(deflection)
