@@ -38,13 +38,15 @@ class MarchModes:
     """Damped modes of a train with its meshes in contact, one of each conjugate pair.
 
     rates : complex ``(m,)`` 1/s; forcing : complex ``(m, G)``, what phi does to them; observation : complex ``(2G, m)``
-    of (l, l'); coordinates : complex ``(m, 2S)``, z of displacements and velocities (x, x') of the disks.
+    of (l, l'); coordinates : complex ``(m, 2S)``, z of displacements and velocities (x, x') of the disks; flexibility :
+    ``(G, G)`` m/N, by which l falls at once under phi, of modes that are too fast for the steps.
     """
 
     rates: Array
     forcing: Array
     observation: Array
     coordinates: Array
+    flexibility: Array
 
     @property
     def deflections(self) -> Array:
@@ -78,6 +80,7 @@ def modes_for_march(problem, active_meshes) -> MarchModes:
         forcing=np.pad(forcing[noticed], ((0, idle), (0, 0))),
         observation=np.pad(observation[:, noticed], ((0, 0), (0, idle))),
         coordinates=np.pad(modes.coordinates[noticed], ((0, idle), (0, 0))),
+        flexibility=np.zeros((len(mask), len(mask))),
     )
 
 
@@ -101,6 +104,7 @@ def modes_of_model(model: ReducedOrderModel) -> MarchModes:
         forcing=jnp.where(still[:, None], 0.0, forcing),
         observation=jnp.where(still, 0.0, as_modes(space.observation[:, :half], space.observation[:, half:])),
         coordinates=coordinates,
+        flexibility=model.residual_flexibility,
     )
 
 
@@ -140,7 +144,7 @@ def step_weights(modes: MarchModes, dt) -> StepWeights:
     half = (whole - 1) / turned
     late = (dt * half)[:, None] * modes.forcing
     push = decay[:, None] * late + (dt * (whole - half))[:, None] * modes.forcing
-    at_once = (modes.observation @ late).real
+    at_once = (modes.observation @ late).real.at[: modes.forcing.shape[1]].add(-modes.flexibility)
     return StepWeights((decay.real, decay.imag), real_pairs(push).T, at_once, real_pairs(late))
 
 

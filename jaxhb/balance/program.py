@@ -174,7 +174,6 @@ def by_sweeps(reduced, model, plan, instant, most, goal):
     sweep_plan = SweepPlan(plan.time_steps, instant, plan.harmonics)
     equation = condensation.truncate(reduced, sweep_plan.harmonics)
     equation = sweeps.sweep_equation(equation, modes_of_model(model), sweep_plan)
-    equation = equation.with_flexibility(model.residual_flexibility)
     ended = sweeps.settle(equation, sweeps.first_point(equation), sweep_plan, goal, most)
     finite = jnp.all(jnp.isfinite(ended.deflection))
     kept = fourier.resize(ended.deflection, plan.harmonics)

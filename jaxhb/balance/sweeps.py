@@ -13,7 +13,6 @@ point ``s_end = s``, hence ``F(l) = 0``: harmonic balance holds, whatever the ma
 preconditioner (defect correction); solving and settling are one thing.
 """
 
-import dataclasses
 from dataclasses import dataclass
 
 import jax
@@ -104,12 +103,6 @@ class SweepEquation:
     def rows(self, deflection, steps):
         """(l, l') ``(steps, 2G)`` of coefficients ``(G, N+1)``."""
         return fourier.synthesize(with_rate(deflection, self.equation.frequency), steps).T
-
-    def with_flexibility(self, flexibility):
-        """The same beside modes that respond at once, with so much ``(G, G)`` m/N."""
-        meshes = len(flexibility)
-        at_once = self.weights.at_once.at[:meshes].add(-flexibility)
-        return dataclasses.replace(self, weights=dataclasses.replace(self.weights, at_once=at_once))
 
     def free_motion(self, jump):
         """J ``(G, N+1)`` m of a state that ends off by ``jump`` ``(2m,)``."""

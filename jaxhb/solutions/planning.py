@@ -187,4 +187,5 @@ def plan_range(train, rpm, request, *, every_mesh):
     if not unknown and not every_mesh and len(held) == 1:
         return plans[0]
     marching = plan_marching(train, rpm, max(unknown or plans, key=lambda plan: plan.harmonics), request)
-    return dataclasses.replace(marching, time_steps=max([marching.time_steps, *(plan.time_steps for plan in unknown)]))
+    steps = [marching.time_steps, time_steps_of(marching.harmonics), *(plan.time_steps for plan in unknown)]
+    return dataclasses.replace(marching, time_steps=max(steps))

@@ -65,7 +65,7 @@ def solve(
         percent: those need "exact".
     start : Response, "linear" or "march", optional
         Where Newton starts: another response, on whose branch the solution then usually lies, the motion with all teeth
-        in contact ("linear"), or a few cycles of time integration from it ("march"). By default teeth that part are
+        in contact ("linear"), or what sweeps of the cycle lead to from there ("march"). By default teeth that part are
         solved by sweeps (docs/theory/harmonic_balance.md), and where these lead nowhere by Newton's method from one
         start after the other, at last a few shots. Several motions may exist at one speed: :func:`jaxhb.solve_all`
         searches for them.
@@ -92,7 +92,8 @@ def solve(
     The response is differentiable with respect to every number of the train and to the speed, forwards and backwards,
     at the cost of about one linear solve (:mod:`jaxhb.balance.derivative`); without a plan outside ``jit`` and ``vmap``
     only. Under a transformation a response whose status is above TOLERANCE_NOT_MET is nan in every number but those
-    given, and has zero derivatives backwards, so that it leaves the others of a batch theirs.
+    given, and has zero derivatives backwards, so that it leaves the others of a batch theirs, or nan if the plan says
+    so.
 
     Examples
     --------

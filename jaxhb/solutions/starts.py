@@ -3,8 +3,8 @@
 A start strategy is a function ``strategy(case)`` that yields attempts ``(plan, given, event)``: deflections ``(G,
 n+1)`` from which Newton's method is to start under a plan, None for the start that the plan has, and how they were
 found. The next one is asked for where Newton's method did not solve the last. The cheap strategies come first: from
-teeth in contact Newton's method succeeds where no tooth separates, from a short march where the motion becomes
-periodic within a few cycles. Shooting and the curve from the linear law look for periodic motions to which no march
+teeth in contact Newton's method succeeds where no tooth separates, from sweeps where the motion becomes periodic within
+a few cycles. Shooting and the curve from the linear law look for periodic motions to which no march
 comes; what they find may be unstable. A solve takes few shots and no curve, and before all of them sweeps.
 """
 
@@ -207,7 +207,7 @@ def from_response(response):
 
 
 def short_march(case):
-    """From a few cycles of time integration."""
+    """From sweeps of the cycle, as time integration goes on."""
     plan = case.march_plan()
     yield dataclasses.replace(plan, harmonics=max(plan.harmonics, case.harmonics)), None, None
 

@@ -217,6 +217,65 @@ def test_every_entry_refuses_a_speed_that_is_none(pair, plan, rpm):
         refused(partial(entry, pair, rpm=[3000.0, rpm]), sentence)
 
 
+def test_one_plan_serves_speeds_in_contact_and_speeds_that_hammer(pair):
+    """And a speed between; the motions are those of solves that decide for themselves."""
+    speeds = [3000.0, 4500.0, HAMMERING_RPM]
+    together = jaxhb.plan(pair, rpm=speeds, harmonics=50)
+    assert together.active == (0,) and together.flank == (0,)
+    assert jaxhb.plan(pair, rpm=3000.0).active == ()
+    assert jaxhb.plan(pair, rpm=3000.0, harmonics=50, active="all") == together
+    parts = []
+    for rpm in (*speeds, 5200.0):
+        planned, free = jaxhb.solve(pair, rpm=rpm, plan=together), jaxhb.solve(pair, rpm=rpm, harmonics=50)
+        assert planned.converged and free.converged
+        largest = np.abs(free.deflections).max()
+        np.testing.assert_allclose(planned.deflections[:, :51], free.deflections[:, :51], atol=1e-7 * largest)
+        parts.append(float(planned.mesh("gear a", "gear b").separated_fraction) > 0)
+    assert parts == [False, False, True, True]
+
+
+def test_a_plan_for_a_range_has_the_harmonics_of_its_most_demanding_speed(pair):
+    alone = jaxhb.plan(pair, rpm=HAMMERING_RPM)
+    together = jaxhb.plan(pair, rpm=[3000.0, HAMMERING_RPM])
+    assert together.harmonics >= alone.harmonics
+    assert jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=together).converged
+    assert jaxhb.plan(pair, rpm=[2000.0, 3000.0]).active == ()  # none parts: one linear solve each
+
+
+@pytest.mark.parametrize(
+    ("asked", "sentence"),
+    [
+        ({"rpm": []}, "rpm is empty"),
+        ({"rpm": [3000.0, -1.0]}, "must be greater than 0 rpm"),
+        ({"rpm": 3000.0, "active": "some"}, "active is 'some': give 'all'"),
+        ({"rpm": 3000.0, "failed_gradient": 0}, "failed_gradient is 0: give 'zero' or 'nan'"),
+    ],
+)
+def test_a_range_that_cannot_be_planned_is_refused_with_a_sentence(pair, asked, sentence):
+    refused(lambda: jaxhb.plan(pair, **asked), sentence, ValueError)
+
+
+@pytest.mark.parametrize("failed", [0.0, np.nan])
+def test_the_derivative_of_a_failed_solve_is_what_its_plan_says(pair, failed):
+    """Of a speed that is none and of one whose Newton's method may take no step, forwards and backwards; that of a
+    neighbour in the batch is left alone."""
+    word = "nan" if np.isnan(failed) else "zero"
+    plan = jaxhb.plan(pair, rpm=3000.0, harmonics=32, active="all", failed_gradient=word)
+    stopped = dataclasses.replace(plan, max_steps=0, cycles=0, start="linear")
+
+    def rms(rpm, plan):
+        return jaxhb.solve(pair, rpm=rpm, plan=plan).force("gear a", "gear b").rms
+
+    for derivative in (jax.grad, jax.jacfwd):
+        slopes = jax.jit(jax.vmap(derivative(partial(rms, plan=plan))))(np.array([3000.0, -1.0]))
+        assert np.isfinite(slopes[0]) and slopes[0] != 0
+        unsolved = jax.jit(derivative(partial(rms, plan=stopped)))(HAMMERING_RPM)
+        if derivative is jax.grad:
+            np.testing.assert_array_equal([slopes[1], unsolved], [failed, failed])
+        else:  # a tangent of nan is nan whatever the derivative
+            assert np.isnan([slopes[1], unsolved]).all()
+
+
 def test_speeds_that_hammer_share_a_plan_that_resolves_the_mesh_modes_of_all():
     """Those of few numbers of harmonics, 192, 768, 1536 and 4096: each plan is a program."""
     train = jaxhb.load_scene("gear_train_30")

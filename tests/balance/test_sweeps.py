@@ -13,9 +13,9 @@ import pytest
 
 import jaxhb
 from jaxhb.balance.map_newton import solve_map
-from jaxhb.balance.march import InstantSolve, modes_for_march
+from jaxhb.balance.march import InstantSolve, modes_for_march, modes_of_model
 from jaxhb.balance.plan import Request
-from jaxhb.balance.problem import ActiveMeshes, Problem, problem_at, reduced_equation
+from jaxhb.balance.problem import ActiveMeshes, Problem, model_of, problem_at, reduced_equation
 from jaxhb.balance.sweeps import (
     SweepPlan,
     equation_program,
@@ -126,6 +126,31 @@ def distance(case, motion, other):
 @pytest.fixture(scope="module")
 def hammering():
     return case_of(pair())
+
+
+@partial(jax.jit, static_argnames="steps")
+def modes_inside_a_program(problem, meshes, steps):
+    return modes_of_model(model_of(problem, meshes, steps))
+
+
+def light_end():
+    """A disk on a short shaft behind a gear, whose mode is far too fast for the steps."""
+    return (
+        Disk(name="light end", inertia=1e-4),
+        Shaft(between=("gear b", "light end"), stiffness=1e6, damping=1.0),
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "at_once"), [({}, False), ({"ground": False}, False), ({"more": light_end()}, True)]
+)
+def test_modes_made_inside_a_program_lead_to_the_same_motion(changes, at_once):
+    """Those of a pair that floats, too, whose rotation has no two eigenvectors, and where one responds at once."""
+    case = case_of(pair(**changes))
+    traced = modes_inside_a_program(case.problem, case.meshes, STEPS)
+    assert (np.abs(traced.flexibility).max() > 0) == at_once
+    other = settled(dataclasses.replace(case, modes=traced))
+    assert distance(case, other.deflection, settled(case).deflection) < 100 * GOAL
 
 
 FAST = ("damping in contact", "a gear without inertia", "a stage")
