@@ -33,6 +33,9 @@ from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 
 # Relative residual, a few times that of a settled march, from which Newton's method takes longer than a march.
 MARCH_ABOVE = 3e-4
+# Change of the vibration in the last sweep from which sweeps may be going astray, as where no motion that repeats
+# attracts, and cycles that are marched beside them then.
+UNSETTLED, MARCHED = 1e-3, 3
 START_SETTLED = 1e-4  # share of the vibration that sweeps may leave to Newton's method, which is quick from there
 ESTIMATE = 0.05, 20  # share of the residual that the correction of an estimate may leave, and its Krylov steps at most
 FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked for
@@ -135,14 +138,14 @@ def _first(reduced, model, start, plan, instant):
         return unswept
     sampled = dataclasses.replace(reduced, integrals="sampled")
 
+    def left(deflection):
+        return relative_residual(sampled, sampled.residual(deflection, plan.samples))
+
     def swept():
-        return by_sweeps(sampled, model, plan, instant, most, goal)
+        return by_sweeps(sampled, model, plan, instant, most, goal, left)
 
     if not plan.compare_starts:
         return lax.cond(most > 0, swept, lambda: unswept)
-
-    def left(deflection):
-        return relative_residual(sampled, sampled.residual(deflection, plan.samples))
 
     def better():
         other = swept()
@@ -168,16 +171,29 @@ def reduced_stepper(reduced, model, time_steps, linear, variation, residual_flex
     return stepper_of(model.space, reduced, linear, variation, *given)
 
 
-def by_sweeps(reduced, model, plan, instant, most, goal):
+def by_sweeps(reduced, model, plan, instant, most, goal, left):
     """The :class:`Begin` to which at most so many sweeps from the drive sides lead, which end where ``goal`` of the
-    vibration is left; on the flanks where the steps were too long for the train."""
+    vibration is left; where they do not settle, the last of a few cycles marched if that leaves less of the equations.
+
+    On the flanks where the steps were too long for the train. left : what deflections leave of the equations.
+    """
     sweep_plan = SweepPlan(plan.time_steps, instant, plan.harmonics)
     equation = condensation.truncate(reduced, sweep_plan.harmonics)
     equation = sweeps.sweep_equation(equation, modes_of_model(model), sweep_plan)
-    ended = sweeps.settle(equation, sweeps.first_point(equation), sweep_plan, goal, most)
-    finite = jnp.all(jnp.isfinite(ended.deflection))
-    kept = fourier.resize(ended.deflection, plan.harmonics)
-    return Begin(jnp.where(finite, kept, deflections_on_flank(reduced)), ended.marches, ended.change)
+    first = sweeps.first_point(equation)
+    ended = sweeps.settle(equation, first, sweep_plan, goal, most)
+    swept = fourier.resize(ended.deflection, plan.harmonics)
+
+    def better():
+        point = first
+        for _ in range(MARCHED):
+            point, deflection = sweeps.marched(equation, point, sweep_plan)
+        marched = fourier.resize(deflection, plan.harmonics)
+        return jnp.where(left(marched) < left(swept), marched, swept)
+
+    deflection = lax.cond(ended.change < UNSETTLED, lambda: swept, better)
+    finite = jnp.all(jnp.isfinite(deflection))
+    return Begin(jnp.where(finite, deflection, deflections_on_flank(reduced)), ended.marches, ended.change)
 
 
 def _by_chain(problem, active_meshes, reduced, condensed, start, plan):

@@ -187,18 +187,23 @@ def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
     return SweepPoint(deflection - moved, real_pairs(state), force[:, 0])
 
 
-def sweep(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
-    """The next :class:`SweepPoint`, and the deflections ``(G, N+1)`` m of the cycle marched."""
+def marched(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
+    """The :class:`SweepPoint` at the end of the cycle marched from a point, and its deflections ``(G, N+1)`` m."""
     rows = sweeps.rows(point.linear, plan.steps)
     given = sweeps.modes, sweeps.weights, sweeps.teeth
     start = point.state, point.force
-    marched, state, force = march_cycle(*given, *start, rows, sweeps.variation, plan.instant)
-    deflection = fourier.analyze(marched.T, plan.harmonics)
+    cycle, state, force = march_cycle(*given, *start, rows, sweeps.variation, plan.instant)
+    return SweepPoint(point.linear, state, force), fourier.analyze(cycle.T, plan.harmonics)
+
+
+def sweep(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
+    """The next :class:`SweepPoint`, and the deflections ``(G, N+1)`` m of the cycle marched."""
+    end, deflection = marched(sweeps, point, plan)
     missed = sweeps.equation.residual(deflection, plan.samples)
-    jump = state - point.state
+    jump = end.state - point.state
     transient = sweeps.free_motion(jump)
     onward = point.state + real_pairs(sweeps.closing * complex_modes(jump))
-    return SweepPoint(point.linear - (missed - transient), onward, force), deflection
+    return SweepPoint(point.linear - (missed - transient), onward, end.force), deflection
 
 
 @jax.tree_util.register_dataclass

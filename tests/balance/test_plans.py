@@ -175,7 +175,7 @@ def test_start_strategies_are_asked_for_the_next_attempt_until_one_is_solved(pai
 
     found = starts.first_solved(case, (hopeless, starts.short_march, never))
     assert asked == [1, 2] and found.response.converged
-    assert [type(event).__name__ for event in found.response.path] == ["Newton", "Newton", "March", "Newton"]
+    assert [type(event).__name__ for event in found.response.path] == ["Newton", "Newton", "Sweeps", "Newton"]
 
 
 def test_a_sweep_tells_the_harmonics_of_every_speed_though_it_pads_them():
@@ -391,10 +391,10 @@ def test_numbers_that_are_invalid_have_a_status_under_jit(lanes):
     *status, not_solved, not_finite = lanes[0].status.tolist()
     assert status[:3] == [jaxhb.Status.CONVERGED] * 3
     assert status[3:] == [jaxhb.Status.INVALID_INPUT] * (len(OUT_OF_RANGE) + len(WRONG))
-    assert not_solved == jaxhb.Status.STALLED and not_finite == jaxhb.Status.NONFINITE
+    assert not_solved in (jaxhb.Status.STALLED, jaxhb.Status.MAX_STEPS) and not_finite == jaxhb.Status.NONFINITE
 
 
-@pytest.mark.parametrize("place", [len(SPEEDS), -2], ids=["out of range", "stalled"])
+@pytest.mark.parametrize("place", [len(SPEEDS), -2], ids=["out of range", "not solved"])
 def test_nothing_computed_is_told_of_a_speed_that_is_not_solved(place, pair, plan, lanes):
     """What was given is told; and what is nan is no start."""
     response = dataclasses.replace(jax.tree.map(lambda leaf: leaf[place], lanes[0]), train=pair)

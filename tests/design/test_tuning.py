@@ -55,8 +55,8 @@ def test_summits_are_where_the_parabola_culminates_and_resolved_by_the_speeds():
     assert not len(evaluation.highest_peaks(np.arange(5.0), narrow, 3)[0])
 
 
-SPEEDS = np.array([1480.0, 1500.0, 1520.0, 1550.0])
-"""Two meshes part at all of them; at 1550 rpm the train as it is is not solved."""
+SPEEDS = np.array([1480.0, 1500.0, 1520.0, 1650.0])
+"""Two meshes part at all of them; at 1650 rpm the second design assessed is not solved."""
 
 PARAMETERS = (
     Parameter(name="ring.damping", low=1.0, high=30.0),
@@ -123,7 +123,7 @@ def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assesse
 def test_a_speed_that_fails_is_told_and_neither_counts_nor_spoils_the_others(assessed):
     made, point = assessed
     solved = point.solved
-    np.testing.assert_array_equal(solved, [[True] * 4, [False, True, True, True]])
+    np.testing.assert_array_equal(solved, [[True] * 4, [True, True, True, False]])
     assert np.isfinite(point.value).all() and np.isfinite(point.gradient).all()
     assert all(np.isfinite(reading).all() for reading in point.readings)
     forces, angles, power, added, frequency = point.readings
@@ -155,7 +155,7 @@ def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
 
 @pytest.fixture
 def same_plan(monkeypatch):
-    """The plan of the tests above, so that nothing is compiled twice, and starts from which 1550 rpm stays lost."""
+    """The plan of the tests above, so that nothing is compiled twice, and starts from which what is lost stays lost."""
     monkeypatch.setattr("jaxhb.design.evaluation.plan_designs", planned)
     monkeypatch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
 
@@ -184,8 +184,8 @@ def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan):
     found = tuned(steps=2)
     label = "tooth force order 1 of crank gear|idler"
     before, after = found.before.readings[label], found.after.readings[label]
-    assert np.nanmax(after) < 0.9 * np.nanmax(before)
-    assert (found.after.solved | ~found.before.solved).all() and not found.before.solved[3] and np.isnan(before[3])
+    assert after.max() < 0.9 * before.max()
+    assert (found.after.solved | ~found.before.solved).all() and found.before.solved.all()
     pairs = zip(found.history, found.history[1:], strict=False)
     assert all(b.valid > a.valid or (b.valid == a.valid and b.objective <= a.objective) for a, b in pairs)
     most = max(solved for *_, solved in found.outcomes)

@@ -185,7 +185,7 @@ def test_whole_train_and_condensed_equation_agree():
     """Solved to rounding: what is compared is the methods, not where they stop."""
     train, found = idler(), []
     for method in ("chain", "reduced"):
-        plan = jaxhb.plan(train, rpm=1500.0, harmonics=64, method=method)
+        plan = jaxhb.plan(train, rpm=1500.0, harmonics=80, method=method)
         plan = dataclasses.replace(plan, **TIGHT | {"max_steps": 24})
         found.append(jaxhb.solve(train, rpm=1500.0, plan=plan))
         assert found[-1].residual < RESIDUAL
