@@ -5,7 +5,7 @@ import pytest
 
 import jaxhb
 from jaxhb.balance.plan import Request
-from jaxhb.results.status import NewtonOnSweeps, Sweeps
+from jaxhb.results.status import Newton, NewtonOnSweeps, Sweeps
 from jaxhb.solutions import planning, sweeping
 
 RPM = 1833.0
@@ -86,5 +86,6 @@ def test_a_start_that_is_no_motion_of_the_train_is_forgotten(swept, response):
 def test_fixed_harmonics_exact_integrals_and_a_start_are_left_to_newtons_method(train, response):
     for asked in ({"harmonics": 512}, {"integrals": "exact"}, {"start": "march"}):
         found = jaxhb.solve(train, rpm=RPM, **asked)
-        assert not any(isinstance(event, Sweeps) for event in found.path)
+        assert isinstance(found.path[-1], Newton)
+        assert not any(isinstance(event, NewtonOnSweeps) for event in found.path)
         assert force_difference(found, response) < 0.1
