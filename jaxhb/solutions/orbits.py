@@ -2,7 +2,7 @@
 
 Light damping makes time integration settle slowly, and strong hammering makes the wanted motion unstable or one of
 many that the march visits. Newton's method on the state at the beginning of the cycle, then on the states of all its
-segments, finds it all the same, from one or another of the cycles that a short march went through. Motions found here
+segments, finds it all the same, from one or another of the cycles that a march went through. Motions found here
 are those of the steps taken; the harmonics correct them.
 """
 

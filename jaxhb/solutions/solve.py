@@ -272,7 +272,7 @@ def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = N
 def solve_again(train, rpm, request, plan, start=None, *, marched=True):
     """Response where the first attempt under a plan has failed: from another motion, then by the other start
     strategies; ``marched`` : whether that attempt began with a march, where the plan has one."""
-    failed = starts.short_march if plan.marches and marched else starts.contact
+    failed = starts.from_sweeps if plan.marches and marched else starts.contact
     above = starts.STRATEGIES[starts.STRATEGIES.index(failed) + 1 :]
     wanted = above if start is None else (starts.from_response(start), *above)
     return starts.first_solved(starts.Case(train, rpm, request, plan), wanted).response
@@ -291,7 +291,7 @@ def _decide(train, rpm, request, start, seconds=None, by_sweeps=True):
         wanted = (starts.from_contact,)
     elif start == "march":
         plan = planning.all_active(train, plan, request)
-        wanted = starts.STRATEGIES[starts.STRATEGIES.index(starts.short_march) :]
+        wanted = starts.STRATEGIES[starts.STRATEGIES.index(starts.from_sweeps) :]
     else:
         wanted = (starts.from_response(start),)
     deadline = math.inf if seconds is None else time.monotonic() + seconds

@@ -18,23 +18,21 @@ import numpy as np
 
 from jaxhb.balance.plan import MOST_HARMONICS, TIME_STEPS, Plan, Request, time_steps_for, time_steps_of
 from jaxhb.balance.problem import problem_at
-from jaxhb.balance.program import active_deflections, first_start, solve_once, solve_problem
+from jaxhb.balance.program import START_SETTLED, active_deflections, first_start, solve_once, solve_problem
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.response import Response
 from jaxhb.results.status import March, Shooting, Status
 from jaxhb.solutions import homotopy, orbits, planning, sweeping
 from jaxhb.train.drivetrain import DriveTrain
 
-# Periodicity error of a march from which shooting with its steps is useless: what Newton's method then lacks are
-# shorter steps or more harmonics.
-PERIODIC = 1e-5
-CLOSER = 30.0  # A long march is a start where its periodicity error is so many times smaller than that of the short one
+# Times the last change of sweeps that the periodicity error of a long march is below, at least, where it is a start.
+CLOSER = 30.0
 FINEST_SHOTS = 4  # with the finest steps, that ``Effort.work`` has to pay for: of larger trains fewer closed none
 
 
 @dataclass(frozen=True)
 class Effort:
-    """What the strategies above a short march may cost; by default about a second for 27 disks."""
+    """What the strategies after sweeps may cost; by default about a second for 27 disks."""
 
     finer: int = 1  # times the steps of the march, at most, with which orbits are searched: coarse steps bend them
     work: float = 5e6  # of the shots of a search, in units of ``orbits.work_of_cycle``
@@ -61,7 +59,7 @@ class Case:
     response: Response | None = None  # of the last attempt
     reached: Plan | None = None  # its plan in the end
     solved: bool = False  # whether no further attempt is wanted: it was solved, or cannot be
-    march_error: float = math.inf  # periodicity error of the short march; inf where there is none that is finite
+    sweep_change: float = math.inf  # by the last of the sweeps; inf where there was none, or it was not finite
     harmonics: int = 0  # fewest that the tolerance is known to need
 
     @cached_property
@@ -73,6 +71,11 @@ class Case:
     def problem(self):
         """The equations at this speed."""
         return problem_at(self.train, self.rpm, self.plan.static.excited)
+
+    @property
+    def settled(self):
+        """Whether sweeps settled: what Newton's method then lacks are shorter steps or more harmonics."""
+        return self.sweep_change <= START_SETTLED
 
     @property
     def status(self):
@@ -148,7 +151,7 @@ def refine(case, plan, given=None, event=None):
         response, outcome = solve_once(case.train, case.rpm, case.problem, plan, begin)
         if marches:
             error = float(outcome.periodicity_error)
-            case.march_error = error if math.isfinite(error) else math.inf
+            case.sweep_change = error if math.isfinite(error) else math.inf
         case.path += response.path
         status = Status(int(response.status))
         higher = case.next_level(plan.harmonics) if case.request.harmonics is None else None
@@ -206,19 +209,19 @@ def from_response(response):
     return strategy
 
 
-def short_march(case):
+def from_sweeps(case):
     """From sweeps of the cycle, as time integration goes on."""
     plan = case.march_plan()
     yield dataclasses.replace(plan, harmonics=max(plan.harmonics, case.harmonics)), None, None
 
 
 def long_march(case):
-    """From up to 64 cycles, where one of them closes much better than the short march did."""
+    """From up to 64 cycles, where one of them closes much better than sweeps did."""
     plan = case.march_plan()
     counts = search_steps(case, plan)
     if not counts:
         return
-    found = case.search(plan, counts[0]).march(min(orbits.STEADY, case.march_error / CLOSER))
+    found = case.search(plan, counts[0]).march(min(orbits.STEADY, case.sweep_change / CLOSER))
     event = March(found.tries, counts[0], found.periodicity_error)
     if found.coefficients is None:
         case.path.append(event)
@@ -246,9 +249,9 @@ def shooting(case):
 def from_linear_law(case):
     """From the motion of a linear law with strong tooth damping, followed to the wanted train.
 
-    Not where a march became periodic: the curve would most likely end at its motion.
+    Not where sweeps settled: the curve would most likely end at its motion.
     """
-    if case.march_error <= PERIODIC:
+    if case.settled:
         return
     plan = case.march_plan()
     steps = min(2 * plan.time_steps, _finest(case, plan))
@@ -258,9 +261,9 @@ def from_linear_law(case):
 
 # Of a solve, the cheap ones first: the first attempt that is solved is the answer. Where the start of one of them has
 # failed already, or is not wanted, those after it are tried: the order counts.
-STRATEGIES = (contact, short_march, long_march, shooting)
+STRATEGIES = (contact, from_sweeps, long_march, shooting)
 # Of ``jaxhb.solve_all``, which makes all their attempts.
-SEARCHES = (from_contact, short_march, long_march, shooting, from_linear_law)
+SEARCHES = (from_contact, from_sweeps, long_march, shooting, from_linear_law)
 
 
 def _finest(case, plan):
@@ -268,12 +271,12 @@ def _finest(case, plan):
 
 
 def search_steps(case, plan):
-    """Time steps a cycle with which orbits are searched; those of the march itself not where it became periodic."""
+    """Time steps a cycle with which orbits are searched; those of the sweeps not where these settled."""
     finest = _finest(case, plan)
     twice = min(2 * plan.time_steps, finest)
     affordable = FINEST_SHOTS * orbits.work_of_cycle(case.train, finest) <= case.effort.work
     counts = dict.fromkeys((plan.time_steps, twice, finest if affordable else twice))
-    return [n for n in counts if n > plan.time_steps or case.march_error > PERIODIC]
+    return [n for n in counts if n > plan.time_steps or not case.settled]
 
 
 def _from_orbit(case, plan, orbit, steps, event):

@@ -33,7 +33,7 @@ def attempted(train, rpm):
     """The response of the march that comes first, and of the curve from there."""
     (plan,) = planning.plan_speeds(train, np.array([rpm]), Request())
     case = starts.Case(train, rpm, Request(), plan, effort=starts.LONG)
-    return starts.first_solved(case, (starts.short_march, starts.from_linear_law)).response
+    return starts.first_solved(case, (starts.from_sweeps, starts.from_linear_law)).response
 
 
 def homotopies(response):

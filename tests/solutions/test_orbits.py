@@ -96,18 +96,18 @@ def attempted(search, wanted, **effort):
 
 
 def test_another_orbit_is_tried_where_the_harmonics_do_not_take_the_first():
-    found, _ = attempted(Misled, (starts.short_march, starts.shooting), finer=1)
+    found, _ = attempted(Misled, (starts.shooting,), finer=1)
     assert found.response.converged
     assert sum(isinstance(event, Shooting) for event in found.response.path) == 2
 
 
 def test_shorter_steps_are_tried_where_longer_ones_close_no_orbit():
-    wanted = (starts.short_march, starts.shooting)
+    wanted = (starts.shooting,)
     found, steps = attempted(Blind, wanted, work=1e8)
     assert steps == [PLAN.time_steps, 2 * PLAN.time_steps, 4 * PLAN.time_steps]
     assert found.response.converged and found.response.harmonics == 4 * PLAN.harmonics
     found, steps = attempted(Blind, wanted, work=1e6)
-    assert not found.response.converged
+    assert found.response is None  # no attempt was made
     assert steps == [PLAN.time_steps, 2 * PLAN.time_steps]  # four shots of four times the steps are more than the work
 
 
@@ -169,7 +169,7 @@ def test_modes_too_fast_for_the_steps_answer_statically():
     settled, closed = search.march(1e-9), next(search.shoot())
     size = np.abs(settled.coefficients).max()
     assert closed.periodicity_error <= orbits.PERIODIC
-    np.testing.assert_allclose(closed.coefficients, settled.coefficients, atol=1e-5 * size)  # ten times starts.PERIODIC
+    np.testing.assert_allclose(closed.coefficients, settled.coefficients, atol=1e-5 * size)  # as orbits close
     left = []
     for flexibility in (search.stepper.residual_flexibility, None):
         stepper, model = search._made
