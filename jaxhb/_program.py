@@ -18,7 +18,7 @@ from jax._src.config import trace_context  # what jit's own keys hold of the set
 from jax.sharding import Mesh, PartitionSpec, SingleDeviceSharding
 
 from jaxhb import _jax, _store as _disk
-from jaxhb._jax import staged, traced
+from jaxhb._jax import HOST_TYPES, staged, traced
 
 OPTIONS = {
     # Kernels without its fusion dialects run as fast and compile in two thirds of the time (jaxlib 0.9).
@@ -229,12 +229,17 @@ def _plain(*trees):
         device = jax.devices(device)[0]
     if device.platform != "cpu" or device != jax.devices("cpu")[0] or jax.config.jax_disable_jit:
         return False
-    arrays = (leaf for leaf in jax.tree.leaves(trees) if isinstance(leaf, jax.Array))
-    return all(array.sharding == SingleDeviceSharding(device) for array in arrays)
+    arrays = (leaf for leaf in jax.tree.leaves(trees) if type(leaf) not in HOST_TYPES and isinstance(leaf, jax.Array))
+    here = SingleDeviceSharding(device)
+    return all(array.sharding == here for array in arrays)
 
 
 def _kind(leaf):
     """Shape and type of an argument, and whether its type gives way to others."""
+    if type(leaf) is np.ndarray:
+        return leaf.shape, leaf.dtype, False
+    if isinstance(leaf, jax.Array):
+        return leaf.shape, leaf.dtype, leaf.weak_type
     return np.shape(leaf), getattr(leaf, "dtype", type(leaf).__name__), getattr(leaf, "weak_type", False)
 
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
+from jaxhb._jax import kept
 from jaxhb.balance.march import InstantSolve, MarchModes, modes_for_march
 from jaxhb.balance.plan import Plan, Request, excited_harmonic
-from jaxhb.balance.problem import problem_at
+from jaxhb.balance.problem import ActiveMeshes, problem_at
 from jaxhb.balance.program import response_of
 from jaxhb.balance.sweeps import STEPS, SweepPlan, steps_for
 from jaxhb.balance.swept import SETTLED, solve_by_sweeps
@@ -37,10 +38,17 @@ def swept_train(train: DriveTrain, plan: Plan, request: Request) -> SweptTrain |
         return None
     plan = planning.all_active(train, plan, request)
     try:
-        modes = modes_for_march(problem_at(train, MODES_RPM, plan.excited), plan.active_meshes)
+        modes = _modes_of((train, plan.active_meshes))
     except ValueError:  # disks without inertia that leave no equation in time
         return None
     return SweptTrain(train, plan, excited_harmonic(train, request.method), modes)
+
+
+@kept
+def _modes_of(given: tuple[DriveTrain, ActiveMeshes]) -> MarchModes:
+    """The modes of a train that some meshes of it notice."""
+    train, active_meshes = given
+    return modes_for_march(problem_at(train, MODES_RPM, 1), active_meshes)
 
 
 @dataclass(frozen=True)
