@@ -33,6 +33,7 @@ from jaxhb.balance.march import (
     step_weights,
 )
 from jaxhb.equations import condensation, fourier
+from jaxhb.equations.block_sweep import quotient
 from jaxhb.integration.step import force_on_flank, with_rate
 
 STEPS = tuple(2**k for k in range(9, 15))  # of a cycle that are offered: each is a program
@@ -68,6 +69,12 @@ class SweepPlan:
     def samples(self) -> int:
         """M, at which the residual takes the law."""
         return SAMPLES_PER_STEP * self.steps
+
+    @property
+    def back_a_step(self) -> np.ndarray:
+        """Factors ``(N+1,)`` of the harmonics a step earlier: numbers of the host, as a compiler would take the
+        exponential anew for each mode."""
+        return np.exp(-2j * np.pi * np.arange(self.harmonics + 1) / self.steps)
 
 
 def steps_for(modes: MarchModes, frequency: float) -> int:
@@ -113,13 +120,13 @@ def sweep_equation(equation, modes: MarchModes, plan: SweepPlan) -> SweepEquatio
     dt = 2 * jnp.pi / equation.frequency / plan.steps
     decay = jnp.exp(modes.rates * dt)
     both = jnp.stack([decay, decay.conj()])[:, :, None]
-    back = jnp.exp(-2j * jnp.pi * jnp.arange(plan.harmonics + 1) / plan.steps)
+    back = plan.back_a_step
     return SweepEquation(
         equation=equation,
         modes=modes,
         weights=step_weights(modes, dt),
         teeth=TeethLaw(equation.law, equation.viscous, equation.contact_damping),
-        free=1 / (both * back - 1) / plan.steps,
+        free=quotient(1 / plan.steps, both * back - 1),
         closing=closing_of(modes, equation.law, equation.frequency),
         variation=None if equation.variation is None else fourier.sample(equation.variation, plan.steps).T,
     )
@@ -176,7 +183,7 @@ def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
     force, _, _ = equation.nonlinear_force(values, rates, rule)
     # States under these forces, periodic: s' = decay s + push phi, by harmonics of a mode and of its conjugate.
     harmonics = fourier.analyze(force, plan.harmonics)
-    turned = -plan.steps * jnp.exp(-2j * jnp.pi * jnp.arange(plan.harmonics + 1) / plan.steps) * harmonics
+    turned = -plan.steps * plan.back_a_step * harmonics
     push = complex_modes(sweeps.weights.push.T)
     own, other = sweeps.free[0] * (push @ turned), sweeps.free[1] * (push.conj() @ turned)
     late = sweeps.weights.at_once[: len(force)] @ harmonics

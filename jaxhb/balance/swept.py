@@ -54,13 +54,13 @@ def _concluded(problem, active_meshes, swept: SweptProblem, settled: Settled, to
     """
     fine, equation = swept.fine, swept.sweeps.equation
     wide = fourier.resize(settled.deflection, 2 * plan.harmonics)
-    missed = fine.residual(wide, 2 * plan.samples)
+    nonlinear_force = fine.nonlinear_force_coefficients(wide, 2 * plan.samples)
+    missed = fine.left(wide, nonlinear_force)
     corrected = wide - AMPLIFIED * missed
     kept = fourier.resize(settled.deflection, plan.kept)
     left_out = corrected - fourier.resize(kept, 2 * plan.harmonics)
     truncation = relative_force_change(fine, corrected, left_out, 2 * plan.samples)
     unsettled = relative_force_change(equation, settled.deflection, AMPLIFIED * settled.left, plan.samples)
-    nonlinear_force = equation.nonlinear_force_coefficients(settled.deflection, plan.samples)
     ended = Ended(
         deflection=kept,
         settled=settled.distance <= goal,
