@@ -110,10 +110,11 @@ HOST_TYPES = frozenset((np.ndarray, np.float64, np.int64, np.bool_, float, int, 
 
 def _any_is(kind, trees):
     """Whether any leaf is an instance of ``kind``, a class of jax."""
-    if all(type(tree) in HOST_TYPES for tree in trees):
+    if HOST_TYPES.issuperset(map(type, trees)):
         return False
     leaves = _jax.tree.leaves(trees)
-    return any(isinstance(leaf, kind) for leaf in leaves if type(leaf) not in HOST_TYPES)
+    by_type = dict(zip(map(type, leaves), leaves, strict=True))  # those of one type are arrays all, or none is
+    return any(isinstance(leaf, kind) for own, leaf in by_type.items() if own not in HOST_TYPES)
 
 
 def added(array, index, values):
