@@ -115,7 +115,8 @@ class CondensedTrain:
 
     system : System; frequency : rad/s; load : complex ``(S, E+1)`` N, that of transmission errors included; columns
     ``(S, G)`` of D^T of the active meshes; balance : how the train takes the load alone
-    (``dynamic_stiffness.balance``), ``(E+1,)`` N each; meshes : MeshParameters of all.
+    (``dynamic_stiffness.balance``), ``(E+1,)`` N each; meshes : MeshParameters of all; alone : displacements ``(S,
+    E+1)`` and link forces ``(L, E+1)`` under the load alone, where there is no active mesh.
     """
 
     system: object
@@ -124,13 +125,17 @@ class CondensedTrain:
     columns: jax.Array
     balance: tuple
     meshes: backlash.MeshParameters
+    alone: tuple | None = None
 
     def combine(self, nonlinear_force):
         """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with nonlinear forces ``(G, n+1)`` of the meshes."""
         harmonics = nonlinear_force.shape[-1] - 1
+        omega = frequencies(self.frequency, harmonics)
+        if self.alone is not None:
+            displacement, force = (fourier.resize(a, harmonics) for a in self.alone)
+            return displacement, self.less_error(force, omega)
         # phi acts against the deflection: D^T phi on the side of the loads.
         load = fourier.resize(self.load, harmonics) - self.columns @ nonlinear_force
-        omega = frequencies(self.frequency, harmonics)
 
         def swept(chunk):
             displacement, force = solve_linear(self.system, chunk[0], chunk[1][:, None])
@@ -181,13 +186,21 @@ def condense(system, frequency, load, harmonics, every, meshes, active):
     rigid = stiffness == 0
     apart = jnp.where(rigid, apart, force[meshes.link] / jnp.where(rigid, 1.0, stiffness))
     linear = backlash.less_error(meshes, apart) * active[:, None]
-    omega = _cut(frequencies(frequency, harmonics))
-    receptances = lax.map(lambda omega: receptance(system, omega, columns), omega)
-    receptances = receptances.reshape(omega.size, *receptances.shape[2:])[: harmonics + 1]
+    receptances = _receptances(system, frequencies(frequency, harmonics), columns)
     linear = fourier.resize(linear, harmonics)
     law = meshes.law.only(active)
     viscous, in_contact = meshes.viscous * active, meshes.contact_damping & (active > 0)
     varied = {"variation": meshes.variation}
     equation = CondensedEquation(linear, receptances, frequency, law, viscous, in_contact, **varied)
     taken = balance(system, excited, load, displacement, force)
-    return equation, CondensedTrain(system, frequency, load, columns, taken, every)
+    alone = None if columns.shape[1] else (displacement, force)
+    return equation, CondensedTrain(system, frequency, load, columns, taken, every, alone)
+
+
+def _receptances(system, omega, columns):
+    """Deflections per unit force ``(N+1, G, G)`` m/N of the active meshes at frequencies ``(N+1,)``."""
+    if not columns.shape[1]:
+        return jnp.zeros((len(omega), 0, 0), complex)
+    cut = _cut(omega)
+    receptances = lax.map(lambda omega: receptance(system, omega, columns), cut)
+    return receptances.reshape(cut.size, *receptances.shape[2:])[: len(omega)]
