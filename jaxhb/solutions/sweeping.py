@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from jaxhb._jax import kept
+from jaxhb.balance import swept
 from jaxhb.balance.march import InstantSolve, MarchModes, modes_for_march
 from jaxhb.balance.plan import Plan, Request, excited_harmonic
 from jaxhb.balance.problem import ActiveMeshes, problem_at
@@ -23,6 +24,7 @@ from jaxhb.results.status import Status
 from jaxhb.solutions import planning
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import check_speed
 
 MODES_RPM = 1000.0  # at which modes are made: only the slowest depend on it, by a soft hold, and so no bit on the speed
 
@@ -42,6 +44,15 @@ def swept_train(train: DriveTrain, plan: Plan, request: Request) -> SweptTrain |
     except ValueError:  # disks without inertia that leave no equation in time
         return None
     return SweptTrain(train, plan, excited_harmonic(train, request.method), modes)
+
+
+def compile_ahead(train: DriveTrain, rpm: float, request: Request) -> None:
+    """Begin to make the programs that solve a train at a speed, in other threads, where teeth part and sweeps serve."""
+    check_speed(train, rpm)
+    (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
+    ready = swept_train(train, plan, request) if plan.active and plan.marches else None
+    if ready is not None:
+        ready.compile_ahead(float(rpm))
 
 
 @kept
@@ -83,20 +94,16 @@ class SweptTrain:
         where a train from there would go. A status above TOLERANCE_NOT_MET says that no periodic motion was found.
         """
         problem = problem_at(self.train, rpm, self.plan.excited)
-        topology = self.train.topology
-        # Friction and stops of a shaft act at once on the gear at its end.
-        instant = InstantSolve(steps=2, coupled=True) if topology.springs else InstantSolve()
-        least = max(steps_for(self.modes, float(problem.frequency)), 4 * planning.ABOVE_EXCITATION * self.excited)
         deviation = None if motion is None else motion - self._linear_start(rpm)
         deflection = None if deflection is None else self._padded(deflection)
         path, outcomes, failures = [], [], 0
-        for steps in [count for count in STEPS if count >= least] or STEPS[-1:]:
+        for plan in self._sweep_plans(float(problem.frequency)):
             outcome, ended, events = solve_by_sweeps(
                 problem,
                 self.plan.active_meshes,
                 self.modes,
                 self.plan.tolerance,
-                SweepPlan(steps, instant),
+                plan,
                 deviation=deviation,
                 deflection=deflection,
                 settled=settled,
@@ -114,6 +121,20 @@ class SweptTrain:
         best = min(reversed(outcomes), key=lambda outcome: int(outcome.status))  # the finest of the best
         reached = self.plan_of(best.deflection.shape[-1] - 1)
         return response_of(self.train, rpm, problem, best, reached, path)
+
+    def compile_ahead(self, rpm: float) -> None:
+        """Begin to make the programs of a solve at a speed, in other threads."""
+        problem = problem_at(self.train, rpm, self.plan.excited)
+        swept.compile_ahead(
+            problem, self.plan.active_meshes, self.modes, self._sweep_plans(float(problem.frequency))[0]
+        )
+
+    def _sweep_plans(self, frequency):
+        """The plans with more and more steps that are tried."""
+        # Friction and stops of a shaft act at once on the gear at its end.
+        instant = InstantSolve(steps=2, coupled=True) if self.train.topology.springs else InstantSolve()
+        least = max(steps_for(self.modes, frequency), 4 * planning.ABOVE_EXCITATION * self.excited)
+        return [SweepPlan(steps, instant) for steps in STEPS if steps >= least] or [SweepPlan(STEPS[-1], instant)]
 
     def _padded(self, deflection):
         """Deflections of the active meshes, with the rows that pad them."""
