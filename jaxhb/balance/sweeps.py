@@ -50,10 +50,12 @@ NOTHING = 1e-8  # of what the gap carries: a vibration that is rounding
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What a sweep is compiled for: steps K of a cycle, and how phi of an instant is found."""
+    """What a sweep is compiled for: steps K of a cycle, how phi of an instant is found, and whether it depends on rates
+    of deflection."""
 
     steps: int
     instant: InstantSolve = InstantSolve()
+    by_rate: bool = True
 
     @property
     def harmonics(self) -> int:
@@ -168,7 +170,7 @@ def point_at(sweeps: SweepEquation, deviation) -> SweepPoint:
     """From a motion that deviates from the linear one by ``deviation`` ``(2S,)`` m, m/s of (x, x') at t = 0."""
     modes, linear = sweeps.modes, sweeps.equation.linear
     modal = modes.coordinates @ deviation
-    begin = sweeps.rows(linear, 1)[0] + (modes.observation @ modal).real
+    begin = fourier.sample(with_rate(linear, sweeps.equation.frequency), 1)[:, 0] + (modes.observation @ modal).real
     teeth = sweeps.teeth.at_instant(None if sweeps.variation is None else sweeps.variation[0])
     force, _, _ = teeth.excess(*jnp.split(begin, 2))
     return SweepPoint(linear, real_pairs(modal) - sweeps.weights.late @ force, force)
@@ -194,7 +196,8 @@ def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
 
 def sweep(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
     """The next :class:`SweepPoint`, and the deflections ``(G, N+1)`` m of the cycle marched."""
-    rows = sweeps.rows(point.linear, plan.steps)
+    linear = point.linear
+    rows = sweeps.rows(linear, plan.steps) if plan.by_rate else fourier.synthesize(linear, plan.steps).T
     given = sweeps.modes, sweeps.weights, sweeps.teeth
     start = point.state, point.force
     marched, state, force = march_cycle(*given, *start, rows, sweeps.variation, plan.instant)

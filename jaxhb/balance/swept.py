@@ -41,6 +41,7 @@ class SweptProblem:
 def _prepared(problem, active_meshes, modes: MarchModes, plan: SweepPlan) -> SweptProblem:
     """The :class:`SweptProblem` of a Problem."""
     fine, condensed = reduced_equation(problem, 2 * plan.harmonics, active_meshes)
+    fine = dataclasses.replace(fine, by_rate=plan.by_rate)
     equation = sweeps.sweep_equation(condensation.truncate(fine, plan.harmonics), modes, plan)
     return SweptProblem(fine, condensed, equation, sweeps.first_point(equation))
 

@@ -33,7 +33,8 @@ class CondensedEquation:
     linear : complex ``(G, N+1)`` m, deflections with all meshes in contact; receptance : complex ``(N+1, G, G)`` m/N;
     frequency : rad/s; law, viscous N s/m, contact_damping : ``(G,)``; integrals : of phi over the cycle, "sampled" or
     "exact" (:mod:`jaxhb.equations.exact_integrals`); crossings : of the one deflection at which it is used, where they
-    are known; variation : complex ``(G, K+1)`` of the stiffness, kappa - 1, None where none varies.
+    are known; variation : complex ``(G, K+1)`` of the stiffness, kappa - 1, None where none varies; by_rate : whether
+    phi depends on l' (damping in contact, dry friction), without which rates are not sampled.
     """
 
     linear: jax.Array
@@ -45,6 +46,7 @@ class CondensedEquation:
     integrals: str = field(default="sampled", metadata={"static": True})
     crossings: exact_integrals.Crossings | None = None
     variation: jax.Array | None = None
+    by_rate: bool = field(default=True, metadata={"static": True})
 
     def with_crossings(self, deflection):
         """The same equation, with exact integrals knowing when ``deflection`` passes the knots, to be used there."""
@@ -75,10 +77,13 @@ class CondensedEquation:
         return rule.analyze(nonlinear_force, deflection.shape[-1] - 1)
 
     def _values(self, deflection, rule):
+        if not self.by_rate:
+            values = rule.synthesize(deflection)
+            return values, jnp.zeros_like(values)
         return jax.vmap(rule.synthesize)(jnp.stack([deflection, fourier.derivative(deflection, self.frequency)]))
 
     def sampled(self, deflection, samples):
-        """Values of l and l' at ``samples`` equidistant time samples."""
+        """Values of l and l' at ``samples`` equidistant time samples; l' is 0 where phi does not depend on it."""
         return self._values(deflection, fourier.Equidistant(samples))
 
     def respond(self, nonlinear_force):

@@ -125,16 +125,18 @@ class SweptTrain:
     def compile_ahead(self, rpm: float) -> None:
         """Begin to make the programs of a solve at a speed, in other threads."""
         problem = problem_at(self.train, rpm, self.plan.excited)
-        swept.compile_ahead(
-            problem, self.plan.active_meshes, self.modes, self._sweep_plans(float(problem.frequency))[0]
-        )
+        first, *_ = self._sweep_plans(float(problem.frequency))
+        swept.compile_ahead(problem, self.plan.active_meshes, self.modes, first)
 
     def _sweep_plans(self, frequency):
         """The plans with more and more steps that are tried."""
+        topology = self.train.topology
         # Friction and stops of a shaft act at once on the gear at its end.
-        instant = InstantSolve(steps=2, coupled=True) if self.train.topology.springs else InstantSolve()
+        instant = InstantSolve(steps=2, coupled=True) if topology.springs else InstantSolve()
+        by_rate = bool(topology.springs) or "contact" in topology.mesh_damping_law
         least = max(steps_for(self.modes, frequency), 4 * planning.ABOVE_EXCITATION * self.excited)
-        return [SweepPlan(steps, instant) for steps in STEPS if steps >= least] or [SweepPlan(STEPS[-1], instant)]
+        enough = [steps for steps in STEPS if steps >= least] or STEPS[-1:]
+        return [SweepPlan(steps, instant, by_rate) for steps in enough]
 
     def _padded(self, deflection):
         """Deflections of the active meshes, with the rows that pad them."""
