@@ -167,8 +167,9 @@ class InstantSolve:
 def march_cycle(modes: MarchModes, weights: StepWeights, teeth: TeethLaw, state, force, motion, variation, instant):
     """One cycle from ``state`` ``(2m,)`` and phi ``force`` ``(G,)`` N at its beginning.
 
-    motion : ``(K, 2G)``, rows of (b, b') at each of K steps, or of b alone where phi does not depend on rates; variation : ``(K, G)`` of the stiffness, or None. Gives
-    deflections ``(K, G)`` m at the steps, and state and force at the end.
+    motion : ``(K, 2G)``, rows of (b, b') at each of K steps, or of b alone where phi does not depend on rates;
+    variation : ``(K, G)`` of the stiffness, or None. Gives deflections ``(K, G)`` m at the steps, and state and force
+    at the end.
     """
     meshes = len(force)
     seen = slice(motion.shape[1])
