@@ -27,6 +27,9 @@ OPTIONS = {
     "xla_backend_optimization_level": 1,
     # Sums as trees of kernels: a fifth of the memory maps and a tenth of the compile time, and nothing won.
     "xla_disable_hlo_passes": "tree_reduction_rewriter",
+    # Reductions are left to the kernels of the compiler itself: the library for them (jaxlib 0.12) wants all that is
+    # reduced in whole arrays, and what follows the sweeps of a solve takes a tenth more time.
+    "xla_cpu_experimental_ynn_fusion_type": "",
 }
 """Of the compiler for CPUs, each passed where it is known."""
 
@@ -260,13 +263,15 @@ _asking = Lock()
 
 @cache
 def _options_compiler_knows():
-    known = {}
-    for name, value in OPTIONS.items():
+    known = dict(OPTIONS)
+    while known:
         try:
-            jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
-        except jax.errors.JaxRuntimeError:
-            continue
-        known[name] = value
+            jax.jit(lambda: 0, compiler_options=known).lower().compile()
+        except jax.errors.JaxRuntimeError as refusal:  # names what it does not know
+            unknown = next((name for name in known if name in str(refusal)), None) or next(iter(known))
+            del known[unknown]
+        else:
+            break
     return known
 
 

@@ -95,8 +95,9 @@ class SweepEquation:
     """A train at one speed, ready for sweeps.
 
     equation : CondensedEquation of the active meshes with N harmonics; modes; weights of its steps; teeth; free :
-    complex ``(2, m, N+1)``, harmonics of a mode and of its conjugate in a cycle that ends off by 1; closing : complex
-    ``(m,)``, of :func:`closing_of`; variation : rows ``(K, G)`` of the stiffness over its mean, less 1, None of none.
+    ``(2, 2m, N+1)``, real and imaginary parts of the harmonics of what meshes see of the modes, of real parts above
+    those of imaginary ones, in a cycle that ends off by 1; closing : complex ``(m,)``, of :func:`closing_of`; variation
+    : rows ``(K, G)`` of the stiffness over its mean, less 1, None of none.
     """
 
     equation: condensation.CondensedEquation
@@ -114,21 +115,28 @@ class SweepEquation:
     def free_motion(self, jump):
         """J ``(G, N+1)`` m of a state that ends off by ``jump`` ``(2m,)``."""
         observed = self.modes.deflections * complex_modes(jump)
-        return (observed @ self.free[0] + observed.conj() @ self.free[1]) / 2
+        # Products of real numbers: half the work of those of a mode and its conjugate.
+        parts = jnp.concatenate([observed.real, observed.imag], axis=1)
+        return lax.complex(parts @ self.free[0], parts @ self.free[1])
+
+    def pairs(self):
+        """Harmonics ``(m, N+1)`` of a mode and of its conjugate in a cycle that ends off by 1."""
+        even, odd = jnp.split(lax.complex(*self.free), 2)
+        return even - 1j * odd, even + 1j * odd
 
 
 def sweep_equation(equation, modes: MarchModes, plan: SweepPlan) -> SweepEquation:
     """The :class:`SweepEquation` of a CondensedEquation with ``plan.harmonics``."""
     dt = 2 * jnp.pi / equation.frequency / plan.steps
     decay = jnp.exp(modes.rates * dt)
-    both = jnp.stack([decay, decay.conj()])[:, :, None]
-    back = plan.back_a_step
+    mode, conjugate = quotient(1 / plan.steps, jnp.stack([decay, decay.conj()])[:, :, None] * plan.back_a_step - 1)
+    parts = jnp.concatenate([mode + conjugate, 1j * (mode - conjugate)]) / 2
     return SweepEquation(
         equation=equation,
         modes=modes,
         weights=step_weights(modes, dt),
         teeth=TeethLaw(equation.law, equation.viscous, equation.contact_damping),
-        free=quotient(1 / plan.steps, both * back - 1),
+        free=jnp.stack([parts.real, parts.imag]),
         closing=closing_of(modes, equation.law, equation.frequency),
         variation=None if equation.variation is None else fourier.sample(equation.variation, plan.steps).T,
     )
@@ -187,7 +195,8 @@ def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
     harmonics = fourier.analyze(force, plan.harmonics)
     turned = -plan.steps * plan.back_a_step * harmonics
     push = complex_modes(sweeps.weights.push.T)
-    own, other = sweeps.free[0] * (push @ turned), sweeps.free[1] * (push.conj() @ turned)
+    mode, conjugate = sweeps.pairs()
+    own, other = mode * (push @ turned), conjugate * (push.conj() @ turned)
     late = sweeps.weights.at_once[: len(force)] @ harmonics
     moved = (modes.deflections @ own + modes.deflections.conj() @ other) / 2 + late
     state = own.sum(axis=1) + other[:, 1:].conj().sum(axis=1)
