@@ -27,9 +27,6 @@ OPTIONS = {
     "xla_backend_optimization_level": 1,
     # Sums as trees of kernels: a fifth of the memory maps and a tenth of the compile time, and nothing won.
     "xla_disable_hlo_passes": "tree_reduction_rewriter",
-    # Reductions are left to the kernels of the compiler itself: the library for them (jaxlib 0.12) wants all that is
-    # reduced in whole arrays, and what follows the sweeps of a solve takes a tenth more time.
-    "xla_cpu_experimental_ynn_fusion_type": "",
 }
 """Of the compiler for CPUs, each passed where it is known."""
 
