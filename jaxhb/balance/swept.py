@@ -86,13 +86,12 @@ _begun: set = set()
 
 
 def compile_ahead(problem, active_meshes, modes: MarchModes, plan: SweepPlan) -> None:
-    """Begin to make the programs of :func:`solve_by_sweeps`, in other threads, once for each structure of arrays."""
+    """Begin to make the programs that follow :data:`prepare` while that is made, once for each structure of arrays."""
     leaves, tree = jax.tree.flatten((problem, active_meshes, modes))
     structure = plan, tree, tuple(map(np.shape, leaves))
     if structure in _begun:
         return
     _begun.add(structure)
-    prepare.compile_ahead(problem, active_meshes, modes, plan=plan)
     swept = jax.eval_shape(partial(_prepared, plan=plan), problem, active_meshes, modes)
     point, number = swept.flank, np.zeros(())
     ended = Settled(point, point.linear, np.zeros((), dtype=int), number, point.linear, number)

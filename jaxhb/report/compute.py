@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb.balance.plan import Request
 from jaxhb.certificate.certificate import certify
 from jaxhb.design.quantities import QUANTITIES, label
 from jaxhb.floquet.stability import attracts
@@ -14,7 +13,6 @@ from jaxhb.report.text.tuned import difference
 from jaxhb.results.answers import with_gaps
 from jaxhb.results.status import NotConverged, Status
 from jaxhb.results.steady import orbit_state
-from jaxhb.solutions import sweeping
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.steady.orbits import orbit_states
 from jaxhb.steady.steady_state import steady_state
@@ -62,9 +60,6 @@ def answer_speeds(
     as it is known
     """
     rpm, about = np.array(rpm, dtype=float), "the speeds" if len(rpm) > 1 else f"{rpm[0]:g} rpm"
-    if len(rpm) == 1:
-        # While the linear train is solved, the programs are made that solve the other one.
-        sweeping.compile_ahead(train, rpm[0], Request.of(train, asked.harmonics, asked.tolerance, few_levels=True))
     # A train of constant links is its own linear train, whose programs are at hand.
     linear = solve_speeds(linearised(train) if train.topology.has_law.any() else train, rpm=rpm)
     closed = [None] * len(rpm)

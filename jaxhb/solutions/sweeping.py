@@ -9,7 +9,6 @@ import jax
 import numpy as np
 
 from jaxhb._jax import kept
-from jaxhb.balance import swept
 from jaxhb.balance.march import InstantSolve, MarchModes, modes_for_march
 from jaxhb.balance.plan import Plan, Request, excited_harmonic
 from jaxhb.balance.problem import ActiveMeshes, problem_at
@@ -24,7 +23,6 @@ from jaxhb.results.status import Status
 from jaxhb.solutions import planning
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
-from jaxhb.train.speeds import check_speed
 
 MODES_RPM = 1000.0  # at which modes are made: only the slowest depend on it, by a soft hold, and so no bit on the speed
 
@@ -44,15 +42,6 @@ def swept_train(train: DriveTrain, plan: Plan, request: Request) -> SweptTrain |
     except ValueError:  # disks without inertia that leave no equation in time
         return None
     return SweptTrain(train, plan, excited_harmonic(train, request.method), modes)
-
-
-def compile_ahead(train: DriveTrain, rpm: float, request: Request) -> None:
-    """Begin to make the programs that solve a train at a speed, in other threads, where teeth part and sweeps serve."""
-    check_speed(train, rpm)
-    (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
-    ready = swept_train(train, plan, request) if plan.active and plan.marches else None
-    if ready is not None:
-        ready.compile_ahead(float(rpm))
 
 
 @kept
@@ -121,12 +110,6 @@ class SweptTrain:
         best = min(reversed(outcomes), key=lambda outcome: int(outcome.status))  # the finest of the best
         reached = self.plan_of(best.deflection.shape[-1] - 1)
         return response_of(self.train, rpm, problem, best, reached, path)
-
-    def compile_ahead(self, rpm: float) -> None:
-        """Begin to make the programs of a solve at a speed, in other threads."""
-        problem = problem_at(self.train, rpm, self.plan.excited)
-        first, *_ = self._sweep_plans(float(problem.frequency))
-        swept.compile_ahead(problem, self.plan.active_meshes, self.modes, first)
 
     def _sweep_plans(self, frequency):
         """The plans with more and more steps that are tried."""

@@ -7,7 +7,6 @@ import pytest
 from tolerances import ALGEBRAIC
 
 import jaxhb
-from jaxhb.balance import swept as swept_programs
 from jaxhb.balance.march import modes_for_march
 from jaxhb.balance.plan import Request
 from jaxhb.balance.problem import problem_at
@@ -120,15 +119,6 @@ def test_modes_are_kept_for_the_numbers_of_a_train_and_for_no_others(train):
     changed = modes_of(own)
     np.testing.assert_array_equal(changed.rates, new_modes(own).rates)
     assert np.abs(changed.rates - kept.rates).max() > 1e-3 * np.abs(kept.rates).max()
-
-
-def test_the_programs_begun_beforehand_are_those_that_a_solve_runs(train, response, monkeypatch):
-    begun = []
-    monkeypatch.setattr(swept_programs, "compile_ahead", lambda *given: begun.append(given[-1]))
-    sweeping.compile_ahead(train, RPM, Request.of(train))
-    assert [plan.steps for plan in begun] == [response.path[0].time_steps]
-    sweeping.compile_ahead(train, 600.0, Request.of(train))  # teeth stay in contact
-    assert len(begun) == 1
 
 
 def test_rates_are_sampled_where_damping_sets_in_with_contact(train, swept):
