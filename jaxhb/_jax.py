@@ -101,7 +101,20 @@ def _register_waiting():
 def namespace(*trees):
     """jax.numpy if any leaf is a tracer or a device array, else numpy: reading results compiles nothing."""
     jax = _loaded()
-    return jax.numpy if jax and any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(trees)) else np
+    return jax.numpy if jax and _any_is(jax.Array, trees) else np
+
+
+HOST_TYPES = frozenset((np.ndarray, np.float64, np.int64, np.bool_, float, int, complex, bool, str))
+"""Of leaves that are none of jax: a look into a set takes a tenth of a question to a class of jax."""
+
+
+def _any_is(kind, trees):
+    """Whether any leaf is an instance of ``kind``, a class of jax."""
+    if HOST_TYPES.issuperset(map(type, trees)):
+        return False
+    leaves = _jax.tree.leaves(trees)
+    by_type = dict(zip(map(type, leaves), leaves, strict=True))  # those of one type are arrays all, or none is
+    return any(isinstance(leaf, kind) for own, leaf in by_type.items() if own not in HOST_TYPES)
 
 
 def added(array, index, values):
@@ -115,7 +128,7 @@ def added(array, index, values):
 def traced(*trees):
     """Whether any leaf is being traced."""
     jax = _loaded()
-    return bool(jax) and any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+    return bool(jax) and _any_is(jax.core.Tracer, trees)
 
 
 def staged():
@@ -144,8 +157,12 @@ def concrete(*trees):
 
 def on_host(tree):
     """The tree with numpy arrays for its leaves, except those that are traced."""
+
+    def moved(leaf):
+        return leaf if type(leaf) is np.ndarray or traced(leaf) else np.asarray(leaf)
+
     jax = _loaded()
-    return jax.tree.map(lambda leaf: leaf if traced(leaf) else np.asarray(leaf), tree) if jax else tree
+    return jax.tree.map(moved, tree) if jax else tree
 
 
 def kept(function):

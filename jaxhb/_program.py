@@ -18,7 +18,7 @@ from jax._src.config import trace_context  # what jit's own keys hold of the set
 from jax.sharding import Mesh, PartitionSpec, SingleDeviceSharding
 
 from jaxhb import _jax, _store as _disk
-from jaxhb._jax import staged, traced
+from jaxhb._jax import HOST_TYPES, staged, traced
 
 OPTIONS = {
     # Kernels without its fusion dialects run as fast and compile in two thirds of the time (jaxlib 0.9).
@@ -52,10 +52,11 @@ class Program:
         return self._called(args, kwargs)
 
     def _called(self, args, kwargs):
-        if traced(args, kwargs) or staged() or not _plain(args, kwargs):
+        asked = self._question(args, kwargs)
+        if asked is None:
             return self.nested(*args, **kwargs)
         _held.limit()
-        static, arguments, key = self._question(args, kwargs)
+        static, arguments, key = asked
         found = _compiled.get(key)  # hashed once: that of a large train takes a tenth of a millisecond
         if found is None or isinstance(found, Future):
             found = self._made(static, arguments, key)
@@ -67,9 +68,10 @@ class Program:
         Gives a Future, to be cancelled where no such call comes; None where the program is there, or cannot be made
         beforehand.
         """
-        if traced(args, kwargs) or staged() or not _plain(args, kwargs):
+        asked = self._question(args, kwargs)
+        if asked is None:
             return None
-        static, arguments, key = self._question(args, kwargs)
+        static, arguments, key = asked
         if key[-1] != _settings_of_threads():
             return None
         with _making:
@@ -100,10 +102,13 @@ class Program:
         return found
 
     def _question(self, args, kwargs):
-        """Static arguments and others by name, and the key of the executable that they want."""
+        """Static arguments and others by name, and the key of the executable that they want; None where something is
+        traced, or arrays lie elsewhere."""
         arguments = self.signature.bind(*args, **kwargs).arguments
         static = {name: arguments.pop(name) for name in self.static if name in arguments}
         leaves, tree = jax.tree.flatten(arguments)
+        if traced(leaves) or staged() or not _plain(leaves):
+            return None
         return static, arguments, (self, tuple(static.items()), tree, tuple(map(_kind, leaves)), trace_context())
 
     def _outermost(self, static, arguments, key):
@@ -222,19 +227,24 @@ def keep_programs(folder, limit=_disk.LIMIT):
     return _store.own_folder
 
 
-def _plain(*trees):
+def _plain(leaves):
     """Whether all arrays lie where programs run by default, and that is the processor of the host."""
     device = jax.config.jax_default_device or jax.devices()[0]
     if isinstance(device, str):
         device = jax.devices(device)[0]
     if device.platform != "cpu" or device != jax.devices("cpu")[0] or jax.config.jax_disable_jit:
         return False
-    arrays = (leaf for leaf in jax.tree.leaves(trees) if isinstance(leaf, jax.Array))
-    return all(array.sharding == SingleDeviceSharding(device) for array in arrays)
+    here = SingleDeviceSharding(device)
+    arrays = (leaf for leaf in leaves if type(leaf) not in HOST_TYPES and isinstance(leaf, jax.Array))
+    return all(array.sharding == here for array in arrays)
 
 
 def _kind(leaf):
     """Shape and type of an argument, and whether its type gives way to others."""
+    if type(leaf) is np.ndarray:
+        return leaf.shape, leaf.dtype, False
+    if isinstance(leaf, jax.Array):
+        return leaf.shape, leaf.dtype, leaf.weak_type
     return np.shape(leaf), getattr(leaf, "dtype", type(leaf).__name__), getattr(leaf, "weak_type", False)
 
 
@@ -250,13 +260,15 @@ _asking = Lock()
 
 @cache
 def _options_compiler_knows():
-    known = {}
-    for name, value in OPTIONS.items():
+    known = dict(OPTIONS)
+    while known:
         try:
-            jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
-        except jax.errors.JaxRuntimeError:
-            continue
-        known[name] = value
+            jax.jit(lambda: 0, compiler_options=known).lower().compile()
+        except jax.errors.JaxRuntimeError as refusal:  # names what it does not know
+            unknown = next((name for name in known if name in str(refusal)), None) or next(iter(known))
+            del known[unknown]
+        else:
+            break
     return known
 
 

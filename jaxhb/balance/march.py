@@ -201,22 +201,27 @@ class InstantSolve:
 def march_cycle(modes: MarchModes, weights: StepWeights, teeth: TeethLaw, state, force, motion, variation, instant):
     """One cycle from ``state`` ``(2m,)`` and phi ``force`` ``(G,)`` N at its beginning.
 
-    motion : ``(K, 2G)``, rows of (b, b') at each of K steps; variation : ``(K, G)`` of the stiffness, or None. Gives
-    deflections ``(K, G)`` m at the steps, and state and force at the end.
+    motion : ``(K, 2G)``, rows of (b, b') at each of K steps, or of b alone where phi does not depend on rates;
+    variation : ``(K, G)`` of the stiffness, or None. Gives deflections ``(K, G)`` m at the steps, and state and force
+    at the end.
     """
     meshes = len(force)
-    observed = jnp.concatenate([modes.observation.real, -modes.observation.imag], axis=1)
+    seen = slice(motion.shape[1])
+    observed = jnp.concatenate([modes.observation.real, -modes.observation.imag], axis=1)[seen]
+    at_once = weights.at_once[seen]
     by_deflection, by_rate = weights.at_once[:meshes], weights.at_once[meshes:]
     alone_l, alone_rate = jnp.diagonal(by_deflection), jnp.diagonal(by_rate)
     decay_real, decay_imag = weights.decay
 
     def with_force(free, force):
         # A written-out sum of columns is faster than a product inside a scan.
-        return free + sum(weights.at_once[:, g] * force[g] for g in range(meshes))
+        return free + sum(at_once[:, g] * force[g] for g in range(meshes))
 
     def improved(teeth, free, force):
         moved = with_force(free, force)
-        phi, slope, rate_slope = teeth.excess(moved[:meshes], moved[meshes:])
+        deflection = moved[:meshes]
+        rate = moved[meshes:] if len(moved) > meshes else jnp.zeros_like(deflection)
+        phi, slope, rate_slope = teeth.excess(deflection, rate)
         missed = phi - force
         if instant.coupled:
             coupling = slope[:, None] * by_deflection + rate_slope[:, None] * by_rate

@@ -33,6 +33,7 @@ from jaxhb.balance.march import (
     step_weights,
 )
 from jaxhb.equations import condensation, fourier
+from jaxhb.equations.block_sweep import quotient
 from jaxhb.integration.step import force_on_flank, with_rate
 
 STEPS = tuple(2**k for k in range(9, 15))  # of a cycle that are offered: each is a program
@@ -49,10 +50,12 @@ NOTHING = 1e-8  # of what the gap carries: a vibration that is rounding
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What a sweep is compiled for: steps K of a cycle, how phi of an instant is found, and harmonics at most."""
+    """What a sweep is compiled for: steps K of a cycle, how phi of an instant is found, whether it depends on rates of
+    deflection, and harmonics at most."""
 
     steps: int
     instant: InstantSolve = InstantSolve()
+    by_rate: bool = True
     most_harmonics: int | None = None
 
     @property
@@ -71,6 +74,12 @@ class SweepPlan:
         """M, at which the residual takes the law."""
         return SAMPLES_PER_STEP * self.steps
 
+    @property
+    def back_a_step(self) -> np.ndarray:
+        """Factors ``(N+1,)`` of the harmonics a step earlier: numbers of the host, as a compiler would take the
+        exponential anew for each mode."""
+        return np.exp(-2j * np.pi * np.arange(self.harmonics + 1) / self.steps)
+
 
 def steps_for(modes: MarchModes, frequency: float) -> int:
     """Steps of a cycle that resolve the modes in which teeth move, one of STEPS."""
@@ -88,8 +97,9 @@ class SweepEquation:
     """A train at one speed, ready for sweeps.
 
     equation : CondensedEquation of the active meshes with N harmonics; modes; weights of its steps; teeth; free :
-    complex ``(2, m, N+1)``, harmonics of a mode and of its conjugate in a cycle that ends off by 1; closing : complex
-    ``(m,)``, of :func:`closing_of`; variation : rows ``(K, G)`` of the stiffness over its mean, less 1, None of none.
+    ``(2, 2m, N+1)``, real and imaginary parts of the harmonics of what meshes see of the modes, of real parts above
+    those of imaginary ones, in a cycle that ends off by 1; closing : complex ``(m,)``, of :func:`closing_of`; variation
+    : rows ``(K, G)`` of the stiffness over its mean, less 1, None of none.
     """
 
     equation: condensation.CondensedEquation
@@ -107,21 +117,28 @@ class SweepEquation:
     def free_motion(self, jump):
         """J ``(G, N+1)`` m of a state that ends off by ``jump`` ``(2m,)``."""
         observed = self.modes.deflections * complex_modes(jump)
-        return (observed @ self.free[0] + observed.conj() @ self.free[1]) / 2
+        # Products of real numbers: half the work of those of a mode and its conjugate.
+        parts = jnp.concatenate([observed.real, observed.imag], axis=1)
+        return lax.complex(parts @ self.free[0], parts @ self.free[1])
+
+    def pairs(self):
+        """Harmonics ``(m, N+1)`` of a mode and of its conjugate in a cycle that ends off by 1."""
+        even, odd = jnp.split(lax.complex(*self.free), 2)
+        return even - 1j * odd, even + 1j * odd
 
 
 def sweep_equation(equation, modes: MarchModes, plan: SweepPlan) -> SweepEquation:
     """The :class:`SweepEquation` of a CondensedEquation with ``plan.harmonics``."""
     dt = 2 * jnp.pi / equation.frequency / plan.steps
     decay = jnp.exp(modes.rates * dt)
-    both = jnp.stack([decay, decay.conj()])[:, :, None]
-    back = jnp.exp(-2j * jnp.pi * jnp.arange(plan.harmonics + 1) / plan.steps)
+    mode, conjugate = quotient(1 / plan.steps, jnp.stack([decay, decay.conj()])[:, :, None] * plan.back_a_step - 1)
+    parts = jnp.concatenate([mode + conjugate, 1j * (mode - conjugate)]) / 2
     return SweepEquation(
         equation=equation,
         modes=modes,
         weights=step_weights(modes, dt),
         teeth=TeethLaw(equation.law, equation.viscous, equation.contact_damping),
-        free=1 / (both * back - 1) / plan.steps,
+        free=jnp.stack([parts.real, parts.imag]),
         closing=closing_of(modes, equation.law, equation.frequency),
         variation=None if equation.variation is None else fourier.sample(equation.variation, plan.steps).T,
     )
@@ -163,7 +180,7 @@ def point_at(sweeps: SweepEquation, deviation) -> SweepPoint:
     """From a motion that deviates from the linear one by ``deviation`` ``(2S,)`` m, m/s of (x, x') at t = 0."""
     modes, linear = sweeps.modes, sweeps.equation.linear
     modal = modes.coordinates @ deviation
-    begin = sweeps.rows(linear, 1)[0] + (modes.observation @ modal).real
+    begin = fourier.sample(with_rate(linear, sweeps.equation.frequency), 1)[:, 0] + (modes.observation @ modal).real
     teeth = sweeps.teeth.at_instant(None if sweeps.variation is None else sweeps.variation[0])
     force, _, _ = teeth.excess(*jnp.split(begin, 2))
     return SweepPoint(linear, real_pairs(modal) - sweeps.weights.late @ force, force)
@@ -178,9 +195,10 @@ def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
     force, _, _ = equation.nonlinear_force(values, rates, rule)
     # States under these forces, periodic: s' = decay s + push phi, by harmonics of a mode and of its conjugate.
     harmonics = fourier.analyze(force, plan.harmonics)
-    turned = -plan.steps * jnp.exp(-2j * jnp.pi * jnp.arange(plan.harmonics + 1) / plan.steps) * harmonics
+    turned = -plan.steps * plan.back_a_step * harmonics
     push = complex_modes(sweeps.weights.push.T)
-    own, other = sweeps.free[0] * (push @ turned), sweeps.free[1] * (push.conj() @ turned)
+    mode, conjugate = sweeps.pairs()
+    own, other = mode * (push @ turned), conjugate * (push.conj() @ turned)
     late = sweeps.weights.at_once[: len(force)] @ harmonics
     moved = (modes.deflections @ own + modes.deflections.conj() @ other) / 2 + late
     state = own.sum(axis=1) + other[:, 1:].conj().sum(axis=1)
@@ -189,7 +207,8 @@ def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
 
 def marched(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
     """The :class:`SweepPoint` at the end of the cycle marched from a point, and its deflections ``(G, N+1)`` m."""
-    rows = sweeps.rows(point.linear, plan.steps)
+    linear = point.linear
+    rows = sweeps.rows(linear, plan.steps) if plan.by_rate else fourier.synthesize(linear, plan.steps).T
     given = sweeps.modes, sweeps.weights, sweeps.teeth
     start = point.state, point.force
     cycle, state, force = march_cycle(*given, *start, rows, sweeps.variation, plan.instant)

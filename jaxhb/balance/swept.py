@@ -41,6 +41,7 @@ class SweptProblem:
 def _prepared(problem, active_meshes, modes: MarchModes, plan: SweepPlan) -> SweptProblem:
     """The :class:`SweptProblem` of a Problem."""
     fine, condensed = reduced_equation(problem, 2 * plan.harmonics, active_meshes)
+    fine = dataclasses.replace(fine, by_rate=plan.by_rate)
     equation = sweeps.sweep_equation(condensation.truncate(fine, plan.harmonics), modes, plan)
     return SweptProblem(fine, condensed, equation, sweeps.first_point(equation))
 
@@ -54,13 +55,13 @@ def _concluded(problem, active_meshes, swept: SweptProblem, settled: Settled, to
     """
     fine, equation = swept.fine, swept.sweeps.equation
     wide = fourier.resize(settled.deflection, 2 * plan.harmonics)
-    missed = fine.residual(wide, 2 * plan.samples)
+    nonlinear_force = fine.nonlinear_force_coefficients(wide, 2 * plan.samples)
+    missed = fine.left(wide, nonlinear_force)
     corrected = wide - AMPLIFIED * missed
     kept = fourier.resize(settled.deflection, plan.kept)
     left_out = corrected - fourier.resize(kept, 2 * plan.harmonics)
     truncation = relative_force_change(fine, corrected, left_out, 2 * plan.samples)
     unsettled = relative_force_change(equation, settled.deflection, AMPLIFIED * settled.left, plan.samples)
-    nonlinear_force = equation.nonlinear_force_coefficients(settled.deflection, plan.samples)
     ended = Ended(
         deflection=kept,
         settled=settled.distance <= goal,

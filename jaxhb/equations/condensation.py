@@ -33,7 +33,8 @@ class CondensedEquation:
     linear : complex ``(G, N+1)`` m, deflections with all meshes in contact; receptance : complex ``(N+1, G, G)`` m/N;
     frequency : rad/s; law, viscous N s/m, contact_damping : ``(G,)``; integrals : of phi over the cycle, "sampled" or
     "exact" (:mod:`jaxhb.equations.exact_integrals`); crossings : of the one deflection at which it is used, where they
-    are known; variation : complex ``(G, K+1)`` of the stiffness, kappa - 1, None where none varies.
+    are known; variation : complex ``(G, K+1)`` of the stiffness, kappa - 1, None where none varies; by_rate : whether
+    phi depends on l' (damping in contact, dry friction), without which rates are not sampled.
     """
 
     linear: jax.Array
@@ -45,6 +46,7 @@ class CondensedEquation:
     integrals: str = field(default="sampled", metadata={"static": True})
     crossings: exact_integrals.Crossings | None = None
     variation: jax.Array | None = None
+    by_rate: bool = field(default=True, metadata={"static": True})
 
     def with_crossings(self, deflection):
         """The same equation, with exact integrals knowing when ``deflection`` passes the knots, to be used there."""
@@ -75,15 +77,19 @@ class CondensedEquation:
         return rule.analyze(nonlinear_force, deflection.shape[-1] - 1)
 
     def _values(self, deflection, rule):
+        if not self.by_rate:
+            values = rule.synthesize(deflection)
+            return values, jnp.zeros_like(values)
         return jax.vmap(rule.synthesize)(jnp.stack([deflection, fourier.derivative(deflection, self.frequency)]))
 
     def sampled(self, deflection, samples):
-        """Values of l and l' at ``samples`` equidistant time samples."""
+        """Values of l and l' at ``samples`` equidistant time samples; l' is 0 where phi does not depend on it."""
         return self._values(deflection, fourier.Equidistant(samples))
 
     def respond(self, nonlinear_force):
         """Deflections caused by coefficients ``(G, N+1)`` of nonlinear force: G phi."""
-        return jnp.einsum("ngh,hn->gn", self.receptance, nonlinear_force)
+        # Written out: a product of many small matrices takes six times as long.
+        return jnp.sum(self.receptance * nonlinear_force.T[:, None, :], axis=-1).T
 
     def residual(self, deflection, samples):
         """F(l) as coefficients ``(G, N+1)``; phi at ``samples`` time samples, of which exact integrals take none."""
@@ -114,7 +120,8 @@ class CondensedTrain:
 
     system : System; frequency : rad/s; load : complex ``(S, E+1)`` N, that of transmission errors included; columns
     ``(S, G)`` of D^T of the active meshes; balance : how the train takes the load alone
-    (``dynamic_stiffness.balance``), ``(E+1,)`` N each; meshes : MeshParameters of all.
+    (``dynamic_stiffness.balance``), ``(E+1,)`` N each; meshes : MeshParameters of all; alone : displacements ``(S,
+    E+1)`` and link forces ``(L, E+1)`` under the load alone, where there is no active mesh.
     """
 
     system: object
@@ -123,13 +130,17 @@ class CondensedTrain:
     columns: jax.Array
     balance: tuple
     meshes: backlash.MeshParameters
+    alone: tuple | None = None
 
     def combine(self, nonlinear_force):
         """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with nonlinear forces ``(G, n+1)`` of the meshes."""
         harmonics = nonlinear_force.shape[-1] - 1
+        omega = frequencies(self.frequency, harmonics)
+        if self.alone is not None:
+            displacement, force = (fourier.resize(a, harmonics) for a in self.alone)
+            return displacement, self.less_error(force, omega)
         # phi acts against the deflection: D^T phi on the side of the loads.
         load = fourier.resize(self.load, harmonics) - self.columns @ nonlinear_force
-        omega = frequencies(self.frequency, harmonics)
 
         def swept(chunk):
             displacement, force = solve_linear(self.system, chunk[0], chunk[1][:, None])
@@ -180,13 +191,21 @@ def condense(system, frequency, load, harmonics, every, meshes, active):
     rigid = stiffness == 0
     apart = jnp.where(rigid, apart, force[meshes.link] / jnp.where(rigid, 1.0, stiffness))
     linear = backlash.less_error(meshes, apart) * active[:, None]
-    omega = _cut(frequencies(frequency, harmonics))
-    receptances = lax.map(lambda omega: receptance(system, omega, columns), omega)
-    receptances = receptances.reshape(omega.size, *receptances.shape[2:])[: harmonics + 1]
+    receptances = _receptances(system, frequencies(frequency, harmonics), columns)
     linear = fourier.resize(linear, harmonics)
     law = meshes.law.only(active)
     viscous, in_contact = meshes.viscous * active, meshes.contact_damping & (active > 0)
     varied = {"variation": meshes.variation}
     equation = CondensedEquation(linear, receptances, frequency, law, viscous, in_contact, **varied)
     taken = balance(system, excited, load, displacement, force)
-    return equation, CondensedTrain(system, frequency, load, columns, taken, every)
+    alone = None if columns.shape[1] else (displacement, force)
+    return equation, CondensedTrain(system, frequency, load, columns, taken, every, alone)
+
+
+def _receptances(system, omega, columns):
+    """Deflections per unit force ``(N+1, G, G)`` m/N of the active meshes at frequencies ``(N+1,)``."""
+    if not columns.shape[1]:
+        return jnp.zeros((len(omega), 0, 0), complex)
+    cut = _cut(omega)
+    receptances = lax.map(lambda omega: receptance(system, omega, columns), cut)
+    return receptances.reshape(cut.size, *receptances.shape[2:])[: len(omega)]

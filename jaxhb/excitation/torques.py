@@ -11,6 +11,7 @@ Re(A exp(i n Omega t)) gives T^n = A/2. The number of operations does not grow w
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -94,8 +95,24 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
 
     The loads make the imbalance 0, each taking its share; their pulsation is in proportion to the torque that each
     takes. The angle 0 of the reference rotor is firing top dead centre of a cylinder with ``firing_angle`` 0; an event
-    later by alpha of its own rotor multiplies by exp(-i order alpha).
+    later by alpha of its own rotor multiplies by exp(-i order alpha). Of numbers of the host the arrays are read-only:
+    who asks again, as plan and problem of one speed do, has the same.
     """
+    if namespace(train, rpm) is np and not np.ndim(rpm):
+        return _kept_excitation(train, float(rpm), harmonics)
+    return _excitation(train, rpm, harmonics)
+
+
+@kept
+def _kept_excitation(train, rpm, harmonics):
+    found = _excitation(train, rpm, harmonics)
+    for values in found[:2]:
+        values.flags.writeable = False
+    return found
+
+
+def _excitation(train, rpm, harmonics):
+    """What :func:`excitation` gives, anew."""
     xp, topology = namespace(train, rpm), train.topology
     rpm = xp.asarray(rpm, dtype=float)
     ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
@@ -238,6 +255,7 @@ def highest_harmonic(train: DriveTrain) -> int:
     return int(max(found))
 
 
+@lru_cache(maxsize=256)
 def listed_harmonic(topology: Topology) -> int:
     """Largest harmonic n >= 1 of the cycle that the excitation can have, whatever the numbers of the train are.
 

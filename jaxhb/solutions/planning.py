@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from jaxhb._jax import on_host
+from jaxhb._jax import kept, on_host
 from jaxhb.balance.plan import MOST_HARMONICS, Plan, excited_harmonic, time_steps_for, time_steps_of
 from jaxhb.balance.program import solve_batches
 from jaxhb.equations import backlash, fourier
@@ -159,14 +159,20 @@ def _linear_mesh_forces(train, rpm, contact, harmonics):
 
 def _dense_mesh_forces(train, rpm, harmonics):
     """Those of some speeds, without a program."""
-    train = linearised(train)  # what acts beside shafts is no mesh
-    system, meshes, found = chain.assemble(train), backlash.all_meshes(train), []
+    (system, meshes), found = _linear_parts(train), []
     for speed in rpm:
         load, frequency = excitation(train, speed, harmonics)[0], train.topology.cycle_frequency(speed)
         load = backlash.error_load(system, meshes, frequency, load / system.radius[:, None])
         _, bends = linear_motion_and_bends(system, frequency, load)
         found.append(meshes.law.stiffness[:, None] * backlash.less_error(meshes, bends[meshes.link]))
     return np.stack(found)
+
+
+@kept
+def _linear_parts(train):
+    """System and meshes of the linear train, for any speed."""
+    train = linearised(train)  # what acts beside shafts is no mesh
+    return chain.assemble(train), backlash.all_meshes(train)
 
 
 def plan_marching(train, rpm, plan, request):

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
+from jaxhb._jax import kept
 from jaxhb.balance.march import InstantSolve, MarchModes, modes_for_march
 from jaxhb.balance.plan import Plan, Request, excited_harmonic
-from jaxhb.balance.problem import problem_at
+from jaxhb.balance.problem import ActiveMeshes, problem_at
 from jaxhb.balance.program import response_of
 from jaxhb.balance.sweeps import STEPS, SweepPlan, steps_for
 from jaxhb.balance.swept import SETTLED, solve_by_sweeps
@@ -37,10 +38,17 @@ def swept_train(train: DriveTrain, plan: Plan, request: Request) -> SweptTrain |
         return None
     plan = planning.all_active(train, plan, request)
     try:
-        modes = modes_for_march(problem_at(train, MODES_RPM, plan.excited), plan.active_meshes)
+        modes = _modes_of((train, plan.active_meshes))
     except ValueError:  # disks without inertia that leave no equation in time
         return None
     return SweptTrain(train, plan, excited_harmonic(train, request.method), modes)
+
+
+@kept
+def _modes_of(given: tuple[DriveTrain, ActiveMeshes]) -> MarchModes:
+    """The modes of a train that some meshes of it notice."""
+    train, active_meshes = given
+    return modes_for_march(problem_at(train, MODES_RPM, 1), active_meshes)
 
 
 @dataclass(frozen=True)
@@ -75,20 +83,16 @@ class SweptTrain:
         where a train from there would go. A status above TOLERANCE_NOT_MET says that no periodic motion was found.
         """
         problem = problem_at(self.train, rpm, self.plan.excited)
-        topology = self.train.topology
-        # Friction and stops of a shaft act at once on the gear at its end.
-        instant = InstantSolve.of(len(topology.springs))
-        least = max(steps_for(self.modes, float(problem.frequency)), 4 * planning.ABOVE_EXCITATION * self.excited)
         deviation = None if motion is None else motion - self._linear_start(rpm)
         deflection = None if deflection is None else self._padded(deflection)
         path, outcomes, failures = [], [], 0
-        for steps in [count for count in STEPS if count >= least] or STEPS[-1:]:
+        for plan in self._sweep_plans(float(problem.frequency)):
             outcome, ended, events = solve_by_sweeps(
                 problem,
                 self.plan.active_meshes,
                 self.modes,
                 self.plan.tolerance,
-                SweepPlan(steps, instant),
+                plan,
                 deviation=deviation,
                 deflection=deflection,
                 settled=settled,
@@ -106,6 +110,15 @@ class SweptTrain:
         best = min(reversed(outcomes), key=lambda outcome: int(outcome.status))  # the finest of the best
         reached = self.plan_of(best.deflection.shape[-1] - 1)
         return response_of(self.train, rpm, problem, best, reached, path)
+
+    def _sweep_plans(self, frequency):
+        """The plans with more and more steps that are tried."""
+        topology = self.train.topology
+        instant = InstantSolve.of(len(topology.springs))
+        by_rate = bool(topology.springs) or "contact" in topology.mesh_damping_law
+        least = max(steps_for(self.modes, frequency), 4 * planning.ABOVE_EXCITATION * self.excited)
+        enough = [steps for steps in STEPS if steps >= least] or STEPS[-1:]
+        return [SweepPlan(steps, instant, by_rate) for steps in enough]
 
     def _padded(self, deflection):
         """Deflections of the active meshes, with the rows that pad them."""

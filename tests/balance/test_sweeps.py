@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tolerances import ALGEBRAIC
 
 import jaxhb
 from jaxhb.balance.map_newton import solve_map
@@ -22,6 +23,7 @@ from jaxhb.balance.sweeps import (
     first_point,
     force_size,
     motion_program,
+    point_program,
     settle_program,
     sweep_program,
     vibration_size,
@@ -302,3 +304,26 @@ def test_a_gear_pair_turned_round_moves_as_before(hammering):
     """``between`` swapped: deflections have the other sign."""
     turned = case_of(pair(mesh={"between": ("gear b", "gear a")}))
     assert distance(hammering, -settled(turned).deflection, settled(hammering).deflection) < 10 * GOAL
+
+
+def test_without_rates_sweeps_end_where_they_do_with_them():
+    """Where teeth are damped always: with damping in contact they end elsewhere."""
+    case = case_of(pair(**TRAINS["damping always"]))
+    equation = dataclasses.replace(case.equation, by_rate=False)
+    plan = dataclasses.replace(case.plan, by_rate=False)
+    motion, short = settled(case), settled(dataclasses.replace(case, equation=equation, plan=plan))
+    assert int(short.marches) == int(motion.marches)
+    assert distance(case, short.deflection, motion.deflection) < ALGEBRAIC
+
+
+def test_a_sweep_begins_with_the_force_at_the_first_instant(hammering):
+    """That of the linear motion, where the train does not deviate from it: the sum of its harmonics."""
+    sweeps = equation_program(hammering.equation, hammering.modes, plan=hammering.plan)
+    point = point_program(sweeps, np.zeros(2 * hammering.train.topology.n_disks))
+    harmonics = np.arange(hammering.plan.harmonics + 1)
+    twice = np.where(harmonics > 0, 2.0, 1.0) * np.asarray(hammering.equation.linear)
+    rate = twice * 1j * harmonics * float(hammering.problem.frequency)
+    force, *_ = sweeps.teeth.excess(twice.sum(axis=1).real, rate.sum(axis=1).real)
+    np.testing.assert_allclose(point.force, force, rtol=ALGEBRAIC * 1e3)
+    held, *_ = sweeps.teeth.excess(twice[:, 0].real, np.zeros(len(twice)))
+    assert np.abs(force - held).max() > 1e-3 * np.abs(force).max()

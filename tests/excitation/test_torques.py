@@ -191,3 +191,18 @@ def test_what_is_remembered_of_a_train_follows_an_array_that_its_user_writes_to(
     after = excitation(held, 1800.0, 24)[0]
     np.testing.assert_array_equal(after, with_stroke(stroke.copy())[1])
     assert np.abs(after - before).max() > 100.0  # N m
+
+
+def test_an_excitation_is_kept_for_its_numbers_alone():
+    """Also where numbers are written into the arrays of a train; what is kept nobody can write to."""
+    train = load_scene("gear_train_30")
+    amplitudes = np.array(train.torques.harmonics)
+    own = dataclasses.replace(train, torques=dataclasses.replace(train.torques, harmonics=amplitudes))
+    first, load, _ = excitation(own, 1800.0, 24)
+    assert excitation(train, 1800, 24)[0] is first
+    assert not (first.flags.writeable or load.flags.writeable)
+    amplitudes *= 2.0
+    changed, *_ = excitation(own, 1800.0, 24)
+    doubled = np.asarray(jax.jit(excitation, static_argnums=2)(own, 1800.0, 24)[0])
+    np.testing.assert_allclose(changed, doubled, rtol=1e-12, atol=1e-9 * np.abs(doubled).max())
+    assert np.abs(changed - first).max() > 0.0

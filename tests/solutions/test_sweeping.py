@@ -1,10 +1,15 @@
 """Sweeps answer where teeth part: Newton's method with fixed harmonics and time integration are the second ways."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from tolerances import ALGEBRAIC
 
 import jaxhb
+from jaxhb.balance.march import modes_for_march
 from jaxhb.balance.plan import Request
+from jaxhb.balance.problem import problem_at
 from jaxhb.results.status import Newton, NewtonOnSweeps, Sweeps
 from jaxhb.solutions import planning, sweeping
 
@@ -89,3 +94,38 @@ def test_fixed_harmonics_exact_integrals_and_a_start_are_left_to_newtons_method(
         assert isinstance(found.path[-1], Newton)
         assert not any(isinstance(event, NewtonOnSweeps) for event in found.path)
         assert force_difference(found, response) < 0.1
+
+
+def modes_of(train):
+    request = Request.of(train)
+    return sweeping.swept_train(train, planning.contact_plan(train, request), request).modes
+
+
+def new_modes(train):
+    """Made anew, whatever was kept."""
+    request = Request.of(train)
+    plan = planning.all_active(train, planning.contact_plan(train, request), request)
+    return modes_for_march(problem_at(train, sweeping.MODES_RPM, plan.excited), plan.active_meshes)
+
+
+def test_modes_are_kept_for_the_numbers_of_a_train_and_for_no_others(train):
+    """Also where numbers are written into the arrays of a train."""
+    kept = modes_of(train)
+    assert modes_of(dataclasses.replace(train)) is kept
+    np.testing.assert_allclose(kept.rates, new_modes(train).rates, rtol=ALGEBRAIC)
+    inertia = np.array(train.disks.inertia)
+    own = dataclasses.replace(train, disks=dataclasses.replace(train.disks, inertia=inertia))
+    assert modes_of(own) is kept
+    inertia[0] *= 1.5
+    changed = modes_of(own)
+    np.testing.assert_array_equal(changed.rates, new_modes(own).rates)
+    assert np.abs(changed.rates - kept.rates).max() > 1e-3 * np.abs(kept.rates).max()
+
+
+def test_rates_are_sampled_where_damping_sets_in_with_contact(train, swept):
+    frequency = train.topology.cycle_frequency(RPM)
+    assert not any(plan.by_rate for plan in swept._sweep_plans(frequency))
+    law = ("contact", *train.topology.mesh_damping_law[1:])
+    topology = dataclasses.replace(train.topology, mesh_damping_law=law)
+    own = dataclasses.replace(swept, train=dataclasses.replace(train, topology=topology))
+    assert all(plan.by_rate for plan in own._sweep_plans(frequency))
