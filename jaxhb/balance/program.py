@@ -177,7 +177,7 @@ def by_sweeps(reduced, model, plan, instant, most, goal, left):
 
     On the flanks where the steps were too long for the train. left : what deflections leave of the equations.
     """
-    sweep_plan = SweepPlan(plan.time_steps, instant, plan.harmonics)
+    sweep_plan = SweepPlan(plan.time_steps, instant, most_harmonics=plan.harmonics)
     equation = condensation.truncate(reduced, sweep_plan.harmonics)
     equation = sweeps.sweep_equation(equation, modes_of_model(model), sweep_plan)
     first = sweeps.first_point(equation)
