@@ -27,9 +27,8 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from jaxhb.balance.sweeps import fastest_rate
-from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.state_space import Modes
-from jaxhb.floquet.slopes import Reactions, SampledMotion, moments, reactions_of
+from jaxhb.floquet.slopes import Reactions, SampledMotion, moments
 from jaxhb.floquet.variational import Monodromy
 
 DEGREES = 4  # Q
@@ -38,20 +37,18 @@ DEGREES = 4  # Q
 PER_PERIOD, FEWEST = 2.2, 256
 STIFFEST = 8.0  # times the fastest mode, up to which intervals follow what reactions make of a mesh
 GRID = 32  # grid steps of the longest interval
-MOST = 500_000  # intervals of a cycle, a minute
 CHUNK = 4096  # intervals that are prepared at a time
 REACH, TERMS = 4.0, 40  # of rates h up to which integrals are power series, and their terms: exact to rounding
 LIVELY = 2.0  # largest decay in an interval of a mode whose share in the determinant of an interval is counted
 
 
-def monodromy(modes: Modes, meshes: MeshParameters, deflection, frequency) -> Monodromy:
+def monodromy(modes: Modes, reactions: Reactions, deflection, frequency) -> Monodromy:
     """The :class:`~jaxhb.floquet.variational.Monodromy` in the states of :func:`real_states`; on the host.
 
     deflection : complex ``(G, N+1)`` m, the motion of the meshes; frequency : Omega in rad/s.
     """
-    reactions = reactions_of(modes, meshes)
     motion = SampledMotion(reactions, deflection, frequency)
-    length, step = _lengths(modes, reactions, motion, meshes, frequency)
+    length, step = _lengths(motion, fewest_intervals(modes, reactions, frequency), frequency)
     edges = np.concatenate([[0], np.cumsum(length)])
     slope = moments(reactions, motion, edges / edges[-1], 2 * DEGREES - 1)
     lengths, index = np.unique(length, return_inverse=True)
@@ -85,22 +82,23 @@ def _real_states(rates):
     return np.eye(2 * len(rates))[_real_columns(rates)]
 
 
-def _lengths(modes, reactions, motion, meshes, frequency):
-    """Lengths ``(K,)`` of the intervals of a cycle in steps of a grid, and its step in s."""
-    seen = modes.observation[len(meshes.link) :][reactions.mesh]
+def fewest_intervals(modes: Modes, reactions: Reactions, frequency) -> int:
+    """Intervals of a cycle in which teeth pass no knots."""
+    meshes = len(modes.observation) // 2
+    seen = modes.observation[meshes:][reactions.mesh]
     lightness = np.einsum("cm,mc->c", seen, modes.forcing[:, reactions.mesh]).real  # 1/kg, of a force on its mesh
-    by_rate = reactions.observed >= len(meshes.link)
     stiff = np.abs(lightness) * reactions.stiffest
-    varied = 0 if meshes.variation is None else meshes.variation.shape[-1] - 1
+    stiffest = np.where(reactions.observed >= meshes, stiff, np.sqrt(stiff)).max()
+    variation = reactions.meshes.variation
+    varied = 0 if variation is None else variation.shape[-1] - 1
     fastest = max(fastest_rate(modes), varied * frequency, FEWEST / PER_PERIOD * frequency)
     # What is far stiffer, such as friction that sticks, holds a mesh within an interval: polynomials do that, too.
-    fastest = max(fastest, min(np.where(by_rate, stiff, np.sqrt(stiff)).max(), STIFFEST * fastest))
-    fewest = int(np.ceil(PER_PERIOD * fastest / frequency))
-    if fewest > MOST:
-        raise ValueError(
-            f"stability would take {fewest:.3g} intervals a cycle, as teeth vibrate fast beside it: ask at a higher "
-            "speed."
-        )
+    fastest = max(fastest, min(stiffest, STIFFEST * fastest))
+    return int(np.ceil(PER_PERIOD * fastest / frequency))
+
+
+def _lengths(motion: SampledMotion, fewest, frequency):
+    """Lengths ``(K,)`` of the intervals of a cycle in steps of a grid, and its step in s."""
     grid = GRID * fewest
     ends = np.unique(np.append(np.rint(motion.share * grid).astype(int) % grid, 0))
     arc = np.diff(np.append(ends, grid))

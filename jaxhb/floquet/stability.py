@@ -17,13 +17,17 @@ from jaxhb.balance.march import noticed_modes
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.backlash import law_meshes
 from jaxhb.equations.state_space import loss_damping, partition, state_space, unheld_modes
-from jaxhb.floquet.intervals import monodromy, real_states
+from jaxhb.floquet import intervals, variational
+from jaxhb.floquet.slopes import reactions_of
 from jaxhb.results.answers import need_solved
 from jaxhb.results.response import Response
 from jaxhb.train import chain
 
 SOFT = 0.1  # natural frequency over Omega of a rotation against grounds that are no support, but a hold
 NEUTRAL = 1e-8  # by how much a multiplier of a train without damping, 1 in modulus, may be off
+# Intervals of a cycle from which on it is slow: arcs are few and long then, and a dense equation solves them one by
+# one, of so many disks at most.
+MOST_INTERVALS, DENSE_DISKS = 100_000, 80
 FIRST_LOOK = 64  # samples of a motion, before the times at which it passes knots are looked for
 DISKS = 1000  # beyond which it would take minutes
 
@@ -113,7 +117,8 @@ def stability(response: Response) -> Stability:
         If the response solves no equations.
     ValueError
         For the response of a sweep or of a transformation; for massless disks that leave no equation; for more than
-        1000 disks; for a speed at which a cycle has some 200,000 vibrations of the teeth.
+        1000 disks; where teeth stay in the smooth zone of their law for some 100,000 of their vibrations; for more than
+        80 disks whose teeth vibrate 45,000 times a cycle.
 
     Notes
     -----
@@ -150,7 +155,8 @@ def stability(response: Response) -> Stability:
         determinant = period * (rates.sum().real - np.trace(constant))
     else:
         modes = unheld_modes(host, meshes, space, frequency, parts)
-        multipliers, disturbance, determinant = _of_motion(modes, meshes, deflection, frequency, space.coordinates)
+        of_motion = _of_motion(modes, space, meshes, deflection, frequency, topology)
+        multipliers, disturbance, determinant = of_motion
     rotation = _of_rotation(disturbance, space.coordinates, system, frequency)
     order = np.argsort(-np.abs(multipliers), kind="stable")
     with np.errstate(over="ignore"):  # where dry friction sticks, multipliers may be 0
@@ -191,31 +197,53 @@ def _constant_transition(space, meshes, deflection, frequency):
     )
     if meshes.variation is not None or (slopes != slopes[..., :1]).any():
         return None
-    if len(exact_integrals.switching_times(meshes.law, deflection)):
+    if len(_switching_times(meshes, deflection, frequency)):
         return None
-    if meshes.law.friction is not None:  # it is whole from a rate of slip on
-        slip = dataclasses.replace(meshes.law, transition=0 * meshes.law.transition, backlash=2 * meshes.law.slip)
-        if len(exact_integrals.switching_times(slip, fourier.derivative(deflection, frequency))):
-            return None
     on, following = np.split(space.observation, 2)
     return space.transition + space.forcing @ (slopes[0, :, :1] * on + slopes[1, :, :1] * following)
 
 
-def _of_motion(modes, meshes, deflection, frequency, coordinates):
+def _switching_times(meshes, deflection, frequency):
+    """Shares of the cycle at which one of the deflections passes a knot of its law."""
+    times = exact_integrals.switching_times(meshes.law, deflection)
+    if meshes.law.friction is None:
+        return times
+    # Friction is whole from a rate of slip on.
+    slip = dataclasses.replace(meshes.law, transition=0 * meshes.law.transition, backlash=2 * meshes.law.slip)
+    return np.concatenate([times, exact_integrals.switching_times(slip, fourier.derivative(deflection, frequency))])
+
+
+def _of_motion(modes, space, meshes, deflection, frequency, topology):
     """Multipliers ``(n,)`` of a motion of teeth that part, their disturbances ``(n, n)`` in columns, and by how much
     the logarithm of the determinant is off."""
     noticed = noticed_modes(modes.rates, modes.forcing, modes.observation, frequency)
+    reactions = reactions_of(modes.only(noticed), meshes)
+    count = intervals.fewest_intervals(modes.only(noticed), reactions, frequency)
+    if count <= MOST_INTERVALS:
+        multipliers, motion, determinant = _in_modes(modes, noticed, reactions, deflection, frequency)
+        return multipliers, space.coordinates @ motion, determinant
+    if topology.n_disks > DENSE_DISKS:
+        raise ValueError(
+            f"{topology.title}: stability would take {count:.3g} intervals a cycle, as teeth vibrate fast beside it: "
+            "ask at a higher speed."
+        )
+    times = _switching_times(meshes, deflection, frequency)
+    found = variational.monodromy(space, meshes, deflection, frequency, times)
+    return *np.linalg.eig(found.matrix), found.log_determinant - found.trace
+
+
+def _in_modes(modes, noticed, reactions, deflection, frequency):
+    """Multipliers ``(n,)``, their disturbances ``(2S, n)`` of (x, x') in columns, and by how much the logarithm of the
+    determinant is off; reactions of the modes that meshes notice."""
     seen, alone = modes.only(noticed), modes.only(~noticed)
-    found = monodromy(seen, meshes, deflection, frequency)
+    found = intervals.monodromy(seen, reactions, deflection, frequency)
     multipliers, vectors = np.linalg.eig(found.matrix)
-    disturbance = coordinates @ (real_states(seen, seen.motion) @ vectors)
+    disturbance = intervals.real_states(seen, seen.motion) @ vectors
     # A mode that no mesh notices decays by itself, and so does its conjugate.
     turning = alone.only(alone.rates.imag != 0)
     rates = np.concatenate([alone.rates, turning.rates.conj()])
-    shapes = np.concatenate([alone.motion, turning.motion.conj()], axis=1)
     multipliers = np.concatenate([multipliers, np.exp(2 * np.pi / frequency * rates)])
-    disturbance = np.concatenate([disturbance, coordinates @ shapes], axis=1)
-    disturbance = disturbance / np.linalg.norm(disturbance, axis=0)
+    disturbance = np.concatenate([disturbance, alone.motion, turning.motion.conj()], axis=1)
     return multipliers, disturbance, found.log_determinant - found.trace
 
 
@@ -231,5 +259,5 @@ def _of_rotation(disturbance, coordinates, system, frequency):
     squares, shapes = np.linalg.eig(np.linalg.pinv(inertia) @ held)
     rotations = free @ shapes.real[:, squares.real < (SOFT * frequency) ** 2]
     basis, _ = np.linalg.qr(coordinates @ np.kron(np.eye(2), rotations))
-    share = np.linalg.norm(basis.T @ disturbance, axis=0)
+    share = np.linalg.norm(basis.T @ disturbance, axis=0) / np.linalg.norm(disturbance, axis=0)
     return np.isin(np.arange(len(share)), np.argsort(-share, kind="stable")[: basis.shape[1]])

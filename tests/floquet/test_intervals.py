@@ -132,7 +132,7 @@ def mathieu(monkeypatch, count):
     deflection, parts = np.array([[middle, 0.0, swing / 2]], dtype=complex), partition(*mass)
     space = jax.tree.map(np.asarray, state_space(*mass, 1.0, parts))
     modes = unheld_modes(*mass, space, 1.0, parts)
-    found = intervals.monodromy(modes, mass[1], deflection, 1.0)
+    found = intervals.monodromy(modes, slopes.reactions_of(modes, mass[1]), deflection, 1.0)
     to_motion = intervals.real_states(modes, modes.motion)
     return np.abs(to_motion @ found.matrix @ np.linalg.inv(to_motion) - np.array(wanted["Phi"], dtype=float)).max()
 
@@ -181,8 +181,12 @@ def test_moments_of_slopes_are_those_of_a_fine_sum():
             np.testing.assert_allclose(found[0, i], expected, rtol=0, atol=1e-5 * scale)
 
 
-def test_a_speed_of_too_many_intervals_is_a_sentence(monkeypatch):
-    monkeypatch.setattr("jaxhb.floquet.stability.train_of", lambda response: response.train)
-    response = moving(pair(), 900.0, 2 * PLAY)
-    response.rpm = 1e-3
-    refused(lambda: stability(response), "intervals a cycle, as teeth vibrate fast", ValueError)
+def test_slow_cycles_are_taken_arc_by_arc(monkeypatch):
+    """So many intervals that arcs between switching times are fewer: the dense equation, for few disks."""
+    found, expected = both(moving(pair(), 900.0, 2 * PLAY), monkeypatch)
+    monkeypatch.setattr("jaxhb.floquet.stability.MOST_INTERVALS", 10)
+    again = stability(moving(pair(), 900.0, 2 * PLAY))
+    assert difference(again, expected) < 1e-14 < difference(found, expected)
+    monkeypatch.setattr("jaxhb.floquet.stability.DENSE_DISKS", 2)
+    slow = moving(pair(), 900.0, 2 * PLAY)
+    refused(lambda: stability(slow), "intervals a cycle, as teeth vibrate fast", ValueError)

@@ -13,7 +13,7 @@ from trains import ONE_RADIAN_PER_SECOND, build, gearbox_parts, one_mass_parts
 import jaxhb
 from jaxhb import NotConverged, Stability
 from jaxhb.branches.search import PeriodicMotion
-from jaxhb.floquet import intervals, stability
+from jaxhb.floquet import stability
 
 
 def one_mass(**changes):
@@ -148,7 +148,8 @@ def test_loss_factors_damp_each_mode_as_the_complex_stiffness_does():
 
 
 def test_what_takes_too_long_is_refused_and_counts_as_not_decided(monkeypatch):
-    monkeypatch.setattr(intervals, "MOST", 10)
+    monkeypatch.setattr(stability, "MOST_INTERVALS", 10)
+    monkeypatch.setattr(stability, "DENSE_DISKS", 2)
     attracting, found, why = stability.attracts(rattling())
     assert attracting is None and found is None and "stability would take" in why and "intervals a cycle" in why
     monkeypatch.setattr(stability, "DISKS", 2)
