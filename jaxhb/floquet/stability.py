@@ -123,8 +123,8 @@ def stability(response: Response) -> Stability:
     Notes
     -----
     Multipliers are as good as the motion, and less: on ``gear_train_30`` a truncation error of 0.6 % makes 6 % at 2300
-    rpm (a multiplier of -1.18). What is integrated is good to 3e-5 of the largest on ``gear_train_30``, to 2e-4 where a
-    multiplier is in the hundreds, and to 1e-9 where few modes take part; small multipliers have the absolute accuracy
+    rpm (a multiplier of -1.18). What is integrated is good to 1e-4 of the largest on ``gear_train_30``, to 2e-4 where a
+    multiplier is in the hundreds, and to 1e-7 where few modes take part; small multipliers have the absolute accuracy
     of the largest. Work grows with the square of the number of modes and with the number of switching times: 0.02 s for
     ``gear_train_30`` at 1800 rpm, 0.1 s for the same train in 100 disks, 0.9 s in 300.
 
