@@ -13,9 +13,9 @@ interval is of order 2 Q in h where slopes are smooth. So that they are, interva
 rounded to a fine grid, in which there are few different lengths. Reactions that are zero in an interval take no part.
 
 Measured on ``gear_train_30``, 54 states and 452 passages of knots at 1833 rpm: 884 intervals, under a third of the time
-of the dense equation (:mod:`jaxhb.floquet.variational`). A step is four products of numpy: compiled, as a loop of jax that
-takes all reactions in every interval, it is no faster. Three degrees and one more interval in three cost the same and
-leave ten times the error; breaks in the middle of the smooth zone alone, a fifth fewer, fifty times.
+of the dense equation (:mod:`jaxhb.floquet.variational`). A step is four products of numpy: compiled, as a loop of jax
+that takes all reactions in every interval, it is no faster. Three degrees and one more interval in three cost the same
+and leave ten times the error; breaks in the middle of the smooth zone alone, a fifth fewer, fifty times.
 """
 
 from __future__ import annotations
