@@ -1,11 +1,17 @@
 """Systems made for the tests of time integration."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from jaxhb._jax import on_host
 from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.equations import exact_integrals, fourier
 from jaxhb.equations.backlash import Law, MeshParameters, law_meshes
 from jaxhb.equations.block_sweep import slots
+from jaxhb.equations.state_space import loss_damping, partition, state_space
 from jaxhb.excitation.torques import excitation, highest_harmonic
+from jaxhb.floquet.variational import monodromy
 from jaxhb.train import chain
 from jaxhb.train.assembly import build
 from jaxhb.train.chain import System, Tree
@@ -28,6 +34,21 @@ def posed(train, rpm, harmonics=None):
     load = np.asarray(torque) / np.asarray(system.radius)[:, None]
     frequency = 2 * np.pi * rpm / 60 / train.topology.revolutions_per_cycle
     return system, law_meshes(train), frequency, load
+
+
+def dense_monodromy(response):
+    """The :class:`~jaxhb.floquet.variational.Monodromy` of a response, of the dense equation arc by arc."""
+    train, system = response.train, chain.assemble(response.train)
+    system, meshes = on_host(system), on_host(law_meshes(train))
+    frequency = train.topology.cycle_frequency(float(response.rpm))
+    space = state_space(system, meshes, frequency, partition(system, meshes, lossy=True), loss_damping(system))
+    deflection = np.asarray(response.deflections)[train.topology.law_index]
+    times = exact_integrals.switching_times(meshes.law, deflection)
+    if meshes.law.friction is not None:
+        slip = replace(meshes.law, transition=0 * meshes.law.transition, backlash=2 * meshes.law.slip)
+        rates = fourier.derivative(deflection, frequency)
+        times = np.concatenate([times, exact_integrals.switching_times(slip, rates)])
+    return monodromy(space, meshes, deflection, frequency, times)
 
 
 def pair(*, damping_law="contact", pinion=0.0, ground=True, backlash=2e-4, extra=()):

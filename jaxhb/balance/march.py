@@ -73,7 +73,7 @@ def modes_for_march(problem, active_meshes) -> MarchModes:
     modes = march_modes(system, chosen, float(problem.frequency), parts)
     mask = np.asarray(active_meshes.mask)
     forcing, observation = modes.forcing * mask, modes.observation * np.tile(mask, 2)[:, None]
-    noticed = _noticed(modes.rates, forcing, observation, float(problem.frequency))
+    noticed = noticed_modes(modes.rates, forcing, observation, float(problem.frequency))
     idle = _padded_count(noticed.sum()) - noticed.sum()
     return MarchModes(
         rates=np.pad(modes.rates[noticed], (0, idle), constant_values=IDLE_RATE),
@@ -108,7 +108,7 @@ def modes_of_model(model: ReducedOrderModel) -> MarchModes:
     )
 
 
-def _noticed(rates, forcing, observation, frequency):
+def noticed_modes(rates, forcing, observation, frequency):
     """Whether a force at a mesh moves a mesh by a mode ``(m,)``: static or accelerated response."""
     count = forcing.shape[1]
     strength = np.abs(forcing).max(axis=1)

@@ -81,13 +81,17 @@ class SweepPlan:
         return np.exp(-2j * np.pi * np.arange(self.harmonics + 1) / self.steps)
 
 
-def steps_for(modes: MarchModes, frequency: float) -> int:
-    """Steps of a cycle that resolve the modes in which teeth move, one of STEPS."""
+def fastest_rate(modes) -> float:
+    """Modulus in 1/s of the fastest rate of the modes in which teeth move."""
     meshes = modes.forcing.shape[1]
     accelerated = np.abs(modes.observation[meshes:].T * modes.forcing)
     moves = (accelerated > MOVES * accelerated.sum(axis=0)).any(axis=1)
-    fastest = np.abs(modes.rates[moves]).max(initial=0.0)
-    wanted = STEPS_PER_PERIOD * fastest / frequency
+    return float(np.abs(modes.rates[moves]).max(initial=0.0))
+
+
+def steps_for(modes: MarchModes, frequency: float) -> int:
+    """Steps of a cycle that resolve the modes in which teeth move, one of STEPS."""
+    wanted = STEPS_PER_PERIOD * fastest_rate(modes) / frequency
     return next((steps for steps in STEPS if steps >= wanted), STEPS[-1])
 
 

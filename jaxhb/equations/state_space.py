@@ -290,27 +290,55 @@ class Modes:
     motion: np.ndarray
     coordinates: np.ndarray
 
+    def only(self, chosen):
+        """Some of the modes, by index or mask."""
+        rows = (self.rates, self.forcing, self.coordinates)
+        rates, forcing, coordinates = (array[chosen] for array in rows)
+        return Modes(rates, forcing, self.observation[:, chosen], self.motion[:, chosen], coordinates)
+
 
 def march_modes(system, meshes, frequency, parts):
     """The :class:`Modes` of a train; arguments as of :func:`state_space`."""
-    inertial = np.array(parts.inertial, int)
-    highest = np.max(np.asarray(system.held_stiffness())[inertial] / system.mass[inertial])
     # Springs in proportion to the inertias leave the undamped shapes as they are: they part the Jordan block of free
     # rotation, and raise the other frequencies by less than rounding shows.
-    soft = max((HELD * frequency) ** 2, HELD_ROUNDED * highest)
+    soft = _holding(system, frequency, parts)
     held = dataclasses.replace(system, ground=system.ground + soft * system.mass)
     space = state_space(*on_host((held, meshes)), frequency, parts, loss_damping(held))
     return modes_of(space, _motion(system, space, parts))
 
 
+def _holding(system, frequency, parts):
+    """Stiffness over inertia, 1/s2, of the springs that hold free rotation."""
+    inertial = np.array(parts.inertial, int)
+    highest = np.max(np.asarray(system.held_stiffness())[inertial] / system.mass[inertial])
+    return max((HELD * frequency) ** 2, HELD_ROUNDED * highest)
+
+
+def unheld_modes(system, meshes, space, frequency, parts):
+    """The :class:`Modes` of a train with its StateSpace, without the spring of :func:`march_modes`: where rotation is
+    free its rates are 0."""
+    rates, vectors = np.linalg.eig(space.transition)
+    if np.linalg.cond(vectors) <= CONDITION:
+        return _kept_modes(rates, vectors, space, _motion(system, space, parts))
+    modes = march_modes(system, meshes, frequency, parts)
+    free = np.abs(modes.rates) <= 2 * np.sqrt(_holding(system, frequency, parts))
+    return dataclasses.replace(modes, rates=np.where(free, 0.0, modes.rates))
+
+
 def modes_of(space, motion):
     """The :class:`Modes` of a StateSpace; ``motion`` ``(2S, n)``: (x, x') of its states."""
-    A, E, L, T = (np.asarray(a) for a in (space.transition, space.forcing, space.observation, space.coordinates))
+    A = np.asarray(space.transition)
     rates, vectors = np.linalg.eig(A)
     if np.linalg.cond(vectors) > CONDITION:
         shares = (1 + np.arange(len(A))) / len(A)
         # Different shares for every state: equal ones would move all eigenvalues alike and part none.
         rates, vectors = np.linalg.eig(A - np.diag(PARTING * np.abs(np.diag(A)).max() * shares))
+    return _kept_modes(rates, vectors, space, motion)
+
+
+def _kept_modes(rates, vectors, space, motion):
+    """The :class:`Modes` of eigenvalues and eigenvectors of a StateSpace."""
+    E, L, T = (np.asarray(a) for a in (space.forcing, space.observation, space.coordinates))
     # Of a conjugate pair one mode, counted twice below: Re(v z) of both is twice that of one.
     one = rates.imag >= 0
     inverse = np.linalg.inv(vectors)[one]

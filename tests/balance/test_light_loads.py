@@ -127,13 +127,6 @@ def test_multipliers_of_teeth_that_stay_in_the_gap_are_those_of_its_spring(pair,
         assert np.abs(multipliers - wanted).min() < 1e-5
 
 
-def test_stability_that_takes_more_steps_than_memory_holds_is_a_sentence(monkeypatch):
-    response = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0)
-    monkeypatch.setattr("jaxhb.floquet.variational.MOST_SLOPES", 10)
-    with pytest.raises(ValueError, match=r"stability would take \S+ steps a cycle, as teeth stay in the smooth zone"):
-        jaxhb.stability(response)
-
-
 def test_solves_of_many_light_loads_side_by_side_have_the_forces_of_each(pair):
     train, *_ = light(pair, 1e-6)
     plan, loads = jaxhb.plan(train, rpm=0.05, harmonics=16), 10.0 ** np.arange(-12, -4)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from reference_data import DATA, method_case, reference, refused
-from trains import ONE_RADIAN_PER_SECOND, build, gearbox_parts, one_mass_parts, refined
+from trains import ONE_RADIAN_PER_SECOND, build, gearbox_parts, one_mass_parts
 
 import jaxhb
 from jaxhb import NotConverged, Stability
@@ -24,7 +24,7 @@ def one_mass(**changes):
 
 def of_teeth(response):
     found = jaxhb.stability(response)
-    assert abs(found.liouville) < 1e-10
+    assert abs(found.liouville) < 1e-9  # intervals are of high order, not exact: the dense equation leaves 1e-10
     return found.multipliers[~found.rotation]
 
 
@@ -147,31 +147,12 @@ def test_loss_factors_damp_each_mode_as_the_complex_stiffness_does():
     np.testing.assert_allclose(np.log(turning), np.log(expected), rtol=0.02)
 
 
-def with_options(monkeypatch, **changes):
-    for name, value in changes.items():
-        monkeypatch.setattr(stability, name, value)
-
-
-def test_slowed_modes_of_a_finely_divided_train_leave_its_multipliers(monkeypatch):
-    """A shaft in ten pieces, all modes against those up to twice the mesh mode. What is slowed moves a multiplier by
-    its dynamics alone: 1e-5 where damping in contact lets slopes jump. The motion is that of the shaft in one piece:
-    multipliers are those of the variational equation around any motion."""
-    response = dataclasses.replace(rattling(), train=refined(light_pair(), 12))
-    exact = jaxhb.stability(response)
-    with_options(monkeypatch, EXACT_DISKS=0)
-    few = jaxhb.stability(response)
-    assert len(few.multipliers) > len(exact.multipliers)  # those of the fast modes by themselves beside
-    assert few.rotation.sum() == exact.rotation.sum() == 2
-    slowest = [found.multipliers[np.abs(found.multipliers) > 1e-2] for found in (few, exact)]
-    assert len(slowest[1]) >= 4
-    np.testing.assert_allclose(np.sort_complex(slowest[0]), np.sort_complex(slowest[1]), atol=2e-5)
-
-
 def test_what_takes_too_long_is_refused_and_counts_as_not_decided(monkeypatch):
-    with_options(monkeypatch, EXACT_DISKS=0, MODES=2)
+    monkeypatch.setattr(stability, "MOST_INTERVALS", 10)
+    monkeypatch.setattr(stability, "DENSE_DISKS", 2)
     attracting, found, why = stability.attracts(rattling())
-    assert attracting is None and found is None and "3 modes lie below" in why and "decided for up to 2" in why
-    with_options(monkeypatch, DISKS=2)
+    assert attracting is None and found is None and "stability would take" in why and "intervals a cycle" in why
+    monkeypatch.setattr(stability, "DISKS", 2)
     assert "has 3 disks, and stability is decided for up to 2" in stability.attracts(rattling())[2]
     assert "stability not decided" in str(PeriodicMotion(rattling(), 1, None, None))
 

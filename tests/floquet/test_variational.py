@@ -54,6 +54,13 @@ def test_collocation_has_twice_the_order_of_its_nodes(monkeypatch):
     assert order > 2 * variational.STAGES - 2
 
 
+def test_more_steps_than_memory_holds_are_a_sentence(monkeypatch):
+    mathieu.cache_clear()
+    monkeypatch.setattr(variational, "MOST_SLOPES", 10)
+    with pytest.raises(ValueError, match=r"stability would take \S+ steps a cycle, as teeth stay in the smooth zone"):
+        mathieu(1)
+
+
 def test_a_motion_is_known_between_its_samples():
     rng = np.random.default_rng(0)
     deflection = (rng.normal(size=(2, 41)) + 1j * rng.normal(size=(2, 41))) / (1 + np.arange(41)) ** 2
