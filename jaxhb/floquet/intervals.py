@@ -139,11 +139,11 @@ class _Weights:
         ``(C, K, 2Q-1)``; gives the logarithm of the determinant over that of the modes by themselves."""
         coupling = (slope @ _PRODUCTS).reshape(*slope.shape[:2], DEGREES, DEGREES)
         acting = (slope != 0).any(axis=-1)
-        kind = (1 << np.arange(len(slope))) @ acting
+        patterns, kind = np.unique(acting.T, axis=0, return_inverse=True)
         steps, log_determinant = [None] * len(index), 0.0
         number, index = np.arange(len(self.decay)), index.astype(int)
-        for own in np.unique(kind[kind > 0]):
-            chosen, at = np.flatnonzero(own >> np.arange(len(slope)) & 1), np.flatnonzero(kind == own)
+        for pattern in np.flatnonzero(patterns.any(axis=1)):
+            chosen, at = np.flatnonzero(patterns[pattern]), np.flatnonzero(kind.ravel() == pattern)
             rows = (DEGREES * chosen[:, None] + np.arange(DEGREES)).ravel()
             block, length = np.ix_(number, rows, rows), index[at]
             answer = _answers(coupling[chosen][:, at], self.response[block][length])
