@@ -322,7 +322,27 @@ def unheld_modes(system, meshes, space, frequency, parts):
         return _kept_modes(rates, vectors, space, _motion(system, space, parts))
     modes = march_modes(system, meshes, frequency, parts)
     free = np.abs(modes.rates) <= 2 * np.sqrt(_holding(system, frequency, parts))
-    return dataclasses.replace(modes, rates=np.where(free, 0.0, modes.rates))
+    return _without_spring(modes, free)
+
+
+def _without_spring(modes, free):
+    """The Modes with rates 0 of those that are ``free`` ``(m,)``: real and imaginary part of one that turns on its
+    spring are two, angle and speed of a rotation."""
+    real = dataclasses.replace(modes, rates=np.where(free, 0.0, modes.rates))
+    rates, forcing, coordinates = (array.copy() for array in (real.rates, real.forcing, real.coordinates))
+    observation, motion = real.observation.copy(), real.motion.copy()
+    pairs = np.flatnonzero(free & (modes.rates.imag != 0))
+    for rows in (forcing, coordinates):
+        rows[pairs] = rows[pairs].real
+    for columns in (observation, motion):
+        columns[:, pairs] = columns[:, pairs].real
+    return Modes(
+        np.concatenate([rates, rates[pairs]]),
+        np.concatenate([forcing, real.forcing[pairs].imag]),
+        np.concatenate([observation, -real.observation[:, pairs].imag], axis=1),
+        np.concatenate([motion, -real.motion[:, pairs].imag], axis=1),
+        np.concatenate([coordinates, real.coordinates[pairs].imag]),
+    )
 
 
 def modes_of(space, motion):

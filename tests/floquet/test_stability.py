@@ -79,6 +79,28 @@ def test_a_train_that_floats_has_a_double_root_of_one():
     np.testing.assert_allclose(found.multipliers[found.rotation], [1.0, 1.0], atol=1e-6)
 
 
+def test_a_pair_that_floats_on_a_varying_stiffness_has_two_roots_of_its_rotation_beside_those_of_its_teeth():
+    """Above a parametric resonance the largest multiplier of the teeth is -1.02, and the product of both is what the
+    damping takes in a cycle."""
+    damping, natural, omega = 0.05, 500.0, 2.08
+    teeth = 20
+    gears = [jaxhb.Disk(name=name, inertia=1.0, radius=0.5, teeth=teeth) for name in ("a", "b")]
+    mesh = jaxhb.Mesh(
+        between=("a", "b"),
+        stiffness=2.0 * natural**2,
+        damping=2 * damping * 2.0 * natural,
+        damping_law="always",
+        stiffness_orders=[(1, 0.5, 0.0)],
+    )
+    load = [jaxhb.Torque(disk="a", mean=1.0), jaxhb.Load(disk="b")]
+    pair = jaxhb.build([*gears, mesh, *load], reference="a", revolutions_per_cycle=1 / teeth)
+    found = jaxhb.stability(jaxhb.solve(pair, rpm=omega * natural * 30 / np.pi / teeth))
+    np.testing.assert_allclose(found.multipliers[found.rotation], [1.0, 1.0], atol=1e-6)
+    of_teeth = found.multipliers[~found.rotation]
+    assert len(of_teeth) == 2
+    assert np.prod(of_teeth) == pytest.approx(np.exp(-2 * damping * 2 * np.pi / omega), rel=1e-6)
+
+
 def light_pair():
     """Lightly loaded gears driven through a shaft, on a soft ground."""
     return jaxhb.load_scene(DATA / "scenes" / "light_pair.toml")
