@@ -231,7 +231,7 @@ def _plan_of_several(train, speeds, request, active):
         if not plan.active:
             return plan
         solved = solved or any(response.solved for response in responses)
-        needs_more = [response.status == Status.TOLERANCE_NOT_MET for response in responses]
+        needs_more = [bool(response.solved and not response.converged) for response in responses]
         higher = None if request.harmonics else planning.next_level(plan.harmonics, plan.method)
         if not any(needs_more) or not higher:
             break
