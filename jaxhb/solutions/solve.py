@@ -177,6 +177,8 @@ def plan(
     ------
     NotConverged
         If the equations could not be solved at this speed, or at none of several.
+    SceneError
+        For what is no speed, and as of :func:`solve`.
 
     Notes
     -----
@@ -195,6 +197,7 @@ def plan(
         raise ValueError(f"active is {active!r}: give 'all', or leave it out")
     if failed_gradient not in ("zero", "nan"):
         raise ValueError(f"failed_gradient is {failed_gradient!r}: give 'zero' or 'nan'")
+    check_speed(train, rpm, many=True)
     request = Request.of(train, harmonics, tolerance, method, integrals)
     speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
     if np.ndim(rpm) or active == "all" and train.topology.has_law.any():
@@ -219,10 +222,6 @@ def _plan_of_one(train, rpm, request):
 
 def _plan_of_several(train, speeds, request, active):
     """The plan that serves several speeds, with the harmonics that the most demanding of them needs."""
-    if not len(speeds):
-        raise ValueError("rpm is empty: give the speeds that the plan is to serve")
-    for speed in speeds:
-        check_speed(train, speed)
     plan = _exact(planning.plan_range(train, speeds, request, every_mesh=active == "all"))
     wanted = speeds
     solved = False

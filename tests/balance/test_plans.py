@@ -245,7 +245,7 @@ def test_a_plan_for_a_range_has_the_harmonics_of_its_most_demanding_speed(pair):
 @pytest.mark.parametrize(
     ("asked", "sentence"),
     [
-        ({"rpm": []}, "rpm is empty"),
+        ({"rpm": []}, "no speed is given"),
         ({"rpm": [3000.0, -1.0]}, "must be greater than 0 rpm"),
         ({"rpm": 3000.0, "active": "some"}, "active is 'some': give 'all'"),
         ({"rpm": 3000.0, "failed_gradient": 0}, "failed_gradient is 0: give 'zero' or 'nan'"),
