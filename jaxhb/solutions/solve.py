@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxhb._jax import Number, concrete, refuse_tracers, staged, traced
 from jaxhb.balance.plan import MOST_HARMONICS, Plan, Request, check_harmonics, excited_harmonic, time_steps_of
-from jaxhb.balance.program import solve_planned
+from jaxhb.balance.program import solve_batches, solve_planned
 from jaxhb.certificate import certificate
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.results.response import Response
@@ -226,9 +226,7 @@ def _plan_of_several(train, speeds, request, active):
     wanted = speeds
     solved = False
     while True:
-        responses = [solve_planned(train, speed, plan) for speed in wanted]
-        if not plan.active:
-            return plan
+        responses = [response for batch in solve_batches(train, wanted, plan) for response in batch]
         solved = solved or any(response.solved for response in responses)
         needs_more = [bool(response.solved and not response.converged) for response in responses]
         higher = None if request.harmonics else planning.next_level(plan.harmonics, plan.method)

@@ -255,6 +255,12 @@ def test_a_range_that_cannot_be_planned_is_refused_with_a_sentence(pair, asked, 
     refused(lambda: jaxhb.plan(pair, **asked), sentence, ValueError)
 
 
+def test_a_range_without_a_motion_at_any_speed_is_not_planned(pair):
+    """Nothing takes the mean torque, and no tooth parts: the status of a plan in contact counts, too."""
+    unbalanced = pair.replace({"drive.mean": 60.0})
+    refused(lambda: jaxhb.plan(unbalanced, rpm=[2000.0, 3000.0]), "UNBALANCED", jaxhb.NotConverged)
+
+
 @pytest.mark.parametrize("failed", [0.0, np.nan])
 def test_the_derivative_of_a_failed_solve_is_what_its_plan_says(pair, failed):
     """Of a speed that is none and of one whose Newton's method may take no step, forwards and backwards; that of a
