@@ -328,20 +328,24 @@ def unheld_modes(system, meshes, space, frequency, parts):
 def _without_spring(modes, free):
     """The Modes with rates 0 of those that are ``free`` ``(m,)``: real and imaginary part of one that turns on its
     spring are two, angle and speed of a rotation."""
-    real = dataclasses.replace(modes, rates=np.where(free, 0.0, modes.rates))
-    rates, forcing, coordinates = (array.copy() for array in (real.rates, real.forcing, real.coordinates))
-    observation, motion = real.observation.copy(), real.motion.copy()
-    pairs = np.flatnonzero(free & (modes.rates.imag != 0))
-    for rows in (forcing, coordinates):
-        rows[pairs] = rows[pairs].real
-    for columns in (observation, motion):
-        columns[:, pairs] = columns[:, pairs].real
+    turns = free & (modes.rates.imag != 0)
+    others, turning = modes.only(~turns), modes.only(turns)
+    still = np.zeros(np.count_nonzero(turns))
+
+    def rows(name):
+        rotation = getattr(turning, name)
+        return np.concatenate([getattr(others, name), rotation.real, rotation.imag])
+
+    def columns(name):
+        rotation = getattr(turning, name)
+        return np.concatenate([getattr(others, name), rotation.real, -rotation.imag], axis=1)
+
     return Modes(
-        np.concatenate([rates, rates[pairs]]),
-        np.concatenate([forcing, real.forcing[pairs].imag]),
-        np.concatenate([observation, -real.observation[:, pairs].imag], axis=1),
-        np.concatenate([motion, -real.motion[:, pairs].imag], axis=1),
-        np.concatenate([coordinates, real.coordinates[pairs].imag]),
+        rates=np.concatenate([np.where(free[~turns], 0.0, others.rates), still, still]),
+        forcing=rows("forcing"),
+        observation=columns("observation"),
+        motion=columns("motion"),
+        coordinates=rows("coordinates"),
     )
 
 
