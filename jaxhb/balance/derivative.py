@@ -94,7 +94,7 @@ def _attach_jvp(plan, primals, tangents):
     found, deflection = attach(plan, *primals)  # second derivatives need that of the solution
     samples = plan.samples * (plan.slope_samples if plan.integrals == "sampled" else 1)
     change = _kept(plan.failed_gradient, solved, tangents[0])
-    problem = _where(solved, problem, lax.stop_gradient(problem))
+    problem = only_if(solved, problem, plan.failed_gradient)
 
     def equation(problem):
         reduced, condensed = reduced_equation(problem, plan.harmonics, active_meshes)

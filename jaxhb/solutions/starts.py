@@ -4,8 +4,8 @@ A start strategy is a function ``strategy(case)`` that yields attempts ``(plan, 
 n+1)`` from which Newton's method is to start under a plan, None for the start that the plan has, and how they were
 found. The next one is asked for where Newton's method did not solve the last. The cheap strategies come first: from
 teeth in contact Newton's method succeeds where no tooth separates, from sweeps where the motion becomes periodic within
-a few cycles. Shooting and the curve from the linear law look for periodic motions to which no march
-comes; what they find may be unstable. A solve takes few shots and no curve, and before all of them sweeps.
+a few cycles. Shooting and the curve from the linear law look for periodic motions to which no march comes; what they
+find may be unstable. A solve takes few shots and no curve, and before all of them sweeps.
 """
 
 import dataclasses
