@@ -80,6 +80,20 @@ class Program:
             _compiled[key] = made = _beside().submit(self._outermost, static, arguments, key)
         return made
 
+    def at_hand(self, *args, **kwargs):
+        """Whether a call with such arguments compiles nothing, as far as can be told without it."""
+        asked = self._question(args, kwargs)
+        return asked is None or asked[2] in _compiled or _store.holds(self._name(asked[0], asked[2]))
+
+    def shapes(self, *args, **kwargs):
+        """Shapes and types of what a call with such arguments gives; what is traced for them, the call compiles."""
+        asked = self._question(args, kwargs)
+        if asked is None:
+            return jax.eval_shape(partial(self.nested, **kwargs), *args)
+        static, arguments, key = asked
+        traced = _traced[key] = self._trace(static, arguments)
+        return traced.out_info
+
     def _made(self, static, arguments, key):
         """The executable for arguments, made here unless another thread is at it."""
         with _making:
@@ -113,25 +127,30 @@ class Program:
 
     def _outermost(self, static, arguments, key):
         """The executable of a program that the host calls, from the store or new."""
-        options = _known_options()
-        settings = re.sub(" at 0x[0-9a-f]+", "", repr(key[4]))  # addresses differ from process to process
-        name = repr((self.__module__, self.__qualname__, static, str(key[2]), key[3], settings, options))
+        name = self._name(static, key)
         found = _store.load(name, arguments)
         if found is not None:
             _held.programs += 1
             return found
+        retrieved = _held.retrieved
+        made = (_traced.pop(key, None) or self._trace(static, arguments)).lower().compile()
+        if _held.retrieved == retrieved:  # one out of jax's cache does not run any more when it is stored again
+            _store.save(name, made)
+        return made
 
+    def _name(self, static, key):
+        """What an executable is kept by on disk."""
+        settings = re.sub(" at 0x[0-9a-f]+", "", repr(key[4]))  # addresses differ from process to process
+        return repr((self.__module__, self.__qualname__, static, str(key[2]), key[3], settings, _known_options()))
+
+    def _trace(self, static, arguments):
         def call(arguments):
             return self.function(**arguments, **static)
 
         call.__name__ = self.__name__
         if _store.own_folder is not None:  # else jax's cache has what other versions made, which is never stored
             call.__name__ += "_" + _store.origin.hex()[:8]
-        retrieved = _held.retrieved
-        made = jax.jit(call, compiler_options=options).lower(arguments).compile()
-        if _held.retrieved == retrieved:  # one out of jax's cache does not run any more when it is stored again
-            _store.save(name, made)
-        return made
+        return jax.jit(call, compiler_options=_known_options()).trace(arguments)
 
 
 _programs = WeakSet()
@@ -162,6 +181,10 @@ def across(program, devices, given, made, **static):
 _compiled = {}
 """Executables of the process by program, static arguments, structure, shapes and types, and settings of jax; of one
 that is being made, the Future."""
+
+
+_traced: dict = {}
+"""Of programs whose results were asked for beforehand, what was traced, by the same."""
 
 
 _making = Lock()

@@ -84,6 +84,10 @@ class Store:
             os.utime(self.private.path / name)
         return loaded
 
+    def holds(self, key):
+        """Whether there is an executable of ``key``, which may turn out not to work."""
+        return self.private is not None and (self.private.path / self._name(key)).exists()
+
     def save(self, key, compiled):
         """Keep an executable, unless it cannot be or the disk is full: then the next process makes it again."""
         if self.private is None:

@@ -2,7 +2,6 @@
 
 import dataclasses
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -87,13 +86,15 @@ _begun: set = set()
 
 
 def compile_ahead(problem, active_meshes, modes: MarchModes, plan: SweepPlan) -> None:
-    """Begin to make the programs that follow :data:`prepare` while that is made, once for each structure of arrays."""
+    """Begin to make the programs that follow :data:`prepare` where that has to be made, once for each structure."""
     leaves, tree = jax.tree.flatten((problem, active_meshes, modes))
     structure = plan, tree, tuple(map(np.shape, leaves))
     if structure in _begun:
         return
     _begun.add(structure)
-    swept = jax.eval_shape(partial(_prepared, plan=plan), problem, active_meshes, modes)
+    if prepare.at_hand(problem, active_meshes, modes, plan=plan):
+        return
+    swept = prepare.shapes(problem, active_meshes, modes, plan=plan)
     point, number = swept.flank, np.zeros(())
     ended = Settled(point, point.linear, np.zeros((), dtype=int), number, point.linear, number)
     conclude_sweeps.compile_ahead(problem, active_meshes, swept, ended, 0.0, 0.0, plan=plan)

@@ -21,7 +21,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import eigvalsh
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from jaxhb._jax import on_host
 from jaxhb._program import Program
@@ -322,6 +321,8 @@ class Linearization:
     def norm(self, apply, apply_transposed, harmonics, enough=np.inf):
         """Largest singular value of a map between coefficients ``(G, harmonics+1)``, with its margin: from ``enough``
         on any that it exceeds, inf where the iteration does not end."""
+        from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh  # others are spared its import
+
         shape = len(self.middle), 2 * harmonics + 1
 
         def square(v):

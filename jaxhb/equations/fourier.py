@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.fft import next_fast_len
 
 from jaxhb._jax import namespace
 
@@ -74,6 +73,8 @@ def analyze(values, harmonics):
 
 def samples_for(harmonics):
     """A number of time samples that represents so many harmonics and is quick to transform."""
+    from scipy.fft import next_fast_len  # a tenth of a second, which few commands need
+
     return next_fast_len(2 * harmonics + 2, real=True)
 
 

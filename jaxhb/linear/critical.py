@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import brentq
 
 from jaxhb._jax import Array, refuse_tracers
 from jaxhb._shown import brief
@@ -240,6 +239,8 @@ def _crossings(modes_at, rpm, hz, mode, order, constant):
     if constant:
         speed = 60 * hz[0] / order
         return [speed] if rpm[0] <= speed <= rpm[-1] else []
+    from scipy.optimize import brentq  # a tenth of a second, which other commands are spared
+
     distance = hz - order * rpm / 60
     # At a root the product with either neighbour is 0, not negative.
     exact = rpm[distance == 0].tolist()

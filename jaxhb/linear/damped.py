@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import eig
-from scipy.optimize import linear_sum_assignment
 
 from jaxhb._jax import Array, concrete, namespace, on_host, refuse_tracers, traced
 from jaxhb._shown import brief
@@ -137,6 +136,8 @@ def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
     phi, psi = modes.shapes[moving], damped.shapes
     size = np.outer((inertia * phi**2).sum(1), (inertia * np.abs(psi) ** 2).sum(1))
     alike = np.abs((phi * inertia) @ psi.T) ** 2 / size
+    from scipy.optimize import linear_sum_assignment  # a tenth of a second, which other commands are spared
+
     pairs = zip(*linear_sum_assignment(alike, maximize=True), strict=True)
     like = {moving[row]: column for row, column in pairs if alike[row, column] > ALIKE}
     eigenvalues = damped_eigenvalues(train, damped) if traced(train) else damped.eigenvalues

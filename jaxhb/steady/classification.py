@@ -84,12 +84,11 @@ class Classifier:
 
     def _swept(self, indices, motions, progress):
         """Steady states by index of speeds at which sweeps settle at a motion that attracts."""
-        served = [index for index in indices if index in self.apart]
-        if not served or self.swept(1) is None:
+        if not indices or self.swept(1) is None:
             return {}
         settle, states = partial(self._settled, motions), {}
-        with contextlib.closing(side_by_side(settle, served, self.devices)) as found:
-            for index, state in zip(served, found, strict=False):
+        with contextlib.closing(side_by_side(settle, indices, self.devices)) as found:
+            for index, state in zip(indices, found, strict=False):
                 if state is not None:
                     states[index] = state
                     progress(1)
