@@ -4,10 +4,18 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from jaxhb._jax import Array
+from jaxhb._jax import Array, namespace
 from jaxhb.balance.newton import deflection_scale
-from jaxhb.balance.problem import fields, force_defect, held_in_contact, power_defect, ring_force
+from jaxhb.balance.problem import (
+    fields,
+    force_defect,
+    held_in_contact,
+    power_defect,
+    reduced_equation,
+    ring_force,
+)
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.linear.forced import SINGULAR, residual_and_status
 from jaxhb.results.status import Status
@@ -59,6 +67,7 @@ def conclude(problem, active_meshes, equation, condensed, nonlinear_force, ended
     integrals are exact; nonlinear_force : coefficients ``(G, N+1)`` N at the deflections; limit : on the truncation
     error; samples : of tooth forces over the cycle.
     """
+    xp = namespace(problem, nonlinear_force)
     displacement, force = condensed.combine(nonlinear_force)
     found = fields(problem, displacement, force, equation.integrals, samples)
     crossings = None
@@ -66,15 +75,15 @@ def conclude(problem, active_meshes, equation, condensed, nonlinear_force, ended
         every = exact_integrals.find_crossings(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
         crossings = equation.crossings, every
     balanced = _is_balanced(problem, active_meshes, nonlinear_force, found, limit)
-    iteration = jnp.where(ended.stalled, Status.STALLED, Status.MAX_STEPS)
-    iteration = jnp.where(ended.settled & balanced, Status.CONVERGED, iteration)
-    iteration = jnp.where(jnp.isfinite(ended.error), iteration, Status.NONFINITE)
+    iteration = xp.where(ended.stalled, Status.STALLED, Status.MAX_STEPS)
+    iteration = xp.where(ended.settled & balanced, Status.CONVERGED, iteration)
+    iteration = xp.where(xp.isfinite(ended.error), iteration, Status.NONFINITE)
     status = _failure_of(problem, active_meshes, equation, condensed, found, iteration, crossings, samples)
     exceeded = (status == Status.CONVERGED) & ~(ended.truncation_error <= limit)
     outcome = Outcome(
         fields=found,
         deflection=ended.deflection,
-        status=jnp.where(exceeded, Status.TOLERANCE_NOT_MET, status),
+        status=xp.where(exceeded, Status.TOLERANCE_NOT_MET, status),
         sweeps=ended.sweeps,
         periodicity_error=ended.periodicity_error,
         residual=ended.error,
@@ -85,29 +94,51 @@ def conclude(problem, active_meshes, equation, condensed, nonlinear_force, ended
     return outcome, crossings
 
 
+def linear_outcome(problem, active_meshes, harmonics, limit, samples) -> Outcome:
+    """The Outcome of a Problem without active meshes, by arithmetic of the host: its deflections are an unknown of none.
+
+    harmonics, samples : of the fields; limit : on the truncation error. LinAlgError where the train is singular.
+    """
+    equation, condensed = reduced_equation(problem, harmonics, active_meshes)
+    none, no = np.zeros(()), np.array(False)
+    ended = Ended(
+        deflection=equation.linear,
+        settled=~no,
+        stalled=no,
+        steps=np.array(0),
+        error=none,
+        sweeps=np.array(0),
+        periodicity_error=none,
+        truncation_error=none,
+    )
+    outcome, _ = conclude(problem, active_meshes, equation, condensed, equation.linear, ended, limit, samples)
+    return outcome
+
+
 def _is_balanced(problem, active_meshes, nonlinear_force, found, limit):
     """Whether mean tooth forces are what the mean torques ask for, to ``limit`` of the forces or UNBALANCED_FORCE."""
     missed = force_defect(problem, active_meshes, nonlinear_force, found)
-    return missed <= jnp.maximum(limit, UNBALANCED_FORCE)
+    return missed <= namespace(missed).maximum(limit, UNBALANCED_FORCE)
 
 
 def _failure_of(problem, active_meshes, equation, condensed, found, iteration, crossings, samples):
     """The status as far as the equations go, CONVERGED whatever the truncation error, from that of ``iteration``."""
-    finite = (iteration != Status.NONFINITE) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
+    xp = namespace(problem, found)
+    finite = (iteration != Status.NONFINITE) & xp.all(xp.isfinite(found.angles.real + found.angles.imag))
     _, linear = residual_and_status(*condensed.balance)
     # Teeth in the gap push at harmonics that no torque has, where the train may be at resonance as well.
-    compliance = jnp.max(jnp.abs(equation.receptance), initial=0.0) * jnp.max(equation.law.stiffness, initial=0.0)
+    compliance = xp.max(xp.abs(equation.receptance), initial=0.0) * xp.max(equation.law.stiffness, initial=0.0)
     held = held_in_contact(problem, found.deflections, active_meshes.flank, samples)
-    complete = jnp.array(True) if crossings is None else crossings[0].complete & crossings[1].complete
+    complete = xp.array(True) if crossings is None else crossings[0].complete & crossings[1].complete
     # The later, the stronger: a motion that is not finite says nothing of the plan, and at a resonance without damping
     # nothing else means anything.
-    status = jnp.where(held & complete, iteration, Status.PLAN_VIOLATED)
+    status = xp.where(held & complete, iteration, Status.PLAN_VIOLATED)
     creeps = (status == Status.CONVERGED) & (ring_force(problem, found) > UNBALANCED_FORCE)
-    status = jnp.where(creeps, Status.UNBALANCED, status)
-    status = jnp.where(linear == Status.UNBALANCED, linear, status)
-    status = jnp.where(finite, status, Status.NONFINITE)
-    linear = jnp.where(compliance > SINGULAR, jnp.maximum(linear, Status.NEAR_SINGULAR), linear)
-    return jnp.where(linear >= Status.NEAR_SINGULAR, linear, status)
+    status = xp.where(creeps, Status.UNBALANCED, status)
+    status = xp.where(linear == Status.UNBALANCED, linear, status)
+    status = xp.where(finite, status, Status.NONFINITE)
+    linear = xp.where(compliance > SINGULAR, xp.maximum(linear, Status.NEAR_SINGULAR), linear)
+    return xp.where(linear >= Status.NEAR_SINGULAR, linear, status)
 
 
 def relative_force_change(equation, deflection, change, samples):

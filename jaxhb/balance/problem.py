@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from jaxhb._jax import Array, namespace
+from jaxhb._jax import Array, added, namespace
 from jaxhb.equations import backlash, condensation, dynamic_stiffness, fourier
 from jaxhb.equations.backlash import MeshParameters, all_meshes
 from jaxhb.equations.reduced_model import reduced_model
@@ -75,12 +76,19 @@ def problem_at(train, rpm, excited):
 def reduced_equation(problem, harmonics, active_meshes):
     """CondensedEquation and CondensedTrain of the active meshes; those that are not active are held on their flanks."""
     meshes = problem.meshes
+    xp = namespace(problem, active_meshes)
     # Beyond the knee f = c l - offset sign(l): a mesh that stays on its flank is a linear link with a constant force.
-    constant = -jnp.asarray(active_meshes.flank) * backlash.offset(meshes.law)
-    load = jnp.asarray(problem.load).at[:, 0].add(-problem.system.spread(constant, meshes.link))
-    chosen = jax.tree.map(lambda a: jnp.asarray(a)[active_meshes.index], meshes)
+    constant = -xp.asarray(active_meshes.flank) * backlash.offset(meshes.law)
+    load = _with_mean(xp.asarray(problem.load), -problem.system.spread(constant, meshes.link))
+    chosen = jax.tree.map(lambda a: xp.asarray(a)[active_meshes.index], meshes)
     given = problem.system, problem.frequency, load, harmonics, meshes, chosen, active_meshes.mask
     return condensation.condense(*given)
+
+
+def _with_mean(coefficients, mean):
+    """Coefficients ``(S, N+1)`` with ``mean`` ``(S,)`` added to those of harmonic 0."""
+    xp = namespace(coefficients, mean)
+    return coefficients + xp.where(np.arange(coefficients.shape[-1]) == 0, mean[:, None], 0.0)
 
 
 def force_balance(problem, harmonics, samples):
@@ -114,29 +122,29 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
     integrals (``crossings`` of all meshes, where known) their Fourier series.
     """
     system, meshes = problem.system, problem.meshes
-    harmonics = displacement.shape[-1] - 1
+    xp, harmonics = namespace(problem, displacement, force), displacement.shape[-1] - 1
     omega = dynamic_stiffness.frequencies(problem.frequency, harmonics)
-    displacement = displacement.at[:, 0].add(-chain.drift(system, problem.rigid, displacement[:, 0].real))
+    displacement = _with_mean(displacement, -chain.drift(system, problem.rigid, displacement[:, 0].real))
     stiffness = dynamic_stiffness.link_stiffness(system, omega)
-    deflection = force / jnp.where(stiffness == 0, 1.0, stiffness)
-    ends = jnp.asarray(system.radius)[system.tree.end_a][:, None]
+    deflection = force / xp.where(stiffness == 0, 1.0, stiffness)
+    ends = xp.asarray(system.radius)[system.tree.end_a][:, None]
     count = len(meshes.link) - meshes.springs
     shafts = force.shape[0] - count
-    mesh = deflection[jnp.asarray(meshes.link)]
-    law = jax.tree.map(jnp.asarray, meshes.law)
+    mesh = deflection[xp.asarray(meshes.link)]
+    law = jax.tree.map(xp.asarray, meshes.law)
     rule = condensation.quadrature(integrals, law, mesh, samples, crossings)
-    values, rates = jax.vmap(rule.synthesize)(jnp.stack([mesh, fourier.derivative(mesh, problem.frequency)]))
+    values, rates = fourier.each(rule.synthesize, mesh, fourier.derivative(mesh, problem.frequency))
     known = backlash.at_samples(meshes, rule.synthesize)
     elastic = backlash.force(known[0], values)
     total = backlash.mesh_force(*known, values, rates)
     kept = FORCE_HARMONICS * harmonics - 1
-    total, elastic = jax.vmap(lambda values: rule.analyze(values, kept))(jnp.stack([total, elastic]))
-    torque, elastic_torque = force, jnp.asarray(system.stiffness)[:, None] * deflection
+    total, elastic = fourier.each(lambda values: rule.analyze(values, kept), total, elastic)
+    torque, elastic_torque = force, xp.asarray(system.stiffness)[:, None] * deflection
     if meshes.springs:
         # What acts beside a shaft: its force less that of the linear link in its place.
-        links, linear = jnp.asarray(meshes.link)[count:], law.linear[count:, None] * mesh[count:]
+        links, linear = xp.asarray(meshes.link)[count:], law.linear[count:, None] * mesh[count:]
         torque, elastic_torque = (
-            fourier.resize(own, kept).at[links].add(beside[count:] - fourier.resize(linear, kept))
+            added(fourier.resize(own, kept), links, beside[count:] - fourier.resize(linear, kept))
             for own, beside in ((torque, total), (elastic_torque, elastic))
         )
     return Fields(
@@ -160,22 +168,23 @@ def power_defect(problem, displacement, force, found):
     displacement ``(S, N+1)`` m; force ``(L, N+1)`` N of the linear links; found : Fields.
     """
     system, harmonics = problem.system, displacement.shape[-1] - 1
-    velocity = fourier.derivative(displacement, problem.frequency)
-    load = fourier.resize(jnp.asarray(problem.load), min(problem.load.shape[-1] - 1, harmonics))
+    xp, velocity = namespace(problem, found, force), fourier.derivative(displacement, problem.frequency)
+    load = fourier.resize(xp.asarray(problem.load), min(problem.load.shape[-1] - 1, harmonics))
     worked = problem.meshes.variation is not None or problem.meshes.error is not None
     teeth = fourier.resize(found.forces - (0.0 if worked else found.elastic_forces), harmonics)
-    count, links = len(teeth) - problem.meshes.springs, jnp.asarray(problem.meshes.link)
-    force = force.at[links[:count]].set(teeth[:count])
+    count, links = len(teeth) - problem.meshes.springs, xp.asarray(problem.meshes.link)
+    at_teeth = added(xp.zeros(len(force)), links[:count], 1.0) > 0
+    force = added(xp.where(at_teeth[:, None], 0.0, force), links[:count], teeth[:count])
     if problem.meshes.springs:
         own = problem.meshes.law.linear[count:, None] * found.deflections[count:] if worked else 0.0
-        force = force.at[links[count:]].add(teeth[count:] - own)
+        force = added(force, links[count:], teeth[count:] - own)
     # Power of each harmonic is Re(q conj(v)), n > 0 counted twice: a common factor of all terms, left out.
     driven = velocity[:, : load.shape[1]]
-    given = (load * jnp.conj(driven)).real
-    taken = (force * jnp.conj(system.deflections(velocity))).real.sum()
-    taken += (jnp.asarray(system.damping)[:, None] * jnp.abs(velocity) ** 2).sum()
-    exchanged = (jnp.abs(load) * jnp.abs(driven)).sum()
-    return (given.sum() - taken) / jnp.where(exchanged > 0, exchanged, 1.0)
+    given = (load * xp.conj(driven)).real
+    taken = (force * xp.conj(system.deflections(velocity))).real.sum()
+    taken = taken + (xp.asarray(system.damping)[:, None] * xp.abs(velocity) ** 2).sum()
+    exchanged = (xp.abs(load) * xp.abs(driven)).sum()
+    return (given.sum() - taken) / xp.where(exchanged > 0, exchanged, 1.0)
 
 
 def force_defect(problem, active_meshes, nonlinear_force, computed):
@@ -185,15 +194,15 @@ def force_defect(problem, active_meshes, nonlinear_force, computed):
     nonlinear_force : coefficients ``(G, N+1)`` N of the active meshes with which the train was balanced; computed :
     Fields.
     """
-    meshes = problem.meshes
-    balancing = -jnp.asarray(active_meshes.flank) * backlash.offset(meshes.law)
-    balancing = balancing.at[active_meshes.index].add(active_meshes.mask * nonlinear_force[:, 0].real)
-    balancing += meshes.law.linear_stiffness * computed.deflections[:, 0].real
-    missed = jnp.max(jnp.abs(computed.forces[:, 0].real - balancing), initial=0.0)
-    size = jnp.max(jnp.linalg.norm(fourier.pack(computed.forces), axis=-1), initial=0.0)
+    meshes, xp = problem.meshes, namespace(problem, computed)
+    balancing = -xp.asarray(active_meshes.flank) * backlash.offset(meshes.law)
+    balancing = added(balancing, active_meshes.index, active_meshes.mask * nonlinear_force[:, 0].real)
+    balancing = balancing + meshes.law.linear_stiffness * computed.deflections[:, 0].real
+    missed = xp.max(xp.abs(computed.forces[:, 0].real - balancing), initial=0.0)
+    size = xp.max(xp.linalg.norm(fourier.pack(computed.forces), axis=-1), initial=0.0)
     # Without a load all forces are rounding.
-    driven = jnp.any(problem.load != 0) & (size > 0)
-    return jnp.where(driven, missed / jnp.where(driven, size, 1.0), 0.0)
+    driven = xp.any(problem.load != 0) & (size > 0)
+    return xp.where(driven, missed / xp.where(driven, size, 1.0), 0.0)
 
 
 def ring_force(problem, computed):
@@ -202,18 +211,19 @@ def ring_force(problem, computed):
 
     Where dry friction slips longer one way than the other, such a ring creeps on its hub. computed : Fields.
     """
-    system, meshes = problem.system, problem.meshes
+    system, meshes, xp = problem.system, problem.meshes, namespace(problem, computed)
     if not meshes.springs:
-        return jnp.zeros(())
+        return xp.zeros(())
     beside = computed.forces[-meshes.springs :]
-    links = jnp.asarray(meshes.link)[-meshes.springs :]
-    loose = (system.tree.pinned & (jnp.asarray(system.stiffness) == 0))[links]
-    mean, size = jnp.abs(beside[:, 0].real), jnp.linalg.norm(fourier.pack(beside), axis=-1)
-    return jnp.max(jnp.where(loose & (size > 0), mean / jnp.where(size > 0, size, 1.0), 0.0))
+    links = xp.asarray(meshes.link)[-meshes.springs :]
+    loose = (system.tree.pinned & (xp.asarray(system.stiffness) == 0))[links]
+    mean, size = xp.abs(beside[:, 0].real), xp.linalg.norm(fourier.pack(beside), axis=-1)
+    return xp.max(xp.where(loose & (size > 0), mean / xp.where(size > 0, size, 1.0), 0.0))
 
 
 def held_in_contact(problem, deflections, flank, samples):
     """Whether every held mesh stays beyond the transition zone on its flank all cycle."""
     values = fourier.synthesize(deflections, samples)
-    margin = jnp.min(jnp.asarray(flank)[:, None] * values, axis=-1) - problem.meshes.law.knee
-    return jnp.all((jnp.asarray(flank) == 0) | (margin >= 0))
+    xp = namespace(problem, values)
+    margin = xp.min(xp.asarray(flank)[:, None] * values, axis=-1) - problem.meshes.law.knee
+    return xp.all((xp.asarray(flank) == 0) | (margin >= 0))

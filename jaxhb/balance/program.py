@@ -3,6 +3,7 @@
 A compiled solve starts Newton's method, estimates the truncation error, and gives what it found its derivative.
 """
 
+import contextlib
 import dataclasses
 from dataclasses import dataclass
 from functools import partial
@@ -13,13 +14,13 @@ import numpy as np
 from jax import lax
 from jax.custom_batching import sequential_vmap
 
-from jaxhb._jax import namespace, staged, traced
+from jaxhb._jax import namespace, on_host, staged, traced
 from jaxhb._program import WHOLE, Program, across, along
 from jaxhb._threads import side_by_side
 from jaxhb.balance import correction, derivative, sweeps
 from jaxhb.balance.march import InstantSolve, modes_of_model
 from jaxhb.balance.newton import relative_residual, solve_chain, solve_reduced
-from jaxhb.balance.outcome import Ended, conclude, relative_force_change
+from jaxhb.balance.outcome import Ended, conclude, linear_outcome, relative_force_change
 from jaxhb.balance.plan import check_plan
 from jaxhb.balance.problem import Problem, force_balance, model_of, problem_at, reduced_equation
 from jaxhb.balance.sweeps import SweepPlan
@@ -41,6 +42,7 @@ ESTIMATE = 0.05, 20  # share of the residual that the correction of an estimate 
 FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked for
 BATCH_SPEEDS = 8  # speeds that one program solves side by side where contacts are unknowns, on accelerators
 LINEAR_SPEEDS = 64  # and where teeth stay in contact; of fewer each is solved by itself, without one more program
+HOST_DISKS = 100  # up to which few speeds at which teeth stay in contact are solved without a program
 
 
 @partial(Program, static_argnames="plan")
@@ -311,8 +313,21 @@ def respond(train, rpm, problem, outcome, plan):
 
 def solve_once(train, rpm, problem, plan, begin):
     """The Response with numpy arrays, and the Outcome, of one eager solve."""
-    outcome = jax.tree.map(np.asarray, solve_problem(problem, plan.active_meshes, begin, plan.goals, plan.static))
+    outcome = _of_the_host(problem, plan)
+    if outcome is None:
+        outcome = solve_problem(problem, plan.active_meshes, begin, plan.goals, plan.static)
+        outcome = jax.tree.map(np.asarray, outcome)
     return response_of(train, rpm, problem, outcome, plan, _newtons_path(outcome, plan)), outcome
+
+
+def _of_the_host(problem, plan):
+    """The Outcome of teeth that a plan holds in contact, without a program; None where it wants one."""
+    if plan.active or plan.integrals == "exact" or len(problem.system.mass) > HOST_DISKS:
+        return None
+    limit, *_ = plan.goals
+    with contextlib.suppress(np.linalg.LinAlgError):  # a singular train, of which the program says more
+        with np.errstate(all="ignore"):  # the status tells of numbers that are not finite
+            return linear_outcome(on_host(problem), plan.active_meshes, plan.harmonics, limit, plan.static.samples)
 
 
 def response_of(train, rpm, problem, outcome, plan, path):

@@ -17,10 +17,13 @@ from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
+from jaxhb._jax import added, namespace
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.dynamic_stiffness import balance, frequencies, link_stiffness, receptance, solve_linear
+from jaxhb.equations.state_space import hanging_along, linear_motion_and_bends
 
 CHUNK = 64  # harmonics swept at a time: even a finely divided train then stays in the cache of a processor
 
@@ -154,9 +157,9 @@ class CondensedTrain:
         error = self.meshes.error
         if error is None:
             return force
-        links = jnp.asarray(self.meshes.link)
+        links = namespace(force).asarray(self.meshes.link)
         stiffness = link_stiffness(self.system, omega)[links]
-        return force.at[links].add(-stiffness * fourier.resize(error, omega.shape[-1] - 1))
+        return added(force, links, -stiffness * fourier.resize(error, omega.shape[-1] - 1))
 
 
 def _cut(values):
@@ -185,11 +188,12 @@ def condense(system, frequency, load, harmonics, every, meshes, active):
     load = backlash.error_load(system, every, frequency, load)[:, : harmonics + 1]
     columns = system.incidence(meshes.link) * active
     excited = frequencies(frequency, load.shape[-1] - 1)
-    displacement, force = (a[:, 0] for a in solve_linear(system, excited, load[:, None]))
+    displacement, force = _linear_motion(system, frequency, excited, load)
     # From link forces: in differences of displacements a train that turns far as one loses the digits of its teeth.
-    stiffness, apart = link_stiffness(system, excited)[meshes.link], system.deflections(displacement, meshes.link)
+    xp, stiffness = namespace(force), link_stiffness(system, excited)[meshes.link]
+    apart = system.deflections(displacement, meshes.link)
     rigid = stiffness == 0
-    apart = jnp.where(rigid, apart, force[meshes.link] / jnp.where(rigid, 1.0, stiffness))
+    apart = xp.where(rigid, apart, force[meshes.link] / xp.where(rigid, 1.0, stiffness))
     linear = backlash.less_error(meshes, apart) * active[:, None]
     receptances = _receptances(system, frequencies(frequency, harmonics), columns)
     linear = fourier.resize(linear, harmonics)
@@ -202,10 +206,21 @@ def condense(system, frequency, load, harmonics, every, meshes, active):
     return equation, CondensedTrain(system, frequency, load, columns, taken, every, alone)
 
 
+def _linear_motion(system, frequency, omega, load):
+    """Displacements ``(S, N+1)`` m and link forces ``(L, N+1)`` N under a load ``(S, N+1)`` N at ``omega`` ``(N+1,)``,
+    n times the frequency; on the host by dense equations, which want no program."""
+    if namespace(system, frequency, load) is not np:
+        displacement, force = solve_linear(system, omega, load[:, None])
+        return displacement[:, 0], force[:, 0]
+    displacement, bends = linear_motion_and_bends(system, frequency, load)
+    displacement[:, 0] = hanging_along(system, displacement[:, 0].real)
+    return displacement, link_stiffness(system, omega) * bends
+
+
 def _receptances(system, omega, columns):
     """Deflections per unit force ``(N+1, G, G)`` m/N of the active meshes at frequencies ``(N+1,)``."""
     if not columns.shape[1]:
-        return jnp.zeros((len(omega), 0, 0), complex)
+        return namespace(omega).zeros((len(omega), 0, 0), complex)
     cut = _cut(omega)
     receptances = lax.map(lambda omega: receptance(system, omega, columns), cut)
     return receptances.reshape(cut.size, *receptances.shape[2:])[: len(omega)]

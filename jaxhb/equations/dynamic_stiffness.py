@@ -10,12 +10,13 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxhb._jax import namespace
 from jaxhb.equations.block_sweep import last_pivot, nonzero_pivot, quotient, scalar_sweep
 
 
 def frequencies(frequency, harmonics):
     """``(N+1,)`` rad/s: n Omega."""
-    return frequency * jnp.arange(harmonics + 1)
+    return frequency * namespace(frequency).arange(harmonics + 1)
 
 
 def link_stiffness(system, omega):
@@ -96,16 +97,18 @@ def _solve_linear_jvp(forces, primals, tangents):
 def balance(system, omega, load, displacement, force):
     """How loads ``(S, H)`` are taken: the largest force left on a disk, the largest load, and the largest force of all
     links, inertias, dampers and grounds, ``(H,)`` N each."""
-    mass, damping, ground = (jnp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground))
+    xp = namespace(system, load, displacement)
+    mass, damping, ground = (xp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground))
     left = load - disk_stiffness(omega, mass, damping, ground) * displacement - system.spread(force)
     # A train that moves as one at its resonance strains no link.
     own = (omega**2 * mass + omega * damping + ground) * _size(displacement)
-    left, load, force = (jnp.max(_size(a), axis=0, initial=0.0) for a in (left, load, force))
-    return left, load, jnp.maximum(force, jnp.max(own, axis=0))
+    left, load, force = (xp.max(_size(a), axis=0, initial=0.0) for a in (left, load, force))
+    return left, load, xp.maximum(force, xp.max(own, axis=0))
 
 
 def _size(values):
-    return jnp.abs(values.real) + jnp.abs(values.imag)
+    xp = namespace(values)
+    return xp.abs(values.real) + xp.abs(values.imag)
 
 
 def _sweep(system, C, node, load, forces):

@@ -16,6 +16,7 @@ Nothing else in the package calls a fast Fourier transform. Numpy arrays are tra
 
 from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -89,6 +90,12 @@ class Equidistant:
 
     def analyze(self, values, harmonics):
         return analyze(values, harmonics)
+
+
+def each(function, *arrays):
+    """What a function makes of each of some arrays of one shape; in a program of all at once."""
+    xp = namespace(arrays)
+    return [function(array) for array in arrays] if xp is np else jax.vmap(function)(jnp.stack(arrays))
 
 
 def derivative(coefficients, frequency):

@@ -270,13 +270,30 @@ def linear_motion_and_bends(system, frequency, load):
 def static_response(K, force):
     """K^-1 force, without the motions that meet no stiffness (the load is balanced on them)."""
     xp = namespace(K, force)
-    diagonal = xp.diag(K)
+    scale, held, values, vectors = _stiffnesses(K)
+    inverse = xp.where(held, 1.0, 0.0) / xp.where(held, values, 1.0)
+    return (vectors @ (inverse * (vectors.T @ (force / scale)))) / scale
+
+
+def _stiffnesses(K):
+    """Scale ``(S,)`` of disks; which motions meet a stiffness, their stiffnesses, and their scaled shapes by columns."""
+    xp, diagonal = namespace(K), namespace(K).diag(K)
     scale = xp.sqrt(xp.where(diagonal > 0, diagonal, 1.0))
     values, vectors = xp.linalg.eigh(K / scale[:, None] / scale)
     # Scaled by the diagonal: what is left of an eigenvalue that should be zero is rounding.
-    held = values > 1e-13
-    inverse = xp.where(held, 1.0, 0.0) / xp.where(held, values, 1.0)
-    return (vectors @ (inverse * (vectors.T @ (force / scale)))) / scale
+    return scale, values > 1e-13, values, vectors
+
+
+def hanging_along(system, mean):
+    """Mean displacements ``(S,)`` m in which what no stiffness holds, such as a ring without spring, goes along with
+    what it hangs on; on the host."""
+    loose = np.flatnonzero(system.stiffness == 0)
+    if not len(loose):
+        return mean
+    scale, held, _, vectors = _stiffnesses(matrices(system)[1])
+    free = vectors[:, ~held] / scale[:, None]
+    bends, now = system.deflections(free, loose), system.deflections(mean, loose)
+    return mean - free @ np.linalg.lstsq(bends, now, rcond=None)[0]
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array, Numbers, concrete, on_host, staged, traced
+from jaxhb._jax import Array, Numbers, concrete, namespace, on_host, staged, traced
 from jaxhb._program import Program
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import dynamic_stiffness, fourier
@@ -375,11 +375,12 @@ def residual_and_status(left, load, force):
 
     Singular equations have a huge motion, or forces that miss the balance, and are finite; what is not has overflowed.
     """
-    size = jnp.max(load, axis=-1) + jnp.max(force, axis=-1)
+    xp = namespace(left, load, force)
+    size = xp.max(load, axis=-1) + xp.max(force, axis=-1)
     # The mean is judged by itself below: torques that do not balance are no fault of the sweep.
-    residual = jnp.max(left[..., 1:], axis=-1, initial=0.0) / jnp.where(size > 0, size, 1.0)
+    residual = xp.max(left[..., 1:], axis=-1, initial=0.0) / xp.where(size > 0, size, 1.0)
     balanced = left[..., 0] <= UNBALANCED * (load[..., 0] + force[..., 0])
-    solved = (residual <= UNSOLVED) & (jnp.max(force, axis=-1) <= SINGULAR * jnp.max(load, axis=-1))
-    status = jnp.where(balanced, Status.CONVERGED, Status.UNBALANCED)
-    status = jnp.where(solved, status, Status.NEAR_SINGULAR)
-    return residual, jnp.where(jnp.isfinite(size + left.sum(-1)), status, Status.NONFINITE)
+    solved = (residual <= UNSOLVED) & (xp.max(force, axis=-1) <= SINGULAR * xp.max(load, axis=-1))
+    status = xp.where(balanced, Status.CONVERGED, Status.UNBALANCED)
+    status = xp.where(solved, status, Status.NEAR_SINGULAR)
+    return residual, xp.where(xp.isfinite(size + left.sum(-1)), status, Status.NONFINITE)
