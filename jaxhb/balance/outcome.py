@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxhb._jax import Array
-from jaxhb.balance.newton import deflection_scale
 from jaxhb.balance.problem import fields, force_defect, held_in_contact, power_defect, ring_force
+from jaxhb.balance.sizes import deflection_scale
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.linear.forced import SINGULAR, residual_and_status
 from jaxhb.results.status import Status
