@@ -5,8 +5,8 @@ holds. Along a change d theta
 
     J dx = - (dF/d theta) d theta,      J = dF/dx,
 
-one linear solve in forward mode, one with the transpose of J in reverse mode whatever the number of parameters; the
-preconditioner of the last Newton step serves both. Nothing of Newton's method, of its start or of its tests is
+one linear solve in forward mode, one with the transpose of J in reverse mode whatever the number of parameters, both on
+the linearised map of a sweep (:mod:`jaxhb.balance.correction`). Nothing of Newton's method, of its start or of its tests is
 differentiated, so that memory does not grow with its steps. Displacements, forces and torques follow from x and theta
 by plain functions. The law is differentiable twice except where a time sample of the cycle lies on one of its knots, a
 set of measure zero; there one of the one-sided values, or their mean, is taken.
@@ -81,15 +81,15 @@ def gradient_and_error(function: Callable[[Any, Plan], Array], x: Any, *, plan: 
 def attach(plan, problem, active_meshes, at, solved, found, deflection):
     """The solution ``found``, ``deflection`` of ``problem`` with its derivative with respect to ``problem``.
 
-    at : PeriodicOperator at the solution or near it, None without active meshes; and None or, of exact integrals, the
-    Crossings of the active and of all meshes. Where it is not ``solved`` the derivative is what the plan says.
+    at : LinearTrain of the equation, None without active meshes; and None or, of exact integrals, the Crossings of the
+    active and of all meshes. Where it is not ``solved`` the derivative is what the plan says.
     """
     return found, deflection
 
 
 @attach.defjvp
 def _attach_jvp(plan, primals, tangents):
-    problem, active_meshes, (operator, crossings), solved, _, _ = primals
+    problem, active_meshes, (train, crossings), solved, _, _ = primals
     active, every = lax.stop_gradient(crossings or (None, None))
     found, deflection = attach(plan, *primals)  # second derivatives need that of the solution
     samples = plan.samples * (plan.slope_samples if plan.integrals == "sampled" else 1)
@@ -110,9 +110,10 @@ def _attach_jvp(plan, primals, tangents):
     (_, force), (left, force_dot) = jax.jvp(residual, (reduced,), (reduced_dot,))
     deflection_dot = -left
     if len(active_meshes.mask):
-        forces = correction.force_change(reduced, deflection, samples)
-        deflection_dot = correction.invert(reduced, lax.stop_gradient(operator), deflection, -left, forces)
-        force_dot = force_dot + forces(deflection_dot)
+        slopes = correction.slopes_at(reduced, deflection, samples)
+        march = lax.stop_gradient(correction.march_at(train, slopes))
+        deflection_dot = correction.invert(reduced, march, slopes, -left)
+        force_dot = force_dot + correction.force_change(reduced, slopes)(deflection_dot)
 
     def motion(problem, condensed, force):
         # Tooth forces over the cycle are values of the law, no integrals of its slope: the samples of the solve do.

@@ -14,21 +14,16 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxhb.balance import correction
+from jaxhb.balance.sizes import LIGHT, relative_residual
 from jaxhb.equations import backlash, fourier, iterations
 
 KRYLOV_STEPS = 60  # of a Newton step at most
-RENEW_ABOVE = 12  # krylov steps of a Newton step above which the preconditioner is made anew
 # Share of the residual that a correction may leave, and a simplified one. Kinks of the law make Newton's method no
 # better than linear until the last steps: tighter corrections take twice as many Krylov steps for a fifth fewer others.
 FORCING, LEVEL_FORCING = 0.03, 0.01
 LEAVES = 0.1  # share of a whole step that it leaves at most, where its size tells how far the solution is
 # Residual from which a step goes for the goal, and by what share it aims below, where derivatives are to follow.
 NEAR, BELOW = 1e-6, 0.05
-
-
-# Backlash counts as a size of deflections up to so many times that of the largest linear force: a whole step that is
-# 1e-4 of it, and leaves a tenth of itself, then leaves 1e-3 of the force.
-LIGHT = 100.0
 
 
 class Iterate(NamedTuple):
@@ -45,8 +40,7 @@ class Iterate(NamedTuple):
 class _State(NamedTuple):
     """value : residual at the iterate; given : residual that the next linear solve is for, the same or, while a step
     is on trial, that of the trial; correction : at the iterate, or the last simplified one; length : of the trial;
-    gain : from which the length of the next step is predicted; work : Krylov steps of the last solve; age : of
-    ``prepared`` in steps of the iterate."""
+    gain : from which the length of the next step is predicted."""
 
     iterate: Iterate
     value: jax.Array
@@ -55,9 +49,6 @@ class _State(NamedTuple):
     length: jax.Array
     gain: jax.Array
     trying: jax.Array
-    work: jax.Array
-    age: jax.Array
-    prepared: object
 
 
 def _solve(evaluate, direction, norm, state):
@@ -68,7 +59,7 @@ def _solve(evaluate, direction, norm, state):
     """
     iterate, trying = state.iterate, state.trying
     forcing = jnp.where(trying, LEVEL_FORCING, FORCING)
-    found, work = direction(state.prepared, iterate.x, state.given, iterate.error, forcing)
+    found = direction(state.given, iterate.error, forcing)
     correction = jnp.where(trying, state.correction, found)
     size, found_size = norm(correction), norm(found)
     # On trial, what was found is the simplified correction: the trial is taken now, or a shorter one is made.
@@ -102,102 +93,66 @@ def _solve(evaluate, direction, norm, state):
         length=length,
         gain=jnp.where(lower, size * found_size * length, jnp.where(good, jnp.inf, state.gain)),
         trying=~good,
-        work=work,
-        age=state.age + good,
-        prepared=state.prepared,
     )
 
 
-def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, renew_above=0, step_tolerance=0.0):
+def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, step_tolerance=0.0, step=jnp.inf):
     """Solve ``evaluate(x) = 0`` from ``start``, which is accepted as it is if it already solves: the last Iterate,
-    finite if the start was, and what was prepared last.
+    finite if the start was.
 
     norm : of a residual or correction, on which ``tolerance`` and ``step_tolerance``, of a whole step, are; prepare :
-    x -> whatever ``direction`` needs and is worth keeping for several steps; direction : (prepared, x, residual, error
-    at x, forcing) -> (correction, work), solves ``J(x) correction = residual`` to that share of the residual or less;
-    max_steps : linear solves; renew_above : work of a step above which the next is prepared anew, as is a step after
-    one that found no descent.
+    x -> whatever ``direction`` needs at an iterate; direction : (prepared, residual, error at x, forcing) ->
+    correction, solves ``J(x) correction = residual`` to that share of the residual or less; max_steps : linear solves;
+    step : how far the start is from the solution, in that norm, where this is known.
     """
 
     def unsolved(iterate):
         unknown = (iterate.error > tolerance) & ~(iterate.step < step_tolerance)
-        return unknown & (iterate.steps < max_steps)
+        return unknown & (iterate.steps < max_steps) & ~iterate.stalled
 
-    def fresh(state):
-        """Solves with what is prepared at the iterate; a step that stalled with an older one begins again."""
-        again = state.iterate.stalled
-        state = state._replace(
-            iterate=state.iterate._replace(stalled=jnp.array(False)),
-            given=jnp.where(again, state.value, state.given),
-            gain=jnp.where(again, jnp.inf, state.gain),
-            trying=state.trying & ~again,
-            work=jnp.array(0),
-            age=jnp.array(0),
-            prepared=prepare(state.iterate.x),
-        )
+    def at_iterate(state):
+        """All trials at one iterate, with what is prepared there."""
+        direct = partial(direction, prepare(state.iterate.x))
 
-        def useful(state):
-            return unsolved(state.iterate) & ~state.iterate.stalled & ((state.work <= renew_above) | (state.age == 0))
+        def untaken(carry):
+            fresh, state = carry
+            return (fresh | state.trying) & unsolved(state.iterate)
 
-        return lax.while_loop(useful, partial(_solve, evaluate, direction, norm), state)
+        def solve(carry):
+            return jnp.array(False), _solve(evaluate, direct, norm, carry[1])
 
-    def unfinished(state):
-        iterate, age = state.iterate, state.age
-        return (age < 0) | unsolved(iterate) & ~(iterate.stalled & (age == 0))
+        return lax.while_loop(untaken, solve, (jnp.array(True), state))[1]
 
     value = evaluate(start)
-    first = Iterate(start, norm(value), jnp.array(0), jnp.array(False), jnp.array(jnp.inf))
-    empty = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(prepare, start))
-    one, no = jnp.array(1.0), jnp.array(False)
-    nothing, zero = jnp.zeros_like(start), jnp.array(0)
-    # Age -1: nothing is prepared. The operator is made once even where the start solves, as the estimate wants it.
-    begin = _State(first, value, value, nothing, one, jnp.array(jnp.inf), no, zero, jnp.array(-1), empty)
-    state = lax.while_loop(unfinished, fresh, begin)
-    return state.iterate, state.prepared
+    first = Iterate(start, norm(value), jnp.array(0), jnp.array(False), jnp.asarray(step, float))
+    one, infinite = jnp.array(1.0), jnp.array(jnp.inf)
+    begin = _State(first, value, value, jnp.zeros_like(start), one, infinite, jnp.array(False))
+    return lax.while_loop(lambda state: unsolved(state.iterate), at_iterate, begin).iterate
 
 
-def relative_residual(reduced, value):
-    """max over meshes of ||F|| / :func:`deflection_scale`, root mean square over the cycle, dimensionless."""
-    size = jnp.linalg.norm(fourier.pack(value), axis=-1)
-    return jnp.max(size / deflection_scale(reduced))
+def solve_reduced(reduced, train, start, *, samples, tolerance, max_steps, step_tolerance=0.0, step=jnp.inf):
+    """Newton on the condensed equation from deflections ``(G, N+1)`` of the active meshes: Iterate.
 
-
-def deflection_scale(reduced):
-    """Deflections ``(G,)`` m that residuals and steps are measured against: ||l_lin|| + h, or of light loads less.
-
-    F times the stiffness c is what a residual leaves of the balance of forces. Where all linear forces are small beside
-    c h, teeth would be balanced to a share of c h and not of what they carry: there the largest ||c l_lin|| / c of all
-    meshes, LIGHT times, stands in place of h.
-    """
-    linear = jnp.linalg.norm(fourier.pack(reduced.linear), axis=-1)
-    stiffness, gap = jnp.abs(reduced.law.stiffness), reduced.law.backlash
-    carried = LIGHT * jnp.max(stiffness * linear, initial=0.0)
-    # Without a load there is no force to be measured against.
-    light = (carried > 0) & (carried < stiffness * gap)
-    return linear + jnp.where(light, carried / jnp.where(light, stiffness, 1.0), gap)
-
-
-def solve_reduced(reduced, model, start, *, samples, time_steps, tolerance, max_steps, step_tolerance=0.0):
-    """Newton on the condensed equation from deflections ``(G, N+1)`` of the active meshes: Iterate, PeriodicOperator.
-
-    model : ReducedOrderModel, for the preconditioner of ``time_steps``; samples : of the law, a multiple of 2 N.
+    train : its :class:`~jaxhb.balance.correction.LinearTrain`; samples : of the law, a multiple of 2 N.
     """
 
     def prepare(deflection):
-        return correction.prepare(reduced, model, deflection, samples, time_steps)
+        slopes = correction.slopes_at(reduced, deflection, samples)
+        return slopes, correction.march_at(train, slopes)
 
-    def direction(operator, deflection, value, error, forcing):
+    def direction(prepared, value, error, forcing):
+        slopes, march = prepared
         aimed = jnp.clip(BELOW * tolerance / error, 1e-10, forcing)
         forcing = jnp.where((error < NEAR) & (step_tolerance == 0), aimed, forcing)
-        change, _, used = correction.correct(reduced, operator, deflection, value, samples, forcing, KRYLOV_STEPS)
-        return change, used
+        change, _, _ = correction.correct(reduced, march, slopes, value, forcing, KRYLOV_STEPS)
+        return change
 
     def evaluate(deflection):
         return reduced.residual(deflection, samples)
 
     norm = partial(relative_residual, reduced)
-    goal = {"tolerance": tolerance, "max_steps": max_steps, "step_tolerance": step_tolerance}
-    return newton(evaluate, prepare, direction, norm, start, **goal, renew_above=RENEW_ABOVE)
+    goal = {"tolerance": tolerance, "max_steps": max_steps, "step_tolerance": step_tolerance, "step": step}
+    return newton(evaluate, prepare, direction, norm, start, **goal)
 
 
 def solve_chain(balance, start, *, tolerance, max_steps):
@@ -205,7 +160,7 @@ def solve_chain(balance, start, *, tolerance, max_steps):
     deflections ``(L, N+1)`` of all links.
 
     Fridman's method, kept as an oracle: memory and work grow with ``S N^2`` and ``S N^3``. ``tolerance`` is relative
-    to the largest force in the balance, of light loads to theirs (:func:`deflection_scale`). A tree is needed: the
+    to the largest force in the balance, of light loads to theirs (:func:`~jaxhb.balance.sizes.deflection_scale`). A tree is needed: the
     caller refuses closed loops.
     """
     driven = jnp.linalg.norm(fourier.pack(balance.load))
@@ -219,11 +174,11 @@ def solve_chain(balance, start, *, tolerance, max_steps):
     def evaluate(packed):
         return balance.residual_at(packed[:disks], packed[disks:])
 
-    def direction(_, packed, value, error, forcing):
-        return jnp.concatenate(balance.sweep(packed[disks:], value)), 1
+    def direction(packed, value, error, forcing):
+        return jnp.concatenate(balance.sweep(packed[disks:], value))
 
     def norm(value):
         return jnp.linalg.norm(value) / scale
 
-    iterate, _ = newton(evaluate, lambda _: (), direction, norm, first, tolerance=tolerance, max_steps=max_steps)
+    iterate = newton(evaluate, lambda packed: packed, direction, norm, first, tolerance=tolerance, max_steps=max_steps)
     return iterate, fourier.unpack(iterate.x[disks:])

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxhb._jax import Array, namespace
-from jaxhb.balance.newton import deflection_scale
 from jaxhb.balance.problem import (
     fields,
     force_defect,
@@ -16,6 +15,7 @@ from jaxhb.balance.problem import (
     reduced_equation,
     ring_force,
 )
+from jaxhb.balance.sizes import deflection_scale
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.linear.forced import SINGULAR, residual_and_status
 from jaxhb.results.status import Status

@@ -107,7 +107,7 @@ class Plan:
     integrals : of the tooth law over the cycle, "sampled" at 16 N times or "exact" between the switching times
     residual_tolerance : float, dimensionless, at which Newton's method ends: root mean square of what the equation of a
         mesh leaves, over that of its linear deflection and its backlash, or less where loads are light
-        (``newton.deflection_scale``)
+        (``sizes.deflection_scale``)
     step_tolerance : float, size of a whole step at which it ends, too, measured likewise; 0 for derivatives
     max_steps : int, linear solves of Newton's method at most
     estimated : bool, whether the truncation error is; without, it counts as 0

@@ -1,6 +1,7 @@
 """Solves under a plan: one problem or a batch of them, eager or traced. No decisions by value, no names.
 
-A compiled solve starts Newton's method, estimates the truncation error, and gives what it found its derivative.
+A compiled solve makes sweeps, where a plan begins with them, and ends with Newton's method where these do not solve the
+equations; it estimates the truncation error, and gives what it found its derivative.
 """
 
 import contextlib
@@ -19,11 +20,13 @@ from jaxhb._program import WHOLE, Program, across, along
 from jaxhb._threads import side_by_side
 from jaxhb.balance import correction, derivative, sweeps
 from jaxhb.balance.march import InstantSolve, modes_of_model
-from jaxhb.balance.newton import relative_residual, solve_chain, solve_reduced
-from jaxhb.balance.outcome import Ended, conclude, linear_outcome, relative_force_change
-from jaxhb.balance.plan import check_plan
+from jaxhb.balance.newton import solve_chain, solve_reduced
+from jaxhb.balance.outcome import Ended, conclude, linear_outcome
+from jaxhb.balance.plan import check_plan, time_steps_of
 from jaxhb.balance.problem import Problem, force_balance, model_of, problem_at, reduced_equation
+from jaxhb.balance.sizes import relative_residual
 from jaxhb.balance.sweeps import SweepPlan
+from jaxhb.balance.swept import truncation_of
 from jaxhb.equations import backlash, condensation, fourier
 from jaxhb.equations.backlash import law_of
 from jaxhb.integration.step import force_on_flank, stepper_of
@@ -38,7 +41,6 @@ MARCH_ABOVE = 3e-4
 # attracts, and cycles that are marched beside them then.
 UNSETTLED, MARCHED = 1e-3, 3
 START_SETTLED = 1e-4  # share of the vibration that sweeps may leave to Newton's method, which is quick from there
-ESTIMATE = 0.05, 20  # share of the residual that the correction of an estimate may leave, and its Krylov steps at most
 FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked for
 BATCH_SPEEDS = 8  # speeds that one program solves side by side where contacts are unknowns, on accelerators
 LINEAR_SPEEDS = 64  # and where teeth stay in contact; of fewer each is solved by itself, without one more program
@@ -83,25 +85,25 @@ def _find(problem, active_meshes, start, goals, plan):
     fine, condensed = reduced_equation(problem, reach, active_meshes)
     reduced = dataclasses.replace(condensation.truncate(fine, harmonics), integrals=plan.integrals)
     error, truncation = jnp.zeros(()), jnp.zeros(())
-    begin = Begin(reduced.linear, jnp.array(0), jnp.zeros(()))
-    operator = None
+    begin = Begin(reduced.linear, jnp.array(0), jnp.zeros(()), jnp.array(jnp.inf))
+    train = None
     steps, stalled, small_step = jnp.array(0), jnp.array(False), jnp.array(False)
     deflection = reduced.linear
     if not none:
-        model = model_of(problem, active_meshes, plan.time_steps)
-        instant = InstantSolve.of(problem.meshes.springs)
-        begin = _first(reduced, model, start, plan, instant)
-        numbers = {"samples": plan.samples, "time_steps": plan.time_steps}
+        sweep_plan = _sweep_plan(problem, plan)
+        equation = _sweep_equation(problem, active_meshes, reduced, sweep_plan)
+        train = correction.linear_train(equation, sweep_plan.steps)
+        begin = _first(reduced, equation, start, goals, plan, sweep_plan)
         if plan.method == "chain":
             deflection, iterate = _by_chain(problem, active_meshes, reduced, condensed, begin.deflection, plan)
-            operator = correction.prepare(reduced, model, deflection, **numbers)
             error = relative_residual(reduced, reduced.residual(deflection, plan.samples))
         else:
             goal = {"tolerance": tolerance, "step_tolerance": step_tolerance, "max_steps": plan.max_steps}
-            iterate, operator = solve_reduced(reduced, model, begin.deflection, **numbers, **goal)
+            goal |= {"samples": plan.samples, "step": begin.distance}
+            iterate = solve_reduced(reduced, train, begin.deflection, **goal)
             deflection, error, small_step = iterate.x, iterate.error, iterate.step < step_tolerance
         if plan.estimated:
-            truncation = truncation_error(fine, operator, deflection, plan.samples)
+            _, _, truncation = truncation_of(fine, deflection, deflection, 2 * plan.samples)
         steps, stalled = iterate.steps, iterate.stalled
     reduced = reduced.with_crossings(deflection)
     nonlinear_force = reduced.nonlinear_force_coefficients(deflection, plan.samples)
@@ -117,25 +119,39 @@ def _find(problem, active_meshes, start, goals, plan):
     )
     given = problem, active_meshes, reduced, condensed
     outcome, crossings = conclude(*given, nonlinear_force, ended, limit, plan.samples)
-    return outcome, (operator, crossings), outcome.status <= Status.TOLERANCE_NOT_MET
+    return outcome, (train, crossings), outcome.status <= Status.TOLERANCE_NOT_MET
+
+
+def _sweep_plan(problem, plan):
+    """The :class:`SweepPlan` of a plan: its harmonics and samples, so that sweeps solve the equations of the plan."""
+    steps = max(plan.time_steps, time_steps_of(plan.harmonics))
+    instant = InstantSolve.of(problem.meshes.springs)
+    return SweepPlan(steps, instant, most_harmonics=plan.harmonics, law_samples=plan.samples)
+
+
+def _sweep_equation(problem, active_meshes, reduced, sweep_plan):
+    """The :class:`~jaxhb.balance.sweeps.SweepEquation` of a condensed equation."""
+    modes = modes_of_model(model_of(problem, active_meshes, sweep_plan.steps))
+    return sweeps.sweep_equation(condensation.truncate(reduced, sweep_plan.harmonics), modes, sweep_plan)
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Begin:
-    """Where Newton's method starts: deflections ``(G, N+1)`` m; how many sweeps led there, 0 for none, and by how much
-    of the vibration the last of them changed it."""
+    """Where Newton's method starts: deflections ``(G, N+1)`` m; how many sweeps led there, 0 for none, by how much of
+    the vibration the last of them changed it, and how much of it may be left to the solution."""
 
     deflection: jax.Array
     sweeps: jax.Array
     change: jax.Array
+    distance: jax.Array
 
 
-def _first(reduced, model, start, plan, instant):
-    """The :class:`Begin` of a ``start`` of :func:`solve_problem`."""
+def _first(reduced, equation, start, goals, plan, sweep_plan):
+    """The :class:`Begin` of a ``start`` of :func:`solve_problem`, which solves if sweeps do."""
     coefficients, given, most, goal = start
     at_hand = jnp.where(given, coefficients, deflections_on_flank(reduced))
-    unswept = Begin(at_hand, jnp.array(0), jnp.zeros(()))
+    unswept = Begin(at_hand, jnp.array(0), jnp.zeros(()), jnp.array(jnp.inf))
     if not plan.marches:
         return unswept
     sampled = dataclasses.replace(reduced, integrals="sampled")
@@ -144,7 +160,7 @@ def _first(reduced, model, start, plan, instant):
         return relative_residual(sampled, sampled.residual(deflection, plan.samples))
 
     def swept():
-        return by_sweeps(sampled, model, plan, instant, most, goal, left)
+        return by_sweeps(equation, plan.harmonics, sweep_plan, most, goal, goals, left)
 
     if not plan.compare_starts:
         return lax.cond(most > 0, swept, lambda: unswept)
@@ -173,29 +189,33 @@ def reduced_stepper(reduced, model, time_steps, linear, variation, residual_flex
     return stepper_of(model.space, reduced, linear, variation, *given)
 
 
-def by_sweeps(reduced, model, plan, instant, most, goal, left):
-    """The :class:`Begin` to which at most so many sweeps from the drive sides lead, which end where ``goal`` of the
-    vibration is left; where they do not settle, the last of a few cycles marched if that leaves less of the equations.
+def by_sweeps(equation, harmonics, plan, most, goal, goals, left):
+    """The :class:`Begin` to which at most so many sweeps from the drive sides lead, near the end more of them.
 
-    On the flanks where the steps were too long for the train. left : what deflections leave of the equations.
+    They end where they solve the equations as the ``goals`` of a plan want it, or where ``goal`` of the vibration is
+    left and so many more would not; where they do not settle, the last of a few cycles marched if that leaves less of
+    the equations; on the flanks where the steps were too long for the train. left : what deflections leave of the
+    equations.
     """
-    sweep_plan = SweepPlan(plan.time_steps, instant, most_harmonics=plan.harmonics)
-    equation = condensation.truncate(reduced, sweep_plan.harmonics)
-    equation = sweeps.sweep_equation(equation, modes_of_model(model), sweep_plan)
+    _, tolerance, step_tolerance = goals
+    exact = step_tolerance == 0
     first = sweeps.first_point(equation)
-    ended = sweeps.settle(equation, first, sweep_plan, goal, most)
-    swept = fourier.resize(ended.deflection, plan.harmonics)
+    nearer = jnp.where(exact, goal, jnp.minimum(goal, step_tolerance))
+    ended = sweeps.settle(equation, first, plan, nearer, most, jnp.where(exact, tolerance, 0.0))
+    swept = fourier.resize(ended.deflection, harmonics)
 
     def better():
         point = first
         for _ in range(MARCHED):
-            point, deflection = sweeps.marched(equation, point, sweep_plan)
-        marched = fourier.resize(deflection, plan.harmonics)
+            point, deflection = sweeps.marched(equation, point, plan)
+        marched = fourier.resize(deflection, harmonics)
         return jnp.where(left(marched) < left(swept), marched, swept)
 
-    deflection = lax.cond(ended.change < UNSETTLED, lambda: swept, better)
+    settled = ended.change < UNSETTLED
+    deflection = lax.cond(settled, lambda: swept, better)
     finite = jnp.all(jnp.isfinite(deflection))
-    return Begin(jnp.where(finite, deflection, deflections_on_flank(reduced)), ended.marches, ended.change)
+    deflection = jnp.where(finite, deflection, deflections_on_flank(equation.equation))
+    return Begin(deflection, ended.marches, ended.change, jnp.where(settled & finite, ended.distance, jnp.inf))
 
 
 def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
@@ -212,23 +232,7 @@ def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
 def estimate(problem, active_meshes, deflection, plan):
     """The truncation error of a motion found without it: deflections ``(G, N+1)`` of the active meshes."""
     fine, _ = reduced_equation(problem, 2 * plan.harmonics, active_meshes)
-    reduced, model = condensation.truncate(fine, plan.harmonics), model_of(problem, active_meshes, plan.time_steps)
-    operator = correction.prepare(reduced, model, deflection, plan.samples, plan.time_steps)
-    return truncation_error(fine, operator, deflection, plan.samples)
-
-
-def truncation_error(fine, operator, deflection, samples):
-    """Estimated sup-norm error of the elastic force / its largest value: one Newton correction on 2 N harmonics.
-
-    ``fine`` is the condensed equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N harmonics and
-    ``samples`` time samples. The residual on harmonics N+1 .. 2N is included: below the mesh modes a difference of two
-    levels is no estimate.
-    """
-    harmonics = fine.linear.shape[-1] - 1
-    wide = fourier.resize(deflection, harmonics)
-    residual = fine.residual(wide, 2 * samples)
-    change, left, _ = correction.correct(fine, operator, wide, residual, 2 * samples, *ESTIMATE)
-    return relative_force_change(fine, wide, change, 2 * samples) / (1 - jnp.minimum(left, 0.999))
+    return truncation_of(fine, deflection, deflection, 2 * plan.samples)[-1]
 
 
 def active_deflections(plan, deflections):

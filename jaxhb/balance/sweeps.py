@@ -32,6 +32,7 @@ from jaxhb.balance.march import (
     real_pairs,
     step_weights,
 )
+from jaxhb.balance.sizes import relative_residual
 from jaxhb.equations import condensation, fourier
 from jaxhb.equations.block_sweep import quotient
 from jaxhb.integration.step import force_on_flank, with_rate
@@ -51,12 +52,14 @@ NOTHING = 1e-8  # of what the gap carries: a vibration that is rounding
 @dataclass(frozen=True)
 class SweepPlan:
     """What a sweep is compiled for: steps K of a cycle, how phi of an instant is found, whether it depends on rates of
-    deflection, and harmonics at most."""
+    deflection; harmonics at most, and samples of the law in the residual, where these are not as many as the steps
+    resolve."""
 
     steps: int
     instant: InstantSolve = InstantSolve()
     by_rate: bool = True
     most_harmonics: int | None = None
+    law_samples: int | None = None
 
     @property
     def harmonics(self) -> int:
@@ -72,7 +75,7 @@ class SweepPlan:
     @property
     def samples(self) -> int:
         """M, at which the residual takes the law."""
-        return SAMPLES_PER_STEP * self.steps
+        return self.law_samples or SAMPLES_PER_STEP * self.steps
 
     @property
     def back_a_step(self) -> np.ndarray:
@@ -118,17 +121,18 @@ class SweepEquation:
         """(l, l') ``(steps, 2G)`` of coefficients ``(G, N+1)``."""
         return fourier.synthesize(with_rate(deflection, self.equation.frequency), steps).T
 
-    def free_motion(self, jump):
-        """J ``(G, N+1)`` m of a state that ends off by ``jump`` ``(2m,)``."""
-        observed = self.modes.deflections * complex_modes(jump)
-        # Products of real numbers: half the work of those of a mode and its conjugate.
-        parts = jnp.concatenate([observed.real, observed.imag], axis=1)
-        return lax.complex(parts @ self.free[0], parts @ self.free[1])
-
     def pairs(self):
         """Harmonics ``(m, N+1)`` of a mode and of its conjugate in a cycle that ends off by 1."""
         even, odd = jnp.split(lax.complex(*self.free), 2)
         return even - 1j * odd, even + 1j * odd
+
+
+def free_motion(train, jump):
+    """J ``(G, N+1)`` m of a state that ends off by ``jump`` ``(2m,)``; train : anything with ``modes`` and ``free``."""
+    observed = train.modes.deflections * complex_modes(jump)
+    # Products of real numbers: half the work of those of a mode and its conjugate.
+    parts = jnp.concatenate([observed.real, observed.imag], axis=1)
+    return lax.complex(parts @ train.free[0], parts @ train.free[1])
 
 
 def sweep_equation(equation, modes: MarchModes, plan: SweepPlan) -> SweepEquation:
@@ -221,12 +225,18 @@ def marched(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
 
 def sweep(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
     """The next :class:`SweepPoint`, and the deflections ``(G, N+1)`` m of the cycle marched."""
+    following, deflection, _ = _sweep(sweeps, point, plan)
+    return following, deflection
+
+
+def _sweep(sweeps, point, plan):
+    """What :func:`sweep` gives, and F of the deflections."""
     end, deflection = marched(sweeps, point, plan)
     missed = sweeps.equation.residual(deflection, plan.samples)
     jump = end.state - point.state
-    transient = sweeps.free_motion(jump)
+    transient = free_motion(sweeps, jump)
     onward = point.state + real_pairs(sweeps.closing * complex_modes(jump))
-    return SweepPoint(point.linear - (missed - transient), onward, end.force), deflection
+    return SweepPoint(point.linear - (missed - transient), onward, end.force), deflection, missed
 
 
 @jax.tree_util.register_dataclass
@@ -263,31 +273,35 @@ def changes_to_come(change, before_last):
     return jnp.where(ratio < 1, jnp.maximum(1.0, ratio / (1 - ratio)), jnp.inf)
 
 
-def settle(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, goal, most) -> Settled:
+def settle(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, goal, most, solved=0.0) -> Settled:
     """Sweeps until the deflections may still change by ``goal`` or less, at most ``most``, near the end WAITED times
-    as many.
+    as many; and on until they leave ``solved`` of the equations (:func:`~jaxhb.balance.sizes.relative_residual`), if ``most`` more of them
+    lead there.
 
     The first sweep corrects and closes nothing: it forgets what the start has of no motion of the train.
     """
     equation = sweeps.equation
 
     def one(carry):
-        count, point, _, before, (_, last_but_one, last) = carry
-        following, deflection = sweep(sweeps, point, plan)
+        count, point, _, before, (_, last_but_one, last), _ = carry
+        following, deflection, missed = _sweep(sweeps, point, plan)
         linear = jnp.where(count == 0, point.linear, following.linear)
         change = force_size(equation, deflection - before) / vibration_size(equation, before)
         point = SweepPoint(linear, following.state, following.force)
-        return count + 1, point, before, deflection, (last_but_one, last, change)
+        changes = last_but_one, last, change
+        return count + 1, point, before, deflection, changes, relative_residual(equation, missed)
 
     def unsettled(carry):
-        count, _, _, _, (before_last, _, change) = carry
+        count, _, _, _, (before_last, _, change), error = carry
         away = change * changes_to_come(change, before_last) > goal
+        promising = error * (change / before_last) ** (most / 2) <= solved
+        wanted = (error > solved) & (away | promising)
         allowed = jnp.where(change < NEAR, WAITED * most, most)
-        return (count < FEWEST_SWEEPS) | ((count < allowed) & away & jnp.isfinite(change))
+        return (count < FEWEST_SWEEPS) | ((count < allowed) & wanted & jnp.isfinite(change))
 
     none_yet = (jnp.array(jnp.inf),) * 3
-    begin = jnp.array(0), point, equation.linear, equation.linear, none_yet
-    count, point, before, deflection, changes = lax.while_loop(unsettled, one, begin)
+    begin = jnp.array(0), point, equation.linear, equation.linear, none_yet, jnp.array(jnp.inf)
+    count, point, before, deflection, changes, _ = lax.while_loop(unsettled, one, begin)
     before_last, _, change = changes
     to_come = jnp.minimum(changes_to_come(change, before_last), UNSETTLED)
     return Settled(point, deflection, count, change, to_come * (deflection - before), to_come * change)

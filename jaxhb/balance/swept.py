@@ -53,20 +53,15 @@ def _concluded(problem, active_meshes, swept: SweptProblem, settled: Settled, to
     point. MAX_STEPS : the sweeps did not settle, or mean forces miss the mean torques.
     """
     fine, equation = swept.fine, swept.sweeps.equation
-    wide = fourier.resize(settled.deflection, 2 * plan.harmonics)
-    nonlinear_force = fine.nonlinear_force_coefficients(wide, 2 * plan.samples)
-    missed = fine.left(wide, nonlinear_force)
-    corrected = wide - AMPLIFIED * missed
     kept = fourier.resize(settled.deflection, plan.kept)
-    left_out = corrected - fourier.resize(kept, 2 * plan.harmonics)
-    truncation = relative_force_change(fine, corrected, left_out, 2 * plan.samples)
+    nonlinear_force, missed, truncation = truncation_of(fine, settled.deflection, kept, 2 * plan.samples)
     unsettled = relative_force_change(equation, settled.deflection, AMPLIFIED * settled.left, plan.samples)
     ended = Ended(
         deflection=kept,
         settled=settled.distance <= goal,
         stalled=jnp.array(False),
         steps=settled.marches,
-        error=sweeps.force_size(fine, missed[:, : plan.harmonics + 1]) / sweeps.vibration_size(fine, wide),
+        error=sweeps.force_size(fine, missed[:, : plan.harmonics + 1]) / sweeps.vibration_size(fine, settled.deflection),
         sweeps=settled.marches,
         periodicity_error=settled.change,
         truncation_error=truncation + unsettled,
@@ -75,6 +70,21 @@ def _concluded(problem, active_meshes, swept: SweptProblem, settled: Settled, to
     samples = fourier.SAMPLES_PER_HARMONIC * plan.kept
     outcome, _ = conclude(*given, fourier.resize(nonlinear_force, plan.kept), ended, tolerance, samples)
     return outcome
+
+
+def truncation_of(fine, deflection, kept, samples):
+    """phi and F of deflections ``(G, N+1)`` m, coefficients ``(G, 2N+1)``, and by how much of the largest elastic force
+    those ``kept`` of them are estimated to be off: what is left out, and F on 2 N harmonics.
+
+    fine : the condensed equation with 2 N harmonics; samples : of the law. The harmonics N+1 to 2N are included: below
+    the mesh modes a difference of two levels is no estimate.
+    """
+    wide = fourier.resize(deflection, fine.linear.shape[-1] - 1)
+    nonlinear_force = fine.nonlinear_force_coefficients(wide, samples)
+    missed = fine.left(wide, nonlinear_force)
+    corrected = wide - AMPLIFIED * missed
+    left_out = corrected - fourier.resize(kept, wide.shape[-1] - 1)
+    return nonlinear_force, missed, relative_force_change(fine, corrected, left_out, samples)
 
 
 prepare = Program(_prepared, static_argnames="plan")

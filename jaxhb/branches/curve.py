@@ -1,7 +1,7 @@
 """The curve of the reduced harmonic equations F(l, p) = 0 over a number p of the train or the speed.
 
 Unknowns are scaled: deflections over the size of the first motion, and p as a share of its range. Linear systems are
-bordered by the tangent, and so regular at a fold; Krylov steps with the preconditioner of Newton's method solve them.
+bordered by the tangent, and so regular at a fold; Krylov steps on the linearised map of a sweep solve them.
 """
 
 from dataclasses import dataclass, field
@@ -65,15 +65,16 @@ def linearized(curve, y, normal):
     at, border = _prepared(curve, y, *equations), (column, normal)
     # Change and tangent are two right sides of one bordered system: across the normal, and one unit along it.
     right = jnp.append(-value, 0.0), rising
-    change, tangent = correction.correct_bordered(*at, border, right, curve.plan.samples, KRYLOV_STEPS)
+    change, tangent = correction.correct_bordered(*at, border, right, KRYLOV_STEPS)
     return value, change, tangent, (at[1], border)
 
 
 def _prepared(curve, y, problem, reduced):
-    """The equations, their preconditioner and the deflections at a point."""
+    """The equations, the linearised march and the slopes of phi at a point."""
     plan, deflection = curve.plan, curve.deflection(y)
-    model = model_of(problem, curve.active_meshes, plan.time_steps)
-    return reduced, correction.prepare(reduced, model, deflection, plan.samples, plan.time_steps), deflection
+    train = correction.train_of(reduced, model_of(problem, curve.active_meshes, plan.time_steps), plan.time_steps)
+    slopes = correction.slopes_at(reduced, deflection, plan.samples)
+    return reduced, correction.march_at(train, slopes), slopes
 
 
 # Of the bordered Jacobian: each leaves of the rest of a direction what the singular value at a point leaves.
@@ -91,7 +92,7 @@ def null_direction(curve, y, direction):
     for _ in range(INVERSIONS):
         direction = direction / jnp.linalg.norm(direction)
         border = direction, jnp.append(direction, 0.0)
-        (found,) = correction.correct_bordered(*at, border, (one,), curve.plan.samples, KRYLOV_STEPS)
+        (found,) = correction.correct_bordered(*at, border, (one,), KRYLOV_STEPS)
         direction = found[:-1]
     return direction / jnp.linalg.norm(direction)
 
@@ -99,9 +100,10 @@ def null_direction(curve, y, direction):
 @Program
 def simplified(curve, y, slopes):
     """What ``simplify`` of :func:`jaxhb.solutions.continuation.follow_curve` returns: the Jacobian of this point, the
-    preconditioner and the derivative in the parameter of another one."""
+    linearised march and the derivative in the parameter of another one."""
     value, (_, reduced) = curve.equation(y)
     right = (jnp.append(-value, 0.0),)
-    deflection, samples = curve.deflection(y), curve.plan.samples
-    (change,) = correction.correct_bordered(reduced, *slopes[:1], deflection, slopes[1], right, samples, KRYLOV_STEPS)
+    march, border = slopes
+    here = correction.slopes_at(reduced, curve.deflection(y), curve.plan.samples)
+    (change,) = correction.correct_bordered(reduced, march, here, border, right, KRYLOV_STEPS)
     return value, change

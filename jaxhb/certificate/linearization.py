@@ -29,7 +29,6 @@ from jaxhb.balance.problem import ActiveMeshes, model_of, reduced_equation
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.backlash import law_meshes
 from jaxhb.equations.condensation import truncate
-from jaxhb.equations.iterations import gcr
 from jaxhb.floquet.variational import motion
 from jaxhb.results.bounds import NORM_MARGIN
 
@@ -77,7 +76,7 @@ def one_norm(product, transposed, size, columns, steps=5):
 @dataclass(frozen=True)
 class CertificateSizes:
     """What programs are compiled for: ``low`` harmonics in which the linearised equation is solved, ``high`` to which
-    it is evaluated, ``reach`` of the receptances, time steps of the preconditioner."""
+    it is evaluated, ``reach`` of the receptances, time steps of the march in linear solves."""
 
     low: int
     high: int
@@ -100,18 +99,20 @@ def highest_frequency(system):
 @partial(Program, static_argnames="sizes")
 def _linear_response(problem, chosen, sizes):
     """What does not depend on the motion: receptances and linear deflections up to ``reach``, the equation of the low
-    harmonics, and the train of the preconditioner."""
+    harmonics, and the train that marches in linear solves."""
     every = ActiveMeshes(jnp.ones(len(chosen)), chosen, jnp.zeros(len(problem.meshes.link)))
     reduced, _ = reduced_equation(problem, sizes.reach, every)
-    model = model_of(problem, every, sizes.time_steps)
-    return reduced.receptance, reduced.linear, truncate(reduced, sizes.low), model
+    low = truncate(reduced, sizes.low)
+    train = correction.train_of(low, model_of(problem, every, sizes.time_steps), sizes.time_steps)
+    return reduced.receptance, reduced.linear, low, train
 
 
 @partial(Program, static_argnames="sizes")
-def _expand(reduced, model, deflection, sizes):
-    """Of a motion ``(G, low+1)`` m: the preconditioner; in harmonics the integral of (engagement - 1), and itself."""
+def _expand(reduced, train, deflection, sizes):
+    """Of a motion ``(G, low+1)`` m: the march of linear solves; in harmonics the integral of (engagement - 1), and
+    itself."""
     law, meshes, samples = reduced.law, len(deflection), 4 * max(sizes.time_steps, sizes.low)
-    operator = correction.prepare(reduced, model, deflection, samples, sizes.time_steps)
+    march = correction.march_at(train, correction.slopes_at(reduced, deflection, samples))
     # In backlashes, with a gap without stiffness: the force of this law is the integral of the engagement.
     unit = replace(law, stiffness=jnp.ones(meshes), epsilon=jnp.zeros(meshes), backlash=jnp.ones(meshes))
     wide = fourier.resize(deflection / law.backlash[:, None], sizes.high // 2)
@@ -120,30 +121,18 @@ def _expand(reduced, model, deflection, sizes):
     values, unit = rule.synthesize(wide), unit.expand()
     integral = rule.analyze(backlash.force(unit, values) - values, 2 * sizes.high)
     share = rule.analyze(backlash.engagement(unit, values) - 1, 2 * sizes.high)
-    return operator, integral, share, crossings.complete
+    return march, integral, share, crossings.complete
 
 
 @partial(Program, static_argnames="transposed")
-def _solve(gain, share, reduced, operator, right, transposed):
-    """``x + gain (share x) = right`` in packed coordinates ``(G, 2n+1)`` m, or with the transpose; and what is left."""
+def _solve(gain, share, march, right, transposed):
+    """``x + gain (share x) = right``, coefficients ``(G, n+1)`` m, or with the transpose; and what is left."""
 
-    def product(packed):
-        x = fourier.unpack(packed.reshape(right.shape))
+    def product(x):
         pushed = fourier.analyze(share * fourier.synthesize(x, share.shape[-1]), x.shape[-1] - 1)
-        return packed + fourier.pack(jnp.einsum("ngh,hn->gn", gain, pushed)).reshape(-1)
+        return x + jnp.einsum("ngh,hn->gn", gain, pushed)
 
-    def approximate(packed):
-        x = fourier.unpack(packed.reshape(right.shape))
-        return fourier.pack(correction.precondition(reduced, operator, x)).reshape(-1)
-
-    def transpose(function):
-        _, back = jax.vjp(function, right.reshape(-1))
-        return lambda v: back(v)[0]
-
-    if transposed:
-        product, approximate = transpose(product), transpose(approximate)
-    x, left, _ = gcr(product, approximate, right.reshape(-1), tolerance=1e-8, steps=60)
-    return x.reshape(right.shape), left
+    return correction.correct_product(march, product, right, transposed=transposed, tolerance=1e-9, steps=60)
 
 
 class NotInverted(ArithmeticError):
@@ -163,7 +152,7 @@ class Linearization:
         self.law, viscous = self.meshes.law, np.where(self.meshes.contact_damping, self.meshes.viscous, 0.0)
         self.frequency, self.sizes = float(problem.frequency), sizes
         chosen = train.topology.law_index.astype(np.int32)
-        receptance, linear, self._reduced, self._model = _linear_response(problem, chosen, sizes)
+        receptance, linear, self._reduced, self._train = _linear_response(problem, chosen, sizes)
         n, h, receptance = np.arange(sizes.reach + 1), self.law.backlash, np.asarray(receptance)
         self.slopes = (1 - self.law.epsilon) * self.law.stiffness, viscous
         change = self.slopes[0] + 1j * n[:, None] * self.frequency * self.slopes[1]
@@ -177,7 +166,7 @@ class Linearization:
     def _place(self, deflection):
         """Take the motion ``(G, low+1)`` m as that around which the equation is linear."""
         sizes, high = self.sizes, self.sizes.high
-        self._operator, *found = _expand(self._reduced, self._model, deflection, sizes)
+        self._march, *found = _expand(self._reduced, self._train, deflection, sizes)
         integral, share, complete = map(np.asarray, found)
         self.complete, self.deflection = bool(complete), deflection / self.law.backlash[:, None]
         self._samples = fourier.synthesize(share, fourier.samples_for(2 * high))
@@ -258,11 +247,11 @@ class Linearization:
 
     def _solve(self, x, transposed):
         h = self.law.backlash[:, None]
-        right = fourier.pack(x / h if transposed else x * h)
-        found, left = _solve(self._gain, self._share, self._reduced, self._operator, right, transposed)
+        right = x / h if transposed else x * h
+        found, left = _solve(self._gain, self._share, self._march, right, transposed)
         if not left <= 1e-6:
             raise NotInverted  # at once: iterations for norms would not end with a map that changes from call to call
-        found = fourier.unpack(np.asarray(found))
+        found = np.asarray(found)
         return found * h if transposed else found / h
 
     def _decay_bound(self, system, columns):
@@ -314,8 +303,8 @@ class Linearization:
         keep = (np.arange(self.sizes.reach + 1) <= harmonics)[:, None, None]
         kept.gain, kept._shift = self.gain * keep, np.where(keep, self._shift, np.eye(len(self.middle)))
         kept._gain = self._gain * keep[: self.sizes.low + 1]
-        receptance = self._reduced.receptance * keep[: self.sizes.low + 1]
-        kept._reduced = replace(self._reduced, receptance=receptance)
+        marched = replace(self._march.train, free=self._march.train.free[..., : harmonics + 1])
+        kept._march = replace(self._march, train=marched)
         return kept
 
     def norm(self, apply, apply_transposed, harmonics, enough=np.inf):

@@ -12,7 +12,7 @@ from trains import ONE_RADIAN_PER_SECOND, build
 
 import jaxhb
 from jaxhb import Disk, Load, Mesh, Shaft, Torque
-from jaxhb.balance.newton import relative_residual
+from jaxhb.balance.sizes import relative_residual
 from jaxhb.balance.plan import Plan, Request
 from jaxhb.balance.problem import problem_at, reduced_equation
 from jaxhb.integration import shooting

@@ -1,0 +1,30 @@
+"""Sizes that residuals and steps of the condensed equation are measured against."""
+
+import jax.numpy as jnp
+
+from jaxhb.equations import fourier
+
+# Backlash counts as a size of deflections up to so many times that of the largest linear force: a whole step that is
+# 1e-4 of it, and leaves a tenth of itself, then leaves 1e-3 of the force.
+LIGHT = 100.0
+
+
+def relative_residual(reduced, value):
+    """max over meshes of ||F|| / :func:`deflection_scale`, root mean square over the cycle, dimensionless."""
+    size = jnp.linalg.norm(fourier.pack(value), axis=-1)
+    return jnp.max(size / deflection_scale(reduced))
+
+
+def deflection_scale(reduced):
+    """Deflections ``(G,)`` m that residuals and steps are measured against: ||l_lin|| + h, or of light loads less.
+
+    F times the stiffness c is what a residual leaves of the balance of forces. Where all linear forces are small beside
+    c h, teeth would be balanced to a share of c h and not of what they carry: there the largest ||c l_lin|| / c of all
+    meshes, LIGHT times, stands in place of h.
+    """
+    linear = jnp.linalg.norm(fourier.pack(reduced.linear), axis=-1)
+    stiffness, gap = jnp.abs(reduced.law.stiffness), reduced.law.backlash
+    carried = LIGHT * jnp.max(stiffness * linear, initial=0.0)
+    # Without a load there is no force to be measured against.
+    light = (carried > 0) & (carried < stiffness * gap)
+    return linear + jnp.where(light, carried / jnp.where(light, stiffness, 1.0), gap)
