@@ -21,12 +21,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array
+from jaxhb._jax import Array, on_host
 from jaxhb.equations import backlash
+from jaxhb.equations.projected_modes import projected_modes
 from jaxhb.equations.reduced_model import ReducedOrderModel
 from jaxhb.equations.state_space import LIGHT, march_modes, paired, partition
 
-UNSEEN = 1e-10  # share of the motion of a mesh under its force below which a mode is left out
+DENSE_DISKS = 100  # up to which all modes are found; of larger trains those of a projection
+# Share of the motion of a mesh under its force below which a mode is left out; of a larger train one that responds at
+# once, where sweeps are as many with twice the modes.
+UNSEEN, FAINT = 1e-10, 1e-4
 STILL = 1e-12  # share of the fastest rate below which a mode of a reduced-order model does not move by itself
 IDLE_RATE = -1.0  # 1/s, of modes that fill an array
 FEWEST_MODES = 32
@@ -59,29 +63,37 @@ def modes_for_march(problem, active_meshes) -> MarchModes:
 
     ``problem`` may be at any speed: it scales the slowest modes alone.
     """
-    system, meshes = problem.system, problem.meshes
-    index = np.asarray(active_meshes.index)
-    chosen = jax.tree.map(lambda array: np.asarray(array)[index], meshes)
-    ends = np.concatenate([system.tree.end_a[chosen.link], system.tree.end_b[chosen.link]])
-    mass = np.asarray(system.mass)
-    # A disk without inertia beside a mesh has no equation in time: with a little inertia it has.
-    bare = np.zeros(len(mass), bool)
-    bare[ends] = True
-    mass = np.where(bare & (mass == 0), LIGHT * np.mean(mass), mass)
-    system = dataclasses.replace(system, mass=mass)
-    parts = partition(system, chosen, lossy=True)
-    modes = march_modes(system, chosen, float(problem.frequency), parts)
+    system, frequency = problem.system, float(problem.frequency)
+    chosen = jax.tree.map(lambda array: np.asarray(array)[np.asarray(active_meshes.index)], problem.meshes)
+    dense = len(system.mass) <= DENSE_DISKS
+    modes = _dense_modes(system, chosen, frequency) if dense else projected_modes(on_host(system), chosen, frequency)
     mask = np.asarray(active_meshes.mask)
     forcing, observation = modes.forcing * mask, modes.observation * np.tile(mask, 2)[:, None]
-    noticed = noticed_modes(modes.rates, forcing, observation, float(problem.frequency))
+    noticed = noticed_modes(modes.rates, forcing, observation, frequency, UNSEEN if dense else FAINT)
+    # Fast modes among the others respond at once.
+    rest = ~noticed & (np.abs(modes.rates) > frequency)
+    at_once = observation[: len(mask), rest] @ (forcing[rest] / modes.rates[rest, None])
     idle = _padded_count(noticed.sum()) - noticed.sum()
     return MarchModes(
         rates=np.pad(modes.rates[noticed], (0, idle), constant_values=IDLE_RATE),
         forcing=np.pad(forcing[noticed], ((0, idle), (0, 0))),
         observation=np.pad(observation[:, noticed], ((0, 0), (0, idle))),
         coordinates=np.pad(modes.coordinates[noticed], ((0, idle), (0, 0))),
-        flexibility=np.zeros((len(mask), len(mask))),
+        flexibility=at_once.real,
     )
+
+
+def _dense_modes(system, meshes, frequency):
+    """All modes of a train."""
+    ends = np.concatenate([system.tree.end_a[meshes.link], system.tree.end_b[meshes.link]])
+    mass = np.asarray(system.mass)
+    # A disk without inertia beside a mesh has no equation in time: with a little inertia it has.
+    bare = np.zeros(len(mass), bool)
+    bare[ends] = True
+    mass = np.where(bare & (mass == 0), LIGHT * np.mean(mass), mass)
+    system = dataclasses.replace(system, mass=mass)
+    parts = partition(system, meshes, lossy=True)
+    return march_modes(system, meshes, frequency, parts)
 
 
 def modes_of_model(model: ReducedOrderModel) -> MarchModes:
@@ -108,13 +120,14 @@ def modes_of_model(model: ReducedOrderModel) -> MarchModes:
     )
 
 
-def noticed_modes(rates, forcing, observation, frequency):
-    """Whether a force at a mesh moves a mesh by a mode ``(m,)``: static or accelerated response."""
+def noticed_modes(rates, forcing, observation, frequency, least=UNSEEN):
+    """Whether a force at a mesh moves a mesh by a mode ``(m,)``: static or accelerated response, more than the share
+    ``least`` of the most that any mode gives."""
     count = forcing.shape[1]
     strength = np.abs(forcing).max(axis=1)
     slow = np.abs(observation[:count]).max(axis=0) * strength / np.maximum(np.abs(rates), frequency)
     fast = np.abs(observation[count:]).max(axis=0) * strength
-    return (slow > UNSEEN * slow.max()) | (fast > UNSEEN * fast.max())
+    return (slow > least * slow.max()) | (fast > least * fast.max())
 
 
 def _padded_count(count):

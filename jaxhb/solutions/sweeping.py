@@ -30,11 +30,11 @@ MODES_RPM = 1000.0  # at which modes are made: only the slowest depend on it, by
 def swept_train(train: DriveTrain, plan: Plan, request: Request) -> SweptTrain | None:
     """The train ready to be solved by sweeps, with the tolerance of a plan made for it; None where they do not serve.
 
-    They serve where as many harmonics are taken as it needs, the law is sampled, and disks are few enough for a dense
-    matrix of all; and not on accelerators, which want lanes side by side.
+    They serve where as many harmonics are taken as it needs and the law is sampled; and not on accelerators, which want
+    lanes side by side.
     """
     free = request.harmonics is None and request.method == "reduced" and request.integrals == "sampled"
-    if not free or train.topology.n_disks > planning.DENSE_DISKS or jax.default_backend() != "cpu":
+    if not free or jax.default_backend() != "cpu":
         return None
     plan = planning.all_active(train, plan, request)
     try:
