@@ -125,6 +125,14 @@ def added(array, index, values):
     return load().numpy.asarray(array).at[index].add(values)
 
 
+def placed(array, index, values):
+    """``array`` with ``values`` at ``index``, where no index repeats; of the host in place."""
+    if isinstance(array, np.ndarray) and namespace(values) is np:
+        array[index] = values
+        return array
+    return load().numpy.asarray(array).at[index].set(values, unique_indices=True)
+
+
 def traced(*trees):
     """Whether any leaf is being traced."""
     jax = _loaded()

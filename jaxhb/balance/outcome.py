@@ -141,9 +141,9 @@ def _failure_of(problem, active_meshes, equation, condensed, found, iteration, c
     return xp.where(linear >= Status.NEAR_SINGULAR, linear, status)
 
 
-def relative_force_change(equation, deflection, change, samples):
-    """Sup-norm of what ``change`` ``(G, N+1)`` m takes from the elastic forces at a deflection, over the largest of
-    them."""
+def relative_force_change(equation, deflection, changes, samples):
+    """Sum of the sup-norms of what each of some changes ``(G, N+1)`` m takes from the elastic forces at a deflection,
+    over the largest of them."""
     law, *_ = backlash.at_samples(equation, fourier.Equidistant(samples).synthesize)
 
     def force(deflection):
@@ -152,8 +152,8 @@ def relative_force_change(equation, deflection, change, samples):
             return elastic
         return elastic + backlash.dry_friction(law, equation.sampled(deflection, samples)[1])
 
-    before, after = force(deflection), force(deflection - change)
+    xp, before = namespace(equation, deflection, changes), force(deflection)
     # Of solved equations, where no tooth carries a load.
-    noise = 1e-8 * jnp.max(equation.law.stiffness * deflection_scale(equation))
-    largest = jnp.maximum(jnp.max(jnp.abs(before)), jnp.maximum(noise, 1e-300))
-    return jnp.max(jnp.abs(after - before)) / largest
+    noise = 1e-8 * xp.max(equation.law.stiffness * deflection_scale(equation))
+    largest = xp.maximum(xp.max(xp.abs(before)), xp.maximum(noise, 1e-300))
+    return sum(xp.max(xp.abs(force(deflection - change) - before)) for change in changes) / largest

@@ -75,6 +75,12 @@ def problem_at(train, rpm, excited):
 
 def reduced_equation(problem, harmonics, active_meshes):
     """CondensedEquation and CondensedTrain of the active meshes; those that are not active are held on their flanks."""
+    equation, train = linear_equation(problem, harmonics, active_meshes)
+    return condensation.with_receptances(equation, train.system, train.columns), train
+
+
+def linear_equation(problem, harmonics, active_meshes):
+    """The same without receptances; of numbers of the host there."""
     meshes = problem.meshes
     xp = namespace(problem, active_meshes)
     # Beyond the knee f = c l - offset sign(l): a mesh that stays on its flank is a linear link with a constant force.
@@ -82,7 +88,7 @@ def reduced_equation(problem, harmonics, active_meshes):
     load = _with_mean(xp.asarray(problem.load), -problem.system.spread(constant, meshes.link))
     chosen = jax.tree.map(lambda a: xp.asarray(a)[active_meshes.index], meshes)
     given = problem.system, problem.frequency, load, harmonics, meshes, chosen, active_meshes.mask
-    return condensation.condense(*given)
+    return condensation.linear_motion(*given)
 
 
 def _with_mean(coefficients, mean):

@@ -44,7 +44,6 @@ START_SETTLED = 1e-4  # share of the vibration that sweeps may leave to Newton's
 FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked for
 BATCH_SPEEDS = 8  # speeds that one program solves side by side where contacts are unknowns, on accelerators
 LINEAR_SPEEDS = 64  # and where teeth stay in contact; of fewer each is solved by itself, without one more program
-HOST_DISKS = 100  # up to which few speeds at which teeth stay in contact are solved without a program
 
 
 @partial(Program, static_argnames="plan")
@@ -326,7 +325,7 @@ def solve_once(train, rpm, problem, plan, begin):
 
 def _of_the_host(problem, plan):
     """The Outcome of teeth that a plan holds in contact, without a program; None where it wants one."""
-    if plan.active or plan.integrals == "exact" or len(problem.system.mass) > HOST_DISKS:
+    if plan.active or plan.integrals == "exact":
         return None
     limit, *_ = plan.goals
     with contextlib.suppress(np.linalg.LinAlgError):  # a singular train, of which the program says more

@@ -1,7 +1,6 @@
 """Sizes that residuals and steps of the condensed equation are measured against."""
 
-import jax.numpy as jnp
-
+from jaxhb._jax import namespace
 from jaxhb.equations import fourier
 
 # Backlash counts as a size of deflections up to so many times that of the largest linear force: a whole step that is
@@ -11,8 +10,9 @@ LIGHT = 100.0
 
 def relative_residual(reduced, value):
     """max over meshes of ||F|| / :func:`deflection_scale`, root mean square over the cycle, dimensionless."""
-    size = jnp.linalg.norm(fourier.pack(value), axis=-1)
-    return jnp.max(size / deflection_scale(reduced))
+    xp = namespace(reduced, value)
+    size = xp.linalg.norm(fourier.pack(value), axis=-1)
+    return xp.max(size / deflection_scale(reduced))
 
 
 def deflection_scale(reduced):
@@ -22,9 +22,10 @@ def deflection_scale(reduced):
     c h, teeth would be balanced to a share of c h and not of what they carry: there the largest ||c l_lin|| / c of all
     meshes, LIGHT times, stands in place of h.
     """
-    linear = jnp.linalg.norm(fourier.pack(reduced.linear), axis=-1)
-    stiffness, gap = jnp.abs(reduced.law.stiffness), reduced.law.backlash
-    carried = LIGHT * jnp.max(stiffness * linear, initial=0.0)
+    xp = namespace(reduced)
+    linear = xp.linalg.norm(fourier.pack(reduced.linear), axis=-1)
+    stiffness, gap = xp.abs(reduced.law.stiffness), reduced.law.backlash
+    carried = LIGHT * xp.max(stiffness * linear, initial=0.0)
     # Without a load there is no force to be measured against.
     light = (carried > 0) & (carried < stiffness * gap)
-    return linear + jnp.where(light, carried / jnp.where(light, stiffness, 1.0), gap)
+    return linear + xp.where(light, carried / xp.where(light, stiffness, 1.0), gap)

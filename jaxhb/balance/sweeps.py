@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array
+from jaxhb._jax import Array, namespace
 from jaxhb._program import Program
 from jaxhb.balance.march import (
     InstantSolve,
@@ -42,6 +42,7 @@ STEPS_PER_PERIOD = 5.0  # of the fastest mode in which teeth move
 MOVES = 0.05  # share of the acceleration of a mesh under its force from which teeth move in a mode
 NEAR_NYQUIST = 24  # harmonics next to half the steps that a march does not resolve
 SAMPLES_PER_STEP = 3  # of the law in the residual
+WIDE_SAMPLES_PER_STEP = 4  # and where it is taken once, to see its error
 HARDLY = 0.05  # share of the rate of a mode by which teeth that part change it at most if they hardly strain it
 FEWEST_SWEEPS = 3
 NEAR, WAITED = 0.01, 4  # change of the vibration from which sweeps may take so many times as long
@@ -200,7 +201,7 @@ def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
     deflection = fourier.resize(deflection, plan.harmonics)
     rule = fourier.Equidistant(plan.steps)
     values, rates = equation.sampled(deflection, plan.steps)
-    force, _, _ = equation.nonlinear_force(values, rates, rule)
+    force = equation.nonlinear_force(values, rates, rule)
     # States under these forces, periodic: s' = decay s + push phi, by harmonics of a mode and of its conjugate.
     harmonics = fourier.analyze(force, plan.harmonics)
     turned = -plan.steps * plan.back_a_step * harmonics
@@ -256,14 +257,17 @@ class Settled:
 
 def force_size(equation, deflection):
     """Root mean square of deflections ``(G, N+1)`` times the stiffness of their meshes, N, the largest."""
-    size = jnp.linalg.norm(fourier.pack(deflection), axis=-1)
-    return jnp.max(size * jnp.abs(equation.law.stiffness), initial=0.0)
+    xp = namespace(equation, deflection)
+    size = xp.linalg.norm(fourier.pack(deflection), axis=-1)
+    return xp.max(size * xp.abs(equation.law.stiffness), initial=0.0)
 
 
 def vibration_size(equation, deflection):
     """:func:`force_size` without the means; a rounding of what the gap carries where nothing vibrates."""
-    rounding = NOTHING * jnp.max(equation.law.stiffness * equation.law.backlash, initial=0.0)
-    return force_size(equation, deflection.at[:, 0].set(0.0)) + rounding
+    xp = namespace(equation, deflection)
+    rounding = NOTHING * xp.max(equation.law.stiffness * equation.law.backlash, initial=0.0)
+    vibration = xp.where(np.arange(deflection.shape[-1]) == 0, 0.0, deflection)
+    return force_size(equation, vibration) + rounding
 
 
 def changes_to_come(change, before_last):

@@ -4,14 +4,14 @@ import dataclasses
 from dataclasses import dataclass
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from jaxhb._jax import on_host
 from jaxhb._program import Program
 from jaxhb.balance import map_newton, sweeps
 from jaxhb.balance.march import MarchModes
-from jaxhb.balance.outcome import Ended, Outcome, conclude, relative_force_change
-from jaxhb.balance.problem import reduced_equation
+from jaxhb.balance.outcome import Ended, conclude, relative_force_change
+from jaxhb.balance.problem import linear_equation
 from jaxhb.balance.sweeps import Settled, SweepEquation, SweepPlan, SweepPoint
 from jaxhb.equations import condensation, fourier
 from jaxhb.results.status import NewtonOnSweeps, Sweeps
@@ -28,87 +28,85 @@ SETTLED = 0.03  # share of the tolerance that may be left of the vibration: peak
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class SweptProblem:
-    """A Problem ready for sweeps: its equation with 2 N harmonics, condensed train, equation of the sweeps, and the
-    point with all teeth on their drive sides."""
+    """A Problem ready for sweeps: its equation with 2 N harmonics, equation of the sweeps, and the point with all teeth
+    on their drive sides."""
 
     fine: condensation.CondensedEquation
-    condensed: condensation.CondensedTrain
     sweeps: SweepEquation
     flank: SweepPoint
 
 
-def _prepared(problem, active_meshes, modes: MarchModes, plan: SweepPlan) -> SweptProblem:
-    """The :class:`SweptProblem` of a Problem."""
-    fine, condensed = reduced_equation(problem, 2 * plan.harmonics, active_meshes)
-    fine = dataclasses.replace(fine, by_rate=plan.by_rate)
-    equation = sweeps.sweep_equation(condensation.truncate(fine, plan.harmonics), modes, plan)
-    return SweptProblem(fine, condensed, equation, sweeps.first_point(equation))
+def _prepared(equation, system, columns, modes: MarchModes, plan: SweepPlan) -> SweptProblem:
+    """The :class:`SweptProblem` of a CondensedEquation with 2 N harmonics that lacks its receptances."""
+    fine = condensation.with_receptances(equation, system, columns)
+    of_sweeps = sweeps.sweep_equation(condensation.truncate(fine, plan.harmonics), modes, plan)
+    return SweptProblem(fine, of_sweeps, sweeps.first_point(of_sweeps))
 
 
-def _concluded(problem, active_meshes, swept: SweptProblem, settled: Settled, tolerance, goal, plan) -> Outcome:
+def conclude_sweeps(problem, active_meshes, condensed, swept: SweptProblem, settled: Settled, tolerance, goal, plan):
     """The Outcome with ``plan.kept`` harmonics of where sweeps ended, settled where ``goal`` of the vibration is left.
 
     CONVERGED : the truncation error is ``tolerance`` of the largest elastic force or less. It is an estimate, no bound:
     harmonics above those kept, F(l) on 2 N harmonics taken from the deflections once, and what is left to the fixed
-    point. MAX_STEPS : the sweeps did not settle, or mean forces miss the mean torques.
+    point. MAX_STEPS : the sweeps did not settle, or mean forces miss the mean torques. Of arrays of the host it is
+    found there: a program would take seconds to make and as long to run.
     """
     fine, equation = swept.fine, swept.sweeps.equation
     kept = fourier.resize(settled.deflection, plan.kept)
-    nonlinear_force, missed, truncation = truncation_of(fine, settled.deflection, kept, 2 * plan.samples)
-    unsettled = relative_force_change(equation, settled.deflection, AMPLIFIED * settled.left, plan.samples)
+    samples = sweeps.WIDE_SAMPLES_PER_STEP * plan.steps
+    nonlinear_force, missed, truncation = truncation_of(fine, settled.deflection, kept, samples, settled.left)
     ended = Ended(
         deflection=kept,
         settled=settled.distance <= goal,
-        stalled=jnp.array(False),
+        stalled=np.array(False),
         steps=settled.marches,
-        error=sweeps.force_size(fine, missed[:, : plan.harmonics + 1]) / sweeps.vibration_size(fine, settled.deflection),
+        error=sweeps.force_size(fine, missed[:, : plan.harmonics + 1])
+        / sweeps.vibration_size(fine, settled.deflection),
         sweeps=settled.marches,
         periodicity_error=settled.change,
-        truncation_error=truncation + unsettled,
+        truncation_error=truncation,
     )
-    given = problem, active_meshes, equation, swept.condensed
+    given = problem, active_meshes, equation, condensed
     samples = fourier.SAMPLES_PER_HARMONIC * plan.kept
     outcome, _ = conclude(*given, fourier.resize(nonlinear_force, plan.kept), ended, tolerance, samples)
     return outcome
 
 
-def truncation_of(fine, deflection, kept, samples):
+def truncation_of(fine, deflection, kept, samples, *left):
     """phi and F of deflections ``(G, N+1)`` m, coefficients ``(G, 2N+1)``, and by how much of the largest elastic force
-    those ``kept`` of them are estimated to be off: what is left out, and F on 2 N harmonics.
+    those ``kept`` of them are estimated to be off: what is left out, F on 2 N harmonics, and changes that are ``left``.
 
     fine : the condensed equation with 2 N harmonics; samples : of the law. The harmonics N+1 to 2N are included: below
     the mesh modes a difference of two levels is no estimate.
     """
-    wide = fourier.resize(deflection, fine.linear.shape[-1] - 1)
+    harmonics = fine.linear.shape[-1] - 1
+    wide = fourier.resize(deflection, harmonics)
     nonlinear_force = fine.nonlinear_force_coefficients(wide, samples)
     missed = fine.left(wide, nonlinear_force)
-    corrected = wide - AMPLIFIED * missed
-    left_out = corrected - fourier.resize(kept, wide.shape[-1] - 1)
-    return nonlinear_force, missed, relative_force_change(fine, corrected, left_out, samples)
+    left_out = wide - fourier.resize(kept, harmonics)
+    changes = left_out - AMPLIFIED * missed, *(AMPLIFIED * fourier.resize(change, harmonics) for change in left)
+    return nonlinear_force, missed, relative_force_change(fine, wide, changes, samples)
 
 
 prepare = Program(_prepared, static_argnames="plan")
-conclude_sweeps = Program(_concluded, static_argnames="plan")
 
 
 _begun: set = set()
 """Structures of problems, with their plans, whose programs were begun beforehand."""
 
 
-def compile_ahead(problem, active_meshes, modes: MarchModes, plan: SweepPlan) -> None:
-    """Begin to make the programs that follow :data:`prepare` where that has to be made, once for each structure."""
-    leaves, tree = jax.tree.flatten((problem, active_meshes, modes))
+def compile_ahead(equation, system, columns, modes: MarchModes, plan: SweepPlan) -> None:
+    """Begin to make the program of sweeps where :data:`prepare` has to be made, once for each structure."""
+    given = equation, system, columns, modes
+    leaves, tree = jax.tree.flatten(given)
     structure = plan, tree, tuple(map(np.shape, leaves))
     if structure in _begun:
         return
     _begun.add(structure)
-    if prepare.at_hand(problem, active_meshes, modes, plan=plan):
+    if prepare.at_hand(*given, plan=plan):
         return
-    swept = prepare.shapes(problem, active_meshes, modes, plan=plan)
-    point, number = swept.flank, np.zeros(())
-    ended = Settled(point, point.linear, np.zeros((), dtype=int), number, point.linear, number)
-    conclude_sweeps.compile_ahead(problem, active_meshes, swept, ended, 0.0, 0.0, plan=plan)
-    sweeps.settle_program.compile_ahead(swept.sweeps, point, goal=0.0, most=MOST_SWEEPS, plan=plan)
+    swept = prepare.shapes(*given, plan=plan)
+    sweeps.settle_program.compile_ahead(swept.sweeps, swept.flank, goal=0.0, most=MOST_SWEEPS, plan=plan)
 
 
 def solve_by_sweeps(
@@ -131,8 +129,10 @@ def solve_by_sweeps(
     vibration.
     """
     goal = settled * tolerance
-    compile_ahead(problem, active_meshes, modes, plan)
-    swept = prepare(problem, active_meshes, modes, plan=plan)
+    equation, condensed = linear_equation(on_host(problem), 2 * plan.harmonics, active_meshes)
+    given = dataclasses.replace(equation, by_rate=plan.by_rate), condensed.system, condensed.columns, modes
+    compile_ahead(*given, plan)
+    swept = prepare(*given, plan=plan)
     begin = swept.flank
     if deflection is not None:
         begin = sweeps.motion_program(swept.sweeps, fourier.resize(deflection, plan.harmonics), plan=plan)
@@ -145,6 +145,7 @@ def solve_by_sweeps(
         ended = map_newton.solve_map(swept.sweeps, ended.point, plan, goal=goal, most_marches=MOST_MARCHES)
         path.append(NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change)))
         ended = dataclasses.replace(ended, marches=begun + ended.marches)
-    ended = jax.tree.map(np.asarray, ended)  # one program, whatever made them
-    outcome = conclude_sweeps(problem, active_meshes, swept, ended, tolerance, goal, plan=plan)
+    swept, ended = jax.tree.map(np.asarray, (swept, ended))
+    with np.errstate(all="ignore"):  # a status tells of numbers that are not finite
+        outcome = conclude_sweeps(problem, active_meshes, condensed, swept, ended, tolerance, goal, plan)
     return jax.tree.map(np.asarray, outcome), ended, path

@@ -20,30 +20,35 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxhb._jax import namespace
+
 
 def quotient(numerator, denominator):
     """Complex quotient, 0 where the denominator is 0 (a ring behind a purely viscous link at the mean)."""
     # Written out: the library's division is safe from overflow beyond 1e154 and costs as much as the rest of a sweep.
     # There it is nan, so that nothing that has lost a link counts as an answer.
+    xp = namespace(numerator, denominator)
     square = denominator.real**2 + denominator.imag**2
-    inverse = jnp.where(square < jnp.inf, 1 / jnp.where(square == 0, 1.0, square), jnp.nan)
-    return numerator * jnp.conj(denominator) * jnp.where(square == 0, 0.0, inverse)
+    inverse = xp.where(square < np.inf, 1 / xp.where(square == 0, 1.0, square), np.nan)
+    return numerator * xp.conj(denominator) * xp.where(square == 0, 0.0, inverse)
 
 
+LARGEST = 1e150  # pivot whose square does not overflow
 UNHELD = 1e-30  # stands for a last pivot of exactly zero: far below what rounding leaves of any other
 
 
 def last_pivot(pivot):
     """A last pivot, that of the whole train: where it vanishes the motion is huge, and not infinite on one version of
     jax and nan on another."""
-    return jnp.where(pivot == 0, UNHELD, pivot)
+    return namespace(pivot).where(pivot == 0, UNHELD, pivot)
 
 
 def nonzero_pivot(pivot, link):
     """A pivot that vanishes exactly (an undamped part at resonance with its upper node held) moved by rounding: the
     whole train need not be singular there. One that vanishes together with its link stays zero."""
-    size = jnp.abs(link.real) + jnp.abs(link.imag)
-    return jnp.where(pivot == 0, jnp.finfo(float).eps * size, pivot)
+    xp = namespace(pivot, link)
+    size = xp.abs(link.real) + xp.abs(link.imag)
+    return xp.where(pivot == 0, np.finfo(float).eps * size, pivot)
 
 
 class Slots(NamedTuple):
@@ -81,38 +86,93 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
     of no meaning for the root); node : complex ``(S, H)``, ground included; load : complex ``(S, R, H)``; forces : of
     how many loads, the first ones, default all.
     """
+    xp = namespace(near, far, link, node, load)
+    rows = _host_rows if xp is np else _traced_rows
     kept = slice(load.shape[1] if forces is None else forces)
 
     def eliminate(collected, item):
         own, above, alpha, beta, C, P, psi = item
         stiffness, moment = collected
         P, psi = P + stiffness[own], psi + moment[own]
-        pivot = nonzero_pivot(P + alpha**2 * C, alpha**2 * C)
-        inverse = quotient(1.0, pivot)
+        inverse, unheld = rows.inverse(P, alpha**2 * C)
         hand = C * inverse
-        stiffness = stiffness.at[own].set(0.0, unique_indices=True).at[above].add(beta**2 * hand * P)
-        moment = moment.at[own].set(0.0, unique_indices=True).at[above].add(alpha * beta * hand * psi)
+        passed, pushed = beta * hand * P, alpha * hand * psi
+        stiffness = rows.moved(stiffness, own, above, beta * passed)
+        moment = rows.moved(moment, own, above, beta * pushed)
         # A part that nothing holds (a ring without spring, at the mean) has no stiffness and no pivot: it goes with its
         # parent.
-        follow = jnp.where(pivot == 0, beta / alpha, alpha * beta * hand)
-        alone = inverse * psi, alpha * hand * psi[kept]
-        return (stiffness, moment), (follow, beta * hand * P, *alone)
+        follow = xp.where(unheld, beta / alpha, alpha * beta * hand)
+        return (stiffness, moment), (follow, passed, inverse * psi, pushed[kept])
 
-    nothing = [jnp.zeros((len(at.every), *a.shape[1:]), a.dtype) for a in (node, load)]
+    nothing = [xp.zeros((len(at.every), *a.shape[1:]), a.dtype) for a in (node, load)]
     below_root = [a[:-1] for a in (at.own, at.above, near, far, link, node, load)]
-    (stiffness, moment), held = lax.scan(eliminate, tuple(nothing), below_root)
+    (stiffness, moment), held = rows.scan(eliminate, tuple(nothing), below_root)
     # All that hangs on the root has arrived: its displacement is known, and with it, parent by parent, all others.
     root = (load[-1] + moment[at.own[-1]]) / last_pivot(node[-1] + stiffness[at.own[-1]])
 
     def substitute(motion, item):
         own, above, follow, transfer, free, push = item
         up = motion[above]
-        below = free + follow * up
-        return motion.at[own].set(below, unique_indices=True), (below, push - transfer * up[kept])
+        below, force = free + follow * up, push - transfer * up[kept]
+        return rows.replaced(motion, own, below), (below, force)  # of the host in place: ``up`` is gone then
 
-    motion = nothing[1].at[at.own[-1]].set(root, unique_indices=True)
-    _, (below, force) = lax.scan(substitute, motion, (at.own[:-1], at.above[:-1], *held), reverse=True)
-    return jnp.concatenate([below, root[None]]), jnp.concatenate([force, jnp.zeros_like(root)[None, kept]])
+    motion = rows.replaced(xp.zeros_like(nothing[1]), at.own[-1], root)
+    _, (below, force) = rows.scan(substitute, motion, (at.own[:-1], at.above[:-1], *held), reverse=True)
+    return xp.concatenate([below, root[None]]), xp.concatenate([force, xp.zeros_like(root)[None, kept]])
+
+
+class _traced_rows:
+    """How a sweep of jax goes from node to node, and writes to rows of what nodes have collected."""
+
+    scan = staticmethod(lax.scan)
+
+    @staticmethod
+    def inverse(node, link):
+        """1 over the pivot ``node + link``, and where there is none."""
+        pivot = nonzero_pivot(node + link, link)
+        return quotient(1.0, pivot), pivot == 0
+
+    @staticmethod
+    def moved(array, own, above, values):
+        """Row ``own`` zero, and ``values`` added to row ``above``."""
+        return array.at[own].set(0.0, unique_indices=True).at[above].add(values)
+
+    @staticmethod
+    def replaced(array, own, values):
+        """``values`` in row ``own``."""
+        return array.at[own].set(values, unique_indices=True)
+
+
+class _host_rows:
+    """The same of numpy, in place."""
+
+    @staticmethod
+    def inverse(node, link):
+        pivot = node + link
+        if pivot.all() and np.abs(pivot).max() < LARGEST:
+            return 1 / pivot, False
+        return _traced_rows.inverse(node, link)
+
+    @staticmethod
+    def scan(step, carry, items, reverse=False):
+        """As ``lax.scan``, of items in a tuple."""
+        made = []
+        each = zip(*items, strict=True)
+        for item in reversed(list(each)) if reverse else each:
+            carry, row = step(carry, item)
+            made.append(row)
+        return carry, [np.stack(values) for values in zip(*(made[::-1] if reverse else made), strict=True)]
+
+    @staticmethod
+    def moved(array, own, above, values):
+        array[own] = 0.0
+        array[above] += values
+        return array
+
+    @staticmethod
+    def replaced(array, own, values):
+        array[own] = values
+        return array
 
 
 def matrix_sweep(parent, near, far, link, node, load):

@@ -21,10 +21,11 @@ import numpy as np
 from jax import lax
 
 from jaxhb._jax import added, namespace
+from jaxhb._program import Program
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.dynamic_stiffness import balance, frequencies, link_stiffness, receptance, solve_linear
-from jaxhb.equations.state_space import hanging_along, linear_motion_and_bends
 
+HOST_DISKS = 100  # up to which the motion under a load is found without a program, as quickly
 CHUNK = 64  # harmonics swept at a time: even a finely divided train then stays in the cache of a processor
 
 
@@ -58,32 +59,30 @@ class CondensedEquation:
         return dataclasses.replace(self, crossings=exact_integrals.find_crossings(self.law, deflection))
 
     def nonlinear_force(self, deflection, rate, rule):
-        """phi and its slopes in l and l' at the samples ``(G, samples)`` of a rule: what the linear mesh does not
-        contain."""
-        known = backlash.at_samples(self, rule.synthesize)
-        by_deflection, by_rate = backlash.nonlinear_slopes(*known, deflection, rate)
-        return backlash.nonlinear_force(*known, deflection, rate), by_deflection, by_rate
+        """phi at the samples ``(G, samples)`` of a rule: what the linear mesh does not contain."""
+        return backlash.nonlinear_force(*backlash.at_samples(self, rule.synthesize), deflection, rate)
 
-    def _along(self, deflection, samples):
-        """The time samples of a motion, and phi and its slopes there."""
-        rule = quadrature(self.integrals, self.law, deflection, samples, self.crossings)
-        return rule, *self.nonlinear_force(*self._values(deflection, rule), rule)
+    def _rule(self, deflection, samples):
+        return quadrature(self.integrals, self.law, deflection, samples, self.crossings)
 
     def nonlinear_slopes(self, deflection, samples, harmonics):
         """Coefficients ``(2, G, harmonics+1)`` of the slopes of phi in l and l'."""
-        rule, _, *slopes = self._along(deflection, samples)
+        rule = self._rule(deflection, samples)
+        known = backlash.at_samples(self, rule.synthesize)
+        slopes = backlash.nonlinear_slopes(*known, *self._values(deflection, rule))
         return jax.vmap(lambda slope: rule.analyze(slope, harmonics))(jnp.stack(slopes))
 
     def nonlinear_force_coefficients(self, deflection, samples):
         """Coefficients ``(G, N+1)`` of phi at those of l."""
-        rule, nonlinear_force, _, _ = self._along(deflection, samples)
+        rule = self._rule(deflection, samples)
+        nonlinear_force = self.nonlinear_force(*self._values(deflection, rule), rule)
         return rule.analyze(nonlinear_force, deflection.shape[-1] - 1)
 
     def _values(self, deflection, rule):
         if not self.by_rate:
             values = rule.synthesize(deflection)
-            return values, jnp.zeros_like(values)
-        return jax.vmap(rule.synthesize)(jnp.stack([deflection, fourier.derivative(deflection, self.frequency)]))
+            return values, namespace(values).zeros_like(values)
+        return fourier.each(rule.synthesize, deflection, fourier.derivative(deflection, self.frequency))
 
     def sampled(self, deflection, samples):
         """Values of l and l' at ``samples`` equidistant time samples; l' is 0 where phi does not depend on it."""
@@ -92,7 +91,7 @@ class CondensedEquation:
     def respond(self, nonlinear_force):
         """Deflections caused by coefficients ``(G, N+1)`` of nonlinear force: G phi."""
         # Written out: a product of many small matrices takes six times as long.
-        return jnp.sum(self.receptance * nonlinear_force.T[:, None, :], axis=-1).T
+        return (self.receptance * nonlinear_force.T[:, None, :]).sum(axis=-1).T
 
     def residual(self, deflection, samples):
         """F(l) as coefficients ``(G, N+1)``; phi at ``samples`` time samples, of which exact integrals take none."""
@@ -144,12 +143,7 @@ class CondensedTrain:
             return displacement, self.less_error(force, omega)
         # phi acts against the deflection: D^T phi on the side of the loads.
         load = fourier.resize(self.load, harmonics) - self.columns @ nonlinear_force
-
-        def swept(chunk):
-            displacement, force = solve_linear(self.system, chunk[0], chunk[1][:, None])
-            return displacement[:, 0], force[:, 0]
-
-        displacement, force = (_joined(a, harmonics) for a in lax.map(swept, (_cut(omega), _cut(load))))
+        displacement, force = motion_under(self.system, omega, load)
         return displacement, self.less_error(force, omega)
 
     def less_error(self, force, omega):
@@ -160,6 +154,43 @@ class CondensedTrain:
         links = namespace(force).asarray(self.meshes.link)
         stiffness = link_stiffness(self.system, omega)[links]
         return added(force, links, -stiffness * fourier.resize(error, omega.shape[-1] - 1))
+
+
+def motion_under(system, omega, load):
+    """Displacements ``(S, H)`` m and link forces ``(L, H)`` N of the train under a load ``(S, H)`` N at frequencies
+    ``(H,)``; on the host where its numbers lie there and disks are few."""
+    if namespace(system, omega, load) is not np:
+        return _by_chunks(system, omega, load)
+    if len(system.mass) > HOST_DISKS:
+        return jax.tree.map(np.asarray, _by_chunks(system, omega, load))
+    displacement, force = solve_linear(system, omega, load[:, None])
+    return displacement[:, 0], force[:, 0]
+
+
+def displacements_and_bends(system, frequency, load):
+    """Displacements ``(S, N+1)`` m of the train with all meshes in contact under a load ``(S, N+1)`` N, and deflections
+    ``(L, N+1)`` m of all links: from their forces, as differences of displacements lose digits where a train turns far
+    as one."""
+    omega = frequencies(frequency, load.shape[-1] - 1)
+    displacement, force = motion_under(system, omega, load)
+    return displacement, bends_of(system, displacement, force, link_stiffness(system, omega))
+
+
+def bends_of(system, displacement, force, stiffness, links=slice(None)):
+    """Deflections ``(n, H)`` m of links, with displacements ``(S, H)`` m, from the link forces ``(L, H)`` N and complex
+    stiffnesses ``(L, H)`` N/m of all."""
+    xp, stiffness = namespace(displacement, force, stiffness), stiffness[links]
+    apart, slack = system.deflections(displacement, links), stiffness == 0
+    return xp.where(slack, apart, force[links] / xp.where(slack, 1.0, stiffness))
+
+
+@Program
+def _by_chunks(system, omega, load):
+    def swept(chunk):
+        displacement, force = solve_linear(system, chunk[0], chunk[1][:, None])
+        return displacement[:, 0], force[:, 0]
+
+    return tuple(_joined(a, len(omega) - 1) for a in lax.map(swept, (_cut(omega), _cut(load))))
 
 
 def _cut(values):
@@ -178,8 +209,14 @@ def _joined(chunks, harmonics):
     return values.reshape(*values.shape[:-2], values.shape[-2] * values.shape[-1])[..., : harmonics + 1]
 
 
-def condense(system, frequency, load, harmonics, every, meshes, active):
-    """Condense the linear train onto the active meshes: :class:`CondensedEquation`, :class:`CondensedTrain`.
+def with_receptances(equation, system, columns):
+    """A CondensedEquation of a System with its receptances; columns ``(S, G)`` of D^T of its meshes."""
+    omega = frequencies(equation.frequency, equation.linear.shape[-1] - 1)
+    return dataclasses.replace(equation, receptance=_receptances(system, omega, columns))
+
+
+def linear_motion(system, frequency, load, harmonics, every, meshes, active):
+    """:class:`CondensedEquation` without receptances, and :class:`CondensedTrain`; of numbers of the host there.
 
     frequency : Omega in rad/s; load : complex ``(S, E+1)`` N, of the excitation and of meshes held on one flank, those
     above ``harmonics`` N are dropped; every, meshes : MeshParameters of all and of the active ones; active : ``(G,)``
@@ -188,33 +225,18 @@ def condense(system, frequency, load, harmonics, every, meshes, active):
     load = backlash.error_load(system, every, frequency, load)[:, : harmonics + 1]
     columns = system.incidence(meshes.link) * active
     excited = frequencies(frequency, load.shape[-1] - 1)
-    displacement, force = _linear_motion(system, frequency, excited, load)
-    # From link forces: in differences of displacements a train that turns far as one loses the digits of its teeth.
-    xp, stiffness = namespace(force), link_stiffness(system, excited)[meshes.link]
-    apart = system.deflections(displacement, meshes.link)
-    rigid = stiffness == 0
-    apart = xp.where(rigid, apart, force[meshes.link] / xp.where(rigid, 1.0, stiffness))
+    displacement, force = motion_under(system, excited, load)
+    apart = bends_of(system, displacement, force, link_stiffness(system, excited), meshes.link)
     linear = backlash.less_error(meshes, apart) * active[:, None]
-    receptances = _receptances(system, frequencies(frequency, harmonics), columns)
     linear = fourier.resize(linear, harmonics)
     law = meshes.law.only(active)
     viscous, in_contact = meshes.viscous * active, meshes.contact_damping & (active > 0)
+    receptance = namespace(columns).zeros((0, columns.shape[1], columns.shape[1]), complex)
     varied = {"variation": meshes.variation}
-    equation = CondensedEquation(linear, receptances, frequency, law, viscous, in_contact, **varied)
+    equation = CondensedEquation(linear, receptance, frequency, law, viscous, in_contact, **varied)
     taken = balance(system, excited, load, displacement, force)
     alone = None if columns.shape[1] else (displacement, force)
     return equation, CondensedTrain(system, frequency, load, columns, taken, every, alone)
-
-
-def _linear_motion(system, frequency, omega, load):
-    """Displacements ``(S, N+1)`` m and link forces ``(L, N+1)`` N under a load ``(S, N+1)`` N at ``omega`` ``(N+1,)``,
-    n times the frequency; on the host by dense equations, which want no program."""
-    if namespace(system, frequency, load) is not np:
-        displacement, force = solve_linear(system, omega, load[:, None])
-        return displacement[:, 0], force[:, 0]
-    displacement, bends = linear_motion_and_bends(system, frequency, load)
-    displacement[:, 0] = hanging_along(system, displacement[:, 0].real)
-    return displacement, link_stiffness(system, omega) * bends
 
 
 def _receptances(system, omega, columns):

@@ -8,9 +8,10 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
-from jaxhb._jax import namespace
+from jaxhb._jax import added, namespace, placed
 from jaxhb.equations.block_sweep import last_pivot, nonzero_pivot, quotient, scalar_sweep
 
 
@@ -34,7 +35,7 @@ def node_stiffness(system, omega):
     """Dynamic stiffness ``(S, N+1)`` of every disk. A floating train is held at its root for the mean; without mean
     imbalance nothing flows through that support."""
     Z = disk_stiffness(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
-    return Z.at[system.tree.node[-1]].add(jnp.where(system.floating & (omega == 0), 1.0, 0.0))
+    return added(Z, system.tree.node[-1], namespace(Z).where(system.floating & (omega == 0), 1.0, 0.0))
 
 
 def disk_stiffness(omega, mass, damping, ground):
@@ -42,7 +43,6 @@ def disk_stiffness(omega, mass, damping, ground):
     return -(omega**2) * mass + 1j * omega * damping + ground
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(3,))
 def solve_linear(system, omega, load, forces=None):
     """Displacements ``(S, R, H)`` m and link forces ``(L, forces, H)`` N of the train: ``Z x = q``, ``f = C D x``
 
@@ -50,8 +50,16 @@ def solve_linear(system, omega, load, forces=None):
     ones, the link forces (elastic, viscous and loss-factor part, positive for ``a x_a > b x_b``) are wanted.
 
     A change of the train acts like a load: ``Z dx = dq - dZ x``, one more sweep forwards and one backwards instead of
-    the derivative of every step of the elimination.
+    the derivative of every step of the elimination. Numbers of the host are solved there.
     """
+    if namespace(system, omega, load) is not np:
+        return _solve_linear(system, omega, load, forces)
+    kept = load.shape[1] if forces is None else forces
+    return _sweep(system, link_stiffness(system, omega), node_stiffness(system, omega), load, kept)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(3,))
+def _solve_linear(system, omega, load, forces):
     C, node = link_stiffness(system, omega), node_stiffness(system, omega)
     kept = load.shape[1] if forces is None else forces
 
@@ -76,10 +84,10 @@ def solve_linear(system, omega, load, forces=None):
     return lax.custom_linear_solve(residual, (load, nothing), solve, solve_transposed)
 
 
-@solve_linear.defjvp
+@_solve_linear.defjvp
 def _solve_linear_jvp(forces, primals, tangents):
     (system, omega, load), (system_dot, omega_dot, load_dot) = primals, tangents
-    displacement, force = solve_linear(system, omega, load)
+    displacement, force = _solve_linear(system, omega, load, None)
 
     def parts(system, omega):
         return link_stiffness(system, omega), node_stiffness(system, omega), system.deflections(displacement)
@@ -90,7 +98,7 @@ def _solve_linear_jvp(forces, primals, tangents):
     deflection = force / jnp.where(C == 0, 1.0, C)[:, None]
     held = C_dot[:, None] * deflection + C[:, None] * bent
     _, ends_dot = jax.jvp(type(system).spread, (system, force), (system_dot, held))
-    change = solve_linear(system, omega, load_dot - node_dot[:, None] * displacement - ends_dot, forces)
+    change = _solve_linear(system, omega, load_dot - node_dot[:, None] * displacement - ends_dot, forces)
     return (displacement, force[:, :forces]), (change[0], change[1] + held[:, :forces])
 
 
@@ -113,24 +121,24 @@ def _size(values):
 
 def _sweep(system, C, node, load, forces):
     """The elimination of the tree with links ``C`` and disks ``node``, closed by the links outside it."""
-    tree = system.tree
+    tree, xp = system.tree, namespace(C, node, load)
     if not len(C):
-        return load / last_pivot(node[:, None]), jnp.zeros((0, *load[:, :forces].shape[1:]), load.dtype)
-    near = jnp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
-    far = jnp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
+        return load / last_pivot(node[:, None]), xp.zeros((0, *load[:, :forces].shape[1:]), load.dtype)
+    near = xp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
+    far = xp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
     loops = len(tree.loops)
     if loops:
         # Beside the given loads, a unit force in each link outside the tree: from the motion that it makes follows how
         # much of it closes the loop.
         unit = unit_forces(system.incidence(tree.loops), load.shape[2])
-        load = jnp.concatenate([unit, load], axis=1)
+        load = xp.concatenate([unit, load], axis=1)
     displacement, force = scalar_sweep(
         tree.slots, near, far, C[tree.link], node[tree.node], load[tree.node], loops + forces
     )
-    displacement = jnp.zeros_like(displacement).at[tree.node].set(displacement, unique_indices=True)
-    signed = jnp.where(tree.from_a, 1.0, -1.0)[:, None, None] * force
-    link_force = jnp.zeros((C.shape[0], *force.shape[1:]), force.dtype)
-    link_force = link_force.at[tree.link[:-1]].set(signed[:-1], unique_indices=True)
+    displacement = placed(xp.zeros_like(displacement), tree.node, displacement)
+    signed = xp.where(tree.from_a, 1.0, -1.0)[:, None, None] * force
+    link_force = xp.zeros((C.shape[0], *force.shape[1:]), force.dtype)
+    link_force = placed(link_force, tree.link[:-1], signed[:-1])
     if not loops:
         return displacement, link_force
     # The forces of the links outside the tree: (I + C G) f = C D x_tree at every harmonic.
@@ -139,13 +147,25 @@ def _sweep(system, C, node, load, forces):
     # (Woodbury's identity): I + C G is regular where the whole train is.
     gap, own = (system.deflections(x, tree.loops).transpose(2, 0, 1) for x in (given, unit))
     C_loop = C[tree.loops].T[:, :, None]
-    factors, swaps = jax.scipy.linalg.lu_factor(jnp.eye(loops) + C_loop * own)
-    factors = jnp.where(jnp.eye(loops, dtype=bool), last_pivot(factors), factors)
-    closing = jax.scipy.linalg.lu_solve((factors, swaps), C_loop * gap)
-    displacement = given - jnp.einsum("slh,hlr->srh", unit, closing)
+    closing = _solve_small(xp.eye(loops) + C_loop * own, C_loop * gap)
+    displacement = given - xp.einsum("slh,hlr->srh", unit, closing)
     closing = closing[..., : link_force.shape[1] - loops]
-    force = link_force[:, loops:] - jnp.einsum("klh,hlr->krh", link_force[:, :loops], closing)
-    return displacement, force.at[tree.loops].set(closing.transpose(1, 2, 0), unique_indices=True)
+    force = link_force[:, loops:] - xp.einsum("klh,hlr->krh", link_force[:, :loops], closing)
+    return displacement, placed(force, tree.loops, closing.transpose(1, 2, 0))
+
+
+def _solve_small(matrices, right):
+    """Solutions ``(H, n, R)`` of small systems ``(H, n, n)``; where one is singular they are huge."""
+    identity = np.eye(matrices.shape[-1])
+    if namespace(matrices, right) is np:
+        try:
+            return np.linalg.solve(matrices, right)
+        except np.linalg.LinAlgError:
+            size = np.abs(matrices).max(axis=(1, 2), keepdims=True)
+            return np.linalg.solve(matrices + np.finfo(float).eps * size * identity, right)
+    factors, swaps = jax.scipy.linalg.lu_factor(matrices)
+    factors = jnp.where(identity == 1, last_pivot(factors), factors)
+    return jax.scipy.linalg.lu_solve((factors, swaps), right)
 
 
 def condensed_chains(system, omega):
@@ -212,4 +232,4 @@ receptance.defjvp(partial(jax.jvp, _receptance_of_all_disks))
 
 def unit_forces(columns, count):
     """Loads ``(S, G, count)``: a unit force in each link with ``columns`` ``(S, G)`` of D^T, at every frequency."""
-    return jnp.broadcast_to(columns[:, :, None], (*columns.shape, count)).astype(complex)
+    return namespace(columns).broadcast_to(columns[:, :, None], (*columns.shape, count)).astype(complex)

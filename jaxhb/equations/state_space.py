@@ -29,14 +29,12 @@ import scipy.linalg
 from jax import lax
 
 from jaxhb._jax import namespace, on_host, traced
-from jaxhb.equations.dynamic_stiffness import disk_stiffness, link_stiffness
 
 LIGHT = 1e-6  # share of the mean inertia that a disk without inertia gets: its mode is then far above all others
 ROTATION = 1e-14  # share of the highest squared frequency below which a mode is free rotation, as rounding shows it
 # Frequency given to free rotation by springs in proportion to the inertias, as a share of that of the cycle; and the
 # least share of the highest squared frequency, which rounding leaves.
 HELD, HELD_ROUNDED = 1e-5, 1e-15
-DIGITS_KEPT = 1e-9  # of a deflection, that differences of displacements may lose
 CONDITION, PARTING = 1e7, 1e-9  # of eigenvectors, above which damping is added, and that as a share of the largest
 PARTED = 1e-13  # damping that is always added where real modes are made, as a share of the largest
 
@@ -237,63 +235,16 @@ def dense_linear_motion(system, frequency, load):
     return xp.concatenate([mean[:, None] + 0j, harmonics], axis=1)
 
 
-def linear_motion_and_bends(system, frequency, load):
-    """Displacements ``(S, N+1)`` m as of :func:`dense_linear_motion` and deflections ``(L, N+1)`` m of all links, on
-    the host: of a slow train, which turns so far as one that differences of displacements are rounding, from link
-    forces."""
-    omega = frequency * np.arange(1, load.shape[-1])
-    stiffness = link_stiffness(system, omega)
-    turns_far = np.max(np.abs(stiffness), initial=0.0) / np.maximum(frequency**2 * np.sum(system.mass), 1e-300)
-    if np.finfo(float).eps * turns_far < DIGITS_KEPT:
-        displacement = dense_linear_motion(system, frequency, load)
-        return displacement, system.deflections(displacement)
-    mean = static_response(matrices(system)[1], load[:, 0].real)
-    disks, links = len(system.mass), len(stiffness)
-    arms = system.incidence()
-    # Unknowns are displacements x and link forces f: disks are balanced by forces, Z x + D^T f = q, and every link has
-    # D x = f / C, so that no stiffness stands beside an inertia that it swamps.
-    matrix = np.zeros((len(omega), disks + links, disks + links), dtype=complex)
-    matrix[:, :disks, disks:] = arms
-    rigid = stiffness == 0
-    matrix[:, disks:, :disks] = np.where(rigid, 0.0, 1.0).T[:, :, None] * arms.T
-    disk, link = np.arange(disks), disks + np.arange(links)
-    own = disk_stiffness(omega, *(np.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground)))
-    matrix[:, disk, disk] = own.T
-    matrix[:, link, link] = -np.where(rigid, 1.0, 1 / np.where(rigid, 1.0, stiffness)).T
-    pushed = np.concatenate([load[:, 1:], np.zeros((links, len(omega)))])
-    found = np.linalg.solve(matrix, pushed.T[..., None])[..., 0].T
-    displacement = np.concatenate([mean[:, None] + 0j, found[:disks]], axis=1)
-    bends = np.where(rigid, system.deflections(found[:disks]), found[disks:] / np.where(rigid, 1.0, stiffness))
-    return displacement, np.concatenate([system.deflections(mean)[:, None] + 0j, bends], axis=1)
-
-
 def static_response(K, force):
     """K^-1 force, without the motions that meet no stiffness (the load is balanced on them)."""
     xp = namespace(K, force)
-    scale, held, values, vectors = _stiffnesses(K)
-    inverse = xp.where(held, 1.0, 0.0) / xp.where(held, values, 1.0)
-    return (vectors @ (inverse * (vectors.T @ (force / scale)))) / scale
-
-
-def _stiffnesses(K):
-    """Scale ``(S,)`` of disks; which motions meet a stiffness, their stiffnesses, and their scaled shapes by columns."""
-    xp, diagonal = namespace(K), namespace(K).diag(K)
+    diagonal = xp.diag(K)
     scale = xp.sqrt(xp.where(diagonal > 0, diagonal, 1.0))
     values, vectors = xp.linalg.eigh(K / scale[:, None] / scale)
     # Scaled by the diagonal: what is left of an eigenvalue that should be zero is rounding.
-    return scale, values > 1e-13, values, vectors
-
-
-def hanging_along(system, mean):
-    """Mean displacements ``(S,)`` m in which what no stiffness holds, such as a ring without spring, goes along with
-    what it hangs on; on the host."""
-    loose = np.flatnonzero(system.stiffness == 0)
-    if not len(loose):
-        return mean
-    scale, held, _, vectors = _stiffnesses(matrices(system)[1])
-    free = vectors[:, ~held] / scale[:, None]
-    bends, now = system.deflections(free, loose), system.deflections(mean, loose)
-    return mean - free @ np.linalg.lstsq(bends, now, rcond=None)[0]
+    held = values > 1e-13
+    inverse = xp.where(held, 1.0, 0.0) / xp.where(held, values, 1.0)
+    return (vectors @ (inverse * (vectors.T @ (force / scale)))) / scale
 
 
 @dataclass(frozen=True)

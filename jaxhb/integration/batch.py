@@ -12,7 +12,8 @@ import numpy as np
 
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import all_meshes
-from jaxhb.equations.state_space import linear_motion_and_bends, matrices, static_response
+from jaxhb.equations.condensation import displacements_and_bends
+from jaxhb.equations.state_space import matrices, static_response
 from jaxhb.excitation.torques import excitation
 from jaxhb.integration.step import Stepper, force_on_flank, krogstad, rows_of
 
@@ -41,7 +42,7 @@ def linear_motions(train, rpm, system, meshes, harmonics):
         torque, _, _ = excitation(train, rpm, harmonics)
         frequency = train.topology.cycle_frequency(rpm)
         load = backlash.error_load(system, all_meshes(train), frequency, torque / system.radius[:, None])
-        displacement, bends = linear_motion_and_bends(system, frequency, load)
+        displacement, bends = displacements_and_bends(system, frequency, load)
         force = force_on_flank(meshes.law, bends[meshes.link])
         shift = static_response(matrices(system)[1], system.spread(-force, meshes.link))
         return LinearMotion(frequency, displacement, bends[meshes.link], shift)

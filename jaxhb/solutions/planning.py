@@ -1,6 +1,5 @@
 """Decisions taken on the host: which meshes are unknowns, where to start, how many harmonics."""
 
-import contextlib
 import dataclasses
 import math
 
@@ -10,7 +9,7 @@ from jaxhb._jax import kept, on_host
 from jaxhb.balance.plan import MOST_HARMONICS, Plan, excited_harmonic, time_steps_for, time_steps_of
 from jaxhb.balance.program import solve_batches
 from jaxhb.equations import backlash, fourier
-from jaxhb.equations.state_space import linear_motion_and_bends
+from jaxhb.equations.condensation import HOST_DISKS, displacements_and_bends
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.train import chain
@@ -31,7 +30,7 @@ BLIND_SHARE = 0.1  # of the tolerance that an estimate may use which does not se
 # loaded to be held on its flank.
 HAMMERED = 2.0
 # Up to which the linear motion is solved with dense matrices: 27 disks take 2 ms a speed, a program 3 s to compile.
-DENSE_DISKS, DENSE_SPEEDS = 100, 256
+HOST_SPEEDS = 256  # up to which the linear motion is found without a program
 
 
 def level_at_least(harmonics, levels=LEVELS):
@@ -149,21 +148,21 @@ def plan_speeds(train, rpm, request):
 
 def _linear_mesh_forces(train, rpm, contact, harmonics):
     """Elastic forces ``(n, M, N+1)`` N of the meshes at speeds ``(n,)``, all teeth in contact."""
-    if len(rpm) <= DENSE_SPEEDS and train.topology.n_disks <= DENSE_DISKS:
-        with contextlib.suppress(np.linalg.LinAlgError):  # a singular train, of which the program below says more
-            return _dense_mesh_forces(on_host(train), rpm, harmonics)
+    if len(rpm) <= HOST_SPEEDS and train.topology.n_disks <= HOST_DISKS:
+        with np.errstate(all="ignore"):  # a solve tells of numbers that are not finite
+            return _mesh_forces_of_host(on_host(train), rpm, harmonics)
     linear = dataclasses.replace(contact, harmonics=harmonics, method="reduced", integrals="sampled")
     batches = solve_batches(linearised(train), rpm, linear)
     return np.stack([response.elastic_forces for batch in batches for response in batch])
 
 
-def _dense_mesh_forces(train, rpm, harmonics):
+def _mesh_forces_of_host(train, rpm, harmonics):
     """Those of some speeds, without a program."""
     (system, meshes), found = _linear_parts(train), []
     for speed in rpm:
         load, frequency = excitation(train, speed, harmonics)[0], train.topology.cycle_frequency(speed)
         load = backlash.error_load(system, meshes, frequency, load / system.radius[:, None])
-        _, bends = linear_motion_and_bends(system, frequency, load)
+        _, bends = displacements_and_bends(system, frequency, load)
         found.append(meshes.law.stiffness[:, None] * backlash.less_error(meshes, bends[meshes.link]))
     return np.stack(found)
 
