@@ -10,7 +10,7 @@ from reference_data import DATA
 import jaxhb
 from jaxhb._jax import on_host
 from jaxhb.results.status import Status
-from jaxhb.solutions.planning import _dense_mesh_forces
+from jaxhb.solutions.planning import _mesh_forces_of_host
 from jaxhb.steady.marching import Equations
 
 PAIR = """
@@ -102,7 +102,7 @@ def test_plans_and_marches_know_the_forces_of_teeth_in_contact_however_far_the_t
     wave = complex(*np.asarray(train.torques.harmonics)[0, 0]) / radius[0] * mass[1] / mass.sum()
     vibration = wave * stiffness / (stiffness - together * (2 * np.pi * rpm / 60) ** 2) / 2
     wanted = [float(train.torques.mean[0]) / radius[0], vibration]
-    planned = _dense_mesh_forces(on_host(train), [rpm], 1)[0, 0]
+    planned = _mesh_forces_of_host(on_host(train), [rpm], 1)[0, 0]
     marched = stiffness * Equations(train).linear_motion([rpm]).deflection[0, 0, :2]
     np.testing.assert_allclose([planned, marched], [wanted, wanted], rtol=1e-9)
 
