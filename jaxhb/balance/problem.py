@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxhb._jax import Array, namespace
 from jaxhb.equations import backlash, condensation, dynamic_stiffness, fourier
 from jaxhb.equations.backlash import MeshParameters, all_meshes
+from jaxhb.equations.block_sweep import quotient
 from jaxhb.equations.reduced_model import reduced_model
 from jaxhb.equations.residual import ForceBalance
 from jaxhb.excitation.torques import excitation, listed_harmonic, load_power_kW
@@ -117,12 +118,14 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
     harmonics = displacement.shape[-1] - 1
     omega = dynamic_stiffness.frequencies(problem.frequency, harmonics)
     displacement = displacement.at[:, 0].add(-chain.drift(system, problem.rigid, displacement[:, 0].real))
-    stiffness = dynamic_stiffness.link_stiffness(system, omega)
-    deflection = force / jnp.where(stiffness == 0, 1.0, stiffness)
+    complex_stiffness = dynamic_stiffness.link_stiffness(system, omega)
+    links, stiffness = jnp.asarray(meshes.link), jnp.asarray(system.stiffness)[:, None]
+    elastic_torque = force * quotient(stiffness, complex_stiffness)
+    at_meshes = complex_stiffness[links]
+    mesh = force[links] / jnp.where(at_meshes == 0, 1.0, at_meshes)
     ends = jnp.asarray(system.radius)[system.tree.end_a][:, None]
-    count = len(meshes.link) - meshes.springs
+    count = len(links) - meshes.springs
     shafts = force.shape[0] - count
-    mesh = deflection[jnp.asarray(meshes.link)]
     law = jax.tree.map(jnp.asarray, meshes.law)
     rule = condensation.quadrature(integrals, law, mesh, samples, crossings)
     values, rates = jax.vmap(rule.synthesize)(jnp.stack([mesh, fourier.derivative(mesh, problem.frequency)]))
@@ -131,12 +134,12 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
     total = backlash.mesh_force(*known, values, rates)
     kept = FORCE_HARMONICS * harmonics - 1
     total, elastic = jax.vmap(lambda values: rule.analyze(values, kept))(jnp.stack([total, elastic]))
-    torque, elastic_torque = force, jnp.asarray(system.stiffness)[:, None] * deflection
+    torque = force
     if meshes.springs:
         # What acts beside a shaft: its force less that of the linear link in its place.
-        links, linear = jnp.asarray(meshes.link)[count:], law.linear[count:, None] * mesh[count:]
+        springs, linear = links[count:], law.linear[count:, None] * mesh[count:]
         torque, elastic_torque = (
-            fourier.resize(own, kept).at[links].add(beside[count:] - fourier.resize(linear, kept))
+            fourier.resize(own, kept).at[springs].add(beside[count:] - fourier.resize(linear, kept))
             for own, beside in ((torque, total), (elastic_torque, elastic))
         )
     return Fields(

@@ -22,7 +22,9 @@ from jax import lax
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.dynamic_stiffness import balance, frequencies, link_stiffness, receptance, solve_linear
 
-CHUNK = 64  # harmonics swept at a time: even a finely divided train then stays in the cache of a processor
+# Harmonics swept at a time for receptances, and for the motions of all disks, of which more is kept on the way: even
+# those of a finely divided train then stay in the cache of a processor.
+CHUNK, MOTION_CHUNK = 64, 16
 
 
 @jax.tree_util.register_dataclass
@@ -139,15 +141,29 @@ class CondensedTrain:
         if self.alone is not None:
             displacement, force = (fourier.resize(a, harmonics) for a in self.alone)
             return displacement, self.less_error(force, omega)
-        # phi acts against the deflection: D^T phi on the side of the loads.
-        load = fourier.resize(self.load, harmonics) - self.columns @ nonlinear_force
+        count = harmonics + 1
+        size = -(-count // -(-count // MOTION_CHUNK))
 
-        def swept(chunk):
-            displacement, force = solve_linear(self.system, chunk[0], chunk[1][:, None])
-            return displacement[:, 0], force[:, 0]
+        def swept(chunk, found):
+            # Chunks of equal size make one program; the last begins where it ends with the harmonics.
+            first = jnp.minimum(chunk * size, count - size)
+            displacement, force = self._motion(first, lax.dynamic_slice_in_dim(nonlinear_force, first, size, 1))
+            swept = displacement, force
+            return tuple(lax.dynamic_update_slice_in_dim(a, b, first, 1) for a, b in zip(found, swept, strict=True))
 
-        displacement, force = (_joined(a, harmonics) for a in lax.map(swept, (_cut(omega), _cut(load))))
+        nothing = (jnp.zeros((rows, count), complex) for rows in (len(self.load), len(self.system.stiffness)))
+        displacement, force = lax.fori_loop(0, -(-count // size), swept, tuple(nothing))
         return displacement, self.less_error(force, omega)
+
+    def _motion(self, first, nonlinear_force):
+        """Displacements ``(S, size)`` and link forces ``(L, size)`` at harmonics from ``first`` on."""
+        excited = self.load.shape[-1]
+        harmonics = first + jnp.arange(nonlinear_force.shape[-1])
+        load = jnp.where(harmonics < excited, self.load[:, jnp.minimum(harmonics, excited - 1)], 0.0)
+        # phi acts against the deflection: D^T phi on the side of the loads.
+        load = load - self.columns @ nonlinear_force
+        displacement, force = solve_linear(self.system, self.frequency * harmonics, load[:, None])
+        return displacement[:, 0], force[:, 0]
 
     def less_error(self, force, omega):
         """Forces ``(L, n+1)`` N of the linear links at teeth with errors, from those of the bodies alone."""
