@@ -9,6 +9,7 @@ import numpy as np
 from jaxhb._jax import Array, added, namespace
 from jaxhb.equations import backlash, condensation, dynamic_stiffness, fourier
 from jaxhb.equations.backlash import MeshParameters, all_meshes
+from jaxhb.equations.block_sweep import quotient
 from jaxhb.equations.reduced_model import reduced_model
 from jaxhb.equations.residual import ForceBalance
 from jaxhb.excitation.torques import excitation, listed_harmonic, load_power_kW
@@ -131,12 +132,14 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
     xp, harmonics = namespace(problem, displacement, force), displacement.shape[-1] - 1
     omega = dynamic_stiffness.frequencies(problem.frequency, harmonics)
     displacement = _with_mean(displacement, -chain.drift(system, problem.rigid, displacement[:, 0].real))
-    stiffness = dynamic_stiffness.link_stiffness(system, omega)
-    deflection = force / xp.where(stiffness == 0, 1.0, stiffness)
+    complex_stiffness = dynamic_stiffness.link_stiffness(system, omega)
+    links, stiffness = xp.asarray(meshes.link), xp.asarray(system.stiffness)[:, None]
+    elastic_torque = force * quotient(stiffness, complex_stiffness)
+    at_meshes = complex_stiffness[links]
+    mesh = force[links] / xp.where(at_meshes == 0, 1.0, at_meshes)
     ends = xp.asarray(system.radius)[system.tree.end_a][:, None]
-    count = len(meshes.link) - meshes.springs
+    count = len(links) - meshes.springs
     shafts = force.shape[0] - count
-    mesh = deflection[xp.asarray(meshes.link)]
     law = jax.tree.map(xp.asarray, meshes.law)
     rule = condensation.quadrature(integrals, law, mesh, samples, crossings)
     values, rates = fourier.each(rule.synthesize, mesh, fourier.derivative(mesh, problem.frequency))
@@ -145,12 +148,12 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
     total = backlash.mesh_force(*known, values, rates)
     kept = FORCE_HARMONICS * harmonics - 1
     total, elastic = fourier.each(lambda values: rule.analyze(values, kept), total, elastic)
-    torque, elastic_torque = force, xp.asarray(system.stiffness)[:, None] * deflection
+    torque = force
     if meshes.springs:
         # What acts beside a shaft: its force less that of the linear link in its place.
-        links, linear = xp.asarray(meshes.link)[count:], law.linear[count:, None] * mesh[count:]
+        springs, linear = links[count:], law.linear[count:, None] * mesh[count:]
         torque, elastic_torque = (
-            added(fourier.resize(own, kept), links, beside[count:] - fourier.resize(linear, kept))
+            added(fourier.resize(own, kept), springs, beside[count:] - fourier.resize(linear, kept))
             for own, beside in ((torque, total), (elastic_torque, elastic))
         )
     return Fields(

@@ -26,7 +26,9 @@ from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.dynamic_stiffness import balance, frequencies, link_stiffness, receptance, solve_linear
 
 HOST_DISKS = 100  # up to which the motion under a load is found without a program, as quickly
-CHUNK = 64  # harmonics swept at a time: even a finely divided train then stays in the cache of a processor
+# Harmonics swept at a time for receptances, and for the motions of all disks, of which more is kept on the way: even
+# those of a finely divided train then stay in the cache of a processor.
+CHUNK, MOTION_CHUNK = 64, 16
 
 
 @jax.tree_util.register_dataclass
@@ -186,11 +188,20 @@ def bends_of(system, displacement, force, stiffness, links=slice(None)):
 
 @Program
 def _by_chunks(system, omega, load):
-    def swept(chunk):
-        displacement, force = solve_linear(system, chunk[0], chunk[1][:, None])
-        return displacement[:, 0], force[:, 0]
+    """What :func:`motion_under` gives, MOTION_CHUNK frequencies at a time."""
+    count = len(omega)
+    size = -(-count // -(-count // MOTION_CHUNK))
 
-    return tuple(_joined(a, len(omega) - 1) for a in lax.map(swept, (_cut(omega), _cut(load))))
+    def swept(chunk, found):
+        # Chunks of equal size make one program; the last begins where it ends with the frequencies.
+        first = jnp.minimum(chunk * size, count - size)
+        part = lax.dynamic_slice_in_dim(load, first, size, 1)
+        displacement, force = solve_linear(system, lax.dynamic_slice_in_dim(omega, first, size), part[:, None])
+        moved = displacement[:, 0], force[:, 0]
+        return tuple(lax.dynamic_update_slice_in_dim(a, b, first, 1) for a, b in zip(found, moved, strict=True))
+
+    nothing = (jnp.zeros((rows, count), complex) for rows in (len(load), len(system.arm_a)))
+    return lax.fori_loop(0, -(-count // size), swept, tuple(nothing))
 
 
 def _cut(values):
