@@ -26,6 +26,7 @@ from jax import lax
 from jaxhb._jax import Array
 from jaxhb.balance import correction
 from jaxhb.balance.problem import fields, reduced_equation
+from jaxhb.equations import cell_forces
 
 if TYPE_CHECKING:
     from jaxhb.balance.plan import Plan
@@ -92,7 +93,9 @@ def _attach_jvp(plan, primals, tangents):
     problem, active_meshes, (train, crossings), solved, _, _ = primals
     active, every = lax.stop_gradient(crossings or (None, None))
     found, deflection = attach(plan, *primals)  # second derivatives need that of the solution
-    samples = plan.samples * (plan.slope_samples if plan.integrals == "sampled" else 1)
+    samples = plan.slope_samples * plan.samples
+    # Else the derivative of the time samples, or of exact integrals.
+    averaged = plan.slope_samples > 1 and plan.integrals == "sampled"
     change = _kept(plan.failed_gradient, solved, tangents[0])
     problem = only_if(solved, problem, plan.failed_gradient)
 
@@ -104,13 +107,19 @@ def _attach_jvp(plan, primals, tangents):
 
     # dF/dtheta dtheta at fixed deflections: through l_lin, the receptances and the law. phi comes along.
     def residual(reduced):
-        force = reduced.nonlinear_force_coefficients(deflection, samples)
+        if averaged:
+            force = cell_forces.force_coefficients(reduced, deflection, samples)
+        else:
+            force = reduced.nonlinear_force_coefficients(deflection, samples)
         return reduced.left(deflection, force), force
 
     (_, force), (left, force_dot) = jax.jvp(residual, (reduced,), (reduced_dot,))
     deflection_dot = -left
     if len(active_meshes.mask):
-        slopes = correction.slopes_at(reduced, deflection, samples)
+        if averaged:
+            slopes = cell_forces.slope_coefficients(reduced, deflection, samples, 2 * plan.harmonics)
+        else:
+            slopes = correction.slopes_at(reduced, deflection, samples)
         march = lax.stop_gradient(correction.march_at(train, slopes))
         deflection_dot = correction.invert(reduced, march, slopes, -left)
         force_dot = force_dot + correction.force_change(reduced, slopes)(deflection_dot)

@@ -133,7 +133,7 @@ class Plan:
     max_steps: int = 24
     estimated: bool = True
     compare_starts: bool = False
-    slope_samples: int = 16
+    slope_samples: int = 2
     failed_gradient: str = "zero"
 
     @property

@@ -64,7 +64,7 @@ class Task:
     objectives: tuple
     penalties: tuple
     smooth = True
-    accuracy = 0.0, 16
+    accuracy = 0.0, 2
     """Newton step after which a lane is solved, 0 for the accuracy of derivatives; ``slope_samples`` of its Plan."""
 
     @property

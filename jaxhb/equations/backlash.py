@@ -207,7 +207,7 @@ def separated(law, deflection):
     return namespace(law, deflection).abs(deflection) < law.gap
 
 
-def _pieces(law, deflection):
+def pieces(law, deflection):
     """``tau h``, u and v."""
     xp = namespace(law, deflection)
     width, size = law.width, xp.abs(deflection)
@@ -225,7 +225,7 @@ def force(law, deflection):
     >>> round(float(force(Law(1.0, 0.04, 0.2, 0.5), 0.25)), 6)
     0.022
     """
-    width, inside, beyond = _pieces(law, deflection)
+    width, inside, beyond = pieces(law, deflection)
     drop = law.stiffness * (1 - law.epsilon)
     contact = drop * (inside**2 / (2 * width) + beyond)
     return law.epsilon * law.stiffness * deflection + namespace(law, deflection).sign(deflection) * contact
@@ -233,7 +233,7 @@ def force(law, deflection):
 
 def engagement(law, deflection):
     """Share of contact (f'(l) - c1) / (c2 - c1), 0 in the gap and 1 in contact."""
-    width, inside, _ = _pieces(law, deflection)
+    width, inside, _ = pieces(law, deflection)
     return inside / width
 
 
@@ -244,10 +244,15 @@ def slope(law, deflection):
 
 def energy(law, deflection):
     """Elastic energy U(l), the integral of f from 0 to l, in J."""
-    width, inside, beyond = _pieces(law, deflection)
+    width, inside, beyond = pieces(law, deflection)
     drop = law.stiffness * (1 - law.epsilon)
-    contact = inside**3 / (6 * width) + beyond**2 / 2 + width * beyond / 2
+    contact = contact_integral(width, inside, beyond)
     return law.epsilon * law.stiffness * deflection**2 / 2 + drop * contact
+
+
+def contact_integral(width, inside, beyond):
+    """Integral over |l| of ``u^2 / (2 tau h) + v``, from :func:`pieces`."""
+    return inside**3 / (6 * width) + beyond**2 / 2 + width * beyond / 2
 
 
 def mesh_force(law, viscous, contact_damping, deflection, rate):
@@ -267,7 +272,7 @@ def dry_friction(law, rate):
 def nonlinear_force(law, viscous, contact_damping, deflection, rate):
     """:func:`mesh_force` less its linear part ``c l + r l'``, in N, without its cancellation."""
     xp = namespace(law, deflection, viscous)
-    width, inside, beyond = _pieces(law, deflection)
+    width, inside, beyond = pieces(law, deflection)
     share = inside / width
     elastic = xp.sign(deflection) * (share * inside / 2 + beyond) - deflection
     drop = law.stiffness * (1 - law.epsilon)
@@ -280,7 +285,7 @@ def nonlinear_force(law, viscous, contact_damping, deflection, rate):
 def mesh_slopes(law, viscous, contact_damping, deflection, rate):
     """Partial derivatives of :func:`mesh_force` with respect to l (N/m) and l' (N s/m), written out by hand."""
     xp = namespace(law, deflection, viscous)
-    width, inside, _ = _pieces(law, deflection)
+    width, inside, _ = pieces(law, deflection)
     share = xp.where(contact_damping, inside / width, 1.0)
     # Damping that sets in with contact adds to the slope in l: r l' times the slope of the engagement.
     moving = contact_damping & (inside > 0) & (inside < width)

@@ -1,7 +1,8 @@
-"""The linear solve of a Newton step: exact Jacobian, preconditioned by the linearised motion in time."""
+"""The linear solve of a Newton step: exact Jacobian, on the linearised map of a sweep."""
 
 import dataclasses
 import itertools
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -18,12 +19,17 @@ from jaxhb.equations.reduced_model import reduced_model
 from jaxhb.equations.state_space import paired, partition, state_space
 
 HARMONICS, SAMPLES, RPM = 48, 768, 12000.0
-"""The mesh modes lie at harmonic 13: the sweep in time knows no truncation, and below them it would matter."""
+"""The mesh modes lie at harmonic 13."""
 
 reduce = jax.jit(reduced_equation, static_argnums=1)
 approximate = jax.jit(reduced_model, static_argnames="time_steps")
-prepare = jax.jit(correction.prepare, static_argnums=(3, 4))
-precondition = jax.jit(correction.precondition)
+
+
+@partial(jax.jit, static_argnums=(3, 4))
+def prepare(reduced, model, l, samples, time_steps):
+    """The linearised march and the slopes at a motion."""
+    slopes = correction.slopes_at(reduced, l, samples)
+    return correction.march_at(correction.train_of(reduced, model, time_steps), slopes), slopes
 
 
 @pytest.fixture(scope="module")
@@ -56,33 +62,6 @@ def test_a_long_train_without_any_damping_has_a_basis():
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
 
 
-def test_meshes_are_swept_in_blocks_of_any_length(monkeypatch):
-    meshes = 3
-    names = [str(k) for k in range(meshes + 1)]
-    parts = [Disk(name=name, inertia=0.01, radius=0.1, damping=0.1) for name in names]
-    parts += [
-        Mesh(between=pair, stiffness=1e8, damping=1e3, backlash=1e-4, epsilon=1e-3, transition=0.04)
-        for pair in itertools.pairwise(names)
-    ]
-    problem = problem_at(build(parts, reference="0"), RPM, HARMONICS)
-    model = approximate(problem.system, problem.meshes.link, np.ones(meshes), problem.frequency, time_steps=512)
-    draw = np.random.default_rng(3)
-    slopes, motion = -1e6 * draw.uniform(size=(meshes, 512)), draw.normal(size=(2 * meshes, 512))
-
-    def forces(slopes, motion):
-        operator = correction.linearize(model, problem.frequency, slopes, 1e-5 * slopes)
-        blocks.append(operator.gain.shape[0])
-        return operator.forces(motion)
-
-    blocks, found = [], []
-    for shortest in (correction.SHORTEST, correction.LONGEST):
-        monkeypatch.setattr(correction, "SHORTEST", shortest)
-        found.append(np.asarray(jax.jit(lambda *given: forces(*given))(slopes, motion)))
-    (shorter, longer), (one, other) = blocks, found
-    assert shorter < longer == correction.LONGEST and np.abs(one).max() > 0
-    np.testing.assert_allclose(one, other, rtol=0, atol=RESIDUAL * np.abs(one).max())
-
-
 def dense_jacobian(reduced, l):
     def packed(flat):
         value = reduced.residual(fourier.unpack(flat.reshape(2, -1)), SAMPLES)
@@ -92,26 +71,71 @@ def dense_jacobian(reduced, l):
     return jax.jit(jax.jacfwd(packed))(at), jax.jit(packed)(at)
 
 
+correct = jax.jit(correction.correct, static_argnums=5)
+
+
+def coefficients(flat):
+    return fourier.unpack(jnp.asarray(flat).reshape(2, -1))
+
+
 def test_correction_solves_the_jacobian_of_autodiff(case):
     problem, reduced, l = case
     matrix, value = dense_jacobian(reduced, l)
     wanted = np.linalg.solve(np.asarray(matrix), value)
-    operator = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
-    solver = jax.jit(correction.correct, static_argnums=(4, 6))
-    found, left, used = solver(reduced, operator, l, fourier.unpack(value.reshape(2, -1)), SAMPLES, 1e-11, 60)
+    at = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
+    found, left, used = correct(reduced, *at, coefficients(value), 1e-11, 60)
     found = np.asarray(fourier.pack(found)).reshape(-1)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max())
     assert left <= 1e-11 and 0 < used <= 30
 
 
+def test_steps_of_the_march_change_the_way_and_not_the_correction(case):
+    problem, reduced, l = case
+    found = [
+        correct(reduced, *prepare(reduced, surrogate_of(problem, K), l, SAMPLES, K), reduced.linear, 1e-12, 60)
+        for K in (128, 1024)
+    ]
+    (coarse, *_), (fine, *_) = found
+    assert all(0 < used <= 40 for *_, used in found)
+    np.testing.assert_allclose(coarse, fine, rtol=0, atol=RESIDUAL * np.abs(fine).max())
+
+
+def test_the_transposed_solve_is_that_of_the_transposed_jacobian(case):
+    problem, reduced, l = case
+    matrix, value = dense_jacobian(reduced, l)
+    wanted = np.linalg.solve(np.asarray(matrix).T, value)
+
+    @jax.jit
+    def solve(march, slopes, value):
+        product = correction.tangent(reduced, slopes)
+        return correction.correct_product(march, product, value, transposed=True, tolerance=1e-12, steps=60)
+
+    found, left = solve(*prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512), coefficients(value))
+    found = np.asarray(fourier.pack(found)).reshape(-1)
+    assert left <= 1e-12
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max())
+
+
+def test_a_bordered_solve_is_that_of_the_bordered_jacobian(case):
+    problem, reduced, l = case
+    matrix, value = dense_jacobian(reduced, l)
+    draw = np.random.default_rng(5)
+    column, row = draw.normal(size=len(value)), draw.normal(size=len(value) + 1)
+    whole = np.block([[np.asarray(matrix), column[:, None]], [row]])
+    right = np.append(value, 0.3 * np.abs(value).max())
+    at = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
+    solve = jax.jit(lambda at, right: correction.correct_bordered(reduced, *at, (column, row), (right,), 60)[0])
+    wanted = np.linalg.solve(whole, right)
+    np.testing.assert_allclose(solve(at, right), wanted, rtol=0, atol=1e-7 * np.abs(wanted).max())
+
+
 def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
     problem, reduced, l = case
-    operator = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
+    march, slopes = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
 
     def both(steps):
         monkeypatch.setattr(correction, "DERIVATIVE", (1e-12, steps))
-        forces = correction.force_change(reduced, l, SAMPLES)
-        solver = jax.jit(lambda value: correction.invert(reduced, operator, l, value, forces))
+        solver = jax.jit(lambda value: correction.invert(reduced, march, slopes, value))
         found, pull = jax.vjp(solver, reduced.linear)
         return np.concatenate([found, pull(jnp.conj(reduced.linear))[0]])
 
@@ -122,43 +146,26 @@ def test_product_on_few_instants_is_the_jacobian_at_all_samples(case):
     _, reduced, l = case
     matrix, _ = dense_jacobian(reduced, l)
     direction = fourier.pack(jnp.asarray(l[::-1]))
-    found = jax.jit(lambda at, d: correction.tangent(reduced, at, SAMPLES)(d))(l, fourier.unpack(direction))
+    product = jax.jit(lambda at, d: correction.tangent(reduced, correction.slopes_at(reduced, at, SAMPLES))(d))
     wanted = np.asarray(matrix @ direction.reshape(-1))
-    error = np.abs(np.asarray(fourier.pack(found)).reshape(-1) - wanted).max()
+    error = np.abs(np.asarray(fourier.pack(product(l, fourier.unpack(direction)))).reshape(-1) - wanted).max()
     assert error <= ALGEBRAIC * np.abs(wanted).max()
 
 
-def test_preconditioner_tends_to_the_inverse_with_the_instants(case):
-    problem, reduced, l = case
-    draw = np.random.default_rng(15)
-    wanted = draw.normal(size=(2, HARMONICS + 1)) + 1j * draw.normal(size=(2, HARMONICS + 1))
-    wanted[:, 0] = wanted[:, 0].real
-    given = jax.jit(lambda at, d: correction.tangent(reduced, at, SAMPLES)(d))(l, wanted)
-    errors = []
-    for time_steps in (128, 256, 1024):
-        operator = prepare(reduced, surrogate_of(problem, time_steps), l, SAMPLES, time_steps)
-        found = precondition(reduced, operator, given)
-        errors.append(np.linalg.norm(found - wanted) / np.linalg.norm(wanted))
-    assert np.log2(errors[0] / errors[1]) > 1.7  # second order
-    assert errors[-1] < 5e-3  # what the harmonics above 48 leave
-
-
-def test_modes_that_outlast_the_cycle_are_carried_into_the_next():
-    """14 disks of which no motion decays within a cycle: with the slowest eight modes it takes seven Krylov steps."""
+def test_modes_that_outlast_the_cycle_take_a_krylov_step_each_at_most():
+    """14 disks of which no motion decays within a cycle."""
     gears = {6: 0.05, 7: 0.05}
     parts = [Disk(name=str(k), inertia=0.01, damping=0.001, radius=gears.get(k)) for k in range(14)]
     parts += [Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(13) if k != 6]
     parts += [Mesh(between=("6", "7"), stiffness=2e8, damping=200.0, backlash=1e-4, epsilon=0.02, transition=0.04)]
     problem = problem_at(build(parts, reference="0"), RPM, 1)
     reduced, _ = reduce(problem, HARMONICS, ActiveMeshes(np.ones(1), np.arange(1), np.zeros(1)))
-    train = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512)
+    model = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512)
     draw = np.random.default_rng(14)
     l = 1e-4 * draw.normal(size=(1, HARMONICS + 1)) / (1 + np.arange(HARMONICS + 1)) ** 1.5 + 0j
-    operator = prepare(reduced, train, l, SAMPLES, 512)
     value = draw.normal(size=(1, HARMONICS + 1)) + 0j
-    solver = jax.jit(correction.correct, static_argnums=(4, 6))
-    _, left, used = solver(reduced, operator, l, value, SAMPLES, 1e-8, 20)
-    assert left <= 1e-8 and used <= 5
+    _, left, used = correct(reduced, *prepare(reduced, model, l, SAMPLES, 512), value, 1e-8, 60)
+    assert left <= 1e-8 and used <= 28
 
 
 def test_a_train_of_inertial_disks_is_its_own_surrogate(case):
@@ -244,17 +251,3 @@ def test_resting_on_the_flank_balances_constant_forces(case):
     speed = space.transition @ state + space.forcing @ force
     scale = np.abs(space.forcing @ force).max()
     np.testing.assert_allclose(speed, 0.0, rtol=0, atol=1e-9 * scale)
-
-
-@pytest.mark.parametrize("cells", [12, 10])
-def test_cell_averages_keep_the_mean_and_follow_a_slow_wave(cells):
-    samples = 96
-    t = 2 * np.pi * np.arange(samples) / samples
-    averages = correction.cell_averages(np.stack([np.full(samples, 3.0), np.cos(t - 0.4)]), cells)
-    np.testing.assert_allclose(averages[0], 3.0, rtol=ALGEBRAIC)
-    middle = 2 * np.pi * np.arange(cells) / cells
-    np.testing.assert_allclose(averages[1].mean(), 0.0, rtol=0, atol=ALGEBRAIC)
-    shrink = np.sinc(1 / cells)  # the average of a cosine over a cell
-    np.testing.assert_allclose(
-        averages[1], shrink * np.cos(middle - 0.4), rtol=0, atol=2e-3
-    )  # piecewise constant samples

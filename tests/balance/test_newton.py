@@ -9,14 +9,14 @@ from jaxhb.balance.newton import newton
 
 
 def solve(evaluate, start, max_steps=24):
-    def direction(_, x, residual, error, forcing):
-        return jnp.linalg.solve(jax.jacfwd(evaluate)(x), residual), 1
+    def direction(x, residual, error, forcing):
+        return jnp.linalg.solve(jax.jacfwd(evaluate)(x), residual)
 
     @jax.jit
     def run(start):
-        return newton(evaluate, lambda x: (), direction, jnp.linalg.norm, start, tolerance=1e-12, max_steps=max_steps)
+        return newton(evaluate, lambda x: x, direction, jnp.linalg.norm, start, tolerance=1e-12, max_steps=max_steps)
 
-    return run(jnp.asarray(start))[0]
+    return run(jnp.asarray(start))
 
 
 @pytest.mark.parametrize("scale", [10.0, 1e3, 1e6])
