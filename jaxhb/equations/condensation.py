@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import added, namespace
+from jaxhb._jax import added, kept, namespace
 from jaxhb._program import Program
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.dynamic_stiffness import balance, frequencies, link_stiffness, receptance, solve_linear
@@ -169,12 +169,22 @@ def motion_under(system, omega, load):
     return displacement[:, 0], force[:, 0]
 
 
+@kept
+def _kept_motion(given):
+    """What :func:`motion_under` gives: who plans a speed and then solves it asks for it twice."""
+    found = motion_under(*given)
+    for values in found:
+        if isinstance(values, np.ndarray):
+            values.flags.writeable = False
+    return found
+
+
 def displacements_and_bends(system, frequency, load):
     """Displacements ``(S, N+1)`` m of the train with all meshes in contact under a load ``(S, N+1)`` N, and deflections
     ``(L, N+1)`` m of all links: from their forces, as differences of displacements lose digits where a train turns far
     as one."""
     omega = frequencies(frequency, load.shape[-1] - 1)
-    displacement, force = motion_under(system, omega, load)
+    displacement, force = _kept_motion((system, omega, load))
     return displacement, bends_of(system, displacement, force, link_stiffness(system, omega))
 
 
@@ -214,12 +224,6 @@ def _cut(values):
     return jnp.moveaxis(filled.reshape(*values.shape[:-1], chunks, size), -2, 0)
 
 
-def _joined(chunks, harmonics):
-    """The values ``(..., N+1)`` of :func:`_cut` again."""
-    values = jnp.moveaxis(chunks, 0, -2)
-    return values.reshape(*values.shape[:-2], values.shape[-2] * values.shape[-1])[..., : harmonics + 1]
-
-
 def with_receptances(equation, system, columns):
     """A CondensedEquation of a System with its receptances; columns ``(S, G)`` of D^T of its meshes."""
     omega = frequencies(equation.frequency, equation.linear.shape[-1] - 1)
@@ -236,7 +240,7 @@ def linear_motion(system, frequency, load, harmonics, every, meshes, active):
     load = backlash.error_load(system, every, frequency, load)[:, : harmonics + 1]
     columns = system.incidence(meshes.link) * active
     excited = frequencies(frequency, load.shape[-1] - 1)
-    displacement, force = motion_under(system, excited, load)
+    displacement, force = _kept_motion((system, excited, load))
     apart = bends_of(system, displacement, force, link_stiffness(system, excited), meshes.link)
     linear = backlash.less_error(meshes, apart) * active[:, None]
     linear = fourier.resize(linear, harmonics)
