@@ -61,6 +61,7 @@ def linear_train(sweeps: SweepEquation, steps: int) -> LinearTrain:
     even, odd = jnp.split(jnp.sum(sweeps.free**2, axis=(0, 2)), 2)
     seen = jnp.linalg.norm(sweeps.modes.deflections, axis=0) * jnp.sqrt(even + odd)
     visibility = (seen + FAINT * jnp.max(seen, initial=0.0)) / jnp.maximum(jnp.abs(sweeps.closing), FAINT)
+    visibility = jnp.where(visibility > 0, visibility, 1.0)  # of a train that is stiff beside its cycle no mode is left
     given = sweeps.modes, sweeps.weights, sweeps.free, sweeps.closing, sweeps.equation.frequency
     return LinearTrain(*given, jnp.tile(visibility, 2), steps)
 

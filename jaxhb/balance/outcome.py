@@ -128,7 +128,9 @@ def _failure_of(problem, active_meshes, equation, condensed, found, iteration, c
     _, linear = residual_and_status(*condensed.balance)
     # Teeth in the gap push at harmonics that no torque has, where the train may be at resonance as well.
     compliance = xp.max(xp.abs(equation.receptance), initial=0.0) * xp.max(equation.law.stiffness, initial=0.0)
-    held = held_in_contact(problem, found.deflections, active_meshes.flank, samples)
+    held = xp.array(True)
+    if xp is not np or np.any(active_meshes.flank):
+        held = held_in_contact(problem, found.deflections, active_meshes.flank, samples)
     complete = xp.array(True) if crossings is None else crossings[0].complete & crossings[1].complete
     # The later, the stronger: a motion that is not finite says nothing of the plan, and at a resonance without damping
     # nothing else means anything.
@@ -141,19 +143,21 @@ def _failure_of(problem, active_meshes, equation, condensed, found, iteration, c
     return xp.where(linear >= Status.NEAR_SINGULAR, linear, status)
 
 
-def relative_force_change(equation, deflection, changes, samples):
-    """Sum of the sup-norms of what each of some changes ``(G, N+1)`` m takes from the elastic forces at a deflection,
-    over the largest of them."""
+def relative_force_change(equation, motion, changes):
+    """Sum of the sup-norms of what each of some changes ``(G, N+1)`` m takes from the elastic forces of a motion, over
+    the largest of them; motion : deflections and rates ``(G, samples)`` over the cycle."""
+    samples, xp = motion[0].shape[-1], namespace(equation, motion, changes)
     law, *_ = backlash.at_samples(equation, fourier.Equidistant(samples).synthesize)
 
-    def force(deflection):
-        elastic = backlash.force(law, fourier.synthesize(deflection, samples))
-        if law.friction is None:
-            return elastic
-        return elastic + backlash.dry_friction(law, equation.sampled(deflection, samples)[1])
+    def force(deflection, rate):
+        return backlash.force(law, deflection) + backlash.dry_friction(law, rate)
 
-    xp, before = namespace(equation, deflection, changes), force(deflection)
+    def taken(change):
+        moved, slowed = equation.sampled(change, samples)
+        return xp.max(xp.abs(force(motion[0] - moved, motion[1] - slowed) - before))
+
+    before = force(*motion)
     # Of solved equations, where no tooth carries a load.
     noise = 1e-8 * xp.max(equation.law.stiffness * deflection_scale(equation))
     largest = xp.maximum(xp.max(xp.abs(before)), xp.maximum(noise, 1e-300))
-    return sum(xp.max(xp.abs(force(deflection - change) - before)) for change in changes) / largest
+    return sum(taken(change) for change in changes) / largest

@@ -21,7 +21,7 @@ from jaxhb._threads import side_by_side
 from jaxhb.balance import correction, derivative, sweeps
 from jaxhb.balance.march import InstantSolve, modes_of_model
 from jaxhb.balance.newton import solve_chain, solve_reduced
-from jaxhb.balance.outcome import Ended, conclude, linear_outcome
+from jaxhb.balance.outcome import Ended, conclude, linear_outcome, relative_force_change
 from jaxhb.balance.plan import check_plan, time_steps_of
 from jaxhb.balance.problem import Problem, force_balance, model_of, problem_at, reduced_equation
 from jaxhb.balance.sizes import relative_residual
@@ -40,6 +40,7 @@ MARCH_ABOVE = 3e-4
 # Change of the vibration in the last sweep from which sweeps may be going astray, as where no motion that repeats
 # attracts, and cycles that are marched beside them then.
 UNSETTLED, MARCHED = 1e-3, 3
+ESTIMATE = 0.05, 20  # share of the residual that the correction of an estimate may leave, and its Krylov steps at most
 START_SETTLED = 1e-4  # share of the vibration that sweeps may leave to Newton's method, which is quick from there
 FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked for
 BATCH_SPEEDS = 8  # speeds that one program solves side by side where contacts are unknowns, on accelerators
@@ -102,7 +103,7 @@ def _find(problem, active_meshes, start, goals, plan):
             iterate = solve_reduced(reduced, train, begin.deflection, **goal)
             deflection, error, small_step = iterate.x, iterate.error, iterate.step < step_tolerance
         if plan.estimated:
-            _, _, truncation = truncation_of(fine, deflection, deflection, 2 * plan.samples)
+            truncation = truncation_error(fine, train, deflection, plan)
         steps, stalled = iterate.steps, iterate.stalled
     reduced = reduced.with_crossings(deflection)
     nonlinear_force = reduced.nonlinear_force_coefficients(deflection, plan.samples)
@@ -231,7 +232,27 @@ def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
 def estimate(problem, active_meshes, deflection, plan):
     """The truncation error of a motion found without it: deflections ``(G, N+1)`` of the active meshes."""
     fine, _ = reduced_equation(problem, 2 * plan.harmonics, active_meshes)
-    return truncation_of(fine, deflection, deflection, 2 * plan.samples)[-1]
+    sweep_plan = _sweep_plan(problem, plan)
+    reduced = condensation.truncate(fine, plan.harmonics)
+    equation = _sweep_equation(problem, active_meshes, reduced, sweep_plan)
+    return truncation_error(fine, correction.linear_train(equation, sweep_plan.steps), deflection, plan)
+
+
+def truncation_error(fine, train, deflection, plan):
+    """Estimated sup-norm error of the elastic force / its largest value: of motions that plans find by sweeps
+    :func:`~jaxhb.balance.swept.truncation_of`, of others one Newton correction on 2 N harmonics, as teeth that lie in a
+    soft gap move much farther than the equations are off.
+
+    ``fine`` is the condensed equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N harmonics.
+    """
+    samples = 2 * plan.samples
+    if plan.marches:
+        return truncation_of(fine, deflection, deflection, samples)[-1]
+    wide = fourier.resize(deflection, fine.linear.shape[-1] - 1)
+    slopes, value = correction.slopes_at(fine, wide, samples), fine.residual(wide, samples)
+    change, left, _ = correction.correct(fine, correction.march_at(train, slopes), slopes, value, *ESTIMATE)
+    taken = relative_force_change(fine, fine.sampled(wide, samples), (change,))
+    return taken / (1 - jnp.minimum(left, 0.999))
 
 
 def active_deflections(plan, deflections):

@@ -81,11 +81,12 @@ def truncation_of(fine, deflection, kept, samples, *left):
     """
     harmonics = fine.linear.shape[-1] - 1
     wide = fourier.resize(deflection, harmonics)
-    nonlinear_force = fine.nonlinear_force_coefficients(wide, samples)
+    motion = fine.sampled(wide, samples)
+    nonlinear_force = fourier.analyze(fine.nonlinear_force(*motion, fourier.Equidistant(samples)), harmonics)
     missed = fine.left(wide, nonlinear_force)
     left_out = wide - fourier.resize(kept, harmonics)
     changes = left_out - AMPLIFIED * missed, *(AMPLIFIED * fourier.resize(change, harmonics) for change in left)
-    return nonlinear_force, missed, relative_force_change(fine, wide, changes, samples)
+    return nonlinear_force, missed, relative_force_change(fine, motion, changes)
 
 
 prepare = Program(_prepared, static_argnames="plan")
