@@ -72,6 +72,7 @@ class SweptTrain:
         deflection: np.ndarray | None = None,
         settled: float = SETTLED,
         newton: bool = True,
+        at_hand: Response | None = None,
     ) -> Response:
         """The response at a speed: the first that meets the tolerance, with twice and more times the steps, twice where
         it finds nothing.
@@ -80,11 +81,13 @@ class SweptTrain:
         which it starts; deflection : ``(G, n+1)`` m of the meshes that have a law, of a motion at that speed from which
         it starts; by default teeth are on their drive sides. settled : share of the tolerance that may be left of the
         vibration; newton : whether its method may find what sweeps do not settle at, which may be unstable, or not
-        where a train from there would go. A status above TOLERANCE_NOT_MET says that no periodic motion was found.
+        where a train from there would go; at_hand : a motion at that speed, which is the answer where sweeps settle at
+        it. A status above TOLERANCE_NOT_MET says that no periodic motion was found.
         """
         problem = problem_at(self.train, rpm, self.plan.excited)
         deviation = None if motion is None else motion - self._linear_start(rpm)
         deflection = None if deflection is None else self._padded(deflection)
+        known = None if at_hand is None else self._padded(at_hand.deflections[list(self.plan.active)])
         path, outcomes, failures = [], [], 0
         for plan in self._sweep_plans(float(problem.frequency)):
             outcome, ended, events = solve_by_sweeps(
@@ -97,7 +100,10 @@ class SweptTrain:
                 deflection=deflection,
                 settled=settled,
                 newton=newton,
+                at_hand=known,
             )
+            if outcome is None:
+                return at_hand
             path += events
             status = Status(int(outcome.status))
             outcomes.append(outcome)

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from jaxhb._threads import side_by_side
+from jaxhb.balance.swept import ARRIVED
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import fourier
 from jaxhb.floquet.stability import NEUTRAL, attracts
@@ -19,7 +20,6 @@ from jaxhb.steady.closure import DECAYS, LONGER, RECORDED, SPREAD, ended
 from jaxhb.steady.confirmation import (
     LEVELS,
     compile_ahead,
-    difference,
     same_motion,
     settle_marched,
     shortest_period,
@@ -28,9 +28,6 @@ from jaxhb.steady.confirmation import (
 from jaxhb.steady.marching import Batch, Equations, part_sizes, record_of
 from jaxhb.train import chain
 
-# Difference of deflections, relative to the largest and the gap, up to which a march arrives at a motion known from
-# another start.
-ARRIVED = 0.02
 # Difference of the motions of neighbouring speeds from which the one may have another motion when it starts from the
 # other; and of largest deflections up to which records of irregular motion are of one.
 APART = 0.1
@@ -97,11 +94,11 @@ class Classifier:
     def _settled(self, motions, index):
         """The steady state of a speed at which sweeps end at a motion that attracts, else None."""
         rpm, known = float(self.speeds[index]), self.known.get(index)
-        response = self.swept(1).solve(rpm, motion=motions.get(index), newton=False)
+        at_hand = known.response if known is not None and known.period == 1 else None
+        response = self.swept(1).solve(rpm, motion=motions.get(index), newton=False, at_hand=at_hand)
         if not response.solved:
             return None
-        common = known is not None and known.response is not None and known.period == 1
-        if common and difference(response, known.response, 1) <= ARRIVED:
+        if response is at_hand:
             return known
         attracted, stability, _ = attracts(response)
         if not attracted:

@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.balance.program import active_deflections, first_start, solve_once
+from jaxhb.balance.swept import COMPARED
 from jaxhb.equations import fourier
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.status import March
@@ -23,7 +24,6 @@ TRUNCATED, REPEATS, WEAK, DOUBTED = 10.0, 1e-4, 5e-3, 0.02
 # solution near the motion.
 LEVELS = 3
 NO_SUBHARMONIC = 1e-5  # share of the tolerance that sweeps may leave where the rest would look like a weak subharmonic
-COMPARED = 1024  # time samples of a cycle at which motions are compared
 
 
 def settle_marched(swept, march, trace, period, *, steps, meshes):
