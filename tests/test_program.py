@@ -54,6 +54,21 @@ def test_a_program_prepared_is_the_one_that_is_called(asked):
     assert square.compile_ahead(5.0) is None  # it is there
 
 
+def test_shapes_asked_for_beforehand_are_traced_once():
+    traces = []
+
+    def counted(x):
+        traces.append(x)
+        return 2 * x
+
+    program = _program.Program(counted)
+    argument = np.arange(3.0)
+    assert not program.at_hand(argument)
+    assert program.shapes(argument).shape == (3,)
+    assert program(argument).tolist() == [0.0, 2.0, 4.0] and len(traces) == 1
+    assert program.at_hand(argument)
+
+
 def test_a_preparation_given_up_is_made_by_the_call():
     wait, square = threading.Event(), _program.Program(lambda x: x * x)
     threads = _program._beside()

@@ -87,7 +87,7 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
     how many loads, the first ones, default all.
     """
     xp = namespace(near, far, link, node, load)
-    rows = _host_rows if xp is np else _traced_rows
+    rows = _HostRows if xp is np else _TracedRows
     kept = slice(load.shape[1] if forces is None else forces)
 
     def eliminate(collected, item):
@@ -121,7 +121,7 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
     return xp.concatenate([below, root[None]]), xp.concatenate([force, xp.zeros_like(root)[None, kept]])
 
 
-class _traced_rows:
+class _TracedRows:
     """How a sweep of jax goes from node to node, and writes to rows of what nodes have collected."""
 
     scan = staticmethod(lax.scan)
@@ -143,7 +143,7 @@ class _traced_rows:
         return array.at[own].set(values, unique_indices=True)
 
 
-class _host_rows:
+class _HostRows:
     """The same of numpy, in place."""
 
     @staticmethod
@@ -151,7 +151,7 @@ class _host_rows:
         pivot = node + link
         if pivot.all() and np.abs(pivot).max() < LARGEST:
             return 1 / pivot, False
-        return _traced_rows.inverse(node, link)
+        return _TracedRows.inverse(node, link)
 
     @staticmethod
     def scan(step, carry, items, reverse=False):

@@ -21,7 +21,7 @@ def random_tree(draw, size):
     return np.array([*(draw.integers(s + 1, size) for s in range(size - 1)), size])
 
 
-def sweep(parent, near, far, link, node, load):
+def sweep(parent, near, far, link, node, load, solve=solve):
     """Displacements and forces ``(S, H, R)``."""
     found = solve(slots(parent), near, far, link, node, load.transpose(0, 2, 1))
     return [np.asarray(a).transpose(0, 2, 1) for a in found]
@@ -49,15 +49,16 @@ def relative_error(found, exact):
     return np.abs(np.asarray(found) - exact).max() / np.abs(exact).max()
 
 
+@pytest.mark.parametrize("place", [solve, scalar_sweep], ids=["program", "host"])
 @pytest.mark.parametrize("size", SIZES)
-def test_sweep_equals_dense_solve_on_random_trees_with_any_arms(size):
+def test_sweep_equals_dense_solve_on_random_trees_with_any_arms(size, place):
     draw = np.random.default_rng(size)
     for _ in range(20):
         parent, near, far = random_tree(draw, size), *draw.uniform(0.3, 3.0, (2, size))
         link, node = random_line(draw, size, 4), random_line(draw, size, 4)
         load = draw.normal(size=(size, 4, 2)) + 1j * draw.normal(size=(size, 4, 2))
         exact = dense_solution(parent, near, far, link, node, load)
-        for found, wanted in zip(sweep(parent, near, far, link, node, load), exact, strict=True):
+        for found, wanted in zip(sweep(parent, near, far, link, node, load, place), exact, strict=True):
             assert relative_error(found, wanted) < ALGEBRAIC
 
 

@@ -13,6 +13,7 @@ import jaxhb
 from jaxhb.equations import backlash
 from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.integration.step import cycle
+from jaxhb.results.status import Sweeps
 from jaxhb.steady.closure import Cycles
 from jaxhb.steady.confirmation import difference
 from jaxhb.steady.marching import Batch, Equations, record_of
@@ -34,8 +35,9 @@ def test_teeth_that_the_linear_motion_holds_stay_in_contact():
         train = jaxhb.load_scene(name)
         found, linear = jaxhb.steady_state(train, rpm=speed), jaxhb.linear_response(train, rpm=speed)
         # at 600 rpm a mesh comes so near its gap that its law bends
-        marched = kind == "contact"
-        assert (found.kind, found.period, found.cycles > 0, found.notes) == (kind, 1, marched, ())
+        swept = kind == "contact"
+        assert (found.kind, found.period, found.cycles > 0, found.notes) == (kind, 1, swept, ())
+        assert ([type(event) for event in found.response.path] == [Sweeps]) == swept
         shaft = train.topology.shaft_names[0]
         np.testing.assert_allclose(float(found.torque(shaft).max), float(linear.torque(shaft).max), rtol=1e-5)
 
