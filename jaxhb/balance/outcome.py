@@ -97,7 +97,7 @@ def conclude(problem, active_meshes, equation, condensed, nonlinear_force, ended
 def linear_outcome(problem, active_meshes, harmonics, limit, samples) -> Outcome:
     """The Outcome of a Problem without active meshes, by arithmetic of the host: its deflections are an unknown of none.
 
-    harmonics, samples : of the fields; limit : on the truncation error. LinAlgError where the train is singular.
+    harmonics, samples : of the fields; limit : on the truncation error.
     """
     equation, condensed = reduced_equation(problem, harmonics, active_meshes)
     none, no = np.zeros(()), np.array(False)

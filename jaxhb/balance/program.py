@@ -4,7 +4,6 @@ A compiled solve makes sweeps, where a plan begins with them, and ends with Newt
 equations; it estimates the truncation error, and gives what it found its derivative.
 """
 
-import contextlib
 import dataclasses
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +14,7 @@ import numpy as np
 from jax import lax
 from jax.custom_batching import sequential_vmap
 
-from jaxhb._jax import namespace, on_host, staged, traced
+from jaxhb._jax import check_settings, namespace, on_host, staged, traced
 from jaxhb._program import WHOLE, Program, across, along
 from jaxhb._threads import side_by_side
 from jaxhb.balance import correction, derivative, sweeps
@@ -348,10 +347,10 @@ def _of_the_host(problem, plan):
     """The Outcome of teeth that a plan holds in contact, without a program; None where it wants one."""
     if plan.active or plan.integrals == "exact":
         return None
+    check_settings()  # as programs do
     limit, *_ = plan.goals
-    with contextlib.suppress(np.linalg.LinAlgError):  # a singular train, of which the program says more
-        with np.errstate(all="ignore"):  # the status tells of numbers that are not finite
-            return linear_outcome(on_host(problem), plan.active_meshes, plan.harmonics, limit, plan.static.samples)
+    with np.errstate(all="ignore"):  # the status tells of numbers that are not finite
+        return linear_outcome(on_host(problem), plan.active_meshes, plan.harmonics, limit, plan.static.samples)
 
 
 def response_of(train, rpm, problem, outcome, plan, path):
