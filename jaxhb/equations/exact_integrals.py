@@ -28,6 +28,7 @@ CELLS, FEWEST_HARMONICS = 8, 16  # per harmonic, of so many harmonics at least
 POINTS = 8  # Gauss-Legendre time samples of a cell, and of each arc of one that is cut
 FEWEST_CUT = 32  # cells per mesh that can be cut, at least; one per harmonic else
 MARGIN = 0.25  # by how much of the range of its samples in a cell a deflection may leave that range
+AT_REST = 1e-13  # change in half a cell over the deflection that is rounding
 NEWTON_STEPS = 12  # to a switching time, bracketed: enough for the last bit
 
 _AT, _WEIGHT = legendre.leggauss(POINTS)
@@ -207,7 +208,8 @@ def _pass(modes, knots):
     time = _root(powers, knots, *(xp.broadcast_to(end, ahead.shape) for end in (low, high)))
     # The time of a graze has no derivative, and needs none: on both sides of it lies the same piece of the law.
     rate = _horner(rates, time)
-    grazing = xp.abs(rate) <= 1e-7 * xp.max(xp.abs(rates), axis=0)
+    # Nor has that of a deflection that rests on a knot to rounding.
+    grazing = xp.abs(rate) <= xp.maximum(1e-7 * xp.max(xp.abs(rates), axis=0), AT_REST * xp.abs(knots))
     inverse_rate = xp.where(ahead & before & ~grazing, 1 / xp.where(grazing, 1.0, rate), 0.0)
     return low, high, xp.where(ahead, xp.where(before, time, high), low), inverse_rate, rising
 
