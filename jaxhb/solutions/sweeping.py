@@ -34,14 +34,7 @@ def swept_train(train: DriveTrain, plan: Plan, request: Request) -> SweptTrain |
     lanes side by side.
     """
     free = request.harmonics is None and request.method == "reduced" and request.integrals == "sampled"
-    if not free or jax.default_backend() != "cpu":
-        return None
-    plan = planning.all_active(train, plan, request)
-    try:
-        modes = _modes_of((train, plan.active_meshes))
-    except ValueError:  # disks without inertia that leave no equation in time
-        return None
-    return SweptTrain(train, plan, excited_harmonic(train, request.method), modes)
+    return SweptTrain.of(train, plan, request) if free and jax.default_backend() == "cpu" else None
 
 
 @kept
@@ -64,6 +57,16 @@ class SweptTrain:
     excited: int
     modes: MarchModes
 
+    @classmethod
+    def of(cls, train: DriveTrain, plan: Plan, request: Request) -> SweptTrain | None:
+        """With the tolerance of a plan; None for disks without inertia that leave no equation in time."""
+        plan = planning.all_active(train, plan, request)
+        try:
+            modes = _modes_of((train, plan.active_meshes))
+        except ValueError:
+            return None
+        return cls(train, plan, excited_harmonic(train, request.method), modes)
+
     def solve(
         self,
         rpm: float,
@@ -81,15 +84,18 @@ class SweptTrain:
         which it starts; deflection : ``(G, n+1)`` m of the meshes that have a law, of a motion at that speed from which
         it starts; by default teeth are on their drive sides. settled : share of the tolerance that may be left of the
         vibration; newton : whether its method may find what sweeps do not settle at, which may be unstable, or not
-        where a train from there would go; at_hand : a motion at that speed, which is the answer where sweeps settle at
-        it. A status above TOLERANCE_NOT_MET says that no periodic motion was found.
+        where a train from there would go, where no start is given from cycles of a longer march, too; at_hand : a
+        motion at that speed, which is the answer where sweeps settle at it. A status above TOLERANCE_NOT_MET says that
+        no periodic motion was found.
         """
         problem = problem_at(self.train, rpm, self.plan.excited)
         deviation = None if motion is None else motion - self._linear_start(rpm)
         deflection = None if deflection is None else self._padded(deflection)
         known = None if at_hand is None else self._padded(at_hand.deflections[list(self.plan.active)])
         path, outcomes, failures = [], [], 0
-        for plan in self._sweep_plans(float(problem.frequency)):
+        plans = self._sweep_plans(float(problem.frequency))
+        for plan in plans:
+            last_try = failures > 0 or plan is plans[-1]
             outcome, ended, events = solve_by_sweeps(
                 problem,
                 self.plan.active_meshes,
@@ -101,6 +107,7 @@ class SweptTrain:
                 settled=settled,
                 newton=newton,
                 at_hand=known,
+                search=newton and last_try and deviation is None and deflection is None,
             )
             if outcome is None:
                 return at_hand
