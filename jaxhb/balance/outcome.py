@@ -95,7 +95,7 @@ def conclude(problem, active_meshes, equation, condensed, nonlinear_force, ended
 
 
 def linear_outcome(problem, active_meshes, harmonics, limit, samples) -> Outcome:
-    """The Outcome of a Problem without active meshes, by arithmetic of the host: its deflections are an unknown of none.
+    """The Outcome of a Problem without active meshes, by arithmetic of the host.
 
     harmonics, samples : of the fields; limit : on the truncation error.
     """

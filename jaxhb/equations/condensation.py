@@ -153,9 +153,10 @@ class CondensedTrain:
         error = self.meshes.error
         if error is None:
             return force
-        links = namespace(force).asarray(self.meshes.link)
+        xp = namespace(force)
+        links = xp.asarray(self.meshes.link)
         stiffness = link_stiffness(self.system, omega)[links]
-        return added(force, links, -stiffness * fourier.resize(error, omega.shape[-1] - 1))
+        return added(xp.array(force), links, -stiffness * fourier.resize(error, omega.shape[-1] - 1))
 
 
 def motion_under(system, omega, load):

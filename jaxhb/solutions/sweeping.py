@@ -109,7 +109,7 @@ class SweptTrain:
                 at_hand=known,
                 search=newton and last_try and deviation is None and deflection is None,
             )
-            if outcome is None:
+            if at_hand is not None and outcome is None:
                 return at_hand
             path += events
             status = Status(int(outcome.status))
