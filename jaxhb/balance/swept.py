@@ -57,12 +57,13 @@ def _concluded(problem, active_meshes, swept: SweptProblem, settled: Settled, to
     kept = fourier.resize(settled.deflection, plan.kept)
     nonlinear_force, missed, truncation = truncation_of(fine, settled.deflection, kept, 2 * plan.samples)
     unsettled = relative_force_change(equation, settled.deflection, AMPLIFIED * settled.left, plan.samples)
+    vibration = sweeps.vibration_size(fine, settled.deflection)
     ended = Ended(
         deflection=kept,
         settled=settled.distance <= goal,
         stalled=jnp.array(False),
         steps=settled.marches,
-        error=sweeps.force_size(fine, missed[:, : plan.harmonics + 1]) / sweeps.vibration_size(fine, settled.deflection),
+        error=sweeps.force_size(fine, missed[:, : plan.harmonics + 1]) / vibration,
         sweeps=settled.marches,
         periodicity_error=settled.change,
         truncation_error=truncation + unsettled,

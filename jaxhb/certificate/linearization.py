@@ -17,7 +17,6 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import eigvalsh

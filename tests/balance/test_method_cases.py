@@ -55,8 +55,13 @@ def mass_in_time(*, m, b, c, **_):
     )
     basis = np.asarray(modal_basis(space.transition))
     to_modes = np.linalg.inv(basis)
-    space = StateSpace(to_modes @ space.transition @ basis, to_modes @ space.forcing, space.observation @ basis,
-                       to_modes @ space.coordinates, in_modes=True)
+    space = StateSpace(
+        to_modes @ space.transition @ basis,
+        to_modes @ space.forcing,
+        space.observation @ basis,
+        to_modes @ space.coordinates,
+        in_modes=True,
+    )
     return ReducedOrderModel(space, np.zeros((1, 1)), basis, np.zeros((2, 1)))
 
 
