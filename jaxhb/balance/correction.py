@@ -113,7 +113,8 @@ def march_at(train: LinearTrain, slopes) -> LinearMarch:
     """The :class:`LinearMarch` at a motion with coefficients ``(2, G, n+1)`` of the slopes of phi in l and l'."""
     # Averages over the steps: what lies between two of them counts, too.
     averaged = jnp.sinc(np.arange(slopes.shape[-1]) / train.steps) * slopes
-    return LinearMarch(train, _gain(*fourier.sample(averaged, train.steps), train.weights.at_once))
+    by_deflection, by_rate = fourier.sample(averaged, train.steps)
+    return LinearMarch(train, _gain(by_deflection, by_rate, train.weights.at_once))
 
 
 def _gain(slope, rate_slope, at_once):
@@ -171,8 +172,8 @@ def correct(reduced, march: LinearMarch, slopes, value, forcing, steps):
 
 
 def correct_product(march: LinearMarch, product: Callable, value, *, transposed, tolerance, steps):
-    """The same with any ``product`` ``(G, n+1) -> (G, n+1)`` with J, or with its transpose in packed coordinates: change
-    and share of the residual that is left."""
+    """The same with any ``product`` ``(G, n+1) -> (G, n+1)`` with J, or with the transpose of that in packed
+    coordinates: change and share of the residual that is left."""
     mapped, value, shape = _Mapped(march, product, value.shape), pack(value), value.shape
     solved, left, _ = (mapped.solve_transposed if transposed else mapped.solve)(value, tolerance, steps)
     return unpack(solved, shape), left

@@ -6,10 +6,12 @@ holds. Along a change d theta
     J dx = - (dF/d theta) d theta,      J = dF/dx,
 
 one linear solve in forward mode, one with the transpose of J in reverse mode whatever the number of parameters, both on
-the linearised map of a sweep (:mod:`jaxhb.balance.correction`). Nothing of Newton's method, of its start or of its tests is
-differentiated, so that memory does not grow with its steps. Displacements, forces and torques follow from x and theta
-by plain functions. The law is differentiable twice except where a time sample of the cycle lies on one of its knots, a
-set of measure zero; there one of the one-sided values, or their mean, is taken.
+the linearised map of a sweep (:mod:`jaxhb.balance.correction`). Nothing of Newton's method, of its start or of its
+tests is differentiated, so that memory does not grow with its steps. Displacements, forces and torques follow from x
+and theta by plain functions. The law is differentiable twice except where a time sample of the cycle lies on one of its
+knots, a set of measure zero; there one of the one-sided values, or their mean, is taken. Of a sampled law derivatives
+take averages between time samples (:mod:`jaxhb.equations.cell_forces`): slopes of the samples alone see few of its
+transitions.
 """
 
 from __future__ import annotations

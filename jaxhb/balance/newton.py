@@ -160,8 +160,8 @@ def solve_chain(balance, start, *, tolerance, max_steps):
     deflections ``(L, N+1)`` of all links.
 
     Fridman's method, kept as an oracle: memory and work grow with ``S N^2`` and ``S N^3``. ``tolerance`` is relative
-    to the largest force in the balance, of light loads to theirs (:func:`~jaxhb.balance.sizes.deflection_scale`). A tree is needed: the
-    caller refuses closed loops.
+    to the largest force in the balance, of light loads to theirs (:func:`~jaxhb.balance.sizes.deflection_scale`). A
+    tree is needed: the caller refuses closed loops.
     """
     driven = jnp.linalg.norm(fourier.pack(balance.load))
     gap = 2 * jnp.max(backlash.offset(balance.meshes.law), initial=0.0)

@@ -23,8 +23,7 @@ RESIDUAL = 1e-10  # of equations that count as solved exactly, as derivatives wa
 # a tenth of it at most (``newton.LEAVES``). A residual would not do: near resonances 3e-8 of it hides 3 % of the force.
 STEP_SHARE = 1e-2
 MARCH_CYCLES = 12  # sweeps before Newton's method, at most
-# Numbers of time steps per cycle that are offered, multiples of 32: blocks of the preconditioner and segments of a
-# cycle divide them.
+# Numbers of time steps per cycle that are offered, multiples of 32, which segments of a cycle divide.
 TIME_STEPS = (*(n * 2**k for k in range(5, 13) for n in (2, 3)), 16384)
 # Time steps per period of the highest mode: with so many, forces that change linearly within a step suffice.
 STEPS_PER_MODE_PERIOD = 6
@@ -36,7 +35,7 @@ def time_steps_for(harmonic):
 
 
 def time_steps_of(harmonics):
-    """Time steps per cycle of the preconditioner for so many harmonics, four for each: estimates see twice as many."""
+    """Time steps per cycle of sweeps that solve for so many harmonics: four for each."""
     return min(-(-4 * harmonics // 32) * 32, TIME_STEPS[-1])
 
 
@@ -99,7 +98,7 @@ class Plan:
     method : "reduced" or "chain"
     start : "linear", "march", or "response": neither leads to the motion, and a solve under the plan is to be given one
     cycles : int, of the march, at most: sweeps (:mod:`jaxhb.balance.sweeps`)
-    time_steps : int, per cycle, of the march and of the preconditioner, a multiple of 32
+    time_steps : int, per cycle, of sweeps and of the march in linear solves, a multiple of 32
     tolerance : float, on the truncation error, a share of the largest tooth force
     tolerance_share : float, share of the tolerance that an estimate may use: it sees 2 N harmonics, and mesh modes
         above them not
@@ -112,8 +111,9 @@ class Plan:
     max_steps : int, linear solves of Newton's method at most
     estimated : bool, whether the truncation error is; without, it counts as 0
     compare_starts : bool, whether a given start is compared with a marched one
-    slope_samples : int, times 16 N at which derivatives evaluate a sampled law. Its slope has kinks: where teeth hammer
-        few samples of a solve lie in its transition zones, and derivatives from them alone are off by 8 % and more
+    slope_samples : int, times 16 N cells over which derivatives average a sampled law; 1 for the derivative of the
+        samples themselves. Its slope has kinks: where teeth hammer few samples of a solve lie in its transition zones,
+        and derivatives from them alone are off by 8 % and more
     failed_gradient : "zero" or "nan", derivative of a response that is not solved
     """
 

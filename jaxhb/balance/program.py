@@ -204,9 +204,10 @@ def by_sweeps(equation, harmonics, plan, most, goal, goals, left):
     swept = fourier.resize(ended.deflection, harmonics)
 
     def better():
-        point = first
-        for _ in range(MARCHED):
-            point, deflection = sweeps.marched(equation, point, plan)
+        def march(_, carry):
+            return sweeps.marched(equation, carry[0], plan)
+
+        _, deflection = lax.fori_loop(0, MARCHED, march, (first, ended.deflection))
         marched = fourier.resize(deflection, harmonics)
         return jnp.where(left(marched) < left(swept), marched, swept)
 

@@ -279,8 +279,8 @@ def changes_to_come(change, before_last):
 
 def settle(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, goal, most, solved=0.0) -> Settled:
     """Sweeps until the deflections may still change by ``goal`` or less, at most ``most``, near the end WAITED times
-    as many; and on until they leave ``solved`` of the equations (:func:`~jaxhb.balance.sizes.relative_residual`), if ``most`` more of them
-    lead there.
+    as many; and on until they leave ``solved`` of the equations (:func:`~jaxhb.balance.sizes.relative_residual`), if
+    ``most`` more of them lead there.
 
     The first sweep corrects and closes nothing: it forgets what the start has of no motion of the train.
     """

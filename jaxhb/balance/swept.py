@@ -60,13 +60,13 @@ def conclude_sweeps(problem, active_meshes, condensed, swept: SweptProblem, sett
     kept = fourier.resize(settled.deflection, plan.kept)
     samples = sweeps.WIDE_SAMPLES_PER_STEP * plan.steps
     nonlinear_force, missed, truncation = truncation_of(fine, settled.deflection, kept, samples, settled.left)
+    vibration = sweeps.vibration_size(fine, settled.deflection)
     ended = Ended(
         deflection=kept,
         settled=settled.distance <= goal,
         stalled=np.array(False),
         steps=settled.marches,
-        error=sweeps.force_size(fine, missed[:, : plan.harmonics + 1])
-        / sweeps.vibration_size(fine, settled.deflection),
+        error=sweeps.force_size(fine, missed[:, : plan.harmonics + 1]) / vibration,
         sweeps=settled.marches,
         periodicity_error=settled.change,
         truncation_error=truncation,

@@ -1,4 +1,4 @@
-"""A train that starts and preconditioners may use in place of the true one: inertial, viscous damping alone, few modes.
+"""A train that marches may use in place of the true one: inertial, viscous damping alone, few modes.
 
 What the harmonics of a solve cannot see need not be integrated: modes faster than the steps respond statically, a disk
 without inertia (beside a backlash mesh an algebraic unknown) has a fast mode, loss factors damp each mode at its own

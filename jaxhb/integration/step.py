@@ -236,15 +236,6 @@ def _weights(space, dt):
     }
 
 
-def hold_weights(space, dt):
-    """exp(A dt) and the weights ``(n, G)`` of the forces at both ends of a step over which they change linearly."""
-    A, E = space.transition, space.forcing
-    n, G = E.shape
-    matrix = jnp.zeros((n + 2 * G, n + 2 * G)).at[:n, :n].set(A).at[:n, n : n + G].set(E)
-    full = exponential(matrix.at[n : n + G, n + G :].set(jnp.eye(G) / dt) * dt)
-    return full[:n, :n], full[:n, n : n + G] - full[:n, n + G :], full[:n, n + G :]
-
-
 def exponential(matrix):
     """Taylor series of degree 16 with squaring: an eighth of the time of jax.scipy in a batch, half to compile."""
     norm = jnp.abs(matrix).sum(axis=0).max()

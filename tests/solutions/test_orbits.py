@@ -12,9 +12,9 @@ from trains import ONE_RADIAN_PER_SECOND, build
 
 import jaxhb
 from jaxhb import Disk, Load, Mesh, Shaft, Torque
-from jaxhb.balance.sizes import relative_residual
 from jaxhb.balance.plan import Plan, Request
 from jaxhb.balance.problem import problem_at, reduced_equation
+from jaxhb.balance.sizes import relative_residual
 from jaxhb.integration import shooting
 from jaxhb.results.status import Shooting
 from jaxhb.solutions import orbits, planning, starts
