@@ -9,6 +9,8 @@ FORCING = 0.03  # share of what is unclosed that a correction may leave
 KRYLOV_STEPS = 60
 SHORTEST = 1 / 256  # step that is tried at last
 DIFFERENCE = 1e-7  # length of a difference over that of the point
+# Share of what is unclosed that counts as left at least: a correction that was not solved for may be far too short.
+NEAREST = 0.03
 FAINT = 1e-9  # share of the largest visibility that a state has at least
 
 
@@ -91,7 +93,7 @@ def solve_map(
                 packed, unclosed, size = packed + length * change, after, share * size
                 # A whole correction closed all but a share: as much of it is what the next one will change.
                 left = (moved - deflection) * share / length
-                distance = np.linalg.norm(change) * share
+                distance = max(np.linalg.norm(change) * share, NEAREST * size)
                 deflection = moved
             length /= 2
     ended = packing.unpack(packed), deflection, np.array(marches)

@@ -293,6 +293,18 @@ def settle(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, goal, most
     return Settled(point, deflection, count, change, to_come * (deflection - before), to_come * change)
 
 
+def visited(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, cycles: int):
+    """The points at which so many cycles begin that are marched from a point one after another, uncorrected: states
+    ``(cycles, 2m)`` and forces ``(cycles, G)``, and how far each cycle misses its beginning, as meshes see it, m."""
+
+    def march(point, _):
+        end, _ = marched(sweeps, point, plan)
+        missed = sweeps.modes.deflections * complex_modes(end.state - point.state)
+        return end, (point.state, point.force, jnp.linalg.norm(missed))
+
+    return lax.scan(march, point, None, length=cycles)[1]
+
+
 def unclosed(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
     """Point less what a sweep makes of it, and the deflections ``(G, N+1)`` m."""
     following, deflection = sweep(sweeps, point, plan)
@@ -305,3 +317,4 @@ motion_program = Program(point_of, static_argnames="plan")
 equation_program = Program(sweep_equation, static_argnames="plan")
 sweep_program = Program(sweep, static_argnames="plan")
 unclosed_program = Program(unclosed, static_argnames="plan")
+visited_program = Program(visited, static_argnames=("plan", "cycles"))

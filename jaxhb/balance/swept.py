@@ -15,9 +15,11 @@ from jaxhb.balance.outcome import Ended, Outcome, conclude, relative_force_chang
 from jaxhb.balance.problem import reduced_equation
 from jaxhb.balance.sweeps import Settled, SweepEquation, SweepPlan, SweepPoint
 from jaxhb.equations import condensation, fourier
-from jaxhb.results.status import NewtonOnSweeps, Sweeps
+from jaxhb.results.status import March, NewtonOnSweeps, Sweeps
 
 MOST_SWEEPS = 12  # a motion that these do not settle wants Newton's method
+# Of a search, cycles marched, how many of them Newton's method starts from, and the first of these.
+CYCLES, TRIES, FIRST_CYCLE = 64, 4, 2
 MOST_MARCHES = 100  # of Newton's method: orbits of irregular trains that need more are rarely found at all
 # Times what F(l) leaves, and what is left of sweeps, that the motion may be off: the inverse of the Jacobian, and
 # changes that shrink more slowly later on. At 131 speeds of ``gear_train_30``, with 5.5 steps a period of the fastest
@@ -111,13 +113,14 @@ def solve_by_sweeps(
     deflection=None,
     settled=SETTLED,
     newton=True,
+    search=False,
 ):
     """The Outcome of a Problem, as arrays of the host, where it ended (Settled), and the events on the way.
 
     From teeth on their drive sides, from a ``deviation`` ``(2S,)`` from the linear motion
     (:func:`~jaxhb.balance.sweeps.point_at`), or from deflections ``(G, n+1)`` m of a motion: sweeps, and where these do
-    not settle, with ``newton`` its method on the same map; ``settled`` : share of the tolerance that may be left of the
-    vibration.
+    not settle, with ``newton`` its method on the same map, with ``search`` from cycles of a march, too; ``settled`` :
+    share of the tolerance that may be left of the vibration.
     """
     goal = settled * tolerance
     compile_ahead(problem, active_meshes, modes, plan)
@@ -128,12 +131,52 @@ def solve_by_sweeps(
     elif deviation is not None:
         begin = sweeps.point_program(swept.sweeps, deviation)
     ended = sweeps.settle_program(swept.sweeps, begin, goal=goal, most=MOST_SWEEPS, plan=plan)
-    path: list[Sweeps | NewtonOnSweeps] = [Sweeps(int(ended.marches), plan.steps, float(ended.change))]
-    if newton and goal < float(ended.distance) and np.isfinite(ended.change):
-        begun = int(ended.marches)
-        ended = map_newton.solve_map(swept.sweeps, ended.point, plan, goal=goal, most_marches=MOST_MARCHES)
-        path.append(NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change)))
-        ended = dataclasses.replace(ended, marches=begun + ended.marches)
+    path: list[Sweeps | March | NewtonOnSweeps] = [Sweeps(int(ended.marches), plan.steps, float(ended.change))]
+
+    def left_over():
+        return goal < float(ended.distance)
+
+    if newton and left_over() and np.isfinite(ended.change):
+        ended = _by_newton(swept, ended.point, plan, goal, int(ended.marches), path)
+    if search and left_over():
+        for point, event in _nearly_closed(swept, plan):
+            path.append(event)
+            found = _by_newton(swept, point, plan, goal, int(ended.marches), path)
+            ended = found if found.distance < ended.distance else dataclasses.replace(ended, marches=found.marches)
+            if not left_over():
+                break
     ended = jax.tree.map(np.asarray, ended)  # one program, whatever made them
     outcome = conclude_sweeps(problem, active_meshes, swept, ended, tolerance, goal, plan=plan)
     return jax.tree.map(np.asarray, outcome), ended, path
+
+
+def _by_newton(swept: SweptProblem, point, plan, goal, begun, path):
+    """Where Newton's method on the map ends from a point, ``begun`` marches counted as well; its event is added."""
+    ended = map_newton.solve_map(swept.sweeps, point, plan, goal=goal, most_marches=MOST_MARCHES)
+    path.append(NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change)))
+    return dataclasses.replace(ended, marches=begun + ended.marches)
+
+
+def _nearly_closed(swept: SweptProblem, plan):
+    """Points at which cycles of a long march begin, those first that miss their beginning least, with their events.
+
+    Of a march that does not settle, the cycles that nearly close pass near a periodic motion, stable or not.
+    """
+    states, forces, missed = jax.tree.map(
+        np.asarray, sweeps.visited_program(swept.sweeps, swept.flank, plan=plan, cycles=CYCLES)
+    )
+    missed = np.where(np.isfinite(missed), missed, np.inf)
+    largest = np.max(missed[np.isfinite(missed)], initial=1e-300)
+    tried: list[int] = []
+    for cycle in (FIRST_CYCLE + np.argsort(missed[FIRST_CYCLE:])).tolist():
+        if len(tried) == TRIES or not np.isfinite(missed[cycle]):
+            return
+        if any(abs(cycle - other) < 2 for other in tried):
+            continue  # the cycle before or after one that was tried passes by the same motion
+        tried.append(cycle)
+        begin = SweepPoint(swept.flank.linear, states[cycle], forces[cycle])
+        following, _ = sweeps.sweep_program(swept.sweeps, begin, plan=plan)
+        yield (
+            SweepPoint(following.linear, begin.state, begin.force),
+            March(cycle + 1, plan.steps, float(missed[cycle] / largest)),
+        )

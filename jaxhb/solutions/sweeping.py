@@ -80,13 +80,16 @@ class SweptTrain:
         which it starts; deflection : ``(G, n+1)`` m of the meshes that have a law, of a motion at that speed from which
         it starts; by default teeth are on their drive sides. settled : share of the tolerance that may be left of the
         vibration; newton : whether its method may find what sweeps do not settle at, which may be unstable, or not
-        where a train from there would go. A status above TOLERANCE_NOT_MET says that no periodic motion was found.
+        where a train from there would go, where no start is given from cycles of a longer march, too. A status above
+        TOLERANCE_NOT_MET says that no periodic motion was found.
         """
         problem = problem_at(self.train, rpm, self.plan.excited)
         deviation = None if motion is None else motion - self._linear_start(rpm)
         deflection = None if deflection is None else self._padded(deflection)
         path, outcomes, failures = [], [], 0
-        for plan in self._sweep_plans(float(problem.frequency)):
+        plans = self._sweep_plans(float(problem.frequency))
+        for plan in plans:
+            last_try = failures > 0 or plan is plans[-1]
             outcome, ended, events = solve_by_sweeps(
                 problem,
                 self.plan.active_meshes,
@@ -97,6 +100,7 @@ class SweptTrain:
                 deflection=deflection,
                 settled=settled,
                 newton=newton,
+                search=newton and last_try and deviation is None and deflection is None,
             )
             path += events
             status = Status(int(outcome.status))
