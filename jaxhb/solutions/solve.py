@@ -66,9 +66,9 @@ def solve(
     start : Response, "linear" or "march", optional
         Where Newton starts: another response, on whose branch the solution then usually lies, the motion with all teeth
         in contact ("linear"), or what sweeps of the cycle lead to from there ("march"). By default teeth that part are
-        solved by sweeps (docs/theory/harmonic_balance.md), and where these lead nowhere by Newton's method from one
-        start after the other, at last a few shots. Several motions may exist at one speed: :func:`jaxhb.solve_all`
-        searches for them.
+        solved by sweeps (docs/theory/harmonic_balance.md), and where these lead nowhere by Newton's method on them, at
+        last from cycles of a longer march. Several motions may exist at one speed: :func:`jaxhb.solve_all` searches for
+        them.
     certify : bool, optional
         Add a computed bound, ``response.certificate`` (:func:`jaxhb.certify`); harmonics that are not fixed are raised
         until it holds, as far as they go. Not beside a plan.
@@ -266,11 +266,12 @@ def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = N
     return solve_planned(train, rpm, plan)
 
 
-def solve_again(train, rpm, request, plan, start=None, *, marched=True):
+def solve_again(train, rpm, request, plan, start=None, *, marched=True, swept=False):
     """Response where the first attempt under a plan has failed: from another motion, then by the other start
-    strategies; ``marched`` : whether that attempt began with a march, where the plan has one."""
+    strategies; ``marched`` : whether that attempt began with a march, where the plan has one; ``swept`` : whether it
+    was a solve by sweeps, after which no other strategy helps."""
     failed = starts.from_sweeps if plan.marches and marched else starts.contact
-    above = starts.STRATEGIES[starts.STRATEGIES.index(failed) + 1 :]
+    above = () if swept else starts.STRATEGIES[starts.STRATEGIES.index(failed) + 1 :]
     wanted = above if start is None else (starts.from_response(start), *above)
     return starts.first_solved(starts.Case(train, rpm, request, plan), wanted).response
 
@@ -295,4 +296,4 @@ def _decide(train, rpm, request, start, seconds=None, by_sweeps=True):
     case = starts.Case(train, rpm, request, plan, deadline=deadline)
     if by_sweeps and start is None:
         starts.sweep(case)
-    return case if case.solved else starts.first_solved(case, wanted)
+    return starts.first_solved(case, wanted) if case.response is None else case

@@ -12,7 +12,7 @@ from jaxhb._threads import side_by_side
 from jaxhb.balance.plan import Plan, Request, check_plan
 from jaxhb.balance.program import solve_batches
 from jaxhb.results.response import Response, stack
-from jaxhb.results.status import Status, Sweeps
+from jaxhb.results.status import Newton, Status, Sweeps
 from jaxhb.solutions import sweeping
 from jaxhb.solutions.planning import plan_speeds
 from jaxhb.solutions.solve import solve_again
@@ -120,5 +120,6 @@ def try_again(train, index, found, request, plan):
         near = [other for other in found if other.converged]
         start = min(near, key=lambda other: abs(other.rpm - response.rpm), default=None)
     marched = not isinstance(response.path[0], Sweeps)
-    again = solve_again(train, float(response.rpm), request, plan, start, marched=marched)
+    swept = not any(isinstance(event, Newton) for event in response.path)
+    again = solve_again(train, float(response.rpm), request, plan, start, marched=marched, swept=swept)
     return response if again is None or again.status > response.status else again

@@ -4,8 +4,8 @@ A start strategy is a function ``strategy(case)`` that yields attempts ``(plan, 
 n+1)`` from which Newton's method is to start under a plan, None for the start that the plan has, and how they were
 found. The next one is asked for where Newton's method did not solve the last. The cheap strategies come first: from
 teeth in contact Newton's method succeeds where no tooth separates, from sweeps where the motion becomes periodic within
-a few cycles. Shooting and the curve from the linear law look for periodic motions to which no march comes; what they
-find may be unstable. A solve takes few shots and no curve, and before all of them sweeps.
+a few cycles, and from the motion that a solve by sweeps alone finds, whatever harmonics and integrals it is asked for.
+A search for all motions goes on from a long march, by shooting, and along the curve from the linear law.
 """
 
 import dataclasses
@@ -32,15 +32,15 @@ FINEST_SHOTS = 4  # with the finest steps, that ``Effort.work`` has to pay for: 
 
 @dataclass(frozen=True)
 class Effort:
-    """What the strategies after sweeps may cost; by default about a second for 27 disks."""
+    """What a search for orbits may cost; by default minutes."""
 
-    finer: int = 1  # times the steps of the march, at most, with which orbits are searched: coarse steps bend them
-    work: float = 5e6  # of the shots of a search, in units of ``orbits.work_of_cycle``
+    finer: int = 4  # times the steps of the march, at most, with which orbits are searched: coarse steps bend them
+    work: float = orbits.WORK  # of the shots of a search, in units of ``orbits.work_of_cycle``
     # Tried at most: some have no harmonics near them, or lie beyond a turning point that the steps displaced.
-    orbits: int = 2
+    orbits: int = 16
 
 
-LONG = Effort(finer=4, work=orbits.WORK, orbits=16)  # what the searches of ``jaxhb.solve_all`` may cost: minutes
+LONG = Effort()  # of the searches of ``jaxhb.solve_all``
 
 
 @dataclass
@@ -51,7 +51,7 @@ class Case:
     rpm: float
     request: Request
     plan: Plan  # from the linear motion; strategies change copies of it
-    effort: Effort = Effort()
+    effort: Effort = LONG
     search_with: type = orbits.OrbitSearch
     deadline: float = math.inf  # on the monotonic clock, when no further attempt begins
     path: list = field(default_factory=list)  # events so far; strategies and ``refine`` add theirs
@@ -215,6 +215,17 @@ def from_sweeps(case):
     yield dataclasses.replace(plan, harmonics=max(plan.harmonics, case.harmonics)), None, None
 
 
+def from_swept_motion(case):
+    """From the motion that a solve by sweeps finds, with as many harmonics as it needs and a law that is sampled."""
+    free = dataclasses.replace(case.request, harmonics=None, method="reduced", integrals="sampled")
+    swept = sweeping.SweptTrain.of(case.train, case.plan, free)
+    if swept is not None:
+        response = swept.solve(float(case.rpm))
+        case.path += response.path
+        if response.solved:
+            yield from from_response(response)(case)
+
+
 def long_march(case):
     """From up to 64 cycles, where one of them closes much better than sweeps did."""
     plan = case.march_plan()
@@ -259,9 +270,9 @@ def from_linear_law(case):
     yield from _with_finer_steps(case, plan, orbit, steps, event)
 
 
-# Of a solve, the cheap ones first: the first attempt that is solved is the answer. Where the start of one of them has
-# failed already, or is not wanted, those after it are tried: the order counts.
-STRATEGIES = (contact, from_sweeps, long_march, shooting)
+# Of a solve under a plan, the cheap ones first: the first attempt that is solved is the answer. Where the start of one
+# of them has failed already, or is not wanted, those after it are tried: the order counts.
+STRATEGIES = (contact, from_sweeps, from_swept_motion)
 # Of ``jaxhb.solve_all``, which makes all their attempts.
 SEARCHES = (from_contact, from_sweeps, long_march, shooting, from_linear_law)
 

@@ -34,14 +34,7 @@ def swept_train(train: DriveTrain, plan: Plan, request: Request) -> SweptTrain |
     lanes side by side.
     """
     free = request.harmonics is None and request.method == "reduced" and request.integrals == "sampled"
-    if not free or jax.default_backend() != "cpu":
-        return None
-    plan = planning.all_active(train, plan, request)
-    try:
-        modes = _modes_of((train, plan.active_meshes))
-    except ValueError:  # disks without inertia that leave no equation in time
-        return None
-    return SweptTrain(train, plan, excited_harmonic(train, request.method), modes)
+    return SweptTrain.of(train, plan, request) if free and jax.default_backend() == "cpu" else None
 
 
 @kept
@@ -63,6 +56,16 @@ class SweptTrain:
     plan: Plan
     excited: int
     modes: MarchModes
+
+    @classmethod
+    def of(cls, train: DriveTrain, plan: Plan, request: Request) -> SweptTrain | None:
+        """With the tolerance of a plan; None for disks without inertia that leave no equation in time."""
+        plan = planning.all_active(train, plan, request)
+        try:
+            modes = _modes_of((train, plan.active_meshes))
+        except ValueError:
+            return None
+        return cls(train, plan, excited_harmonic(train, request.method), modes)
 
     def solve(
         self,

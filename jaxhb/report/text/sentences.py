@@ -12,7 +12,7 @@ from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import most_apart
 from jaxhb.report.text.columns import hit, plain_number
 from jaxhb.report.text.mean_torques import speed_of, torque_notes
-from jaxhb.results.status import Homotopy, Shooting, Status
+from jaxhb.results.status import Homotopy, NewtonOnSweeps, Shooting, Status
 from jaxhb.steady.closure import SPREAD
 from jaxhb.train.firing import not_firing
 from jaxhb.train.plausible import plausibility
@@ -175,7 +175,8 @@ def notes(*answers):
     found += once_alike(((a.place, note) for a in answers if a.known for note in a.state.notes), axis)
     # Converged orbits of unknown stability that a march of a few cycles did not settle on.
     unsettled = [a for a in solved if a.orbit and a.converged and a.stable is None]
-    unsettled = [a for a in unsettled if any(isinstance(event, Shooting | Homotopy) for event in a.response.path)]
+    searches = Shooting | Homotopy | NewtonOnSweeps
+    unsettled = [a for a in unsettled if any(isinstance(event, searches) for event in a.response.path)]
     if unsettled:
         found.append(
             f"A periodic motion was found at {speeds_text(unsettled)}, but a few cycles of time integration do not "
