@@ -18,8 +18,9 @@ from jaxhb.equations import condensation, fourier
 from jaxhb.results.status import March, NewtonOnSweeps, Sweeps
 
 MOST_SWEEPS = 12  # a motion that these do not settle wants Newton's method
-# Of a search, cycles marched, how many of them Newton's method starts from, and the first of these.
-CYCLES, TRIES, FIRST_CYCLE = 64, 4, 2
+# Of a search, cycles marched, from how many of them Newton's method starts at most, the first of these, and marches of
+# all these starts after which no other is made.
+CYCLES, TRIES, FIRST_CYCLE, SEARCHED = 128, 6, 2, 300
 MOST_MARCHES = 100  # of Newton's method: orbits of irregular trains that need more are rarely found at all
 # Times what F(l) leaves, and what is left of sweeps, that the motion may be off: the inverse of the Jacobian, and
 # changes that shrink more slowly later on. At 131 speeds of ``gear_train_30``, with 5.5 steps a period of the fastest
@@ -138,12 +139,13 @@ def solve_by_sweeps(
 
     if newton and left_over() and np.isfinite(ended.change):
         ended = _by_newton(swept, ended.point, plan, goal, int(ended.marches), path)
+    begun = int(ended.marches)
     if search and left_over():
         for point, event in _nearly_closed(swept, plan):
             path.append(event)
             found = _by_newton(swept, point, plan, goal, int(ended.marches), path)
             ended = found if found.distance < ended.distance else dataclasses.replace(ended, marches=found.marches)
-            if not left_over():
+            if not left_over() or ended.marches > begun + SEARCHED:
                 break
     ended = jax.tree.map(np.asarray, ended)  # one program, whatever made them
     outcome = conclude_sweeps(problem, active_meshes, swept, ended, tolerance, goal, plan=plan)

@@ -28,7 +28,7 @@ import numpy as np
 import scipy.linalg
 from jax import lax
 
-from jaxhb._jax import namespace, on_host, traced
+from jaxhb._jax import Array, namespace, on_host, traced
 from jaxhb.equations.dynamic_stiffness import disk_stiffness, link_stiffness
 
 LIGHT = 1e-6  # share of the mean inertia that a disk without inertia gets: its mode is then far above all others
@@ -59,10 +59,10 @@ class StateSpace:
     whether A has entries only in the blocks of states k and n/2 + k, which :func:`paired` gives.
     """
 
-    transition: jax.Array
-    forcing: jax.Array
-    observation: jax.Array
-    coordinates: jax.Array
+    transition: Array
+    forcing: Array
+    observation: Array
+    coordinates: Array
     in_modes: bool = field(default=False, metadata={"static": True})
 
 

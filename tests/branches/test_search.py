@@ -1,7 +1,6 @@
 """All periodic motions of a train at one speed, against the exact motions of the lightly loaded pair."""
 
 import dataclasses
-import itertools
 import math
 
 import numpy as np
@@ -10,8 +9,7 @@ from reference_data import reference
 from trains import Pair, pair_rpm, pair_train
 
 import jaxhb
-from jaxhb.results.status import Shooting
-from jaxhb.solutions import orbits, starts
+from jaxhb.solutions import starts
 
 EPSILON = 1e-3
 ROWS = {row["speed"]: row for row in reference("lightly_loaded_pair")["laws"][1]["rows"]}
@@ -64,22 +62,6 @@ class Unsolved:
     """A response, as far as start strategies look at it."""
 
     path: tuple = ()
-
-
-def test_a_solve_searches_no_longer_than_it_was_asked_to(monkeypatch):
-    """Where Newton's method solves nothing: a few shots and no curve from the linear law."""
-
-    def refine(case, plan, given=None, event=None):
-        case.path.append(event)
-        case.response = Unsolved()
-
-    orbit = orbits.FoundOrbit(np.zeros((1, 2), dtype=complex), 1.0, None, 1)
-    monkeypatch.setattr(starts, "refine", refine)
-    monkeypatch.setattr(orbits.OrbitSearch, "march", lambda *_: orbit)
-    monkeypatch.setattr(orbits.OrbitSearch, "shoot", lambda _: itertools.repeat(orbit))
-    path = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5625.0, start="march").path
-    assert sum(isinstance(event, Shooting) for event in path) == starts.Effort().orbits
-    assert not any("homotopy" in str(event) for event in path)
 
 
 def test_no_attempt_begins_when_the_time_is_up_but_one_is_made(monkeypatch):

@@ -4,13 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
+import random_trains
+from refined_trains import refined, with_tooth_damping
 from tolerances import ALGEBRAIC
 
 import jaxhb
 from jaxhb.balance.march import modes_for_march
 from jaxhb.balance.plan import Request
-from jaxhb.balance.problem import problem_at
-from jaxhb.results.status import Newton, NewtonOnSweeps, Sweeps
+from jaxhb.balance.problem import problem_at, reduced_equation
+from jaxhb.results.status import March, Newton, NewtonOnSweeps, Sweeps
 from jaxhb.solutions import planning, sweeping
 
 RPM = 1833.0
@@ -65,6 +67,51 @@ def test_newtons_method_on_sweeps_solves_what_these_do_not(train):
     assert [type(event) for event in found.path] == [Sweeps, NewtonOnSweeps]
     error = jaxhb.shooting_correction(found).error
     assert error < 2 * float(found.truncation_error)
+
+
+def test_where_nothing_settles_a_cycle_of_a_march_that_nearly_closes_is_a_start():
+    """Three disks, two meshes with 3 % damping."""
+    rng = np.random.default_rng([48271127, 21])
+    for _ in range(2):
+        train, rpm, _ = random_trains.random_case(rng)
+        train = with_tooth_damping(train, random_trains.span(rng, 0.01, 0.3))
+    found = jaxhb.solve(train, rpm=rpm)
+    assert found.converged
+    assert [type(event) for event in found.path[-2:]] == [March, NewtonOnSweeps]
+    assert jaxhb.shooting_correction(found).error < 2 * float(found.truncation_error)
+
+
+@pytest.fixture(scope="module")
+def long_train():
+    """More disks than modes are made of."""
+    return with_tooth_damping(refined("gear_train_30", 130), 0.06)
+
+
+def test_a_few_modes_of_a_long_train_respond_at_its_meshes_as_all_disks_do(long_train):
+    """To harmonics of its mesh modes, against the receptances of the equations."""
+    modes = modes_of(long_train)
+    assert len(modes.rates) <= 64
+    plan = planning.all_active(long_train, planning.contact_plan(long_train, Request()), Request())
+    exact, _ = reduced_equation(problem_at(long_train, RPM, plan.excited), 300, plan.active_meshes)
+    receptance, omega = np.asarray(exact.receptance), float(exact.frequency) * np.arange(301)
+    # Deflections fall under a positive force: of a mode that is counted twice, half of it and of its conjugate.
+    observed, rates, forcing = modes.deflections, modes.rates, modes.forcing
+    response = sum(
+        np.einsum("gm,mh,mk->hgk", a / 2, 1 / (1j * omega - b[:, None]), c)
+        for a, b, c in ((observed, rates, forcing), (observed.conj(), rates.conj(), forcing.conj()))
+    )
+    response = modes.flexibility - response
+    miss = np.abs(response - receptance)[1:].max(axis=(1, 2)) / np.abs(receptance)[1:].max(axis=(1, 2))
+    assert miss.max() < 0.02
+
+
+@pytest.mark.oracle
+def test_sweeps_of_a_long_train_end_at_the_motion_of_newtons_method_on_all_disks(long_train):
+    found = jaxhb.solve(long_train, rpm=RPM)
+    assert found.converged and not any(isinstance(event, Newton) for event in found.path)
+    newton = jaxhb.solve(long_train, rpm=RPM, harmonics=found.harmonics, start=found)
+    assert newton.converged
+    assert force_difference(found, newton) < 1.2 * float(found.truncation_error + newton.truncation_error)
 
 
 def test_speeds_of_a_sweep_are_solved_as_each_by_itself(train, response):
