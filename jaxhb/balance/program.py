@@ -25,7 +25,6 @@ from jaxhb.balance.plan import check_plan, time_steps_of
 from jaxhb.balance.problem import Problem, force_balance, model_of, problem_at, reduced_equation
 from jaxhb.balance.sizes import relative_residual
 from jaxhb.balance.sweeps import SweepPlan
-from jaxhb.balance.swept import truncation_of
 from jaxhb.equations import backlash, condensation, fourier
 from jaxhb.equations.backlash import law_of
 from jaxhb.integration.step import force_on_flank, stepper_of
@@ -239,15 +238,12 @@ def estimate(problem, active_meshes, deflection, plan):
 
 
 def truncation_error(fine, train, deflection, plan):
-    """Estimated sup-norm error of the elastic force / its largest value: of motions that plans find by sweeps
-    :func:`~jaxhb.balance.swept.truncation_of`, of others one Newton correction on 2 N harmonics, as teeth that lie in a
-    soft gap move much farther than the equations are off.
+    """Estimated sup-norm error of the elastic force / its largest value: one Newton correction on 2 N harmonics.
 
-    ``fine`` is the condensed equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N harmonics.
+    ``fine`` is the condensed equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N harmonics. The
+    residual on harmonics N+1 .. 2N is included: below the mesh modes a difference of two levels is no estimate.
     """
     samples = 2 * plan.samples
-    if plan.marches:
-        return truncation_of(fine, deflection, deflection, samples)[-1]
     wide = fourier.resize(deflection, fine.linear.shape[-1] - 1)
     slopes, value = correction.slopes_at(fine, wide, samples), fine.residual(wide, samples)
     change, left, _ = correction.correct(fine, correction.march_at(train, slopes), slopes, value, *ESTIMATE)
