@@ -240,8 +240,8 @@ def estimate(problem, active_meshes, deflection, plan):
 def truncation_error(fine, train, deflection, plan):
     """Estimated sup-norm error of the elastic force / its largest value: one Newton correction on 2 N harmonics.
 
-    ``fine`` is the condensed equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N harmonics. The
-    residual on harmonics N+1 .. 2N is included: below the mesh modes a difference of two levels is no estimate.
+    ``fine`` is the condensed equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N harmonics.
+    The residual on harmonics N+1 .. 2N is included: below the mesh modes a difference of two levels is no estimate.
     """
     samples = 2 * plan.samples
     wide = fourier.resize(deflection, fine.linear.shape[-1] - 1)
