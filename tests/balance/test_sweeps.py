@@ -13,12 +13,14 @@ import pytest
 from tolerances import ALGEBRAIC
 
 import jaxhb
+from jaxhb.balance import map_newton
 from jaxhb.balance.map_newton import solve_map
 from jaxhb.balance.march import InstantSolve, modes_for_march, modes_of_model
 from jaxhb.balance.plan import Request
 from jaxhb.balance.problem import ActiveMeshes, Problem, model_of, problem_at, reduced_equation
 from jaxhb.balance.sweeps import (
     SweepPlan,
+    SweepPoint,
     equation_program,
     first_point,
     force_size,
@@ -275,6 +277,28 @@ def test_newtons_method_on_the_map_finds_the_fixed_point(hammering):
     found = solve_map(sweeps, begun, hammering.plan, goal=1e-8)
     assert found.change <= 1e-8
     assert distance(hammering, found.deflection, settled(hammering).deflection) < 1e-6
+
+
+def test_a_cycle_that_does_not_close_is_no_end_however_short_the_last_correction_is(hammering, monkeypatch):
+    """A map that is stiff in the deflections and soft in the states, with too few Krylov steps for both: the first
+    correction halves what is unclosed, and the states have hardly moved."""
+    sweeps = equation_program(hammering.equation, hammering.modes, plan=hammering.plan)
+    begin = jax.tree.map(np.asarray, first_point(sweeps))
+    size = np.linalg.norm(fourier.pack(begin.linear))
+    visible = map_newton.PackedPoint(sweeps, begin).visibility
+    linear = begin.linear + 2e-6 * begin.linear
+    away = 0.01 * size
+    state = begin.state + away / visible / np.sqrt(len(visible))
+
+    def unclosed(_, point, plan):
+        left = SweepPoint(1e3 * (point.linear - linear), 0.1 * (point.state - state), 0 * point.force)
+        return left, point.linear
+
+    monkeypatch.setattr(map_newton, "unclosed_program", unclosed)
+    monkeypatch.setattr(map_newton, "KRYLOV_STEPS", 1)
+    found = solve_map(sweeps, begin, hammering.plan, goal=1e-5)
+    missed = np.linalg.norm((found.point.state - state) * visible)
+    assert found.distance > 1e-5 or missed < 0.5 * away
 
 
 def test_a_motion_is_where_sweeps_from_it_stay(hammering):
