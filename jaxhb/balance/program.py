@@ -38,7 +38,7 @@ MARCH_ABOVE = 3e-4
 # Change of the vibration in the last sweep from which sweeps may be going astray, as where no motion that repeats
 # attracts, and cycles that are marched beside them then.
 UNSETTLED, MARCHED = 1e-3, 3
-ESTIMATE = 0.05, 20  # share of the residual that the correction of an estimate may leave, and its Krylov steps at most
+ESTIMATE = 0.01, 20  # share of the residual that the correction of an estimate may leave, and its Krylov steps at most
 START_SETTLED = 1e-4  # share of the vibration that sweeps may leave to Newton's method, which is quick from there
 FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked for
 BATCH_SPEEDS = 8  # speeds that one program solves side by side where contacts are unknowns, on accelerators
