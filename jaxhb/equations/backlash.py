@@ -251,7 +251,7 @@ def energy(law, deflection):
 
 
 def contact_integral(width, inside, beyond):
-    """Integral over |l| of ``u^2 / (2 tau h) + v``, from :func:`pieces`."""
+    """Integral over the modulus of l of ``u^2 / (2 tau h) + v``, from :func:`pieces`."""
     return inside**3 / (6 * width) + beyond**2 / 2 + width * beyond / 2
 
 
