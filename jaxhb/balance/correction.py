@@ -216,9 +216,16 @@ def correct_bordered(reduced, march: LinearMarch, slopes, border, right, steps):
         left = left.at[:count].add(column * z[-1])
         return jnp.append(left, row[:-1] @ deflection + row[-1] * z[-1])
 
+    across = row[:-1] @ column - row[-1]
+
+    def unbordered(v):
+        """The solution where J is 1: else a right side with nothing but g leads nowhere, as its image has no g."""
+        p = (row[:-1] @ v[:count] - v[-1]) / jnp.where(across == 0, 1.0, across)
+        return jnp.append(v[:-1].at[:count].add(-column * p), p)
+
     def solve(b):
         begin = jnp.concatenate([b[:-1], jnp.zeros(mapped.states), b[-1:]])
-        z, *_ = gcr(whole, lambda v: v, begin, tolerance=BORDERED, steps=steps)
+        z, *_ = gcr(whole, unbordered, begin, tolerance=BORDERED, steps=steps)
         return jnp.append(mapped.apply(z[:-1])[1], z[-1])
 
     return [solve(b) for b in right]
