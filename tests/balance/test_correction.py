@@ -129,6 +129,19 @@ def test_a_bordered_solve_is_that_of_the_bordered_jacobian(case):
     np.testing.assert_allclose(solve(at, right), wanted, rtol=0, atol=1e-7 * np.abs(wanted).max())
 
 
+def test_a_bordered_solve_has_an_answer_where_the_right_side_is_at_the_border_alone(case):
+    """As where the direction of a branch is looked for: the image of such a side has nothing at the border."""
+    problem, reduced, l = case
+    matrix, value = dense_jacobian(reduced, l)
+    column = np.random.default_rng(6).normal(size=len(value))
+    row, right = np.append(column, 0.0), np.append(np.zeros(len(value)), 1.0)
+    whole = np.block([[np.asarray(matrix), column[:, None]], [row]])
+    at = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
+    solve = jax.jit(lambda at, right: correction.correct_bordered(reduced, *at, (column, row), (right,), 60)[0])
+    wanted = np.linalg.solve(whole, right)
+    np.testing.assert_allclose(solve(at, right), wanted, rtol=0, atol=1e-7 * np.abs(wanted).max())
+
+
 def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
     problem, reduced, l = case
     march, slopes = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
