@@ -57,26 +57,27 @@ def solve_map(
         return packing.pack(left), np.asarray(deflection)
 
     def correction(packed, left):
-        size = np.linalg.norm(left)
-        images, directions = np.zeros((0, len(left))), np.zeros((0, len(left)))
+        size, count = np.linalg.norm(left), 0
         change, remaining = np.zeros_like(left), -left
-        while len(images) < KRYLOV_STEPS and np.linalg.norm(remaining) > FORCING * size:
+        while count < KRYLOV_STEPS and np.linalg.norm(remaining) > FORCING * size:
             direction = remaining
             short = DIFFERENCE * np.linalg.norm(packed) / np.linalg.norm(direction)
             image = (left_at(packed + short * direction)[0] - left) / short
             for _ in range(2):  # twice: orthogonal to rounding
-                shares = images @ image
-                image = image - shares @ images
-                direction = direction - shares @ directions
+                shares = images[:count] @ image
+                image = image - shares @ images[:count]
+                direction = direction - shares @ directions[:count]
             length = np.linalg.norm(image)
-            images = np.vstack([images, image / length])
-            directions = np.vstack([directions, direction / length])
-            share = images[-1] @ remaining
-            change = change + share * directions[-1]
-            remaining = remaining - share * images[-1]
+            images[count], directions[count] = image / length, direction / length
+            share = images[count] @ remaining
+            change = change + share * directions[count]
+            remaining = remaining - share * images[count]
+            count += 1
         return change
 
     packed = packing.pack(point)
+    # Once: arrays that grow step by step leave a process with gigabytes that it cannot use.
+    images, directions = np.empty((2, KRYLOV_STEPS, len(packed)))
     unclosed, deflection = left_at(packed)
     backlash = np.max(np.asarray(sweeps.equation.law.backlash))
     scale = np.linalg.norm(fourier.pack(deflection)[:, 1:]) + 1e-8 * backlash

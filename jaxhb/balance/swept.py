@@ -20,6 +20,7 @@ MOST_SWEEPS = 12  # a motion that these do not settle wants Newton's method
 # Of a search, cycles marched, from how many of them Newton's method starts at most, the first of these, and marches of
 # all these starts after which no other is made.
 CYCLES, TRIES, FIRST_CYCLE, SEARCHED = 128, 6, 2, 300
+SEARCHED_STEPS = 4096  # of a cycle at most: of longer ones a search takes minutes and gigabytes
 MOST_MARCHES = 100  # of Newton's method: orbits of irregular trains that need more are rarely found at all
 # Times what F(l) leaves, and what is left of sweeps, that the motion may be off: the inverse of the Jacobian, and
 # changes that shrink more slowly later on. At 131 speeds of ``gear_train_30``, with 5.5 steps a period of the fastest
@@ -165,7 +166,7 @@ def solve_by_sweeps(
     if newton and left_over() and np.isfinite(ended.change):
         ended = _by_newton(swept, ended.point, plan, goal, int(ended.marches), path)
     begun = int(ended.marches)
-    if search and left_over():
+    if search and left_over() and plan.steps <= SEARCHED_STEPS:
         for point, event in _nearly_closed(swept, plan):
             path.append(event)
             found = _by_newton(swept, point, plan, goal, int(ended.marches), path)
