@@ -127,13 +127,13 @@ class Program:
 
     def _outermost(self, static, arguments, key):
         """The executable of a program that the host calls, from the store or new."""
-        name = self._name(static, key)
+        name, traced = self._name(static, key), _traced.pop(key, None)
         found = _store.load(name, arguments)
         if found is not None:
             _held.programs += 1
             return found
         retrieved = _held.retrieved
-        made = (_traced.pop(key, None) or self._trace(static, arguments)).lower().compile()
+        made = (traced or self._trace(static, arguments)).lower().compile()
         if _held.retrieved == retrieved:  # one out of jax's cache does not run any more when it is stored again
             _store.save(name, made)
         return made

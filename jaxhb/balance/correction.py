@@ -93,8 +93,7 @@ class LinearMarch:
     def _march(self, state, rows):
         modes, weights = self.train.modes, self.train.weights
         meshes = modes.forcing.shape[1]
-        observed = jnp.concatenate([modes.observation.real, -modes.observation.imag], axis=1)
-        decay_real, decay_imag = weights.decay
+        observed = modes.observed
 
         def step(state, known):
             gain, row = known
@@ -102,9 +101,7 @@ class LinearMarch:
             # Written-out sums of columns are faster than products inside a scan.
             force = sum(gain[:, j] * free[j] for j in range(2 * meshes))
             deflection = free[:meshes] + sum(weights.at_once[:meshes, g] * force[g] for g in range(meshes))
-            real, imag = jnp.split(state, 2)
-            turned = jnp.concatenate([decay_real * real - decay_imag * imag, decay_imag * real + decay_real * imag])
-            return turned + sum(weights.push[g] * force[g] for g in range(meshes)), deflection
+            return weights.onward(state, force), deflection
 
         return lax.scan(step, state, (self.gain, rows))
 

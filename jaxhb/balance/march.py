@@ -57,6 +57,11 @@ class MarchModes:
         """Rows ``(G, m)`` of ``observation`` for l alone."""
         return self.observation[: self.forcing.shape[1]]
 
+    @property
+    def observed(self) -> Array:
+        """Rows ``(2G, 2m)`` of (l, l') for states that are real parts above imaginary ones."""
+        return jnp.concatenate([self.observation.real, -self.observation.imag], axis=1)
+
 
 def modes_for_march(problem, active_meshes) -> MarchModes:
     """The modes that the active meshes notice, as arrays of the host; their number is padded to 32, 64, 128, ....
@@ -148,6 +153,14 @@ class StepWeights:
     at_once: jax.Array
     late: jax.Array
 
+    def onward(self, state, force):
+        """States ``(2m,)`` a step later, under phi ``(G,)`` N."""
+        decay_real, decay_imag = self.decay
+        real, imag = jnp.split(state, 2)
+        turned = jnp.concatenate([decay_real * real - decay_imag * imag, decay_imag * real + decay_real * imag])
+        # A written-out sum of columns is faster than a product inside a scan.
+        return turned + sum(self.push[g] * force[g] for g in range(len(force)))
+
 
 def step_weights(modes: MarchModes, dt) -> StepWeights:
     """The weights of steps of ``dt`` seconds."""
@@ -220,11 +233,10 @@ def march_cycle(modes: MarchModes, weights: StepWeights, teeth: TeethLaw, state,
     """
     meshes = len(force)
     seen = slice(motion.shape[1])
-    observed = jnp.concatenate([modes.observation.real, -modes.observation.imag], axis=1)[seen]
+    observed = modes.observed[seen]
     at_once = weights.at_once[seen]
     by_deflection, by_rate = weights.at_once[:meshes], weights.at_once[meshes:]
     alone_l, alone_rate = jnp.diagonal(by_deflection), jnp.diagonal(by_rate)
-    decay_real, decay_imag = weights.decay
 
     def with_force(free, force):
         # A written-out sum of columns is faster than a product inside a scan.
@@ -249,10 +261,7 @@ def march_cycle(modes: MarchModes, weights: StepWeights, teeth: TeethLaw, state,
         for _ in range(instant.steps):
             force = improved(teeth_now, free, force)
         deflection = with_force(free, force)[:meshes]
-        real, imag = jnp.split(state, 2)
-        turned = jnp.concatenate([decay_real * real - decay_imag * imag, decay_imag * real + decay_real * imag])
-        pushed = turned + sum(weights.push[g] * force[g] for g in range(meshes))
-        return (pushed, force), deflection
+        return (weights.onward(state, force), force), deflection
 
     (state, force), deflection = lax.scan(step, (state, force), (motion, variation))
     return deflection, state, force

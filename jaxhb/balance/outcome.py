@@ -100,16 +100,16 @@ def linear_outcome(problem, active_meshes, harmonics, limit, samples) -> Outcome
     harmonics, samples : of the fields; limit : on the truncation error.
     """
     equation, condensed = reduced_equation(problem, harmonics, active_meshes)
-    none, no = np.zeros(()), np.array(False)
+    nothing = np.zeros(())
     ended = Ended(
         deflection=equation.linear,
-        settled=~no,
-        stalled=no,
+        settled=np.array(True),
+        stalled=np.array(False),
         steps=np.array(0),
-        error=none,
+        error=nothing,
         sweeps=np.array(0),
-        periodicity_error=none,
-        truncation_error=none,
+        periodicity_error=nothing,
+        truncation_error=nothing,
     )
     outcome, _ = conclude(problem, active_meshes, equation, condensed, equation.linear, ended, limit, samples)
     return outcome
@@ -128,9 +128,7 @@ def _failure_of(problem, active_meshes, equation, condensed, found, iteration, c
     _, linear = residual_and_status(*condensed.balance)
     # Teeth in the gap push at harmonics that no torque has, where the train may be at resonance as well.
     compliance = xp.max(xp.abs(equation.receptance), initial=0.0) * xp.max(equation.law.stiffness, initial=0.0)
-    held = xp.array(True)
-    if xp is not np or np.any(active_meshes.flank):
-        held = held_in_contact(problem, found.deflections, active_meshes.flank, samples)
+    held = held_in_contact(problem, found.deflections, active_meshes.flank, samples)
     complete = xp.array(True) if crossings is None else crossings[0].complete & crossings[1].complete
     # The later, the stronger: a motion that is not finite says nothing of the plan, and at a resonance without damping
     # nothing else means anything.
