@@ -99,11 +99,13 @@ def truncation_of(fine, deflection, kept, samples, *left):
 prepare = Program(_prepared, static_argnames="plan")
 
 
-def difference(one, other):
-    """Largest difference of deflections ``(G, n+1)`` m over the cycle, relative to the largest of all meshes."""
-    one, other = (fourier.sample(deflection, COMPARED) for deflection in (one, other))
-    largest = max(np.abs(one).max(initial=0.0), np.abs(other).max(initial=0.0), 1e-300)
-    return float(np.abs(one - other).max(initial=0.0) / largest)
+def difference(one, other, period=1):
+    """Largest difference of deflections ``(G, n+1)`` m over ``period`` cycles, relative to the largest of all meshes;
+    the motions may begin in different cycles."""
+    one, other = (fourier.sample(deflection, period * COMPARED) for deflection in (one, other))
+    shifted = (np.roll(other, cycle * COMPARED, axis=-1) for cycle in range(period))
+    least = min(np.abs(one - moved).max(initial=0.0) for moved in shifted)
+    return float(least / max(np.abs(one).max(initial=0.0), np.abs(other).max(initial=0.0), 1e-300))
 
 
 _begun: set = set()
@@ -140,12 +142,11 @@ def solve_by_sweeps(
 ):
     """The Outcome of a Problem, as arrays of the host, where it ended (Settled), and the events on the way.
 
-    at_hand : deflections ``(G, n+1)`` m of a motion: where sweeps settle at it (ARRIVED), the Outcome is None.
-
     From teeth on their drive sides, from a ``deviation`` ``(2S,)`` from the linear motion
     (:func:`~jaxhb.balance.sweeps.point_at`), or from deflections ``(G, n+1)`` m of a motion: sweeps, and where these do
     not settle, with ``newton`` its method on the same map, with ``search`` from cycles of a march, too; ``settled`` :
-    share of the tolerance that may be left of the vibration.
+    share of the tolerance that may be left of the vibration; at_hand : deflections ``(G, n+1)`` m of a motion: where
+    sweeps settle at it (ARRIVED), the Outcome is None.
     """
     goal = settled * tolerance
     equation, condensed = linear_equation(on_host(problem), 2 * plan.harmonics, active_meshes)

@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.balance.program import active_deflections, first_start, solve_once
-from jaxhb.balance.swept import COMPARED
+from jaxhb.balance.swept import difference as deflection_difference
 from jaxhb.equations import fourier
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.status import March
@@ -172,9 +172,5 @@ def repetition(response, period, divisor):
 
 
 def difference(one, other, period):
-    """Largest difference of the deflections of two responses over ``period`` cycles, relative to the largest of all
-    meshes; the motions may begin in different cycles."""
-    one, other = (response.deflection_samples(period * COMPARED) for response in (one, other))
-    shifted = (np.roll(other, k * COMPARED, axis=-1) for k in range(period))
-    least = min(np.abs(one - moved).max(initial=0.0) for moved in shifted)
-    return float(least / max(np.abs(one).max(initial=0.0), np.abs(other).max(initial=0.0), 1e-300))
+    """The :func:`~jaxhb.balance.swept.difference` of the deflections of two responses over ``period`` cycles."""
+    return deflection_difference(one.deflections, other.deflections, period)
