@@ -1,5 +1,6 @@
 """The outcome of a solve: fields and status of the deflections at which an iteration ended, however it went there."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import jax
@@ -150,8 +151,11 @@ def relative_force_change(equation, motion, changes):
     def force(deflection, rate):
         return backlash.force(law, deflection) + backlash.dry_friction(law, rate)
 
+    # Rates of deflection change the elastic forces by dry friction alone.
+    read = dataclasses.replace(equation, by_rate=equation.law.friction is not None)
+
     def taken(change):
-        moved, slowed = equation.sampled(change, samples)
+        moved, slowed = read.sampled(change, samples)
         return xp.max(xp.abs(force(motion[0] - moved, motion[1] - slowed) - before))
 
     before = force(*motion)

@@ -108,8 +108,8 @@ def resize(coefficients, harmonics):
     present = coefficients.shape[-1] - 1
     if harmonics <= present:
         return coefficients[..., : harmonics + 1]
-    width = [(0, 0)] * (coefficients.ndim - 1) + [(0, harmonics - present)]
-    return namespace(coefficients).pad(coefficients, width)
+    xp, beyond = namespace(coefficients), (*coefficients.shape[:-1], harmonics - present)
+    return xp.concatenate([coefficients, xp.zeros(beyond, coefficients.dtype)], axis=-1)
 
 
 def packed_diagonal(gain):
