@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._jax import Array, added, namespace
+from jaxhb._jax import Array, added, kept, namespace
 from jaxhb.equations import backlash, condensation, dynamic_stiffness, fourier
 from jaxhb.equations.backlash import MeshParameters, all_meshes
 from jaxhb.equations.block_sweep import quotient
@@ -58,20 +58,27 @@ def problem_at(train, rpm, excited):
     """The :class:`Problem` of ``train`` at ``rpm``, with room for ``excited`` harmonics of the excitation."""
     xp = namespace(train, rpm)
     train = jax.tree.map(lambda a: xp.asarray(a, dtype=float), train)
-    system = chain.assemble(train)
+    system, meshes, rigid = _at_any_speed(train)
     torque, load_torque, _ = excitation(train, rpm, min(excited, listed_harmonic(train.topology)))
     torque = fourier.resize(xp.asarray(torque), excited)
     rpm = xp.asarray(rpm, dtype=float)
     topology = train.topology
     return Problem(
         system=system,
-        meshes=all_meshes(train),
+        meshes=meshes,
         frequency=topology.cycle_frequency(rpm),
         load=torque / system.radius[:, None],
-        rigid=chain.rigid_shape(train, system.radius),
+        rigid=rigid,
         load_torque=load_torque,
         load_power=1e3 * load_power_kW(train, rpm, load_torque),
     )
+
+
+@kept
+def _at_any_speed(train):
+    """Linear system, meshes and rigid rotation of a train."""
+    system = chain.assemble(train)
+    return system, all_meshes(train), chain.rigid_shape(train, system.radius)
 
 
 def reduced_equation(problem, harmonics, active_meshes):

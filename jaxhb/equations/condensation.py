@@ -181,12 +181,17 @@ def _kept_motion(given):
 
 
 def displacements_and_bends(system, frequency, load):
-    """Displacements ``(S, N+1)`` m of the train with all meshes in contact under a load ``(S, N+1)`` N, and deflections
-    ``(L, N+1)`` m of all links: from their forces, as differences of displacements lose digits where a train turns far
-    as one."""
-    omega = frequencies(frequency, load.shape[-1] - 1)
-    displacement, force = _kept_motion((system, omega, load))
-    return displacement, bends_of(system, displacement, force, link_stiffness(system, omega))
+    """Displacements ``(..., S, N+1)`` m of the train with all meshes in contact, and deflections ``(..., L, N+1)`` m of
+    all links: from their forces, as differences of displacements lose digits where a train turns far as one.
+
+    frequency : Omega ``(...)`` in rad/s; load ``(..., S, N+1)`` N.
+    """
+    speeds, count = np.shape(frequency), load.shape[-1]
+    omega = np.multiply.outer(frequency, np.arange(count)).ravel()
+    # One sweep over the tree for the harmonics of all speeds.
+    displacement, force = _kept_motion((system, omega, np.moveaxis(load, -2, 0).reshape(load.shape[-2], -1)))
+    moved = displacement, bends_of(system, displacement, force, link_stiffness(system, omega))
+    return tuple(np.moveaxis(rows.reshape(len(rows), *speeds, count), 0, -2) for rows in moved)
 
 
 def bends_of(system, displacement, force, stiffness, links=slice(None)):

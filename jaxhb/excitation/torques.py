@@ -90,17 +90,23 @@ def _computed_gas(train):
 
 
 def excitation(train: DriveTrain, rpm, harmonics: int):
-    """Torque on every disk up to harmonic N of the cycle, complex [n_disks, N + 1], loads included, in N m; the mean
-    torque of each load [n_loads]; and the imbalance left, sum over disks of speed ratio x mean torque.
+    """Torque in N m on every disk up to harmonic N of the cycle, complex [..., n_disks, N + 1], loads included; the
+    mean torque of each load [..., n_loads]; and the imbalance left, sum over disks of speed ratio x mean torque; at
+    speeds ``rpm`` [...].
 
     The loads make the imbalance 0, each taking its share; their pulsation is in proportion to the torque that each
     takes. The angle 0 of the reference rotor is firing top dead centre of a cylinder with ``firing_angle`` 0; an event
     later by alpha of its own rotor multiplies by exp(-i order alpha). Of numbers of the host the arrays are read-only:
     who asks again, as plan and problem of one speed do, has the same.
     """
-    if namespace(train, rpm) is np and not np.ndim(rpm):
-        return _kept_excitation(train, float(rpm), harmonics)
-    return _excitation(train, rpm, harmonics)
+    if namespace(train, rpm) is not np or np.size(rpm) != 1:
+        return _excitation(train, rpm, harmonics)
+    found = _kept_excitation(train, np.asarray(rpm, dtype=float).item(), harmonics)
+    return (
+        tuple(np.broadcast_to(values, (*np.shape(rpm), *np.shape(values))) for values in found)
+        if np.ndim(rpm)
+        else found
+    )
 
 
 @kept
@@ -116,28 +122,29 @@ def _excitation(train, rpm, harmonics):
     xp, topology = namespace(train, rpm), train.topology
     rpm = xp.asarray(rpm, dtype=float)
     ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
-    torque = xp.zeros((topology.n_disks, harmonics + 1), dtype=complex)
+    torque = xp.zeros((*rpm.shape, topology.n_disks, harmonics + 1), dtype=complex)
     seats = np.array([*topology.torque_disk, *topology.cylinder_disk], dtype=int)
-    torque = added(torque, (seats, 0), mean_torques(train.torques, train.cylinders, topology.gas_cycles, rpm))
+    means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, rpm)
+    torque = added(torque, (..., seats, 0), means)
     own, scale = (topology.torque_disk, topology.torque_harmonics), scale_at(train.torques, rpm)
     rows = train.torques.harmonics
 
     def later(i, k, n):
-        return scale[i] * _coefficients(rows, i, k) * _turned(train, topology.phase_torques, i, n)
+        return scale[..., i] * _coefficients(rows, i, k) * _turned(train, topology.phase_torques, i, n)
 
     torque = _add_listed(torque, *own, later)
     if topology.cylinder_names:
         torque = _add_cylinders(torque, train, rpm, ratio)
     # Power of the mean torques over the speed of the reference rotor: torque x speed ratio, summed.
-    power = ratio @ torque[:, 0].real
+    power = torque[..., 0].real @ ratio
     if not topology.load_disk:
-        return torque, xp.zeros(0), power
+        return torque, xp.zeros((*rpm.shape, 0)), power
     share, load_disk = xp.asarray(train.loads.share), np.array(topology.load_disk, dtype=int)
     # Each load takes its share of torque, and all together the power: sum of ratio x load torque = -power.
-    load_torque = -power * share / (share @ ratio[load_disk])
-    torque = added(torque, (load_disk, 0), load_torque)
+    load_torque = -power[..., None] * share / (share @ ratio[load_disk])
+    torque = added(torque, (..., load_disk, 0), load_torque)
     torque = _add_given(torque, load_disk, topology.load_harmonics, train.loads.harmonics, load_torque)
-    return torque, load_torque, ratio @ torque[:, 0].real
+    return torque, load_torque, torque[..., 0].real @ ratio
 
 
 def _add_cylinders(torque, train, rpm, ratio):
@@ -155,7 +162,7 @@ def _add_cylinders(torque, train, rpm, ratio):
         return turned * _turned(train, topology.phase_cylinders, i, n)
 
     def given(i, k, n):
-        return factor[i] * injected[i] * (scale[i] * _coefficients(table.gas_torque, i, k)) * phase(i, n)
+        return factor[i] * injected[i] * (scale[..., i] * _coefficients(table.gas_torque, i, k)) * phase(i, n)
 
     lists = [row if counts else () for row, counts in zip(topology.cylinder_harmonics, cycles.given, strict=True)]
     torque = _add_listed(torque, disks, lists, given)
@@ -163,17 +170,17 @@ def _add_cylinders(torque, train, rpm, ratio):
 
     def computed(i, k, n):
         row = np.searchsorted(rows, i)
-        gas = (_gas_weights(table, cycles, rpm)[:, i] * parts[:, row, k + 1]).sum(axis=0)
-        return factor[i] * (scale[i] * gas - ambient[row, k + 1]) * phase(i, n)
+        gas = (_gas_weights(table, cycles, rpm)[..., i] * parts[:, row, k + 1]).sum(axis=-2)
+        return factor[i] * (scale[..., i] * gas - ambient[row, k + 1]) * phase(i, n)
 
     steps = enumerate(zip(topology.cylinder_step, topology.cylinder_gas, strict=True))
     lists = [tuple(step * k for k in range(1, kept + 1)) if i in rows else () for i, (step, kept) in steps]
     torque = _add_listed(torque, disks, lists, computed)
 
     def inertia(i, k, n):
-        speed = ratio[np.array(disks, dtype=int)] * (2.0 * np.pi / 60.0) * rpm
+        speed = ratio[np.array(disks, dtype=int)] * (2.0 * np.pi / 60.0) * rpm[..., None]
         unit = _unit_inertia_harmonics(table, topology.cylinder_series)
-        return (table.reciprocating_mass * speed**2)[i] * unit[i, k + 1] * phase(i, n)
+        return (table.reciprocating_mass * speed**2)[..., i] * unit[i, k + 1] * phase(i, n)
 
     turns = zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)
     lists = [tuple(round(j * turn) for j in range(1, min(kept, CRANK_SAMPLES // 2) + 1)) for kept, turn in turns]
@@ -181,14 +188,14 @@ def _add_cylinders(torque, train, rpm, ratio):
 
 
 def _gas_weights(table, cycles, rpm):
-    """Weights [J, nc] of all that :func:`_pressure_harmonics` gives."""
+    """Weights [..., J, nc] of all that :func:`_pressure_harmonics` gives."""
     own = weights(table, cycles, rpm)
     if not cycles.skipping:
         return own
     unburnt = unburnt_weights(table, rpm)
     xp = namespace(own, unburnt)
-    burnt = xp.zeros((own.shape[0] - unburnt.shape[0], own.shape[1]))
-    return xp.concatenate([own, burnt, unburnt])
+    burnt = xp.zeros((*own.shape[:-2], own.shape[-2] - unburnt.shape[-2], own.shape[-1]))
+    return xp.concatenate([own, burnt, unburnt], axis=-2)
 
 
 def _turned(train, members, i, n):
@@ -203,16 +210,22 @@ def _turned(train, members, i, n):
 
 def _add_listed(torque, disks, numbers, values):
     """Add ``values(i, k, n)`` of elements i on ``disks`` at their harmonics n = ``numbers[i][k]`` up to N."""
-    flat = [(i, k, n) for i, row in enumerate(numbers) for k, n in enumerate(row) if n < torque.shape[1]]
-    if not flat:
+    i, k, n = _listed(tuple(numbers), torque.shape[-1] - 1)
+    if not i.size:
         return torque
-    i, k, n = np.array(flat, dtype=int).T
-    return added(torque, (np.array(disks, dtype=int)[i], n), values(i, k, n))
+    return added(torque, (..., np.array(disks, dtype=int)[i], n), values(i, k, n))
+
+
+@lru_cache(maxsize=256)
+def _listed(numbers, most):
+    """Elements i, places k and harmonics n = ``numbers[i][k]`` up to ``most``."""
+    flat = [(i, k, n) for i, row in enumerate(numbers) for k, n in enumerate(row) if n <= most]
+    return np.array(flat, dtype=int).reshape(-1, 3).T
 
 
 def _add_given(torque, disks, numbers, rows, factor):
     """Add the given harmonics of elements, each times its factor."""
-    return _add_listed(torque, disks, numbers, lambda i, k, n: factor[i] * _coefficients(rows, i, k))
+    return _add_listed(torque, disks, numbers, lambda i, k, n: factor[..., i] * _coefficients(rows, i, k))
 
 
 def _coefficients(rows, i, k):

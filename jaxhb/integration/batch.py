@@ -37,17 +37,15 @@ class LinearMotion:
 
 def linear_motions(train, rpm, system, meshes, harmonics):
     """The :class:`LinearMotion` of speeds ``(L,)``, on the host."""
-
-    def one(rpm):
-        torque, _, _ = excitation(train, rpm, harmonics)
-        frequency = train.topology.cycle_frequency(rpm)
-        load = backlash.error_load(system, all_meshes(train), frequency, torque / system.radius[:, None])
-        displacement, bends = displacements_and_bends(system, frequency, load)
-        force = force_on_flank(meshes.law, bends[meshes.link])
-        shift = static_response(matrices(system)[1], system.spread(-force, meshes.link))
-        return LinearMotion(frequency, displacement, bends[meshes.link], shift)
-
-    return jax.tree.map(lambda *values: np.stack(values), *map(one, np.asarray(rpm, float)))
+    rpm, every, stiffness = np.asarray(rpm, float), all_meshes(train), matrices(system)[1]
+    frequency = train.topology.cycle_frequency(rpm)
+    load = excitation(train, rpm, harmonics)[0] / system.radius[:, None]
+    load = np.stack([backlash.error_load(system, every, *of_speed) for of_speed in zip(frequency, load, strict=True)])
+    displacement, bends = displacements_and_bends(system, frequency, load)
+    deflection = bends[:, meshes.link]
+    forces = (force_on_flank(meshes.law, own) for own in deflection)
+    shift = np.stack([static_response(stiffness, system.spread(-force, meshes.link)) for force in forces])
+    return LinearMotion(frequency, displacement, deflection, shift)
 
 
 def steppers(modes, system, meshes, linear_motion, steps):

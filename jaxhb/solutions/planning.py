@@ -29,8 +29,7 @@ BLIND_SHARE = 0.1  # of the tolerance that an estimate may use which does not se
 # Half peak-to-peak values of the linear force of the hardest mesh that separates, by which another mesh must stay
 # loaded to be held on its flank.
 HAMMERED = 2.0
-# Up to which the linear motion is solved with dense matrices: 27 disks take 2 ms a speed, a program 3 s to compile.
-HOST_SPEEDS = 256  # up to which the linear motion is found without a program
+COLUMNS = 4096  # harmonics of some speeds whose linear motion is found at once
 
 
 def level_at_least(harmonics, levels=LEVELS):
@@ -148,7 +147,7 @@ def plan_speeds(train, rpm, request):
 
 def _linear_mesh_forces(train, rpm, contact, harmonics):
     """Elastic forces ``(n, M, N+1)`` N of the meshes at speeds ``(n,)``, all teeth in contact."""
-    if len(rpm) <= HOST_SPEEDS and train.topology.n_disks <= HOST_DISKS:
+    if train.topology.n_disks <= HOST_DISKS:
         with np.errstate(all="ignore"):  # a solve tells of numbers that are not finite
             return _mesh_forces_of_host(on_host(train), rpm, harmonics)
     linear = dataclasses.replace(contact, harmonics=harmonics, method="reduced", integrals="sampled")
@@ -157,14 +156,18 @@ def _linear_mesh_forces(train, rpm, contact, harmonics):
 
 
 def _mesh_forces_of_host(train, rpm, harmonics):
-    """Those of some speeds, without a program."""
+    """The same without a program."""
     (system, meshes), found = _linear_parts(train), []
-    for speed in rpm:
-        load, frequency = excitation(train, speed, harmonics)[0], train.topology.cycle_frequency(speed)
-        load = backlash.error_load(system, meshes, frequency, load / system.radius[:, None])
+    size = max(COLUMNS // (harmonics + 1), 1)
+    for first in range(0, len(rpm), size):
+        frequency = train.topology.cycle_frequency(rpm[first : first + size])
+        load = excitation(train, rpm[first : first + size], harmonics)[0] / system.radius[:, None]
+        load = np.stack(
+            [backlash.error_load(system, meshes, *of_speed) for of_speed in zip(frequency, load, strict=True)]
+        )
         _, bends = displacements_and_bends(system, frequency, load)
-        found.append(meshes.law.stiffness[:, None] * backlash.less_error(meshes, bends[meshes.link]))
-    return np.stack(found)
+        found.append(meshes.law.stiffness[:, None] * backlash.less_error(meshes, bends[:, meshes.link]))
+    return np.concatenate(found)
 
 
 @kept

@@ -442,10 +442,13 @@ def test_a_response_is_a_clean_tree(pair, plan):
     assert sweep[3].train is pair and jax.tree.map(np.asarray, sweep[3]).train is None
 
 
-def test_mesh_forces_of_the_linear_train_are_those_of_the_program_that_many_speeds_share():
+def test_mesh_forces_of_the_linear_train_are_those_of_the_program_that_long_trains_take(monkeypatch):
     train = jaxhb.load_scene("gear_train_30")
     request = Request.of(train)
     contact, few = planning.contact_plan(train, request), np.array([700.0, 1800.0])
     host = planning._linear_mesh_forces(train, few, contact, 24)
-    shared = planning._linear_mesh_forces(train, np.resize(few, planning.HOST_SPEEDS + 1), contact, 24)[:2]
+    one_by_one = [planning._linear_mesh_forces(train, few[i : i + 1], contact, 24)[0] for i in range(2)]
+    np.testing.assert_allclose(host, one_by_one, rtol=0, atol=1e-12 * np.abs(host).max())
+    monkeypatch.setattr(planning, "HOST_DISKS", 0)
+    shared = planning._linear_mesh_forces(train, few, contact, 24)
     assert np.abs(host - shared[..., :25]).max() < 1e-12 * np.abs(shared).max()
