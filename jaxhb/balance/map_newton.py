@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxhb.balance.sweeps import UNSETTLED, Settled, SweepEquation, SweepPlan, SweepPoint, unclosed_program
+from jaxhb.balance.sweeps import UNSETTLED, Settled, SweepEquation, SweepPlan, SweepPoint, sweep_program
 from jaxhb.equations import fourier
 
 FORCING = 0.03  # share of what is unclosed that a correction may leave
@@ -53,8 +53,8 @@ def solve_map(
     def left_at(packed):
         nonlocal marches
         marches += 1
-        left, deflection = unclosed_program(sweeps, packing.unpack(packed), plan=plan)
-        return packing.pack(left), np.asarray(deflection)
+        following, deflection = sweep_program(sweeps, packing.unpack(packed), plan=plan)
+        return packed - packing.pack(following), np.asarray(deflection)
 
     def correction(packed, left):
         size, count = np.linalg.norm(left), 0

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array, on_host
+from jaxhb._jax import Array, namespace, on_host
 from jaxhb.equations import backlash
 from jaxhb.equations.projected_modes import projected_modes
 from jaxhb.equations.reduced_model import ReducedOrderModel
@@ -176,7 +176,7 @@ def step_weights(modes: MarchModes, dt) -> StepWeights:
 
 def real_pairs(modal):
     """Complex ``(m, ...)`` as real ``(2m, ...)``."""
-    return jnp.concatenate([modal.real, modal.imag])
+    return namespace(modal).concatenate([modal.real, modal.imag])
 
 
 def complex_modes(pairs):

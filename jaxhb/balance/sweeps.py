@@ -123,8 +123,9 @@ class SweepEquation:
         return fourier.synthesize(with_rate(deflection, self.equation.frequency), steps).T
 
     def pairs(self):
-        """Harmonics ``(m, N+1)`` of a mode and of its conjugate in a cycle that ends off by 1."""
-        even, odd = jnp.split(lax.complex(*self.free), 2)
+        """Harmonics ``(m, N+1)`` of a mode and of its conjugate in a cycle that ends off by 1, of the host."""
+        real, imag = self.free
+        even, odd = np.split(real + 1j * imag, 2)
         return even - 1j * odd, even + 1j * odd
 
 
@@ -186,17 +187,19 @@ def first_point(sweeps: SweepEquation) -> SweepPoint:
 
 
 def point_at(sweeps: SweepEquation, deviation) -> SweepPoint:
-    """From a motion that deviates from the linear one by ``deviation`` ``(2S,)`` m, m/s of (x, x') at t = 0."""
+    """From a motion that deviates from the linear one by ``deviation`` ``(2S,)`` m, m/s of (x, x') at t = 0; of the
+    host."""
     modes, linear = sweeps.modes, sweeps.equation.linear
     modal = modes.coordinates @ deviation
     begin = fourier.sample(with_rate(linear, sweeps.equation.frequency), 1)[:, 0] + (modes.observation @ modal).real
     teeth = sweeps.teeth.at_instant(None if sweeps.variation is None else sweeps.variation[0])
-    force, _, _ = teeth.excess(*jnp.split(begin, 2))
+    force, _, _ = teeth.excess(*np.split(begin, 2))
     return SweepPoint(linear, real_pairs(modal) - sweeps.weights.late @ force, force)
 
 
 def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
-    """The point at which a sweep marches the deflections ``(G, n+1)`` m, as far as its steps tell them apart."""
+    """The point at which a sweep marches the deflections ``(G, n+1)`` m, as far as its steps tell them apart; of the
+    host."""
     equation, modes = sweeps.equation, sweeps.modes
     deflection = fourier.resize(deflection, plan.harmonics)
     rule = fourier.Equidistant(plan.steps)
@@ -323,16 +326,7 @@ def visited(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, cycles: i
     return lax.scan(march, point, None, length=cycles)[1]
 
 
-def unclosed(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
-    """Point less what a sweep makes of it, and the deflections ``(G, N+1)`` m."""
-    following, deflection = sweep(sweeps, point, plan)
-    return jax.tree.map(lambda before, after: before - after, point, following), deflection
-
-
 settle_program = Program(settle, static_argnames="plan")
-point_program = Program(point_at)
-motion_program = Program(point_of, static_argnames="plan")
 equation_program = Program(sweep_equation, static_argnames="plan")
 sweep_program = Program(sweep, static_argnames="plan")
-unclosed_program = Program(unclosed, static_argnames="plan")
 visited_program = Program(visited, static_argnames=("plan", "cycles"))

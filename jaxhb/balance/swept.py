@@ -155,9 +155,9 @@ def solve_by_sweeps(
     swept = prepare(*given, plan=plan)
     begin = swept.flank
     if deflection is not None:
-        begin = sweeps.motion_program(swept.sweeps, fourier.resize(deflection, plan.harmonics), plan=plan)
+        begin = sweeps.point_of(on_host(swept.sweeps), deflection, plan)
     elif deviation is not None:
-        begin = sweeps.point_program(swept.sweeps, deviation)
+        begin = sweeps.point_at(on_host(swept.sweeps), deviation)
     ended = sweeps.settle_program(swept.sweeps, begin, goal=goal, most=MOST_SWEEPS, plan=plan)
     path: list[Sweeps | March | NewtonOnSweeps] = [Sweeps(int(ended.marches), plan.steps, float(ended.change))]
 

@@ -208,7 +208,7 @@ def force_on_flank(law, linear):
 
 def with_rate(deflection, frequency):
     """Coefficients ``(2G, N+1)`` of w = (l, l') from those of l."""
-    return jnp.concatenate([deflection, fourier.derivative(deflection, frequency)])
+    return namespace(deflection).concatenate([deflection, fourier.derivative(deflection, frequency)])
 
 
 def _weights(space, dt):

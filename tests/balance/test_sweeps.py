@@ -13,6 +13,7 @@ import pytest
 from tolerances import ALGEBRAIC
 
 import jaxhb
+from jaxhb._jax import on_host
 from jaxhb.balance import map_newton
 from jaxhb.balance.map_newton import solve_map
 from jaxhb.balance.march import InstantSolve, modes_for_march, modes_of_model
@@ -24,8 +25,8 @@ from jaxhb.balance.sweeps import (
     equation_program,
     first_point,
     force_size,
-    motion_program,
-    point_program,
+    point_at,
+    point_of,
     settle_program,
     sweep_program,
     vibration_size,
@@ -290,11 +291,11 @@ def test_a_cycle_that_does_not_close_is_no_end_however_short_the_last_correction
     away = 0.01 * size
     state = begin.state + away / visible / np.sqrt(len(visible))
 
-    def unclosed(_, point, plan):
+    def sweep(_, point, plan):
         left = SweepPoint(1e3 * (point.linear - linear), 0.1 * (point.state - state), 0 * point.force)
-        return left, point.linear
+        return jax.tree.map(np.subtract, point, left), point.linear
 
-    monkeypatch.setattr(map_newton, "unclosed_program", unclosed)
+    monkeypatch.setattr(map_newton, "sweep_program", sweep)
     monkeypatch.setattr(map_newton, "KRYLOV_STEPS", 1)
     found = solve_map(sweeps, begin, hammering.plan, goal=1e-5)
     missed = np.linalg.norm((found.point.state - state) * visible)
@@ -306,7 +307,7 @@ def test_a_motion_is_where_sweeps_from_it_stay(hammering):
     Newton's method leaves of the force of an instant, are 2e-5 here."""
     motion = settled(hammering).deflection
     sweeps = equation_program(hammering.equation, hammering.modes, plan=hammering.plan)
-    begin = motion_program(sweeps, motion, plan=hammering.plan)
+    begin = point_of(on_host(sweeps), motion, hammering.plan)
     following, marched = sweep_program(sweeps, begin, plan=hammering.plan)
     assert distance(hammering, marched, motion) < 1e-4
     assert distance(hammering, following.linear, begin.linear) < 1e-4
@@ -343,7 +344,7 @@ def test_without_rates_sweeps_end_where_they_do_with_them():
 def test_a_sweep_begins_with_the_force_at_the_first_instant(hammering):
     """That of the linear motion, where the train does not deviate from it: the sum of its harmonics."""
     sweeps = equation_program(hammering.equation, hammering.modes, plan=hammering.plan)
-    point = point_program(sweeps, np.zeros(2 * hammering.train.topology.n_disks))
+    point = point_at(on_host(sweeps), np.zeros(2 * hammering.train.topology.n_disks))
     harmonics = np.arange(hammering.plan.harmonics + 1)
     twice = np.where(harmonics > 0, 2.0, 1.0) * np.asarray(hammering.equation.linear)
     rate = twice * 1j * harmonics * float(hammering.problem.frequency)
