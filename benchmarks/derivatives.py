@@ -51,7 +51,7 @@ STEPS = np.array([1e-4] * (len(KINDS) - 1) + [1e-5])
 def tight(**given):
     """A plan solved to rounding, as differences divide what is left of the residual by the step, and differentiated at
     the time samples of its solve: differences are those of the sampled equations."""
-    return jaxhb.Plan(residual_tolerance=1e-13, max_steps=12, slope_samples=1, estimated=False, **given)
+    return jaxhb.Plan(residual_tolerance=1e-13, max_steps=12, averaged=False, estimated=False, **given)
 
 
 MARCHED = {"active": (0, 1), "flank": (0, 0), "start": "march", "time_steps": 768, "tolerance": 0.5, "excited": 4}

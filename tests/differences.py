@@ -7,7 +7,7 @@ from tolerances import GRADIENT, TANGENT
 
 import jaxhb
 
-TIGHT = {"residual_tolerance": 1e-13, "max_steps": 12, "slope_samples": 1}
+TIGHT = {"residual_tolerance": 1e-13, "max_steps": 12, "averaged": False}
 """Of plans solved to rounding, as differences divide what is left of the residual by the step, and differentiated at
 the time samples of their solve: differences are those of the sampled equations."""
 

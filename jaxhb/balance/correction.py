@@ -151,9 +151,8 @@ def force_change(reduced, slopes):
     return product
 
 
-def tangent(reduced, slopes):
-    """The product ``delta -> J delta`` with :func:`slopes_at`."""
-    forces = force_change(reduced, slopes)
+def tangent(reduced, forces: Callable):
+    """The product ``delta -> J delta`` with ``forces``, that with the slopes of phi (:func:`force_change`)."""
     return lambda delta: delta + reduced.respond(forces(delta))
 
 
@@ -164,7 +163,8 @@ def correct(reduced, march: LinearMarch, slopes, value, forcing, steps):
     march : at this motion or a near one; value ``(G, N+1)``; forcing : wanted share; steps : largest number of Krylov
     steps (static).
     """
-    solved = _Mapped(march, tangent(reduced, slopes), value.shape).solve(pack(value), forcing, steps)
+    product = tangent(reduced, force_change(reduced, slopes))
+    solved = _Mapped(march, product, value.shape).solve(pack(value), forcing, steps)
     return unpack(solved[0], value.shape), *solved[1:]
 
 
@@ -176,14 +176,14 @@ def correct_product(march: LinearMarch, product: Callable, value, *, transposed,
     return unpack(solved, shape), left
 
 
-def invert(reduced, march: LinearMarch, slopes, value):
+def invert(march: LinearMarch, product: Callable, known_product: Callable, value):
     """``change`` with ``J change = value``; differentiable, its transpose solves with the transpose of J.
 
-    nan where the Krylov steps leave too much.
+    product : ``delta -> J delta``; known_product : the same of numbers that are not differentiated. nan where the
+    Krylov steps leave too much.
     """
     shape = value.shape
-    product = tangent(reduced, slopes)
-    known = _Mapped(march, tangent(*lax.stop_gradient((reduced, slopes))), shape)
+    known = _Mapped(march, known_product, shape)
 
     def if_solved(solved):
         change, left, _ = solved
@@ -205,7 +205,7 @@ def correct_bordered(reduced, march: LinearMarch, slopes, border, right, steps):
     """
     column, row = border
     shape = len(reduced.linear), reduced.linear.shape[-1]
-    mapped = _Mapped(march, tangent(reduced, slopes), shape)
+    mapped = _Mapped(march, tangent(reduced, force_change(reduced, slopes)), shape)
     count = len(column)
 
     def whole(z):

@@ -9,9 +9,8 @@ one linear solve in forward mode, one with the transpose of J in reverse mode wh
 the linearised map of a sweep (:mod:`jaxhb.balance.correction`). Nothing of Newton's method, of its start or of its
 tests is differentiated, so that memory does not grow with its steps. Displacements, forces and torques follow from x
 and theta by plain functions. The law is differentiable twice except where a time sample of the cycle lies on one of its
-knots, a set of measure zero; there one of the one-sided values, or their mean, is taken. Of a sampled law derivatives
-take averages between time samples (:mod:`jaxhb.equations.cell_forces`): slopes of the samples alone see few of its
-transitions.
+knots, a set of measure zero; there one of the one-sided values, or their mean, is taken. Equations and derivatives take
+averages of the law between time samples (:mod:`jaxhb.equations.cell_forces`): samples alone see few of its transitions.
 """
 
 from __future__ import annotations
@@ -28,7 +27,6 @@ from jax import lax
 from jaxhb._jax import Array
 from jaxhb.balance import correction
 from jaxhb.balance.problem import fields, reduced_equation
-from jaxhb.equations import cell_forces
 
 if TYPE_CHECKING:
     from jaxhb.balance.plan import Plan
@@ -95,36 +93,35 @@ def _attach_jvp(plan, primals, tangents):
     problem, active_meshes, (train, crossings), solved, _, _ = primals
     active, every = lax.stop_gradient(crossings or (None, None))
     found, deflection = attach(plan, *primals)  # second derivatives need that of the solution
-    samples = plan.slope_samples * plan.samples
-    # Else the derivative of the time samples, or of exact integrals.
-    averaged = plan.slope_samples > 1 and plan.integrals == "sampled"
     change = _kept(plan.failed_gradient, solved, tangents[0])
     problem = only_if(solved, problem, plan.failed_gradient)
 
     def equation(problem):
         reduced, condensed = reduced_equation(problem, plan.harmonics, active_meshes)
-        return dataclasses.replace(reduced, integrals=plan.integrals, crossings=active), condensed
+        return dataclasses.replace(reduced, integrals=plan.force_integrals, crossings=active), condensed
 
     (reduced, condensed), (reduced_dot, condensed_dot) = jax.jvp(equation, (problem,), (change,))
 
+    def forces_at(reduced, deflection):
+        """``delta -> change of phi``, coefficients ``(G, N+1)``: that of the forces of the equations themselves."""
+        if reduced.integrals == "averaged":
+            return jax.linearize(lambda moved: reduced.nonlinear_force_coefficients(moved, plan.samples), deflection)[1]
+        return correction.force_change(reduced, correction.slopes_at(reduced, deflection, plan.samples))
+
     # dF/dtheta dtheta at fixed deflections: through l_lin, the receptances and the law. phi comes along.
     def residual(reduced):
-        if averaged:
-            force = cell_forces.force_coefficients(reduced, deflection, samples)
-        else:
-            force = reduced.nonlinear_force_coefficients(deflection, samples)
+        force = reduced.nonlinear_force_coefficients(deflection, plan.samples)
         return reduced.left(deflection, force), force
 
     (_, force), (left, force_dot) = jax.jvp(residual, (reduced,), (reduced_dot,))
     deflection_dot = -left
     if len(active_meshes.mask):
-        if averaged:
-            slopes = cell_forces.slope_coefficients(reduced, deflection, samples, 2 * plan.harmonics)
-        else:
-            slopes = correction.slopes_at(reduced, deflection, samples)
-        march = lax.stop_gradient(correction.march_at(train, slopes))
-        deflection_dot = correction.invert(reduced, march, slopes, -left)
-        force_dot = force_dot + correction.force_change(reduced, slopes)(deflection_dot)
+        known = lax.stop_gradient((reduced, deflection))
+        march = lax.stop_gradient(correction.march_at(train, correction.slopes_at(*known, plan.samples)))
+        forces = forces_at(reduced, deflection)
+        products = correction.tangent(reduced, forces), correction.tangent(known[0], forces_at(*known))
+        deflection_dot = correction.invert(march, *products, -left)
+        force_dot = force_dot + forces(deflection_dot)
 
     def motion(problem, condensed, force):
         # Tooth forces over the cycle are values of the law, no integrals of its slope: the samples of the solve do.

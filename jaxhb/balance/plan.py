@@ -111,9 +111,9 @@ class Plan:
     max_steps : int, linear solves of Newton's method at most
     estimated : bool, whether the truncation error is; without, it counts as 0
     compare_starts : bool, whether a given start is compared with a marched one
-    slope_samples : int, times 16 N cells over which derivatives average a sampled law; 1 for the derivative of the
-        samples themselves. Its slope has kinks: where teeth hammer few samples of a solve lie in its transition zones,
-        and derivatives from them alone are off by 8 % and more
+    averaged : bool, whether the equations take a sampled law as averages between its samples, so that derivatives are
+        those of values; without, at the samples themselves. Its slope has kinks: where teeth hammer few samples of a
+        solve lie in its transition zones, and derivatives from them alone are off by 8 % and more
     failed_gradient : "zero" or "nan", derivative of a response that is not solved
     """
 
@@ -133,7 +133,7 @@ class Plan:
     max_steps: int = 24
     estimated: bool = True
     compare_starts: bool = False
-    slope_samples: int = 2
+    averaged: bool = True
     failed_gradient: str = "zero"
 
     @property
@@ -150,6 +150,11 @@ class Plan:
     def samples(self) -> int:
         """Time samples of the law per cycle."""
         return SAMPLES_PER_HARMONIC * self.harmonics
+
+    @property
+    def force_integrals(self) -> str:
+        """``integrals`` of the :class:`~jaxhb.equations.condensation.CondensedEquation`."""
+        return "averaged" if self.integrals == "sampled" and self.averaged else self.integrals
 
     @property
     def goals(self) -> np.ndarray:

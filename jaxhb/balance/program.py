@@ -81,7 +81,9 @@ def _find(problem, active_meshes, start, goals, plan):
     # The estimate of the truncation error asks for receptances of 2 N harmonics: made once, cut for the solve.
     reach = 2 * harmonics if plan.estimated and not none else harmonics
     fine, condensed = reduced_equation(problem, reach, active_meshes)
-    reduced = dataclasses.replace(condensation.truncate(fine, harmonics), integrals=plan.integrals)
+    # The block sweep samples the law.
+    integrals = plan.integrals if plan.method == "chain" else plan.force_integrals
+    reduced = dataclasses.replace(condensation.truncate(fine, harmonics), integrals=integrals)
     error, truncation = jnp.zeros(()), jnp.zeros(())
     begin = Begin(reduced.linear, jnp.array(0), jnp.zeros(()), jnp.array(jnp.inf))
     train = None
@@ -152,10 +154,12 @@ def _first(reduced, equation, start, goals, plan, sweep_plan):
     unswept = Begin(at_hand, jnp.array(0), jnp.zeros(()), jnp.array(jnp.inf))
     if not plan.marches:
         return unswept
-    sampled = dataclasses.replace(reduced, integrals="sampled")
+    # Which start leaves less the samples tell as well as exact integrals.
+    integrals = "sampled" if reduced.integrals == "exact" else reduced.integrals
+    of_starts = dataclasses.replace(reduced, integrals=integrals)
 
     def left(deflection):
-        return relative_residual(sampled, sampled.residual(deflection, plan.samples))
+        return relative_residual(of_starts, of_starts.residual(deflection, plan.samples))
 
     def swept():
         return by_sweeps(equation, plan.harmonics, sweep_plan, most, goal, goals, left)

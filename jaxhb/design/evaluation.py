@@ -64,8 +64,8 @@ class Task:
     objectives: tuple
     penalties: tuple
     smooth = True
-    accuracy = 0.0, 2
-    """Newton step after which a lane is solved, 0 for the accuracy of derivatives; ``slope_samples`` of its Plan."""
+    step_tolerance = 0.0
+    """Newton step after which a lane is solved; 0 for the accuracy of derivatives."""
 
     @property
     def of_response(self):
@@ -418,11 +418,9 @@ class Lanes:
         motion = np.zeros((len(given), 0, plan.harmonics + 1), complex)
         motion = of_active_meshes(point.motion[at], plan) if plan.active else motion
         start = motion, given, np.full(len(given), plan.cycles * marching), np.full(len(given), START_SETTLED)
-        step, slopes = evaluator.task.accuracy
-        goals = np.tile([1.0, RESIDUAL, step], (len(given), 1))
+        goals = np.tile([1.0, RESIDUAL, evaluator.task.step_tolerance], (len(given), 1))
         # Whether a plan has enough harmonics is asked by itself.
         changes = {"max_steps": NEWTON_STEPS, "estimated": False, "start": "march", "compare_starts": True}
-        changes["slope_samples"] = slopes
         shape = {"form": evaluator.form, "asked": evaluator.task.asked}
         shape["sizes"] = dataclasses.replace(plan.static, **changes)
         lanes = [leaf[at] for leaf in self.numbers], evaluator.held, point.speeds[at]

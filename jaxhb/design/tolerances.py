@@ -139,7 +139,7 @@ class Box(Task):
 
     own: tuple = ()
     smooth = False  # of one speed a maximum over the cycle has a slope nearly everywhere, and the search wants its own
-    accuracy = 1e-4, 2  # values to 1e-4: enough to know the way up
+    step_tolerance = 1e-4  # enough to know the way up
 
     def named(self, z):
         xp, found = namespace(z), {}

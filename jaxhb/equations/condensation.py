@@ -22,7 +22,7 @@ from jax import lax
 
 from jaxhb._jax import added, kept, namespace
 from jaxhb._program import Program
-from jaxhb.equations import backlash, exact_integrals, fourier
+from jaxhb.equations import backlash, cell_forces, exact_integrals, fourier
 from jaxhb.equations.dynamic_stiffness import balance, frequencies, link_stiffness, receptance, solve_linear
 
 HOST_DISKS = 100  # up to which the motion under a load is found without a program, as quickly
@@ -37,9 +37,10 @@ class CondensedEquation:
     """The condensed equation of G active meshes (padded with meshes that do nothing).
 
     linear : complex ``(G, N+1)`` m, deflections with all meshes in contact; receptance : complex ``(N+1, G, G)`` m/N;
-    frequency : rad/s; law, viscous N s/m, contact_damping : ``(G,)``; integrals : of phi over the cycle, "sampled" or
-    "exact" (:mod:`jaxhb.equations.exact_integrals`); crossings : of the one deflection at which it is used, where they
-    are known; variation : complex ``(G, K+1)`` of the stiffness, kappa - 1, None where none varies; by_rate : whether
+    frequency : rad/s; law, viscous N s/m, contact_damping : ``(G,)``; integrals : of phi over the cycle, "sampled",
+    "averaged" between the samples (:mod:`jaxhb.equations.cell_forces`) or "exact"
+    (:mod:`jaxhb.equations.exact_integrals`); crossings : of the one deflection at which it is used, where they are
+    known; variation : complex ``(G, K+1)`` of the stiffness, kappa - 1, None where none varies; by_rate : whether
     phi depends on l' (damping in contact, dry friction), without which rates are not sampled.
     """
 
@@ -56,7 +57,7 @@ class CondensedEquation:
 
     def with_crossings(self, deflection):
         """The same equation, with exact integrals knowing when ``deflection`` passes the knots, to be used there."""
-        if self.integrals == "sampled":
+        if self.integrals != "exact":
             return self
         return dataclasses.replace(self, crossings=exact_integrals.find_crossings(self.law, deflection))
 
@@ -69,6 +70,8 @@ class CondensedEquation:
 
     def nonlinear_slopes(self, deflection, samples, harmonics):
         """Coefficients ``(2, G, harmonics+1)`` of the slopes of phi in l and l'."""
+        if self.integrals == "averaged":
+            return cell_forces.slope_coefficients(self, deflection, samples, harmonics)
         rule = self._rule(deflection, samples)
         known = backlash.at_samples(self, rule.synthesize)
         slopes = backlash.nonlinear_slopes(*known, *self._values(deflection, rule))
@@ -76,6 +79,8 @@ class CondensedEquation:
 
     def nonlinear_force_coefficients(self, deflection, samples):
         """Coefficients ``(G, N+1)`` of phi at those of l."""
+        if self.integrals == "averaged":
+            return cell_forces.force_coefficients(self, deflection, samples)
         rule = self._rule(deflection, samples)
         nonlinear_force = self.nonlinear_force(*self._values(deflection, rule), rule)
         return rule.analyze(nonlinear_force, deflection.shape[-1] - 1)

@@ -61,8 +61,8 @@ def solve(
     integrals : str, optional
         Of the tooth law over the cycle: "sampled" (default) at 16 time samples per harmonic, or "exact" between the
         times at which teeth pass the knots of their law, which only "reduced" has. Sampling leaves the solution an
-        error of the order of 1e-6, its gradient, from averages between 32 of them, 1e-5, and second derivatives some
-        percent: those need "exact".
+        error of the order of 1e-6; under a plan and where it is differentiated the law is averaged between the samples,
+        which leaves a gradient an error of 1e-5 to 1e-4, and second derivatives some percent: those need "exact".
     start : Response, "linear" or "march", optional
         Where Newton starts: another response, on whose branch the solution then usually lies, the motion with all teeth
         in contact ("linear"), or what sweeps of the cycle lead to from there ("march"). By default teeth that part are

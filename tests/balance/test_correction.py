@@ -107,7 +107,7 @@ def test_the_transposed_solve_is_that_of_the_transposed_jacobian(case):
 
     @jax.jit
     def solve(march, slopes, value):
-        product = correction.tangent(reduced, slopes)
+        product = correction.tangent(reduced, correction.force_change(reduced, slopes))
         return correction.correct_product(march, product, value, transposed=True, tolerance=1e-12, steps=60)
 
     found, left = solve(*prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512), coefficients(value))
@@ -148,7 +148,8 @@ def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
 
     def both(steps):
         monkeypatch.setattr(correction, "DERIVATIVE", (1e-12, steps))
-        solver = jax.jit(lambda value: correction.invert(reduced, march, slopes, value))
+        product = correction.tangent(reduced, correction.force_change(reduced, slopes))
+        solver = jax.jit(lambda value: correction.invert(march, product, product, value))
         found, pull = jax.vjp(solver, reduced.linear)
         return np.concatenate([found, pull(jnp.conj(reduced.linear))[0]])
 
@@ -159,7 +160,12 @@ def test_product_on_few_instants_is_the_jacobian_at_all_samples(case):
     _, reduced, l = case
     matrix, _ = dense_jacobian(reduced, l)
     direction = fourier.pack(jnp.asarray(l[::-1]))
-    product = jax.jit(lambda at, d: correction.tangent(reduced, correction.slopes_at(reduced, at, SAMPLES))(d))
+
+    @jax.jit
+    def product(at, d):
+        forces = correction.force_change(reduced, correction.slopes_at(reduced, at, SAMPLES))
+        return correction.tangent(reduced, forces)(d)
+
     wanted = np.asarray(matrix @ direction.reshape(-1))
     error = np.abs(np.asarray(fourier.pack(product(l, fourier.unpack(direction)))).reshape(-1) - wanted).max()
     assert error <= ALGEBRAIC * np.abs(wanted).max()

@@ -1,5 +1,6 @@
 """The derivative of a solve with two meshes separating, in a batch some lanes of which fail."""
 
+import dataclasses
 from functools import cache
 
 import jax
@@ -87,3 +88,19 @@ def test_the_error_of_a_gradient_is_its_change_with_twice_the_harmonics_and_nan_
     assert (error["a"], error["b"]) == pytest.approx((6 / 64, 1 / 64))
     unknown = jax.jit(lambda x: jaxhb.gradient_and_error(parabola, x, plan=SEPARATING))({"a": -3.0, "b": 64.0})
     assert np.isnan(jax.tree.leaves(unknown)).all()
+
+
+def test_differences_of_values_under_a_plan_are_its_derivative_where_teeth_hammer():
+    """Their law has kinks: derivatives are those of the forces that the equations balance, not of samples of slopes."""
+    plan = dataclasses.replace(SEPARATING, averaged=True)
+
+    @jax.jit
+    def value_and_derivative(share):
+        return jax.jvp(lambda x: read(changed(1 + x * 0.1 * ALONG, 1500.0, plan)), (share,), (1.0,))
+
+    step = 1e-5
+    with pytest.warns(UserWarning, match="half_peak_to_peak is differentiated at one time sample"):
+        _, derivative = value_and_derivative(0.0)
+    above, below = (float(value_and_derivative(share)[0]) for share in (step, -step))
+    # Differences err by the square of the step, and by rounding and what is left of the equations over the step.
+    assert float(derivative) == pytest.approx((above - below) / (2 * step), rel=1e-6)
