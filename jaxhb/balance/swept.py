@@ -154,10 +154,11 @@ def solve_by_sweeps(
     compile_ahead(*given, plan)
     swept = prepare(*given, plan=plan)
     begin = swept.flank
-    if deflection is not None:
-        begin = sweeps.point_of(on_host(swept.sweeps), deflection, plan)
-    elif deviation is not None:
-        begin = sweeps.point_at(on_host(swept.sweeps), deviation)
+    with np.errstate(all="ignore"):  # sweeps tell of numbers that are not finite
+        if deflection is not None:
+            begin = sweeps.point_of(on_host(swept.sweeps), deflection, plan)
+        elif deviation is not None:
+            begin = sweeps.point_at(on_host(swept.sweeps), deviation)
     ended = sweeps.settle_program(swept.sweeps, begin, goal=goal, most=MOST_SWEEPS, plan=plan)
     path: list[Sweeps | March | NewtonOnSweeps] = [Sweeps(int(ended.marches), plan.steps, float(ended.change))]
 
