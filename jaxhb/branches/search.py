@@ -124,23 +124,29 @@ def _starts(train, rpm):
 
 
 def searched(train, rpm, plan, request):
-    """The Responses of the motions of one cycle that searches find; each keeps the path that led to it."""
+    """The Responses of the motions of one cycle that searches find, some more than once; each keeps the path that led
+    to it."""
     case = starts.Case(train, rpm, request, plan)
-    free = dataclasses.replace(request, harmonics=None)
-    swept = SweptTrain.of(train, plan, free) if train.topology.has_law.any() else None
-    if swept is None:
-        yield from _attempted(case, starts.from_contact, [])
-        if train.topology.has_law.any():
-            yield from _attempted(case, starts.from_sweeps, [])
+    if not train.topology.has_law.any():
+        yield from _attempted(case, starts.from_contact)
         return
-    for response in OrbitSearch(swept, rpm).motions():
-        if request.harmonics is None:
-            yield response
-        else:
-            yield from _attempted(case, starts.from_response(response), response.path)
+    case.reached = all_active(train, plan, request)  # what the linear motion holds on a flank, another may separate
+    swept = SweptTrain.of(train, plan, dataclasses.replace(request, harmonics=None))
+    if swept is None:
+        yield from _attempted(case, starts.from_contact)
+        yield from _attempted(case, starts.from_sweeps)
+    else:
+        search = OrbitSearch(swept, rpm)
+        for response in search.motions():
+            if request.harmonics is None:
+                yield response
+            else:
+                yield from _attempted(case, starts.from_response(response), response.path)
+        case.sweep_change = search.sweep_change
+    yield from _attempted(case, starts.shooting)
 
 
-def _attempted(case, strategy, path):
+def _attempted(case, strategy, path=()):
     """The Responses of all attempts of a strategy that Newton's method solves, after the events of a path."""
     for attempt in strategy(case):
         case.path[:] = path

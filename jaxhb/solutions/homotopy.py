@@ -75,15 +75,19 @@ class MapCurve:
         geometric = least**p - p * (least - epsilon)
         widest = np.minimum(transition * self.beginning.transition, np.maximum(transition, 1.0))
         added = self.least * ((1 + self.added / np.maximum(self.least, 1e-300)) ** left - 1)
+        softened = 1 - p * (1 - epsilon) if self.beginning.linear else geometric
         changed = dataclasses.replace(
             law,
-            epsilon=1 - p * (1 - epsilon) if self.beginning.linear else geometric,
+            epsilon=softened,
             transition=transition * (widest / transition) ** left,
             friction=SLIP * added,
             slip=np.full(np.shape(epsilon), SLIP),
         )
-        teeth = dataclasses.replace(self.equation.teeth, law=changed)
-        return dataclasses.replace(self.equation, equation=dataclasses.replace(equation, law=changed), teeth=teeth)
+        # What damping in contact lacks in the gap, as far as there is one.
+        viscous = np.asarray(equation.viscous) * (1 - softened) / np.maximum(1 - epsilon, 1e-300)
+        equation = dataclasses.replace(equation, law=changed, viscous=viscous)
+        teeth = dataclasses.replace(self.equation.teeth, law=changed, viscous=viscous)
+        return dataclasses.replace(self.equation, equation=equation, teeth=teeth)
 
     def unclosed(self, y: np.ndarray) -> np.ndarray:
         """H ``(n,)``, what a sweep changes, over the scale; nan where no march is left."""

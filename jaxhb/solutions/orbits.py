@@ -22,9 +22,8 @@ from jaxhb.balance.sweeps import Settled, SweepPlan, SweepPoint
 from jaxhb.balance.swept import MOST_SWEEPS, SETTLED, difference
 from jaxhb.equations import fourier
 from jaxhb.results.response import Response
-from jaxhb.results.status import Homotopy, March, NewtonOnSweeps, Shooting, Status, Sweeps
+from jaxhb.results.status import Homotopy, March, NewtonOnSweeps, Status, Sweeps
 from jaxhb.solutions import continuation, homotopy
-from jaxhb.solutions.shots import shoot as shots_of
 from jaxhb.solutions.sweeping import SweptTrain
 
 CYCLES = 128  # marched from each start
@@ -42,7 +41,6 @@ MOST, WORK, STARTED = 10000, 4e7, 0.75
 FEWEST, JACOBIANS = 150, 150  # marches without which no curve begins; points of a curve at most
 # Share of state and force by which a cycle may miss its beginning, aimed at, and from which a motion is near.
 CLOSED, NEARLY = 1e-6, 1e-3
-SHOT_PLANS, ORBITS = 3, 16  # numbers of steps that are shot with, and orbits from which Newton's method starts at most
 CURVE = continuation.StepControl(closed=1e-6, longest=0.2)
 LEAST_P = -0.1  # where a curve that turned back is given up
 
@@ -109,6 +107,7 @@ class OrbitSearch:
         self.maps: dict[SweepPlan, _Map] = {}
         self.map = self._map_of(self.plans[0])
         self.found: list[np.ndarray] = []  # deflections of the motions so far
+        self.sweep_change = np.inf  # of the vibration, by the last sweep from the drive sides
         self.marches, self.idle = 0, 0  # marches taken, starts since the last motion that was new
         self.most = min(MOST, WORK / self.plans[0].steps)
         self.random = np.random.default_rng(0)
@@ -118,6 +117,7 @@ class OrbitSearch:
         settled = self.map.settle()
         event = Sweeps(int(settled.marches), self.map.plan.steps, float(settled.change))
         self.marches += int(settled.marches)
+        self.sweep_change = event.change
         attracted = self.map.arrived(settled)
         if attracted:
             yield from self._taken(self.map, settled, [event])
@@ -133,8 +133,6 @@ class OrbitSearch:
                 if self.idle >= IDLE or self.marches >= STARTED * self.most:
                     break
         yield from self._from_linear_law(once=attracted)
-        if not attracted:
-            yield from self._from_shots()
 
     def _map_of(self, plan):
         if plan not in self.maps:
@@ -212,26 +210,6 @@ class OrbitSearch:
                 yield from self._from(self.map, curve.point(end.y), [event])
             if arrived and once:
                 return
-
-    def _from_shots(self):
-        """From orbits that shooting closes, with one number of steps after the other by turns."""
-        plans, orbits = self.plans[:SHOT_PLANS], 0
-        shots = {
-            plan: shots_of(self.train.train, self.rpm, dataclasses.replace(self.train.plan, time_steps=plan.steps))
-            for plan in plans
-        }
-        while shots:
-            for plan, found in list(shots.items()):
-                orbit = next(found, None)
-                if orbit is None:
-                    del shots[plan]
-                    continue
-                event = Shooting(orbit.tries, plan.steps, orbit.periodicity_error)
-                finer = self._map_of(plan)
-                yield from self._from(finer, finer.point_of(orbit.coefficients), [event])
-                orbits += 1
-                if orbits == ORBITS:
-                    return
 
     def _near(self, start, path):
         """The Response of a motion near a start, if it is new."""

@@ -1,9 +1,9 @@
-"""Closed orbits of irregular trains by shooting, from which Newton's method on the map starts.
+"""Closed orbits by shooting, as starts of Newton's method on the harmonics where it leads nowhere on the map of sweeps.
 
-Where teeth hammer so hard that a disturbance grows a thousand times in a cycle, Newton's method on the map leads
-nowhere from a cycle that nearly closes. Newton's method on the state at the beginning of the cycle, then on the states
-of all its segments, does, from one or another of the cycles that a march went through and of states at random. Motions
-found here are those of the steps taken.
+Where teeth hammer so hard that a disturbance grows a thousand times in a cycle, Newton's method on the map goes astray
+from a cycle that nearly closes. Newton's method on the state at the beginning of the cycle, then on the states of all
+its segments, arrives from one or another of the cycles that a march went through and of states at random. Motions found
+here are those of the steps taken; the harmonics correct them.
 """
 
 from dataclasses import dataclass, replace
@@ -25,7 +25,6 @@ WORK = 6e7  # of the cycles shot from, in units of ``work_of_cycle``
 # Of one shooting, in one piece and then in segments: of those that succeed in one piece within 40, nine out of ten take
 # no more than 12.
 NEWTON_STEPS = 15
-IDLE = 12  # shots one after another that close no other orbit, after which there are no more
 PERIODIC = 1e-6  # periodicity error that counts as none, far below what the steps themselves leave
 CLOSED = 1e-8  # the same of the segments of a cycle, aimed at
 SAME = 1e-4  # difference of the deflections, as a share of the largest, below which two orbits are one, found twice
@@ -109,28 +108,24 @@ def coefficients(deflection, time_steps):
 
 def shoot(train, rpm, plan, *, work=WORK):
     """Yield a FoundOrbit for each orbit that Newton's method closes with the meshes and time steps of a Plan, each
-    once, with as many shots as ``work`` pays, and no more after IDLE of them that close no other."""
+    once, with as many shots as ``work`` pays."""
     stepper = reduced_stepper(train, rpm, plan)
     most = int(np.clip(work / work_of_cycle(train, plan.time_steps), 1, CYCLES))
     known: list[np.ndarray] = []
-    last = 0
     for tries, state in enumerate(_states(stepper, most), 1):
         deflection, periodicity_error = jax.tree.map(np.asarray, _shot(stepper, state))
         if periodicity_error <= PERIODIC and not any(_same_orbit(deflection, other) for other in known):
             known.append(deflection)
-            last = tries
             yield FoundOrbit(coefficients(deflection, plan.time_steps), float(periodicity_error), tries)
-        if tries - last >= IDLE:
-            return
 
 
 def _states(stepper, most):
-    """States ``(tries, n)`` from which is shot: by turns the beginnings of at most so many cycles of a march, those
-    that close best, and as many anywhere within twice its reach."""
+    """States ``(tries, n)`` from which is shot: the beginnings of at most so many cycles of a march, those that
+    close best, and as many anywhere within twice its reach."""
     states, periodicity_errors = jax.tree.map(np.asarray, _visited(stepper))
     # Of a march that does not settle, the cycles that nearly close pass near a periodic motion, stable or not.
     best = np.argsort(np.nan_to_num(periodicity_errors, nan=np.inf))[:most]
     states = states[best[np.isfinite(periodicity_errors[best])]]
     size = np.abs(states).max(axis=0, initial=0.0)
     scattered = size * np.random.default_rng(0).uniform(-2, 2, states.shape)
-    return np.stack([states, scattered], axis=1).reshape(-1, len(size))
+    return np.concatenate([states, scattered])

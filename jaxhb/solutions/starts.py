@@ -5,6 +5,7 @@ n+1)`` from which Newton's method is to start under a plan, None for the start t
 found. The next one is asked for where Newton's method did not solve the last. The cheap strategies come first: from
 teeth in contact Newton's method succeeds where no tooth separates, from sweeps where the motion becomes periodic within
 a few cycles, and from the motion that a solve by sweeps alone finds, whatever harmonics and integrals it is asked for.
+A search for all motions asks for shooting, too.
 """
 
 import dataclasses
@@ -15,14 +16,18 @@ from functools import cached_property
 
 import numpy as np
 
-from jaxhb.balance.plan import MOST_HARMONICS, Plan, Request, time_steps_for, time_steps_of
+from jaxhb.balance.plan import MOST_HARMONICS, TIME_STEPS, Plan, Request, time_steps_for, time_steps_of
 from jaxhb.balance.problem import problem_at
 from jaxhb.balance.program import START_SETTLED, active_deflections, first_start, solve_once, solve_problem
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.response import Response
-from jaxhb.results.status import Status
-from jaxhb.solutions import planning, sweeping
+from jaxhb.results.status import Shooting, Status
+from jaxhb.solutions import planning, shots, sweeping
 from jaxhb.train.drivetrain import DriveTrain
+
+# Of shooting, orbits at most: some have no harmonics near them, or lie beyond a turning point that the steps displaced;
+# and shots with the finest steps that ``shots.WORK`` has to pay for: of larger trains fewer closed none.
+ORBITS, FINEST_SHOTS = 16, 4
 
 
 @dataclass
@@ -195,6 +200,43 @@ def from_swept_motion(case):
         case.path += response.path
         if response.solved:
             yield from from_response(response)(case)
+
+
+def shooting(case):
+    """From closed orbits (:mod:`jaxhb.solutions.shots`), of one number of time steps after the other by turns."""
+    plan = case.march_plan()
+    found = {n: shots.shoot(case.train, case.rpm, dataclasses.replace(plan, time_steps=n)) for n in _steps(case, plan)}
+    left = ORBITS
+    while found and left:
+        for steps, orbits in list(found.items())[:left]:
+            orbit = next(orbits, None)
+            if orbit is None:
+                del found[steps]
+                continue
+            left -= 1
+            yield _from_orbit(case, plan, orbit, steps)
+
+
+def _steps(case, plan):
+    """Time steps a cycle with which orbits are searched, as coarse ones bend them: those of the plan, not where sweeps
+    settled, and twice and four times as many, as far as there is room for them and shots are affordable."""
+    wanted = [n * plan.time_steps for n in (1, 2, 4)]
+    finest = wanted[-1]
+    affordable = FINEST_SHOTS * shots.work_of_cycle(case.train, finest) <= shots.WORK
+    kept = [n for n in wanted if n <= shots.CAPACITY and (n < finest or affordable)]
+    return [n for n in kept if n > plan.time_steps or not case.settled]
+
+
+def _from_orbit(case, plan, orbit, steps):
+    """Newton's method from an orbit of so many time steps, with as many more harmonics where these are free.
+
+    Below the reach of the steps there may be no solution near the orbit.
+    """
+    harmonics = plan.harmonics
+    if case.request.harmonics is None:
+        harmonics = planning.level_at_least(min(harmonics * steps // plan.time_steps, MOST_HARMONICS[plan.method]))
+    plan = dataclasses.replace(plan, harmonics=max(harmonics, case.harmonics), time_steps=min(steps, TIME_STEPS[-1]))
+    return plan, orbit.coefficients, Shooting(orbit.tries, steps, orbit.periodicity_error)
 
 
 # Of a solve under a plan, the cheap ones first: the first attempt that is solved is the answer. Where the start of one
