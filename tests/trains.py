@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from branched_thirty import branched_thirty, numpy_angles  # noqa: F401
 from event_exact import Pair  # noqa: F401
 from known_trains import INERTIA, NATURAL, around_optimum, branched_parts, exact_peak, main_mass, tuned_main_mass  # noqa: F401
-from random_trains import random_case, span
+from random_trains import random_case, span  # noqa: F401
 from refined_trains import refined, with_tooth_damping  # noqa: F401
 
 sys.path.pop(0)
