@@ -3,14 +3,19 @@
 import sys
 from pathlib import Path
 
+import numpy as np
+
 import jaxhb
 from jaxhb import Damper, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.balance.plan import Request
+from jaxhb.solutions.planning import plan_speeds
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from branched_thirty import branched_thirty, numpy_angles  # noqa: F401
 from event_exact import Pair  # noqa: F401
 from known_trains import INERTIA, NATURAL, around_optimum, branched_parts, exact_peak, main_mass, tuned_main_mass  # noqa: F401
-from refined_trains import refined  # noqa: F401
+from random_trains import random_case, span  # noqa: F401
+from refined_trains import refined, with_tooth_damping  # noqa: F401
 
 sys.path.pop(0)
 
@@ -115,3 +120,14 @@ def gearbox_parts(*, grounded=True):
         Torque(disk="mill", mean=-30.0 / speed_ratio, harmonics=((1.0, 4.0, 0.0), (3.0, 2.0, -6.0))),
     ]
     return parts + ([Ground(disk="lay 2", stiffness=4e4)] if grounded else [])
+
+
+def hammering_train(*seed):
+    """The first of some random trains that separates teeth, all with the same tooth damping, and its speed."""
+    draw = np.random.default_rng(seed)
+    while True:
+        train, rpm, _ = random_case(draw)
+        train = with_tooth_damping(train, span(draw, 0.01, 0.3))
+        (plan,) = plan_speeds(train, np.array([rpm]), Request())
+        if plan.marches:
+            return train, rpm

@@ -2,8 +2,17 @@
 
 import numpy as np
 
-from jaxhb.balance.sweeps import UNSETTLED, Settled, SweepEquation, SweepPlan, SweepPoint, sweep_program
+from jaxhb.balance.sweeps import (
+    UNSETTLED,
+    Settled,
+    SweepEquation,
+    SweepPlan,
+    SweepPoint,
+    marched_program,
+    sweep_program,
+)
 from jaxhb.equations import fourier
+from jaxhb.equations.iterations import gcr_on_host
 
 FORCING = 0.03  # share of what is unclosed that a correction may leave
 KRYLOV_STEPS = 60
@@ -11,6 +20,8 @@ SHORTEST = 1 / 256  # step that is tried at last
 DIFFERENCE = 1e-7  # length of a difference over that of the point
 # Share of what is unclosed that counts as left at least: a correction that was not solved for may be far too short.
 NEAREST = 0.03
+LENGTHS = 1.0, 0.6, 0.36, 0.2, 0.1, 0.03  # of a step on the state alone
+CLOSING, CLOSING_STEPS = 0.01, 30  # share of what is missed that such a step may leave, and its Krylov steps at most
 FAINT = 1e-9  # share of the largest visibility that a state has at least
 
 
@@ -57,27 +68,13 @@ def solve_map(
         return packed - packing.pack(following), np.asarray(deflection)
 
     def correction(packed, left):
-        size, count = np.linalg.norm(left), 0
-        change, remaining = np.zeros_like(left), -left
-        while count < KRYLOV_STEPS and np.linalg.norm(remaining) > FORCING * size:
-            direction = remaining
+        def apply(direction):
             short = DIFFERENCE * np.linalg.norm(packed) / np.linalg.norm(direction)
-            image = (left_at(packed + short * direction)[0] - left) / short
-            for _ in range(2):  # twice: orthogonal to rounding
-                shares = images[:count] @ image
-                image = image - shares @ images[:count]
-                direction = direction - shares @ directions[:count]
-            length = np.linalg.norm(image)
-            images[count], directions[count] = image / length, direction / length
-            share = images[count] @ remaining
-            change = change + share * directions[count]
-            remaining = remaining - share * images[count]
-            count += 1
-        return change
+            return (left_at(packed + short * direction)[0] - left) / short
+
+        return gcr_on_host(apply, -left, tolerance=FORCING, steps=KRYLOV_STEPS)
 
     packed = packing.pack(point)
-    # Once: arrays that grow step by step leave a process with gigabytes that it cannot use.
-    images, directions = np.empty((2, KRYLOV_STEPS, len(packed)))
     unclosed, deflection = left_at(packed)
     backlash = np.max(np.asarray(sweeps.equation.law.backlash))
     scale = np.linalg.norm(fourier.pack(deflection)[:, 1:]) + 1e-8 * backlash
@@ -99,3 +96,41 @@ def solve_map(
             length /= 2
     ended = packing.unpack(packed), deflection, np.array(marches)
     return Settled(*ended, size / scale, left, distance / scale)
+
+
+def close_cycle(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, *, tolerance: float, most: int = 15):
+    """Newton's method on state and force of a point alone, under its linear motion, until the cycle closes to
+    ``tolerance`` of them: the point, by how much its cycle misses, and marches taken.
+
+    A search, for points far from any motion: of several lengths of a step the one is taken that closes best, whether or
+    not the cycle closed better before.
+    """
+    packing = PackedPoint(sweeps, point)
+    states, marches = len(packing.visibility), 0
+
+    def at(packed):
+        state, force = packed[:states] / packing.visibility, packed[states:] / packing.flexibility
+        return SweepPoint(point.linear, state, force)
+
+    def missed(packed):
+        nonlocal marches
+        marches += 1
+        end, _ = marched_program(sweeps, at(packed), plan=plan)
+        return packing.pack(end)[-len(packed) :] - packed
+
+    packed = packing.pack(point)[-states - len(packing.flexibility) :]
+    left = missed(packed)
+    for _ in range(most):
+        size = np.linalg.norm(packed)
+        if not np.linalg.norm(left) > tolerance * size:
+            break
+
+        def apply(direction, packed=packed, left=left, size=size):
+            short = DIFFERENCE * size / np.linalg.norm(direction)
+            return (missed(packed + short * direction) - left) / short
+
+        change = gcr_on_host(apply, -left, tolerance=CLOSING, steps=CLOSING_STEPS)
+        trials = [(length, missed(packed + length * change)) for length in LENGTHS]
+        length, left = min(trials, key=lambda trial: np.nan_to_num(np.linalg.norm(trial[1]), nan=np.inf))
+        packed = packed + length * change
+    return at(packed), float(np.linalg.norm(left) / np.linalg.norm(packed)), marches

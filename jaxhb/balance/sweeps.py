@@ -329,4 +329,5 @@ def visited(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, cycles: i
 settle_program = Program(settle, static_argnames="plan")
 equation_program = Program(sweep_equation, static_argnames="plan")
 sweep_program = Program(sweep, static_argnames="plan")
+marched_program = Program(marched, static_argnames="plan")
 visited_program = Program(visited, static_argnames=("plan", "cycles"))

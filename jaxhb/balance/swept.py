@@ -126,6 +126,14 @@ def compile_ahead(equation, system, columns, modes: MarchModes, plan: SweepPlan)
     sweeps.settle_program.compile_ahead(swept.sweeps, swept.flank, goal=0.0, most=MOST_SWEEPS, plan=plan)
 
 
+def ready(problem, active_meshes, modes: MarchModes, plan: SweepPlan):
+    """The :class:`SweptProblem` of a Problem, and its CondensedTrain."""
+    equation, condensed = linear_equation(on_host(problem), 2 * plan.harmonics, active_meshes)
+    given = dataclasses.replace(equation, by_rate=plan.by_rate), condensed.system, condensed.columns, modes
+    compile_ahead(*given, plan)
+    return prepare(*given, plan=plan), condensed
+
+
 def solve_by_sweeps(
     problem,
     active_meshes,
@@ -149,10 +157,7 @@ def solve_by_sweeps(
     sweeps settle at it (ARRIVED), the Outcome is None.
     """
     goal = settled * tolerance
-    equation, condensed = linear_equation(on_host(problem), 2 * plan.harmonics, active_meshes)
-    given = dataclasses.replace(equation, by_rate=plan.by_rate), condensed.system, condensed.columns, modes
-    compile_ahead(*given, plan)
-    swept = prepare(*given, plan=plan)
+    swept, condensed = ready(problem, active_meshes, modes, plan)
     begin = swept.flank
     with np.errstate(all="ignore"):  # sweeps tell of numbers that are not finite
         if deflection is not None:
@@ -207,9 +212,11 @@ def _nearly_closed(swept: SweptProblem, plan):
         if any(abs(cycle - other) < 2 for other in tried):
             continue  # the cycle before or after one that was tried passes by the same motion
         tried.append(cycle)
-        begin = SweepPoint(swept.flank.linear, states[cycle], forces[cycle])
-        following, _ = sweeps.sweep_program(swept.sweeps, begin, plan=plan)
-        yield (
-            SweepPoint(following.linear, begin.state, begin.force),
-            March(cycle + 1, plan.steps, float(missed[cycle] / largest)),
-        )
+        begin = corrected(swept, SweepPoint(swept.flank.linear, states[cycle], forces[cycle]), plan)
+        yield begin, March(cycle + 1, plan.steps, float(missed[cycle] / largest))
+
+
+def corrected(swept: SweptProblem, point: SweepPoint, plan: SweepPlan) -> SweepPoint:
+    """The point whose linear motion has what the steps of its cycle did wrong taken from it."""
+    following, _ = sweeps.sweep_program(swept.sweeps, point, plan=plan)
+    return SweepPoint(following.linear, point.state, point.force)

@@ -1,5 +1,6 @@
 """Every periodic motion of a train at one speed that searches find: those it may run in, and those that repel."""
 
+import dataclasses
 import itertools
 from dataclasses import dataclass
 
@@ -10,8 +11,10 @@ from jaxhb._jax import refuse_tracers
 from jaxhb.balance.plan import Request
 from jaxhb.floquet.stability import Stability, attracts
 from jaxhb.results.response import Response
-from jaxhb.solutions import orbits, starts
+from jaxhb.solutions import starts
+from jaxhb.solutions.orbits import OrbitSearch
 from jaxhb.solutions.planning import all_active, plan_speeds
+from jaxhb.solutions.sweeping import SweptTrain
 from jaxhb.steady.classification import Classifier
 from jaxhb.steady.closure import Cycles
 from jaxhb.steady.confirmation import difference
@@ -66,8 +69,8 @@ def solve_all(
     Teeth that hammer allow several motions at one speed; where the train comes from decides in which of those that
     attract it runs. Marches begin with teeth on their drive sides, in the middle of their gaps, on the other flanks, at
     scattered places, and from the motions at neighbouring speeds; they find what attracts, over one or several cycles.
-    Shooting from many cycles and from scattered states, and the curve from a linear law, find motions of one cycle that
-    repel, too.
+    Newton's method from many cycles and from scattered states, and the curve from a linear law, find motions of one
+    cycle that repel, too.
 
     Arguments as in :func:`jaxhb.solve`, errors as in :func:`jaxhb.steady_state`, which finds in a fraction of a second
     what the train does; this takes minutes. The motions that attract come first, then those not decided, the largest
@@ -81,9 +84,11 @@ def solve_all(
     check_speed(train, rpm)
     rpm, request = float(rpm), Request.of(train, harmonics, tolerance)
     (plan,) = plan_speeds(train, np.array([rpm]), request)
-    found, case = [], starts.Case(train, rpm, request, plan, effort=starts.LONG, search_with=_Scattered)
+    found = []
     marched = _marched(train, rpm, request) if train.topology.has_law.any() else ()
-    for response, period in itertools.chain(marched, _searched(case)):
+    for response, period in itertools.chain(
+        marched, ((response, 1) for response in searched(train, rpm, plan, request))
+    ):
         if not any(period == known and difference(response, other, period) <= SAME for other, known in found):
             found.append((response, period))
     motions = (PeriodicMotion(response, period, *attracts(response)[:2]) for response, period in found)
@@ -118,22 +123,35 @@ def _starts(train, rpm):
     return [np.concatenate([rest + position * flank, speed * omega * flank]) for position, speed in shares]
 
 
-class _Scattered(orbits.OrbitSearch):
-    """Shoots from as many states besides, anywhere within twice the reach of a march."""
+def searched(train, rpm, plan, request):
+    """The Responses of the motions of one cycle that searches find, some more than once; each keeps the path that led
+    to it."""
+    case = starts.Case(train, rpm, request, plan)
+    if not train.topology.has_law.any():
+        yield from _attempted(case, starts.from_contact)
+        return
+    case.reached = all_active(train, plan, request)  # what the linear motion holds on a flank, another may separate
+    swept = SweptTrain.of(train, plan, dataclasses.replace(request, harmonics=None))
+    if swept is None:
+        yield from _attempted(case, starts.from_contact)
+        yield from _attempted(case, starts.from_sweeps)
+    else:
+        search = OrbitSearch(swept, rpm)
+        for response in search.motions():
+            if request.harmonics is None:
+                yield response
+            else:
+                yield from _attempted(case, starts.from_response(response), response.path)
+        case.sweep_change = search.sweep_change
+    yield from _attempted(case, starts.shooting)
 
-    def _seeds(self):
-        seeds = super()._seeds()
-        size = np.abs(seeds).max(axis=0, initial=0.0)
-        return np.concatenate([seeds, size * np.random.default_rng(0).uniform(-2, 2, seeds.shape)])
 
-
-def _searched(case):
-    """(Response, 1) of all attempts that Newton's method solves; each keeps the path that led to it."""
-    for strategy in starts.SEARCHES if case.train.topology.has_law.any() else (starts.from_contact,):
-        for attempt in strategy(case):
-            case.path.clear()
-            starts.refine(case, *attempt)
-            if not case.reached.active:  # in contact: other motions, if there are any, need all meshes unknown
-                case.reached = all_active(case.train, case.reached, case.request)
-            if case.response.solved:
-                yield case.response, 1
+def _attempted(case, strategy, path=()):
+    """The Responses of all attempts of a strategy that Newton's method solves, after the events of a path."""
+    for attempt in strategy(case):
+        case.path[:] = path
+        starts.refine(case, *attempt)
+        if not case.reached.active:  # in contact: other motions, if there are any, need all meshes unknown
+            case.reached = all_active(case.train, case.reached, case.request)
+        if case.response.solved:
+            yield case.response

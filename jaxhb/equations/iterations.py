@@ -7,6 +7,7 @@ sec. 3.3, algorithm NLEQ-ERR). All arguments but lengths are norms.
 """
 
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 ROWS = 10  # directions against which a new one is made orthogonal at once
@@ -56,6 +57,29 @@ def gcr(apply, precondition, b, *, tolerance, steps):
 
     used, x, r, _, _ = lax.while_loop(unfinished, extend, (0, jnp.zeros_like(b), b, capacity, capacity))
     return x, jnp.linalg.norm(r) / jnp.where(norm > 0, norm, 1.0), used
+
+
+def gcr_on_host(apply, b, *, tolerance, steps):
+    """The x of :func:`gcr` without preconditioner, for ``apply`` that runs on the host.
+
+    >>> gcr_on_host(lambda v: 2 * v, np.array([2.0, 4.0]), tolerance=1e-9, steps=5).tolist()
+    [1.0, 2.0]
+    """
+    x, left, goal, count = np.zeros_like(b), b, tolerance * np.linalg.norm(b), 0
+    # Once: arrays that grow step by step leave a process with gigabytes that it cannot use.
+    images, directions = np.empty((2, steps, len(b)))
+    while count < steps and np.linalg.norm(left) > goal:
+        direction, image = left, apply(left)
+        for _ in range(2):  # twice: orthogonal to rounding
+            shares = images[:count] @ image
+            image = image - shares @ images[:count]
+            direction = direction - shares @ directions[:count]
+        length = np.linalg.norm(image)
+        images[count], directions[count] = image / length, direction / length
+        share = images[count] @ left
+        x, left = x + share * directions[count], left - share * images[count]
+        count += 1
+    return x
 
 
 def lowers_level(simplified, correction, length):

@@ -3,8 +3,6 @@
 Over a whole cycle an unstable motion multiplies an error by the largest Floquet multiplier, a million where lightly
 damped teeth hammer; over a segment by its root. Newton's method on the states of all segments (multiple shooting) sees
 the motion as a whole, and the segments run side by side.
-
-A motion here belongs to a continuation parameter p, a share of a change of the train: ``stepper`` is a function of p.
 """
 
 import math
@@ -85,68 +83,43 @@ def _widest(stepper, gap):
     return jnp.max(jnp.abs(gap @ stepper.observation.T), axis=0)
 
 
-def linearize(stepper, nodes, p):
-    """Gaps ``(K, n)``, their derivatives: of each end in its beginning ``(K, n, n)``, and in p ``(K, n)``."""
-    free = moving(stepper(p).space)
-    end, slope, by_parameter = ends(stepper, nodes, p)
-    return _gaps(stepper(p), nodes, end), slope * free[:, None] * free, by_parameter * free
+def linearize(stepper, nodes):
+    """Gaps ``(K, n)``, and the derivatives ``(K, n, n)`` of each end in its beginning."""
+    free = moving(stepper.space)
+    end, slope = ends(stepper, nodes)
+    return _gaps(stepper, nodes, end), slope * free[:, None] * free
 
 
-def ends(stepper, nodes, p):
+def ends(stepper, nodes):
     """End ``(K, n)`` of each segment and its derivatives, as in :func:`linearize`, of all states."""
 
-    def end(node_and_p, segment):
-        reached = _end(stepper(node_and_p[-1]), node_and_p[:-1], segment, len(nodes))
+    def end(node, segment):
+        reached = _end(stepper, node, segment, len(nodes))
         return reached, reached
 
-    both = jnp.concatenate([nodes, jnp.full((len(nodes), 1), p)], axis=1)
-    slopes, reached = jax.vmap(jax.jacfwd(end, has_aux=True))(both, jnp.arange(len(nodes)))
-    return reached, slopes[:, :, :-1], slopes[:, :, -1]
+    slopes, reached = jax.vmap(jax.jacfwd(end, has_aux=True))(nodes, jnp.arange(len(nodes)))
+    return reached, slopes
 
 
-def condense(slope, by_parameter):
-    """A cycle condensed on its first node: what :func:`closing` and :func:`tangent` need of its derivatives.
+def condense(slope):
+    """A cycle condensed on its first node: what :func:`closing` needs of its derivatives.
 
-    slope ``(K, n, n)``, by_parameter ``(K, n)``, and the singular value decomposition of the condensed equations
-    ``(n, n+1)``.
+    slope ``(K, n, n)``, and the singular value decomposition of the condensed equations ``(n, n)``.
     """
-    size = slope.shape[1]
-
-    def through(carry, segment):
-        slope, by_parameter = segment
-        return (slope @ carry).at[:, size].add(by_parameter), None
-
-    # The change of the state after a cycle by that of the first node, and by p in the last column: Phi - I and
-    # what p adds, n equations for n + 1 unknowns, of which the null vector is the tangent of the curve.
-    whole, _ = lax.scan(through, jnp.eye(size, size + 1), (slope, by_parameter))
-    return slope, by_parameter, *jnp.linalg.svd(whole - jnp.eye(size, size + 1), full_matrices=True)
+    identity = jnp.eye(slope.shape[1])
+    whole, _ = lax.scan(lambda carry, slope: (slope @ carry, None), identity, slope)
+    return slope, *jnp.linalg.svd(whole - identity)
 
 
 def closing(condensed, gap):
-    """``(K n + 1,)``: the change of nodes and p, shortest at the first, that closes all gaps to first order."""
-    slope, by_parameter, left, values, right = condensed
-    # The gaps of all segments, taken on to the end of the cycle: what the first node and p have to make up.
+    """``(K, n)``: the change of nodes, shortest at the first, that closes all gaps to first order."""
+    slope, left, values, right = condensed
+    # The gaps of all segments, taken on to the end of the cycle: what the first node has to make up.
     gathered, _ = lax.scan(lambda carry, known: (known[0] @ carry + known[1], None), 0.0 * gap[0], (slope, gap))
     # The pseudo-inverse leaves alone what nothing holds (free rotation) and gives of all solutions the shortest.
     known = values > SINGULAR * values[0]
-    first = right[:-1].T @ (jnp.where(known, left.T @ -gathered, 0.0) / jnp.where(known, values, 1.0))
-    return _expanded(slope, gap + by_parameter * first[-1], first)
-
-
-def tangent(condensed):
-    """``(K n + 1,)``: the change of nodes and p that keeps all gaps, not normalised; oriented by the sign of the
-    determinant, which no fold and no corner of the curve changes."""
-    slope, by_parameter, left, _, right = condensed
-    # The last right singular vector is the null vector. Its sign is arbitrary; with that of the two determinants it is
-    # oriented as the whole curve is.
-    first = right[-1] * jnp.sign(jnp.linalg.det(left) * jnp.linalg.det(right))
-    return _expanded(slope, by_parameter * first[-1], first)
-
-
-def _expanded(slope, added, first):
-    """Changes of all nodes, and of p, from those of the first node and p."""
-    _, nodes = lax.scan(lambda node, known: (known[0] @ node + known[1], node), first[:-1], (slope, added))
-    return jnp.append(nodes, first[-1])
+    first = right.T @ (jnp.where(known, left.T @ -gathered, 0.0) / jnp.where(known, values, 1.0))
+    return lax.scan(lambda node, known: (known[0] @ node + known[1], node), first, (slope, gap))[1]
 
 
 def close(stepper, nodes, *, tolerance, most):
@@ -164,11 +137,11 @@ def close(stepper, nodes, *, tolerance, most):
 
     def step(carry):
         nodes, periodicity_error, done, _ = carry
-        gap, slope, none = linearize(lambda _: stepper, nodes, 1.0)
-        condensed = condense(slope, none)
+        gap, slope = linearize(stepper, nodes)
+        condensed = condense(slope)
 
         def change(gap):
-            return closing(condensed, gap)[:-1].reshape(nodes.shape)
+            return closing(condensed, gap)
 
         def tried(length):
             gap, periodicity_error = gaps_and_error(stepper, nodes + length * whole)
@@ -196,7 +169,7 @@ def monodromy(stepper, state):
     with 24, no faster with 120.
     """
     nodes = beginnings(stepper, state, math.gcd(stepper.capacity, SEGMENTS))
-    end, slope, _ = ends(lambda _: stepper, nodes, 1.0)
+    end, slope = ends(stepper, nodes)
     return lax.scan(lambda matrix, slope: (slope @ matrix, None), jnp.eye(len(state)), slope)[0], end[-1]
 
 

@@ -145,33 +145,27 @@ class NewtonOnSweeps:
 
 @dataclass(frozen=True)
 class Shooting:
-    """Newton's method on the state at the beginning of a cycle, from so many cycles of a march or ``refined``, from an
-    orbit that fewer time steps found; ``closed`` : whether the orbit counts as periodic."""
+    """Newton's method on the state at the beginning of a cycle and then on those of its segments, from so many states:
+    an orbit that closes."""
 
-    cycles: int
+    tries: int
     time_steps: int
     periodicity_error: float
-    closed: bool
-    refined: bool = False
 
     def __str__(self):
-        begun = "in segments, cycle" if self.refined else f"from {self.cycles} cycles"
-        return f"shooting {begun} of {self.time_steps} steps (periodicity error {self.periodicity_error:.1e})"
+        begun = f"{self.tries} states, cycle of {self.time_steps} steps"
+        return f"shooting from {begun} (periodicity error {self.periodicity_error:.1e})"
 
 
 @dataclass(frozen=True)
 class Homotopy:
-    """The curve of motions from the linear law to the wanted one; ``curves`` 0: too long to be tried."""
+    """The curve of motions from a linear law to the wanted one, the last of so many ``curves``."""
 
-    found: bool
     curves: int
     steps: int
     turning_points: int
     time_steps: int
 
     def __str__(self):
-        if not self.curves:
-            return "homotopy from the linear law: not tried, too long"
-        found = "found" if self.found else "lost"
         counts = f"curve no. {self.curves}, {self.steps} steps, {self.turning_points} turning points"
-        return f"homotopy from the linear law: {found}, {counts}, cycle of {self.time_steps} steps"
+        return f"homotopy from a linear law: {counts}, cycle of {self.time_steps} steps"

@@ -1,37 +1,31 @@
-"""From a linear law with strong tooth damping to the wanted train, along the curve of its periodic motions.
+"""From a linear law with strong tooth damping to the wanted teeth, along the curve of periodic motions.
 
-Where teeth hammer with little damping, time integration may wander for ever though periodic motions exist. With a gap
-as stiff as the contact the law is linear and its motion unique. On the way to the wanted law,
+Where teeth hammer with little damping, sweeps may wander for ever though periodic motions exist. With a gap as stiff as
+the contact the law is linear and its motion unique. On the way to the wanted law,
 
-    epsilon^p,     damping r w^(1 - p),     transition tau v^(1 - p),     variation p (kappa - 1),     p = 0 .. 1,
+    epsilon^p,     damping r + D (1 - p),     transition tau v^(1 - p),     p = 0 .. 1,
 
 the motion stays bounded, so that the curve of motions that begins at p = 0 has nowhere to end but at p = 1, however
 often it turns back (homotopies of this kind succeed for almost all their parameters: Chow, Mallet-Paret and Yorke,
-Math. Comp. 32 (1978) 887). It is followed by arclength (:mod:`jaxhb.solutions.continuation`) in the states at the
-beginnings of the segments of a cycle. How long it is nobody knows beforehand: the work is bounded.
+Math. Comp. 32 (1978) 887). It is followed by arclength (:mod:`jaxhb.solutions.continuation`) in the point at which a
+sweep begins: law and damping are numbers that the program of a sweep is given. How long it is nobody knows beforehand:
+the work is bounded.
 """
 
-from dataclasses import dataclass, fields, replace
-from functools import partial
+import dataclasses
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._jax import Array
-from jaxhb._program import Program
-from jaxhb.equations import backlash
-from jaxhb.integration import shooting
-from jaxhb.integration.step import Stepper
-from jaxhb.results.status import Homotopy
-from jaxhb.solutions import continuation
-from jaxhb.solutions.orbits import FoundOrbit, coefficients, stepper_of, work_of_cycle
+from jaxhb.balance import sweeps
+from jaxhb.balance.map_newton import DIFFERENCE, PackedPoint
+from jaxhb.balance.sweeps import SweepEquation, SweepPlan, SweepPoint
+from jaxhb.equations.iterations import gcr_on_host
 
 
 class Beginning(NamedTuple):
-    """The law at p = 0: tooth damping and transition over the wanted ones, at most, as far as the steps carry the
-    damping and the backlash holds the transition; whether epsilon falls linearly in p instead of geometrically."""
+    """The law at p = 0: damping ratio of the fastest motion of teeth that is added; transition over the wanted one, at
+    most, as far as the backlash holds it; whether epsilon falls linearly in p instead of geometrically."""
 
     damping: float
     transition: float
@@ -39,104 +33,94 @@ class Beginning(NamedTuple):
 
 
 # Of one curve after another: which is short nobody knows beforehand.
-BEGINNINGS = Beginning(20.0, 20.0, False), Beginning(6.0, 4.5, True), Beginning(20.0, 7.0, False)
-WORK = 2e9  # of all curves, Jacobians times ``work_of_cycle``: twenty seconds
-FEWEST_JACOBIANS, MOST_JACOBIANS = 50, 700  # of one curve: with fewer no curve arrives
+BEGINNINGS = Beginning(0.3, 20.0, False), Beginning(0.1, 4.5, True), Beginning(0.3, 7.0, False)
 LEAST_EPSILON = 1e-4  # below which epsilon changes linearly in p: too soft to matter, and zero has no logarithm
+LEAST_DAMPING = 0.01  # share of what is added from which it falls geometrically in p
+# Rate of deflection m/s up to which a friction is in proportion to it: damping that the law of each mesh is given.
+SLIP = 1e6
+FORCING, KRYLOV_STEPS = 0.03, 40
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class HomotopyStepper(Stepper):
-    """A Stepper whose meshes are the share p, the continuation parameter, of the way from the linear law."""
+class MapCurve:
+    """The points that sweeps leave as they are, over p; ``marches`` were taken, and at ``most`` so many will be."""
 
-    parameter: Array | float = 1.0
-    beginning: Beginning = BEGINNINGS[0]
+    def __init__(self, equation: SweepEquation, flank: SweepPoint, plan: SweepPlan, beginning: Beginning, most: float):
+        self.equation, self.plan, self.beginning, self.most = equation, plan, beginning, most
+        self.packing = PackedPoint(equation, flank)
+        # What makes changes of a point comparable with those of p.
+        self.scale = np.linalg.norm(self.packing.pack(flank)) + 1e-300
+        self.marches = 0
+        law = equation.equation.law
+        stiffness = np.abs(np.asarray(law.stiffness))
+        self.added = 2 * beginning.damping * stiffness / max(sweeps.fastest_rate(equation.modes), 1e-300)
+        self.least = np.maximum(np.asarray(equation.equation.viscous), LEAST_DAMPING * self.added)
 
-    def nonlinear_force(self, deflection, rate, row):
-        """Force ``(G,)`` N of the meshes less its linear part; that of the train itself for p = 1."""
-        law, left = self.law, 1 - self.parameter
-        least = jnp.maximum(law.epsilon, LEAST_EPSILON)
-        # epsilon^p for what is not too small, and the little below it linear in p: 1 at p = 0, epsilon at p = 1.
-        geometric = least**self.parameter - self.parameter * (least - law.epsilon)
-        epsilon = jnp.where(self.beginning.linear, 1 - self.parameter * (1 - law.epsilon), geometric)
-        widest = jnp.minimum(law.transition * self.beginning.transition, jnp.maximum(law.transition, 1.0))
-        law = replace(law, epsilon=epsilon, transition=law.transition * (widest / law.transition) ** left)
-        if self.variation is not None:
-            law = backlash.at_instant(law, self.parameter * self.variation_at(row))
-        in_contact = jnp.where(self.contact_damping, (1 - epsilon) / jnp.maximum(1 - self.law.epsilon, 1e-300), 0.0)
-        damping = self.viscous * self._damping() ** left * (1 - in_contact * (1 - backlash.engagement(law, deflection)))
-        elastic = backlash.force(law, deflection) - law.linear_stiffness * deflection
-        return elastic + (damping - self.viscous) * rate + backlash.dry_friction(law, rate)
+    def start(self) -> np.ndarray:
+        """y of p = 0: the linear motion."""
+        linear = np.asarray(self.equation.equation.linear)
+        modes, law = self.equation.modes, self.equation.equation.law
+        nothing = SweepPoint(linear, np.zeros(2 * len(modes.rates)), np.zeros(np.shape(law.stiffness)))
+        return np.append(self.packing.pack(nothing) / self.scale, 0.0)
 
-    def _damping(self):
-        """Tooth damping at p = 0 over the wanted one: at most what the steps carry."""
-        rows, columns = self.observation[len(self.viscous) :], self.space.forcing
-        step = 2 * jnp.pi / self.frequency / self.steps
-        # The damping force is taken explicitly in a step: with r times the rate of one unit of force times the step
-        # above about a half, the stages of the step would overshoot.
-        decay = step * self.viscous * -jnp.einsum("gn,ng->g", rows, columns)
-        return jnp.clip(0.5 / jnp.where(decay > 0, decay, 1.0), 1.0, self.beginning.damping)
+    def point(self, y: np.ndarray) -> SweepPoint:
+        """The point at which a sweep begins, of y = (packed point, p)."""
+        return self.packing.unpack(self.scale * y[:-1])
+
+    def at(self, p: float) -> SweepEquation:
+        """The equation of sweeps with the law at p."""
+        equation, left = self.equation.equation, 1 - p
+        law = equation.law
+        epsilon, transition = np.asarray(law.epsilon), np.asarray(law.transition)
+        least = np.maximum(epsilon, LEAST_EPSILON)
+        geometric = least**p - p * (least - epsilon)
+        widest = np.minimum(transition * self.beginning.transition, np.maximum(transition, 1.0))
+        added = self.least * ((1 + self.added / np.maximum(self.least, 1e-300)) ** left - 1)
+        softened = 1 - p * (1 - epsilon) if self.beginning.linear else geometric
+        changed = dataclasses.replace(
+            law,
+            epsilon=softened,
+            transition=transition * (widest / transition) ** left,
+            friction=SLIP * added,
+            slip=np.full(np.shape(epsilon), SLIP),
+        )
+        # What damping in contact lacks in the gap, as far as there is one.
+        viscous = np.asarray(equation.viscous) * (1 - softened) / np.maximum(1 - epsilon, 1e-300)
+        equation = dataclasses.replace(equation, law=changed, viscous=viscous)
+        teeth = dataclasses.replace(self.equation.teeth, law=changed, viscous=viscous)
+        return dataclasses.replace(self.equation, equation=equation, teeth=teeth)
+
+    def unclosed(self, y: np.ndarray) -> np.ndarray:
+        """H ``(n,)``, what a sweep changes, over the scale; nan where no march is left."""
+        if self.marches >= self.most:
+            return np.full(len(y) - 1, np.nan)
+        self.marches += 1
+        following, _ = sweeps.sweep_program(self.at(float(y[-1])), self.point(y), plan=self.plan)
+        return y[:-1] - self.packing.pack(following) / self.scale
+
+    def _by(self, y, value, normal):
+        """The product with the Jacobian at y, of which H is the ``value``, bordered with ``normal``."""
+
+        def apply(direction):
+            short = DIFFERENCE * max(np.linalg.norm(y), 1.0) / np.linalg.norm(direction)
+            return np.append((self.unclosed(y + short * direction) - value) / short, normal @ direction)
+
+        return apply
+
+    def linearize(self, y, normal):
+        """What ``linearize`` of :func:`continuation.follow_curve` returns."""
+        value = self.unclosed(y)
+        apply = self._by(y, value, normal)
+        change = _solve(apply, np.append(-value, 0.0), FORCING * np.linalg.norm(value))
+        # From the tangent before, to an error in H that is a share of a step.
+        tangent = normal + _solve(apply, np.append(0 * value, 1.0) - apply(normal), FORCING)
+        return value, change, tangent, apply
+
+    def simplify(self, y, slopes):
+        """What ``simplify`` of :func:`continuation.follow_curve` returns."""
+        value = self.unclosed(y)
+        return value, _solve(slopes, np.append(-value, 0.0), FORCING * np.linalg.norm(value))
 
 
-def _on_the_way(stepper, beginning, p):
-    """The HomotopyStepper at p."""
-    parts = {f.name: getattr(stepper, f.name) for f in fields(Stepper)}
-    return HomotopyStepper(**parts, parameter=p, beginning=beginning)
-
-
-def _scale(stepper):
-    """Unit of the states in y, the norm of all nodes on the flanks: what makes their changes comparable with p's."""
-    return (jnp.linalg.norm(stepper.flank_state) + 1e-300) * np.sqrt(shooting.SEGMENTS)
-
-
-def _nodes(stepper, y):
-    """States ``(K, n)`` at the beginnings of the segments, of y = (states, p)."""
-    return _scale(stepper) * y[:-1].reshape(shooting.SEGMENTS, len(stepper.flank_state))
-
-
-@Program
-def _linearized(stepper, beginning, y, normal):
-    """What ``linearize`` of :func:`continuation.follow_curve` returns: H are the gaps of the segments, and the
-    determinant orients the tangent, not ``normal``."""
-    scale, at = _scale(stepper), partial(_on_the_way, stepper, beginning)
-    gap, slope, by_parameter = shooting.linearize(at, _nodes(stepper, y), y[-1])
-    condensed = shooting.condense(slope, by_parameter / scale)
-    return gap / scale, shooting.closing(condensed, gap / scale), shooting.tangent(condensed), condensed
-
-
-@Program
-def _simplified(stepper, beginning, y, condensed):
-    """What ``simplify`` of :func:`continuation.follow_curve` returns."""
-    gap, _ = shooting.gaps(_on_the_way(stepper, beginning, y[-1]), _nodes(stepper, y))
-    gap = gap / _scale(stepper)
-    return gap, shooting.closing(condensed, gap)
-
-
-@Program
-def _motion(stepper, y):
-    """Nodes ``(K, n)`` and deflections ``(G, capacity)`` of the motion at y."""
-    nodes = _nodes(stepper, y)
-    return nodes, shooting.motion(stepper, nodes).deflection
-
-
-def find(train, rpm, plan):
-    """The FoundOrbit at the end of the first curve that arrives, with the meshes and time steps of a Plan, and the
-    event that tells of it; of no curve where that is more than ``WORK``."""
-    left = int(WORK / work_of_cycle(train, plan.time_steps))
-    if left < FEWEST_JACOBIANS:
-        return FoundOrbit(None, np.inf, None, 0), Homotopy(False, 0, 0, 0, plan.time_steps)
-    stepper = jax.device_put(stepper_of(train, rpm, plan)[0])  # once, not for every Jacobian
-    start = np.zeros(shooting.SEGMENTS * len(stepper.flank_state) + 1)
-    for curves, beginning in enumerate(BEGINNINGS, 1):
-        linearize, simplify = (partial(part, stepper, beginning) for part in (_linearized, _simplified))
-        end = continuation.follow_curve(linearize, simplify, start, most=min(left, MOST_JACOBIANS))
-        event = Homotopy(end.arrived, curves, end.steps, end.folds, plan.time_steps)
-        if end.arrived:
-            nodes, deflection = _motion(stepper, end.y)
-            # At the end of a curve its segments close to what counts as periodic.
-            return FoundOrbit(coefficients(deflection, plan.time_steps), 0.0, np.asarray(nodes), 1), event
-        left -= end.jacobians
-        if left < MOST_JACOBIANS // 4:
-            break
-    return FoundOrbit(None, np.inf, None, 0), event
+def _solve(apply, right, left):
+    """x with at most ``left`` of ``right - apply(x)``."""
+    return gcr_on_host(apply, right, tolerance=left / max(np.linalg.norm(right), 1e-300), steps=KRYLOV_STEPS)

@@ -1,184 +1,256 @@
-"""Starts for Newton's method where a march of a few cycles does not settle: closed orbits, found by shooting.
+"""Periodic motions of one cycle of a train at one speed: Newton's method on the map of a sweep, from many starts.
 
-Light damping makes time integration settle slowly, and strong hammering makes the wanted motion unstable or one of
-many that the march visits. Newton's method on the state at the beginning of the cycle, then on the states of all its
-segments, finds it all the same, from one or another of the cycles that a march went through. Motions found here
-are those of the steps taken; the harmonics correct them.
+Sweeps lead to one of the motions that attract. Cycles of long marches that nearly close pass near others, stable or
+not; states at random are near some that no march passes; and at the end of the curve from a linear law
+(:mod:`jaxhb.solutions.homotopy`) there is one where neither leads anywhere. A march costs a thousandth of a second, so
+that hundreds of starts are tried.
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
-from jaxhb._program import Program
-from jaxhb.balance.problem import model_of, problem_at, reduced_equation
-from jaxhb.balance.program import reduced_stepper
-from jaxhb.equations import fourier
-from jaxhb.equations.reduced_model import states_of
-from jaxhb.integration import shooting
-from jaxhb.integration.step import cycle, cycle_error, rows_of, with_rate
+from jaxhb._jax import on_host
+from jaxhb.balance import map_newton, sweeps, swept
+from jaxhb.balance.map_newton import PackedPoint
+from jaxhb.balance.problem import problem_at
+from jaxhb.balance.program import response_of
+from jaxhb.balance.sweeps import Settled, SweepPlan, SweepPoint
+from jaxhb.balance.swept import MOST_SWEEPS, SETTLED, difference
+from jaxhb.results.response import Response
+from jaxhb.results.status import Homotopy, March, NewtonOnSweeps, Status, Sweeps
+from jaxhb.solutions import continuation, homotopy
+from jaxhb.solutions.sweeping import SweptTrain
 
-CYCLES = 64  # marched at most; those that close best are shot from
-WORK = 6e7  # of the cycles shot from, in units of ``work_of_cycle``
-# Of one shooting, in one piece and then in segments: of those that succeed in one piece within 40, nine out of ten take
-# no more than 12.
-NEWTON_STEPS = 15
-STEADY = 1e-3  # periodicity error from which Newton's method on the harmonics usually succeeds; the march ends there
-PERIODIC = 1e-6  # periodicity error that counts as none, far below what the steps themselves leave
-CLOSED = 1e-8  # the same of the segments of a cycle, aimed at
-SAME = 1e-4  # difference of the deflections, as a share of the largest, below which two orbits are one, found twice
-CAPACITY = 32768  # steps of a cycle at most. Arrays have room for them: programs are not compiled for each number.
-FLEXIBLE = 1e-6  # share of the compliance of a mesh below which modes too fast for the steps are left out
-
-
-@Program
-def _equations(problem, active_meshes, time_steps):
-    """A Stepper without samples of its linear response, the coefficients ``(2G, N+1)`` of these, those of the
-    variation of the meshes, and the ReducedOrderModel."""
-    harmonics = problem.load.shape[-1] - 1
-    reduced, _ = reduced_equation(problem, harmonics, active_meshes)
-    model = model_of(problem, active_meshes, time_steps)
-    response = with_rate(reduced.linear, reduced.frequency)
-    empty = jnp.zeros((0, len(response)))
-    stepper = reduced_stepper(reduced, model, time_steps, empty, None, model.residual_flexibility)
-    return stepper, response, reduced.variation, model
+CYCLES = 128  # marched from each start
+PLACES = 1.0, -1.0, 0.0  # of the teeth where the first marches start: on drive sides, on the others, in their gaps
+SCATTERED, REACH = 8, 2.0  # states at random where others do, how far off at most over those that the first visit
+FIRST_CYCLE = 2  # of a march from which Newton's method starts since the cycle nearly closes
+EARLY = 6  # cycles of a march from a state at random from which it starts whatever they do
+RANDOM = 32  # states at random from which it does
+NEAR = 0.02  # difference of states, as a share of one, up to which they lead to the same motion
+SAME = 0.01  # difference of the deflections, as a share of the largest, up to which two solutions are one motion
+MARCHES = 80  # of Newton's method from one start at most: of those that arrive one in ten takes more
+IDLE = 16  # starts of a kind one after another that lead to no new motion, after which there are no more of it
+# Marches of a search at most, all steps of these, and the share of both after which nothing begins but curves.
+MOST, WORK, STARTED = 10000, 4e7, 0.75
+FEWEST, JACOBIANS = 150, 150  # marches without which no curve begins; points of a curve at most
+# Share of state and force by which a cycle may miss its beginning, aimed at, and from which a motion is near.
+CLOSED, NEARLY = 1e-6, 1e-3
+CURVE = continuation.StepControl(closed=1e-6, longest=0.2)
+LEAST_P = -0.1  # where a curve that turned back is given up
 
 
-def work_of_cycle(train, time_steps):
-    """What the Jacobian of a cycle costs: time steps times (states^2 + 15^2)."""
-    return time_steps * (states_of(train.topology.n_disks) ** 2 + 15**2)
+class _Map:
+    """A train at one speed with so many steps of a cycle, ready for Newton's method on the map."""
+
+    def __init__(self, train: SweptTrain, rpm: float, plan: SweepPlan):
+        self.train, self.rpm, self.plan = train, rpm, plan
+        self.problem = problem_at(train.train, rpm, train.plan.excited)
+        self.swept, self.condensed = swept.ready(self.problem, train.plan.active_meshes, train.modes, plan)
+        self.goal = SETTLED * train.plan.tolerance
+
+    def flank(self) -> SweepPoint:
+        """The point with all teeth on their drive sides, on the host."""
+        return jax.tree.map(np.asarray, self.swept.flank)
+
+    def point_of(self, deflection) -> SweepPoint:
+        """The point at which deflections ``(G, n+1)`` m are marched."""
+        return sweeps.point_of(on_host(self.swept.sweeps), np.asarray(deflection), self.plan)
+
+    def settle(self) -> Settled:
+        """Sweeps from the drive sides."""
+        given = self.swept.sweeps, self.swept.flank
+        return sweeps.settle_program(*given, goal=self.goal, most=MOST_SWEEPS, plan=self.plan)
+
+    def newton(self, point: SweepPoint) -> Settled:
+        """Newton's method from a point."""
+        return map_newton.solve_map(self.swept.sweeps, point, self.plan, goal=self.goal, most_marches=MARCHES)
+
+    def arrived(self, ended: Settled) -> bool:
+        """Whether an iteration ended at a motion."""
+        return bool(ended.distance <= self.goal)
+
+    def response(self, ended: Settled, path) -> Response:
+        """The Response of where an iteration ended."""
+        found, ended = jax.tree.map(np.asarray, (self.swept, ended))
+        train, active_meshes = self.train, self.train.plan.active_meshes
+        given = self.problem, active_meshes, self.condensed, found, ended, train.plan.tolerance, self.goal, self.plan
+        with np.errstate(all="ignore"):  # a status tells of numbers that are not finite
+            outcome = jax.tree.map(np.asarray, swept.conclude_sweeps(*given))
+        reached = train.plan_of(outcome.deflection.shape[-1] - 1)
+        return response_of(train.train, self.rpm, self.problem, outcome, reached, path)
 
 
-def stepper_of(train, rpm, plan):
-    """The Stepper of a train with the meshes and time steps of a Plan, and the ReducedOrderModel that it steps."""
-    problem = problem_at(train, rpm, plan.static.excited)
-    stepper, response, variation, modes = _equations(problem, plan.active_meshes, plan.time_steps)
-    # Room for the most steps, the number in use traced: one program for all numbers of steps that follow the modes of
-    # the teeth, and one for all that do not: the static response of the rest doubles the time of a step.
-    rows = []
-    for coefficients in (response, variation):
-        rows.append(coefficients if coefficients is None else np.zeros((2 * CAPACITY, len(coefficients))))
-        if coefficients is not None:
-            rows[-1][: 2 * plan.time_steps] = rows_of(coefficients, plan.time_steps)
-    stepper = replace(stepper, linear=rows[0], variation=rows[1], count=np.array(plan.time_steps))
-    flexible = np.abs(np.diag(stepper.residual_flexibility)) * np.asarray(stepper.law.stiffness) > FLEXIBLE
-    return (stepper if flexible.any() else replace(stepper, residual_flexibility=None)), modes
+@dataclasses.dataclass(frozen=True)
+class _Visited:
+    """Points at the beginnings of cycles of marches: states ``(n, 2m)``, forces ``(n, G)`` and by how much each cycle
+    misses its beginning, inf where none begins; number of its cycle."""
 
-
-@Program
-def _visited(stepper, until):
-    """States ``(CYCLES, n)`` at the beginning of cycles from the flanks up to the first that closes to ``until``, their
-    periodicity errors, nan of cycles not marched, and the deflection of the last cycle."""
-
-    def unfinished(carry):
-        done, _, _, periodicity_errors = carry
-        return (done < CYCLES) & ~(periodicity_errors[done - 1] <= until)
-
-    def visit(carry):
-        done, state, states, periodicity_errors = carry
-        after, periodicity_error = cycle_error(stepper, state)
-        return done + 1, after, states.at[done].set(state), periodicity_errors.at[done].set(periodicity_error)
-
-    state = stepper.flank_state
-    empty = jnp.zeros((CYCLES, len(state))), jnp.full(CYCLES, jnp.nan)
-    done, _, states, periodicity_errors = lax.while_loop(unfinished, visit, (jnp.array(0), state, *empty))
-    return states, periodicity_errors, cycle(stepper, states[done - 1])[1].deflection
-
-
-@Program
-def _shot(stepper, state):
-    """What :func:`_closed` makes of the cycle that shooting reaches from a state ``(n,)``."""
-    found = shooting.shoot(stepper, state, most=NEWTON_STEPS, tolerance=PERIODIC)[0]
-    return _closed(stepper, shooting.beginnings(stepper, found))
-
-
-@Program
-def _closed(stepper, nodes):
-    """Nodes ``(K, n)`` with smaller gaps, the deflections ``(G, capacity)`` of their motion, and its periodicity
-    error."""
-    nodes, trace, _ = shooting.close(stepper, nodes, tolerance=CLOSED, most=NEWTON_STEPS)
-    return nodes, trace.deflection, trace.periodicity_error
-
-
-@dataclass(frozen=True)
-class FoundOrbit:
-    """An orbit that closes, or of those that do not the one that closes best."""
-
-    coefficients: np.ndarray | None  # (G, n+1) deflections in m, None where no cycle closes
-    periodicity_error: float
-    nodes: np.ndarray | None  # (K, n) states at the beginnings of K segments, None after a march
-    tries: int  # cycles from which shooting began, or cycles marched
-
-
-def _same_orbit(deflection, other):
-    return np.max(np.abs(deflection - other)) <= SAME * np.max(np.abs(deflection))
-
-
-def coefficients(deflection, time_steps):
-    """Coefficients ``(G, n+1)`` of deflections ``(G, capacity)`` over a cycle, all that the time steps tell apart."""
-    return np.asarray(fourier.analyze(deflection[:, :time_steps], (time_steps - 1) // 2))
+    states: np.ndarray
+    forces: np.ndarray
+    missed: np.ndarray
+    cycle: np.ndarray
 
 
 class OrbitSearch:
-    """Closed orbits of a train at a speed, with the meshes and time steps of a Plan; as many shots as ``work`` pays."""
+    """The motions of one cycle of a train at a speed that are found with a bounded number of marches."""
 
-    def __init__(self, train, rpm, plan, work=WORK):
-        self.train, self.rpm, self.plan, self.work = train, rpm, plan, work
-        self.states, self.periodicity_errors = None, None
+    def __init__(self, train: SweptTrain, rpm: float):
+        self.train, self.rpm = train, rpm
+        self.plans = train.sweep_plans(rpm)
+        self.maps: dict[SweepPlan, _Map] = {}
+        self.map = self._map_of(self.plans[0])
+        self.found: list[np.ndarray] = []  # deflections of the motions so far
+        self.sweep_change = np.inf  # of the vibration, by the last sweep from the drive sides
+        self.marches, self.idle = 0, 0  # marches taken, starts since the last motion that was new
+        self.most = min(MOST, WORK / self.plans[0].steps)
+        self.random = np.random.default_rng(0)
 
-    @cached_property
-    def _made(self):
-        """Stepper and ReducedOrderModel, made (and their program compiled) when something is searched with them."""
-        return stepper_of(self.train, self.rpm, self.plan)
+    def motions(self) -> Iterator[Response]:
+        """Yield the Response of each motion that is new."""
+        settled = self.map.settle()
+        event = Sweeps(int(settled.marches), self.map.plan.steps, float(settled.change))
+        self.marches += int(settled.marches)
+        self.sweep_change = event.change
+        attracted = self.map.arrived(settled)
+        if attracted:
+            yield from self._taken(self.map, settled, [event])
+        else:
+            yield from self._from(self.map, settled.point, [event])
+        flank = self.map.flank()
+        yield from self._from(self.map, flank, [])
+        visited = self._visited(flank)
+        for starts in (self._nearly_closed(visited), self._early(visited), self._at_random(visited)):
+            self.idle = 0
+            for start, path in starts:
+                yield from self._near(start, path)
+                if self.idle >= IDLE or self.marches >= STARTED * self.most:
+                    break
+        yield from self._from_linear_law(once=attracted)
 
-    @property
-    def stepper(self):
-        """The Stepper."""
-        return self._made[0]
+    def _map_of(self, plan):
+        if plan not in self.maps:
+            self.maps[plan] = _Map(self.train, self.rpm, plan)
+        return self.maps[plan]
 
-    def march(self, until=0.0):
-        """The FoundOrbit of the first cycle, from the flanks, that closes to ``until``; the cycles are kept."""
-        self.states, periodicity_errors, deflection = jax.tree.map(np.asarray, _visited(self.stepper, until))
-        marched = int(np.isfinite(periodicity_errors).sum())
-        self.periodicity_errors = np.nan_to_num(periodicity_errors, nan=np.inf)
-        periodicity_error = self.periodicity_errors[max(marched, 1) - 1]
-        found = coefficients(deflection, self.plan.time_steps) if periodicity_error <= until else None
-        return FoundOrbit(found, float(periodicity_error), None, marched)
+    def _visited(self, flank):
+        """The points that marches from several starts visit."""
+        starts = [SweepPoint(flank.linear, share * flank.state, share * flank.force) for share in PLACES]
+        visits = [self._march(start) for start in starts]
+        starts = self._scattered(flank, np.concatenate([states for states, *_ in visits]), SCATTERED)
+        visits += [self._march(start) for start in starts]
+        return _Visited(*(np.concatenate(rows) for rows in zip(*visits, strict=True)))
 
-    def shoot(self):
-        """Yield a FoundOrbit for each orbit that Newton's method closes from the cycles of a march that close best.
+    def _march(self, start):
+        """The parts of :class:`_Visited` for the cycles of one march."""
+        given = self.map.swept.sweeps, start
+        visited = sweeps.visited_program(*given, plan=self.map.plan, cycles=CYCLES)
+        states, forces, missed = jax.tree.map(np.asarray, visited)
+        self.marches += CYCLES
+        cycle = np.arange(CYCLES)
+        begins = np.isfinite(missed) & np.isfinite(states).all(axis=1) & (cycle >= FIRST_CYCLE)
+        return states, forces, np.where(begins, missed, np.inf), cycle
 
-        Where none closes, the best of all is yielded at last, open.
-        """
-        best, known = FoundOrbit(None, np.inf, None, 0), []
-        for tries, seed in enumerate(self._seeds(), 1):
-            nodes, deflection, periodicity_error = jax.tree.map(np.asarray, _shot(self.stepper, seed))
-            best = replace(best, tries=tries)
-            if periodicity_error <= PERIODIC and not any(_same_orbit(deflection, other) for other in known):
-                known.append(deflection)
-                yield FoundOrbit(coefficients(deflection, self.plan.time_steps), float(periodicity_error), nodes, tries)
-            elif periodicity_error < best.periodicity_error:
-                best = FoundOrbit(None, float(periodicity_error), nodes, tries)
-        if not known:
-            yield best
+    def _scattered(self, flank, states, count):
+        """Points at random within REACH of the largest of some states ``(n, 2m)``, nearer and farther off by turns."""
+        size = np.abs(np.where(np.isfinite(states), states, 0.0)).max(axis=0)
+        reach = REACH / 2.0 ** (np.arange(count) % 3)
+        shares = reach[:, None] * self.random.uniform(-1, 1, (count, len(size)))
+        return [SweepPoint(flank.linear, share * size, 0 * flank.force) for share in shares]
 
-    def close(self, nodes, search):
-        """The FoundOrbit near the nodes of another one, which another OrbitSearch with other steps found."""
-        # Modes, and their order, depend on the steps.
-        nodes = nodes @ (self._made[1].space.coordinates @ search._made[1].motion).T
-        nodes, deflection, periodicity_error = jax.tree.map(np.asarray, _closed(self.stepper, nodes))
-        found = coefficients(deflection, self.plan.time_steps) if periodicity_error <= PERIODIC else None
-        return FoundOrbit(found, float(periodicity_error), nodes, 1)
+    def _nearly_closed(self, visited):
+        """Starts from cycles of the marches, those first that miss their beginning least, with their paths."""
+        visibility = PackedPoint(self.map.swept.sweeps, self.map.flank()).visibility
+        largest = np.max(visited.missed[np.isfinite(visited.missed)], initial=1e-300)
+        tried: list[np.ndarray] = []
+        for k in np.argsort(visited.missed).tolist():
+            seen = visited.states[k] * visibility
+            apart = all(np.linalg.norm(seen - other) > NEAR * np.linalg.norm(seen) for other in tried)
+            if np.isfinite(visited.missed[k]) and apart:
+                tried.append(seen)
+                cycle, missed = int(visited.cycle[k]) + 1, float(visited.missed[k] / largest)
+                yield self._start(visited, k), [March(cycle, self.map.plan.steps, missed)]
 
-    def _seeds(self):
-        """Beginnings ``(tries, n)`` of the cycles of a march that close best."""
-        if self.states is None:
-            self.march()
-        most = int(np.clip(self.work / work_of_cycle(self.train, self.plan.time_steps), 1, CYCLES))
-        # Of a march that does not settle, the cycles that nearly close pass near a periodic motion, stable or not.
-        best = np.argsort(self.periodicity_errors)[:most]
-        return self.states[best[np.isfinite(self.periodicity_errors[best])]]
+    def _early(self, visited):
+        """Starts from the first cycles of the marches from states at random."""
+        scattered = np.arange(len(visited.cycle)) >= len(PLACES) * CYCLES
+        early = scattered & (visited.cycle < EARLY) & np.isfinite(visited.states).all(axis=1)
+        for k in self.random.permutation(np.flatnonzero(early)).tolist():
+            yield self._start(visited, k), []
+
+    def _at_random(self, visited):
+        """Starts from states at random, nearer and farther off by turns."""
+        for start in self._scattered(self.map.flank(), visited.states, RANDOM):
+            yield start, []
+
+    def _start(self, visited, k):
+        return SweepPoint(self.map.flank().linear, visited.states[k], visited.forces[k])
+
+    def _from_linear_law(self, once):
+        """From the ends of curves from linear laws; no other than the first ``once`` one has arrived."""
+        plan = dataclasses.replace(self.map.plan, by_rate=True)  # of the damping that is added
+        along = self._map_of(plan)
+        for curves, beginning in enumerate(homotopy.BEGINNINGS, 1):
+            if self.most - self.marches < FEWEST:
+                return
+            curve = homotopy.MapCurve(along.swept.sweeps, along.flank(), plan, beginning, self.most - self.marches)
+            end = continuation.follow_curve(
+                curve.linearize, curve.simplify, curve.start(), most=JACOBIANS, within=(LEAST_P, 1.0), control=CURVE
+            )
+            self.marches += curve.marches
+            arrived = end.arrived and end.y[-1] > 0
+            if arrived:
+                event = Homotopy(curves, end.steps, end.folds, plan.steps)
+                yield from self._from(self.map, curve.point(end.y), [event])
+            if arrived and once:
+                return
+
+    def _near(self, start, path):
+        """The Response of a motion near a start, if it is new."""
+        equation, plan = self.map.swept.sweeps, self.map.plan
+        point = swept.corrected(self.map.swept, start, plan)
+        point, missed, marches = map_newton.close_cycle(equation, point, plan, tolerance=CLOSED)
+        self.marches += 1 + marches
+        if not missed <= NEARLY:
+            self.idle += 1
+            return
+        self.marches += 1
+        yield from self._from(self.map, swept.corrected(self.map.swept, point, plan), path)
+
+    def _from(self, train_map, point, path):
+        """The Response of the motion to which Newton's method leads from a point, if it is new."""
+        ended = train_map.newton(point)
+        self.marches += int(ended.marches)
+        event = NewtonOnSweeps(int(ended.marches), train_map.plan.steps, float(ended.change))
+        return self._taken(train_map, ended, [*path, event])
+
+    def _taken(self, train_map, ended, path):
+        deflection = np.asarray(ended.deflection)
+        new = train_map.arrived(ended) and all(difference(deflection, other) > SAME for other in self.found)
+        self.idle = 0 if new else self.idle + 1
+        if new:
+            self.found.append(deflection)
+            response = self._refined(train_map, ended, path)
+            if response.solved:
+                yield response
+
+    def _refined(self, train_map, ended, path):
+        """The Response with as many steps as the tolerance wants, or the best."""
+        best = train_map.response(ended, path)
+        for plan in self.plans[self.plans.index(train_map.plan) + 1 :]:
+            if int(best.status) != Status.TOLERANCE_NOT_MET:
+                break
+            finer = self._map_of(plan)
+            ended = finer.newton(finer.point_of(ended.deflection))
+            self.marches += int(ended.marches)
+            path = [*path, NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change))]
+            response = finer.response(ended, path)
+            if response.status > best.status:
+                break
+            best = response
+        return best

@@ -5,7 +5,7 @@ n+1)`` from which Newton's method is to start under a plan, None for the start t
 found. The next one is asked for where Newton's method did not solve the last. The cheap strategies come first: from
 teeth in contact Newton's method succeeds where no tooth separates, from sweeps where the motion becomes periodic within
 a few cycles, and from the motion that a solve by sweeps alone finds, whatever harmonics and integrals it is asked for.
-A search for all motions goes on from a long march, by shooting, and along the curve from the linear law.
+A search for all motions asks for shooting, too.
 """
 
 import dataclasses
@@ -21,26 +21,13 @@ from jaxhb.balance.problem import problem_at
 from jaxhb.balance.program import START_SETTLED, active_deflections, first_start, solve_once, solve_problem
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.response import Response
-from jaxhb.results.status import March, Shooting, Status
-from jaxhb.solutions import homotopy, orbits, planning, sweeping
+from jaxhb.results.status import Shooting, Status
+from jaxhb.solutions import planning, shots, sweeping
 from jaxhb.train.drivetrain import DriveTrain
 
-# Times the last change of sweeps that the periodicity error of a long march is below, at least, where it is a start.
-CLOSER = 30.0
-FINEST_SHOTS = 4  # with the finest steps, that ``Effort.work`` has to pay for: of larger trains fewer closed none
-
-
-@dataclass(frozen=True)
-class Effort:
-    """What a search for orbits may cost; by default minutes."""
-
-    finer: int = 4  # times the steps of the march, at most, with which orbits are searched: coarse steps bend them
-    work: float = orbits.WORK  # of the shots of a search, in units of ``orbits.work_of_cycle``
-    # Tried at most: some have no harmonics near them, or lie beyond a turning point that the steps displaced.
-    orbits: int = 16
-
-
-LONG = Effort()  # of the searches of ``jaxhb.solve_all``
+# Of shooting, orbits at most: some have no harmonics near them, or lie beyond a turning point that the steps displaced;
+# and shots with the finest steps that ``shots.WORK`` has to pay for: of larger trains fewer closed none.
+ORBITS, FINEST_SHOTS = 16, 4
 
 
 @dataclass
@@ -51,11 +38,8 @@ class Case:
     rpm: float
     request: Request
     plan: Plan  # from the linear motion; strategies change copies of it
-    effort: Effort = LONG
-    search_with: type = orbits.OrbitSearch
     deadline: float = math.inf  # on the monotonic clock, when no further attempt begins
     path: list = field(default_factory=list)  # events so far; strategies and ``refine`` add theirs
-    searches: dict = field(default_factory=dict)  # for orbits, by the meshes and time steps of their plans
     response: Response | None = None  # of the last attempt
     reached: Plan | None = None  # its plan in the end
     solved: bool = False  # whether no further attempt is wanted: it was solved, or cannot be
@@ -107,14 +91,6 @@ class Case:
             harmonics = max(harmonics, min(planning.first_level(0, self.modes[0]), MOST_HARMONICS[plan.method]))
         changes = {"harmonics": harmonics, "start": "march", "time_steps": steps}
         return dataclasses.replace(plan, active=known.active, flank=known.flank, **changes)
-
-    def search(self, plan, steps):
-        """The search for orbits with the meshes of a plan and so many time steps; its march serves all strategies."""
-        key = plan.active, plan.flank, steps
-        if key not in self.searches:
-            plan = dataclasses.replace(plan, time_steps=steps)
-            self.searches[key] = self.search_with(self.train, self.rpm, plan, self.effort.work)
-        return self.searches[key]
 
 
 def first_solved(case, strategies):
@@ -226,71 +202,32 @@ def from_swept_motion(case):
             yield from from_response(response)(case)
 
 
-def long_march(case):
-    """From up to 64 cycles, where one of them closes much better than sweeps did."""
-    plan = case.march_plan()
-    counts = search_steps(case, plan)
-    if not counts:
-        return
-    found = case.search(plan, counts[0]).march(min(orbits.STEADY, case.sweep_change / CLOSER))
-    event = March(found.tries, counts[0], found.periodicity_error)
-    if found.coefficients is None:
-        case.path.append(event)
-    else:
-        yield _from_orbit(case, plan, found, counts[0], event)
-
-
 def shooting(case):
-    """From closed orbits, found by Newton's method on the state at the beginning of a cycle."""
-    plan, left = case.march_plan(), case.effort.orbits
-    shots = {steps: case.search(plan, steps).shoot() for steps in search_steps(case, plan)}
-    while shots:  # one of each number of steps by turns
-        for steps, found in list(shots.items()):
-            if not left:
-                return
-            orbit = next(found, None)
+    """From closed orbits (:mod:`jaxhb.solutions.shots`), of one number of time steps after the other by turns."""
+    plan = case.march_plan()
+    found = {n: shots.shoot(case.train, case.rpm, dataclasses.replace(plan, time_steps=n)) for n in _steps(case, plan)}
+    left = ORBITS
+    while found and left:
+        for steps, orbits in list(found.items())[:left]:
+            orbit = next(orbits, None)
             if orbit is None:
-                del shots[steps]
+                del found[steps]
                 continue
             left -= 1
-            event = Shooting(orbit.tries, steps, orbit.periodicity_error, orbit.coefficients is not None)
-            yield from _with_finer_steps(case, plan, orbit, steps, event)
+            yield _from_orbit(case, plan, orbit, steps)
 
 
-def from_linear_law(case):
-    """From the motion of a linear law with strong tooth damping, followed to the wanted train.
-
-    Not where sweeps settled: the curve would most likely end at its motion.
-    """
-    if case.settled:
-        return
-    plan = case.march_plan()
-    steps = min(2 * plan.time_steps, _finest(case, plan))
-    orbit, event = homotopy.find(case.train, case.rpm, dataclasses.replace(plan, time_steps=steps))
-    yield from _with_finer_steps(case, plan, orbit, steps, event)
+def _steps(case, plan):
+    """Time steps a cycle with which orbits are searched, as coarse ones bend them: those of the plan, not where sweeps
+    settled, and twice and four times as many, as far as there is room for them and shots are affordable."""
+    wanted = [n * plan.time_steps for n in (1, 2, 4)]
+    finest = wanted[-1]
+    affordable = FINEST_SHOTS * shots.work_of_cycle(case.train, finest) <= shots.WORK
+    kept = [n for n in wanted if n <= shots.CAPACITY and (n < finest or affordable)]
+    return [n for n in kept if n > plan.time_steps or not case.settled]
 
 
-# Of a solve under a plan, the cheap ones first: the first attempt that is solved is the answer. Where the start of one
-# of them has failed already, or is not wanted, those after it are tried: the order counts.
-STRATEGIES = (contact, from_sweeps, from_swept_motion)
-# Of ``jaxhb.solve_all``, which makes all their attempts.
-SEARCHES = (from_contact, from_sweeps, long_march, shooting, from_linear_law)
-
-
-def _finest(case, plan):
-    return max(plan.time_steps, min(case.effort.finer * plan.time_steps, orbits.CAPACITY))
-
-
-def search_steps(case, plan):
-    """Time steps a cycle with which orbits are searched; those of the sweeps not where these settled."""
-    finest = _finest(case, plan)
-    twice = min(2 * plan.time_steps, finest)
-    affordable = FINEST_SHOTS * orbits.work_of_cycle(case.train, finest) <= case.effort.work
-    counts = dict.fromkeys((plan.time_steps, twice, finest if affordable else twice))
-    return [n for n in counts if n > plan.time_steps or not case.settled]
-
-
-def _from_orbit(case, plan, orbit, steps, event):
+def _from_orbit(case, plan, orbit, steps):
     """Newton's method from an orbit of so many time steps, with as many more harmonics where these are free.
 
     Below the reach of the steps there may be no solution near the orbit.
@@ -299,16 +236,9 @@ def _from_orbit(case, plan, orbit, steps, event):
     if case.request.harmonics is None:
         harmonics = planning.level_at_least(min(harmonics * steps // plan.time_steps, MOST_HARMONICS[plan.method]))
     plan = dataclasses.replace(plan, harmonics=max(harmonics, case.harmonics), time_steps=min(steps, TIME_STEPS[-1]))
-    return plan, orbit.coefficients, event
+    return plan, orbit.coefficients, Shooting(orbit.tries, steps, orbit.periodicity_error)
 
 
-def _with_finer_steps(case, plan, orbit, steps, event):
-    """The orbit, then the one that twice the steps find from it, as long as it closes and they are not too many."""
-    while orbit.coefficients is not None:
-        yield _from_orbit(case, plan, orbit, steps, event)
-        if case.solved or 2 * steps > _finest(case, plan):
-            return
-        coarse, steps = case.search(plan, steps), 2 * steps
-        orbit = case.search(plan, steps).close(orbit.nodes, coarse)
-        event = Shooting(1, steps, orbit.periodicity_error, orbit.coefficients is not None, refined=True)
-    case.path.append(event)
+# Of a solve under a plan, the cheap ones first: the first attempt that is solved is the answer. Where the start of one
+# of them has failed already, or is not wanted, those after it are tried: the order counts.
+STRATEGIES = (contact, from_sweeps, from_swept_motion)

@@ -93,7 +93,7 @@ class SweptTrain:
         deflection = None if deflection is None else self._padded(deflection)
         known = None if at_hand is None else self._padded(at_hand.deflections[list(self.plan.active)])
         path, outcomes, failures, near = [], [], 0, deflection is not None
-        plans = self._sweep_plans(float(problem.frequency))
+        plans = self.sweep_plans(rpm)
         for plan in plans:
             last_try = failures > 0 or plan is plans[-1]
             outcome, ended, events = solve_by_sweeps(
@@ -124,9 +124,10 @@ class SweptTrain:
         reached = self.plan_of(best.deflection.shape[-1] - 1)
         return response_of(self.train, rpm, problem, best, reached, path)
 
-    def _sweep_plans(self, frequency):
-        """The plans with more and more steps that are tried."""
+    def sweep_plans(self, rpm: float) -> list[SweepPlan]:
+        """The plans with more and more steps that are tried at a speed."""
         topology = self.train.topology
+        frequency = float(topology.cycle_frequency(rpm))
         instant = InstantSolve.of(len(topology.springs))
         by_rate = bool(topology.springs) or "contact" in topology.mesh_damping_law
         least = max(steps_for(self.modes, frequency), 4 * planning.ABOVE_EXCITATION * self.excited)

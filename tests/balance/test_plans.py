@@ -145,15 +145,13 @@ def test_contact_is_looked_for_with_the_harmonics_of_the_excitation(pair):
 
 
 def test_a_march_that_blew_up_is_followed_by_all_starts(pair):
-    """Its periodicity error is not finite: no strategy above takes that for a settled march."""
+    """Its periodicity error is not finite: it is not taken for a settled march."""
     case = case_of(pair, HAMMERING_RPM, harmonics=50)
-    case.effort = starts.LONG
     starts.refine(case, dataclasses.replace(case.plan, start="march"))
     assert case.sweep_change < np.inf
     case.rpm, case.problem = np.nan, starts.problem_at(pair, np.nan, case.plan.static.excited)
     starts.refine(case, dataclasses.replace(case.plan, start="march"))
     assert case.sweep_change == np.inf
-    assert len(starts.search_steps(case, case.march_plan())) > 1
 
 
 def case_of(train, rpm, **asked):

@@ -25,10 +25,7 @@ def searched(request):
     """Speed over the natural frequency, and the motions there: three of one cycle; one of one, two, three cycles."""
     train = pair_train(Pair(1.0, epsilon=EPSILON), transition=0.01)
     rpm = pair_rpm(Pair(request.param, epsilon=EPSILON))
-    with pytest.MonkeyPatch.context() as patch:
-        if request.param == 1.0:  # a small part of the effort finds them
-            patch.setattr(starts, "LONG", dataclasses.replace(starts.LONG, finer=1, orbits=4))
-        return request.param, jaxhb.solve_all(train, rpm=rpm, tolerance=1e-3)
+    return request.param, jaxhb.solve_all(train, rpm=rpm, tolerance=1e-3)
 
 
 def test_every_exact_motion_is_found_with_its_stability(searched):

@@ -22,7 +22,7 @@ from jaxhb.report.text.columns import aligned, alike, fixed, hit, percent, plain
 from jaxhb.report.text.linear import modes_text
 from jaxhb.report.text.sentences import notes
 from jaxhb.report.text.sweep_tables import sweep_text
-from jaxhb.results.status import Shooting
+from jaxhb.results.status import NewtonOnSweeps
 from jaxhb.results.steady import orbit_state
 
 
@@ -65,13 +65,13 @@ def as_orbit(response, **stability):
     return Answer(response.train, orbit_state(response), linear, orbit=True, **stability)
 
 
-def test_an_orbit_found_by_shooting_whose_stability_is_not_known_is_said_to_be_perhaps_unstable():
+def test_an_orbit_found_by_newtons_method_whose_stability_is_not_known_is_said_to_be_perhaps_unstable():
     sharp = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0)
-    shot = dataclasses.replace(sharp, path=(Shooting(1, 1024, 1e-9, closed=True), *sharp.path))
-    (note,) = notes(as_orbit(shot))
+    searched = dataclasses.replace(sharp, path=(NewtonOnSweeps(40, 1024, 1e-6), *sharp.path))
+    (note,) = notes(as_orbit(searched))
     assert "2000 rpm" in note and "may be" in note and "unstable" in note
-    assert notes(as_orbit(shot, stability=SimpleNamespace(largest=0.5, stable=True, loses_by=None))) == []
-    assert notes(as_orbit(dataclasses.replace(shot, status=np.array(int(jaxhb.Status.STALLED))))) == []
+    assert notes(as_orbit(searched, stability=SimpleNamespace(largest=0.5, stable=True, loses_by=None))) == []
+    assert notes(as_orbit(dataclasses.replace(searched, status=np.array(int(jaxhb.Status.STALLED))))) == []
 
 
 def test_no_unstable_motion_goes_without_the_word():

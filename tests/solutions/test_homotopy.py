@@ -1,90 +1,75 @@
-"""From the linear law to the wanted train along the curve of its periodic motions."""
+"""From a linear law to the wanted teeth along the curve of periodic motions, on the map of a sweep."""
 
 import dataclasses
 
 import jax
 import numpy as np
 import pytest
-import random_trains
-from tolerances import ALGEBRAIC
+from tolerances import ALGEBRAIC, PATHS
+from trains import hammering_train, random_case
 
 import jaxhb
-from jaxhb import Status
-from jaxhb.balance.plan import Plan, Request
-from jaxhb.integration.step import Stepper
+from jaxhb.balance.plan import Request
+from jaxhb.balance.swept import difference
 from jaxhb.results.status import Homotopy
-from jaxhb.solutions import homotopy, orbits, planning, starts
+from jaxhb.solutions import continuation, homotopy, orbits, planning
+from jaxhb.solutions.sweeping import SweptTrain
 
 pytestmark = pytest.mark.oracle
 
-PLAN = Plan(harmonics=384, active=(0, 1), flank=(0, 0), start="march", time_steps=1536, excited=20)
-BEGINNING = homotopy.Beginning(damping=20.0, transition=20.0, linear=False)
+
+def search_of(train, rpm):
+    (plan,) = planning.plan_speeds(train, np.array([rpm]), Request())
+    return orbits.OrbitSearch(SweptTrain.of(train, plan, Request()), rpm)
 
 
 @pytest.fixture(scope="module")
-def hammering():
-    """Six disks, two meshes with 2 % damping and hardly any mean load: no cycle of a long march closes by itself."""
-    train, rpm, facts = random_trains.random_case(np.random.default_rng([1, 73]))
-    assert facts["zeta"] < 0.025 and facts["load"] < 0.05
-    return train, rpm
+def unsettled():
+    """Twelve disks and two meshes at which sweeps do not settle."""
+    return search_of(*hammering_train(48271211, 8))
 
 
-def attempted(train, rpm):
-    """The response of the march that comes first, and of the curve from there."""
-    (plan,) = planning.plan_speeds(train, np.array([rpm]), Request())
-    case = starts.Case(train, rpm, Request(), plan, effort=starts.LONG)
-    return starts.first_solved(case, (starts.from_sweeps, starts.from_linear_law)).response
+def curve_of(search, most=np.inf):
+    along = search._map_of(dataclasses.replace(search.map.plan, by_rate=True))
+    return homotopy.MapCurve(along.swept.sweeps, along.flank(), along.plan, homotopy.BEGINNINGS[0], most)
 
 
-def homotopies(response):
-    return [event for event in response.path if isinstance(event, Homotopy)]
+def test_the_curve_begins_at_a_linear_law_and_ends_at_the_wanted_one():
+    train, rpm, _ = random_case(np.random.default_rng([1, 73]))
+    search = search_of(train, rpm)
+    curve, teeth = curve_of(search), search.map.swept.sweeps.teeth
+    assert np.any(teeth.contact_damping)
+    motion = np.random.default_rng(0).normal(size=(2, 50, 2)) * np.array([2e-4, 0.3])[:, None, None]
+    laws = curve.at(0.0).teeth, curve.at(1.0).teeth, teeth
+    begin, end, wanted = (jax.jit(jax.vmap(at.excess))(*motion) for at in laws)
+    for found, expected in zip(end, wanted, strict=True):
+        np.testing.assert_allclose(found, expected, atol=ALGEBRAIC * np.abs(expected).max())
+    force, by_deflection, by_rate = map(np.asarray, begin)
+    np.testing.assert_allclose(force, by_rate * motion[1], atol=ALGEBRAIC * np.abs(force).max())
+    np.testing.assert_allclose(by_rate, by_rate[:1].repeat(50, axis=0), rtol=PATHS)
+    stiffness = np.asarray(teeth.law.stiffness).max()
+    assert np.all(by_rate > 0) and np.abs(by_deflection).max() < ALGEBRAIC * stiffness
 
 
-def on_the_way(train, rpm, p):
-    stepper, _ = orbits.stepper_of(train, rpm, PLAN)
-    parts = {f.name: getattr(stepper, f.name) for f in dataclasses.fields(Stepper)}
-    return stepper, homotopy.HomotopyStepper(**parts, parameter=p, beginning=BEGINNING)
-
-
-def test_the_path_begins_at_a_linear_law_and_ends_at_the_wanted_one(hammering):
-    motion = np.random.default_rng(0).normal(size=(50, 4)) * [2e-4, 2e-4, 0.3, 0.3]
-    stepper, end = on_the_way(*hammering, 1.0)
-    forces = (jax.jit(jax.vmap(lambda w, s=s: s.nonlinear_force_at(w, 0))) for s in (stepper, end))
-    wanted, found = (np.asarray(force(motion)) for force in forces)
-    np.testing.assert_allclose(found, wanted, atol=ALGEBRAIC * np.abs(wanted).max())
-    begin = on_the_way(*hammering, 0.0)[1]
-    slopes = jax.jit(jax.vmap(jax.jacfwd(lambda w: begin.nonlinear_force_at(w, 0))))
-    slope = np.asarray(slopes(motion))
-    scale = np.asarray(stepper.viscous).max()
-    np.testing.assert_allclose(slope - slope[0], 0.0, atol=ALGEBRAIC * np.abs(slope).max())
-    np.testing.assert_allclose(slope[:, :, :2], 0.0, atol=ALGEBRAIC * np.asarray(stepper.law.stiffness).max())
-    assert np.all(np.diagonal(slope[0][:, 2:]) > 0) and np.abs(slope).max() < 20 * scale
-
-
-def test_a_motion_is_found_without_shooting_and_confirmed_by_time_integration(hammering):
-    response = attempted(*hammering)
-    assert response.converged and homotopies(response)[0].found
+def test_the_end_of_a_curve_is_a_motion_of_the_train_that_time_integration_confirms(unsettled):
+    assert not unsettled.map.arrived(unsettled.map.settle())
+    (response,) = unsettled._from_linear_law(once=True)
+    assert response.converged and isinstance(response.path[0], Homotopy)
     judged = jaxhb.shooting_correction(response)
     assert judged.orbit.settled and judged.error < 0.01
-    adrift = dataclasses.replace(response, angles=1.5 * response.angles, deflections=1.5 * response.deflections)
-    doubted = jaxhb.shooting_correction(adrift)
-    assert not doubted.orbit.settled or doubted.error > 0.1
 
 
-@pytest.mark.parametrize(
-    ("limit", "value", "curves", "told"),
-    [("MOST_JACOBIANS", 30, 3, "lost, curve no. 3"), ("WORK", 1e6, 0, "not tried")],
-)
-def test_a_curve_that_costs_too_much_is_told_in_the_path(hammering, monkeypatch, limit, value, curves, told):
-    monkeypatch.setattr(homotopy, limit, value)
-    response = attempted(*hammering)
-    assert response.status in (Status.STALLED, Status.MAX_STEPS)
-    (event,) = homotopies(response)
-    assert not event.found and event.curves == curves and told in str(event)
+def test_a_curve_has_no_more_marches_than_it_is_given(unsettled):
+    curve = curve_of(unsettled, most=40)
+    end = continuation.follow_curve(curve.linearize, curve.simplify, curve.start(), most=150, control=orbits.CURVE)
+    assert not end.arrived and curve.marches == 40
 
 
-def test_numbers_that_are_not_finite_end_the_curve_at_once(hammering):
-    train, rpm = hammering
-    torques = dataclasses.replace(train.torques, mean=np.nan * train.torques.mean)
-    orbit, event = homotopy.find(dataclasses.replace(train, torques=torques), rpm, PLAN)
-    assert orbit.coefficients is None and event.steps == 0 and not event.found
+def test_points_of_the_curve_are_motions_of_their_law(unsettled):
+    curve, seen = curve_of(unsettled), []
+    given = curve.linearize, curve.simplify, curve.start()
+    continuation.follow_curve(*given, most=8, visit=lambda y, _: seen.append(y), control=orbits.CURVE)
+    assert len(seen) > 1 and seen[-1][-1] > 0
+    for y in seen:
+        assert np.linalg.norm(curve.unclosed(y)) < 2 * orbits.CURVE.near
+    assert difference(curve.point(curve.start()).linear, unsettled.map.flank().linear) < 1e-12
