@@ -47,7 +47,7 @@ ACCEPTED = 1e-8  # the same over A, up to which an amplitude is found
 CURVED = 0.5  # share of g(A) - A by which a step may miss what its linearisation says
 LANES, CELLS = 500, 500_000
 """Speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of a processor."""
-SIZES = 1, 4, 16, 64, 256
+SIZES = 1, 4, 16, 32, 64, 128, 256
 """Numbers of speeds to which fewer are padded, where that takes no more than CELLS."""
 DIGITS = 6  # decimals of stiffnesses in N m/rad that count as alike
 SINGULAR = 1e11  # force of a link or disk over load beyond which rounding alone is left: an undamped resonance
