@@ -5,7 +5,9 @@ those too that the package compiles with options of its own; it emits kernels wi
 knows that option), which halves it again; it leaves sums as they are, which saves a sixth of the rest in large programs
 of the tests' own; it emits a program in one piece, which saves a tenth; and operations do not tell where they come
 from. Processes started from this one (workers of the tests, commands) hold on to
-memory that they free: giving it back and merging it takes a tenth of a compilation.
+memory that they free: giving it back takes a tenth of a compilation. Each thread keeps at most a hundred pieces of a
+size apart: what is kept so merges with nothing, and of ten thousand the heap is so torn that solves of long cycles take
+gigabytes anew.
 
 Threads of OpenBLAS wait actively for matrices that take less time than the waiting. Tracing makes so many objects that
 collecting garbage as often as by default takes a third of it; at a tenth of the threshold set here it still takes a
@@ -24,7 +26,7 @@ if version("jaxlib").startswith("0.9."):  # a flag that it does not know ends th
 os.environ.setdefault("XLA_FLAGS", flags)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
-malloc = {"tcache_count": 10_000, "trim_threshold": 1 << 32, "top_pad": 1 << 26, "mmap_threshold": 1 << 25}
+malloc = {"tcache_count": 100, "trim_threshold": 1 << 32, "top_pad": 1 << 26, "mmap_threshold": 1 << 25}
 os.environ.setdefault("GLIBC_TUNABLES", ":".join(f"glibc.malloc.{name}={value}" for name, value in malloc.items()))
 os.environ["JAXHB_CACHE"] = "off"
 gc.set_threshold(500_000)

@@ -484,7 +484,7 @@ def batches(lanes, plan):
     few = 2 * BATCH_SPEEDS
     # With contacts as unknowns a lane fills a processor.
     alone = plan.active and jax.default_backend() == "cpu"
-    size = 1 if alone else min(-(-len(lanes) // few), 4) * few
+    size = 1 if alone else few if len(lanes) <= 4 * few else 4 * few
     for first in range(0, len(lanes), max(size, 1)):
         chunk = lanes[first : first + size]
         yield chunk, np.concatenate([chunk, np.repeat(chunk[-1:], size - len(chunk), axis=0)])

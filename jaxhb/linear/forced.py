@@ -47,6 +47,8 @@ ACCEPTED = 1e-8  # the same over A, up to which an amplitude is found
 CURVED = 0.5  # share of g(A) - A by which a step may miss what its linearisation says
 LANES, CELLS = 500, 500_000
 """Speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of a processor."""
+SIZES = 1, 4, 16, 32, 64, 128, 256
+"""Numbers of speeds to which fewer are padded, where that takes no more than CELLS."""
 DIGITS = 6  # decimals of stiffnesses in N m/rad that count as alike
 SINGULAR = 1e11  # force of a link or disk over load beyond which rounding alone is left: an undamped resonance
 UNSOLVED = 1e-6  # force left on a disk, over the largest force, from which the equations count as singular
@@ -235,7 +237,7 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
     if springs.topology.springs:
         train, found = _at_mean_loads(springs, speeds, int(harmonics))
     else:
-        found = _respond(train, speeds, int(harmonics))
+        found = _of_padded(train, speeds, int(harmonics))
     if not (traced(found) or staged()):
         found = on_host(found)
     found = dataclasses.replace(found, train=train)
@@ -251,7 +253,7 @@ def _at_mean_loads(train, speeds, harmonics):
         (slopes,) = concrete(load.link_stiffness)
         alike.setdefault(tuple(np.round(slopes, DIGITS)), []).append(place)
     groups = [np.array(places) for places in alike.values()]
-    responses = [_respond(linearised(loads[places[0]].train), speeds[places], harmonics) for places in groups]
+    responses = [_of_padded(linearised(loads[places[0]].train), speeds[places], harmonics) for places in groups]
     order = np.argsort(np.concatenate(groups), kind="stable")
     found = jax.tree.map(lambda *parts: jnp.concatenate(parts)[order], *responses)
     # Twists of stages begin at their own zero, not at that of the slope.
@@ -261,6 +263,17 @@ def _at_mean_loads(train, speeds, harmonics):
     reaction = train.grounds.stiffness * angles[:, ground, 0].real
     found = dataclasses.replace(found, angles=angles, ground_reaction=reaction)
     return linearised(loads[0].train), found
+
+
+def _of_padded(train, speeds, harmonics):
+    """The ForcedResponse at ``speeds`` ``(n,)``: few of them are padded to one of few numbers, as each is a program."""
+    padded = next((size for size in SIZES if size >= len(speeds)), len(speeds))
+    cells = padded * train.topology.n_disks * (harmonics + 1)
+    if padded == len(speeds) or cells > CELLS or traced(train, speeds) or staged():
+        return _respond(train, speeds, harmonics)
+    given = np.asarray(speeds)
+    found = on_host(_respond(train, np.pad(given, (0, padded - len(given)), mode="edge"), harmonics))
+    return jax.tree.map(lambda values: values[: len(given)], found)
 
 
 @partial(Program, static_argnames="harmonics")

@@ -7,12 +7,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiling import executables
 from differences import check_derivative
 from tolerances import ALGEBRAIC
 from trains import branched_parts, build, chain_parts, gearbox_parts
 
 import jaxhb
 from jaxhb import Damper, Ground, Mesh, SceneError, Shaft, Status, Torque
+from jaxhb.linear import forced
 
 TRAINS = {"branched": (branched_parts(), "flywheel"), "closed loop, free": (gearbox_parts(grounded=False), "motor")}
 SPEEDS = np.array([200.0, 900.0, 1500.0, 3333.0])
@@ -38,6 +40,15 @@ def case(request):
     parts = linear_parts(parts)
     train = build(parts, reference=name, cycle=2)
     return parts, train, jaxhb.forced_response(train, rpm=SPEEDS)
+
+
+def test_few_speeds_more_or_less_compile_nothing_and_change_no_bit(case):
+    _, train, found = case
+    before = executables(forced._respond)
+    fewer = jaxhb.forced_response(train, rpm=SPEEDS[:3])
+    assert executables(forced._respond) == before
+    for some, every in zip(jax.tree.leaves(fewer), jax.tree.leaves(found), strict=True):
+        np.testing.assert_array_equal(some, every[:3])
 
 
 def test_amplitudes_are_those_of_dense_matrices(case):

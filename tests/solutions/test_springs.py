@@ -9,8 +9,10 @@ from scipy.integrate import solve_ivp
 from tolerances import GRADIENT, PATHS
 
 import jaxhb
+from jaxhb.balance.plan import Request
 from jaxhb.design.quantities import Objective, Parameter
 from jaxhb.equations import fourier
+from jaxhb.solutions import planning
 
 STIFFNESS, DAMPING, SMOOTH = 200.0, 0.4, 0.04  # N m/rad, N m s/rad; half the width of a stage over its twist
 RPM = 700.0
@@ -100,18 +102,20 @@ def test_below_the_first_stage_the_shaft_is_linear():
 def test_gradients_are_those_of_differences():
     names, step = ("disc.stages", "disc.stiffness", "disc.stops"), 1e-3
     train = clutch(stages=[(2.0, 800.0)], stops=[(3.0, 1500.0)])
-    start = jaxhb.solve(train, rpm=RPM, harmonics=64, integrals="exact")
-    plan = jaxhb.plan(train, rpm=RPM, harmonics=64, integrals="exact")
+    (plan,) = planning.plan_speeds(train, np.array([RPM]), Request(harmonics=64, integrals="exact"))
+    start = jaxhb.solve(train, rpm=RPM)
 
+    @jax.jit
+    @jax.value_and_grad
     def torque(values):
         return jaxhb.solve(train.replace(values), rpm=RPM, plan=plan, start=start).torques[0, 2].real
 
     values = {name: np.asarray(train.value(name)) for name in names}
-    gradients = jax.grad(torque)(values)
+    _, gradients = torque(values)
     for name, value in values.items():
         direction = np.random.default_rng(1).normal(size=value.shape) * value
         slope = float(np.sum(np.asarray(gradients[name]) * direction))
-        ends = [float(torque(values | {name: value + k * step * direction})) for k in (-2, -1, 1, 2)]
+        ends = [float(torque(values | {name: value + k * step * direction})[0]) for k in (-2, -1, 1, 2)]
         assert slope == pytest.approx((ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * step), rel=GRADIENT)
 
 
