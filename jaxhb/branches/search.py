@@ -86,9 +86,8 @@ def solve_all(
     (plan,) = plan_speeds(train, np.array([rpm]), request)
     found = []
     marched = _marched(train, rpm, request) if train.topology.has_law.any() else ()
-    for response, period in itertools.chain(
-        marched, ((response, 1) for response in searched(train, rpm, plan, request))
-    ):
+    of_one_cycle = ((response, 1) for response in searched(train, rpm, plan, request))
+    for response, period in itertools.chain(marched, of_one_cycle):
         if not any(period == known and difference(response, other, period) <= SAME for other, known in found):
             found.append((response, period))
     motions = (PeriodicMotion(response, period, *attracts(response)[:2]) for response, period in found)

@@ -13,7 +13,7 @@ the work is bounded.
 """
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -76,13 +76,15 @@ class MapCurve:
         widest = np.minimum(transition * self.beginning.transition, np.maximum(transition, 1.0))
         added = self.least * ((1 + self.added / np.maximum(self.least, 1e-300)) ** left - 1)
         softened = 1 - p * (1 - epsilon) if self.beginning.linear else geometric
-        changed = dataclasses.replace(
-            law,
-            epsilon=softened,
-            transition=transition * (widest / transition) ** left,
-            friction=SLIP * added,
-            slip=np.full(np.shape(epsilon), SLIP),
-        )
+        # Friction that a shaft has stays.
+        own = np.zeros(np.shape(epsilon)) if law.friction is None else np.asarray(law.friction)
+        numbers: dict[str, Any] = {
+            "epsilon": softened,
+            "transition": transition * (widest / transition) ** left,
+            "friction": np.where(own > 0, own, SLIP * added),
+            "slip": np.where(own > 0, 0.0 if law.slip is None else np.asarray(law.slip), SLIP),
+        }
+        changed = dataclasses.replace(law, **numbers)
         # What damping in contact lacks in the gap, as far as there is one.
         viscous = np.asarray(equation.viscous) * (1 - softened) / np.maximum(1 - epsilon, 1e-300)
         equation = dataclasses.replace(equation, law=changed, viscous=viscous)
