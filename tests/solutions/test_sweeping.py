@@ -175,9 +175,8 @@ def test_modes_are_kept_for_the_numbers_of_a_train_and_for_no_others(train):
 
 
 def test_rates_are_sampled_where_damping_sets_in_with_contact(train, swept):
-    frequency = train.topology.cycle_frequency(RPM)
-    assert not any(plan.by_rate for plan in swept._sweep_plans(frequency))
+    assert not any(plan.by_rate for plan in swept.sweep_plans(RPM))
     law = ("contact", *train.topology.mesh_damping_law[1:])
     topology = dataclasses.replace(train.topology, mesh_damping_law=law)
     own = dataclasses.replace(swept, train=dataclasses.replace(train, topology=topology))
-    assert all(plan.by_rate for plan in own._sweep_plans(frequency))
+    assert all(plan.by_rate for plan in own.sweep_plans(RPM))
