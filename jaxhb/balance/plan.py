@@ -43,7 +43,8 @@ def time_steps_of(harmonics):
 class Request:
     """What is asked of a solve: ``harmonics`` None for as many as ``tolerance`` needs; see :func:`jaxhb.solve`.
 
-    few_levels : whether numbers of harmonics lie far apart, so that the speeds of a sweep share few programs.
+    few_levels : whether numbers of harmonics lie far apart, so that the speeds of a sweep share few programs; averaged :
+    of the :class:`Plan`, whether derivatives are wanted.
     """
 
     harmonics: int | None = None
@@ -51,6 +52,7 @@ class Request:
     method: str = "reduced"
     integrals: str = "sampled"
     few_levels: bool = False
+    averaged: bool = False
 
     @property
     def step_tolerance(self) -> float:
@@ -112,7 +114,7 @@ class Plan:
     estimated : bool, whether the truncation error is; without, it counts as 0
     compare_starts : bool, whether a given start is compared with a marched one
     averaged : bool, whether the equations take a sampled law as averages between its samples, so that derivatives are
-        those of values; without, at the samples themselves. Its slope has kinks: where teeth hammer few samples of a
+        those of values; without, at the samples themselves, as A(x) does. Its slope has kinks: where teeth hammer few samples of a
         solve lie in its transition zones, and derivatives from them alone are off by 8 % and more
     failed_gradient : "zero" or "nan", derivative of a response that is not solved
     """
@@ -166,8 +168,10 @@ class Plan:
     def static(self) -> Plan:
         """What a program is compiled for: the plan without what programs are given as arrays."""
         start, excited = "march" if self.marches else "linear", self.excited or self.harmonics
+        averaged = self.averaged and bool(self.active)
         plan = dataclasses.replace(self, active=(), flank=(), cycles=0, tolerance=0.0, tolerance_share=0.0)
-        return dataclasses.replace(plan, start=start, excited=excited, residual_tolerance=0.0, step_tolerance=0.0)
+        exact = {"residual_tolerance": 0.0, "step_tolerance": 0.0}
+        return dataclasses.replace(plan, start=start, excited=excited, averaged=averaged, **exact)
 
     @property
     def active_meshes(self) -> ActiveMeshes:

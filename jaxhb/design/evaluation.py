@@ -420,7 +420,8 @@ class Lanes:
         start = motion, given, np.full(len(given), plan.cycles * marching), np.full(len(given), START_SETTLED)
         goals = np.tile([1.0, RESIDUAL, evaluator.task.step_tolerance], (len(given), 1))
         # Whether a plan has enough harmonics is asked by itself.
-        changes = {"max_steps": NEWTON_STEPS, "estimated": False, "start": "march", "compare_starts": True}
+        changes = {"max_steps": NEWTON_STEPS, "estimated": False, "compare_starts": True}
+        changes |= {"start": "march", "averaged": True}
         shape = {"form": evaluator.form, "asked": evaluator.task.asked}
         shape["sizes"] = dataclasses.replace(plan.static, **changes)
         lanes = [leaf[at] for leaf in self.numbers], evaluator.held, point.speeds[at]

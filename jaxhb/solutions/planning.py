@@ -100,6 +100,7 @@ def contact_plan(train, request):
         excited=listed_harmonic(train.topology),
         integrals=request.integrals,
         step_tolerance=request.step_tolerance,
+        averaged=request.averaged,
     )
 
 

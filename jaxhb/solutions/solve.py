@@ -198,7 +198,7 @@ def plan(
     if failed_gradient not in ("zero", "nan"):
         raise ValueError(f"failed_gradient is {failed_gradient!r}: give 'zero' or 'nan'")
     check_speed(train, rpm, many=True)
-    request = Request.of(train, harmonics, tolerance, method, integrals)
+    request = dataclasses.replace(Request.of(train, harmonics, tolerance, method, integrals), averaged=True)
     speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
     if np.ndim(rpm) or active == "all" and train.topology.has_law.any():
         made = _plan_of_several(train, speeds, request, active)
@@ -241,7 +241,7 @@ def _plan_of_several(train, speeds, request, active):
 
 def _exact(plan):
     """The plan whose solutions have derivatives."""
-    return dataclasses.replace(plan, step_tolerance=0.0)
+    return dataclasses.replace(plan, step_tolerance=0.0, averaged=True)
 
 
 def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = None) -> Response:
