@@ -43,8 +43,8 @@ def time_steps_of(harmonics):
 class Request:
     """What is asked of a solve: ``harmonics`` None for as many as ``tolerance`` needs; see :func:`jaxhb.solve`.
 
-    few_levels : whether numbers of harmonics lie far apart, so that the speeds of a sweep share few programs; averaged :
-    of the :class:`Plan`, whether derivatives are wanted.
+    few_levels : whether numbers of harmonics lie far apart, so that the speeds of a sweep share few programs; averaged
+    : of the :class:`Plan`, whether derivatives are wanted.
     """
 
     harmonics: int | None = None
@@ -114,8 +114,8 @@ class Plan:
     estimated : bool, whether the truncation error is; without, it counts as 0
     compare_starts : bool, whether a given start is compared with a marched one
     averaged : bool, whether the equations take a sampled law as averages between its samples, so that derivatives are
-        those of values; without, at the samples themselves, as A(x) does. Its slope has kinks: where teeth hammer few samples of a
-        solve lie in its transition zones, and derivatives from them alone are off by 8 % and more
+        those of values; without, at the samples themselves, as A(x) does. Its slope has kinks: where teeth hammer few
+        samples of a solve lie in its transition zones, and derivatives from them alone are off by 8 % and more
     failed_gradient : "zero" or "nan", derivative of a response that is not solved
     """
 
