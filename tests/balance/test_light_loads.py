@@ -109,7 +109,7 @@ def test_plans_and_marches_know_the_forces_of_teeth_in_contact_however_far_the_t
     wave = complex(*np.asarray(train.torques.harmonics)[0, 0]) / radius[0] * mass[1] / mass.sum()
     vibration = wave * stiffness / (stiffness - together * (2 * np.pi * rpm / 60) ** 2) / 2
     wanted = [float(train.torques.mean[0]) / radius[0], vibration]
-    planned = _mesh_forces_of_host(on_host(train), [rpm], 1)[0, 0]
+    planned = _mesh_forces_of_host(on_host(train), np.array([rpm]), 1)[0, 0]
     marched = stiffness * Equations(train).linear_motion([rpm]).deflection[0, 0, :2]
     np.testing.assert_allclose([planned, marched], [wanted, wanted], rtol=1e-9)
 
