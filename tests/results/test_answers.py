@@ -185,7 +185,7 @@ def test_lift_off_leaves_out_a_resonance_and_refuses_a_train_that_does_not_balan
 
 def test_only_the_door_and_what_solves_compare_statuses():
     # Whoever else decides by a status what may be read has a rule of its own, which will differ.
-    solve = {f"solutions/{name}.py" for name in ("starts", "speeds", "sweeping")}
+    solve = {f"solutions/{name}.py" for name in ("orbits", "starts", "speeds", "sweeping")}
     own = solve | {"results/answers.py", "results/response.py"}
     root = Path(jaxhb.__file__).parent
     compared = re.compile(r"(<=|>|==|!=) *Status\.(CONVERGED|TOLERANCE_NOT_MET)")

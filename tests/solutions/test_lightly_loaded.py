@@ -1,5 +1,7 @@
 """The lightly loaded pair: what it does in the long run, and which of its orbits are unstable; exact motions tell."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -69,6 +71,10 @@ def test_a_plan_whose_own_start_does_not_lead_to_the_motion_asks_for_one(train, 
     # What sweeps found has the error that it tells.
     difference = abs(planned.deflection("a", "b").max - found.deflection("a", "b").max)
     assert difference <= found.truncation_error * found.deflection("a", "b").max
-    # Both residuals are below 1e-10, and the deflection has the condition of its equations beside.
+    # Both residuals are below 1e-10, and the deflection has the condition of its equations beside. Averages of the law
+    # in place of samples err less than the truncation does.
     exact = jaxhb.solve(train, rpm=rpm(speed), harmonics=planned.harmonics, start=found)
-    assert abs(planned.deflection("a", "b").max - exact.deflection("a", "b").max) < 1e-7
+    sampled = jaxhb.solve(train, **asked | {"plan": dataclasses.replace(asked["plan"], averaged=False)})
+    assert abs(sampled.deflection("a", "b").max - exact.deflection("a", "b").max) < 1e-7
+    difference = abs(planned.deflection("a", "b").max - exact.deflection("a", "b").max)
+    assert difference < 0.3 * planned.truncation_error * exact.deflection("a", "b").max
