@@ -170,8 +170,8 @@ class Plan:
         start, excited = "march" if self.marches else "linear", self.excited or self.harmonics
         averaged = self.averaged and bool(self.active)
         plan = dataclasses.replace(self, active=(), flank=(), cycles=0, tolerance=0.0, tolerance_share=0.0)
-        exact = {"residual_tolerance": 0.0, "step_tolerance": 0.0}
-        return dataclasses.replace(plan, start=start, excited=excited, averaged=averaged, **exact)
+        plan = dataclasses.replace(plan, residual_tolerance=0.0, step_tolerance=0.0)
+        return dataclasses.replace(plan, start=start, excited=excited, averaged=averaged)
 
     @property
     def active_meshes(self) -> ActiveMeshes:

@@ -1,4 +1,4 @@
-"""What values and derivatives differ by where teeth hammer, as the page on derivatives says."""
+"""Differences of values and derivatives where teeth hammer, as the page on derivatives tells them."""
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +11,7 @@ DAMPING, RPM = "viscous damper.damping", 2300.0
 
 
 @pytest.mark.oracle
-def test_differences_of_values_miss_the_derivative_by_what_the_page_says():
-    # Values sample the law at 16 points a harmonic, derivatives at 256. A quintic through values over 3 % gives -1806
-    # for the smooth peak.
+def test_differences_of_planned_values_tend_to_the_derivative_as_the_page_says():
     train = jaxhb.load_scene("engine_with_damper")
     own, start, plan = float(train.value(DAMPING)), jaxhb.solve(train, rpm=RPM), jaxhb.plan(train, rpm=RPM)
 
@@ -28,10 +26,11 @@ def test_differences_of_values_miss_the_derivative_by_what_the_page_says():
 
     with pytest.warns(UserWarning, match="is differentiated at one time sample, and where teeth hammer"):
         _, slope = jax.jit(lambda share: jax.jvp(read, (share,), (1.0,)))(1.0)
-    np.testing.assert_allclose(slope, [-1780, -2349], rtol=0.005)
-    np.testing.assert_allclose(difference(0.001), [-2006, -2618], rtol=0.02)
-    np.testing.assert_allclose(difference(0.01), [-1840, -2148], rtol=0.02)
-    assert slope[0] == pytest.approx(-1806, rel=0.02)
+    assert slope[0] == pytest.approx(-1779.1, abs=0.5)
+    # Of the largest sample, too, as long as it stays the same one.
+    np.testing.assert_allclose(difference(1e-5), slope, rtol=1e-4)
+    assert difference(1e-3)[0] == pytest.approx(-1779.3, abs=1.0)
+    assert difference(1e-2)[0] == pytest.approx(-1819, abs=5.0)
 
 
 @pytest.mark.oracle
