@@ -78,7 +78,7 @@ class SweptTrain:
         at_hand: Response | None = None,
     ) -> Response:
         """The response at a speed: the first that meets the tolerance, with twice and more times the steps, twice where
-        it finds nothing from no motion.
+        it finds nothing.
 
         motion : ``(2S,)``, displacements and velocities of the disks at the beginning of a cycle, in m and m/s, from
         which it starts; deflection : ``(G, n+1)`` m of the meshes that have a law, of a motion at that speed from which
@@ -92,7 +92,7 @@ class SweptTrain:
         deviation = None if motion is None else motion - self._linear_start(rpm)
         deflection = None if deflection is None else self._padded(deflection)
         known = None if at_hand is None else self._padded(at_hand.deflections[list(self.plan.active)])
-        path, outcomes, failures, near = [], [], 0, deflection is not None
+        path, outcomes, failures = [], [], 0
         plans = self.sweep_plans(rpm)
         for plan in plans:
             last_try = failures > 0 or plan is plans[-1]
@@ -116,7 +116,7 @@ class SweptTrain:
             outcomes.append(outcome)
             if status == Status.TOLERANCE_NOT_MET:
                 deflection = np.asarray(ended.deflection)
-            elif newton and status.another_start_may_help and not (failures or near):
+            elif newton and status.another_start_may_help and not failures:
                 failures += 1  # sweeps that go astray with long steps may settle with shorter ones
             else:
                 break
