@@ -155,7 +155,7 @@ class Plan:
 
     @property
     def force_integrals(self) -> str:
-        """``integrals`` of the :class:`~jaxhb.equations.condensation.CondensedEquation`."""
+        """How the equations take the law over the cycle: "sampled", "averaged" between the samples, or "exact"."""
         return "averaged" if self.integrals == "sampled" and self.averaged else self.integrals
 
     @property
