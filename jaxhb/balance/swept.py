@@ -20,7 +20,7 @@ MOST_SWEEPS = 12  # a motion that these do not settle wants Newton's method
 # Of a search, cycles marched, from how many of them Newton's method starts at most, the first of these, and marches of
 # all these starts after which no other is made.
 CYCLES, TRIES, FIRST_CYCLE, SEARCHED = 128, 6, 2, 300
-SEARCHED_STEPS = 4096  # of a cycle at most: of longer ones a search takes minutes and gigabytes
+SEARCHED_STEPS = 4096  # of a cycle at most: of longer ones a search takes minutes
 MOST_MARCHES = 100  # of Newton's method: orbits of irregular trains that need more are rarely found at all
 # Times what F(l) leaves, and what is left of sweeps, that the motion may be off: the inverse of the Jacobian, and
 # changes that shrink more slowly later on. At 131 speeds of ``gear_train_30``, with 5.5 steps a period of the fastest

@@ -66,7 +66,7 @@ def gcr_on_host(apply, b, *, tolerance, steps):
     [1.0, 2.0]
     """
     x, left, goal, count = np.zeros_like(b), b, tolerance * np.linalg.norm(b), 0
-    # Once: arrays that grow step by step leave a process with gigabytes that it cannot use.
+    # Room for all steps: arrays that grow would be copied in each.
     images, directions = np.empty((2, steps, len(b)))
     while count < steps and np.linalg.norm(left) > goal:
         direction, image = left, apply(left)

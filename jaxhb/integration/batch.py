@@ -35,13 +35,20 @@ class LinearMotion:
     flank: jax.Array
 
 
-def linear_motions(train, rpm, system, meshes, harmonics):
-    """The :class:`LinearMotion` of speeds ``(L,)``, on the host."""
-    rpm, every, stiffness = np.asarray(rpm, float), all_meshes(train), matrices(system)[1]
+def motions_in_contact(train, rpm, system, every, harmonics):
+    """Displacements ``(L, S, N+1)`` m under the excitation of speeds ``(L,)``, all meshes in contact, and deflections
+    ``(L, links, N+1)`` m of all links, on the host; every : MeshParameters of all meshes."""
     frequency = train.topology.cycle_frequency(rpm)
     load = excitation(train, rpm, harmonics)[0] / system.radius[:, None]
     load = np.stack([backlash.error_load(system, every, *of_speed) for of_speed in zip(frequency, load, strict=True)])
-    displacement, bends = displacements_and_bends(system, frequency, load)
+    return displacements_and_bends(system, frequency, load)
+
+
+def linear_motions(train, rpm, system, meshes, harmonics):
+    """The :class:`LinearMotion` of speeds ``(L,)``, on the host."""
+    rpm, stiffness = np.asarray(rpm, float), matrices(system)[1]
+    displacement, bends = motions_in_contact(train, rpm, system, all_meshes(train), harmonics)
+    frequency = train.topology.cycle_frequency(rpm)
     deflection = bends[:, meshes.link]
     forces = (force_on_flank(meshes.law, own) for own in deflection)
     shift = np.stack([static_response(stiffness, system.spread(-force, meshes.link)) for force in forces])

@@ -106,9 +106,12 @@ def condense(slope):
 
     slope ``(K, n, n)``, and the singular value decomposition of the condensed equations ``(n, n)``.
     """
-    identity = jnp.eye(slope.shape[1])
-    whole, _ = lax.scan(lambda carry, slope: (slope @ carry, None), identity, slope)
-    return slope, *jnp.linalg.svd(whole - identity)
+    return slope, *jnp.linalg.svd(_over_cycle(slope) - jnp.eye(slope.shape[1]))
+
+
+def _over_cycle(slope):
+    """``(n, n)``: the change of the state after a cycle by that before it, from those ``(K, n, n)`` of its segments."""
+    return lax.scan(lambda whole, slope: (slope @ whole, None), jnp.eye(slope.shape[1]), slope)[0]
 
 
 def closing(condensed, gap):
@@ -170,7 +173,7 @@ def monodromy(stepper, state):
     """
     nodes = beginnings(stepper, state, math.gcd(stepper.capacity, SEGMENTS))
     end, slope = ends(stepper, nodes)
-    return lax.scan(lambda matrix, slope: (slope @ matrix, None), jnp.eye(len(state)), slope)[0], end[-1]
+    return _over_cycle(slope), end[-1]
 
 
 def shoot(stepper, state, *, most=20, tolerance=1e-11, cutoff=1e-10):

@@ -9,8 +9,9 @@ from jaxhb._jax import kept, on_host
 from jaxhb.balance.plan import MOST_HARMONICS, Plan, excited_harmonic, time_steps_for, time_steps_of
 from jaxhb.balance.program import solve_batches
 from jaxhb.equations import backlash, fourier
-from jaxhb.equations.condensation import HOST_DISKS, displacements_and_bends
-from jaxhb.excitation.torques import excitation, listed_harmonic
+from jaxhb.equations.condensation import HOST_DISKS
+from jaxhb.excitation.torques import listed_harmonic
+from jaxhb.integration.batch import motions_in_contact
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.train import chain
 from jaxhb.train.changes import linearised
@@ -161,12 +162,7 @@ def _mesh_forces_of_host(train, rpm, harmonics):
     (system, meshes), found = _linear_parts(train), []
     size = max(COLUMNS // (harmonics + 1), 1)
     for first in range(0, len(rpm), size):
-        frequency = train.topology.cycle_frequency(rpm[first : first + size])
-        load = excitation(train, rpm[first : first + size], harmonics)[0] / system.radius[:, None]
-        load = np.stack(
-            [backlash.error_load(system, meshes, *of_speed) for of_speed in zip(frequency, load, strict=True)]
-        )
-        _, bends = displacements_and_bends(system, frequency, load)
+        _, bends = motions_in_contact(train, rpm[first : first + size], system, meshes, harmonics)
         found.append(meshes.law.stiffness[:, None] * backlash.less_error(meshes, bends[:, meshes.link]))
     return np.concatenate(found)
 
