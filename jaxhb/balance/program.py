@@ -386,12 +386,13 @@ def solve_batches(train, rpm, plan, devices=()):
         return
     solve = partial(_solve_all, plan=static)
     if len(devices) > 1:
-        given = jax.tree.map(lambda axis: WHOLE if axis is None else along(axis), _axes(), is_leaf=lambda a: a is None)
+        axes = problem_axes()
+        given = jax.tree.map(lambda axis: WHOLE if axis is None else along(axis), axes, is_leaf=lambda a: a is None)
         solve = across(_solve_all, devices, (given, WHOLE, WHOLE, WHOLE), along(0), plan=static)
     for first in range(0, len(rpm), size):
         speeds = rpm[first : first + size]
         padded = np.concatenate([speeds, np.full(size - len(speeds), speeds[-1])])
-        problem = _problems_at(train, jnp.asarray(padded), static.excited)
+        problem = problems_at(train, jnp.asarray(padded), static.excited)
         outcome = solve(problem, plan.active_meshes, begin, plan.goals)
         loads, outcome = jax.tree.map(np.asarray, ((problem.load_torque, problem.load_power), outcome))
         responses = []
@@ -402,17 +403,18 @@ def solve_batches(train, rpm, plan, devices=()):
         yield responses
 
 
-def _axes():
+def problem_axes():
     """Of a batch of problems only what depends on speed has a leading axis."""
     return Problem(system=None, meshes=None, frequency=0, load=0, rigid=None, load_torque=0, load_power=0)
 
 
 @partial(Program, static_argnames="excited")
-def _problems_at(train, rpm, excited):
-    return jax.vmap(lambda speed: problem_at(train, speed, excited), out_axes=_axes())(rpm)
+def problems_at(train, rpm, excited):
+    """The Problem of a train at speeds ``(n,)``, with the axes of :func:`problem_axes`."""
+    return jax.vmap(lambda speed: problem_at(train, speed, excited), out_axes=problem_axes())(rpm)
 
 
 @partial(Program, static_argnames="plan")
 def _solve_all(problem, active_meshes, start, goals, plan):
     given = active_meshes, start, goals, plan
-    return jax.vmap(lambda problem: solve_problem(problem, *given), in_axes=(_axes(),))(problem)
+    return jax.vmap(lambda problem: solve_problem(problem, *given), in_axes=(problem_axes(),))(problem)
