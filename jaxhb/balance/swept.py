@@ -14,13 +14,9 @@ from jaxhb.balance.outcome import Ended, conclude, relative_force_change
 from jaxhb.balance.problem import linear_equation
 from jaxhb.balance.sweeps import Settled, SweepEquation, SweepPlan, SweepPoint
 from jaxhb.equations import condensation, fourier
-from jaxhb.results.status import March, NewtonOnSweeps, Sweeps
+from jaxhb.results.status import NewtonOnSweeps, Sweeps
 
 MOST_SWEEPS = 12  # a motion that these do not settle wants Newton's method
-# Of a search, cycles marched, from how many of them Newton's method starts at most, the first of these, and marches of
-# all these starts after which no other is made.
-CYCLES, TRIES, FIRST_CYCLE, SEARCHED = 128, 6, 2, 300
-SEARCHED_STEPS = 4096  # of a cycle at most: of longer ones a search takes minutes
 MOST_MARCHES = 100  # of Newton's method: orbits of irregular trains that need more are rarely found at all
 # Times what F(l) leaves, and what is left of sweeps, that the motion may be off: the inverse of the Jacobian, and
 # changes that shrink more slowly later on. At 131 speeds of ``gear_train_30``, with 5.5 steps a period of the fastest
@@ -146,15 +142,14 @@ def solve_by_sweeps(
     settled=SETTLED,
     newton=True,
     at_hand=None,
-    search=False,
 ):
     """The Outcome of a Problem, as arrays of the host, where it ended (Settled), and the events on the way.
 
     From teeth on their drive sides, from a ``deviation`` ``(2S,)`` from the linear motion
     (:func:`~jaxhb.balance.sweeps.point_at`), or from deflections ``(G, n+1)`` m of a motion: sweeps, and where these do
-    not settle, with ``newton`` its method on the same map, with ``search`` from cycles of a march, too; ``settled`` :
-    share of the tolerance that may be left of the vibration; at_hand : deflections ``(G, n+1)`` m of a motion: where
-    sweeps settle at it (ARRIVED), the Outcome is None.
+    not settle, with ``newton`` its method on the same map; ``settled`` : share of the tolerance that may be left of the
+    vibration; at_hand : deflections ``(G, n+1)`` m of a motion: where sweeps settle at it (ARRIVED), the Outcome is
+    None.
     """
     goal = settled * tolerance
     swept, condensed = ready(problem, active_meshes, modes, plan)
@@ -165,21 +160,15 @@ def solve_by_sweeps(
         elif deviation is not None:
             begin = sweeps.point_at(on_host(swept.sweeps), deviation)
     ended = sweeps.settle_program(swept.sweeps, begin, goal=goal, most=MOST_SWEEPS, plan=plan)
-    path: list[Sweeps | March | NewtonOnSweeps] = [Sweeps(int(ended.marches), plan.steps, float(ended.change))]
+    path: list[Sweeps | NewtonOnSweeps] = [Sweeps(int(ended.marches), plan.steps, float(ended.change))]
 
     def left_over():
         return goal < float(ended.distance)
 
     if newton and left_over() and np.isfinite(ended.change):
-        ended = _by_newton(swept, ended.point, plan, goal, int(ended.marches), path)
-    begun = int(ended.marches)
-    if search and left_over() and plan.steps <= SEARCHED_STEPS:
-        for point, event in _nearly_closed(swept, plan):
-            path.append(event)
-            found = _by_newton(swept, point, plan, goal, int(ended.marches), path)
-            ended = found if found.distance < ended.distance else dataclasses.replace(ended, marches=found.marches)
-            if not left_over() or ended.marches > begun + SEARCHED:
-                break
+        # Sweeps lead away from a motion that repels: what is near one is no nearer after them.
+        point = ended.point if deflection is None else corrected(swept, begin, plan)
+        ended = _by_newton(swept, point, plan, goal, int(ended.marches), path)
     swept, ended = jax.tree.map(np.asarray, (swept, ended))
     if at_hand is not None and not left_over() and difference(ended.deflection, at_hand) <= ARRIVED:
         return None, ended, path
@@ -193,27 +182,6 @@ def _by_newton(swept: SweptProblem, point, plan, goal, begun, path):
     ended = map_newton.solve_map(swept.sweeps, point, plan, goal=goal, most_marches=MOST_MARCHES)
     path.append(NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change)))
     return dataclasses.replace(ended, marches=begun + ended.marches)
-
-
-def _nearly_closed(swept: SweptProblem, plan):
-    """Points at which cycles of a long march begin, those first that miss their beginning least, with their events.
-
-    Of a march that does not settle, the cycles that nearly close pass near a periodic motion, stable or not.
-    """
-    states, forces, missed = jax.tree.map(
-        np.asarray, sweeps.visited_program(swept.sweeps, swept.flank, plan=plan, cycles=CYCLES)
-    )
-    missed = np.where(np.isfinite(missed), missed, np.inf)
-    largest = np.max(missed[np.isfinite(missed)], initial=1e-300)
-    tried: list[int] = []
-    for cycle in (FIRST_CYCLE + np.argsort(missed[FIRST_CYCLE:])).tolist():
-        if len(tried) == TRIES or not np.isfinite(missed[cycle]):
-            return
-        if any(abs(cycle - other) < 2 for other in tried):
-            continue  # the cycle before or after one that was tried passes by the same motion
-        tried.append(cycle)
-        begin = corrected(swept, SweepPoint(swept.flank.linear, states[cycle], forces[cycle]), plan)
-        yield begin, March(cycle + 1, plan.steps, float(missed[cycle] / largest))
 
 
 def corrected(swept: SweptProblem, point: SweepPoint, plan: SweepPlan) -> SweepPoint:

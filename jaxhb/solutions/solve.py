@@ -66,9 +66,8 @@ def solve(
     start : Response, "linear" or "march", optional
         Where Newton starts: another response, on whose branch the solution then usually lies, the motion with all teeth
         in contact ("linear"), or what sweeps of the cycle lead to from there ("march"). By default teeth that part are
-        solved by sweeps (docs/theory/harmonic_balance.md), and where these lead nowhere by Newton's method on them, at
-        last from cycles of a longer march. Several motions may exist at one speed: :func:`jaxhb.solve_all` searches for
-        them.
+        solved by sweeps (docs/theory/harmonic_balance.md), where these lead nowhere by Newton's method on them, and at
+        last by shooting. Several motions may exist at one speed: :func:`jaxhb.solve_all` searches for them.
     certify : bool, optional
         Add a computed bound, ``response.certificate`` (:func:`jaxhb.certify`); harmonics that are not fixed are raised
         until it holds, as far as they go. Not beside a plan.
@@ -269,9 +268,9 @@ def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = N
 def solve_again(train, rpm, request, plan, start=None, *, marched=True, swept=False):
     """Response where the first attempt under a plan has failed: from another motion, then by the other start
     strategies; ``marched`` : whether that attempt began with a march, where the plan has one; ``swept`` : whether it
-    was a solve by sweeps, after which no other strategy helps."""
+    was a solve by sweeps."""
     failed = starts.from_sweeps if plan.marches and marched else starts.contact
-    above = () if swept else starts.STRATEGIES[starts.STRATEGIES.index(failed) + 1 :]
+    above = starts.BESIDE_SWEEPS if swept else starts.STRATEGIES[starts.STRATEGIES.index(failed) + 1 :]
     wanted = above if start is None else (starts.from_response(start), *above)
     return starts.first_solved(starts.Case(train, rpm, request, plan), wanted).response
 
@@ -294,6 +293,6 @@ def _decide(train, rpm, request, start, seconds=None, by_sweeps=True):
         wanted = (starts.from_response(start),)
     deadline = math.inf if seconds is None else time.monotonic() + seconds
     case = starts.Case(train, rpm, request, plan, deadline=deadline)
-    if by_sweeps and start is None:
-        starts.sweep(case)
-    return starts.first_solved(case, wanted) if case.response is None else case
+    if by_sweeps and start is None and starts.sweep(case):
+        wanted = starts.BESIDE_SWEEPS
+    return case if case.solved else starts.first_solved(case, wanted)

@@ -76,6 +76,7 @@ class SweptTrain:
         settled: float = SETTLED,
         newton: bool = True,
         at_hand: Response | None = None,
+        steps: int = 0,
     ) -> Response:
         """The response at a speed: the first that meets the tolerance, with twice and more times the steps, twice where
         it finds nothing.
@@ -84,18 +85,16 @@ class SweptTrain:
         which it starts; deflection : ``(G, n+1)`` m of the meshes that have a law, of a motion at that speed from which
         it starts; by default teeth are on their drive sides. settled : share of the tolerance that may be left of the
         vibration; newton : whether its method may find what sweeps do not settle at, which may be unstable, or not
-        where a train from there would go, where no start is given from cycles of a longer march, too; at_hand : a
-        motion at that speed, which is the answer where sweeps settle at it. A status above TOLERANCE_NOT_MET says that
-        no periodic motion was found.
+        where a train from there would go; at_hand : a motion at that speed, which is the answer where sweeps settle at
+        it; steps : of a cycle at least. A status above TOLERANCE_NOT_MET says that no periodic motion was found.
         """
         problem = problem_at(self.train, rpm, self.plan.excited)
         deviation = None if motion is None else motion - self._linear_start(rpm)
         deflection = None if deflection is None else self._padded(deflection)
         known = None if at_hand is None else self._padded(at_hand.deflections[list(self.plan.active)])
         path, outcomes, failures = [], [], 0
-        plans = self.sweep_plans(rpm)
+        plans = self.sweep_plans(rpm, steps)
         for plan in plans:
-            last_try = failures > 0 or plan is plans[-1]
             outcome, ended, events = solve_by_sweeps(
                 problem,
                 self.plan.active_meshes,
@@ -107,7 +106,6 @@ class SweptTrain:
                 settled=settled,
                 newton=newton,
                 at_hand=known,
-                search=newton and last_try and deviation is None and deflection is None,
             )
             if at_hand is not None and outcome is None:
                 return at_hand
@@ -124,13 +122,13 @@ class SweptTrain:
         reached = self.plan_of(best.deflection.shape[-1] - 1)
         return response_of(self.train, rpm, problem, best, reached, path)
 
-    def sweep_plans(self, rpm: float) -> list[SweepPlan]:
-        """The plans with more and more steps that are tried at a speed."""
+    def sweep_plans(self, rpm: float, steps: int = 0) -> list[SweepPlan]:
+        """The plans with more and more steps, so many at least, that are tried at a speed."""
         topology = self.train.topology
         frequency = float(topology.cycle_frequency(rpm))
         instant = InstantSolve.of(len(topology.springs))
         by_rate = bool(topology.springs) or "contact" in topology.mesh_damping_law
-        least = max(steps_for(self.modes, frequency), 4 * planning.ABOVE_EXCITATION * self.excited)
+        least = max(steps, steps_for(self.modes, frequency), 4 * planning.ABOVE_EXCITATION * self.excited)
         enough = [steps for steps in STEPS if steps >= least] or STEPS[-1:]
         return [SweepPlan(steps, instant, by_rate) for steps in enough]
 

@@ -16,7 +16,7 @@ from jaxhb.results.response import Response
 from jaxhb.results.steady import SteadyState, kind_of_one_cycle
 from jaxhb.solutions import planning, sweeping
 from jaxhb.solutions.solve import solve
-from jaxhb.steady.closure import DECAYS, LONGER, RECORDED, SPREAD, ended
+from jaxhb.steady.closure import DECAYS, LONGER, NEAR, RECORDED, SPREAD, ended
 from jaxhb.steady.confirmation import (
     LEVELS,
     compile_ahead,
@@ -55,6 +55,7 @@ class Classifier:
         self.longest_record = LONGER if cycles.recorded is None else cycles.recorded
         self.cycles = dataclasses.replace(cycles, recorded=RECORDED if cycles.recorded is None else cycles.recorded)
         self.known, self.apart, self._swept_trains = {}, set(), {}
+        self.repelling = {}  # lists of (Response, period) of motions that marches passed by, by index of the speed
 
     def march_to_the_end(self, indices, motions, progress=lambda count: None):
         """Steady states of some speeds by index, side by side, from motions ``{index: (x, x')}`` or from teeth in
@@ -246,6 +247,7 @@ class _Classification:
         asked = known is not None and known.response is response
         stays, stability, undecided = (True, known.stability, "") if asked else attracts(response)
         if stays is False:
+            classifier.repelling.setdefault(self.index, []).append((response, period))
             return self._passed_by()
         if undecided:
             self.notes.append(f"whether the motion is stable is not decided: {undecided}")
@@ -270,6 +272,9 @@ class _Classification:
             common = known is not None and known.response is not None and known.period == period
             if common and same_motion(known.response, trace, meshes, classifier.train, period, ARRIVED):
                 return known.response, period
+            passed = self._passed_again(trace, period)
+            if passed is not None:
+                return passed, period
             given = {"steps": batch.steps, "meshes": meshes}
             swept = classifier.swept(period)
             if swept is not None:
@@ -283,6 +288,15 @@ class _Classification:
             if march.closure.errors(shorter)[0] > RETURNED:
                 return None, period
             period = shorter
+
+    def _passed_again(self, trace, period):
+        """The Response of a motion that repels and that the march passes by once more, None where it may be another."""
+        classifier, march = self.classifier, self.march
+        if march.closure.errors(period)[0] <= NEAR:  # it may have come to one that attracts beside that
+            return None
+        given = trace, self.batch.equations.meshes, classifier.train, period
+        known = classifier.repelling.get(self.index, ())
+        return next((other for other, its in known if its == period and same_motion(other, *given)), None)
 
     def _unsolved(self, period):
         """Where harmonic balance did not find the motion."""

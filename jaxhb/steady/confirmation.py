@@ -36,7 +36,8 @@ def settle_marched(swept, march, trace, period, *, steps, meshes):
     deflection = fourier.analyze(deflection, (deflection.shape[1] - 1) // 2)
     response = swept.solve(march.rpm, deflection=deflection)
     if response.solved and may_repeat(response, period):
-        exact = swept.solve(march.rpm, deflection=deflection, settled=NO_SUBHARMONIC)
+        known = response.deflections[list(swept.plan.active)]
+        exact = swept.solve(march.rpm, deflection=known, settled=NO_SUBHARMONIC, steps=response.path[-1].time_steps)
         response = exact if exact.solved else response
     if not response.solved or not same_motion(response, trace, meshes, swept.train, period):
         return None
