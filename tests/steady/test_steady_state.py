@@ -2,6 +2,7 @@
 integrations."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -14,6 +15,7 @@ from jaxhb.equations import backlash
 from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.integration.step import cycle
 from jaxhb.results.status import Sweeps
+from jaxhb.steady import classification
 from jaxhb.steady.closure import Cycles
 from jaxhb.steady.confirmation import difference
 from jaxhb.steady.marching import Batch, Equations, record_of
@@ -266,3 +268,23 @@ def test_a_motion_that_repels_is_not_what_the_train_does():
     state = jaxhb.steady_state(train, rpm=2300.0)
     assert not jaxhb.stability(jaxhb.solve(train, rpm=2300.0)).stable
     assert state.response is None or jaxhb.stability(state.response).stable
+
+
+@pytest.mark.parametrize(
+    ("closure_error", "period", "moved", "known"),
+    [(1e-2, 1, 1.0, True), (1e-5, 1, 1.0, False), (1e-2, 2, 1.0, False), (1e-2, 1, 1.2, False)],
+)
+def test_a_motion_that_a_march_passed_by_is_known_when_it_passes_again(closure_error, period, moved, known):
+    """Not where the march has come to a motion, or to one of another period, or to another one."""
+    train = one_mass(1.3)
+    response = jaxhb.solve(train, rpm=rpm(1.3))
+    deflection = moved * response.deflection_samples(64)[train.topology.law_index]
+    closure = SimpleNamespace(errors=lambda period: [closure_error])
+    classified = SimpleNamespace(
+        classifier=SimpleNamespace(train=train, repelling={0: [(response, 1)]}),
+        index=0,
+        march=SimpleNamespace(closure=closure),
+        batch=SimpleNamespace(equations=SimpleNamespace(meshes=backlash.law_meshes(train))),
+    )
+    passed = classification._Classification._passed_again(classified, np.concatenate([deflection] * 2), period)
+    assert passed is (response if known else None)
