@@ -114,7 +114,8 @@ def main():
                 flush=True,
             )
             if asked.json:
-                row = {"scene": asked.scene, "device": device.device_kind, "path": path, "batch": batch}
+                row = {"scene": asked.scene, "device": device.device_kind, "jax": jax.__version__}
+                row |= {"path": path, "batch": batch}
                 row |= {"milliseconds": 1e3 * seconds, "compile_seconds": compiling, "solved": float(solved)}
                 with asked.json.open("a") as stream:
                     stream.write(json.dumps(row) + "\n")
