@@ -24,7 +24,6 @@ from jaxhb.balance.derivative import all_finite, only_if
 from jaxhb.balance.plan import RESIDUAL
 from jaxhb.balance.problem import problem_at
 from jaxhb.balance.program import (
-    BATCH_SPEEDS,
     START_SETTLED,
     active_deflections,
     differentiable,
@@ -53,6 +52,7 @@ MOST_RESCUES = 3
 RESCUE_SECONDS = 30.0
 """After which a lost speed gets no further attempt; most of what is not found soon has no motion of one cycle."""
 
+FEW_LANES, MANY_LANES = 16, 64  # that one program computes side by side
 FARTHEST = 6.9  # |z| of a start on a bound: a thousandth of the range inside it, where the share still has a slope
 
 
@@ -482,10 +482,9 @@ def _level_with_room(plan):
 
 def batches(lanes, plan):
     """Batches of ``lanes`` ``(k, 2)`` and the same padded to one of few sizes: a size is a program."""
-    few = 2 * BATCH_SPEEDS
     # With contacts as unknowns a lane fills a processor.
     alone = plan.active and jax.default_backend() == "cpu"
-    size = 1 if alone else few if len(lanes) <= 4 * few else 4 * few
+    size = 1 if alone else FEW_LANES if len(lanes) <= MANY_LANES else MANY_LANES
     for first in range(0, len(lanes), max(size, 1)):
         chunk = lanes[first : first + size]
         yield chunk, np.concatenate([chunk, np.repeat(chunk[-1:], size - len(chunk), axis=0)])
