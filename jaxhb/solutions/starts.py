@@ -30,7 +30,7 @@ from jaxhb.train.drivetrain import DriveTrain
 ORBITS, FINEST_SHOTS = 16, 4
 # Work of the shots of each number of steps where one motion is asked for: some seconds. Of eleven random trains that
 # shooting solved, all but one took five shots or fewer.
-BRIEF = 5e6
+BRIEF = 1e7
 
 
 @dataclass
@@ -229,11 +229,11 @@ def brief_shooting(case):
 
 def _steps(case, plan, work):
     """Time steps a cycle with which orbits are searched, as coarse ones bend them: those of the plan, not where sweeps
-    settled, and twice and four times as many, as far as there is room for them and shots are affordable."""
+    settled, and twice and four times as many, as far as there is room for them and the work pays for a shot."""
     wanted = [n * plan.time_steps for n in (1, 2, 4)]
     finest = wanted[-1]
-    affordable = FINEST_SHOTS * shots.work_of_cycle(case.train, finest) <= work
-    kept = [n for n in wanted if n <= shots.CAPACITY and (n < finest or affordable)]
+    paid = {n: work / shots.work_of_cycle(case.train, n) for n in wanted}
+    kept = [n for n in wanted if n <= shots.CAPACITY and paid[n] >= (FINEST_SHOTS if n == finest else 1)]
     return [n for n in kept if n > plan.time_steps or not case.settled]
 
 
