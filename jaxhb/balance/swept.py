@@ -17,7 +17,8 @@ from jaxhb.equations import condensation, fourier
 from jaxhb.results.status import NewtonOnSweeps, Sweeps
 
 MOST_SWEEPS = 12  # a motion that these do not settle wants Newton's method
-MOST_MARCHES = 100  # of Newton's method: orbits of irregular trains that need more are rarely found at all
+# Of Newton's method: orbits of irregular trains that need more are rarely found at all; and from a motion at hand.
+MOST_MARCHES, MARCHES_NEARBY = 100, 40
 # Times what F(l) leaves, and what is left of sweeps, that the motion may be off: the inverse of the Jacobian, and
 # changes that shrink more slowly later on. At 131 speeds of ``gear_train_30``, with 5.5 steps a period of the fastest
 # mode, the error by shooting was 0.7 of its estimate in the median, below 1.4 at nine of ten, and 2.3 at most; at 40
@@ -166,22 +167,21 @@ def solve_by_sweeps(
         return goal < float(ended.distance)
 
     if newton and left_over() and np.isfinite(ended.change):
-        # Sweeps lead away from a motion that repels: what is near one is no nearer after them.
-        point = ended.point if deflection is None else corrected(swept, begin, plan)
-        ended = _by_newton(swept, point, plan, goal, int(ended.marches), path)
+        point, most = ended.point, MOST_MARCHES
+        if deflection is not None:
+            most = MARCHES_NEARBY
+            if ended.change >= sweeps.NEAR:  # they led away from it: it repels
+                point = corrected(swept, begin, plan)
+        begun = int(ended.marches)
+        ended = map_newton.solve_map(swept.sweeps, point, plan, goal=goal, most_marches=most)
+        path.append(NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change)))
+        ended = dataclasses.replace(ended, marches=begun + ended.marches)
     swept, ended = jax.tree.map(np.asarray, (swept, ended))
     if at_hand is not None and not left_over() and difference(ended.deflection, at_hand) <= ARRIVED:
         return None, ended, path
     with np.errstate(all="ignore"):  # a status tells of numbers that are not finite
         outcome = conclude_sweeps(problem, active_meshes, condensed, swept, ended, tolerance, goal, plan)
     return jax.tree.map(np.asarray, outcome), ended, path
-
-
-def _by_newton(swept: SweptProblem, point, plan, goal, begun, path):
-    """Where Newton's method on the map ends from a point, ``begun`` marches counted as well; its event is added."""
-    ended = map_newton.solve_map(swept.sweeps, point, plan, goal=goal, most_marches=MOST_MARCHES)
-    path.append(NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change)))
-    return dataclasses.replace(ended, marches=begun + ended.marches)
 
 
 def corrected(swept: SweptProblem, point: SweepPoint, plan: SweepPlan) -> SweepPoint:

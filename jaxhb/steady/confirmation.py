@@ -19,7 +19,7 @@ SAME = 0.05
 # Share of the sum of all amplitudes below which those of longer periods are none: so many times the truncation error,
 # which is of one force and not of a sum, between these; and up to which they may be what Newton's method has left of a
 # start.
-TRUNCATED, REPEATS, WEAK, DOUBTED = 10.0, 1e-4, 5e-3, 0.02
+TRUNCATED, REPEATS, WEAK, DOUBTED = 10.0, 1e-4, 5e-3, 0.1
 # Numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there may be no
 # solution near the motion.
 LEVELS = 3
