@@ -6,6 +6,8 @@ its segments, arrives from one or another of the cycles that a march went throug
 here are those of the steps taken; the harmonics correct them.
 """
 
+import math
+import time
 from dataclasses import dataclass, replace
 
 import jax
@@ -106,13 +108,15 @@ def coefficients(deflection, time_steps):
     return np.asarray(fourier.analyze(deflection[:, :time_steps], (time_steps - 1) // 2))
 
 
-def shoot(train, rpm, plan, *, work=WORK):
+def shoot(train, rpm, plan, *, work=WORK, deadline=math.inf):
     """Yield a FoundOrbit for each orbit that Newton's method closes with the meshes and time steps of a Plan, each
-    once, with as many shots as ``work`` pays."""
+    once, with as many shots as ``work`` pays; none begins after ``deadline`` on the monotonic clock."""
     stepper = reduced_stepper(train, rpm, plan)
     most = int(np.clip(work / work_of_cycle(train, plan.time_steps), 1, CYCLES))
     known: list[np.ndarray] = []
     for tries, state in enumerate(_states(stepper, most), 1):
+        if time.monotonic() > deadline:
+            return
         deflection, periodicity_error = jax.tree.map(np.asarray, _shot(stepper, state))
         if periodicity_error <= PERIODIC and not any(_same_orbit(deflection, other) for other in known):
             known.append(deflection)

@@ -210,7 +210,8 @@ def shooting(case, work=shots.WORK):
     """From closed orbits (:mod:`jaxhb.solutions.shots`), of one number of time steps after the other by turns."""
     plan = case.march_plan()
     plans = {steps: dataclasses.replace(plan, time_steps=steps) for steps in _steps(case, plan, work)}
-    found = {steps: shots.shoot(case.train, case.rpm, own, work=work) for steps, own in plans.items()}
+    limits = {"work": work, "deadline": case.deadline}
+    found = {steps: shots.shoot(case.train, case.rpm, own, **limits) for steps, own in plans.items()}
     left = ORBITS
     while found and left:
         for steps, orbits in list(found.items())[:left]:

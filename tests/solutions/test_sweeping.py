@@ -12,7 +12,7 @@ import jaxhb
 from jaxhb.balance.march import modes_for_march
 from jaxhb.balance.plan import Request
 from jaxhb.balance.problem import problem_at, reduced_equation
-from jaxhb.results.status import Newton, NewtonOnSweeps, Shooting, Sweeps
+from jaxhb.results.status import Newton, NewtonOnSweeps, Shooting, Status, Sweeps
 from jaxhb.solutions import planning, sweeping
 
 RPM = 1833.0
@@ -75,6 +75,9 @@ def test_where_nothing_settles_shooting_finds_a_motion():
     for _ in range(2):
         train, rpm, _ = random_trains.random_case(rng)
         train = with_tooth_damping(train, random_trains.span(rng, 0.01, 0.3))
+    hurried = jaxhb.solve(train, rpm=rpm, seconds=0.0)
+    assert hurried.status == Status.MAX_STEPS
+    assert not any(isinstance(event, Shooting) for event in hurried.path)
     response = jaxhb.solve(train, rpm=rpm)
     assert response.converged
     rungs = [type(event) for event in response.path]
