@@ -49,6 +49,17 @@ class PackedPoint:
         return SweepPoint(unpacked, state / self.visibility, force / self.flexibility)
 
 
+def least_changed(sweeps: SweepEquation, points: list[SweepPoint], plan: SweepPlan) -> SweepPoint:
+    """The one of some points that a sweep changes least."""
+
+    def change(point):
+        packing = PackedPoint(sweeps, point)
+        following, _ = sweep_program(sweeps, point, plan=plan)
+        return np.linalg.norm(packing.pack(following) - packing.pack(point))
+
+    return min(points, key=change)
+
+
 def solve_map(
     sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, *, goal: float, most_marches: int = 400
 ) -> Settled:

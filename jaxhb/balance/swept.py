@@ -18,7 +18,7 @@ from jaxhb.results.status import NewtonOnSweeps, Sweeps
 
 MOST_SWEEPS = 12  # a motion that these do not settle wants Newton's method
 # Of Newton's method: orbits of irregular trains that need more are rarely found at all; and from a motion at hand.
-MOST_MARCHES, MARCHES_NEARBY = 100, 40
+MOST_MARCHES, MARCHES_NEARBY = 100, 50
 # Times what F(l) leaves, and what is left of sweeps, that the motion may be off: the inverse of the Jacobian, and
 # changes that shrink more slowly later on. At 131 speeds of ``gear_train_30``, with 5.5 steps a period of the fastest
 # mode, the error by shooting was 0.7 of its estimate in the median, below 1.4 at nine of ten, and 2.3 at most; at 40
@@ -168,10 +168,9 @@ def solve_by_sweeps(
 
     if newton and left_over() and np.isfinite(ended.change):
         point, most = ended.point, MOST_MARCHES
-        if deflection is not None:
-            most = MARCHES_NEARBY
-            if ended.change >= sweeps.NEAR:  # they led away from it: it repels
-                point = corrected(swept, begin, plan)
+        if deflection is not None:  # sweeps lead away from a motion that repels
+            first = corrected(swept, begin, plan)
+            point, most = map_newton.least_changed(swept.sweeps, [point, first], plan), MARCHES_NEARBY
         begun = int(ended.marches)
         ended = map_newton.solve_map(swept.sweeps, point, plan, goal=goal, most_marches=most)
         path.append(NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change)))
