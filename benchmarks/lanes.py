@@ -114,7 +114,8 @@ def main():
                 flush=True,
             )
             if asked.json:
-                row = {"scene": asked.scene, "device": device.device_kind, "jax": jax.__version__}
+                row = {"benchmark": "lanes", "scene": asked.scene, "device": device.device_kind}
+                row |= {"jax": jax.__version__}
                 row |= {"path": path, "batch": batch}
                 row |= {"milliseconds": 1e3 * seconds, "compile_seconds": compiling, "solved": float(solved)}
                 with asked.json.open("a") as stream:
