@@ -23,6 +23,7 @@ from jaxhb.balance.plan import Request
 from jaxhb.design import Objective, Parameter, Tolerance, read_tolerances
 from jaxhb.design.tolerances import box_of
 from jaxhb.design.worst_case import _Search
+from jaxhb.results.checkpoint import computed
 
 RPM = {"engine_with_damper": np.linspace(800.0, 2400.0, 12), "gear_train_30": np.linspace(700.0, 2450.0, 12)}
 MESH = {"engine_with_damper": "crank gear|idler", "gear_train_30": "crank gear|idler"}
@@ -47,7 +48,8 @@ def box(train):
 
 def dense(train, rpm, tolerances, of):
     """The largest response of all corners and of a search from the best eight, of speeds in contact; nan elsewhere."""
-    search = _Search(train, rpm, box_of(train, tolerances, of), Request.of(train, None, 0.01), lambda text: None)
+    request = Request.of(train, None, 0.01)
+    search = _Search(train, rpm, box_of(train, tolerances, of), request, lambda text: None, computed)
     search.room = 8 * 64
     search.start()
     search.sampled(np.array(list(itertools.product((-1.0, 1.0), repeat=len(tolerances)))))
