@@ -1,4 +1,6 @@
-"""A fast subset for every supported Python: import, command line, solve, gradient, vmapped planned solve."""
+"""A fast subset for every supported Python: import, command line, solve, gradient,
+vmapped planned solve.
+"""
 
 import json
 import subprocess
@@ -11,7 +13,10 @@ import numpy as np
 
 import jaxhb
 
-print(f"Python {sys.version.split()[0]}, jax {jax.__version__}, jaxlib {jax.lib.__version__}, numpy {np.__version__}")
+print(
+    f"Python {sys.version.split()[0]}, jax {jax.__version__}, jaxlib"
+    f" {jax.lib.__version__}, numpy {np.__version__}"
+)
 response = jaxhb.check(jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=1800.0))
 largest = response.force("crank gear", "idler").max
 assert abs(largest / 24.02e3 - 1) < 2e-3, largest
@@ -28,7 +33,10 @@ def peak(damping, rpm):
 damping = float(pair.value("gear a|gear b.damping"))
 slope, step = jax.grad(peak)(damping, rpm), 1e-3 * damping
 difference = (peak(damping + step, rpm) - peak(damping - step, rpm)) / (2 * step)
-assert abs(slope / difference - 1) < 1e-5, (slope, difference)  # of differences, second order in the step
+assert abs(slope / difference - 1) < 1e-5, (
+    slope,
+    difference,
+)  # of differences, second order in the step
 
 speeds = np.array([4990.0, rpm, 5010.0])
 batch = jax.vmap(peak, in_axes=(None, 0))(damping, speeds)
@@ -36,7 +44,15 @@ np.testing.assert_allclose(batch, [peak(damping, speed) for speed in speeds], rt
 
 with tempfile.TemporaryDirectory() as folder:
     file = Path(folder) / "result.json"
-    command = [Path(sys.executable).parent / "jaxhb", "solve", "spur_pair", "--rpm", f"{rpm:g}", "--json", file]
+    command = [
+        Path(sys.executable).parent / "jaxhb",
+        "solve",
+        "spur_pair",
+        "--rpm",
+        f"{rpm:g}",
+        "--json",
+        file,
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.startswith("The teeth hammer at 5000 rpm"), done.stdout
     assert not done.stderr, done.stderr

@@ -1,4 +1,6 @@
-"""Integrators from libraries: diffrax, scipy, and the exponential integrator of the package over a batch of speeds."""
+"""Integrators from libraries: diffrax, scipy, and the exponential integrator of the
+package over a batch of speeds.
+"""
 
 import time
 from functools import partial
@@ -20,7 +22,8 @@ from jaxhb.integration.step import discretize, march
 
 
 def scipy_march(task, method, rtol, cycles, samples):
-    """Deflections ``(M, samples)`` m of the last cycle and seconds; the right-hand side is compiled.
+    """Deflections ``(M, samples)`` m of the last cycle and seconds; the right-hand side
+    is compiled.
 
     The excitation is the Fourier sum at the time asked for.
     """
@@ -40,13 +43,27 @@ def scipy_march(task, method, rtol, cycles, samples):
     end = cycles * task.period
     at = end - task.period + np.arange(samples) * task.period / samples
     start = np.concatenate([task.displacement, task.velocity])
-    found = solve_ivp(slope, (0.0, end), start, method=method, rtol=rtol, atol=_absolute(task, rtol), t_eval=at)
+    found = solve_ivp(
+        slope,
+        (0.0, end),
+        start,
+        method=method,
+        rtol=rtol,
+        atol=_absolute(task, rtol),
+        t_eval=at,
+    )
     seconds = time.perf_counter() - begin
-    return _seen(m, found.y[:size]) if found.success else np.full((m.mesh_k.size, samples), np.nan), seconds
+    return (
+        _seen(m, found.y[:size])
+        if found.success
+        else np.full((m.mesh_k.size, samples), np.nan)
+    ), seconds
 
 
 def _absolute(task, rtol):
-    """Absolute tolerances: of displacements against the gap, of velocities against gap x 1000 Hz."""
+    """Absolute tolerances: of displacements against the gap, of velocities against gap
+    x 1000 Hz.
+    """
     gap = task.model.low.max()
     return rtol * np.repeat([gap, gap * 2 * np.pi * 1000], task.model.mass.size)
 
@@ -58,7 +75,8 @@ def _seen(m, x):
 def march_speeds(train, rpm, steps, cycles, repeats):
     """Exponential integration of all speeds in one program, every mesh with backlash.
 
-    Deflection ``(speeds, M, steps)`` m, periodicity error ``(speeds,)``, seconds of the first run, median of others.
+    Deflection ``(speeds, M, steps)`` m, periodicity error ``(speeds,)``, seconds of the
+    first run, median of others.
     """
     meshes, excited = law_meshes(train), highest_harmonic(train)
     parts = partition(problem_at(train, rpm[0], excited).system, meshes)
@@ -67,8 +85,12 @@ def march_speeds(train, rpm, steps, cycles, repeats):
     @jax.vmap
     def run(speed):
         problem = problem_at(train, speed, excited)
-        stepper = discretize(problem.system, meshes, problem.frequency, problem.load, steps, parts=parts)
-        _, trace, _ = march(stepper, stepper.flank_state, tolerance=-1.0, max_cycles=cycles)
+        stepper = discretize(
+            problem.system, meshes, problem.frequency, problem.load, steps, parts=parts
+        )
+        _, trace, _ = march(
+            stepper, stepper.flank_state, tolerance=-1.0, max_cycles=cycles
+        )
         return trace.deflection, trace.periodicity_error
 
     (deflection, periodicity_error), first, seconds, _ = timed(
@@ -78,14 +100,22 @@ def march_speeds(train, rpm, steps, cycles, repeats):
 
 
 def diffrax_march(task, solver, rtol, cycles, samples, repeats):
-    """Deflections of the last cycle, seconds to compile and run first, seconds of later runs; dense matrices."""
+    """Deflections of the last cycle, seconds to compile and run first, seconds of later
+    runs; dense matrices.
+    """
     import diffrax
 
     equations = _dense(task)
-    kinds = {"Tsit5": diffrax.Tsit5, "Dopri8": diffrax.Dopri8, "Kvaerno5": diffrax.Kvaerno5}
+    kinds = {
+        "Tsit5": diffrax.Tsit5,
+        "Dopri8": diffrax.Dopri8,
+        "Kvaerno5": diffrax.Kvaerno5,
+    }
     end = cycles * task.period
     at = jnp.asarray(end - task.period + np.arange(samples) * task.period / samples)
-    start = jnp.concatenate([jnp.asarray(task.displacement), jnp.asarray(task.velocity)])
+    start = jnp.concatenate(
+        [jnp.asarray(task.displacement), jnp.asarray(task.velocity)]
+    )
     absolute = jnp.asarray(_absolute(task, rtol))
 
     @jax.jit
@@ -104,12 +134,20 @@ def diffrax_march(task, solver, rtol, cycles, samples, repeats):
             throw=False,
         ).ys
 
-    states, first, seconds, _ = timed(lambda: jax.block_until_ready(run(start)), repeats)
-    return _seen(task.model, np.asarray(states).T[: task.model.mass.size]), first, seconds
+    states, first, seconds, _ = timed(
+        lambda: jax.block_until_ready(run(start)), repeats
+    )
+    return (
+        _seen(task.model, np.asarray(states).T[: task.model.mass.size]),
+        first,
+        seconds,
+    )
 
 
 def _dense(task):
-    """Dense equations: M^-1 B and M^-1 K without the meshes, mesh rows, their damping, the excitation."""
+    """Dense equations: M^-1 B and M^-1 K without the meshes, mesh rows, their damping,
+    the excitation.
+    """
     m, size = task.model, task.model.mass.size
     a, b, arm_a, arm_b, k, r = links(m)
     rows = np.zeros((a.size, size))
@@ -121,7 +159,11 @@ def _dense(task):
     load = np.zeros((size, task.load.shape[1]), dtype=complex)
     load[m.pushed] = task.load * np.where(np.arange(task.load.shape[1]), 2, 1)
     matrix = np.concatenate(
-        [np.diag(m.ground) + linear.T @ (k[:, None] * linear), np.diag(m.damping) + linear.T @ (r[:, None] * linear)], 1
+        [
+            np.diag(m.ground) + linear.T @ (k[:, None] * linear),
+            np.diag(m.damping) + linear.T @ (r[:, None] * linear),
+        ],
+        1,
     )
     weights = np.concatenate([load.real, -load.imag], axis=1)
     arrays = (matrix, meshes, weights, 1 / m.mass, m.mesh_r, m.gated, task.frequency)
@@ -132,6 +174,12 @@ def _slope(equations, law, t, state, args):
     matrix, meshes, weights, inverse, viscous, gated, frequency = equations
     phase = frequency * t * jnp.arange(weights.shape[1] // 2)
     x, v = jnp.split(state, 2)
-    tooth = backlash.mesh_force(jax.tree.map(jnp.asarray, law), viscous, gated, meshes @ x, meshes @ v)
-    push = weights @ jnp.concatenate([jnp.cos(phase), jnp.sin(phase)]) - matrix @ state - meshes.T @ tooth
+    tooth = backlash.mesh_force(
+        jax.tree.map(jnp.asarray, law), viscous, gated, meshes @ x, meshes @ v
+    )
+    push = (
+        weights @ jnp.concatenate([jnp.cos(phase), jnp.sin(phase)])
+        - matrix @ state
+        - meshes.T @ tooth
+    )
     return jnp.concatenate([v, inverse * push])

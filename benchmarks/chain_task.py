@@ -1,9 +1,11 @@
-"""A chain with one backlash link: the task that public harmonic-balance codes are compared on, with two numpy floors.
+"""A chain with one backlash link: the task that public harmonic-balance codes are
+compared on, with two numpy floors.
 
-Needs numpy alone: :mod:`peer_codes` runs it in an environment without JAX. ``data/chain_backlash_task.json`` has the
-definition, and what the codes took on another machine. Masses of 1, links of stiffness 1, damping 0.02 at each mass,
-a ground spring of 0.1 at the last one, a force ``0.3 + 0.25 cos(w t)`` on the first; the link in the middle has the
-backlash law (18) with h = 1. All in consistent units.
+Needs numpy alone: :mod:`peer_codes` runs it in an environment without JAX.
+``data/chain_backlash_task.json`` has the definition, and what the codes took on another
+machine. Masses of 1, links of stiffness 1, damping 0.02 at each mass, a ground spring
+of 0.1 at the last one, a force ``0.3 + 0.25 cos(w t)`` on the first; the link in the
+middle has the backlash law (18) with h = 1. All in consistent units.
 """
 
 import json
@@ -20,7 +22,9 @@ RESIDUAL = 1e-8
 
 def published():
     """The task file: definition, known points and times of other codes."""
-    return json.loads((Path(__file__).parent / "data" / "chain_backlash_task.json").read_text())
+    return json.loads(
+        (Path(__file__).parent / "data" / "chain_backlash_task.json").read_text()
+    )
 
 
 def middle(masses):
@@ -29,7 +33,9 @@ def middle(masses):
 
 
 def chain_matrices(masses, link=0.0):
-    """Mass, damping and stiffness ``(S, S)``; ``link`` is the stiffness of the backlash link, 0 to leave it out."""
+    """Mass, damping and stiffness ``(S, S)``; ``link`` is the stiffness of the backlash
+    link, 0 to leave it out.
+    """
     stiffness = np.zeros((masses, masses))
     for m in range(masses - 1):
         k = link if m == middle(masses) else 1.0
@@ -48,8 +54,12 @@ def law(l):
 
 
 def fourier_matrices():
-    """Synthesis ``(samples, 2N+1)`` from [mean, cosines, sines] and analysis ``(2N+1, samples)``."""
-    angle = 2 * np.pi * np.outer(np.arange(SAMPLES), np.arange(1, HARMONICS + 1)) / SAMPLES
+    """Synthesis ``(samples, 2N+1)`` from [mean, cosines, sines] and analysis ``(2N+1,
+    samples)``.
+    """
+    angle = (
+        2 * np.pi * np.outer(np.arange(SAMPLES), np.arange(1, HARMONICS + 1)) / SAMPLES
+    )
     synthesis = np.hstack([np.ones((SAMPLES, 1)), np.cos(angle), np.sin(angle)])
     analysis = synthesis.T * (2.0 / SAMPLES)
     analysis[0] /= 2
@@ -62,12 +72,16 @@ SYNTHESIS, ANALYSIS = fourier_matrices()
 def extremes(coefficients):
     """Least and largest deflection of the link, from its [mean, cosines, sines]."""
     angle = 2 * np.pi * np.outer(np.arange(4096), np.arange(1, HARMONICS + 1)) / 4096
-    values = coefficients[0] + np.hstack([np.cos(angle), np.sin(angle)]) @ coefficients[1:]
+    values = (
+        coefficients[0] + np.hstack([np.cos(angle), np.sin(angle)]) @ coefficients[1:]
+    )
     return float(values.min()), float(values.max())
 
 
 def _real(blocks):
-    """``(N+1, ...)`` complex matrices of the harmonics as one on [mean, cosines, sines] of every mass."""
+    """``(N+1, ...)`` complex matrices of the harmonics as one on [mean, cosines, sines]
+    of every mass.
+    """
     count, size = blocks.shape[:2]
     whole = np.zeros((2 * count - 1, size, 2 * count - 1, size))
     whole[0, :, 0] = blocks[0].real
@@ -96,7 +110,9 @@ def _newton(x, step):
 
 
 def full_sweep(masses, speeds):
-    """All masses as unknowns, dense Newton, each speed from the one before; the link's coefficients per speed."""
+    """All masses as unknowns, dense Newton, each speed from the one before; the link's
+    coefficients per speed.
+    """
     link = np.zeros(masses)
     link[middle(masses) : middle(masses) + 2] = 1.0, -1.0
     down, up = np.kron(SYNTHESIS, link), np.kron(ANALYSIS, link[:, None])
@@ -110,7 +126,9 @@ def full_sweep(masses, speeds):
         def step(x, linear=linear):
             force, slope = law(down @ x)
             residual = linear @ x + up @ force - load
-            return residual, lambda: np.linalg.solve(linear + up @ (slope[:, None] * down), residual)
+            return residual, lambda: np.linalg.solve(
+                linear + up @ (slope[:, None] * down), residual
+            )
 
         x = _newton(x, step)
         found.append(x.reshape(-1, masses) @ link)
@@ -118,7 +136,9 @@ def full_sweep(masses, speeds):
 
 
 def condensed_sweep(masses, speeds):
-    """The deflection of the link as the only unknown, everything linear condensed; each speed from the one before."""
+    """The deflection of the link as the only unknown, everything linear condensed; each
+    speed from the one before.
+    """
     link, push = np.zeros(masses), np.zeros((HARMONICS + 1, masses))
     link[middle(masses) : middle(masses) + 2] = 1.0, -1.0
     push[0, 0], push[1, 0] = MEAN, SWING
@@ -133,7 +153,9 @@ def condensed_sweep(masses, speeds):
             l = SYNTHESIS @ x
             force, slope = law(l)
             residual = x - linear + receptance @ (ANALYSIS @ (force - CONTACT * l))
-            matrix = np.eye(x.size) + receptance @ (ANALYSIS * (slope - CONTACT)) @ SYNTHESIS
+            matrix = (
+                np.eye(x.size) + receptance @ (ANALYSIS * (slope - CONTACT)) @ SYNTHESIS
+            )
             return residual, lambda: np.linalg.solve(matrix, residual)
 
         x = _newton(linear if x is None else x, step)

@@ -1,15 +1,19 @@
-"""Derivatives of a solve on every path, for every kind of parameter: against differences, forwards and backwards.
+"""Derivatives of a solve on every path, for every kind of parameter: against
+differences, forwards and backwards.
 
-One train with a cylinder, a damper and two meshes with backlash, solved linearly (no backlash), with teeth held in
-contact, by the condensed equation with both meshes separating (sampled and with exact integrals), and by the chain. The
-number differentiated is one that tooth forces, shaft torques and positions enter, with respect to factors on the
-parameters.
+One train with a cylinder, a damper and two meshes with backlash, solved linearly (no
+backlash), with teeth held in contact, by the condensed equation with both meshes
+separating (sampled and with exact integrals), and by the chain. The number
+differentiated is one that tooth forces, shaft torques and positions enter, with respect
+to factors on the parameters.
 
     python benchmarks/derivatives.py --json rows.jsonl         what the truncation does to 200 random derivatives
 
-Each case is the derivative of the smooth peak of a tooth force by one number of a packaged train, at a random speed at
-which teeth separate: with the harmonics of the default tolerance and with twice as many (the difference of the two is
-what :func:`jaxhb.gradient_and_error` estimates), against 2048 or twice as many again, from the same motion.
+Each case is the derivative of the smooth peak of a tooth force by one number of a
+packaged train, at a random speed at which teeth separate: with the harmonics of the
+default tolerance and with twice as many (the difference of the two is what
+:func:`jaxhb.gradient_and_error` estimates), against 2048 or twice as many again, from
+the same motion.
 """
 
 import dataclasses
@@ -49,12 +53,23 @@ STEPS = np.array([1e-4] * (len(KINDS) - 1) + [1e-5])
 
 
 def tight(**given):
-    """A plan solved to rounding, as differences divide what is left of the residual by the step, and differentiated at
-    the time samples of its solve: differences are those of the sampled equations."""
-    return jaxhb.Plan(residual_tolerance=1e-13, max_steps=12, averaged=False, estimated=False, **given)
+    """A plan solved to rounding, as differences divide what is left of the residual by
+    the step, and differentiated at the time samples of its solve: differences are those
+    of the sampled equations.
+    """
+    return jaxhb.Plan(
+        residual_tolerance=1e-13, max_steps=12, averaged=False, estimated=False, **given
+    )
 
 
-MARCHED = {"active": (0, 1), "flank": (0, 0), "start": "march", "time_steps": 768, "tolerance": 0.5, "excited": 4}
+MARCHED = {
+    "active": (0, 1),
+    "flank": (0, 0),
+    "start": "march",
+    "time_steps": 768,
+    "tolerance": 0.5,
+    "excited": 4,
+}
 PLANS = {
     "linear": tight(harmonics=8, active=(), flank=(0, 0), excited=4),
     "contact": tight(harmonics=8, active=(), flank=(1, -1), excited=4),
@@ -70,7 +85,10 @@ def train(path):
     pressed = 50.0 if path == "contact" else 1.0
     parts = branched_parts()[:-2]
     if path == "linear":
-        parts = [dataclasses.replace(part, backlash=None) if isinstance(part, Mesh) else part for part in parts]
+        parts = [
+            dataclasses.replace(part, backlash=None) if isinstance(part, Mesh) else part
+            for part in parts
+        ]
     parts += [
         Cylinder(
             name="cylinder",
@@ -83,14 +101,23 @@ def train(path):
             gas_torque=((1.0, 300.0, -80.0), (2.0, 60.0, 90.0)),
             orders=4.0,
         ),
-        Torque(disk="pump", mean=-8.0 * pressed, harmonics=((1.0, 3.0, 5.0), (3.0, 4.0, 0.0))),
+        Torque(
+            disk="pump",
+            mean=-8.0 * pressed,
+            harmonics=((1.0, 3.0, 5.0), (3.0, 4.0, 0.0)),
+        ),
     ]
-    return jaxhb.build(parts, revolutions_per_cycle=1, reference="crank gear", name="derivatives")
+    return jaxhb.build(
+        parts, revolutions_per_cycle=1, reference="crank gear", name="derivatives"
+    )
 
 
 def parameters(path):
     """Kinds of parameters that the path has."""
-    absent = {"linear": ("backlash", "transition", "gap stiffness"), "contact": ("transition",)}
+    absent = {
+        "linear": ("backlash", "transition", "gap stiffness"),
+        "contact": ("transition",),
+    }
     return [kind for kind in KINDS if kind not in absent.get(path, ())]
 
 
@@ -99,20 +126,29 @@ def value(factors, path):
     at, plan = train(path), PLANS[path]
     kinds = dict(zip(parameters(path), factors, strict=True))
     speed = RPM * kinds.pop("speed")
-    changes = {KINDS[kind]: at.value(KINDS[kind]) * factor for kind, factor in kinds.items()}
+    changes = {
+        KINDS[kind]: at.value(KINDS[kind]) * factor for kind, factor in kinds.items()
+    }
     response = jaxhb.solve(at.replace(changes), rpm=speed, plan=plan)
     tooth = response.force("crank gear", "idler").smooth_peak(8) / 700
     shaft = response.torque("pump gear", "pump").order(1.0) / 10
     swing = 1e4 * response.twist("flywheel", "crank gear").rms
-    return tooth + shaft + swing + 10 * response.disk("pump").mean, (response.status, response.deflections)
+    return tooth + shaft + swing + 10 * response.disk("pump").mean, (
+        response.status,
+        response.deflections,
+    )
 
 
 @partial(jax.jit, static_argnums=1)
 def linearised(factors, path):
-    """Of a batch of factors: (value, status, deflections), gradient, change along ALONG."""
+    """Of a batch of factors: (value, status, deflections), gradient, change along
+    ALONG.
+    """
 
     def lane(factors):
-        number, push, aux = jax.linearize(partial(value, path=path), factors, has_aux=True)
+        number, push, aux = jax.linearize(
+            partial(value, path=path), factors, has_aux=True
+        )
         along = ALONG[: len(factors)]
         return (number, *aux), jax.linear_transpose(push, factors)(1.0)[0], push(along)
 
@@ -121,17 +157,21 @@ def linearised(factors, path):
 
 @cache
 def table(path):
-    """Rows of one path, one for each kind: dict of path, kind, gradient, differences, error, transpose, solved, apart.
+    """Rows of one path, one for each kind: dict of path, kind, gradient, differences,
+    error, transpose, solved, apart.
 
-    ``error`` : gradient against central differences of fourth order, relative to itself or to a thousandth of the
-    largest where it is small; ``transpose`` : forwards against backwards, relative; ``apart`` : least share of the
-    cycle in which a mesh is out of contact.
+    ``error`` : gradient against central differences of fourth order, relative to itself
+    or to a thousandth of the largest where it is small; ``transpose`` : forwards
+    against backwards, relative; ``apart`` : least share of the cycle in which a mesh is
+    out of contact.
     """
     kinds = parameters(path)
     steps = STEPS[-len(kinds) :]
     away = np.diag(steps)
     lanes = 1.0 + np.concatenate([0 * away[:1], away, -away, 2 * away, -2 * away])
-    (values, status, deflections), gradients, along = jax.tree.map(np.asarray, linearised(lanes, path))
+    (values, status, deflections), gradients, along = jax.tree.map(
+        np.asarray, linearised(lanes, path)
+    )
     near, back, far, farther = np.split(values[1:], 4)
     wanted, found = (8 * (near - back) - (far - farther)) / (12 * steps), gradients[0]
     size = np.maximum(np.abs(wanted), 1e-3 * np.abs(wanted).max())
@@ -146,15 +186,29 @@ def table(path):
     }
     columns = zip(kinds, found, wanted, np.abs(found - wanted) / size, strict=True)
     return [
-        {"kind": kind, "gradient": float(f), "differences": float(w), "error": float(e), **common}
+        {
+            "kind": kind,
+            "gradient": float(f),
+            "differences": float(w),
+            "error": float(e),
+            **common,
+        }
         for kind, f, w, e in columns
     ]
 
 
-SCENES = ("gear_train_30", "gear_train_30", "engine_with_damper", "inline_four_timing_drive", "first_scene")
+SCENES = (
+    "gear_train_30",
+    "gear_train_30",
+    "engine_with_damper",
+    "inline_four_timing_drive",
+    "first_scene",
+)
 SPEEDS = 600.0, 2450.0
 LEAST_REFERENCE = 2048
-"""Harmonics of the derivative that counts as true, or four times those of the motion."""
+"""Harmonics of the derivative that counts as true, or four times those of the
+motion.
+"""
 TIME_STEPS = 3072
 """Of the preconditioner, for the lowest of the speeds."""
 FIELDS = {
@@ -166,7 +220,9 @@ FIELDS = {
 
 
 class Continued(jaxhb.Plan):
-    """A plan from a given start, with no program for another or for the truncation error; one for all speeds."""
+    """A plan from a given start, with no program for another or for the truncation
+    error; one for all speeds.
+    """
 
     @property
     def sizes(self):
@@ -175,7 +231,9 @@ class Continued(jaxhb.Plan):
 
 @cache
 def sampled_train(scene):
-    """A packaged train, the names of its numbers above 0 of FIELDS, by table, and its meshes with backlash."""
+    """A packaged train, the names of its numbers above 0 of FIELDS, by table, and its
+    meshes with backlash.
+    """
     train = jaxhb.load_scene(scene)
     names = {
         table: [
@@ -183,19 +241,35 @@ def sampled_train(scene):
             for name, (kind, _) in train.topology.elements.items()
             for field in fields
             if kind == table
-            and (field != "backlash" or train.topology.mesh_backlash[train.topology.mesh_names.index(name)])
+            and (
+                field != "backlash"
+                or train.topology.mesh_backlash[train.topology.mesh_names.index(name)]
+            )
             and train.value(f"{name}.{field}") > 0
         ]
         for table, fields in FIELDS.items()
     }
-    meshes = [m for m, gap in zip(train.topology.mesh_names, train.topology.mesh_backlash, strict=True) if gap]
+    meshes = [
+        m
+        for m, gap in zip(
+            train.topology.mesh_names, train.topology.mesh_backlash, strict=True
+        )
+        if gap
+    ]
     return train, names, meshes
 
 
-# Compiled for each number of harmonics of each scene, for a few calls: not optimised, as that would take longer.
-@partial(jax.jit, static_argnames=("scene", "plan"), compiler_options={"xla_backend_optimization_level": 0})
+# Compiled for each number of harmonics of each scene, for a few calls: not optimised,
+# as that would take longer.
+@partial(
+    jax.jit,
+    static_argnames=("scene", "plan"),
+    compiler_options={"xla_backend_optimization_level": 0},
+)
 def peak_and_slopes(factors, train, rpm, of_mesh, deflections, scene, plan):
-    """Smooth peak of one mesh's force and its status, and the derivative by a factor on each number."""
+    """Smooth peak of one mesh's force and its status, and the derivative by a factor on
+    each number.
+    """
     _, names, meshes = sampled_train(scene)
     names = sum(names.values(), [])
     start = dataclasses.replace(some_response(scene), deflections=deflections)
@@ -203,7 +277,13 @@ def peak_and_slopes(factors, train, rpm, of_mesh, deflections, scene, plan):
     def peak(factors):
         changes = {name: train.value(name) * factors[i] for i, name in enumerate(names)}
         response = jaxhb.solve(train.replace(changes), rpm=rpm, plan=plan, start=start)
-        return sum(of_mesh[i] * response.force(mesh).smooth_peak() for i, mesh in enumerate(meshes)), response.status
+        return (
+            sum(
+                of_mesh[i] * response.force(mesh).smooth_peak()
+                for i, mesh in enumerate(meshes)
+            ),
+            response.status,
+        )
 
     return jax.value_and_grad(peak, has_aux=True)(factors)
 
@@ -215,14 +295,18 @@ def some_response(scene):
 
 
 def hammering(random, train, meshes):
-    """A random speed at which teeth of a converged motion separate: rpm, Response, a mesh that separates, draws."""
+    """A random speed at which teeth of a converged motion separate: rpm, Response, a
+    mesh that separates, draws.
+    """
     for draw in range(1, 41):
         rpm = float(random.uniform(*SPEEDS))
         response = jaxhb.solve(train, rpm=rpm)
         apart = [mesh for mesh in meshes if response.mesh(mesh).separated_fraction > 0]
         if response.converged and apart:
             return rpm, response, str(random.choice(apart)), draw
-    raise RuntimeError(f"{train.topology.title}: no tooth separates at 40 random speeds")
+    raise RuntimeError(
+        f"{train.topology.title}: no tooth separates at 40 random speeds"
+    )
 
 
 def sampled(seed, number):
@@ -231,15 +315,22 @@ def sampled(seed, number):
     scene = str(random.choice(SCENES))
     train, names, meshes = sampled_train(scene)
     rpm, response, mesh, draws = hammering(random, train, meshes)
-    name = str(random.choice(names[random.choice([table for table in names if names[table]])]))
+    name = str(
+        random.choice(names[random.choice([table for table in names if names[table]])])
+    )
     index = sum(names.values(), []).index(name)
     active = tuple(train.topology.mesh_names.index(m) for m in meshes)
-    flank, of_mesh = (0,) * len(train.topology.mesh_names), np.array([float(m == mesh) for m in meshes])
+    flank, of_mesh = (
+        (0,) * len(train.topology.mesh_names),
+        np.array([float(m == mesh) for m in meshes]),
+    )
     slopes, peaks, solved, least = [], [], True, response.harmonics
     deflections = fourier.resize(response.deflections, 4096)
     some_response(scene)  # solved before a program asks for it
     for harmonics in (least, 2 * least, min(max(LEAST_REFERENCE, 4 * least), 4096)):
-        plan = Continued(harmonics=harmonics, active=active, flank=flank, time_steps=TIME_STEPS)
+        plan = Continued(
+            harmonics=harmonics, active=active, flank=flank, time_steps=TIME_STEPS
+        )
         given = np.ones(sum(map(len, names.values()))), train, rpm, of_mesh, deflections
         (peak, status), slope = peak_and_slopes(*given, scene=scene, plan=plan)
         peaks.append(float(peak))
@@ -262,17 +353,30 @@ def sampled(seed, number):
 
 
 def report(records):
-    """Median, 90 % and worst error of the derivatives, and how far their estimate reaches."""
+    """Median, 90 % and worst error of the derivatives, and how far their estimate
+    reaches.
+    """
     solved = [r for r in records if r["solved"]]
     found, twice, reference = np.array([r["slopes"] for r in solved]).T
     estimate, off = np.abs(twice - found), np.abs(twice - reference)
-    print(f"{len(solved)} of {len(records)} solved at all harmonics, {sum(r['draws'] for r in records)} speeds drawn")
-    for title, error in (("default tolerance", np.abs(found - reference)), ("twice the harmonics", off)):
+    print(
+        f"{len(solved)} of {len(records)} solved at all harmonics,"
+        f" {sum(r['draws'] for r in records)} speeds drawn"
+    )
+    for title, error in (
+        ("default tolerance", np.abs(found - reference)),
+        ("twice the harmonics", off),
+    ):
         share = 100 * error / np.abs(reference)
         median, most = np.quantile(share, [0.5, 0.9])
-        print(f"{title}: off by {median:.2g} % (median), {most:.2g} % (90 %), {share.max():.3g} % (worst)")
+        print(
+            f"{title}: off by {median:.2g} % (median), {most:.2g} % (90 %),"
+            f" {share.max():.3g} % (worst)"
+        )
     known = estimate > 0
-    reach = np.where(known, off / np.where(known, estimate, 1.0), np.where(off > 0, np.inf, 0.0))
+    reach = np.where(
+        known, off / np.where(known, estimate, 1.0), np.where(off > 0, np.inf, 0.0)
+    )
     within = ", ".join(f"{100 * np.mean(reach <= k):.0f} % by {k:g}" for k in (1, 2, 4))
     print(f"error with twice the harmonics covered by the estimate times k: {within}")
 

@@ -1,23 +1,27 @@
-"""Gradients for design: what they cost, against differences of a compiled integrator, and what a tuning wins.
+"""Gradients for design: what they cost, against differences of a compiled integrator,
+and what a tuning wins.
 
     python benchmarks/design_gradients.py                      all figures, about 15 minutes on one core
     python benchmarks/design_gradients.py cost rivals          some of: cost, rivals, tuning
     python benchmarks/design_gradients.py --json rows.jsonl
     python benchmarks/design_gradients.py --quick              few speeds, few steps
 
-The train is ``engine_with_damper`` with its loss factors turned into viscous damping at 217 Hz, its first crankshaft
-mode: loss factors cannot be integrated in time. The quantity is the tooth force between crank gear and idler, half
-peak-to-peak, its smooth maximum over the speeds. One core, without compilation; processor time, so that other work on
-the machine counts little. What is compared is measured in turns: seconds are medians, ratios medians of the ratios
-within a turn.
+The train is ``engine_with_damper`` with its loss factors turned into viscous damping at
+217 Hz, its first crankshaft mode: loss factors cannot be integrated in time. The
+quantity is the tooth force between crank gear and idler, half peak-to-peak, its smooth
+maximum over the speeds. One core, without compilation; processor time, so that other
+work on the machine counts little. What is compared is measured in turns: seconds are
+medians, ratios medians of the ratios within a turn.
 
-- ``cost``: value and gradient over value, for 1, 10 and 100 parameters; cold (nothing known but the plans) and warm
-  (from the solution).
-- ``rivals``: the gradient over 50 speeds by central differences, two sweeps per parameter, of Runge-Kutta from the
-  linear motion on the flanks until two cycles agree within 1 % (at most 100 cycles), and within 1e-6, with how far the
-  two gradients are apart. The ratio of times is given for both.
-- ``tuning``: worst tooth force over 600 to 2600 rpm before and after, and the tuned train at five speeds that the
-  tuning did not see, against Runge-Kutta until two cycles agree within 1e-4.
+- ``cost``: value and gradient over value, for 1, 10 and 100 parameters; cold (nothing
+  known but the plans) and warm (from the solution).
+- ``rivals``: the gradient over 50 speeds by central differences, two sweeps per
+  parameter, of Runge-Kutta from the linear motion on the flanks until two cycles agree
+  within 1 % (at most 100 cycles), and within 1e-6, with how far the two gradients are
+  apart. The ratio of times is given for both.
+- ``tuning``: worst tooth force over 600 to 2600 rpm before and after, and the tuned
+  train at five speeds that the tuning did not see, against Runge-Kutta until two cycles
+  agree within 1e-4.
 """
 
 import dataclasses
@@ -59,19 +63,33 @@ def viscous_engine():
 
 
 def many_parameters(train, count):
-    """``count`` numbers of the train, dampers first; those above 0 may halve and double, the others lie amid bounds."""
+    """``count`` numbers of the train, dampers first; those above 0 may halve and
+    double, the others lie amid bounds.
+    """
     topology, names = train.topology, []
     kinds = (
         ("damper", ("damping", "inertia", "stiffness")),
         ("shaft", ("stiffness", "damping")),
         ("mesh", ("stiffness", "damping", "epsilon", "transition", "backlash")),
         ("disk", ("inertia", "damping")),
-        ("cylinder", ("stroke", "rod", "reciprocating_mass", "bore", "firing_angle", "ambient_pressure")),
+        (
+            "cylinder",
+            (
+                "stroke",
+                "rod",
+                "reciprocating_mass",
+                "bore",
+                "firing_angle",
+                "ambient_pressure",
+            ),
+        ),
         ("torque", ("mean",)),
         ("load", ("share",)),
     )
     for kind, fields in kinds:
-        of_kind = [name for name, (table, _) in topology.elements.items() if table == kind]
+        of_kind = [
+            name for name, (table, _) in topology.elements.items() if table == kind
+        ]
         names += [f"{name}.{field}" for name in of_kind for field in fields]
     absent = [
         "viscous damper.stiffness",
@@ -94,15 +112,23 @@ class Case:
 
     def __init__(self, train, parameters, rpm):
         self.bench = Evaluator(train, rpm, Task(parameters, (FORCE,), ()), Request())
-        self.z = np.zeros((1, len(parameters)))  # the middle of the bounds: the train as it is
+        self.z = np.zeros(
+            (1, len(parameters))
+        )  # the middle of the bounds: the train as it is
         counted = np.ones((1, len(rpm)), dtype=bool)
-        self.aim = Aim(counted, scales=np.array([6000.0]), widths=np.array([0.02]), share=0.02)
-        self.point = self.bench.at(self.z, self.bench.unsolved(self.z), self.aim, rescues=len(rpm))
+        self.aim = Aim(
+            counted, scales=np.array([6000.0]), widths=np.array([0.02]), share=0.02
+        )
+        self.point = self.bench.at(
+            self.z, self.bench.unsolved(self.z), self.aim, rescues=len(rpm)
+        )
         unknown = np.full_like(self.point.status, jaxhb.Status.MAX_STEPS)
         self.cold = dataclasses.replace(self.point, status=unknown)
 
     def gradient(self, near, away=0.0):
-        """Value and gradient from the motions of ``near``, every parameter ``away`` of its range from there."""
+        """Value and gradient from the motions of ``near``, every parameter ``away`` of
+        its range from there.
+        """
         return self.bench.at(self.z + 4 * away, near, self.aim)
 
     def value(self, near):
@@ -111,7 +137,9 @@ class Case:
 
 
 def in_turns(calls, repeats):
-    """Seconds of processor time of each call ``{name: (repeats,)}``, one after the other in every turn."""
+    """Seconds of processor time of each call ``{name: (repeats,)}``, one after the
+    other in every turn.
+    """
     for call in calls.values():
         call()
     seconds = {name: [] for name in calls}
@@ -119,7 +147,9 @@ def in_turns(calls, repeats):
         for name, call in calls.items():
             begin = time.process_time()
             told = call()
-            seconds[name].append(told if isinstance(told, float) else time.process_time() - begin)
+            seconds[name].append(
+                told if isinstance(told, float) else time.process_time() - begin
+            )
     return {name: np.array(values) for name, values in seconds.items()}
 
 
@@ -133,9 +163,15 @@ def cost(recorder, options):
     train, rpm = viscous_engine(), np.linspace(600, 2600, 5 if options.quick else 50)
     for count in (1, 10, 100):
         case = Case(train, many_parameters(train, count), rpm)
-        solved = f"{int(np.sum(case.point.solved))} speeds solved; {case.bench.described(case.point, 0)}"
+        solved = (
+            f"{int(np.sum(case.point.solved))} speeds solved;"
+            f" {case.bench.described(case.point, 0)}"
+        )
         for said, near in (("cold", case.cold), ("warm", case.point)):
-            calls = {"value": partial(case.value, near), "both": partial(case.gradient, near)}
+            calls = {
+                "value": partial(case.value, near),
+                "both": partial(case.gradient, near),
+            }
             taken = in_turns(calls, options.repeats)
             recorder.add(
                 what="cost",
@@ -161,7 +197,9 @@ def swept(tasks, aim):
 
 
 def _march(task, aim):
-    steps = max(LEAST_STEPS, int(np.ceil(task.period * fastest_rate(task) / STABLE / 100)) * 100)
+    steps = max(
+        LEAST_STEPS, int(np.ceil(task.period * fastest_rate(task) / STABLE / 100)) * 100
+    )
     return march(task, "rk4", steps, aim=aim, clock=time.process_time)
 
 
@@ -171,7 +209,13 @@ def smooth_worst(marches, mesh):
     for marched in marches:
         swing = marched.force[mesh] - marched.force[mesh].mean()
         parts = np.maximum(swing, 0.0), np.maximum(-swing, 0.0)
-        sizes.append(sum(part.max() * np.mean((part / part.max()) ** 64) ** (1 / 64) for part in parts) / 2)
+        sizes.append(
+            sum(
+                part.max() * np.mean((part / part.max()) ** 64) ** (1 / 64)
+                for part in parts
+            )
+            / 2
+        )
     scaled = np.array(sizes) / 6000.0 / 0.02
     return 0.02 * (scaled.max() + np.log(np.exp(scaled - scaled.max()).sum()))
 
@@ -180,7 +224,9 @@ def rivals(recorder, options):
     """The same gradient by differences of compiled Runge-Kutta."""
     train, rpm = viscous_engine(), np.linspace(600, 2600, 5 if options.quick else 50)
     mesh = train.topology.mesh_names.index(MESH)
-    cases = {count: Case(train, many_parameters(train, count), rpm) for count in (10, 100)}
+    cases = {
+        count: Case(train, many_parameters(train, count), rpm) for count in (10, 100)
+    }
     tasks, gradients, calls = [settled(train, speed, 1.0)[1] for speed in rpm], {}, {}
     for aim in AIMS:
         found, open_cycles = [], 0
@@ -189,19 +235,36 @@ def rivals(recorder, options):
             for sign in (1, -1):
                 z = cases[10].z[0].copy()
                 z[k] = sign * 4e-3  # a thousandth of the range
-                marches = [settled(train.replace(cases[10].bench.task.named(z)), speed, aim)[0] for speed in rpm]
+                marches = [
+                    settled(train.replace(cases[10].bench.task.named(z)), speed, aim)[0]
+                    for speed in rpm
+                ]
                 values.append(smooth_worst(marches, mesh))
-                open_cycles += sum(marched.periodicity_error > aim for marched in marches)
+                open_cycles += sum(
+                    marched.periodicity_error > aim for marched in marches
+                )
             found.append((values[0] - values[1]) / 8e-3)
         gradients[aim] = np.array(found)
-        apart = np.abs(gradients[aim] - gradients[AIMS[0]]).max() / np.abs(gradients[AIMS[0]]).max()
-        notes = f"gradient {apart:.0e} from the finest; {open_cycles / 2 / len(found):g} marches a sweep stay open"
-        calls[aim] = partial(swept, tasks, aim), {"parameters": len(found), "apart": apart, "notes": notes}
+        apart = (
+            np.abs(gradients[aim] - gradients[AIMS[0]]).max()
+            / np.abs(gradients[AIMS[0]]).max()
+        )
+        notes = (
+            f"gradient {apart:.0e} from the finest; {open_cycles / 2 / len(found):g}"
+            " marches a sweep stay open"
+        )
+        calls[aim] = (
+            partial(swept, tasks, aim),
+            {"parameters": len(found), "apart": apart, "notes": notes},
+        )
     for count, case in cases.items():
         calls |= {
             (count, "cold"): (partial(case.gradient, case.cold), {}),
             (count, "warm"): (partial(case.gradient, case.point), {}),
-            (count, "from a design a hundredth of the range away"): (partial(case.gradient, case.point, 0.01), {}),
+            (count, "from a design a hundredth of the range away"): (
+                partial(case.gradient, case.point, 0.01),
+                {},
+            ),
         }
     taken = in_turns({name: call for name, (call, _) in calls.items()}, options.repeats)
     for name, seconds in taken.items():
@@ -211,21 +274,40 @@ def rivals(recorder, options):
             recorder.add(**row, **calls[name][1], setting=setting)
             continue
         count, said = name
-        ratios = {f"{aim:g}": float(np.median(2 * count * taken[aim] / seconds)) for aim in AIMS}
+        ratios = {
+            f"{aim:g}": float(np.median(2 * count * taken[aim] / seconds))
+            for aim in AIMS
+        }
         words = ", ".join(f"{ratio:.3g} ({aim})" for aim, ratio in ratios.items())
-        row |= {"parameters": count, "ratio": ratios["0.01"], "ratios": ratios, "notes": words}
+        row |= {
+            "parameters": count,
+            "ratio": ratios["0.01"],
+            "ratios": ratios,
+            "notes": words,
+        }
         recorder.add(**row, setting=f"gradient, {said}")
 
 
 def tuning(recorder, options):
-    """Before and after, and the tuned train against Runge-Kutta at speeds that were not tuned."""
+    """Before and after, and the tuned train against Runge-Kutta at speeds that were not
+    tuned.
+    """
     train, rpm = viscous_engine(), np.linspace(600, 2600, 9 if options.quick else 41)
-    bounds = {"viscous damper.damping": (3.0, 300.0), "rubber damper.stiffness": (1e4, 3e5)}
+    bounds = {
+        "viscous damper.damping": (3.0, 300.0),
+        "rubber damper.stiffness": (1e4, 3e5),
+    }
     own = train.value("rubber damper.damping")
-    bounds |= {"rubber damper.damping": (own / 5, 5 * own), "rubber damper.inertia": (0.01, 0.05)}
+    bounds |= {
+        "rubber damper.damping": (own / 5, 5 * own),
+        "rubber damper.inertia": (0.01, 0.05),
+    }
     result = jaxhb.tune(
         train,
-        parameters=[Parameter(name=name, low=low, high=high) for name, (low, high) in bounds.items()],
+        parameters=[
+            Parameter(name=name, low=low, high=high)
+            for name, (low, high) in bounds.items()
+        ],
         rpm=rpm,
         objective=FORCE,
         penalties=[
@@ -234,7 +316,10 @@ def tuning(recorder, options):
         ],
         steps=2 if options.quick else 40,
     )
-    worst = [np.nanmax(reading.readings[f"tooth force of {MESH}"]) for reading in (result.before, result.after)]
+    worst = [
+        np.nanmax(reading.readings[f"tooth force of {MESH}"])
+        for reading in (result.before, result.after)
+    ]
     last = result.history[-1]
     recorder.add(
         what="tuning",
@@ -255,7 +340,10 @@ def tuning(recorder, options):
     for speed in UNSEEN[:1] if options.quick else UNSEEN:
         response = jaxhb.solve(result.train, rpm=speed)
         marched, _ = settled(result.train, speed, 1e-4)
-        found, wanted = float(response.force(MESH).elastic.half_peak_to_peak), float(np.ptp(marched.force[mesh]) / 2)
+        found, wanted = (
+            float(response.force(MESH).elastic.half_peak_to_peak),
+            float(np.ptp(marched.force[mesh]) / 2),
+        )
         recorder.add(
             what="recheck",
             setting=f"{speed:g} rpm, half peak-to-peak, N: harmonics, in time",
@@ -274,7 +362,12 @@ PARTS = {"cost": cost, "rivals": rivals, "tuning": tuning}
 def main():
     """Print the rows, and write them."""
     reader = command_line(__doc__, core=0, repeats=5, quick="few speeds and steps")
-    reader.add_argument("--differences", type=int, default=4, help="parameters of which Runge-Kutta is differenced")
+    reader.add_argument(
+        "--differences",
+        type=int,
+        default=4,
+        help="parameters of which Runge-Kutta is differenced",
+    )
     run_parts("design_gradients", reader, PARTS, COLUMNS)
 
 

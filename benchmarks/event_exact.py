@@ -1,15 +1,19 @@
-"""Event-exact motion of one pair of gears with backlash, an oracle of what it does after it has run long enough.
+"""Event-exact motion of one pair of gears with backlash, an oracle of what it does
+after it has run long enough.
 
-Lengths are in units of half the backlash, forces in stiffness x half the backlash, times in 1 / natural frequency:
+Lengths are in units of half the backlash, forces in stiffness x half the backlash,
+times in 1 / natural frequency:
 
     x'' + 2 zeta x' + g(x) = mean + Re(alternating e^{i Omega t}),
     g = epsilon x in the gap |x| <= 1,  sign(x) (|x| - 1 + epsilon) in contact
 
-This is law (18) of :mod:`jaxhb.equations.backlash` for a transition of width 0. On each piece of the law the motion has
-a closed form. Its turning points are searched with steps too short to pass one, for which |x'''| has a bound; between
-two of them x is monotone, so that a knot is crossed once or not at all, however close they are. The linearised motion
-is the product of the closed forms too: x'' is continuous at a knot, or jumps by a multiple of x' (damping in contact
-only), which adds one shear. Nothing here is shared with jaxhb. ``lightly_loaded.py`` tabulates a family with it.
+This is law (18) of :mod:`jaxhb.equations.backlash` for a transition of width 0. On each
+piece of the law the motion has a closed form. Its turning points are searched with
+steps too short to pass one, for which |x'''| has a bound; between two of them x is
+monotone, so that a knot is crossed once or not at all, however close they are. The
+linearised motion is the product of the closed forms too: x'' is continuous at a knot,
+or jumps by a multiple of x' (damping in contact only), which adds one shear. Nothing
+here is shared with jaxhb. ``lightly_loaded.py`` tabulates a family with it.
 """
 
 import cmath
@@ -19,11 +23,15 @@ from dataclasses import dataclass
 import numpy as np
 
 SHORTEST = 1e-9
-"""Time in which a speed that is about to change its sign changes by less than the rounding of a speed."""
+"""Time in which a speed that is about to change its sign changes by less than the
+rounding of a speed.
+"""
 
 RETURNS = 1e-9
-"""A state that returns this closely may be periodic: Newton's method decides. An irregular motion of dimension D comes
-back to one of its last states so closely in about 1e-9^D of the cycles, D > 1: not once in a record."""
+"""A state that returns this closely may be periodic: Newton's method decides. An
+irregular motion of dimension D comes back to one of its last states so closely in about
+1e-9^D of the cycles, D > 1: not once in a record.
+"""
 
 LONGEST = 8
 """Cycles of the longest subharmonic motion; a longer period counts as irregular."""
@@ -34,9 +42,11 @@ LONGEST_SOUGHT = 64
 
 @dataclass(frozen=True)
 class Pair:
-    """The pair at one speed: damping ratio, mean and alternating force (complex), frequency, law in the gap.
+    """The pair at one speed: damping ratio, mean and alternating force (complex),
+    frequency, law in the gap.
 
-    damped_gap : True, the damper always acts (damping law "always"); False, in contact only ("contact")
+    damped_gap : True, the damper always acts (damping law "always"); False, in contact
+    only ("contact")
     """
 
     frequency: float
@@ -60,13 +70,17 @@ class Pair:
 class Arc:
     """Motion on one piece of the law (-1, 0, 1) from (x, v) at time t.
 
-    y = x - Re(P e^{i Omega t}) obeys y'' + 2 d y' + k y = load: y = y0 + y0' s + (load - k y0) q with
-    s'' + 2 d s' + k s = 0, s(0) = 0, s'(0) = 1 and q the integral of s. The rounding of q is 1e-16 / k: give an
-    epsilon of 0, or not far below 1e-3.
+    y = x - Re(P e^{i Omega t}) obeys y'' + 2 d y' + k y = load: y = y0 + y0' s + (load
+    - k y0) q with s'' + 2 d s' + k s = 0, s(0) = 0, s'(0) = 1 and q the integral of s.
+    The rounding of q is 1e-16 / k: give an epsilon of 0, or not far below 1e-3.
     """
 
     def __init__(self, pair, piece, t, x, v):
-        self.k, self.d, self.frequency = pair.stiffness(piece), pair.damping(piece), pair.frequency
+        self.k, self.d, self.frequency = (
+            pair.stiffness(piece),
+            pair.damping(piece),
+            pair.frequency,
+        )
         self.load = pair.mean + piece * (1 - pair.epsilon)
         receptance = 1 / (self.k - self.frequency**2 + 2j * self.d * self.frequency)
         self.forced = pair.alternating * receptance * cmath.exp(1j * self.frequency * t)
@@ -93,8 +107,15 @@ class Arc:
         s, rate, q = self.basis(tau)
         y, w = self.x0 + self.v0 * s + self.pull * q, self.v0 * rate + self.pull * s
         free = self.load - self.k * y - 2 * self.d * w
-        forced, frequency = self.forced * cmath.exp(1j * self.frequency * tau), self.frequency
-        x, v, a = y + forced.real, w - frequency * forced.imag, free - frequency**2 * forced.real
+        forced, frequency = (
+            self.forced * cmath.exp(1j * self.frequency * tau),
+            self.frequency,
+        )
+        x, v, a = (
+            y + forced.real,
+            w - frequency * forced.imag,
+            free - frequency**2 * forced.real,
+        )
         return x, v, a, free, -2 * self.d * free - self.k * w
 
     def tangent(self, tau):
@@ -104,11 +125,16 @@ class Arc:
 
 
 def next_turn(arc, limit):
-    """First time up to ``limit`` at which x' changes its sign, else the limit; and that sign before.
+    """First time up to ``limit`` at which x' changes its sign, else the limit; and that
+    sign before.
 
     |y'''| <= |y'''_0| + k |y''_0| L for a time L, because |s'| <= 1 and |s| <= L.
     """
-    tau, window, forced = 0.0, 1 / max(1.0, arc.frequency), abs(arc.forced) * arc.frequency**3
+    tau, window, forced = (
+        0.0,
+        1 / max(1.0, arc.frequency),
+        abs(arc.forced) * arc.frequency**3,
+    )
     _, v, a, free, jerk = arc.at(0.0)
     sign = math.copysign(1.0, v if v else a)
     while tau < limit:
@@ -124,7 +150,9 @@ def next_turn(arc, limit):
 
 
 def crossing(arc, level, sign, end):
-    """Time in [0, end] at which x, monotone there, passes ``level``: Newton's method, held in a shrinking bracket."""
+    """Time in [0, end] at which x, monotone there, passes ``level``: Newton's method,
+    held in a shrinking bracket.
+    """
     low, high, tau = 0.0, end, end / 2
     for _ in range(200):
         x, v, *_ = arc.at(tau)
@@ -139,8 +167,9 @@ def crossing(arc, level, sign, end):
 
 @dataclass(frozen=True)
 class Stretch:
-    """A stretch of motion: state (x, x') at its end, tangent map, extremes of x, shares of time in the gap and on the
-    reverse flank, impacts (from the gap into contact)."""
+    """A stretch of motion: state (x, x') at its end, tangent map, extremes of x, shares
+    of time in the gap and on the reverse flank, impacts (from the gap into contact).
+    """
 
     state: tuple
     tangent: np.ndarray
@@ -171,12 +200,18 @@ def advance(pair, state, begin, end):
         tangent = shear(pair, piece, after) @ arc.tangent(tau) @ tangent
         shares[piece] += tau / (end - begin)
         t, piece = end if last else t + tau, after
-    return Stretch((x, v), tangent, min(seen), max(seen), shares[0], shares[-1], impacts)
+    return Stretch(
+        (x, v), tangent, min(seen), max(seen), shares[0], shares[-1], impacts
+    )
 
 
 def shear(pair, before, after):
-    """What the jump of x'' at a knot adds to the tangent map: that of 2 d x', as the elastic force does not jump."""
-    return np.array([[1.0, 0.0], [2 * (pair.damping(before) - pair.damping(after)), 1.0]])
+    """What the jump of x'' at a knot adds to the tangent map: that of 2 d x', as the
+    elastic force does not jump.
+    """
+    return np.array(
+        [[1.0, 0.0], [2 * (pair.damping(before) - pair.damping(after)), 1.0]]
+    )
 
 
 def cycle(pair, state):
@@ -209,7 +244,9 @@ def product(cycles):
 
 
 def orbit(pair, state, period=1, steps=40):
-    """The periodic motion near a state, stable or not, by Newton's method on the exact map; its cycles, or None."""
+    """The periodic motion near a state, stable or not, by Newton's method on the exact
+    map; its cycles, or None.
+    """
     state, best = np.array(state, float), (math.inf, None)
     for _ in range(steps):
         cycles = march(pair, state, period)
@@ -219,18 +256,26 @@ def orbit(pair, state, period=1, steps=40):
             break
         if error < best[0]:
             best = error, cycles
-        # least squares: a motion that stays in a gap without a spring has the multiplier 1
-        state = state - np.linalg.lstsq(product(cycles) - np.eye(2), change, rcond=None)[0]
+        # least squares: a motion that stays in a gap without a spring has the
+        # multiplier 1
+        state = (
+            state - np.linalg.lstsq(product(cycles) - np.eye(2), change, rcond=None)[0]
+        )
     return best[1] if best[0] < 1e-12 else None
 
 
 def multipliers(cycles):
     """Floquet multipliers of a periodic motion, the largest first."""
-    return sorted(np.linalg.eigvals(product(cycles)).tolist(), key=lambda value: (-abs(value), -value.imag))
+    return sorted(
+        np.linalg.eigvals(product(cycles)).tolist(),
+        key=lambda value: (-abs(value), -value.imag),
+    )
 
 
 def lyapunov_exponent(cycles):
-    """Largest Lyapunov exponent per cycle: mean growth of the logarithm of a tangent vector."""
+    """Largest Lyapunov exponent per cycle: mean growth of the logarithm of a tangent
+    vector.
+    """
     vector, total = np.array([1.0, 0.3]), 0.0
     for one in cycles:
         vector = one.tangent @ vector
@@ -243,8 +288,9 @@ def lyapunov_exponent(cycles):
 class Motion:
     """What the pair does after it has run long enough.
 
-    kind : "contact", "periodic", "subharmonic" (2 to 8 cycles) or "irregular"; period in cycles, 0 where there is none
-    (an irregular motion may have one of 9 to 64); cycles : one period, or the record; marched : cycles until known
+    kind : "contact", "periodic", "subharmonic" (2 to 8 cycles) or "irregular"; period
+    in cycles, 0 where there is none (an irregular motion may have one of 9 to 64);
+    cycles : one period, or the record; marched : cycles until known
     """
 
     kind: str
@@ -273,17 +319,28 @@ class Motion:
 
 
 def returned(states):
-    """Smallest number of cycles after which the last of the states had been there; 0 if it never had."""
+    """Smallest number of cycles after which the last of the states had been there; 0 if
+    it never had.
+    """
     x, v = states[-1]
     back = range(2, min(LONGEST_SOUGHT + 1, len(states)) + 1)
-    return next((k - 1 for k in back if abs(states[-k][0] - x) < RETURNS and abs(states[-k][1] - v) < RETURNS), 0)
+    return next(
+        (
+            k - 1
+            for k in back
+            if abs(states[-k][0] - x) < RETURNS and abs(states[-k][1] - v) < RETURNS
+        ),
+        0,
+    )
 
 
 def long_run(pair, state, *, transient=8192, record=4096):
-    """March from a state until it is periodic, ``transient + record`` cycles at most; the record if it never is.
+    """March from a state until it is periodic, ``transient + record`` cycles at most;
+    the record if it never is.
 
-    A periodic motion is the one to which Newton's method goes from there, if it is near and its multipliers lie within
-    the unit circle. A record whose exponent is not above 0 tells that the march was too short for its period.
+    A periodic motion is the one to which Newton's method goes from there, if it is near
+    and its multipliers lie within the unit circle. A record whose exponent is not above
+    0 tells that the march was too short for its period.
     """
     states, cycles = [tuple(state)], []
     for count in range(1, transient + record + 1):
@@ -291,14 +348,28 @@ def long_run(pair, state, *, transient=8192, record=4096):
         states.append(cycles[-1].state)
         period = returned(states)
         found = shortest(orbit(pair, states[-1], period)) if period else None
-        if found and np.abs(np.subtract(found[-1].state, states[-1])).max() < 1e-5 and abs(multipliers(found)[0]) < 1:
+        if (
+            found
+            and np.abs(np.subtract(found[-1].state, states[-1])).max() < 1e-5
+            and abs(multipliers(found)[0]) < 1
+        ):
             return Motion(kind_of(found), len(found), found, count)
     return Motion("irregular", 0, cycles[transient:], transient + record)
 
 
 def shortest(cycles):
-    """The cycles of one period: a fast motion may return after a multiple of its period first."""
-    return cycles and cycles[-(returned([cycles[-1].state] + [one.state for one in cycles]) or len(cycles)) :]
+    """The cycles of one period: a fast motion may return after a multiple of its period
+    first.
+    """
+    return (
+        cycles
+        and cycles[
+            -(
+                returned([cycles[-1].state] + [one.state for one in cycles])
+                or len(cycles)
+            ) :
+        ]
+    )
 
 
 def kind_of(cycles):

@@ -1,12 +1,16 @@
-"""Compiled time integrators of a drive train, as a user would write them: O(S) per step through the links.
+"""Compiled time integrators of a drive train, as a user would write them: O(S) per step
+through the links.
 
-The train is a :class:`tasks.Task`; its excitation comes as a table over one cycle that is made beforehand, and only the
-steps are timed. Mesh law and damping are those of :mod:`jaxhb.equations.backlash`.
+The train is a :class:`tasks.Task`; its excitation comes as a table over one cycle that
+is made beforehand, and only the steps are timed. Mesh law and damping are those of
+:mod:`jaxhb.equations.backlash`.
 
-- :func:`runge_kutta`: the classical explicit method of fourth order; stable below ``dt omega_max = 2.7``.
-- :func:`implicit_tree`: generalized-alpha (Chung and Hulbert 1993; ``rho = 1`` is the trapezoidal rule in its midpoint
-  form), second order. The linear train with all teeth in contact is factorised once along the tree; a step is one
-  solve with the factor, then Newton's method for the deflections of the meshes alone.
+- :func:`runge_kutta`: the classical explicit method of fourth order; stable below ``dt
+  omega_max = 2.7``.
+- :func:`implicit_tree`: generalized-alpha (Chung and Hulbert 1993; ``rho = 1`` is the
+  trapezoidal rule in its midpoint form), second order. The linear train with all teeth
+  in contact is factorised once along the tree; a step is one solve with the factor,
+  then Newton's method for the deflections of the meshes alone.
 - :func:`runge_kutta_links`: the classical method once more, for trains of any form.
 """
 
@@ -31,7 +35,9 @@ def _mesh(m, g, l, rate):
     drop = m.mesh_k[g] - m.soft[g]
     contact = drop * (u * u / (2 * width) + beyond)
     share = u / width if m.gated[g] else 1.0
-    force = m.soft[g] * l + (contact if l > 0 else -contact) + m.mesh_r[g] * rate * share
+    force = (
+        m.soft[g] * l + (contact if l > 0 else -contact) + m.mesh_r[g] * rate * share
+    )
     slope = m.soft[g] + drop * u / width
     if m.gated[g] and 0.0 < u < width:
         slope += (1.0 if l > 0 else -1.0) * m.mesh_r[g] * rate / width
@@ -46,8 +52,17 @@ def _linear(m, x, v, link, out):
         link[s] = m.chain_k[s] * (x[s] - x[s + 1]) + m.chain_r[s] * (v[s] - v[s + 1])
     out[0] = -m.damping[0] * v[0] - m.ground[0] * x[0] - link[0]
     for s in range(size - 2):
-        out[s + 1] = link[s] - link[s + 1] - m.damping[s + 1] * v[s + 1] - m.ground[s + 1] * x[s + 1]
-    out[size - 1] = link[size - 2] - m.damping[size - 1] * v[size - 1] - m.ground[size - 1] * x[size - 1]
+        out[s + 1] = (
+            link[s]
+            - link[s + 1]
+            - m.damping[s + 1] * v[s + 1]
+            - m.ground[s + 1] * x[s + 1]
+        )
+    out[size - 1] = (
+        link[size - 2]
+        - m.damping[size - 1] * v[size - 1]
+        - m.ground[size - 1] * x[size - 1]
+    )
     for k in range(m.shaft_k.size):
         a, b = m.shaft_a[k], m.shaft_b[k]
         force = m.shaft_k[k] * (x[a] - x[b]) + m.shaft_r[k] * (v[a] - v[b])
@@ -57,13 +72,17 @@ def _linear(m, x, v, link, out):
 
 @njit(fastmath=RELAXED, error_model="numpy", inline="always")
 def _acceleration(m, inverse, x, v, table, row, link, out):
-    """M^-1 (q - B x' - K x - mesh forces), m/s2, with the excitation in a row of the table."""
+    """M^-1 (q - B x' - K x - mesh forces), m/s2, with the excitation in a row of the
+    table.
+    """
     _linear(m, x, v, link, out)
     for e in range(m.pushed.size):
         out[m.pushed[e]] += table[row, e]
     for g in range(m.mesh_k.size):
         a, b, arm_a, arm_b = m.mesh_a[g], m.mesh_b[g], m.arm_a[g], m.arm_b[g]
-        force, _, _ = _mesh(m, g, arm_a * x[a] - arm_b * x[b], arm_a * v[a] - arm_b * v[b])
+        force, _, _ = _mesh(
+            m, g, arm_a * x[a] - arm_b * x[b], arm_a * v[a] - arm_b * v[b]
+        )
         out[a] -= arm_a * force
         out[b] += arm_b * force
     for s in range(x.size):
@@ -72,7 +91,9 @@ def _acceleration(m, inverse, x, v, table, row, link, out):
 
 @njit
 def accelerate(m, x, v, table, out):
-    """Accelerations ``out`` ``(S,)`` m/s2 with the excitation in the first row of ``table``."""
+    """Accelerations ``out`` ``(S,)`` m/s2 with the excitation in the first row of
+    ``table``.
+    """
     _acceleration(m, 1 / m.mass, x, v, table, 0, np.empty_like(x), out)
 
 
@@ -86,9 +107,11 @@ def _observe(m, x, v, deflection, rate, j):
 
 @njit(fastmath=RELAXED, error_model="numpy")
 def runge_kutta(m, x, v, table, dt, deflection, rate):
-    """Advance ``x``, ``v`` in place; deflections and rates ``(M, steps)`` at the beginning of each step.
+    """Advance ``x``, ``v`` in place; deflections and rates ``(M, steps)`` at the
+    beginning of each step.
 
-    ``table`` ``(2 steps_per_cycle, E)`` N holds the excitation at half steps; ``deflection.shape[1]`` steps are taken.
+    ``table`` ``(2 steps_per_cycle, E)`` N holds the excitation at half steps;
+    ``deflection.shape[1]`` steps are taken.
     """
     size, rows, inverse = x.size, table.shape[0], 1 / m.mass
     a1, a2, a3, a4 = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
@@ -118,7 +141,9 @@ def runge_kutta(m, x, v, table, dt, deflection, rate):
 
 @njit(fastmath=RELAXED, error_model="numpy")
 def _factorise(parent, coupling, diagonal):
-    """Factor of a symmetric tree matrix, leaves first: multipliers ``(S,)`` and inverse pivots ``(S,)``."""
+    """Factor of a symmetric tree matrix, leaves first: multipliers ``(S,)`` and inverse
+    pivots ``(S,)``.
+    """
     weight, inverse = np.zeros(parent.size), np.empty(parent.size)
     for s in range(parent.size):
         inverse[s] = 1 / diagonal[s]
@@ -130,7 +155,9 @@ def _factorise(parent, coupling, diagonal):
 
 @njit(fastmath=RELAXED, error_model="numpy")
 def _solve(parent, weight, inverse, right):
-    """Solve with the factor of a tree, in place; runs of the tree are carried in a register."""
+    """Solve with the factor of a tree, in place; runs of the tree are carried in a
+    register.
+    """
     last = parent.size - 1
     carried = 0.0
     for s in range(last):
@@ -173,7 +200,9 @@ def _gauss(matrix, right):
 
 @njit(fastmath=RELAXED, error_model="numpy")
 def _excess(m, compliance, cx, cv, free_l, free_v, l, phi, matrix, change):
-    """Excess forces phi of the meshes: ``l = l_free - cx H phi(l, l')`` by Newton's method; steps taken."""
+    """Excess forces phi of the meshes: ``l = l_free - cx H phi(l, l')`` by Newton's
+    method; steps taken.
+    """
     count = l.size
     for step in range(25):
         for g in range(count):
@@ -200,17 +229,24 @@ def _excess(m, compliance, cx, cv, free_l, free_v, l, phi, matrix, change):
 
 @njit(fastmath=RELAXED, error_model="numpy")
 def implicit_tree(m, scheme, factor, x, v, a, table, dt, deflection, rate):
-    """Advance ``x``, ``v``, ``a`` in place by generalized-alpha; deflections and rates as in :func:`runge_kutta`.
+    """Advance ``x``, ``v``, ``a`` in place by generalized-alpha; deflections and rates
+    as in :func:`runge_kutta`.
 
-    ``scheme`` (alpha_m, alpha_f, beta, gamma); ``factor`` from :func:`tree_factor`; ``table`` ``(steps_per_cycle, E)``
-    N holds the excitation at ``t_j + (1 - alpha_f) dt``.
+    ``scheme`` (alpha_m, alpha_f, beta, gamma); ``factor`` from :func:`tree_factor`;
+    ``table`` ``(steps_per_cycle, E)`` N holds the excitation at ``t_j + (1 - alpha_f)
+    dt``.
     """
     alpha_m, alpha_f, beta, gamma = scheme
     parent, weight, inverse, columns, compliance = factor
     count, size, rows = m.mesh_k.size, x.size, table.shape[0]
     cx, cv = (1 - alpha_f) * beta * dt * dt, (1 - alpha_f) * gamma * dt
     y, w, r, link = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    free_l, free_v, l, phi = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
+    free_l, free_v, l, phi = (
+        np.zeros(count),
+        np.zeros(count),
+        np.zeros(count),
+        np.zeros(count),
+    )
     matrix, change = np.empty((count, count)), np.empty(count)
     for j in range(deflection.shape[1]):
         _observe(m, x, v, deflection, rate, j)
@@ -225,7 +261,9 @@ def implicit_tree(m, scheme, factor, x, v, a, table, dt, deflection, rate):
             r[m.pushed[e]] += table[row, e]
         for g in range(count):
             p, q, arm_p, arm_q = m.mesh_a[g], m.mesh_b[g], m.arm_a[g], m.arm_b[g]
-            force = m.mesh_k[g] * (arm_p * y[p] - arm_q * y[q]) + m.mesh_r[g] * (arm_p * w[p] - arm_q * w[q])
+            force = m.mesh_k[g] * (arm_p * y[p] - arm_q * y[q]) + m.mesh_r[g] * (
+                arm_p * w[p] - arm_q * w[q]
+            )
             r[p] -= arm_p * force
             r[q] += arm_q * force
         _solve(parent, weight, inverse, r)
@@ -248,13 +286,17 @@ def implicit_tree(m, scheme, factor, x, v, a, table, dt, deflection, rate):
 
 
 def scheme_of(rho):
-    """Generalized-alpha (alpha_m, alpha_f, beta, gamma) with spectral radius ``rho`` at infinite frequency."""
+    """Generalized-alpha (alpha_m, alpha_f, beta, gamma) with spectral radius ``rho`` at
+    infinite frequency.
+    """
     alpha_m, alpha_f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
     return alpha_m, alpha_f, (1 - alpha_m + alpha_f) ** 2 / 4, 0.5 - alpha_m + alpha_f
 
 
 def tree_factor(task, dt, scheme):
-    """Factor of ``(1 - alpha_m) M + (1 - alpha_f)(gamma dt B + beta dt^2 K)`` and its answers to the mesh forces."""
+    """Factor of ``(1 - alpha_m) M + (1 - alpha_f)(gamma dt B + beta dt^2 K)`` and its
+    answers to the mesh forces.
+    """
     m, (alpha_m, alpha_f, beta, gamma) = task.model, scheme
     cx, cv = (1 - alpha_f) * beta * dt**2, (1 - alpha_f) * gamma * dt
     a, b, arm_a, arm_b, stiffness, damping = links(m)
@@ -270,28 +312,39 @@ def tree_factor(task, dt, scheme):
         columns[g, m.mesh_a[g]] += m.arm_a[g]
         columns[g, m.mesh_b[g]] -= m.arm_b[g]
         _solve(task.parent, weight, inverse, columns[g])
-    compliance = m.arm_a[:, None] * columns[:, m.mesh_a].T - m.arm_b[:, None] * columns[:, m.mesh_b].T
+    compliance = (
+        m.arm_a[:, None] * columns[:, m.mesh_a].T
+        - m.arm_b[:, None] * columns[:, m.mesh_b].T
+    )
     return task.parent, weight, inverse, columns, np.ascontiguousarray(compliance)
 
 
 def stepping(task, method, steps, rho=RHO):
-    """A function that advances one cycle (deflection and rate arrays in), and the state (x, v) that it moves."""
+    """A function that advances one cycle (deflection and rate arrays in), and the state
+    (x, v) that it moves.
+    """
     x, v = task.displacement.copy(), task.velocity.copy()
     dt, m = task.period / steps, task.model
     if method == "rk4":
         table = task.table(2 * steps)
-        return lambda deflection, rate: runge_kutta(m, x, v, table, dt, deflection, rate), (x, v)
+        return lambda deflection, rate: runge_kutta(
+            m, x, v, table, dt, deflection, rate
+        ), (x, v)
     scheme = scheme_of(rho)
     factor, table = tree_factor(task, dt, scheme), task.table(steps, 1 - scheme[1])
     a = np.empty_like(x)
     accelerate(m, x, v, task.table(2), a)
-    return lambda deflection, rate: implicit_tree(m, scheme, factor, x, v, a, table, dt, deflection, rate), (x, v)
+    return lambda deflection, rate: implicit_tree(
+        m, scheme, factor, x, v, a, table, dt, deflection, rate
+    ), (x, v)
 
 
 @njit(error_model="numpy")
 def _accelerate_links(x, v, load, out, disk, link, mesh):
-    """Accelerations of the disks; ``disk``: damping, ground, inverse mass; ``link``: ends, arms, stiffness, damping;
-    ``mesh``: of each link, its law, or a backlash of -1 where it is linear."""
+    """Accelerations of the disks; ``disk``: damping, ground, inverse mass; ``link``:
+    ends, arms, stiffness, damping; ``mesh``: of each link, its law, or a backlash of -1
+    where it is linear.
+    """
     damping, ground, inverse = disk
     for s in range(x.size):
         out[s] = load[s] - damping[s] * v[s] - ground[s] * x[s]
@@ -299,7 +352,16 @@ def _accelerate_links(x, v, load, out, disk, link, mesh):
         a, b = int(link[0, k]), int(link[1, k])
         l = link[2, k] * x[a] - link[3, k] * x[b]
         rate = link[2, k] * v[a] - link[3, k] * v[b]
-        force = _link_force(l, rate, link[4, k], link[5, k], mesh[0, k], mesh[1, k], mesh[2, k], mesh[3, k])
+        force = _link_force(
+            l,
+            rate,
+            link[4, k],
+            link[5, k],
+            mesh[0, k],
+            mesh[1, k],
+            mesh[2, k],
+            mesh[3, k],
+        )
         out[a] -= link[2, k] * force
         out[b] += link[3, k] * force
     for s in range(x.size):
@@ -308,7 +370,9 @@ def _accelerate_links(x, v, load, out, disk, link, mesh):
 
 @njit(error_model="numpy")
 def _link_force(l, rate, stiffness, damping, backlash, epsilon, transition, gated):
-    """Law (18) and damping of a mesh, or a linear link where ``backlash`` is negative; N."""
+    """Law (18) and damping of a mesh, or a linear link where ``backlash`` is negative;
+    N.
+    """
     if backlash < 0:
         return stiffness * l + damping * rate
     width = transition * backlash
@@ -317,19 +381,29 @@ def _link_force(l, rate, stiffness, damping, backlash, epsilon, transition, gate
     w = max(beyond - width, 0.0)
     contact = (1 - epsilon) * stiffness * (u * u / (2 * width) + w)
     share = u / width if gated else 1.0
-    return epsilon * stiffness * l + (contact if l > 0 else -contact) + damping * rate * share
+    return (
+        epsilon * stiffness * l
+        + (contact if l > 0 else -contact)
+        + damping * rate * share
+    )
 
 
 @njit(error_model="numpy")
 def runge_kutta_links(x, v, loads, dt, cycles, disk, link, mesh, kept):
     """Classical Runge-Kutta through the links of any train, ``cycles`` on, in place.
 
-    Returns deflections at ``kept`` instants ``(cycles, kept, L)`` and the largest and smallest force of each link
-    ``(cycles, 2, L)``; ``loads`` ``(2 steps, S)`` at half steps, the others as in :func:`_accelerate_links`.
+    Returns deflections at ``kept`` instants ``(cycles, kept, L)`` and the largest and
+    smallest force of each link ``(cycles, 2, L)``; ``loads`` ``(2 steps, S)`` at half
+    steps, the others as in :func:`_accelerate_links`.
     """
     steps, links = loads.shape[0] // 2, link.shape[1]
     seen, extremes = np.zeros((cycles, kept, links)), np.zeros((cycles, 2, links))
-    a1, a2, a3, a4 = np.empty_like(x), np.empty_like(x), np.empty_like(x), np.empty_like(x)
+    a1, a2, a3, a4 = (
+        np.empty_like(x),
+        np.empty_like(x),
+        np.empty_like(x),
+        np.empty_like(x),
+    )
     extremes[:, 0], extremes[:, 1] = -np.inf, np.inf
     for c in range(cycles):
         for j in range(steps):
@@ -337,18 +411,37 @@ def runge_kutta_links(x, v, loads, dt, cycles, disk, link, mesh, kept):
                 a, b = int(link[0, k]), int(link[1, k])
                 l = link[2, k] * x[a] - link[3, k] * x[b]
                 rate = link[2, k] * v[a] - link[3, k] * v[b]
-                f = _link_force(l, rate, link[4, k], link[5, k], mesh[0, k], mesh[1, k], mesh[2, k], mesh[3, k])
+                f = _link_force(
+                    l,
+                    rate,
+                    link[4, k],
+                    link[5, k],
+                    mesh[0, k],
+                    mesh[1, k],
+                    mesh[2, k],
+                    mesh[3, k],
+                )
                 extremes[c, 0, k] = max(extremes[c, 0, k], f)
                 extremes[c, 1, k] = min(extremes[c, 1, k], f)
                 if (j * kept) % steps < kept:
                     seen[c, j * kept // steps, k] = l
             last = loads[2 * j + 2] if j + 1 < steps else loads[0]
             _accelerate_links(x, v, loads[2 * j], a1, disk, link, mesh)
-            _accelerate_links(x + dt / 2 * v, v + dt / 2 * a1, loads[2 * j + 1], a2, disk, link, mesh)
             _accelerate_links(
-                x + dt / 2 * v + dt * dt / 4 * a1, v + dt / 2 * a2, loads[2 * j + 1], a3, disk, link, mesh
+                x + dt / 2 * v, v + dt / 2 * a1, loads[2 * j + 1], a2, disk, link, mesh
             )
-            _accelerate_links(x + dt * v + dt * dt / 2 * a2, v + dt * a3, last, a4, disk, link, mesh)
+            _accelerate_links(
+                x + dt / 2 * v + dt * dt / 4 * a1,
+                v + dt / 2 * a2,
+                loads[2 * j + 1],
+                a3,
+                disk,
+                link,
+                mesh,
+            )
+            _accelerate_links(
+                x + dt * v + dt * dt / 2 * a2, v + dt * a3, last, a4, disk, link, mesh
+            )
             x += dt * v + dt * dt / 6 * (a1 + a2 + a3)
             v += dt / 6 * (a1 + 2 * (a2 + a3) + a4)
     return seen, extremes

@@ -1,12 +1,15 @@
-"""What a train does at 300 speeds: ``steady_state`` beside a compiled Runge-Kutta integration, in one process.
+"""What a train does at 300 speeds: ``steady_state`` beside a compiled Runge-Kutta
+integration, in one process.
 
     python benchmarks/many_speeds.py [--speeds 300] [--json F]
 
-``gear_train_30`` with 6 % tooth damping from 700 to 2450 rpm, on one core. Runge-Kutta (numba, its steps alone counted)
-takes STEPS steps a cycle, with which its forces are within 1 % where the motion settles (``work_precision.py``), from
-the linear motion on the flanks until two cycles agree within 1 %, at most 100 cycles: it does not say what the motion
-is. ``records`` is ``steady_state(..., exact=False)``; ``exact`` with harmonic balance and stability where there is a
-period. Seconds of two rounds in turn, without compilation.
+``gear_train_30`` with 6 % tooth damping from 700 to 2450 rpm, on one core. Runge-Kutta
+(numba, its steps alone counted) takes STEPS steps a cycle, with which its forces are
+within 1 % where the motion settles (``work_precision.py``), from the linear motion on
+the flanks until two cycles agree within 1 %, at most 100 cycles: it does not say what
+the motion is. ``records`` is ``steady_state(..., exact=False)``; ``exact`` with
+harmonic balance and stability where there is a period. Seconds of two rounds in turn,
+without compilation.
 """
 
 import time
@@ -20,7 +23,13 @@ from tasks import prepare
 import jaxhb
 
 STEPS = 3000
-COLUMNS = {"what": "<10s", "speeds": "6d", "seconds": "8.2f", "over_rk4": "8.2f", "notes": "<40s"}
+COLUMNS = {
+    "what": "<10s",
+    "speeds": "6d",
+    "seconds": "8.2f",
+    "over_rk4": "8.2f",
+    "notes": "<40s",
+}
 
 
 def main():
@@ -35,8 +44,14 @@ def main():
     march(tasks[0], "rk4", STEPS, cycles=1)
 
     def integrated():
-        found = [march(task, "rk4", STEPS, aim=0.01, clock=time.process_time) for task in tasks]
-        return sum(one.seconds for one in found), f"{sum(one.cycles < 100 for one in found)} settle"
+        found = [
+            march(task, "rk4", STEPS, aim=0.01, clock=time.process_time)
+            for task in tasks
+        ]
+        return (
+            sum(one.seconds for one in found),
+            f"{sum(one.cycles < 100 for one in found)} settle",
+        )
 
     def steady(exact):
         begin = time.process_time()
@@ -45,13 +60,23 @@ def main():
         told = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
         return time.process_time() - begin, told
 
-    calls = {"rk4": integrated, "records": lambda: steady(False), "exact": lambda: steady(True)}
+    calls = {
+        "rk4": integrated,
+        "records": lambda: steady(False),
+        "exact": lambda: steady(True),
+    }
     rounds = [{name: call() for name, call in calls.items()} for _ in range(3)][1:]
     for name in calls:
         seconds = np.array([one[name][0] for one in rounds])
         over = float(np.median(seconds / [one["rk4"][0] for one in rounds]))
         notes = rounds[0][name][1]
-        recorder.add(what=name, speeds=len(rpm), seconds=float(np.median(seconds)), over_rk4=over, notes=notes)
+        recorder.add(
+            what=name,
+            speeds=len(rpm),
+            seconds=float(np.median(seconds)),
+            over_rk4=over,
+            notes=notes,
+        )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Marching through cycles with a compiled integrator until the tooth force repeats; only the steps are timed."""
+"""Marching through cycles with a compiled integrator until the tooth force repeats;
+only the steps are timed.
+"""
 
 import time
 from dataclasses import dataclass
@@ -11,8 +13,9 @@ from integrators import RHO, stepping
 class Marched:
     """Last cycle of a march.
 
-    deflection, rate ``(M, steps)`` m, m/s; force ``(M, steps)`` N elastic; periodicity_error : largest change of the
-    elastic tooth force against the cycle before / largest force; cycles; seconds : of the steps alone.
+    deflection, rate ``(M, steps)`` m, m/s; force ``(M, steps)`` N elastic;
+    periodicity_error : largest change of the elastic tooth force against the cycle
+    before / largest force; cycles; seconds : of the steps alone.
     """
 
     deflection: np.ndarray
@@ -33,15 +36,33 @@ class Marched:
         return self.seconds / self.cycles / self.force.shape[1]
 
 
-def march(task, method, steps, *, cycles=None, aim=0.0, most=100, budget=np.inf, rho=RHO, clock=time.perf_counter):
-    """Integrate a Task by "rk4" or "implicit", so many ``steps`` a cycle, until the elastic tooth force repeats.
+def march(
+    task,
+    method,
+    steps,
+    *,
+    cycles=None,
+    aim=0.0,
+    most=100,
+    budget=np.inf,
+    rho=RHO,
+    clock=time.perf_counter,
+):
+    """Integrate a Task by "rk4" or "implicit", so many ``steps`` a cycle, until the
+    elastic tooth force repeats.
 
-    cycles : exactly so many; else until ``periodicity_error <= aim``, at most ``most`` cycles (above it: not settled)
-    budget : seconds after which no cycle is begun; rho : of generalized-alpha; clock : what seconds are taken from
+    cycles : exactly so many; else until ``periodicity_error <= aim``, at most ``most``
+    cycles (above it: not settled) budget : seconds after which no cycle is begun; rho :
+    of generalized-alpha; clock : what seconds are taken from
     """
     advance, _ = stepping(task, method, steps, rho)
     deflection, rate = np.empty((2, task.model.mesh_k.size, steps))
-    before, periodicity_error, seconds, done = np.full_like(deflection, np.inf), np.inf, 0.0, 0
+    before, periodicity_error, seconds, done = (
+        np.full_like(deflection, np.inf),
+        np.inf,
+        0.0,
+        0,
+    )
     while done < (cycles or most) and seconds < budget:
         begin = clock()
         advance(deflection, rate)

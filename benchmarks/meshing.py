@@ -1,15 +1,19 @@
-"""Teeth whose stiffness varies and shafts with stages: random trains against Runge-Kutta, and what they cost.
+"""Teeth whose stiffness varies and shafts with stages: random trains against
+Runge-Kutta, and what they cost.
 
     python benchmarks/meshing.py random [--cases 100] [--seed 1] [--json F]
     python benchmarks/meshing.py cost
 
-*random*: an engine, a clutch with two stages, three gears with two meshes and a shaft with a stop; one structure,
-filled with numbers. ``jaxhb.steady_state`` is compared with fixed-step Runge-Kutta in numba, of equations written out
-here. It begins with jaxhb's solution, or where its march ended, goes through SETTLE cycles, in which a motion that does
-not attract is left, and watches LAST more. *Wrong* is another period, or a largest elastic tooth force that is off by
-more than 2 % (periodic), or lies more than 5 % beyond those of all windows of as many cycles as were recorded.
+*random*: an engine, a clutch with two stages, three gears with two meshes and a shaft
+with a stop; one structure, filled with numbers. ``jaxhb.steady_state`` is compared with
+fixed-step Runge-Kutta in numba, of equations written out here. It begins with jaxhb's
+solution, or where its march ended, goes through SETTLE cycles, in which a motion that
+does not attract is left, and watches LAST more. *Wrong* is another period, or a largest
+elastic tooth force that is off by more than 2 % (periodic), or lies more than 5 %
+beyond those of all windows of as many cycles as were recorded.
 
-*cost*: one solve of ``gear_train_30`` under a plan of 512 harmonics, with constant teeth and with three mesh orders.
+*cost*: one solve of ``gear_train_30`` under a plan of 512 harmonics, with constant
+teeth and with three mesh orders.
 """
 
 import argparse
@@ -31,7 +35,9 @@ from jaxhb.scene.writer import elements_of
 TEETH, RADII = (20, 30, 25), (0.04, 0.06, 0.05)
 STEPS, SETTLE, LAST = 5000, 256, 256  # of a cycle; cycles before those that are watched
 RECORDED = 64  # cycles of a record
-RETURNED = 2e-4  # change of a deflection or twist, over the range of all, up to which a motion has returned
+# change of a deflection or twist, over the range of all, up to which a motion has
+# returned
+RETURNED = 2e-4
 OFF = {"periodic": 0.02, "irregular": 0.05}
 SMOOTH = 0.04  # half the width of a stage over its twist
 
@@ -43,13 +49,21 @@ def numbers(seed, index):
     def between(low, high, size=None):
         return np.exp(rng.uniform(np.log(low), np.log(high), size))
 
-    inertia = np.concatenate([between(0.3, 2.0, 1), between(0.005, 0.05, 3), between(0.05, 0.5, 1)])
+    inertia = np.concatenate(
+        [between(0.3, 2.0, 1), between(0.005, 0.05, 3), between(0.05, 0.5, 1)]
+    )
     mass = inertia[1:4] / np.square(RADII)
     stiffness = between(1e8, 5e8, 2)
-    reduced = np.array([mass[k] * mass[k + 1] / (mass[k] + mass[k + 1]) for k in (0, 1)])
+    reduced = np.array(
+        [mass[k] * mass[k + 1] / (mass[k] + mass[k + 1]) for k in (0, 1)]
+    )
     natural = np.sqrt(stiffness / reduced)
     spring, stage = between(500.0, 3000.0), np.sort(rng.uniform(1.0, 5.0, 2))
-    share = rng.uniform(0.05, 0.3, 2)[:, None] * np.array([1.0, 0.3]) * np.exp(2j * np.pi * rng.random((2, 2)))
+    share = (
+        rng.uniform(0.05, 0.3, 2)[:, None]
+        * np.array([1.0, 0.3])
+        * np.exp(2j * np.pi * rng.random((2, 2)))
+    )
     mean = between(10.0, 200.0)
     return {
         "rpm": rng.uniform(0.3, 2.2) * natural.min() / TEETH[0] * 30 / np.pi,
@@ -61,7 +75,9 @@ def numbers(seed, index):
         "share": share,
         "error": rng.uniform(1e-6, 8e-6, 2) * np.exp(2j * np.pi * rng.random(2)),
         "spring": spring,
-        "stages": np.stack([stage, spring * np.cumprod(rng.uniform(1.5, 5.0, 2))], axis=1),
+        "stages": np.stack(
+            [stage, spring * np.cumprod(rng.uniform(1.5, 5.0, 2))], axis=1
+        ),
         "shaft": between(2e3, 2e4),
         "stop": np.array([rng.uniform(0.3, 2.0), between(1e3, 2e4)]),
         "mean": mean,
@@ -75,7 +91,9 @@ def train_of(n):
     gears = {1: 0, 2: 1, 3: 2}
     more = {i: {"radius": RADII[k], "teeth": TEETH[k]} for i, k in gears.items()}
     parts = [
-        jaxhb.Disk(name=name, inertia=n["inertia"][i], damping=n["drag"][i], **more.get(i, {}))
+        jaxhb.Disk(
+            name=name, inertia=n["inertia"][i], damping=n["drag"][i], **more.get(i, {})
+        )
         for i, name in enumerate(names)
     ]
     parts += [
@@ -86,7 +104,10 @@ def train_of(n):
             stages=n["stages"].tolist(),
         ),
         jaxhb.Shaft(
-            between=("c", "wheel"), stiffness=n["shaft"], damping=0.01 * n["shaft"] ** 0.5, stops=[n["stop"].tolist()]
+            between=("c", "wheel"),
+            stiffness=n["shaft"],
+            damping=0.01 * n["shaft"] ** 0.5,
+            stops=[n["stop"].tolist()],
         ),
     ]
     for k, pair in enumerate((("a", "b"), ("b", "c"))):
@@ -95,12 +116,22 @@ def train_of(n):
             stiffness=n["stiffness"][k],
             damping=n["damping"][k],
             backlash=n["backlash"][k],
-            stiffness_orders=[(j + 1, s.real, s.imag) for j, s in enumerate(n["share"][k])],
+            stiffness_orders=[
+                (j + 1, s.real, s.imag) for j, s in enumerate(n["share"][k])
+            ],
             transmission_error=[(1, n["error"][k].real, n["error"][k].imag)],
         )
         parts.append(mesh)
-    parts.append(jaxhb.Torque(disk="engine", mean=n["mean"], harmonics=[(2.0, n["order"].real, n["order"].imag)]))
-    return jaxhb.build([*parts, jaxhb.Load(disk="wheel")], reference="engine", revolutions_per_cycle=1)
+    parts.append(
+        jaxhb.Torque(
+            disk="engine",
+            mean=n["mean"],
+            harmonics=[(2.0, n["order"].real, n["order"].imag)],
+        )
+    )
+    return jaxhb.build(
+        [*parts, jaxhb.Load(disk="wheel")], reference="engine", revolutions_per_cycle=1
+    )
 
 
 @njit(nogil=True)
@@ -111,12 +142,26 @@ def knee(x, at, width):
 
 
 @njit(nogil=True)
-def fall(y, time, omega, inertia, drag, tooth, share, error, links, stages, drive, rate, force):
-    """Rates ``(10,)`` of angles and speeds of the five disks; elastic forces of the two meshes.
+def fall(
+    y,
+    time,
+    omega,
+    inertia,
+    drag,
+    tooth,
+    share,
+    error,
+    links,
+    stages,
+    drive,
+    rate,
+    force,
+):
+    """Rates ``(10,)`` of angles and speeds of the five disks; elastic forces of the two
+    meshes.
 
-    tooth : rows of stiffness, damping, backlash; links : stiffness of clutch and shaft, twist and stiffness of the
-    stop;
-    drive : mean and order 2 of the torque.
+    tooth : rows of stiffness, damping, backlash; links : stiffness of clutch and shaft,
+    twist and stiffness of the stop; drive : mean and order 2 of the torque.
     """
     turn = np.exp(1j * TEETH[0] * omega * time)
     torque = np.zeros(5)
@@ -131,7 +176,11 @@ def fall(y, time, omega, inertia, drag, tooth, share, error, links, stages, driv
         width = 2 * SMOOTH * half
         inside = min(max(abs(l) - (1 - SMOOTH) * half, 0.0), width)
         elastic = 1e-3 * l + 0.999 * np.sign(l) * knee(abs(l), half, width)
-        force[k] = (1 + (share[k, 0] * turn + share[k, 1] * turn**2).real) * tooth[0, k] * elastic
+        force[k] = (
+            (1 + (share[k, 0] * turn + share[k, 1] * turn**2).real)
+            * tooth[0, k]
+            * elastic
+        )
         total = force[k] + tooth[1, k] * l_rate * inside / width
         torque[1 + k] -= a * total
         torque[2 + k] += b * total
@@ -139,7 +188,11 @@ def fall(y, time, omega, inertia, drag, tooth, share, error, links, stages, driv
     clutch = links[0] * twist + 0.01 * np.sqrt(links[0]) * (y[5] - y[6])
     before = links[0]
     for k in range(2):
-        clutch += (stages[k, 1] - before) * np.sign(twist) * knee(abs(twist), stages[k, 0], 2 * SMOOTH * stages[k, 0])
+        clutch += (
+            (stages[k, 1] - before)
+            * np.sign(twist)
+            * knee(abs(twist), stages[k, 0], 2 * SMOOTH * stages[k, 0])
+        )
         before = stages[k, 1]
     shaft = links[1] * other + 0.01 * np.sqrt(links[1]) * (y[8] - y[9])
     shaft += links[3] * knee(other, links[2], 2 * SMOOTH * links[2])
@@ -154,14 +207,19 @@ def fall(y, time, omega, inertia, drag, tooth, share, error, links, stages, driv
 
 @njit(nogil=True)
 def march(y, cycles, omega, inertia, drag, tooth, share, error, links, stages, drive):
-    """Deflections of the meshes and twists of the shafts ``(cycles, 4)`` at the beginnings of cycles, and the largest
-    elastic tooth force ``(cycles,)`` in each; ``y`` is taken along."""
+    """Deflections of the meshes and twists of the shafts ``(cycles, 4)`` at the
+    beginnings of cycles, and the largest elastic tooth force ``(cycles,)`` in each;
+    ``y`` is taken along.
+    """
     bends, largest, force = np.zeros((cycles, 4)), np.zeros(cycles), np.zeros(2)
     dt = 2 * np.pi / omega / STEPS
     a, b, c, d = np.zeros(10), np.zeros(10), np.zeros(10), np.zeros(10)
     given = omega, inertia, drag, tooth, share, error, links, stages, drive
     for m in range(cycles):
-        bends[m, 0], bends[m, 1] = RADII[0] * y[1] - RADII[1] * y[2], RADII[1] * y[2] - RADII[2] * y[3]
+        bends[m, 0], bends[m, 1] = (
+            RADII[0] * y[1] - RADII[1] * y[2],
+            RADII[1] * y[2] - RADII[2] * y[3],
+        )
         bends[m, 2], bends[m, 3] = y[0] - y[1], y[3] - y[4]
         for k in range(STEPS):
             fall(y, k * dt, *given, a, force)
@@ -174,7 +232,9 @@ def march(y, cycles, omega, inertia, drag, tooth, share, error, links, stages, d
 
 
 def integrated(n, state):
-    """Bends and largest forces of the cycles that are watched, from a steady state of the case."""
+    """Bends and largest forces of the cycles that are watched, from a steady state of
+    the case.
+    """
     omega = n["rpm"] * np.pi / 30
     y = np.asarray(state.motion).reshape(2, 5) / [
         RADII[0],
@@ -184,13 +244,22 @@ def integrated(n, state):
     if state.response is not None:
         angles = np.asarray(state.response.angles)
         y = np.stack(
-            [fourier.sample(a, 1)[:, 0] for a in (angles, fourier.derivative(angles, omega / max(state.period, 1)))]
+            [
+                fourier.sample(a, 1)[:, 0]
+                for a in (
+                    angles,
+                    fourier.derivative(angles, omega / max(state.period, 1)),
+                )
+            ]
         )
     stages = np.stack([np.deg2rad(n["stages"][:, 0]), n["stages"][:, 1]], axis=1)
     links = np.array([n["spring"], n["shaft"], np.deg2rad(n["stop"][0]), n["stop"][1]])
     tooth = np.stack([n["stiffness"], n["damping"], n["backlash"]])
     given = omega, n["inertia"], n["drag"], tooth, n["share"], n["error"], links, stages
-    y, drive = np.ascontiguousarray(y.ravel()), np.array([n["mean"], n["order"]], complex)
+    y, drive = (
+        np.ascontiguousarray(y.ravel()),
+        np.array([n["mean"], n["order"]], complex),
+    )
     march(y, SETTLE, *given, drive)
     return march(y, LAST, *given, drive)
 
@@ -208,9 +277,21 @@ def judged(index, state, bends, largest):
     ours = max(float(state.force(name).elastic.peak) for name in ("a|b", "b|c"))
     windows = largest.reshape(-1, RECORDED).max(axis=1)
     off = max(ours / windows.max() - 1, 1 - ours / windows.min(), 0.0)
-    wrong = period != state.period or off > OFF["periodic" if state.period else "irregular"]
-    row = {"case": index, "rpm": state.rpm, "kind": state.kind, "period": state.period, "integrated": period}
-    return row | {"off": off, "spread": windows.max() / windows.min() - 1, "wrong": bool(wrong)}
+    wrong = (
+        period != state.period or off > OFF["periodic" if state.period else "irregular"]
+    )
+    row = {
+        "case": index,
+        "rpm": state.rpm,
+        "kind": state.kind,
+        "period": state.period,
+        "integrated": period,
+    }
+    return row | {
+        "off": off,
+        "spread": windows.max() / windows.min() - 1,
+        "wrong": bool(wrong),
+    }
 
 
 def random(cases, seed, out):
@@ -225,16 +306,34 @@ def random(cases, seed, out):
     rows = [judged(i, states[i], *one) for i, one in zip(known, found, strict=True)]
     for row in rows:
         if row["wrong"]:
-            told = f"{row['kind']} {row['period']}, integrated {row['integrated']}, force {row['off']:.2%} off"
-            print(f"case {row['case']} at {row['rpm']:.0f} rpm: {told}, windows differ by {row['spread']:.0%}")
+            told = (
+                f"{row['kind']} {row['period']}, integrated {row['integrated']}, force"
+                f" {row['off']:.2%} off"
+            )
+            print(
+                f"case {row['case']} at {row['rpm']:.0f} rpm: {told}, windows differ by"
+                f" {row['spread']:.0%}"
+            )
     kinds = collections.Counter(row["kind"] for row in rows)
     wrong = sum(row["wrong"] for row in rows)
-    worst = max((row["off"] for row in rows if row["period"] and not row["wrong"]), default=0.0)
-    print(f"seed {seed}: {wrong} of {cases} wrong, {cases - len(known)} unknown; {dict(kinds)}")
+    worst = max(
+        (row["off"] for row in rows if row["period"] and not row["wrong"]), default=0.0
+    )
+    print(
+        f"seed {seed}: {wrong} of {cases} wrong, {cases - len(known)} unknown;"
+        f" {dict(kinds)}"
+    )
     print(f"{taken:.0f} s for all steady states, compiling included")
-    print(f"largest difference of a tooth force of the others with a period: {worst:.2%}")
+    print(
+        f"largest difference of a tooth force of the others with a period: {worst:.2%}"
+    )
     if out:
-        common = {"benchmark": "meshing", "device": device(), "versions": versions(), "seed": seed}
+        common = {
+            "benchmark": "meshing",
+            "device": device(),
+            "versions": versions(),
+            "seed": seed,
+        }
         out.write_text("".join(json.dumps(common | row) + "\n" for row in rows))
 
 
@@ -243,26 +342,43 @@ def cost():
     made, times = elements_of("gear_train_30"), {}
     before = jaxhb.load_scene("gear_train_30").topology
     reference = before.disk_names[before.rotor.index(before.reference_rotor)]
-    for name, orders in (("constant", ()), ("three orders", tuple((k, 0.15 / k, 0.05 / k) for k in (1, 2, 3)))):
+    for name, orders in (
+        ("constant", ()),
+        ("three orders", tuple((k, 0.15 / k, 0.05 / k) for k in (1, 2, 3))),
+    ):
         parts = []
         for part in made.values():
             if isinstance(part, jaxhb.Disk) and part.radius:
                 part = dataclasses.replace(part, teeth=round(part.radius / 0.0025))
-            parts.append(dataclasses.replace(part, stiffness_orders=orders) if isinstance(part, jaxhb.Mesh) else part)
+            parts.append(
+                dataclasses.replace(part, stiffness_orders=orders)
+                if isinstance(part, jaxhb.Mesh)
+                else part
+            )
         train = jaxhb.build(parts, reference=reference, revolutions_per_cycle=2)
         for rpm in (1422.0, 1800.0):
-            times[name, rpm] = (train, rpm, jaxhb.plan(train, rpm=rpm, harmonics=512), [])
+            times[name, rpm] = (
+                train,
+                rpm,
+                jaxhb.plan(train, rpm=rpm, harmonics=512),
+                [],
+            )
     for _ in range(12):
         for train, rpm, plan, own in times.values():
             begin = time.perf_counter()
             found = jaxhb.solve(train, rpm=rpm, plan=plan, start="march")
             own.append((time.perf_counter() - begin, int(found.steps)))
     for (name, rpm), (*_, own) in times.items():
-        print(f"{name:12s} {rpm:6.0f} rpm: {1e3 * min(one for one, _ in own[2:]):6.1f} ms, {own[0][1]} Newton steps")
+        print(
+            f"{name:12s} {rpm:6.0f} rpm: {1e3 * min(one for one, _ in own[2:]):6.1f}"
+            f" ms, {own[0][1]} Newton steps"
+        )
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=("random", "cost"))
     parser.add_argument("--cases", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)

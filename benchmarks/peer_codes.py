@@ -1,9 +1,11 @@
-"""Other people's harmonic-balance codes on the task of :mod:`chain_task`; prints one JSON line.
+"""Other people's harmonic-balance codes on the task of :mod:`chain_task`; prints one
+JSON line.
 
     python benchmarks/peer_codes.py pyHarm 10 100
 
-Run by :mod:`peers` with the interpreter of the environment that has them, since pyHarm-os needs an older JAX than
-jaxhb. Seconds are those of the sweep alone: one of five speeds comes first and takes the compilation.
+Run by :mod:`peers` with the interpreter of the environment that has them, since
+pyHarm-os needs an older JAX than jaxhb. Seconds are those of the sweep alone: one of
+five speeds comes first and takes the compilation.
 """
 
 import json
@@ -62,7 +64,9 @@ def backlash_element():
 
         def generateIndices(self, expl_dofs):
             super().generateIndices(expl_dofs)
-            self.apart = np.ascontiguousarray(self.Pdir[0] @ (self.Pslave - self.Pmaster))
+            self.apart = np.ascontiguousarray(
+                self.Pdir[0] @ (self.Pslave - self.Pmaster)
+            )
 
         def adim(self, lc, wc):
             raise NotImplementedError
@@ -81,7 +85,9 @@ def backlash_element():
 
 
 def pyharm_sweep(masses, speeds, reductors):
-    """The link's coefficients ``(speeds, 2N+1)`` and seconds: previous solution as predictor, constant step, Newton."""
+    """The link's coefficients ``(speeds, 2N+1)`` and seconds: previous solution as
+    predictor, constant step, Newton.
+    """
     from pyHarm.Maestro import Maestro
 
     mass, damping, stiffness = chain_matrices(masses)
@@ -110,7 +116,12 @@ def pyharm_sweep(masses, speeds, reductors):
         {
             "plugin": [backlash_element()],
             "system": {"type": "Base", "nh": HARMONICS, "nti": SAMPLES},
-            "substructures": {"chain": {"matrix": {"M": mass, "C": damping, "K": stiffness}, "ndofs": 1}},
+            "substructures": {
+                "chain": {
+                    "matrix": {"M": mass, "C": damping, "K": stiffness},
+                    "ndofs": 1,
+                }
+            },
             "connectors": {
                 "link": {
                     "type": "BacklashLink",
@@ -129,14 +140,21 @@ def pyharm_sweep(masses, speeds, reductors):
     seconds = time.perf_counter() - begin
     solved = task.nls["sweep"].SolList
     if len(solved) != len(speeds) or not all(s.flag_accepted for s in solved):
-        raise RuntimeError(f"{len(solved)} points, {sum(s.flag_accepted for s in solved)} of them accepted")
-    states = np.array([s.x[:-1] for s in solved]).reshape(len(solved), 2 * HARMONICS + 1, masses)
+        raise RuntimeError(
+            f"{len(solved)} points, {sum(s.flag_accepted for s in solved)} of them"
+            " accepted"
+        )
+    states = np.array([s.x[:-1] for s in solved]).reshape(
+        len(solved), 2 * HARMONICS + 1, masses
+    )
     link = states[..., first] - states[..., first + 1]
     return np.concatenate([link[:, :1], link[:, 1::2], link[:, 2::2]], axis=1), seconds
 
 
 def harmonicbalance_sweep(masses, speeds):
-    """The same by ``fouriersolve_ode`` on displacements and velocities, its Jacobian by finite differences."""
+    """The same by ``fouriersolve_ode`` on displacements and velocities, its Jacobian by
+    finite differences.
+    """
     from harmonicbalance.fourier import Fourier
     from harmonicbalance.solvers import fouriersolve_ode
 
@@ -167,7 +185,9 @@ def harmonicbalance_sweep(masses, speeds):
         if start is None:
             start = _in_contact(masses, w)
         states = [Fourier.from_coeffs(c, w) for c in start]
-        states, solution = fouriersolve_ode(lambda s, push=push: slopes(s, push), states, method="hybr", tol=RESIDUAL)
+        states, solution = fouriersolve_ode(
+            lambda s, push=push: slopes(s, push), states, method="hybr", tol=RESIDUAL
+        )
         if not solution.success:
             raise RuntimeError(f"not solved at {w}: {solution.message}")
         start = [s.coeffs() for s in states]
@@ -176,10 +196,15 @@ def harmonicbalance_sweep(masses, speeds):
 
 
 def _in_contact(masses, w):
-    """[mean, cosines, sines] of displacements and velocities with the link in contact."""
+    """[mean, cosines, sines] of displacements and velocities with the link in
+    contact.
+    """
     from chain_task import dynamic_stiffness
 
-    z, push = dynamic_stiffness(masses, w, CONTACT), np.zeros((HARMONICS + 1, masses, 1))
+    z, push = (
+        dynamic_stiffness(masses, w, CONTACT),
+        np.zeros((HARMONICS + 1, masses, 1)),
+    )
     push[0, 0], push[1, 0] = MEAN, SWING
     x = np.linalg.solve(z, push)[..., 0].T
     both = np.concatenate([x, 1j * np.arange(HARMONICS + 1) * w * x])
@@ -187,8 +212,14 @@ def _in_contact(masses, w):
 
 
 CODES = {
-    "pyHarm-os": ("pyHarm-os", lambda s, w: pyharm_sweep(s, w, [{"type": "noreductor"}])),
-    "pyHarm-os, NLdofs": ("pyHarm-os", lambda s, w: pyharm_sweep(s, w, [{"type": "NLdofs"}])),
+    "pyHarm-os": (
+        "pyHarm-os",
+        lambda s, w: pyharm_sweep(s, w, [{"type": "noreductor"}]),
+    ),
+    "pyHarm-os, NLdofs": (
+        "pyHarm-os",
+        lambda s, w: pyharm_sweep(s, w, [{"type": "NLdofs"}]),
+    ),
     "harmonicbalance": ("harmonicbalance", harmonicbalance_sweep),
 }
 
@@ -203,7 +234,12 @@ def main():
     prepared = time.perf_counter() - begin
     link, seconds = sweep(masses, SWEEP[:count])
     versions = {p: metadata.version(p) for p in (package, "numpy", "scipy")}
-    answer = {"link": link.tolist(), "seconds": seconds, "first": prepared, "versions": versions}
+    answer = {
+        "link": link.tolist(),
+        "seconds": seconds,
+        "first": prepared,
+        "versions": versions,
+    }
     print("\n" + json.dumps(answer))
 
 

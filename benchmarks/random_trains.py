@@ -1,11 +1,12 @@
 """Random drive trains: a skeleton filled with numbers.
 
-What jaxhb compiles for (names, connections, rotors, orders, damping laws, what holds the train) is fixed by the
-skeleton; there are 34, two of each size, so that a thousand cases share their programs. Everything else is drawn for
-each case: radii, inertias, stiffnesses (spread up to 1e6 within a train), tooth damping ratio 0.5 to 10 % and shafts
-likewise, backlash 0.05 to 0.3 mm, epsilon, transition, amplitudes, mean load from zero to five times the first
-amplitude, 300 to 8000 rpm. Loss factors exist only in harmonic methods and are left out, as the reference integration
-integrates in time.
+What jaxhb compiles for (names, connections, rotors, orders, damping laws, what holds
+the train) is fixed by the skeleton; there are 34, two of each size, so that a thousand
+cases share their programs. Everything else is drawn for each case: radii, inertias,
+stiffnesses (spread up to 1e6 within a train), tooth damping ratio 0.5 to 10 % and
+shafts likewise, backlash 0.05 to 0.3 mm, epsilon, transition, amplitudes, mean load
+from zero to five times the first amplitude, 300 to 8000 rpm. Loss factors exist only in
+harmonic methods and are left out, as the reference integration integrates in time.
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,9 @@ ORDERS = (5, 10, 20, 40)
 
 @dataclass(frozen=True)
 class Skeleton:
-    """What is fixed when a program is compiled: connections by disk number, the first disk of each rotor a gear."""
+    """What is fixed when a program is compiled: connections by disk number, the first
+    disk of each rotor a gear.
+    """
 
     name: str
     rotor: tuple
@@ -40,15 +43,18 @@ class Skeleton:
     cycle: int
 
 
-SKELETONS = tuple((n, m, v) for n, meshes in SIZES.items() for m in meshes for v in range(VARIANTS))
+SKELETONS = tuple(
+    (n, m, v) for n, meshes in SIZES.items() for m in meshes for v in range(VARIANTS)
+)
 
 
 @cache
 def skeleton(disks, meshes, variant):
     """Skeleton with ``disks`` disks (a damper's ring is one) and ``meshes`` meshes.
 
-    Rotors are joined as a tree; variant 1 has two meshes between the same two rotors (a closed loop) where it is large
-    enough for them, a damper, an excited accessory and a soft ground instead of a load.
+    Rotors are joined as a tree; variant 1 has two meshes between the same two rotors (a
+    closed loop) where it is large enough for them, a damper, an excited accessory and a
+    soft ground instead of a load.
     """
     rng = np.random.default_rng([disks, meshes, variant])
     tied = variant == 1 and meshes > 1 and disks >= meshes + 3
@@ -60,7 +66,9 @@ def skeleton(disks, meshes, variant):
 
     def grow(k, chain=0.7):
         seats = [d for d, r in enumerate(rotor) if r == k]
-        shafts.append((seats[-1] if rng.random() < chain else int(rng.choice(seats)), len(rotor)))
+        shafts.append(
+            (seats[-1] if rng.random() < chain else int(rng.choice(seats)), len(rotor))
+        )
         rotor.append(k)
         return len(rotor) - 1
 
@@ -85,7 +93,11 @@ def skeleton(disks, meshes, variant):
         meshes=tuple(pairs),
         tied=tied,
         internal=internal,
-        laws=tuple(laws[i % len(laws)] for i in range(meshes)) if disks != 12 else ("always",) * meshes,
+        laws=(
+            tuple(laws[i % len(laws)] for i in range(meshes))
+            if disks != 12
+            else ("always",) * meshes
+        ),
         excited=(*first[-3:], *(last[-1:] if variant else ())),
         consumers=tuple(int(last[k]) for k in others),
         orders=ORDERS[(SKELETONS.index((disks, meshes, variant)) * 3) % len(ORDERS)],
@@ -101,23 +113,38 @@ def span(rng, low, high, size=None):
 
 
 def random_case(rng, size=None):
-    """A random train, its speed in rpm, and what was drawn: skeleton, ``zeta`` (smallest tooth damping ratio), ``load``
-    (mean over first amplitude) and more; ``size`` is one of SKELETONS, drawn without.
+    """A random train, its speed in rpm, and what was drawn: skeleton, ``zeta``
+    (smallest tooth damping ratio), ``load`` (mean over first amplitude) and more;
+    ``size`` is one of SKELETONS, drawn without.
     """
     drawn = SKELETONS[rng.integers(len(SKELETONS))]
     bones = skeleton(*(size or drawn))
     zeta, load = span(rng, 0.005, 0.1), span(rng, 0.02, 5.0) * (rng.random() > 0.15)
     radius, inertia = _gears(rng, bones)
     parts = [
-        Disk(name=f"d{i}", inertia=inertia[i], radius=radius.get(i), damping=0.2 if i in bones.consumers else 0.0)
+        Disk(
+            name=f"d{i}",
+            inertia=inertia[i],
+            radius=radius.get(i),
+            damping=0.2 if i in bones.consumers else 0.0,
+        )
         for i in range(len(bones.rotor))
     ]
     parts += _links(rng, bones, radius, inertia, zeta)
     parts += _torques(rng, bones, radius, load)
-    train = jaxhb.build(parts, name=bones.name, reference="d0", revolutions_per_cycle=bones.cycle)
-    facts = {"skeleton": bones.name, "disks": train.topology.n_disks, "meshes": len(bones.meshes)}
+    train = jaxhb.build(
+        parts, name=bones.name, reference="d0", revolutions_per_cycle=bones.cycle
+    )
+    facts = {
+        "skeleton": bones.name,
+        "disks": train.topology.n_disks,
+        "meshes": len(bones.meshes),
+    }
     facts |= {"orders": bones.orders, "zeta": float(zeta), "load": float(load)}
-    facts |= {"epsilon": train.meshes.epsilon.tolist(), "transition": train.meshes.transition.tolist()}
+    facts |= {
+        "epsilon": train.meshes.epsilon.tolist(),
+        "transition": train.meshes.transition.tolist(),
+    }
     return train, float(span(rng, 300.0, 8000.0)), facts
 
 
@@ -127,7 +154,9 @@ def random_train(rng):
 
 
 def _gears(rng, bones):
-    """Radius m of every gear and inertia kg m2 of every disk; steel gears 20 to 50 mm wide."""
+    """Radius m of every gear and inertia kg m2 of every disk; steel gears 20 to 50 mm
+    wide.
+    """
     radius = {}
     for i, (a, b) in enumerate(bones.meshes):
         for gear in (a, b):
@@ -157,7 +186,9 @@ def _links(rng, bones, radius, inertia, zeta):
         c = span(rng, 5e7, 7e8)
         masses = [inertia[g] / radius[g] ** 2 for g in (a, b)]
         damping = (
-            2 * min(0.1, zeta * (1.0 if i == 0 else rng.uniform(1.0, 1.5))) * np.sqrt(c / sum(1 / m for m in masses))
+            2
+            * min(0.1, zeta * (1.0 if i == 0 else rng.uniform(1.0, 1.5)))
+            * np.sqrt(c / sum(1 / m for m in masses))
         )
         parts.append(
             Mesh(
@@ -175,28 +206,56 @@ def _links(rng, bones, radius, inertia, zeta):
         size = inertia[bones.ring] * rng.uniform(0.1, 0.5)
         speed = 2 * np.pi * span(rng, 30.0, 500.0)
         drag = 2 * rng.uniform(0.05, 0.3) * size * speed
-        parts.append(Damper(name="ring", disk=f"d{bones.ring}", inertia=size, stiffness=size * speed**2, damping=drag))
+        parts.append(
+            Damper(
+                name="ring",
+                disk=f"d{bones.ring}",
+                inertia=size,
+                stiffness=size * speed**2,
+                damping=drag,
+            )
+        )
     return parts
 
 
 def _torques(rng, bones, radius, load):
-    """Excitation, and what balances its mean: loads, or consumers' torques with a soft ground."""
+    """Excitation, and what balances its mean: loads, or consumers' torques with a soft
+    ground.
+    """
     amplitude = span(rng, 300.0, 2e4) * radius[0] / len(bones.excited)
     decay = rng.uniform(0.8, 2.0)
     mean, parts = load * amplitude, []
     for disk in bones.excited:
         k = np.arange(1, bones.orders + 1)
         torque = amplitude * k**-decay * np.exp(2j * np.pi * rng.random(k.size))
-        rows = tuple(zip((k / bones.cycle).tolist(), torque.real.tolist(), torque.imag.tolist(), strict=True))
+        rows = tuple(
+            zip(
+                (k / bones.cycle).tolist(),
+                torque.real.tolist(),
+                torque.imag.tolist(),
+                strict=True,
+            )
+        )
         driven = bones.rotor[disk] == 0
-        parts.append(Torque(disk=f"d{disk}", mean=mean if driven else 0.0, harmonics=rows))
+        parts.append(
+            Torque(disk=f"d{disk}", mean=mean if driven else 0.0, harmonics=rows)
+        )
     shares = rng.dirichlet(np.ones(len(bones.consumers)))
     if not bones.grounded:
-        return parts + [Load(disk=f"d{d}", share=s) for d, s in zip(bones.consumers, shares, strict=True)]
+        return parts + [
+            Load(disk=f"d{d}", share=s)
+            for d, s in zip(bones.consumers, shares, strict=True)
+        ]
     total = mean * sum(bones.rotor[d] == 0 for d in bones.excited)
     ratio = {0: 1.0}
     for a, b in bones.meshes:
         ratio.setdefault(bones.rotor[b], ratio[bones.rotor[a]] * radius[a] / radius[b])
     for d, s in zip(bones.consumers, shares, strict=True):
-        parts.append(Torque(disk=f"d{d}", mean=-total * s / ratio[bones.rotor[d]], name=f"consumer d{d}"))
+        parts.append(
+            Torque(
+                disk=f"d{d}",
+                mean=-total * s / ratio[bones.rotor[d]],
+                name=f"consumer d{d}",
+            )
+        )
     return [*parts, Ground(disk="d0", stiffness=span(rng, 1e-2, 1e3))]

@@ -1,8 +1,10 @@
-"""What the errors of the work-precision benchmark refer to: periodic motions found by time integration.
+"""What the errors of the work-precision benchmark refer to: periodic motions found by
+time integration.
 
-Several periodic motions may exist at one speed. A case has up to two references: the motion on the branch of the
-harmonic solution, corrected in time, and the motion on which a long march from the linear solution settles. The error
-of a method is the smaller of its distances to them, and its row names the branch.
+Several periodic motions may exist at one speed. A case has up to two references: the
+motion on the branch of the harmonic solution, corrected in time, and the motion on
+which a long march from the linear solution settles. The error of a method is the
+smaller of its distances to them, and its row names the branch.
 """
 
 import time
@@ -19,15 +21,17 @@ SAME = 2e-3
 """Two references closer than this are one motion."""
 
 SHOOTING_DISKS = 60
-"""Up to so many disks, :func:`jaxhb.shooting_correction`; above, Newton-Krylov on the implicit tree integrator."""
+"""Up to so many disks, :func:`jaxhb.shooting_correction`; above, Newton-Krylov on the
+implicit tree integrator.
+"""
 
 
 @dataclass(frozen=True)
 class Reference:
     """A periodic motion of the meshes over one cycle.
 
-    branch : "harmonic", "march" or "both"; deflection, rate ``(M, n)`` m, m/s; periodicity error of its cycle; steps
-    per cycle.
+    branch : "harmonic", "march" or "both"; deflection, rate ``(M, n)`` m, m/s;
+    periodicity error of its cycle; steps per cycle.
     """
 
     branch: str
@@ -39,7 +43,9 @@ class Reference:
     task: object
 
     def force(self, count):
-        """Elastic tooth forces ``(M, count)`` N at equal time samples, cubic between the samples of l and l'."""
+        """Elastic tooth forces ``(M, count)`` N at equal time samples, cubic between
+        the samples of l and l'.
+        """
         size = self.deflection.shape[1]
         place = np.arange(count) * size / count
         j = place.astype(int)
@@ -56,17 +62,21 @@ class Reference:
 
 
 def distance(references, force):
-    """(error, branch) of the nearest reference; (nan, "") without any or where the force is not finite."""
+    """(error, branch) of the nearest reference; (nan, "") without any or where the
+    force is not finite.
+    """
     if not references or not np.isfinite(force).all():
         return np.nan, ""
     return min((reference.error(force), reference.branch) for reference in references)
 
 
 def references(train, rpm, task, *, tolerance=1e-3, steps=None, budget=300.0):
-    """The references of one train at one speed, and a sentence for each attempt that failed.
+    """The references of one train at one speed, and a sentence for each attempt that
+    failed.
 
-    tolerance : of the harmonic solution that is corrected; steps : per cycle of the implicit method, default 48000 (its
-    own error is then about 3e-4); budget : seconds for each of them
+    tolerance : of the harmonic solution that is corrected; steps : per cycle of the
+    implicit method, default 48000 (its own error is then about 3e-4); budget : seconds
+    for each of them
     """
     notes = []
     small = train.topology.n_disks <= SHOOTING_DISKS
@@ -74,38 +84,81 @@ def references(train, rpm, task, *, tolerance=1e-3, steps=None, budget=300.0):
     found = []
     response = jaxhb.solve(train, rpm=rpm, tolerance=tolerance)
     if int(response.status) <= jaxhb.Status.TOLERANCE_NOT_MET:
-        found.append(_shot(response, task) if small else _krylov(task.started(response), steps, budget))
+        found.append(
+            _shot(response, task)
+            if small
+            else _krylov(task.started(response), steps, budget)
+        )
     else:
         status = jaxhb.Status(int(response.status)).name
-        notes.append(f"harmonic solution at {tolerance:g}: {status}, {response.harmonics} harmonics")
+        notes.append(
+            f"harmonic solution at {tolerance:g}: {status}, {response.harmonics}"
+            " harmonics"
+        )
     own = march(task, method, steps, aim=1e-6, most=400 if small else 60, budget=budget)
     if own.finite and own.periodicity_error <= 1e-5:
         name = f"march of {own.cycles} cycles, {method}, {steps} steps"
-        found.append(Reference("march", name, own.deflection, own.rate, own.periodicity_error, task.period, task))
+        found.append(
+            Reference(
+                "march",
+                name,
+                own.deflection,
+                own.rate,
+                own.periodicity_error,
+                task.period,
+                task,
+            )
+        )
     else:
-        notes.append(f"march of {own.cycles} cycles, {method}, {steps} steps: closure {own.periodicity_error:.1e}")
-    notes += [f"{r.source}: closure {r.periodicity_error:.1e}" for r in found if not r.periodicity_error <= 1e-4]
+        notes.append(
+            f"march of {own.cycles} cycles, {method}, {steps} steps: closure"
+            f" {own.periodicity_error:.1e}"
+        )
+    notes += [
+        f"{r.source}: closure {r.periodicity_error:.1e}"
+        for r in found
+        if not r.periodicity_error <= 1e-4
+    ]
     found = [r for r in found if r.periodicity_error <= 1e-4]
     if len(found) == 2 and found[1].error(found[0].force(8192)) < SAME:
         first = found[0]
         source = f"{first.source} = {found[1].source}"
-        found = [Reference("both", source, first.deflection, first.rate, first.periodicity_error, task.period, task)]
+        found = [
+            Reference(
+                "both",
+                source,
+                first.deflection,
+                first.rate,
+                first.periodicity_error,
+                task.period,
+                task,
+            )
+        ]
     return found, notes
 
 
 def _shot(response, task):
-    """The harmonic solution after one-cycle shooting; meshes without backlash are those of the response."""
+    """The harmonic solution after one-cycle shooting; meshes without backlash are those
+    of the response.
+    """
     orbit = jaxhb.shooting_correction(response).orbit
     own = np.flatnonzero(response.topology.mesh_backlash)
     count = orbit.deflection.shape[1]
-    deflection, rate = response.deflection_samples(count), np.zeros((len(task.model.mesh_k), count))
+    deflection, rate = (
+        response.deflection_samples(count),
+        np.zeros((len(task.model.mesh_k), count)),
+    )
     deflection[own], rate[own] = orbit.deflection, orbit.rate
     name = f"shooting, {count} steps"
-    return Reference("harmonic", name, deflection, rate, orbit.periodicity_error, task.period, task)
+    return Reference(
+        "harmonic", name, deflection, rate, orbit.periodicity_error, task.period, task
+    )
 
 
 def _krylov(task, steps, budget):
-    """Newton's method with GMRES on the map over one implicit cycle; each product is one cycle."""
+    """Newton's method with GMRES on the map over one implicit cycle; each product is
+    one cycle.
+    """
     advance, (x, v) = stepping(task, "implicit", steps)
     deflection, rate = np.empty((2, task.model.mesh_k.size, steps))
     gap = float(np.max(task.model.low))
@@ -131,7 +184,10 @@ def _krylov(task, steps, budget):
 
         def product(direction, state=state, end=end, small=small):
             size = np.linalg.norm(direction) or 1.0
-            return direction - (over(state + small / size * direction) - end) * size / small
+            return (
+                direction
+                - (over(state + small / size * direction) - end) * size / small
+            )
 
         operator = LinearOperator((state.size, state.size), matvec=product)
         change, _ = gmres(operator, end - state, rtol=1e-2, restart=40, maxiter=1)

@@ -1,12 +1,14 @@
-"""How the cost of a solve grows: with harmonics, disks, meshes and speeds; compile time with and without a cache.
+"""How the cost of a solve grows: with harmonics, disks, meshes and speeds; compile time
+with and without a cache.
 
     python benchmarks/scaling.py                      all parts
     python benchmarks/scaling.py harmonics disks      some of them: harmonics, disks, meshes, speeds, compile
     python benchmarks/scaling.py --json rows.jsonl --quick
 
-Run time on one core, medians of repeats after a first call that compiles. Exponents are slopes of log time over log
-size by least squares. ``peak_MiB`` is the largest resident memory of the process while the row was measured, its
-compilation and the programs of the rows before it included. ``compile`` starts fresh processes and counts programs.
+Run time on one core, medians of repeats after a first call that compiles. Exponents are
+slopes of log time over log size by least squares. ``peak_MiB`` is the largest resident
+memory of the process while the row was measured, its compilation and the programs of
+the rows before it included. ``compile`` starts fresh processes and counts programs.
 """
 
 import json
@@ -66,12 +68,20 @@ GOOD = (jaxhb.Status.CONVERGED, jaxhb.Status.TOLERANCE_NOT_MET)
 
 
 def _row(recorder, part, size, setting, call, repeats, share=1):
-    """Time a call and record it; seconds (per ``share``) if the equations were solved, else None."""
+    """Time a call and record it; seconds (per ``share``) if the equations were solved,
+    else None.
+    """
     forget_peak()
     try:
         response, first, seconds, spread = timed(call, repeats)
     except jaxhb.NotConverged as error:
-        recorder.add(part=part, size=size, setting=setting, status="not planned", reason=str(error))
+        recorder.add(
+            part=part,
+            size=size,
+            setting=setting,
+            status="not planned",
+            reason=str(error),
+        )
         return None
     status = np.atleast_1d(response.status)
     name = jaxhb.Status(int(status.max())).name
@@ -85,7 +95,9 @@ def _row(recorder, part, size, setting, call, repeats, share=1):
         spread=spread / share,
         compile_seconds=first - seconds,
         peak_MiB=peak_memory(),
-        status=name if status.size == 1 else f"{(status == 0).sum()}/{status.size} good",
+        status=(
+            name if status.size == 1 else f"{(status == 0).sum()}/{status.size} good"
+        ),
         path=[str(event) for event in response.path],
     )
     return seconds / share if np.isin(status, GOOD).all() else None
@@ -96,7 +108,10 @@ def _exponent(label, sizes, seconds):
     good = [(size, time) for size, time in zip(sizes, seconds, strict=True) if time]
     if len(good) > 1:
         slope = exponent(*zip(*good, strict=True))
-        print(f"{label}: time ~ size^{slope:.2f} from {good[0][0]} to {good[-1][0]}\n", flush=True)
+        print(
+            f"{label}: time ~ size^{slope:.2f} from {good[0][0]} to {good[-1][0]}\n",
+            flush=True,
+        )
 
 
 def _train(disks=27):
@@ -104,16 +119,35 @@ def _train(disks=27):
 
 
 def harmonics(recorder, options):
-    """Fixed harmonics, decided by the solve and under a plan, above the mesh modes: below them there is no solution."""
+    """Fixed harmonics, decided by the solve and under a plan, above the mesh modes:
+    below them there is no solution.
+    """
     cases = (
-        ("4 accessories", accessory_drive(4), 1500.0, (128, 256) if options.quick else (128, 256, 512, 1024)),
-        ("gear_train_30", _train(), RPM, (512,) if options.quick else (384, 512, 768, 1024)),
+        (
+            "4 accessories",
+            accessory_drive(4),
+            1500.0,
+            (128, 256) if options.quick else (128, 256, 512, 1024),
+        ),
+        (
+            "gear_train_30",
+            _train(),
+            RPM,
+            (512,) if options.quick else (384, 512, 768, 1024),
+        ),
     )
     for label, train, rpm, sizes in cases:
         for planned in (False, True):
             name = f"{label}, {'planned' if planned else 'cold'}"
             seconds = [
-                _row(recorder, "harmonics", size, name, _fixed(train, rpm, size, planned), options.repeats)
+                _row(
+                    recorder,
+                    "harmonics",
+                    size,
+                    name,
+                    _fixed(train, rpm, size, planned),
+                    options.repeats,
+                )
                 for size in sizes
             ]
             _exponent(f"harmonics, {name}", sizes, seconds)
@@ -136,7 +170,10 @@ def _fixed(train, rpm, size, planned):
 def disks(recorder, options):
     """Shafts cut into pieces: at fixed harmonics, and to the default tolerance."""
     sizes = (27, 300) if options.quick else (27, 100, 300, 1000, 3000)
-    for setting, wanted in (("512 harmonics", {"harmonics": 512}), ("tolerance 1 %", {})):
+    for setting, wanted in (
+        ("512 harmonics", {"harmonics": 512}),
+        ("tolerance 1 %", {}),
+    ):
         seconds = []
         for size in sizes:
             train = _train(size)
@@ -172,15 +209,33 @@ def meshes(recorder, options):
 
 
 def speeds(recorder, options):
-    """Seconds per speed of ``solve_speeds`` over the range of the engine, and of a loop over its speeds."""
+    """Seconds per speed of ``solve_speeds`` over the range of the engine, and of a loop
+    over its speeds.
+    """
     train, sizes = _train(), (4,) if options.quick else (1, 8, 64)
     repeats = max(1, options.repeats // 2)
     for size in sizes:
         rpm = np.linspace(600.0, 2450.0, size) if size > 1 else np.array([RPM])
         sweep = partial(jaxhb.solve_speeds, train, rpm=rpm)
-        _row(recorder, "speeds", size, "per speed, solve_speeds", sweep, repeats, share=size)
+        _row(
+            recorder,
+            "speeds",
+            size,
+            "per speed, solve_speeds",
+            sweep,
+            repeats,
+            share=size,
+        )
         if size in (4, 8):
-            _row(recorder, "speeds", size, "per speed, loop of solve", partial(_loop, train, rpm), repeats, share=size)
+            _row(
+                recorder,
+                "speeds",
+                size,
+                "per speed, loop of solve",
+                partial(_loop, train, rpm),
+                repeats,
+                share=size,
+            )
 
 
 def _loop(train, rpm):
@@ -192,11 +247,24 @@ def compile_times(recorder, options):
     """Fresh processes: no cache, an empty one, a filled one."""
     code = FRESH.format(rpm=RPM, core=options.core, folder=str(Path(__file__).parent))
     with tempfile.TemporaryDirectory() as folder:
-        cache = {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
-        for name, extra in (("no cache", {}), ("cache, empty", cache), ("cache, filled", cache)):
-            environment = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"} | extra
+        cache = {
+            "JAX_COMPILATION_CACHE_DIR": folder,
+            "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        }
+        for name, extra in (
+            ("no cache", {}),
+            ("cache, empty", cache),
+            ("cache, filled", cache),
+        ):
+            environment = {
+                k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"
+            } | extra
             done = subprocess.run(
-                [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+                [sys.executable, "-c", code],
+                capture_output=True,
+                text=True,
+                check=True,
+                env=environment,
             )
             seen = json.loads(done.stdout.strip().splitlines()[-1])
             seen |= {
@@ -207,7 +275,13 @@ def compile_times(recorder, options):
             recorder.add(part="compile", size=27, setting=setting, cache=name, **seen)
 
 
-PARTS = {"harmonics": harmonics, "disks": disks, "meshes": meshes, "speeds": speeds, "compile": compile_times}
+PARTS = {
+    "harmonics": harmonics,
+    "disks": disks,
+    "meshes": meshes,
+    "speeds": speeds,
+    "compile": compile_times,
+}
 
 
 def main():

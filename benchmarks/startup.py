@@ -1,9 +1,10 @@
-"""How long a command takes from the shell: whole processes, first with no program on disk, then with all of them.
+"""How long a command takes from the shell: whole processes, first with no program on
+disk, then with all of them.
 
     python benchmarks/startup.py [--repeats 3] [--json F]      5 minutes
 
-"run" is what the sweep itself takes once everything is compiled, in one process; what is left of the second run of the
-sweep is the cost of starting.
+"run" is what the sweep itself takes once everything is compiled, in one process; what
+is left of the second run of the sweep is the cost of starting.
 """
 
 import argparse
@@ -36,7 +37,12 @@ print(seconds)
 def seconds(command, folder, status=0):
     """Seconds that a process takes, its programs kept in ``folder``."""
     begin = time.perf_counter()
-    done = subprocess.run(command, env=os.environ | {"JAXHB_CACHE": str(folder)}, capture_output=True, text=True)
+    done = subprocess.run(
+        command,
+        env=os.environ | {"JAXHB_CACHE": str(folder)},
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == status, done.stderr
     return time.perf_counter() - begin, done.stdout
 
@@ -51,7 +57,13 @@ def rows(repeats, scratch):
         ("scenes", ["scenes"], 0),
         ("solve, a scene with a fault", ["solve", str(faulty), "--rpm", "1800"], 2),
     ):
-        yield name, [seconds(COMMAND + arguments, "off", status)[0] for _ in range(repeats + 1)][1:]
+        yield (
+            name,
+            [
+                seconds(COMMAND + arguments, "off", status)[0]
+                for _ in range(repeats + 1)
+            ][1:],
+        )
     for name, arguments in (("solve", SOLVE), ("sweep", SWEEP)):
         first, second = [], []
         for i in range(repeats):
@@ -60,13 +72,20 @@ def rows(repeats, scratch):
             second.append(seconds(COMMAND + arguments, folder)[0])
         yield f"{name}, first run", first
         yield f"{name}, second run", second
-    run = [float(seconds([sys.executable, "-c", RUN], "off")[1]) for _ in range(repeats)]
+    run = [
+        float(seconds([sys.executable, "-c", RUN], "off")[1]) for _ in range(repeats)
+    ]
     yield "sweep, run", run
-    yield "sweep, second run less run", [a - b for a, b in zip(second, run, strict=True)]
+    yield (
+        "sweep, second run less run",
+        [a - b for a, b in zip(second, run, strict=True)],
+    )
 
 
 def main():
-    read = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    read = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     read.add_argument("--repeats", type=int, default=3)
     read.add_argument("--json", metavar="F")
     arguments = read.parse_args()
@@ -74,10 +93,15 @@ def main():
     with tempfile.TemporaryDirectory() as scratch:
         print(f"{'':30s}  median s  least s")
         for name, times in rows(arguments.repeats, Path(scratch)):
-            print(f"{name:30s}  {statistics.median(times):8.2f}  {min(times):7.2f}", flush=True)
+            print(
+                f"{name:30s}  {statistics.median(times):8.2f}  {min(times):7.2f}",
+                flush=True,
+            )
             found.append({"command": name, "seconds": times})
     if arguments.json:
-        Path(arguments.json).write_text("".join(json.dumps(row) + "\n" for row in found))
+        Path(arguments.json).write_text(
+            "".join(json.dumps(row) + "\n" for row in found)
+        )
 
 
 if __name__ == "__main__":

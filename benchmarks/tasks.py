@@ -1,4 +1,6 @@
-"""A drive train at one speed as plain arrays for time integrators: excitation as a table, start, fastest rate."""
+"""A drive train at one speed as plain arrays for time integrators: excitation as a
+table, start, fastest rate.
+"""
 
 import dataclasses
 from dataclasses import dataclass
@@ -18,9 +20,11 @@ from jaxhb.train import chain
 class Model(NamedTuple):
     """A train as arrays in circumferential displacements, disks in elimination order.
 
-    mass kg, damping N s/m, ground N/m ``(S,)``; chain_k N/m, chain_r N s/m ``(S,)`` of the shaft from each position to
-    the next, 0 where there is none; shaft_a, shaft_b, shaft_k, shaft_r of the other shafts; mesh_a, mesh_b, arm_a,
-    arm_b, mesh_k N/m, mesh_r N s/m, soft N/m, low, width m, gated ``(M,)``; pushed : disks with excitation.
+    mass kg, damping N s/m, ground N/m ``(S,)``; chain_k N/m, chain_r N s/m ``(S,)`` of
+    the shaft from each position to the next, 0 where there is none; shaft_a, shaft_b,
+    shaft_k, shaft_r of the other shafts; mesh_a, mesh_b, arm_a, arm_b, mesh_k N/m,
+    mesh_r N s/m, soft N/m, low, width m, gated ``(M,)``; pushed : disks with
+    excitation.
     """
 
     mass: np.ndarray
@@ -49,9 +53,10 @@ class Model(NamedTuple):
 class Task:
     """One train at one speed, ready to be integrated.
 
-    model : Model; law : of the meshes; frequency : Omega in rad/s; load : complex ``(E, N+1)`` N of the pushed disks;
-    displacement m, velocity m/s ``(S,)`` : all teeth in contact, shifted onto their flanks, at t = 0; order :
-    disk at each position; radius ``(S,)`` m of the positions; parent, link ``(S,)`` of the tree.
+    model : Model; law : of the meshes; frequency : Omega in rad/s; load : complex ``(E,
+    N+1)`` N of the pushed disks; displacement m, velocity m/s ``(S,)`` : all teeth in
+    contact, shifted onto their flanks, at t = 0; order : disk at each position; radius
+    ``(S,)`` m of the positions; parent, link ``(S,)`` of the tree.
     """
 
     model: Model
@@ -71,10 +76,14 @@ class Task:
         return 2 * np.pi / self.frequency
 
     def table(self, count, shift=0.0):
-        """Excitation ``(count, E)`` N at the time samples ``(j + shift) period / count``."""
+        """Excitation ``(count, E)`` N at the time samples ``(j + shift) period /
+        count``.
+        """
         n = np.arange(self.load.shape[1])
         if count < 2 * n.size:
-            return np.ascontiguousarray(self.table(2 * count * n.size, 2 * shift * n.size)[:: 2 * n.size])
+            return np.ascontiguousarray(
+                self.table(2 * count * n.size, 2 * shift * n.size)[:: 2 * n.size]
+            )
         padded = np.zeros((self.load.shape[0], count // 2 + 1), dtype=complex)
         padded[:, : n.size] = self.load * np.exp(2j * np.pi * n * shift / count)
         return np.ascontiguousarray(np.fft.irfft(padded, n=count, norm="forward").T)
@@ -85,26 +94,47 @@ class Task:
 
     def started(self, response):
         """The same task, starting at t = 0 of a response."""
-        displacement, velocity = _instant(response, self.order, self.radius, self.frequency)
+        displacement, velocity = _instant(
+            response, self.order, self.radius, self.frequency
+        )
         return dataclasses.replace(self, displacement=displacement, velocity=velocity)
 
 
 def prepare(train, rpm):
-    """The :class:`Task` of a train, a tree without loss factors and massless disks and with one ground at most."""
+    """The :class:`Task` of a train, a tree without loss factors and massless disks and
+    with one ground at most.
+    """
     system, meshes = chain.assemble(train), all_meshes(train)
     tree = system.tree
-    if len(tree.loops) or np.any(system.loss) or np.any(system.mass == 0) or np.count_nonzero(system.ground) > 1:
-        raise ValueError("closed loops, loss factors, massless disks and several grounds are not integrated")
+    if (
+        len(tree.loops)
+        or np.any(system.loss)
+        or np.any(system.mass == 0)
+        or np.count_nonzero(system.ground) > 1
+    ):
+        raise ValueError(
+            "closed loops, loss factors, massless disks and several grounds are not"
+            " integrated"
+        )
     order = np.asarray(tree.node)
     position = np.argsort(order)
     torque, _, _ = excitation(train, rpm, highest_harmonic(train))
     load = (torque / system.radius[:, None])[order]
     pushed = np.flatnonzero(np.abs(load).max(axis=1)).astype(np.uintp)
     law, count = meshes.law, len(meshes.link)
-    shafts, teeth = slice(None, len(tree.end_a) - count), slice(len(tree.end_a) - count, None)
-    end_a, end_b = position[tree.end_a].astype(np.uintp), position[tree.end_b].astype(np.uintp)
+    shafts, teeth = (
+        slice(None, len(tree.end_a) - count),
+        slice(len(tree.end_a) - count, None),
+    )
+    end_a, end_b = (
+        position[tree.end_a].astype(np.uintp),
+        position[tree.end_b].astype(np.uintp),
+    )
     shaft_a, shaft_b = end_a[shafts], end_b[shafts]
-    shaft_k, shaft_r = np.asarray(system.stiffness)[shafts], np.asarray(system.viscous)[shafts]
+    shaft_k, shaft_r = (
+        np.asarray(system.stiffness)[shafts],
+        np.asarray(system.viscous)[shafts],
+    )
     near = np.abs(shaft_a.astype(int) - shaft_b.astype(int)) == 1
     chain_k, chain_r = np.zeros((2, order.size))
     chain_k[np.minimum(shaft_a, shaft_b)[near]] = shaft_k[near]
@@ -159,18 +189,26 @@ def _instant(response, order, radius, frequency):
 
 
 def _opened(system, position, opening):
-    """Displacements ``(S,)`` that give the links the deflections ``opening`` and leave the root where it is."""
+    """Displacements ``(S,)`` that give the links the deflections ``opening`` and leave
+    the root where it is.
+    """
     tree = system.tree
     moved = np.zeros(len(position))
     for s in range(len(position) - 2, -1, -1):
         link, above = tree.link[s], moved[tree.parent[s]]
         a, b = system.arm_a[link], system.arm_b[link]
-        moved[s] = (opening[link] + b * above) / a if tree.from_a[s] else (a * above - opening[link]) / b
+        moved[s] = (
+            (opening[link] + b * above) / a
+            if tree.from_a[s]
+            else (a * above - opening[link]) / b
+        )
     return moved
 
 
 def links(model):
-    """All links as one list: ends a, b, arms a, b, stiffness N/m, damping N s/m, teeth in contact."""
+    """All links as one list: ends a, b, arms a, b, stiffness N/m, damping N s/m, teeth
+    in contact.
+    """
     m, near = model, np.arange(model.mass.size - 1)
     one = np.ones(near.size + m.shaft_k.size)
     return (
@@ -184,14 +222,32 @@ def links(model):
 
 
 def fastest_rate(task):
-    """Largest of the undamped natural frequencies and of the damping rates ``eig(M^-1 B)``, rad/s, teeth in contact."""
+    """Largest of the undamped natural frequencies and of the damping rates ``eig(M^-1
+    B)``, rad/s, teeth in contact.
+    """
     m, size = task.model, task.model.mass.size
     a, b, arm_a, arm_b, stiffness, damping = links(m)
     root, rates = 1 / np.sqrt(m.mass), []
     for k, disk in ((stiffness, m.ground), (damping, m.damping)):
-        values = [k * arm_a**2, k * arm_b**2, -k * arm_a * arm_b, -k * arm_a * arm_b, disk]
+        values = [
+            k * arm_a**2,
+            k * arm_b**2,
+            -k * arm_a * arm_b,
+            -k * arm_a * arm_b,
+            disk,
+        ]
         rows, columns = [a, b, a, b, np.arange(size)], [a, b, b, a, np.arange(size)]
-        entry = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-        matrix = coo_array(entry, shape=(size, size)).tocsr().multiply(root[:, None]).multiply(root[None, :])
-        rates.append(float(eigsh(matrix.tocsr(), k=1, return_eigenvectors=False, tol=1e-3)[0]))
+        entry = (
+            np.concatenate(values),
+            (np.concatenate(rows), np.concatenate(columns)),
+        )
+        matrix = (
+            coo_array(entry, shape=(size, size))
+            .tocsr()
+            .multiply(root[:, None])
+            .multiply(root[None, :])
+        )
+        rates.append(
+            float(eigsh(matrix.tocsr(), k=1, return_eigenvectors=False, tol=1e-3)[0])
+        )
     return max(np.sqrt(rates[0]), rates[1])

@@ -1,10 +1,12 @@
-"""Do two threads that solve, differentiate, batch and compile at the same time ever wait for each other?
+"""Do two threads that solve, differentiate, batch and compile at the same time ever
+wait for each other?
 
     python benchmarks/threads.py                 one process of two threads, on two processors
     python benchmarks/threads.py --repeats 20    so many processes, one after another, each ended after LIMIT seconds
 
-jaxlib 0.9.1 to 0.11.0 nest LAPACK calls in the threads that run them, 0.11.1 and 0.11.2 Fourier transforms: two
-programs at once, or two parts of one, can hold every thread and wait for another for ever.
+jaxlib 0.9.1 to 0.11.0 nest LAPACK calls in the threads that run them, 0.11.1 and 0.11.2
+Fourier transforms: two programs at once, or two parts of one, can hold every thread and
+wait for another for ever.
 """
 
 import argparse
@@ -19,7 +21,9 @@ ROUNDS = 3
 
 
 def work():
-    """Eager and planned solves, gradients, batches and programs of the user's own, in two threads, as in one."""
+    """Eager and planned solves, gradients, batches and programs of the user's own, in
+    two threads, as in one.
+    """
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, set(list(os.sched_getaffinity(0))[:2]))
     import jax
@@ -32,7 +36,11 @@ def work():
 
     def peak(damping, rpm):
         changed = train.replace({"crank damper.damping": damping})
-        return jaxhb.solve(changed, rpm=rpm, plan=plan).force("crank gear", "idler").smooth_peak()
+        return (
+            jaxhb.solve(changed, rpm=rpm, plan=plan)
+            .force("crank gear", "idler")
+            .smooth_peak()
+        )
 
     batch = jax.vmap(peak, in_axes=(None, 0))
     compiled = jax.jit(jax.vmap(jax.grad(peak), in_axes=(None, 0)))
@@ -60,7 +68,9 @@ def work():
 
 
 def main():
-    read = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    read = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     read.add_argument("--repeats", type=int, help="processes (default: this one alone)")
     repeats = read.parse_args().repeats
     if repeats is None:
@@ -70,11 +80,16 @@ def main():
     for number in range(repeats):
         start = time.perf_counter()
         try:
-            ended = subprocess.run([sys.executable, __file__], timeout=LIMIT, check=False).returncode
+            ended = subprocess.run(
+                [sys.executable, __file__], timeout=LIMIT, check=False
+            ).returncode
         except subprocess.TimeoutExpired:
             ended = f"still running after {LIMIT} s"
         finished += ended == 0
-        print(f"{number + 1:3d}  {time.perf_counter() - start:6.1f} s  {ended}", flush=True)
+        print(
+            f"{number + 1:3d}  {time.perf_counter() - start:6.1f} s  {ended}",
+            flush=True,
+        )
     print(f"{finished} of {repeats} finished")
     return finished < repeats
 

@@ -1,22 +1,28 @@
-"""Work-precision: error of the elastic tooth force over one cycle against run time, one curve per method.
+"""Work-precision: error of the elastic tooth force over one cycle against run time, one
+curve per method.
 
     python benchmarks/work_precision.py                               27 disks, tooth damping 6, 2 and 1 %, all methods
     python benchmarks/work_precision.py --disks 300 --damping 6 1     shafts cut into pieces
-    python benchmarks/work_precision.py --disks 3000 --damping 6 --rpm 1833 --methods harmonic rk4 implicit --budget 20
-    python benchmarks/work_precision.py --methods harmonic rk4 --json rows.jsonl
+    python benchmarks/work_precision.py --disks 3000 --damping 6 --rpm 1833 --methods
+    harmonic rk4 implicit --budget 20 python benchmarks/work_precision.py --methods
+    harmonic rk4 --json rows.jsonl
     python benchmarks/work_precision.py --quick                       one speed, one damping, few settings
 
-The task is ``gear_train_30`` at five speeds at which its teeth hammer, with the same tooth damping ratio at every mesh
-(the scene's own is 5 %), as it is (27 disks) and with its shafts cut into pieces (:func:`refined_trains.refined`).
-Errors are sup-norm over the cycle and all meshes, relative to the largest tooth force, at the times that a method
-samples; to what, see :mod:`references`. Seconds are run time on one core, medians of repeats; beside it, what the first
-call took longer (the references have compiled much of jaxhb before: ``scaling.py compile`` has its compile time). An
-integrator runs from the linear motion shifted onto its flanks until the tooth force of two cycles agrees within
-``aim``, at most 100 cycles, and at 6 % damping also for six cycles; of the compiled ones only the steps count. Where
-the stable step of Runge-Kutta is hopeless (3000 disks) its row is a prediction, six cycles from the pace of 256 steps.
+The task is ``gear_train_30`` at five speeds at which its teeth hammer, with the same
+tooth damping ratio at every mesh (the scene's own is 5 %), as it is (27 disks) and with
+its shafts cut into pieces (:func:`refined_trains.refined`). Errors are sup-norm over
+the cycle and all meshes, relative to the largest tooth force, at the times that a
+method samples; to what, see :mod:`references`. Seconds are run time on one core,
+medians of repeats; beside it, what the first call took longer (the references have
+compiled much of jaxhb before: ``scaling.py compile`` has its compile time). An
+integrator runs from the linear motion shifted onto its flanks until the tooth force of
+two cycles agrees within ``aim``, at most 100 cycles, and at 6 % damping also for six
+cycles; of the compiled ones only the steps count. Where the stable step of Runge-Kutta
+is hopeless (3000 disks) its row is a prediction, six cycles from the pace of 256 steps.
 
-The first line takes an hour, 10 minutes of it at 6 %: at 1 and 2 % some speeds are not solved, and each call says so
-after 18 s. A speed of 27 disks at 6 % with ``--methods harmonic rk4`` takes 40 s, one of 3000 disks 1 to 2 minutes.
+The first line takes an hour, 10 minutes of it at 6 %: at 1 and 2 % some speeds are not
+solved, and each call says so after 18 s. A speed of 27 disks at 6 % with ``--methods
+harmonic rk4`` takes 40 s, one of 3000 disks 1 to 2 minutes.
 """
 
 import numpy as np
@@ -61,7 +67,9 @@ class Case:
         self.options, self.recorder = options, recorder
         self.task = prepare(train, rpm)
         quick = {"steps": 24000} if options.quick else {}
-        self.references, self.notes = references(train, rpm, self.task, budget=options.budget, **quick)
+        self.references, self.notes = references(
+            train, rpm, self.task, budget=options.budget, **quick
+        )
 
     @property
     def small(self):
@@ -70,7 +78,9 @@ class Case:
 
     def add(self, method, setting, force=None, **row):
         """Record a row; the error is measured here."""
-        error, branch = distance(self.references, force) if force is not None else (np.nan, "")
+        error, branch = (
+            distance(self.references, force) if force is not None else (np.nan, "")
+        )
         if not self.references:
             branch = "no reference"
         self.recorder.add(
@@ -82,7 +92,9 @@ class Case:
             rpm=self.rpm,
             error=error,
             branch=branch,
-            references=[(r.branch, r.source, r.periodicity_error) for r in self.references],
+            references=[
+                (r.branch, r.source, r.periodicity_error) for r in self.references
+            ],
             without=self.notes,
             **row,
         )
@@ -115,12 +127,22 @@ def harmonic(case):
 
 
 def chain(case):
-    """The full chain sweep with all disks as unknowns; its limit of 128 harmonics lies below the mesh modes."""
+    """The full chain sweep with all disks as unknowns; its limit of 128 harmonics lies
+    below the mesh modes.
+    """
     for harmonics in (48,) if case.options.quick else (64, 128):
         if case.small:
-            _solved(case, "chain", {"harmonics": harmonics}, harmonics=harmonics, method="chain")
+            _solved(
+                case,
+                "chain",
+                {"harmonics": harmonics},
+                harmonics=harmonics,
+                method="chain",
+            )
         else:
-            case.add("chain", {"harmonics": harmonics}, status="dense blocks: not tried")
+            case.add(
+                "chain", {"harmonics": harmonics}, status="dense blocks: not tried"
+            )
 
 
 def _solved(case, label, setting, **wanted):
@@ -148,7 +170,11 @@ def runge_kutta(case):
     counts = sorted({max(steps, least) for steps in STEPS})
     if least > 5e6:
         begun = _pace(case, least)
-        note = {"seconds_per_cycle": begun * least, "seconds_per_step": begun, "status": "step too small"}
+        note = {
+            "seconds_per_cycle": begun * least,
+            "seconds_per_step": begun,
+            "status": "step too small",
+        }
         case.add("rk4", {"steps": least}, seconds=6 * begun * least, cycles=6, **note)
         return
     _marches(case, "rk4", counts[::4] if case.options.quick else counts)
@@ -159,12 +185,22 @@ def _pace(case, steps):
     task = case.task
     x, v, table = task.displacement.copy(), task.velocity.copy(), task.table(512)
     seen = np.empty((2, task.model.mesh_k.size, 256))
-    return timed(lambda: runge_kutta_steps(task.model, x, v, table, task.period / steps, *seen), 3)[2] / 256
+    return (
+        timed(
+            lambda: runge_kutta_steps(
+                task.model, x, v, table, task.period / steps, *seen
+            ),
+            3,
+        )[2]
+        / 256
+    )
 
 
 def implicit(case):
     """Compiled implicit integrator along the tree."""
-    _marches(case, "implicit", IMPLICIT_STEPS[2:3] if case.options.quick else IMPLICIT_STEPS)
+    _marches(
+        case, "implicit", IMPLICIT_STEPS[2:3] if case.options.quick else IMPLICIT_STEPS
+    )
 
 
 def _marches(case, method, counts):
@@ -172,10 +208,18 @@ def _marches(case, method, counts):
     budget = case.options.budget
     for steps in counts:
         for aim in AIMS[:1] if case.options.quick else AIMS:
-            found = _median(lambda s=steps, a=aim: march(case.task, method, s, aim=a, budget=budget), case.options)
+            found = _median(
+                lambda s=steps, a=aim: march(
+                    case.task, method, s, aim=a, budget=budget
+                ),
+                case.options,
+            )
             case.marched(method, {"steps": steps, "aim": aim}, found)
         if case.damping >= 6:
-            found = _median(lambda s=steps: march(case.task, method, s, cycles=6, budget=budget), case.options)
+            found = _median(
+                lambda s=steps: march(case.task, method, s, cycles=6, budget=budget),
+                case.options,
+            )
             case.marched(method, {"steps": steps, "cycles": 6}, found)
 
 
@@ -188,7 +232,9 @@ def _median(run, options):
 
 
 def exponential(case):
-    """The package's modal exponential integrator, one speed a call, all that the call does counts."""
+    """The package's modal exponential integrator, one speed a call, all that the call
+    does counts.
+    """
     for steps in (4000,) if case.options.quick else (2000, 4000, 8000):
         if not case.small:
             case.add("exponential", {"steps": steps}, status="dense state: not tried")
@@ -199,7 +245,8 @@ def exponential(case):
 
 def _integrated(case, steps, cycles):
     orbit, first, seconds, spread = timed(
-        lambda: jaxhb.integrate(case.train, rpm=case.rpm, cycles=cycles, steps=steps), case.options.repeats
+        lambda: jaxhb.integrate(case.train, rpm=case.rpm, cycles=cycles, steps=steps),
+        case.options.repeats,
     )
     case.add(
         "exponential",
@@ -215,15 +262,23 @@ def _integrated(case, steps, cycles):
 
 
 def batched(cases):
-    """The same over all speeds in one vmapped program; seconds per speed, the cutting into steps included."""
+    """The same over all speeds in one vmapped program; seconds per speed, the cutting
+    into steps included.
+    """
     if not cases[0].small:
         return
     for steps in (4000,) if cases[0].options.quick else (2000, 4000, 8000):
         for cycles in (6,) if cases[0].options.quick else (6, 30):
             deflection, periodicity_error, first, seconds = march_speeds(
-                cases[0].train, [case.rpm for case in cases], steps, cycles, cases[0].options.repeats
+                cases[0].train,
+                [case.rpm for case in cases],
+                steps,
+                cycles,
+                cases[0].options.repeats,
             )
-            for case, seen, change in zip(cases, deflection, periodicity_error, strict=True):
+            for case, seen, change in zip(
+                cases, deflection, periodicity_error, strict=True
+            ):
                 case.add(
                     "exp. batch",
                     {"steps": steps, "cycles": cycles, "speeds": len(cases)},
@@ -242,7 +297,9 @@ def adaptive(case):
         case.add("adaptive", {}, status="dense state: not tried")
         return
     quick = case.options.quick
-    explicit = [(solver, rtol) for solver in ("Tsit5", "Dopri8") for rtol in (1e-3, 1e-5, 1e-7)]
+    explicit = [
+        (solver, rtol) for solver in ("Tsit5", "Dopri8") for rtol in (1e-3, 1e-5, 1e-7)
+    ]
     for solver, rtol in [("Tsit5", 1e-5)] if quick else explicit:
         seen, first, seconds = diffrax_march(case.task, solver, rtol, 6, 4000, 1)
         _adapted(case, solver, rtol, seen, seconds, compile_seconds=first - seconds)
@@ -255,7 +312,15 @@ def adaptive(case):
 def _adapted(case, method, rtol, seen, seconds, **row):
     force = case.task.force(seen)
     status = "fixed cycles" if np.isfinite(force).all() else "diverged"
-    case.add(method, {"rtol": rtol, "cycles": 6}, force, seconds=seconds, cycles=6, status=status, **row)
+    case.add(
+        method,
+        {"rtol": rtol, "cycles": 6},
+        force,
+        seconds=seconds,
+        cycles=6,
+        status=status,
+        **row,
+    )
 
 
 METHODS = {
@@ -269,24 +334,43 @@ METHODS = {
 
 
 def summary(rows, limits=(3e-2, 1e-2, 3e-3)):
-    """Print the least time of each method to an error, median over the speeds, and where it was reached."""
-    print("\nleast seconds to an error, median over the speeds (reached at so many of them; x: time / that of jaxhb)")
+    """Print the least time of each method to an error, median over the speeds, and
+    where it was reached.
+    """
+    print(
+        "\nleast seconds to an error, median over the speeds (reached at so many of"
+        " them; x: time / that of jaxhb)"
+    )
     for key in dict.fromkeys((r["disks"], r["damping_percent"]) for r in rows):
-        own = [r for r in rows if (r["disks"], r["damping_percent"]) == key and np.isfinite(r["error"])]
+        own = [
+            r
+            for r in rows
+            if (r["disks"], r["damping_percent"]) == key and np.isfinite(r["error"])
+        ]
         speeds = {r["rpm"] for r in rows if (r["disks"], r["damping_percent"]) == key}
         for method in dict.fromkeys(r["method"] for r in own):
             cells = []
             for limit in limits:
                 mine, base = _fastest(own, method, limit), _fastest(own, "jaxhb", limit)
                 ratio = [mine[s] / base[s] for s in mine if s in base]
-                time = f"{np.median(list(mine.values())):9.4f} s ({len(mine)}/{len(speeds)})" if mine else "-"
-                cells.append(f"{limit:.1%}: {time:>17s}" + (f" x {np.median(ratio):7.2g}" if ratio else " " * 10))
+                time = (
+                    f"{np.median(list(mine.values())):9.4f} s"
+                    f" ({len(mine)}/{len(speeds)})"
+                    if mine
+                    else "-"
+                )
+                cells.append(
+                    f"{limit:.1%}: {time:>17s}"
+                    + (f" x {np.median(ratio):7.2g}" if ratio else " " * 10)
+                )
             print(f"{key[0]:5d} disks {key[1]:4g} %  {method:12s} " + "  ".join(cells))
         _predicted(rows, key, _fastest(own, "jaxhb", limits[1]))
 
 
 def _predicted(rows, key, base):
-    """Print what Runge-Kutta would take where its stable step is too small to be tried."""
+    """Print what Runge-Kutta would take where its stable step is too small to be
+    tried.
+    """
     seconds = {
         r["rpm"]: r["seconds"]
         for r in rows
@@ -295,35 +379,69 @@ def _predicted(rows, key, base):
     if seconds:
         ratio = [seconds[s] / base[s] for s in seconds if s in base]
         told = f", x {np.median(ratio):.2g} of jaxhb at {1e-2:.1%}" if ratio else ""
-        cycles = f"{np.median(list(seconds.values())):.0f} s for six cycles of its largest stable step"
+        cycles = (
+            f"{np.median(list(seconds.values())):.0f} s for six cycles of its largest"
+            " stable step"
+        )
         print(f"{key[0]:5d} disks {key[1]:4g} %  rk4 would take {cycles}{told}")
 
 
 def _fastest(rows, method, limit):
-    """Seconds by speed of the fastest row of a method with an error within ``limit``."""
+    """Seconds by speed of the fastest row of a method with an error within
+    ``limit``.
+    """
     found = {}
     for r in rows:
-        if r["method"] == method and r["error"] <= limit and r["status"] not in ("never settles", "out of time"):
+        if (
+            r["method"] == method
+            and r["error"] <= limit
+            and r["status"] not in ("never settles", "out of time")
+        ):
             found[r["rpm"]] = min(found.get(r["rpm"], np.inf), r["seconds"])
     return found
 
 
 def main():
     """Run what the command line asks for."""
-    parser = command_line(__doc__, core=0, repeats=5, quick="one speed, one damping ratio, few settings")
-    parser.add_argument("--disks", type=int, nargs="+", default=[27], help="disks of the train: 27, 300, 3000")
-    parser.add_argument("--damping", type=float, nargs="+", default=[6, 2, 1], help="tooth damping ratio in %%")
+    parser = command_line(
+        __doc__, core=0, repeats=5, quick="one speed, one damping ratio, few settings"
+    )
+    parser.add_argument(
+        "--disks",
+        type=int,
+        nargs="+",
+        default=[27],
+        help="disks of the train: 27, 300, 3000",
+    )
+    parser.add_argument(
+        "--damping",
+        type=float,
+        nargs="+",
+        default=[6, 2, 1],
+        help="tooth damping ratio in %%",
+    )
     parser.add_argument("--rpm", type=float, nargs="+", default=list(HAMMERING_RPM))
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
-    parser.add_argument("--budget", type=float, default=60.0, help="seconds after which a march begins no other cycle")
+    parser.add_argument(
+        "--budget",
+        type=float,
+        default=60.0,
+        help="seconds after which a march begins no other cycle",
+    )
     options = parser.parse_args()
     if options.quick:
-        options.repeats, options.rpm, options.damping = 1, options.rpm[2:3] or options.rpm[:1], options.damping[:1]
+        options.repeats, options.rpm, options.damping = (
+            1,
+            options.rpm[2:3] or options.rpm[:1],
+            options.damping[:1],
+        )
     recorder = started("work-precision", options, COLUMNS)
     for disks in options.disks:
         for damping in options.damping:
             train = with_tooth_damping(refined("gear_train_30", disks), damping / 100)
-            cases = [Case(train, rpm, damping, options, recorder) for rpm in options.rpm]
+            cases = [
+                Case(train, rpm, damping, options, recorder) for rpm in options.rpm
+            ]
             for case in cases:
                 for method in options.methods:
                     METHODS[method](case)

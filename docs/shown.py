@@ -1,9 +1,11 @@
-"""Renews what the pages show of the program's output: ``python docs/shown.py [--check] [PAGE ...]``.
+"""Renews what the pages show of the program's output: ``python docs/shown.py [--check]
+[PAGE ...]``.
 
-A page shows a command and what it prints in a block of text whose first line is ``$ jaxhb ...``. A line ``...`` stands
-for lines that are left out; the lines behind it are found in the output by their words. The commands of a page run one
-after another in a folder of their own, so that a block may read what an earlier one wrote. Seconds that a run took stay
-as they are shown.
+A page shows a command and what it prints in a block of text whose first line is ``$
+jaxhb ...``. A line ``...`` stands for lines that are left out; the lines behind it are
+found in the output by their words. The commands of a page run one after another in a
+folder of their own, so that a block may read what an earlier one wrote. Seconds that a
+run took stay as they are shown.
 """
 
 import argparse
@@ -53,7 +55,10 @@ def pages() -> list[Path]:
 def shown_on(page: Path) -> list[Shown]:
     """What a page shows, in its order."""
     text = page.read_text(encoding="utf-8")
-    return [Shown(page, command, tuple(body.splitlines())) for command, body in BLOCK.findall(text)]
+    return [
+        Shown(page, command, tuple(body.splitlines()))
+        for command, body in BLOCK.findall(text)
+    ]
 
 
 def write_inputs(page: Path, folder: Path) -> None:
@@ -66,11 +71,19 @@ def write_inputs(page: Path, folder: Path) -> None:
 
 
 def write_measurement(path: Path) -> None:
-    """Write twelve orders of a flywheel torque, of a diesel whose cylinder 4 is weak, with 3 % of noise."""
+    """Write twelve orders of a flywheel torque, of a diesel whose cylinder 4 is weak,
+    with 3 % of noise.
+    """
     import jaxhb  # here, so that the pages are read without it
 
-    true_values = {"cyl6|flywheel.stiffness": 1.85e6, "pulley.inertia": 0.02, "cylinder 4.injection": 0.8}
-    train = jaxhb.load_scene("six_cylinder_diesel").replace(true_values | {"cyl6.inertia": 0.0487 * 1.1})
+    true_values = {
+        "cyl6|flywheel.stiffness": 1.85e6,
+        "pulley.inertia": 0.02,
+        "cylinder 4.injection": 0.8,
+    }
+    train = jaxhb.load_scene("six_cylinder_diesel").replace(
+        true_values | {"cyl6.inertia": 0.0487 * 1.1}
+    )
     speeds = np.linspace(800.0, 2400.0, 15)
     torque = jaxhb.forced_response(train, rpm=speeds).torque("cyl6", "flywheel")
     amplitudes, phases = np.asarray(torque.amplitudes), np.deg2rad(torque.phases_deg)
@@ -80,10 +93,16 @@ def write_measurement(path: Path) -> None:
         if order not in MEASURED_ORDERS:
             continue
         noise = random.normal(0.0, NOISE, (2, len(speeds)))
-        noisy = amplitudes[:, index] * np.exp(1j * phases[:, index]) * (1.0 + noise[0] + 1j * noise[1])
+        noisy = (
+            amplitudes[:, index]
+            * np.exp(1j * phases[:, index])
+            * (1.0 + noise[0] + 1j * noise[1])
+        )
         for rpm, value in zip(speeds, noisy, strict=True):
             phase = np.angle(value, deg=True)
-            rows.append(f"{rpm:.0f},{order:g},cyl6|flywheel,torque,{abs(value):.4g},{phase:.1f}")
+            rows.append(
+                f"{rpm:.0f},{order:g},cyl6|flywheel,torque,{abs(value):.4g},{phase:.1f}"
+            )
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
@@ -91,14 +110,18 @@ def printed(command: str, folder: Path) -> list[str]:
     """Lines that a command prints in a folder; RuntimeError if it is refused."""
     words = [sys.executable, "-m", *shlex.split(command.removeprefix("$ "))]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    run = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    run = subprocess.run(
+        words, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
     if run.returncode not in (0, 1):
         raise RuntimeError(f"{command}\n{run.stderr}")
     return run.stdout.rstrip("\n").splitlines()
 
 
 def renewed(shown: Sequence[str], output: Sequence[str]) -> list[str]:
-    """The output with as many lines left out as the lines ``shown`` leave out; ValueError where one is not found."""
+    """The output with as many lines left out as the lines ``shown`` leave out;
+    ValueError where one is not found.
+    """
     parts: list[list[str]] = [[]]
     for line in shown:
         if line == LEFT_OUT:
@@ -121,7 +144,9 @@ def renewed(shown: Sequence[str], output: Sequence[str]) -> list[str]:
 
 
 def _first_like(line: str, output: Sequence[str], place: int) -> int:
-    """Index from ``place`` on of the line of the output that is ``line``, or else that has its words."""
+    """Index from ``place`` on of the line of the output that is ``line``, or else that
+    has its words.
+    """
     for alike in (str, words_of):
         wanted = alike(line)
         for index in range(place, len(output)):
@@ -144,14 +169,21 @@ def words_of(line: str) -> str:
 def renew(page: Path, folder: Path) -> list[tuple[Shown, list[str]]]:
     """Run the commands of a page; what it shows, and what it should."""
     write_inputs(page, folder)
-    return [(shown, renewed(shown.lines, printed(shown.command, folder))) for shown in shown_on(page)]
+    return [
+        (shown, renewed(shown.lines, printed(shown.command, folder)))
+        for shown in shown_on(page)
+    ]
 
 
 def main() -> int:
     """Renew pages, or with ``--check`` tell which are out of date."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="write nothing, tell what differs")
-    parser.add_argument("pages", nargs="*", type=Path, help="pages to renew, all by default")
+    parser.add_argument(
+        "--check", action="store_true", help="write nothing, tell what differs"
+    )
+    parser.add_argument(
+        "pages", nargs="*", type=Path, help="pages to renew, all by default"
+    )
     asked = parser.parse_args()
     outdated = 0
     for page in [path.resolve() for path in asked.pages] or pages():
@@ -161,7 +193,11 @@ def main() -> int:
         for shown, lines in results:
             if list(shown.lines) != lines:
                 outdated += 1
-                print(f"renewed: {shown.name()}" if not asked.check else f"out of date: {shown.name()}")
+                print(
+                    f"renewed: {shown.name()}"
+                    if not asked.check
+                    else f"out of date: {shown.name()}"
+                )
             before = "\n".join(["```text", shown.command, *shown.lines])
             text = text.replace(before, "\n".join(["```text", shown.command, *lines]))
         if not asked.check:

@@ -1,24 +1,35 @@
-"""Harmonic balance for the forced periodic vibration of drive trains with gear backlash, in JAX.
+"""Harmonic balance for the forced periodic vibration of drive trains with gear
+backlash, in JAX.
 
-A map of the package; ``help(jaxhb.solve)`` and the like have units, shapes, errors and an example.
+A map of the package; ``help(jaxhb.solve)`` and the like have units, shapes, errors and
+an example.
 
-=====================  ==============================================================================================
-a train                load_scene, scene_names, build from Disk, Shaft, Mesh, Damper, Engine, ...; DriveTrain.replace
-one speed              solve (a Response), check, linear_response, forced_response, plan, gradient_and_error
-the equations          harmonic_residual (A(x) and its Jacobian), block_sweep (a Newton step)
-many speeds            solve_speeds, misfire_each, cut_off_each, follow (a branch through its folds)
+=====================  =================================================================
+a train                load_scene, scene_names, build from Disk, Shaft, Mesh, Damper,
+                       Engine, ...; DriveTrain.replace
+one speed              solve (a Response), check, linear_response, forced_response,
+                       plan, gradient_and_error
+the equations          harmonic_residual (A(x) and its Jacobian), block_sweep (a Newton
+                       step)
+many speeds            solve_speeds, misfire_each, cut_off_each, follow (a branch
+                       through its folds)
 what the train does    steady_state; stability, solve_all, lift_off
-linear                 natural_frequencies, damped_modes, campbell, holzer_table, at_mean_load, frequency_response
-judge                  strength, certify (a computed bound), shooting_correction (a check by time integration)
-tune                   tune; Objective, Parameter, Penalty and smooth objectives in jaxhb.design
+linear                 natural_frequencies, damped_modes, campbell, holzer_table,
+                       at_mean_load, frequency_response
+judge                  strength, certify (a computed bound), shooting_correction (a
+                       check by time integration)
+tune                   tune; Objective, Parameter, Penalty and smooth objectives in
+                       jaxhb.design
 not known exactly      tolerance (the worst case); identify (numbers from measurements)
-read                   Response.force, .torque, .gear_torque, .twist, .disk: a Signal; Response.mesh: contact
+read                   Response.force, .torque, .gear_torque, .twist, .disk: a Signal;
+                       Response.mesh: contact
 start at once          cache_programs
-=====================  ==============================================================================================
+=====================  =================================================================
 
-Numbers are in SI units, speeds in rpm of the reference rotor. Names are loaded when they are first used: the command
-line sets what must be set before jax is imported. jaxhb computes in double precision: its import switches jax to that
-for the whole process (``jax_enable_x64``), whether jax is there already or comes later.
+Numbers are in SI units, speeds in rpm of the reference rotor. Names are loaded when
+they are first used: the command line sets what must be set before jax is imported.
+jaxhb computes in double precision: its import switches jax to that for the whole
+process (``jax_enable_x64``), whether jax is there already or comes later.
 """
 
 import ast
@@ -33,13 +44,20 @@ __version__ = "0.1.0"
 def _homes():
     """The module of every public name, as the stub for type checkers has it."""
     stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
-    return {alias.name: node.module for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    return {
+        alias.name: node.module
+        for node in stub.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
 
 
 _HOME = _homes()
 __all__ = sorted(_HOME)
 
-_environment_before = {name: os.environ[name] for name in ("JAX_ENABLE_X64",) if name in os.environ}
+_environment_before = {
+    name: os.environ[name] for name in ("JAX_ENABLE_X64",) if name in os.environ
+}
 if "jax" in sys.modules:
     from jaxhb._jax import load
 
@@ -56,7 +74,9 @@ def __getattr__(name):
     from jaxhb._jax import load
 
     load()
-    found = globals()[name] = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+    found = globals()[name] = getattr(
+        importlib.import_module(f".{_HOME[name]}", __name__), name
+    )
     return found
 
 

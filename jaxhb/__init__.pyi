@@ -1,4 +1,7 @@
-"""The public names and where they live: read by type checkers, and by ``__init__.py`` when a name is first used."""
+"""The public names and where they live.
+
+Read by type checkers, and by ``__init__.py`` when a name is first used.
+"""
 
 from ._program import cache_programs as cache_programs
 from .balance.derivative import gradient_and_error as gradient_and_error
@@ -8,12 +11,24 @@ from .balance.harmonic_residual import (
     harmonic_residual as harmonic_residual,
 )
 from .balance.plan import Plan as Plan
-from .branches.branch import Branch as Branch, BranchOptions as BranchOptions, follow as follow
+from .branches.branch import (
+    Branch as Branch,
+    BranchOptions as BranchOptions,
+    follow as follow,
+)
 from .branches.lift_off import LiftOff as LiftOff, lift_off as lift_off
 from .branches.search import PeriodicMotion as PeriodicMotion, solve_all as solve_all
 from .certificate.certificate import certify as certify
-from .design import identify as identify, tolerance as tolerance, tune as tune, worst_phase as worst_phase
-from .elements.derived import shaft_stiffness as shaft_stiffness, viscous_damping as viscous_damping
+from .design import (
+    identify as identify,
+    tolerance as tolerance,
+    tune as tune,
+    worst_phase as worst_phase,
+)
+from .elements.derived import (
+    shaft_stiffness as shaft_stiffness,
+    viscous_damping as viscous_damping,
+)
 from .elements.elements import (
     Combustion as Combustion,
     Cylinder as Cylinder,
@@ -35,7 +50,10 @@ from .equations.kinematics import (
     tooth_damping_ratios as tooth_damping_ratios,
 )
 from .floquet.stability import Stability as Stability, stability as stability
-from .integration.reference import integrate as integrate, shooting_correction as shooting_correction
+from .integration.reference import (
+    integrate as integrate,
+    shooting_correction as shooting_correction,
+)
 from .linear.critical import (
     Campbell as Campbell,
     Critical as Critical,
@@ -48,9 +66,20 @@ from .linear.damped import (
     damped_modes as damped_modes,
     damping_ratios as damping_ratios,
 )
-from .linear.forced import ForcedResponse as ForcedResponse, forced_response as forced_response
-from .linear.holzer import HolzerTable as HolzerTable, holzer_residual as holzer_residual, holzer_table as holzer_table
-from .linear.modal import Modes as Modes, all_frequencies as all_frequencies, natural_frequencies as natural_frequencies
+from .linear.forced import (
+    ForcedResponse as ForcedResponse,
+    forced_response as forced_response,
+)
+from .linear.holzer import (
+    HolzerTable as HolzerTable,
+    holzer_residual as holzer_residual,
+    holzer_table as holzer_table,
+)
+from .linear.modal import (
+    Modes as Modes,
+    all_frequencies as all_frequencies,
+    natural_frequencies as natural_frequencies,
+)
 from .linear.polynomial import (
     characteristic as characteristic,
     characteristic_coefficients as characteristic_coefficients,
@@ -79,12 +108,23 @@ from .results.bounds import Certificate as Certificate, Kantorovich as Kantorovi
 from .results.checkpoint import CheckpointError as CheckpointError
 from .results.response import Response as Response
 from .results.signal import Signal as Signal
-from .results.status import NotConverged as NotConverged, Status as Status, check as check
+from .results.status import (
+    NotConverged as NotConverged,
+    Status as Status,
+    check as check,
+)
 from .results.steady import SteadyState as SteadyState, SteadySweep as SteadySweep
 from .scene.files import load_scene as load_scene, scene_names as scene_names
 from .scene.writer import elements_text as elements_text, scene_text as scene_text
-from .solutions.misfires import cut_off_each as cut_off_each, misfire_each as misfire_each
-from .solutions.solve import linear_response as linear_response, plan as plan, solve as solve
+from .solutions.misfires import (
+    cut_off_each as cut_off_each,
+    misfire_each as misfire_each,
+)
+from .solutions.solve import (
+    linear_response as linear_response,
+    plan as plan,
+    solve as solve,
+)
 from .solutions.speeds import solve_speeds as solve_speeds
 from .steady.closure import Cycles as Cycles
 from .steady.steady_state import steady_state as steady_state

@@ -9,10 +9,14 @@ from jaxhb._jax import traced
 
 
 def by_value(cls: type) -> type:
-    """Give a dataclass of arrays an ``==`` by value and a hash that agrees with it; ``nan`` is equal to itself.
+    """Give a dataclass of arrays an ``==`` by value and a hash that agrees with it;
+    ``nan`` is equal to itself.
 
     >>> pair = by_value(dataclasses.make_dataclass("Pair", ["hz", "name"]))
-    >>> pair(np.ones(2), "a") == pair(np.ones(2), "a"), pair(np.ones(2), "a") == pair(np.zeros(2), "a")
+    >>> (
+    ...     pair(np.ones(2), "a") == pair(np.ones(2), "a"),
+    ...     pair(np.ones(2), "a") == pair(np.zeros(2), "a"),
+    ... )
     (True, False)
     """
 
@@ -29,9 +33,13 @@ def by_value(cls: type) -> type:
 
 
 def value_key(value: Any) -> Any:
-    """What is compared of a value: of arrays type, shape and bytes, of dataclasses the fields that are compared."""
+    """What is compared of a value: of arrays type, shape and bytes, of dataclasses the
+    fields that are compared.
+    """
     if traced(value):  # its numbers are not known yet
-        return "traced", *map(id, vars(value).values() if dataclasses.is_dataclass(value) else [value])
+        return "traced", *map(
+            id, vars(value).values() if dataclasses.is_dataclass(value) else [value]
+        )
     if hasattr(value, "dtype") or isinstance(value, float):
         numbers = np.asarray(value)
         return numbers.dtype.str, numbers.shape, numbers.tobytes()

@@ -1,6 +1,8 @@
-"""jax in double precision, and where arithmetic runs: numpy on the host, jax.numpy under a transformation.
+"""jax in double precision, and where arithmetic runs: numpy on the host, jax.numpy
+under a transformation.
 
-Scenes are read without jax: nothing here imports it but :func:`load`, the only place that touches ``jax.config``.
+Scenes are read without jax: nothing here imports it but :func:`load`, the only place
+that touches ``jax.config``.
 """
 
 import os
@@ -22,14 +24,17 @@ if TYPE_CHECKING:
 else:
     Array = Number = Numbers = Any
 
-LEAST_MEMORY = 2e9  # bytes of address space; with less the compiler of jax ends the process without a word
+# bytes of address space; with less the compiler of jax ends the process without a word
+LEAST_MEMORY = 2e9
 
 _jax: Any = None
 _waiting: list[type] = []
 
 
 def too_little_memory() -> str:
-    """Say in a sentence that the system allows too little memory to compute; empty where it allows enough."""
+    """Say in a sentence that the system allows too little memory to compute; empty
+    where it allows enough.
+    """
     try:
         import resource
     except ImportError:  # on Windows, which has no such limit
@@ -38,11 +43,16 @@ def too_little_memory() -> str:
     if allowed == resource.RLIM_INFINITY or allowed >= LEAST_MEMORY:
         return ""
     needed = f"must be at least {LEAST_MEMORY / 1e9:g} GB"
-    return f"the limit of memory (ulimit -v) is {allowed / 1e9:.2g} GB, {needed}. Raise it."
+    return (
+        f"the limit of memory (ulimit -v) is {allowed / 1e9:.2g} GB, {needed}."
+        " Raise it."
+    )
 
 
 def load():
-    """Import jax, in double precision for every array, and return it; MemoryError where too little is allowed."""
+    """Import jax, in double precision for every array, and return it; MemoryError where
+    too little is allowed.
+    """
     global _jax
     if _jax is None:
         refusal = too_little_memory()
@@ -51,7 +61,9 @@ def load():
         import jax
 
         jax.config.update("jax_enable_x64", True)
-        os.environ.pop("JAX_ENABLE_X64", None)  # jax has read it: processes started from now on are left alone
+        os.environ.pop(
+            "JAX_ENABLE_X64", None
+        )  # jax has read it: processes started from now on are left alone
         os.environ.update(vars(sys.modules[__package__])["_environment_before"])
         _jax = jax
         _register_waiting()
@@ -64,18 +76,23 @@ _forked = _computed = False
 
 
 def _note_fork():
-    """Of a process forked from one in which jax had computed: the threads of jax are not in it."""
+    """Of a process forked from one in which jax had computed: the threads of jax are
+    not in it.
+    """
     global _forked
     _forked = _computed
 
 
 def check_fork():
-    """Refuse to compute where jax would wait for ever for threads that a fork has left behind."""
+    """Refuse to compute where jax would wait for ever for threads that a fork has left
+    behind.
+    """
     if _forked:
         raise RuntimeError(
-            "this process was forked from one in which jaxhb had computed, and the threads of jax are not in it: it "
-            "would wait for them for ever. Start processes by multiprocessing.get_context('spawn'), or fork before the "
-            "first solve."
+            "this process was forked from one in which jaxhb had computed, and the"
+            " threads of jax are not in it: it would wait for them for ever. Start"
+            " processes by multiprocessing.get_context('spawn'), or fork before the"
+            " first solve."
         )
 
 
@@ -99,13 +116,19 @@ def _register_waiting():
 
 
 def namespace(*trees):
-    """jax.numpy if any leaf is a tracer or a device array, else numpy: reading results compiles nothing."""
+    """jax.numpy if any leaf is a tracer or a device array, else numpy: reading results
+    compiles nothing.
+    """
     jax = _loaded()
     return jax.numpy if jax and _any_is(jax.Array, trees) else np
 
 
-HOST_TYPES = frozenset((np.ndarray, np.float64, np.int64, np.bool_, float, int, complex, bool, str))
-"""Of leaves that are none of jax: a look into a set takes a tenth of a question to a class of jax."""
+HOST_TYPES = frozenset(
+    (np.ndarray, np.float64, np.int64, np.bool_, float, int, complex, bool, str)
+)
+"""Of leaves that are none of jax: a look into a set takes a tenth of a question to a
+class of jax.
+"""
 
 
 def _any_is(kind, trees):
@@ -113,12 +136,18 @@ def _any_is(kind, trees):
     if HOST_TYPES.issuperset(map(type, trees)):
         return False
     leaves = _jax.tree.leaves(trees)
-    by_type = dict(zip(map(type, leaves), leaves, strict=True))  # those of one type are arrays all, or none is
-    return any(isinstance(leaf, kind) for own, leaf in by_type.items() if own not in HOST_TYPES)
+    by_type = dict(
+        zip(map(type, leaves), leaves, strict=True)
+    )  # those of one type are arrays all, or none is
+    return any(
+        isinstance(leaf, kind) for own, leaf in by_type.items() if own not in HOST_TYPES
+    )
 
 
 def added(array, index, values):
-    """``array`` with ``values`` added at ``index``, where indices may repeat; of the host in place."""
+    """``array`` with ``values`` added at ``index``, where indices may repeat; of the
+    host in place.
+    """
     if isinstance(array, np.ndarray) and namespace(values) is np:
         np.add.at(array, index, values)
         return array
@@ -126,7 +155,9 @@ def added(array, index, values):
 
 
 def placed(array, index, values):
-    """``array`` with ``values`` at ``index``, where no index repeats; of the host in place."""
+    """``array`` with ``values`` at ``index``, where no index repeats; of the host in
+    place.
+    """
     if isinstance(array, np.ndarray) and namespace(values) is np:
         array[index] = values
         return array
@@ -140,22 +171,32 @@ def traced(*trees):
 
 
 def staged():
-    """Whether ``jit`` is at work: what programs return is then traced, whatever their arguments."""
+    """Whether ``jit`` is at work: what programs return is then traced, whatever their
+    arguments.
+    """
     jax = _loaded()
-    # jit alone traces an operation none of whose arguments is traced: jax has no public question for it.
+    # jit alone traces an operation none of whose arguments is traced: jax has no public
+    # question for it.
     return bool(jax) and traced(jax.lax.full((), 0.0))
 
 
 def refuse_tracers(verb, *given, instead="", host=False):
-    """TypeError with a sentence where ``jit``, ``vmap`` or ``grad`` traces what a verb is given, whose values decide,
-    or ``jit`` what it computes, unless that is arithmetic of the ``host``; ``instead`` says what to do besides."""
+    """TypeError with a sentence where ``jit``, ``vmap`` or ``grad`` traces what a verb
+    is given, whose values decide, or ``jit`` what it computes, unless that is
+    arithmetic of the ``host``; ``instead`` says what to do besides.
+    """
     if traced(given) or (not host and staged()):
         also = f", and {instead}" if instead else ""
-        raise TypeError(f"{verb} depends on values, so jit, vmap and grad cannot trace it: call it outside{also}")
+        raise TypeError(
+            f"{verb} depends on values, so jit, vmap and grad cannot trace it: call it"
+            f" outside{also}"
+        )
 
 
 def concrete(*trees):
-    """The values, as numpy arrays where differentiation outside ``jit`` and ``vmap`` holds them; else still traced."""
+    """The values, as numpy arrays where differentiation outside ``jit`` and ``vmap``
+    holds them; else still traced.
+    """
     if not traced(trees):
         return trees
     jax = _loaded()
@@ -174,43 +215,60 @@ def on_host(tree):
 
 
 def kept(function):
-    """Make ``function(tree, *static)`` remember what it gave for the numbers of the last trees of host arrays.
+    """Make ``function(tree, *static)`` remember what it gave for the numbers of the
+    last trees of host arrays.
 
-    The speeds of a sweep share the numbers of their train: what depends on these alone is computed once. Numbers count
-    and not arrays, as a train may hold a view of an array that its user writes to.
+    The speeds of a sweep share the numbers of their train: what depends on these alone
+    is computed once. Numbers count and not arrays, as a train may hold a view of an
+    array that its user writes to.
     """
 
     @lru_cache(maxsize=8)
     def known(leaves, structure, *static):
-        arrays = [np.frombuffer(numbers, kind).reshape(shape) for numbers, kind, shape in leaves]
+        arrays = [
+            np.frombuffer(numbers, kind).reshape(shape)
+            for numbers, kind, shape in leaves
+        ]
         return function(_loaded().tree.unflatten(structure, arrays), *static)
 
     @wraps(function)
     def called(tree, *static):
-        if not _loaded() or namespace(tree) is not np:  # a scene that is only checked is read once, without jax
+        if (
+            not _loaded() or namespace(tree) is not np
+        ):  # a scene that is only checked is read once, without jax
             return function(tree, *static)
         leaves, structure = _loaded().tree.flatten(tree)
-        numbers = ((array.tobytes(), array.dtype.str, array.shape) for array in map(np.asarray, leaves))
+        numbers = (
+            (array.tobytes(), array.dtype.str, array.shape)
+            for array in map(np.asarray, leaves)
+        )
         return known(tuple(numbers), structure, *static)
 
     return called
 
 
 def check_settings():
-    """Refuse settings of jax under which numbers would be wrong, or jax fails or waits somewhere inside."""
+    """Refuse settings of jax under which numbers would be wrong, or jax fails or waits
+    somewhere inside.
+    """
     global _computed
     check_fork()
     _computed = True
     config = load().config
     if not config.jax_enable_x64:
         raise RuntimeError(
-            "jax_enable_x64 is off, but jaxhb computes in double precision: its answers would be wrong by more than "
-            "their tolerances. Leave it on, as importing jaxhb does, and make arrays of your own with dtype='float32'."
+            "jax_enable_x64 is off, but jaxhb computes in double precision: its answers"
+            " would be wrong by more than their tolerances. Leave it on, as importing"
+            " jaxhb does, and make arrays of your own with dtype='float32'."
         )
-    if config.jax_numpy_dtype_promotion == "strict" or config.jax_numpy_rank_promotion == "raise":
+    if (
+        config.jax_numpy_dtype_promotion == "strict"
+        or config.jax_numpy_rank_promotion == "raise"
+    ):
         raise RuntimeError(
-            "jax_numpy_dtype_promotion is 'strict' or jax_numpy_rank_promotion is 'raise', but jaxhb mixes types and "
-            "ranks. Set them to 'standard' and 'allow' by jax.config.update while it computes."
+            "jax_numpy_dtype_promotion is 'strict' or jax_numpy_rank_promotion is"
+            " 'raise', but jaxhb mixes types and ranks. Set them to 'standard' and"
+            " 'allow' by jax.config.update while it computes."
         )
 
 
@@ -221,7 +279,9 @@ def debugging():
 
 @contextmanager
 def not_debugging():
-    """Let programs have numbers that are not finite: they mask them, and a status tells of those that are left."""
+    """Let programs have numbers that are not finite: they mask them, and a status tells
+    of those that are left.
+    """
     with load().debug_nans(False), load().debug_infs(False):
         yield
 

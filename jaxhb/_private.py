@@ -1,9 +1,11 @@
-"""A folder of the user alone, and what is kept in it: read as it was written there, or not at all.
+"""A folder of the user alone, and what is kept in it: read as it was written there, or
+not at all.
 
-What is kept is believed, and programs are run, so that nobody else may have a part in it. The folder and every file are
-the user's, others may not write them, and no link is followed. Each file ends with a keyed hash of its name and its
-content; the key, which others cannot read, lies in the folder. What was put there while others could write, or under
-another name, is damage like half a file: it is removed and made again.
+What is kept is believed, and programs are run, so that nobody else may have a part in
+it. The folder and every file are the user's, others may not write them, and no link is
+followed. Each file ends with a keyed hash of its name and its content; the key, which
+others cannot read, lies in the folder. What was put there while others could write, or
+under another name, is damage like half a file: it is removed and made again.
 """
 
 import contextlib
@@ -28,7 +30,8 @@ class NotPrivate(OSError):
 class PrivateFolder:
     """A folder whose files are the user's own; made with mode 0700 where there is none.
 
-    An OSError where it cannot be made; NotPrivate where others could have written what lies in it.
+    An OSError where it cannot be made; NotPrivate where others could have written what
+    lies in it.
     """
 
     def __init__(self, path):
@@ -38,7 +41,9 @@ class PrivateFolder:
         self.key = self._key()
 
     def read(self, name):
-        """The content of a file; None where there is none, and where it is not what was written, which is removed."""
+        """The content of a file; None where there is none, and where it is not what was
+        written, which is removed.
+        """
         try:
             content = read_private(self.path / name)
         except FileNotFoundError:
@@ -71,7 +76,9 @@ class PrivateFolder:
         return seal.digest()
 
     def _key(self):
-        """The secret of the folder; a new one where there is none that only the user can know."""
+        """The secret of the folder; a new one where there is none that only the user
+        can know.
+        """
         path = self.path / KEY
         for _ in range(3):
             try:
@@ -84,10 +91,14 @@ class PrivateFolder:
             except NotPrivate:
                 self.remove(KEY)
             self._make_key(path)
-        raise NotPrivate(f"{str(path)!r} cannot be read. Remove the folder: it is made again.")
+        raise NotPrivate(
+            f"{str(path)!r} cannot be read. Remove the folder: it is made again."
+        )
 
     def _make_key(self, path):
-        """A new secret, unless another process is sooner: linked into place it never replaces one that is there."""
+        """A new secret, unless another process is sooner: linked into place it never
+        replaces one that is there.
+        """
         part = path.with_name(f"{KEY}.{secrets.token_hex(8)}")
         opened = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         try:
@@ -110,13 +121,16 @@ def check_private(folder):
         raise NotPrivate(f"{str(folder)!r} is no folder.")
     if _foreign(status):
         raise NotPrivate(
-            f"{str(folder)!r} is not yours alone: others may have written what lies in it, and a change of its mode "
-            "does not undo that. Remove it with all that is in it, or give another folder."
+            f"{str(folder)!r} is not yours alone: others may have written what lies in"
+            " it, and a change of its mode does not undo that. Remove it with all that"
+            " is in it, or give another folder."
         )
 
 
 def read_private(path, *, hidden=False):
-    """The content of a regular file of the user that others cannot write, nor read if ``hidden``; else NotPrivate."""
+    """The content of a regular file of the user that others cannot write, nor read if
+    ``hidden``; else NotPrivate.
+    """
     flags = os.O_RDONLY | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
     # A pipe would wait for somebody to write, and a link leads elsewhere.
     flags |= getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)
@@ -128,7 +142,11 @@ def read_private(path, *, hidden=False):
         raise
     try:
         status = os.fstat(opened)
-        readable = hidden and hasattr(os, "getuid") and status.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
+        readable = (
+            hidden
+            and hasattr(os, "getuid")
+            and status.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
+        )
         if not stat.S_ISREG(status.st_mode) or _foreign(status) or readable:
             raise NotPrivate(f"{str(path)!r} is no file of yours alone.")
         with os.fdopen(opened, "rb", closefd=False) as file:
@@ -138,13 +156,19 @@ def read_private(path, *, hidden=False):
 
 
 def is_private(path):
-    """Whether a path is a file or folder of the user that others cannot write, and no link."""
+    """Whether a path is a file or folder of the user that others cannot write, and no
+    link.
+    """
     status = os.lstat(path)
-    return (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)) and not _foreign(status)
+    return (
+        stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)
+    ) and not _foreign(status)
 
 
 def _foreign(status):
     """Whether others own or may write what has this status."""
     if not hasattr(os, "getuid"):
         return False
-    return status.st_uid != os.getuid() or bool(status.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+    return status.st_uid != os.getuid() or bool(
+        status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    )

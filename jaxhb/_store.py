@@ -1,10 +1,13 @@
-"""Compiled programs on disk: a process that finds its programs there neither traces nor compiles.
+"""Compiled programs on disk: a process that finds its programs there neither traces nor
+compiles.
 
-An entry is an executable for one kind of processor, whose name is a hash of all that went into it: the sources of the
-package, versions, flags, the processor, the settings of jax, the function, its static arguments, and structure, shapes
-and types of the others. What is damaged is made again, what is foreign is never looked at nor removed, and a file
-appears whole or not at all, so that processes share a folder. Loading an executable runs what the file says: only what
-this user wrote there under this name is loaded (:mod:`jaxhb._private`).
+An entry is an executable for one kind of processor, whose name is a hash of all that
+went into it: the sources of the package, versions, flags, the processor, the settings
+of jax, the function, its static arguments, and structure, shapes and types of the
+others. What is damaged is made again, what is foreign is never looked at nor removed,
+and a file appears whole or not at all, so that processes share a folder. Loading an
+executable runs what the file says: only what this user wrote there under this name is
+loaded (:mod:`jaxhb._private`).
 """
 
 import contextlib
@@ -30,13 +33,19 @@ VARIABLE = "JAXHB_CACHE"
 """Environment variable: another folder for programs, or "off"."""
 
 LIMIT = 1 << 30
-"""Bytes that all programs may take; those not used for longest are removed. A sweep of one train takes some 20 MB."""
+"""Bytes that all programs may take; those not used for longest are removed. A sweep of
+one train takes some 20 MB.
+"""
 
 SUBFOLDER = "jaxhb-programs"
-"""Where programs lie in the folder that the user gives: other things may be beside it."""
+"""Where programs lie in the folder that the user gives: other things may be beside
+it.
+"""
 
 JAX_SUBFOLDER = "jax"
-"""In SUBFOLDER, of jax's own cache: jax bounds it only where the package filelock is installed."""
+"""In SUBFOLDER, of jax's own cache: jax bounds it only where the package filelock is
+installed.
+"""
 
 SUFFIX = ".program"
 
@@ -47,11 +56,15 @@ _REMOVABLE = {
     ".": re.compile(rf"[0-9a-f]{{{2 * _DIGEST}}}{re.escape(SUFFIX)}"),
     JAX_SUBFOLDER: re.compile(r".+-[0-9a-f]{64}-cache"),
 }
-"""Names of what may be removed, by folder: those that this module and jax give to what they write there."""
+"""Names of what may be removed, by folder: those that this module and jax give to what
+they write there.
+"""
 
 
 class Store:
-    """A folder of executables; nothing is stored where ``folder`` is None or not the user's own."""
+    """A folder of executables; nothing is stored where ``folder`` is None or not the
+    user's own.
+    """
 
     def __init__(self, folder=None, limit=LIMIT):
         self.folder, self.limit = folder, limit
@@ -60,11 +73,15 @@ class Store:
     def origin(self):
         """Hash of what all entries of this process have in common."""
         versions = sys.version, jax.__version__, jaxlib.version.__version__
-        flags = tuple(os.environ.get(name, "") for name in ("XLA_FLAGS", "LIBTPU_INIT_ARGS"))
+        flags = tuple(
+            os.environ.get(name, "") for name in ("XLA_FLAGS", "LIBTPU_INIT_ARGS")
+        )
         return blake2(package_hash(), repr((versions, flags, processor())).encode())
 
     def load(self, key, arguments):
-        """The executable of ``key`` for ``arguments``, a jax.stages.Compiled; None where there is none that works."""
+        """The executable of ``key`` for ``arguments``, a jax.stages.Compiled; None
+        where there is none that works.
+        """
         if self.private is None:
             return None
         name = self._name(key)
@@ -72,11 +89,18 @@ class Store:
         if content is None:
             return None
         try:
-            lapack.prepare_lapack_call("potrf", np.float64)  # else a loaded program that calls LAPACK crashes
+            lapack.prepare_lapack_call(
+                "potrf", np.float64
+            )  # else a loaded program that calls LAPACK crashes
             executable, result = pickle.loads(content)
-            structures = jax.tree.structure(((arguments,), {})), jax.tree.structure(result)
+            structures = (
+                jax.tree.structure(((arguments,), {})),
+                jax.tree.structure(result),
+            )
             device = jax.devices("cpu")[:1]
-            loaded = serialize_executable.deserialize_and_load(executable, *structures, execution_devices=device)
+            loaded = serialize_executable.deserialize_and_load(
+                executable, *structures, execution_devices=device
+            )
         except Exception:  # whatever is wrong with a program, it can be made again
             self.private.remove(name)
             return None
@@ -86,17 +110,23 @@ class Store:
 
     def holds(self, key):
         """Whether there is an executable of ``key``, which may turn out not to work."""
-        return self.private is not None and (self.private.path / self._name(key)).exists()
+        return (
+            self.private is not None and (self.private.path / self._name(key)).exists()
+        )
 
     def save(self, key, compiled):
-        """Keep an executable, unless it cannot be or the disk is full: then the next process makes it again."""
+        """Keep an executable, unless it cannot be or the disk is full: then the next
+        process makes it again.
+        """
         if self.private is None:
             return
         # A pullback among the results holds functions of jax that no file can.
         unpickled = AttributeError, TypeError, pickle.PicklingError
         with contextlib.suppress(OSError, ValueError, RuntimeError, *unpickled):
             executable, _, tree = serialize_executable.serialize(compiled)
-            content = pickle.dumps((executable, jax.tree.unflatten(tree, range(tree.num_leaves))))
+            content = pickle.dumps(
+                (executable, jax.tree.unflatten(tree, range(tree.num_leaves)))
+            )
             self.make_room(len(content))
             self.private.write(self._name(key), content)
 
@@ -110,7 +140,9 @@ class Store:
 
     @cached_property
     def private(self):
-        """The PrivateFolder of programs, made if need be; None where others could have written what is in it."""
+        """The PrivateFolder of programs, made if need be; None where others could have
+        written what is in it.
+        """
         if self.folder is None:
             return None
         try:
@@ -122,7 +154,9 @@ class Store:
         return None
 
     def jax_folder(self):
-        """The folder for jax's own cache, which believes what it finds: files of others are removed before."""
+        """The folder for jax's own cache, which believes what it finds: files of others
+        are removed before.
+        """
         folder = self.own_folder / JAX_SUBFOLDER
         try:
             folder.mkdir(mode=0o700, exist_ok=True)
@@ -138,15 +172,23 @@ class Store:
         return folder
 
     def make_room(self, size=0):
-        """Remove programs until ``size`` more bytes fit, those not used for longest first, and what was half written
-        by processes that were killed."""
+        """Remove programs until ``size`` more bytes fit, those not used for longest
+        first, and what was half written by processes that were killed.
+        """
         clear_parts(self.own_folder, "[0-9a-f]" * 2 * _DIGEST + SUFFIX)
         found = []
         for folder, name in _REMOVABLE.items():
-            with contextlib.suppress(OSError), os.scandir(self.own_folder / folder) as entries:
+            with (
+                contextlib.suppress(OSError),
+                os.scandir(self.own_folder / folder) as entries,
+            ):
                 for entry in entries:
-                    if name.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
-                        found.append((entry.stat().st_mtime, entry.stat().st_size, entry.path))
+                    if name.fullmatch(entry.name) and entry.is_file(
+                        follow_symlinks=False
+                    ):
+                        found.append(
+                            (entry.stat().st_mtime, entry.stat().st_size, entry.path)
+                        )
         total = size + sum(size for _, size, _ in found)
         for _, own, path in sorted(found):
             if total <= self.limit:
@@ -157,7 +199,9 @@ class Store:
 
 
 def private_folder(base, *names):
-    """The PrivateFolder of the name in the folder ``base``, of which and of all in between others have no part."""
+    """The PrivateFolder of the name in the folder ``base``, of which and of all in
+    between others have no part.
+    """
     folder = Path(base)
     for name in names:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -180,11 +224,16 @@ def sentence_of(error):
     """An OSError in the words of a note."""
     if error.strerror is None:  # a NotPrivate says it all
         return str(error)
-    return f"{str(error.filename)!r} cannot be written ({error.strerror}); {VARIABLE} names another folder."
+    return (
+        f"{str(error.filename)!r} cannot be written ({error.strerror}); {VARIABLE}"
+        " names another folder."
+    )
 
 
 def user_folder():
-    """Where the user wants programs kept: the folder in JAXHB_CACHE, None if it is "off", else in the user's cache."""
+    """Where the user wants programs kept: the folder in JAXHB_CACHE, None if it is
+    "off", else in the user's cache.
+    """
     chosen = os.environ.get(VARIABLE)
     if chosen:
         return None if chosen.lower() in ("off", "0", "none") else Path(chosen)
@@ -210,7 +259,11 @@ def processor():
     """What an executable depends on: another processor may lack its instructions."""
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
-        return [line for line in lines if line.startswith(("model name", "flags", "Features", "CPU part"))]
+        return [
+            line
+            for line in lines
+            if line.startswith(("model name", "flags", "Features", "CPU part"))
+        ]
     import platform
 
     return platform.machine(), platform.processor(), platform.version()

@@ -10,7 +10,9 @@ MOST_THREADS = 8  # each holds some memory
 
 
 def side_by_side(function, items, devices=()):
-    """Yield what a function makes of each of a list of items, in order; across several devices one after another."""
+    """Yield what a function makes of each of a list of items, in order; across several
+    devices one after another.
+    """
     if len(devices) > 1 or len(items) == 1:
         yield from map(function, items)
         return

@@ -1,8 +1,9 @@
-"""Makes the modules of ``tests`` (``tolerances``, ``reference_data``, ``dense``, ``trains``) importable by all tests.
+"""Makes the modules of ``tests`` (``tolerances``, ``reference_data``, ``dense``,
+``trains``) importable by all tests.
 
-The directory of a conftest.py is put on the path by pytest; the double precision of every test comes with the package.
-Compiled programs are kept for all processes of the run, those that tests start too; how they compile stands in
-``compiling``.
+The directory of a conftest.py is put on the path by pytest; the double precision of
+every test comes with the package. Compiled programs are kept for all processes of the
+run, those that tests start too; how they compile stands in ``compiling``.
 """
 
 import os
@@ -22,24 +23,34 @@ import jax  # noqa: E402
 from jaxhb import _program  # noqa: E402
 
 MOST_MAPS = 20_000
-"""Memory maps of a process above which its programs are dropped between modules: within one the package does it itself
-from 32,000 on, and tests that count programs miss them. docs/how_to/start_up.md has what a solve takes."""
+"""Memory maps of a process above which its programs are dropped between modules: within
+one the package does it itself from 32,000 on, and tests that count programs miss them.
+docs/how_to/start_up.md has what a solve takes.
+"""
 
 LONGEST = ("test_examples", "test_notebooks", "test_tuning", "test_gear_train_30")
-"""Files that take longest though they have few tests; those with tests marked "oracle" follow, the others by folder."""
+"""Files that take longest though they have few tests; those with tests marked "oracle"
+follow, the others by folder.
+"""
 
 
 @pytest.hookimpl(tryfirst=True)  # before marks select
 def pytest_collection_modifyitems(items):
-    """The longest files first: a worker that takes one of them last leaves the others idle."""
+    """The longest files first: a worker that takes one of them last leaves the others
+    idle.
+    """
     rank = {name: place for place, name in enumerate(LONGEST)}
     slow = {item.path for item in items if item.get_closest_marker("oracle")}
-    items.sort(key=lambda item: rank.get(item.path.stem, len(rank) + (item.path not in slow)))
+    items.sort(
+        key=lambda item: rank.get(item.path.stem, len(rank) + (item.path not in slow))
+    )
 
 
 @pytest.fixture(scope="module", autouse=True)
 def few_memory_maps():
-    """Compiled programs beyond the limit of memory maps end the process with a segmentation fault."""
+    """Compiled programs beyond the limit of memory maps end the process with a
+    segmentation fault.
+    """
     yield
     maps = Path("/proc/self/maps")
     if maps.exists() and maps.read_text().count("\n") > MOST_MAPS:

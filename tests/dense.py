@@ -1,7 +1,9 @@
-"""The slow twin: dense matrices in angles, made from the elements alone, in numpy. Nothing here is the package's.
+"""The slow twin: dense matrices in angles, made from the elements alone, in numpy.
+Nothing here is the package's.
 
-Disks come in the order of the list, rings of dampers last, as in the package; every rotor's own sense is positive, so
-that a mesh between gears a and b deflects by ``r_a phi_a - r_b phi_b``.
+Disks come in the order of the list, rings of dampers last, as in the package; every
+rotor's own sense is positive, so that a mesh between gears a and b deflects by ``r_a
+phi_a - r_b phi_b``.
 """
 
 import numpy as np
@@ -14,7 +16,9 @@ def of_kind(parts, kind):
 
 
 def disk_names(parts):
-    return [p.name for p in of_kind(parts, Disk)] + [p.name for p in of_kind(parts, Damper)]
+    return [p.name for p in of_kind(parts, Disk)] + [
+        p.name for p in of_kind(parts, Damper)
+    ]
 
 
 def radius_of(parts, name):
@@ -22,7 +26,9 @@ def radius_of(parts, name):
 
 
 def links(parts):
-    """``(element, row)`` of shafts, dampers, meshes: the row gives the deflection (rad or m) from the angles."""
+    """``(element, row)`` of shafts, dampers, meshes: the row gives the deflection (rad
+    or m) from the angles.
+    """
     names = disk_names(parts)
     found = []
     for kind in (Shaft, Damper, Mesh):
@@ -46,7 +52,9 @@ def node_stiffness(parts, omega):
     Z = np.zeros((len(names), len(names)), complex)
     for p in of_kind(parts, Disk) + of_kind(parts, Damper):
         i = names.index(p.name)
-        Z[i, i] += -(omega**2) * p.inertia + (1j * omega * p.damping if isinstance(p, Disk) else 0.0)
+        Z[i, i] += -(omega**2) * p.inertia + (
+            1j * omega * p.damping if isinstance(p, Disk) else 0.0
+        )
     for p in of_kind(parts, Ground):
         i = names.index(p.disk)
         Z[i, i] += p.stiffness
@@ -62,7 +70,9 @@ def dynamic_stiffness(parts, omega):
 
 
 def torques(parts, harmonics, cycle):
-    """``(S, N+1)`` two-sided coefficients of the given torques (orders of the reference rotor, no scale)."""
+    """``(S, N+1)`` two-sided coefficients of the given torques (orders of the reference
+    rotor, no scale).
+    """
     names = disk_names(parts)
     T = np.zeros((len(names), harmonics + 1), complex)
     for p in of_kind(parts, Torque):
@@ -75,17 +85,26 @@ def torques(parts, harmonics, cycle):
 
 def law(mesh, l):
     """Law (18) of a mesh piece by piece, with its share of contact."""
-    c2, c1, h, tau = mesh.stiffness, mesh.epsilon * mesh.stiffness, mesh.backlash, mesh.transition
+    c2, c1, h, tau = (
+        mesh.stiffness,
+        mesh.epsilon * mesh.stiffness,
+        mesh.backlash,
+        mesh.transition,
+    )
     low, high = (1 - tau) * h / 2, (1 + tau) * h / 2
     s, d = np.sign(l), np.abs(l)
     rise = c1 * low + c1 * (d - low) + (c2 - c1) * (d - low) ** 2 / (2 * tau * h)
-    force = np.where(d < low, c1 * d, np.where(d < high, rise, c2 * d - (c2 - c1) * h / 2))
+    force = np.where(
+        d < low, c1 * d, np.where(d < high, rise, c2 * d - (c2 - c1) * h / 2)
+    )
     share = np.where(d < low, 0.0, np.where(d < high, (d - low) / (tau * h), 1.0))
     return s * force, share
 
 
 def galerkin_residual(parts, angles, frequency, cycle, samples):
-    """Torque balance ``(S, N+1)`` of given angles by plain sums over time samples, in N m."""
+    """Torque balance ``(S, N+1)`` of given angles by plain sums over time samples, in N
+    m.
+    """
     harmonics = angles.shape[1] - 1
     n = np.arange(harmonics + 1)
     t = 2 * np.pi * np.arange(samples) / samples
@@ -97,10 +116,20 @@ def galerkin_residual(parts, angles, frequency, cycle, samples):
     for part, row in links(parts):
         deflection = row @ angles
         if isinstance(part, Mesh) and part.backlash is not None:
-            l, rate = (deflection @ wave).real, (1j * frequency * n * deflection @ wave).real
+            l, rate = (
+                (deflection @ wave).real,
+                (1j * frequency * n * deflection @ wave).real,
+            )
             elastic, share = law(part, l)
-            force = (elastic + part.damping * rate * (share if part.damping_law == "contact" else 1.0)) @ back
+            force = (
+                elastic
+                + part.damping
+                * rate
+                * (share if part.damping_law == "contact" else 1.0)
+            ) @ back
         else:
-            force = np.array([link_stiffness(part, k * frequency) for k in n]) * deflection
+            force = (
+                np.array([link_stiffness(part, k * frequency) for k in n]) * deflection
+            )
         balance += np.outer(row, force)
     return balance

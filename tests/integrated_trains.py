@@ -20,10 +20,21 @@ from jaxhb.train.chain import System, Tree
 def one_mass(*, mass, damping, stiffness, epsilon, transition, backlash):
     """A mass on a mesh whose other end is the ground (arm 0)."""
     whole = np.zeros(1, np.int32)
-    tree = Tree(whole, whole + 1, slots(whole + 1), whole, np.array([True]), whole[:0], whole, whole)
+    tree = Tree(
+        whole,
+        whole + 1,
+        slots(whole + 1),
+        whole,
+        np.array([True]),
+        whole[:0],
+        whole,
+        whole,
+    )
     values = (1, mass, damping, 0, stiffness, 0, 0, 1, 0)
     system = System(tree, *(np.array([v], float) for v in values), np.array(False))
-    law = Law(*(np.array([v], float) for v in (stiffness, epsilon, transition, backlash)))
+    law = Law(
+        *(np.array([v], float) for v in (stiffness, epsilon, transition, backlash))
+    )
     return system, MeshParameters(whole, law, np.zeros(1), np.array([False]))
 
 
@@ -37,15 +48,27 @@ def posed(train, rpm, harmonics=None):
 
 
 def dense_monodromy(response):
-    """The :class:`~jaxhb.floquet.variational.Monodromy` of a response, of the dense equation arc by arc."""
+    """The :class:`~jaxhb.floquet.variational.Monodromy` of a response, of the dense
+    equation arc by arc.
+    """
     train, system = response.train, chain.assemble(response.train)
     system, meshes = on_host(system), on_host(law_meshes(train))
     frequency = train.topology.cycle_frequency(float(response.rpm))
-    space = state_space(system, meshes, frequency, partition(system, meshes, lossy=True), loss_damping(system))
+    space = state_space(
+        system,
+        meshes,
+        frequency,
+        partition(system, meshes, lossy=True),
+        loss_damping(system),
+    )
     deflection = np.asarray(response.deflections)[train.topology.law_index]
     times = exact_integrals.switching_times(meshes.law, deflection)
     if meshes.law.friction is not None:
-        slip = replace(meshes.law, transition=0 * meshes.law.transition, backlash=2 * meshes.law.slip)
+        slip = replace(
+            meshes.law,
+            transition=0 * meshes.law.transition,
+            backlash=2 * meshes.law.slip,
+        )
         rates = fourier.derivative(deflection, frequency)
         times = np.concatenate([times, exact_integrals.switching_times(slip, rates)])
     return monodromy(space, meshes, deflection, frequency, times)
@@ -70,7 +93,11 @@ def pair(*, damping_law="contact", pinion=0.0, ground=True, backlash=2e-4, extra
             transition=0.1 if backlash else None,
         ),
         Damper(name="ring", disk="flywheel", inertia=0.2, damping=20.0),
-        Torque(disk="flywheel", mean=20.0, harmonics=[(1.0, 50.0, -20.0), (2.0, 10.0, 60.0), (3.0, 0.0, 40.0)]),
+        Torque(
+            disk="flywheel",
+            mean=20.0,
+            harmonics=[(1.0, 50.0, -20.0), (2.0, 10.0, 60.0), (3.0, 0.0, 40.0)],
+        ),
         Torque(disk="driven", mean=-40.0, harmonics=[(1.0, 30.0, 10.0)]),
         *([Ground(disk="driven", stiffness=10.0)] if ground else []),
         *extra,

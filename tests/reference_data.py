@@ -1,5 +1,7 @@
-"""What the tests read in ``tests/data``: copies of reference data (see ``shared/reference/README.md``), scenes, and
-cases that are words alone: what is given, and what is said."""
+"""What the tests read in ``tests/data``: copies of reference data (see
+``shared/reference/README.md``), scenes, and cases that are words alone: what is given,
+and what is said.
+"""
 
 import functools
 import json
@@ -26,7 +28,9 @@ def reference(name):
 
 def method_case(name):
     """``(params, expected)`` of one entry of method_cases.json."""
-    case = next(case for case in reference("method_cases")["cases"] if case["id"] == name)
+    case = next(
+        case for case in reference("method_cases")["cases"] if case["id"] == name
+    )
     return case.get("params"), case["expected"]
 
 

@@ -1,7 +1,9 @@
-"""Cycles of an engine cylinder simulated step by step, valves and ports as orifices: for tables that might be measured.
+"""Cycles of an engine cylinder simulated step by step, valves and ports as orifices:
+for tables that might be measured.
 
-The gas of mass m, pressure p and temperature T = p V/(m R) obeys dp = (-n p dV + (n - 1) dQ + n R sum T dm)/V, Wiebe's
-heat Q goes with the shape 1, the exponent n with the burnt share, and dm with the isentropic flow through an orifice.
+The gas of mass m, pressure p and temperature T = p V/(m R) obeys dp = (-n p dV + (n -
+1) dQ + n R sum T dm)/V, Wiebe's heat Q goes with the shape 1, the exponent n with the
+burnt share, and dm with the isentropic flow through an orifice.
 """
 
 import math
@@ -15,7 +17,9 @@ CRITICAL = (2.0 / (KAPPA + 1.0)) ** (KAPPA / (KAPPA - 1.0))
 
 @dataclass(frozen=True)
 class Opening:
-    """Valve or port to a receiver: angles in deg from firing top dead centre, m2, Pa, K."""
+    """Valve or port to a receiver: angles in deg from firing top dead centre, m2, Pa,
+    K.
+    """
 
     opens: float
     closes: float
@@ -24,9 +28,15 @@ class Opening:
     temperature: float
 
     def width(self, angle: float, period: float) -> float:
-        """Free area (m2) at an angle of any cycle: it widens and narrows within a quarter of its time."""
+        """Free area (m2) at an angle of any cycle: it widens and narrows within a
+        quarter of its time.
+        """
         passed = (angle - self.opens) % period / (self.closes - self.opens)
-        return self.area * min(1.0, 1.6 * math.sin(math.pi * passed)) if passed < 1.0 else 0.0
+        return (
+            self.area * min(1.0, 1.6 * math.sin(math.pi * passed))
+            if passed < 1.0
+            else 0.0
+        )
 
 
 @dataclass(frozen=True)
@@ -49,7 +59,11 @@ class Engine:
 
     def volume(self, angle: float) -> tuple[float, float]:
         """Volume (m3) and its slope per deg."""
-        sine, cosine, crank = math.sin(math.radians(angle)), math.cos(math.radians(angle)), self.stroke / 2.0
+        sine, cosine, crank = (
+            math.sin(math.radians(angle)),
+            math.cos(math.radians(angle)),
+            self.stroke / 2.0,
+        )
         lean = math.sqrt(self.rod**2 - (crank * sine) ** 2)
         travel = crank * (1.0 - cosine) + self.rod - lean
         slope = crank * sine * (1.0 + crank * cosine / lean) * math.pi / 180.0
@@ -57,8 +71,12 @@ class Engine:
         return piston * (self.stroke / (self.ratio - 1.0) + travel), piston * slope
 
 
-def cycle(engine: Engine, *, fires: bool, step: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
-    """Angle (deg, from half a period before firing TDC on) and pressure (Pa) of the cycle that repeats itself."""
+def cycle(
+    engine: Engine, *, fires: bool, step: float = 0.5
+) -> tuple[np.ndarray, np.ndarray]:
+    """Angle (deg, from half a period before firing TDC on) and pressure (Pa) of the
+    cycle that repeats itself.
+    """
     period = 180.0 * engine.strokes
     angles = -period / 2.0 + step * np.arange(round(period / step))
     pressure = engine.inlet.pressure
@@ -79,18 +97,41 @@ def cycle(engine: Engine, *, fires: bool, step: float = 0.5) -> tuple[np.ndarray
 def torque_harmonics(engine: Engine, angles, pressure, orders) -> np.ndarray:
     """T^n (N m) of p dV at the orders, by the trapezoidal rule over the cycle."""
     slopes = np.array([engine.volume(angle)[1] for angle in angles]) * 180.0 / math.pi
-    return np.array([(pressure * slopes * np.exp(-1j * order * np.deg2rad(angles))).mean() for order in orders])
+    return np.array(
+        [
+            (pressure * slopes * np.exp(-1j * order * np.deg2rad(angles))).mean()
+            for order in orders
+        ]
+    )
 
 
 def _stepped(engine, fires, angle, state, step):
     """Pressure and mass after a step of the classical Runge-Kutta method."""
     half = step / 2.0
     first = _slopes(engine, fires, angle, *state)
-    second = _slopes(engine, fires, angle + half, *(v + half * s for v, s in zip(state, first, strict=True)))
-    third = _slopes(engine, fires, angle + half, *(v + half * s for v, s in zip(state, second, strict=True)))
-    fourth = _slopes(engine, fires, angle + step, *(v + step * s for v, s in zip(state, third, strict=True)))
+    second = _slopes(
+        engine,
+        fires,
+        angle + half,
+        *(v + half * s for v, s in zip(state, first, strict=True)),
+    )
+    third = _slopes(
+        engine,
+        fires,
+        angle + half,
+        *(v + half * s for v, s in zip(state, second, strict=True)),
+    )
+    fourth = _slopes(
+        engine,
+        fires,
+        angle + step,
+        *(v + step * s for v, s in zip(state, third, strict=True)),
+    )
     slopes = zip(first, second, third, fourth, strict=True)
-    return tuple(v + step / 6.0 * (a + 2 * b + 2 * c + d) for v, (a, b, c, d) in zip(state, slopes, strict=True))
+    return tuple(
+        v + step / 6.0 * (a + 2 * b + 2 * c + d)
+        for v, (a, b, c, d) in zip(state, slopes, strict=True)
+    )
 
 
 def _slopes(engine, fires, angle, pressure, mass):
@@ -98,17 +139,30 @@ def _slopes(engine, fires, angle, pressure, mass):
     volume, volume_slope = engine.volume(angle)
     temperature = pressure * volume / (mass * GAS_CONSTANT)
     burnt, burning = _burnt(engine, angle) if fires else (0.0, 0.0)
-    exponent = engine.compression_exponent + (engine.expansion_exponent - engine.compression_exponent) * burnt
+    exponent = (
+        engine.compression_exponent
+        + (engine.expansion_exponent - engine.compression_exponent) * burnt
+    )
     gained, carried = 0.0, 0.0
     for opening in (engine.exhaust, engine.inlet):
-        width = opening.width(angle, 180.0 * engine.strokes) / (6.0 * engine.rpm)  # m2 s/deg
+        width = opening.width(angle, 180.0 * engine.strokes) / (
+            6.0 * engine.rpm
+        )  # m2 s/deg
         if pressure > opening.pressure:
-            flow, warmth = -width * _flow(pressure, temperature, opening.pressure), temperature
+            flow, warmth = (
+                -width * _flow(pressure, temperature, opening.pressure),
+                temperature,
+            )
         else:
-            flow, warmth = width * _flow(opening.pressure, opening.temperature, pressure), opening.temperature
+            flow, warmth = (
+                width * _flow(opening.pressure, opening.temperature, pressure),
+                opening.temperature,
+            )
         gained, carried = gained + flow, carried + flow * warmth
     heat = (exponent - 1.0) * engine.heat * burning
-    return (-exponent * pressure * volume_slope + heat + exponent * GAS_CONSTANT * carried) / volume, gained
+    return (
+        -exponent * pressure * volume_slope + heat + exponent * GAS_CONSTANT * carried
+    ) / volume, gained
 
 
 def _burnt(engine, angle):
@@ -122,5 +176,10 @@ def _burnt(engine, angle):
 def _flow(pressure, temperature, behind):
     """Mass flow (kg/(m2 s)) of the isentropic nozzle."""
     ratio = max(behind / pressure, CRITICAL)
-    gain = 2.0 * KAPPA / (KAPPA - 1.0) * (ratio ** (2.0 / KAPPA) - ratio ** ((KAPPA + 1.0) / KAPPA))
+    gain = (
+        2.0
+        * KAPPA
+        / (KAPPA - 1.0)
+        * (ratio ** (2.0 / KAPPA) - ratio ** ((KAPPA + 1.0) / KAPPA))
+    )
     return pressure / math.sqrt(GAS_CONSTANT * temperature) * math.sqrt(max(gain, 0.0))

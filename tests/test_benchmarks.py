@@ -1,4 +1,6 @@
-"""The rivals of the benchmarks integrate the same equations, and refined trains are the same trains."""
+"""The rivals of the benchmarks integrate the same equations, and refined trains are the
+same trains.
+"""
 
 from pathlib import Path
 
@@ -28,7 +30,9 @@ def gears():
 
 def test_tooth_damping_is_set_by_its_ratio(gears):
     np.testing.assert_allclose(tooth_damping_ratio(gears), 0.05, rtol=2e-5)
-    np.testing.assert_allclose(tooth_damping_ratio(with_tooth_damping(gears, 0.02)), 0.02, rtol=1e-12)
+    np.testing.assert_allclose(
+        tooth_damping_ratio(with_tooth_damping(gears, 0.02)), 0.02, rtol=1e-12
+    )
 
 
 def test_a_refined_train_keeps_inertia_stiffness_and_low_frequencies(gears):
@@ -36,29 +40,50 @@ def test_a_refined_train_keeps_inertia_stiffness_and_low_frequencies(gears):
     assert fine.topology.n_disks == 300
     assert np.isclose(fine.disks.inertia.sum(), gears.disks.inertia.sum(), rtol=1e-12)
     compliance = dict.fromkeys(gears.topology.shaft_names, 0.0)
-    for name, stiffness in zip(fine.topology.shaft_names, fine.shafts.stiffness, strict=True):
+    for name, stiffness in zip(
+        fine.topology.shaft_names, fine.shafts.stiffness, strict=True
+    ):
         compliance[name.partition(".")[0]] += 1 / stiffness
-    np.testing.assert_allclose(1 / np.array(list(compliance.values())), gears.shafts.stiffness, rtol=1e-12)
-    coarse, many = (jaxhb.natural_frequencies(t).frequencies_hz[:6] for t in (gears, fine))
+    np.testing.assert_allclose(
+        1 / np.array(list(compliance.values())), gears.shafts.stiffness, rtol=1e-12
+    )
+    coarse, many = (
+        jaxhb.natural_frequencies(t).frequencies_hz[:6] for t in (gears, fine)
+    )
     np.testing.assert_allclose(many, coarse, rtol=0.01)
 
 
 def test_a_refined_train_is_what_build_makes_of_its_pieces():
     def parts(inertia, shafts):
         made = [jaxhb.Disk(name=name, inertia=J) for name, J in inertia.items()]
-        made += [jaxhb.Shaft(between=ends, stiffness=k, damping=r, name=n) for n, (ends, k, r) in shafts.items()]
-        made += [jaxhb.Damper(name="ring", disk="a", inertia=0.2, damping=3.0, stiffness=10.0)]
-        return [*made, jaxhb.Ground(disk="b", stiffness=5.0), jaxhb.Torque(disk="a", harmonics=[(1.0, 5.0, 2.0)])]
+        made += [
+            jaxhb.Shaft(between=ends, stiffness=k, damping=r, name=n)
+            for n, (ends, k, r) in shafts.items()
+        ]
+        made += [
+            jaxhb.Damper(
+                name="ring", disk="a", inertia=0.2, damping=3.0, stiffness=10.0
+            )
+        ]
+        return [
+            *made,
+            jaxhb.Ground(disk="b", stiffness=5.0),
+            jaxhb.Torque(disk="a", harmonics=[(1.0, 5.0, 2.0)]),
+        ]
 
     whole = parts({"a": 1.0, "b": 2.0}, {"a|b": (("a", "b"), 1e4, 4.0)})
     inertia = {"a": 0.9, "b": 1.9, "piece 1": 0.1, "piece 2": 0.1}
     ends = (("a", "piece 1"), ("piece 1", "piece 2"), ("piece 2", "b"))
-    cut = parts(inertia, {f"a|b.{k + 1}": (pair, 3e4, 12.0) for k, pair in enumerate(ends)})
+    cut = parts(
+        inertia, {f"a|b.{k + 1}": (pair, 3e4, 12.0) for k, pair in enumerate(ends)}
+    )
     fine, wanted = refined(jaxhb.build(whole), 5), jaxhb.build(cut)
     assert fine.topology == wanted.topology
     ours, theirs = chain.assemble(fine), chain.assemble(wanted)
     for field in ("mass", "damping", "ground", "stiffness", "viscous"):
-        np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), rtol=1e-12)
+        np.testing.assert_allclose(
+            getattr(ours, field), getattr(theirs, field), rtol=1e-12
+        )
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +92,9 @@ def orbit(gears):
 
 
 @pytest.mark.parametrize(("method", "tolerance"), [("rk4", 1e-4), ("implicit", 2e-2)])
-def test_compiled_integrators_agree_with_the_referee_over_one_cycle(gears, orbit, method, tolerance):
+def test_compiled_integrators_agree_with_the_referee_over_one_cycle(
+    gears, orbit, method, tolerance
+):
     pytest.importorskip("numba")
     pytest.importorskip("scipy")
     from marches import march
@@ -75,7 +102,10 @@ def test_compiled_integrators_agree_with_the_referee_over_one_cycle(gears, orbit
 
     found = march(prepare(gears, 1833.0), method, STEPS, cycles=1)
     assert len(law_meshes(gears).link) == len(found.force)
-    assert np.abs(found.force - orbit.elastic).max() < tolerance * np.abs(orbit.elastic).max()
+    assert (
+        np.abs(found.force - orbit.elastic).max()
+        < tolerance * np.abs(orbit.elastic).max()
+    )
     assert orbit.separated.max() > 0.05
 
 
@@ -88,11 +118,15 @@ def test_the_implicit_integrator_is_of_second_order_while_teeth_stay_in_contact(
     from tasks import prepare
 
     task = prepare(gears, 1833.0)
-    wide = task.model._replace(low=-1e3 + 0 * task.model.low, width=1e3 + 0 * task.model.width)
+    wide = task.model._replace(
+        low=-1e3 + 0 * task.model.low, width=1e3 + 0 * task.model.width
+    )
     task = dataclasses.replace(task, model=wide._replace(soft=wide.mesh_k))
     finest = march(task, "rk4", 8000, cycles=1).deflection
     coarse = {n: march(task, "implicit", n, cycles=1).deflection for n in (2000, 4000)}
-    errors = [np.abs(found - finest[:, :: 8000 // n]).max() for n, found in coarse.items()]
+    errors = [
+        np.abs(found - finest[:, :: 8000 // n]).max() for n, found in coarse.items()
+    ]
     assert 3.5 < errors[0] / errors[1] < 4.5
 
 
@@ -102,14 +136,21 @@ def test_the_chain_task_has_its_published_points(masses, frequency):
     ends = {3: (0.218, 1.303), 10: (0.180, 1.225)}[masses]
     assert all(f"{end:.3f}" in told for end in ends)
     speeds = np.linspace(1.30, frequency, 12)
-    condensed, full = condensed_sweep(masses, speeds)[-1], full_sweep(masses, speeds)[-1]
+    condensed, full = (
+        condensed_sweep(masses, speeds)[-1],
+        full_sweep(masses, speeds)[-1],
+    )
     np.testing.assert_allclose(condensed, full, atol=1e-7)  # both to a residual of 1e-8
-    np.testing.assert_allclose(extremes(full), ends, atol=5e-4)  # half a unit of the last digit
+    np.testing.assert_allclose(
+        extremes(full), ends, atol=5e-4
+    )  # half a unit of the last digit
 
 
 def test_the_chain_as_a_drive_train_moves_like_the_numpy_floor():
     speeds = np.linspace(1.30, 0.94, 30)
-    response = jaxhb.solve(chain_train(10), rpm=float(rpm_of(speeds[-1])), harmonics=15, tolerance=0.5)
+    response = jaxhb.solve(
+        chain_train(10), rpm=float(rpm_of(speeds[-1])), harmonics=15, tolerance=0.5
+    )
     assert response.converged
     own = listed(response.deflections)
     wanted = condensed_sweep(10, speeds)[-1:]
@@ -126,14 +167,26 @@ def test_a_peer_solves_the_same_chain():
 
 
 def _row(method, setting, seconds, error, status="settled", rpm=1833.0):
-    row = {"benchmark": "work-precision", "method": method, "setting": setting, "disks": 27, "damping_percent": 6}
+    row = {
+        "benchmark": "work-precision",
+        "method": method,
+        "setting": setting,
+        "disks": 27,
+        "damping_percent": 6,
+    }
     return row | {"rpm": rpm, "seconds": seconds, "error": error, "status": status}
 
 
 def test_a_curve_has_medians_over_speeds_and_no_setting_that_another_beats():
     rows = [
-        *(_row("rk4", "steps 10", s, e, rpm=r) for s, e, r in ((1.0, 0.1, 1), (2.0, 0.2, 2), (9.0, 0.9, 3))),
-        *(_row("rk4", "steps 20", s, 0.01, rpm=r) for s, r in ((3.0, 1), (4.0, 2), (5.0, 3))),
+        *(
+            _row("rk4", "steps 10", s, e, rpm=r)
+            for s, e, r in ((1.0, 0.1, 1), (2.0, 0.2, 2), (9.0, 0.9, 3))
+        ),
+        *(
+            _row("rk4", "steps 20", s, 0.01, rpm=r)
+            for s, r in ((3.0, 1), (4.0, 2), (5.0, 3))
+        ),
         *(_row("rk4", "steps 30", 6.0, 0.02, rpm=r) for r in (1, 2, 3)),
         _row("rk4", "steps 5", 0.1, 1e-9, "never settles"),
         _row("jaxhb", "tolerance 0.01", None, None),
@@ -169,4 +222,6 @@ def test_random_geared_trees_have_the_frequencies_that_mpmath_finds():
     random = np.random.default_rng(1)
     with mpmath.workdps(50):
         found = [compared(random_tree(random), rigid)[OURS] for rigid in (False, True)]
-    assert max(errors.max() for errors, *_ in found) < 1e-12 and {rigid for _, rigid, _ in found} == {0.0}
+    assert max(errors.max() for errors, *_ in found) < 1e-12 and {
+        rigid for _, rigid, _ in found
+    } == {0.0}

@@ -21,7 +21,10 @@ from jaxhb.report.files.numbers import netcdf
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-PAGES = {path: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))}
+PAGES = {
+    path: path.read_text(encoding="utf-8")
+    for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))
+}
 INSTALLED = "python3 -m venv .venv && "
 MODULES = {"design", "report"}
 LOAD = '[[load]]\ndisk = "throw 5"\n'
@@ -29,7 +32,11 @@ LOAD = '[[load]]\ndisk = "throw 5"\n'
 
 def blocks(language, text=None):
     texts = PAGES.values() if text is None else (text,)
-    return [block for page in texts for block in re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL)]
+    return [
+        block
+        for page in texts
+        for block in re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL)
+    ]
 
 
 def page(name):
@@ -38,25 +45,52 @@ def page(name):
 
 def lines_of_shell():
     kinds = ("sh", "bash", "console", "text")
-    lines = [line.removeprefix("$ ") for kind in kinds for block in blocks(kind) for line in block.splitlines()]
+    lines = [
+        line.removeprefix("$ ")
+        for kind in kinds
+        for block in blocks(kind)
+        for line in block.splitlines()
+    ]
     return [line.rpartition("&& .venv/bin/")[2] for line in lines]
 
 
 def test_every_command_shown_is_understood():
-    commands = [shlex.split(line, comments=True) for line in lines_of_shell() if line.startswith("jaxhb ")]
+    commands = [
+        shlex.split(line, comments=True)
+        for line in lines_of_shell()
+        if line.startswith("jaxhb ")
+    ]
     assert len(commands) >= 30
     for _, name, *arguments in commands:
-        command, words = program.commands.get(name), arguments[: [*arguments, "|"].index("|")]
+        command, words = (
+            program.commands.get(name),
+            arguments[: [*arguments, "|"].index("|")],
+        )
         try:
-            command.make_context(name, words) if command else program.make_context("jaxhb", [name, *words])
+            (
+                command.make_context(name, words)
+                if command
+                else program.make_context("jaxhb", [name, *words])
+            )
         except click.exceptions.Exit as told:  # --version and --help print and end
             assert not told.exit_code
 
 
 def test_the_table_of_files_names_the_commands_that_write_them():
-    options = {name: {opt for one in command.params for opt in one.opts} for name, command in program.commands.items()}
-    rows = re.findall(r"\n\| `(--\w+) FILE[.\w]*` \| ([^|]+) \|", page("how_to/data_and_files.md"))
-    assert [option for option, _ in rows] == ["--json", "--csv", "--netcdf", "--trace", "--plot"]
+    options = {
+        name: {opt for one in command.params for opt in one.opts}
+        for name, command in program.commands.items()
+    }
+    rows = re.findall(
+        r"\n\| `(--\w+) FILE[.\w]*` \| ([^|]+) \|", page("how_to/data_and_files.md")
+    )
+    assert [option for option, _ in rows] == [
+        "--json",
+        "--csv",
+        "--netcdf",
+        "--trace",
+        "--plot",
+    ]
     for option, told in rows:
         takes = [name for name, own in options.items() if option in own]
         assert sorted(re.findall(r"`(\w+)`", told)) == sorted(takes)
@@ -74,7 +108,9 @@ def test_whole_scenes_load_and_parts_of_scenes_have_keys_that_exist(tmp_path):
         tables = tomllib.loads(block)
         for name, rows in tables.items():
             for row in rows if isinstance(rows, list) and name in TABLES else ():
-                assert set(row) <= {field.name for field in dataclasses.fields(TABLES[name])}, block
+                assert set(row) <= {
+                    field.name for field in dataclasses.fields(TABLES[name])
+                }, block
         if "disk" in tables:
             loaded("scene.toml", block, tmp_path)
             scenes += 1
@@ -86,37 +122,89 @@ def loaded(name, text, folder):
     return jaxhb.load_scene(folder / name).topology
 
 
-def test_the_scene_the_engine_and_the_two_tables_of_the_reference_are_the_trains_that_its_words_describe(tmp_path):
-    (scene,) = [block for block in blocks("toml", page("reference/scene.md")) if "[[disk]]" in block]
+def test_the_scene_the_engine_and_the_two_tables_of_the_reference_are_the_trains_that_its_words_describe(
+    tmp_path,
+):
+    (scene,) = [
+        block
+        for block in blocks("toml", page("reference/scene.md"))
+        if "[[disk]]" in block
+    ]
     found = loaded("scene.toml", scene, tmp_path)
-    assert (found.mesh_names, found.cylinder_names) == (("crank gear|pump gear",), ("cylinder 1",))
-    (engine,) = [block for block in blocks("toml", page("reference/excitation.md")) if block.startswith("[engine]")]
+    assert (found.mesh_names, found.cylinder_names) == (
+        ("crank gear|pump gear",),
+        ("cylinder 1",),
+    )
+    (engine,) = [
+        block
+        for block in blocks("toml", page("reference/excitation.md"))
+        if block.startswith("[engine]")
+    ]
     throws = [f"throw {k}" for k in range(1, 6)]
     parts = [f'[[disk]]\nname = "{name}"\ninertia = 0.1\n' for name in throws]
-    parts += [f"[[shaft]]\nbetween = {list(pair)}\nstiffness = 1e6\n" for pair in zip(throws, throws[1:], strict=False)]
-    assert len(loaded("engine.toml", "".join([*parts, LOAD, engine]), tmp_path).cylinder_names) == 10
-    (table,) = [block for block in blocks("text", page("how_to/other_programs.md")) if block.startswith("name,")]
+    parts += [
+        f"[[shaft]]\nbetween = {list(pair)}\nstiffness = 1e6\n"
+        for pair in zip(throws, throws[1:], strict=False)
+    ]
+    assert (
+        len(
+            loaded(
+                "engine.toml", "".join([*parts, LOAD, engine]), tmp_path
+            ).cylinder_names
+        )
+        == 10
+    )
+    (table,) = [
+        block
+        for block in blocks("text", page("how_to/other_programs.md"))
+        if block.startswith("name,")
+    ]
     assert loaded("pump.csv", table, tmp_path).mesh_names == ("crank gear|pump gear",)
 
 
 def statements(block):
     """A block of Python, or what is typed in a session."""
-    return "".join(example.source for example in doctest.DocTestParser().get_examples(block)) or block
+    return (
+        "".join(
+            example.source for example in doctest.DocTestParser().get_examples(block)
+        )
+        or block
+    )
 
 
 def test_python_uses_names_that_exist():
     code = "\n".join(map(statements, blocks("python")))
-    used = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Attribute)]
-    of_package = {node.attr for node in used if isinstance(node.value, ast.Name) and node.value.id == "jaxhb"}
+    used = [
+        node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Attribute)
+    ]
+    of_package = {
+        node.attr
+        for node in used
+        if isinstance(node.value, ast.Name) and node.value.id == "jaxhb"
+    }
     assert of_package - MODULES <= set(jaxhb.__all__)
-    for name, kind in (("r", jaxhb.Response), ("s", jaxhb.SteadyState), ("f", jaxhb.ForcedResponse)):
-        read = {node.attr for node in used if isinstance(node.value, ast.Name) and node.value.id == name}
-        assert read and read <= set(dir(kind)) | {field.name for field in dataclasses.fields(kind)}
+    for name, kind in (
+        ("r", jaxhb.Response),
+        ("s", jaxhb.SteadyState),
+        ("f", jaxhb.ForcedResponse),
+    ):
+        read = {
+            node.attr
+            for node in used
+            if isinstance(node.value, ast.Name) and node.value.id == name
+        }
+        assert read and read <= set(dir(kind)) | {
+            field.name for field in dataclasses.fields(kind)
+        }
 
 
 def test_the_reference_has_every_public_name_once():
     directive = r"^\.\. auto(?:function|class|exception):: jaxhb\.(?:design\.)?(\w+)$"
-    listed = re.findall(directive, "\n".join(map(Path.read_text, (DOCS / "reference" / "api").glob("*.md"))), re.M)
+    listed = re.findall(
+        directive,
+        "\n".join(map(Path.read_text, (DOCS / "reference" / "api").glob("*.md"))),
+        re.M,
+    )
     public = {*jaxhb.__all__, *jaxhb.design.__all__}
     assert sorted(listed) == sorted(public)
 
@@ -127,30 +215,55 @@ def test_links_and_pictures_lead_to_files(name):
     text = (ROOT / name).read_text(encoding="utf-8")
     links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
     assert links or name != "README.md"
-    assert [link for link in links if not (ROOT / link.partition("#")[0]).is_file()] == []
+    assert [
+        link for link in links if not (ROOT / link.partition("#")[0]).is_file()
+    ] == []
 
 
 def test_pictures_are_small():
-    shown = {path: re.findall(r"!\[[^]]*\]\(([^)]+)\)", text) for path, text in PAGES.items()}
-    pictures = [(path.parent / link).read_bytes() for path, links in shown.items() for link in links]
+    shown = {
+        path: re.findall(r"!\[[^]]*\]\(([^)]+)\)", text) for path, text in PAGES.items()
+    }
+    pictures = [
+        (path.parent / link).read_bytes()
+        for path, links in shown.items()
+        for link in links
+    ]
     assert len(pictures) >= 3
-    assert all(picture.startswith(b"\x89PNG") and len(picture) < 400_000 for picture in pictures)
+    assert all(
+        picture.startswith(b"\x89PNG") and len(picture) < 400_000
+        for picture in pictures
+    )
 
 
 def test_ci_runs_the_two_commands_of_the_readme():
     """It takes the lines that begin so, as they stand there, and says which it ran."""
     commands = [line for line in README.splitlines() if line.startswith(INSTALLED)]
-    assert [line.rpartition(" && ")[2].split()[0] for line in commands] == [".venv/bin/jaxhb", ".venv/bin/python"]
-    assert commands == [line for block in blocks("sh", README) for line in block.splitlines() if ".venv" in line]
+    assert [line.rpartition(" && ")[2].split()[0] for line in commands] == [
+        ".venv/bin/jaxhb",
+        ".venv/bin/python",
+    ]
+    assert commands == [
+        line
+        for block in blocks("sh", README)
+        for line in block.splitlines()
+        if ".venv" in line
+    ]
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     assert f"grep '^{INSTALLED}' README.md" in script and 'bash -c "$command"' in script
 
 
 def test_the_papers_of_the_project_agree_with_the_package():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))[
+        "project"
+    ]
     assert project["version"] == jaxhb.__version__
-    assert f"\nversion: {jaxhb.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    assert f"\n## {jaxhb.__version__}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"\nversion: {jaxhb.__version__}\n" in (ROOT / "CITATION.cff").read_text(
+        encoding="utf-8"
+    )
+    assert f"\n## {jaxhb.__version__}\n" in (ROOT / "CHANGELOG.md").read_text(
+        encoding="utf-8"
+    )
     assert "Version 2.0, January 2004" in (ROOT / "LICENSE").read_text(encoding="utf-8")
     assert project["license"] == "Apache-2.0"
 
@@ -158,7 +271,10 @@ def test_the_papers_of_the_project_agree_with_the_package():
 def test_every_variable_of_the_guide_on_files_is_in_a_data_set():
     xarray = pytest.importorskip("xarray")
     text = page("how_to/data_and_files.md")
-    shown = set(re.findall(r"data\.([a-z_]+)", "\n".join(blocks("python", text)))) - {"where", "sel"}
+    shown = set(re.findall(r"data\.([a-z_]+)", "\n".join(blocks("python", text)))) - {
+        "where",
+        "sel",
+    }
     parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=1.0)]
     parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e4, damping=1.0)]
     parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 1.0, 0.0)])]
@@ -168,4 +284,8 @@ def test_every_variable_of_the_guide_on_files_is_in_a_data_set():
     reported = xarray.open_dataset(io.BytesIO(file))
     assert shown and shown <= {*forced.to_xarray(), *reported, *reported.coords}
     named = set(re.findall(r"`([a-z_]+)_\*`", text))
-    assert named and named <= {head.removesuffix("_max") for data in (forced.to_xarray(), reported) for head in data}
+    assert named and named <= {
+        head.removesuffix("_max")
+        for data in (forced.to_xarray(), reported)
+        for head in data
+    }

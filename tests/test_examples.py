@@ -1,4 +1,6 @@
-"""The examples in the docstrings, which the pages of the reference show, give what they say."""
+"""The examples in the docstrings, which the pages of the reference show, give what they
+say.
+"""
 
 import doctest
 import importlib
@@ -9,19 +11,36 @@ import pytest
 import jaxhb
 
 PACKAGE = Path(jaxhb.__file__).parent
-WITH_EXAMPLES = sorted(path for path in PACKAGE.rglob("*.py") if ">>> " in path.read_text(encoding="utf-8"))
-NAMES = [".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts) for path in WITH_EXAMPLES]
-SLOW = {"balance.derivative", "branches.branch", "branches.search", "certificate.certificate", "design.tuning"}
+WITH_EXAMPLES = sorted(
+    path for path in PACKAGE.rglob("*.py") if ">>> " in path.read_text(encoding="utf-8")
+)
+NAMES = [
+    ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
+    for path in WITH_EXAMPLES
+]
+SLOW = {
+    "balance.derivative",
+    "branches.branch",
+    "branches.search",
+    "certificate.certificate",
+    "design.tuning",
+}
 SLOW = {f"jaxhb.{name}" for name in SLOW | {"integration.reference"}}
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.oracle] if name in SLOW else []) for name in NAMES]
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.oracle] if name in SLOW else [])
+        for name in NAMES
+    ],
 )
 def test_the_examples_of_a_module_hold(name):
     if ".report." in name:
         pytest.importorskip("matplotlib")
-    failures, examples = doctest.testmod(importlib.import_module(name), extraglobs={"jaxhb": jaxhb})
+    failures, examples = doctest.testmod(
+        importlib.import_module(name), extraglobs={"jaxhb": jaxhb}
+    )
     assert examples and not failures
 
 

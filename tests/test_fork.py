@@ -1,4 +1,6 @@
-"""Processes beside one in which jax has computed: forked ones end with a sentence, spawned ones solve."""
+"""Processes beside one in which jax has computed: forked ones end with a sentence,
+spawned ones solve.
+"""
 
 import os
 import subprocess
@@ -40,13 +42,22 @@ if __name__ == "__main__":
 
 
 def printed(*command):
-    return subprocess.run([sys.executable, *command], capture_output=True, text=True, check=True, timeout=300).stdout
+    return subprocess.run(
+        [sys.executable, *command],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    ).stdout
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 def test_a_process_forked_after_a_solve_ends_with_a_sentence_instead_of_waiting_for_ever():
     told = printed("-c", FORKED).splitlines()
-    assert len(told) == 3 and all("Start processes by multiprocessing.get_context('spawn')" in line for line in told)
+    assert len(told) == 3 and all(
+        "Start processes by multiprocessing.get_context('spawn')" in line
+        for line in told
+    )
 
 
 def test_a_spawned_process_solves(tmp_path):

@@ -1,4 +1,6 @@
-"""Imports go down the layers only, and the package loads neither matplotlib nor optax by itself."""
+"""Imports go down the layers only, and the package loads neither matplotlib nor optax
+by itself.
+"""
 
 import ast
 import re
@@ -12,15 +14,43 @@ import pytest
 import jaxhb
 
 ROOT = Path(__file__).parents[1] / "jaxhb"
-ROOMS = ["equations", "excitation", "elements", "train", "scene", "results", "integration", "linear", "balance"]
-ROOMS += ["floquet", "certificate", "solutions", "steady", "branches", "design", "report", "cli"]
+ROOMS = [
+    "equations",
+    "excitation",
+    "elements",
+    "train",
+    "scene",
+    "results",
+    "integration",
+    "linear",
+    "balance",
+]
+ROOMS += [
+    "floquet",
+    "certificate",
+    "solutions",
+    "steady",
+    "branches",
+    "design",
+    "report",
+    "cli",
+]
 MOST_FILES = 14
 
 
 def imported_rooms(path):
-    """Rooms that a module imports when it runs, by name or relative: not those that only types name."""
-    package, tree = path.relative_to(ROOT.parent).with_suffix("").parts[:-1], ast.parse(path.read_text())
-    of_types = [n for n in ast.walk(tree) if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"]
+    """Rooms that a module imports when it runs, by name or relative: not those that
+    only types name.
+    """
+    package, tree = (
+        path.relative_to(ROOT.parent).with_suffix("").parts[:-1],
+        ast.parse(path.read_text()),
+    )
+    of_types = [
+        n
+        for n in ast.walk(tree)
+        if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"
+    ]
     of_types = {id(inner) for block in of_types for inner in ast.walk(block)}
     for node in ast.walk(tree):
         if id(node) in of_types:
@@ -28,7 +58,11 @@ def imported_rooms(path):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            base = ".".join(package[: len(package) - node.level + 1]) + "." if node.level else ""
+            base = (
+                ".".join(package[: len(package) - node.level + 1]) + "."
+                if node.level
+                else ""
+            )
             names = [f"{base}{node.module or ''}.{alias.name}" for alias in node.names]
         else:
             continue
@@ -39,13 +73,22 @@ def imported_rooms(path):
 
 
 def test_every_folder_is_a_room_that_imports_those_below_alone_and_can_be_looked_over():
-    assert {path.name for path in ROOT.iterdir() if (path / "__init__.py").exists()} == set(ROOMS)
+    assert {
+        path.name for path in ROOT.iterdir() if (path / "__init__.py").exists()
+    } == set(ROOMS)
     for rank, own in enumerate(ROOMS):
         for path in (ROOT / own).rglob("*.py"):
-            assert [room for room in imported_rooms(path) if ROOMS.index(room) > rank] == [], path
+            assert [
+                room for room in imported_rooms(path) if ROOMS.index(room) > rank
+            ] == [], path
     for folder in (path for path in ROOT.rglob("*") if (path / "__init__.py").exists()):
-        assert len([file for file in folder.glob("*.py") if file.name != "__init__.py"]) <= MOST_FILES, folder
-        assert ast.get_docstring(ast.parse((folder / "__init__.py").read_text())), folder
+        assert (
+            len([file for file in folder.glob("*.py") if file.name != "__init__.py"])
+            <= MOST_FILES
+        ), folder
+        assert ast.get_docstring(ast.parse((folder / "__init__.py").read_text())), (
+            folder
+        )
 
 
 def test_only_their_owners_import_matplotlib_optax_plotly_and_jinja2():
@@ -60,35 +103,71 @@ def test_only_their_owners_import_matplotlib_optax_plotly_and_jinja2():
 
 def test_only_one_place_touches_the_configuration_of_jax():
     texts = {path.name: path.read_text() for path in ROOT.rglob("*.py")}
-    touching = [name for name, text in texts.items() if "jax.config" in text and "config.update" in text]
+    touching = [
+        name
+        for name, text in texts.items()
+        if "jax.config" in text and "config.update" in text
+    ]
     assert touching == ["_jax.py"]
 
 
 def test_only_the_layout_of_coefficients_transforms_between_instants_and_harmonics():
-    calling = [path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.py") if ".fft" in path.read_text()]
+    calling = [
+        path.relative_to(ROOT).as_posix()
+        for path in ROOT.rglob("*.py")
+        if ".fft" in path.read_text()
+    ]
     assert calling == ["equations/fourier.py"]
 
 
 def printed(code):
     """What a process prints that runs ``code``."""
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.strip()
 
 
-LOADED = "print([m for m in ('jax', 'numpy', 'matplotlib', 'optax') if m in sys.modules])"
+LOADED = (
+    "print([m for m in ('jax', 'numpy', 'matplotlib', 'optax') if m in sys.modules])"
+)
 SOLVES = "import sys, jaxhb; jaxhb.solve; "
-COMMANDS = "import sys, jaxhb.cli.identify_command, jaxhb.cli.linear_commands, jaxhb.cli.tolerance_command; "
+COMMANDS = (
+    "import sys, jaxhb.cli.identify_command, jaxhb.cli.linear_commands,"
+    " jaxhb.cli.tolerance_command; "
+)
 FROM_TERMINAL = "import os, jaxhb.cli.main as c; c.main(['--version']); import jax; "
 PRINTED = {
-    "the package loads neither matplotlib nor optax": (SOLVES + LOADED, "['jax', 'numpy']"),
-    "the command line loads neither jax nor numpy": ("import sys, jaxhb.cli.main; " + LOADED, "[]"),
-    "nor what only files need": (
-        "import sys, jaxhb.cli.main; print([m for m in ('hmac', 'random', 'secrets') if m in sys.modules])",
+    "the package loads neither matplotlib nor optax": (
+        SOLVES + LOADED,
+        "['jax', 'numpy']",
+    ),
+    "the command line loads neither jax nor numpy": (
+        "import sys, jaxhb.cli.main; " + LOADED,
         "[]",
     ),
-    "commands do not wait for statistics": (COMMANDS + "print('scipy.stats' in sys.modules)", "False"),
-    "the command line keeps BLAS to one thread": (FROM_TERMINAL + "print(os.environ['OPENBLAS_NUM_THREADS'])", "1"),
-    "double precision if jax comes first": ("import jax, jaxhb; print(jax.numpy.ones(1).dtype)", "float64"),
-    "double precision if jax comes later": ("import jaxhb; import jax; print(jax.numpy.ones(1).dtype)", "float64"),
+    "nor what only files need": (
+        (
+            "import sys, jaxhb.cli.main; print([m for m in ('hmac', 'random',"
+            " 'secrets') if m in sys.modules])"
+        ),
+        "[]",
+    ),
+    "commands do not wait for statistics": (
+        COMMANDS + "print('scipy.stats' in sys.modules)",
+        "False",
+    ),
+    "the command line keeps BLAS to one thread": (
+        FROM_TERMINAL + "print(os.environ['OPENBLAS_NUM_THREADS'])",
+        "1",
+    ),
+    "double precision if jax comes first": (
+        "import jax, jaxhb; print(jax.numpy.ones(1).dtype)",
+        "float64",
+    ),
+    "double precision if jax comes later": (
+        "import jaxhb; import jax; print(jax.numpy.ones(1).dtype)",
+        "float64",
+    ),
 }
 
 
@@ -99,21 +178,31 @@ def test_what_is_loaded_and_set_when_the_package_is_imported(fact):
 
 
 def test_programs_are_kept_before_anything_of_the_package_has_loaded_jax(tmp_path):
-    code = f"from jaxhb._program import cache_programs; print(cache_programs({str(tmp_path)!r}).parent)"
+    code = (
+        "from jaxhb._program import cache_programs;"
+        f" print(cache_programs({str(tmp_path)!r}).parent)"
+    )
     assert printed(code) == str(tmp_path)
 
 
 @pytest.mark.parametrize("before", ["0", None])
-def test_processes_started_after_the_first_use_have_the_precision_that_they_had(before, monkeypatch):
+def test_processes_started_after_the_first_use_have_the_precision_that_they_had(
+    before, monkeypatch
+):
     monkeypatch.delenv("JAX_ENABLE_X64", raising=False)
     if before is not None:
         monkeypatch.setenv("JAX_ENABLE_X64", before)
-    code = "import os, jaxhb; jaxhb.solve; import jax; print(jax.numpy.ones(1).dtype, os.environ.get('JAX_ENABLE_X64'))"
+    code = (
+        "import os, jaxhb; jaxhb.solve; import jax; print(jax.numpy.ones(1).dtype,"
+        " os.environ.get('JAX_ENABLE_X64'))"
+    )
     assert printed(code) == f"float64 {before}"
 
 
 def test_packages_that_are_always_imported_are_declared():
-    """Those at the top of modules; what belongs to an extra is imported where it is used."""
+    """Those at the top of modules; what belongs to an extra is imported where it is
+    used.
+    """
     project = tomllib.loads((ROOT.parent / "pyproject.toml").read_text())["project"]
     declared = {re.match(r"[a-z]+", needed)[0] for needed in project["dependencies"]}
     imported = set()

@@ -1,4 +1,6 @@
-"""The notebooks run from top to bottom, their assertions on the numbers quoted included, and keep their outputs."""
+"""The notebooks run from top to bottom, their assertions on the numbers quoted
+included, and keep their outputs.
+"""
 
 import os
 from pathlib import Path
@@ -18,20 +20,32 @@ NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 def test_a_notebook_keeps_the_outputs_of_a_whole_run(path):
     cells = [cell for cell in nbformat.read(path, 4).cells if cell.cell_type == "code"]
     assert [cell.execution_count for cell in cells] == list(range(1, len(cells) + 1))
-    assert not [out for cell in cells for out in cell.outputs if out.output_type == "error"]
-    assert any("image/png" in out.get("data", {}) for cell in cells for out in cell.outputs)
+    assert not [
+        out for cell in cells for out in cell.outputs if out.output_type == "error"
+    ]
+    assert any(
+        "image/png" in out.get("data", {}) for cell in cells for out in cell.outputs
+    )
 
 
-@pytest.mark.filterwarnings("ignore")  # of the messaging between kernel and client, none of the code in the cells
+@pytest.mark.filterwarnings(
+    "ignore"
+)  # of the messaging between kernel and client, none of the code in the cells
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_in_quick_mode(path, monkeypatch):
     pytest.importorskip("numba")
     pytest.importorskip("matplotlib")
     monkeypatch.setenv("JAXHB_QUICK", "1")
-    search = [str(FOLDER.parent), str(FOLDER.parent / "tests"), os.environ.get("PYTHONPATH", "")]
+    search = [
+        str(FOLDER.parent),
+        str(FOLDER.parent / "tests"),
+        os.environ.get("PYTHONPATH", ""),
+    ]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, search)))
     notebook = nbformat.read(path, 4)
     resources = {"metadata": {"path": str(FOLDER)}}
-    client = nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3", resources=resources)
+    client = nbclient.NotebookClient(
+        notebook, timeout=300, kernel_name="python3", resources=resources
+    )
     client.extra_arguments = ["--IPKernelApp.exec_lines=import compiling"]
     client.execute()

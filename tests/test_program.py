@@ -1,4 +1,6 @@
-"""Compiled programs: options of the compiler where the host calls, plain ``jax.jit`` elsewhere."""
+"""Compiled programs: options of the compiler where the host calls, plain ``jax.jit``
+elsewhere.
+"""
 
 import threading
 import time
@@ -25,7 +27,8 @@ def asked(monkeypatch):
         return jit(*args, compiler_options=compiler_options, **kwargs)
 
     monkeypatch.setattr(jax, "jit", watched)
-    # Memory maps have just been counted: programs of tests before are not dropped, and compiled again, meanwhile.
+    # Memory maps have just been counted: programs of tests before are not dropped, and
+    # compiled again, meanwhile.
     monkeypatch.setattr(_program._held, "counted", _program._held.programs)
     return found
 
@@ -36,12 +39,21 @@ def cube(x):
 
 def test_the_host_compiles_with_options_that_transformations_do_not_take(asked):
     program = _program.Program(cube)
-    assert program(2.0) == 8.0 and asked[0] is None and asked[-1] == _program._known_options()
-    assert asked[-1].items() <= _program.OPTIONS.items() and "xla_disable_hlo_passes" in asked[-1]
+    assert (
+        program(2.0) == 8.0
+        and asked[0] is None
+        and asked[-1] == _program._known_options()
+    )
+    assert (
+        asked[-1].items() <= _program.OPTIONS.items()
+        and "xla_disable_hlo_passes" in asked[-1]
+    )
     assert jax.grad(program)(2.0) == 12.0
     assert jax.jit(lambda x: program(x) + 1.0)(2.0) == 9.0
     assert np.array_equal(jax.vmap(program)(jnp.arange(3.0)), [0.0, 1.0, 8.0])
-    assert np.array_equal(jax.vmap(lambda x: x * program(2.0))(jnp.arange(3.0)), [0.0, 8.0, 16.0])
+    assert np.array_equal(
+        jax.vmap(lambda x: x * program(2.0))(jnp.arange(3.0)), [0.0, 8.0, 16.0]
+    )
     assert jax.jit(lambda x: x * program(2.0))(3.0) == 24.0
 
 
@@ -77,7 +89,9 @@ def test_a_preparation_given_up_is_made_by_the_call():
     assert made.cancel() and executables(square) == 0
     assert square(3.0) == 9.0 and executables(square) == 1
     second = square.compile_ahead(np.ones(3))
-    assert square(np.ones(3)).tolist() == [1.0, 1.0, 1.0] and second.cancelled()  # nobody waits for the other thread
+    assert (
+        square(np.ones(3)).tolist() == [1.0, 1.0, 1.0] and second.cancelled()
+    )  # nobody waits for the other thread
     wait.set()
     assert all(one.result() for one in busy)
 
@@ -105,7 +119,9 @@ def test_a_program_that_fails_is_tried_again_by_the_next_call():
 
 
 def test_programs_are_dropped_before_their_memory_maps_are_too_many():
-    """Beyond the limit of Linux the process would end: here the limit is 0 maps, and one program is enough."""
+    """Beyond the limit of Linux the process would end: here the limit is 0 maps, and
+    one program is enough.
+    """
     compiled, double = _program.Held(), jax.jit(lambda x: 2.0 * x)
 
     def compiles_again(most, between):
@@ -122,7 +138,11 @@ def test_programs_are_dropped_before_their_memory_maps_are_too_many():
 
 
 def test_programs_of_others_stay_where_dropping_those_of_the_package_is_enough():
-    held, others, square = _program.Held(), jax.jit(lambda x: 5.0 * x), _program.Program(lambda x: jnp.sin(x) @ x)
+    held, others, square = (
+        _program.Held(),
+        jax.jit(lambda x: 5.0 * x),
+        _program.Program(lambda x: jnp.sin(x) @ x),
+    )
     assert others(1.0) == 5.0
     before = len(Path("/proc/self/maps").read_bytes().splitlines())
     square(np.ones(7)), square(np.ones(8)), jax.grad(square)(np.ones(7))
@@ -134,11 +154,15 @@ def test_programs_of_others_stay_where_dropping_those_of_the_package_is_enough()
 
 def test_settings_of_jax_that_change_what_is_traced_have_programs_of_their_own():
     traced = []
-    square = _program.Program(lambda x: traced.append(jax.config.jax_default_matmul_precision) or x @ x)
+    square = _program.Program(
+        lambda x: traced.append(jax.config.jax_default_matmul_precision) or x @ x
+    )
     square(np.ones((2, 2)))
     with jax.default_matmul_precision("float32"):
         square(np.ones((2, 2)))
-        assert square.compile_ahead(np.ones((3, 3))) is None  # another thread would not have the setting
+        assert (
+            square.compile_ahead(np.ones((3, 3))) is None
+        )  # another thread would not have the setting
         square(np.ones((2, 2)))
     square(np.ones((2, 2)))
     assert traced == [None, "float32"] and executables(square) == 2
@@ -162,12 +186,19 @@ def test_settings_of_jax_that_spoil_numbers_are_refused_with_a_sentence(said):
             jaxhb.linear_response(train, rpm=1500.0)
 
 
-@pytest.mark.parametrize(("setting", "value"), [(jax.debug_nans, -1.0), (jax.debug_infs, 0.0)])
+@pytest.mark.parametrize(
+    ("setting", "value"), [(jax.debug_nans, -1.0), (jax.debug_infs, 0.0)]
+)
 def test_numbers_that_are_not_finite_are_found_in_code_of_users_alone(setting, value):
     """The logarithm of a negative number is nan, and that of zero infinite."""
-    program = _program.Program(lambda x: jnp.where(x > 0, x, jax.lax.stop_gradient(jnp.log(x))))
+    program = _program.Program(
+        lambda x: jnp.where(x > 0, x, jax.lax.stop_gradient(jnp.log(x)))
+    )
     with setting(True):
-        assert not np.isfinite(program(np.asarray(value))) and program(np.asarray(2.0)) == 2.0
+        assert (
+            not np.isfinite(program(np.asarray(value)))
+            and program(np.asarray(2.0)) == 2.0
+        )
         assert jax.grad(program)(2.0) == 1.0
         with pytest.raises(FloatingPointError):
             jax.jit(jnp.log)(value)

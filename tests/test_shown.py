@@ -9,22 +9,32 @@ import pytest
 import shown
 
 SLOW = {"identify", "sweep", "solve"}
-"""Commands that compile much: their output is compared with the tests marked "oracle"."""
+"""Commands that compile much: their output is compared with the tests marked
+"oracle".
+"""
 SEARCHED = {"tune", "tolerance"}
-"""Commands that search for minutes: ``python docs/shown.py --check`` alone compares them."""
-ROUNDING = (
-    0.02  # share by which a number may differ: where teeth hammer, processors that round otherwise come to motions
-)
+"""Commands that search for minutes: ``python docs/shown.py --check`` alone compares
+them.
+"""
+# share by which a number may differ: where teeth hammer, processors that round
+# otherwise come to motions
+ROUNDING = 0.02
 # whose times in the gap differ by so much
 
-newest_jax = pytest.mark.skipif(sys.version_info < (3, 12), reason="the pages show what the newest jax gives")
+newest_jax = pytest.mark.skipif(
+    sys.version_info < (3, 12), reason="the pages show what the newest jax gives"
+)
 
 
 def tolerance_of(number):
-    """How far another number may be from one that is shown: a unit of its last digit, and the share."""
+    """How far another number may be from one that is shown: a unit of its last digit,
+    and the share.
+    """
     digits, _, exponent = number.partition("e")
     decimals = len(digits.partition(".")[2])
-    return 1.001 * 10.0 ** (int(exponent or 0) - decimals) + ROUNDING * abs(float(number))
+    return 1.001 * 10.0 ** (int(exponent or 0) - decimals) + ROUNDING * abs(
+        float(number)
+    )
 
 
 def reads_alike(old, new):
@@ -44,8 +54,14 @@ def compare(page, folder, slow):
             continue
         lines = shown.renewed(block.lines, shown.printed(block.command, folder))
         if (name in SLOW) is slow:
-            differing = [(a, b) for a, b in zip(block.lines, lines, strict=True) if not reads_alike(a, b)]
-            assert not differing, f"{block.name()}: renew the page by python docs/shown.py"
+            differing = [
+                (a, b)
+                for a, b in zip(block.lines, lines, strict=True)
+                if not reads_alike(a, b)
+            ]
+            assert not differing, (
+                f"{block.name()}: renew the page by python docs/shown.py"
+            )
 
 
 def names_of(page):
@@ -53,14 +69,20 @@ def names_of(page):
 
 
 @newest_jax
-@pytest.mark.parametrize("page", [p for p in shown.pages() if names_of(p) - SLOW - SEARCHED], ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "page",
+    [p for p in shown.pages() if names_of(p) - SLOW - SEARCHED],
+    ids=lambda p: p.stem,
+)
 def test_a_page_shows_what_its_quick_commands_print(page, tmp_path):
     compare(page, tmp_path, slow=False)
 
 
 @pytest.mark.oracle
 @newest_jax
-@pytest.mark.parametrize("page", [p for p in shown.pages() if names_of(p) & SLOW], ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "page", [p for p in shown.pages() if names_of(p) & SLOW], ids=lambda p: p.stem
+)
 def test_a_page_shows_what_its_slow_commands_print(page, tmp_path):
     compare(page, tmp_path, slow=True)
 
@@ -73,34 +95,68 @@ def test_a_changed_number_or_word_is_seen():
 
 def test_lines_left_out_are_found_again_by_their_words():
     output = ["head 1", "a 2", "b 3", "c 4", "tail 5"]
-    assert shown.renewed(["head 9", "...", "c 9", "..."], output) == ["head 1", "...", "c 4", "..."]
-    assert shown.renewed(["...", "b 7", "c 8", "tail 9"], output) == ["...", "b 3", "c 4", "tail 5"]
+    assert shown.renewed(["head 9", "...", "c 9", "..."], output) == [
+        "head 1",
+        "...",
+        "c 4",
+        "...",
+    ]
+    assert shown.renewed(["...", "b 7", "c 8", "tail 9"], output) == [
+        "...",
+        "b 3",
+        "c 4",
+        "tail 5",
+    ]
     with pytest.raises(ValueError, match="reads like 'd 9'"):
         shown.renewed(["head 1", "...", "d 9"], output)
 
 
 def test_how_long_a_run_took_stays_as_it_is_shown():
-    assert shown.renewed(["done in 55 s; 3 steps"], ["done in 61 s; 3 steps"]) == ["done in 55 s; 3 steps"]
-    assert shown.renewed(["done in 55 s; 3 steps"], ["done in 61 s; 4 steps"]) == ["done in 61 s; 4 steps"]
+    assert shown.renewed(["done in 55 s; 3 steps"], ["done in 61 s; 3 steps"]) == [
+        "done in 55 s; 3 steps"
+    ]
+    assert shown.renewed(["done in 55 s; 3 steps"], ["done in 61 s; 4 steps"]) == [
+        "done in 61 s; 4 steps"
+    ]
 
 
 def test_pages_with_output_are_found():
     names = {Path(page).stem for page in shown.pages()}
-    assert names >= {"README", "first_scene", "timing_gears", "tune", "tolerances", "trust", "strength", "linear"}
-    assert all(re.match(r"\$ jaxhb \w+ ", b.command) for page in shown.pages() for b in shown.shown_on(page))
+    assert names >= {
+        "README",
+        "first_scene",
+        "timing_gears",
+        "tune",
+        "tolerances",
+        "trust",
+        "strength",
+        "linear",
+    }
+    assert all(
+        re.match(r"\$ jaxhb \w+ ", b.command)
+        for page in shown.pages()
+        for b in shown.shown_on(page)
+    )
 
 
 @pytest.mark.oracle
 @newest_jax
 def test_python_gives_the_numbers_that_the_readme_says_it_gives():
-    """Each expression whose comment begins with a number; a derivative, which compiles for long, says none."""
+    """Each expression whose comment begins with a number; a derivative, which compiles
+    for long, says none.
+    """
     (block,) = re.findall(
-        r"```python\n(.*?)```", shown.ROOT.joinpath("README.md").read_text(encoding="utf-8"), re.DOTALL
+        r"```python\n(.*?)```",
+        shown.ROOT.joinpath("README.md").read_text(encoding="utf-8"),
+        re.DOTALL,
     )
     names, told = {}, {}
     for statement in ast.parse(block).body:
         source = ast.get_source_segment(block, statement)
-        comment = re.match(r"\s*# (?=\d)(\S+)", block.splitlines()[statement.end_lineno - 1].partition(source)[2])
+        comment = re.match(
+            r"\s*# (?=\d)(\S+)",
+            block.splitlines()[statement.end_lineno - 1].partition(source)[2],
+        )
         if comment:
             told[comment[1]] = eval(source, names)  # noqa: S307
         elif not isinstance(statement, ast.Expr):

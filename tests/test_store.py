@@ -1,4 +1,6 @@
-"""Programs on disk: found by other processes, made again where damaged, never looked at where foreign."""
+"""Programs on disk: found by other processes, made again where damaged, never looked at
+where foreign.
+"""
 
 import hashlib
 import os
@@ -32,11 +34,17 @@ RESULT = "[1.0, 2.0, 3.0] 6.0"
 
 
 def process(folder, sources="these", **environment):
-    """A process that runs CODE with some sources of the package, its programs kept in ``folder``."""
-    environment = os.environ | {"JAXHB_CACHE": str(folder), "SOURCES": sources} | environment
+    """A process that runs CODE with some sources of the package, its programs kept in
+    ``folder``.
+    """
+    environment = (
+        os.environ | {"JAXHB_CACHE": str(folder), "SOURCES": sources} | environment
+    )
     if "WITH_JAX" in environment:
         del environment["JAX_COMPILATION_CACHE_DIR"]
-    return subprocess.Popen([sys.executable, "-c", CODE], stdout=-1, stderr=-1, text=True, env=environment)
+    return subprocess.Popen(
+        [sys.executable, "-c", CODE], stdout=-1, stderr=-1, text=True, env=environment
+    )
 
 
 def told(running):
@@ -72,15 +80,23 @@ def compiled(call):
     """Programs compiled in a call, and what it returns."""
     before = _program._held.programs
     names = []
-    jax.monitoring.register_event_duration_secs_listener(lambda *_, fun_name="", **__: names.append(fun_name))
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda *_, fun_name="", **__: names.append(fun_name)
+    )
     result = call()
     assert _program._held.programs > before
-    return sum(name.startswith("jit(double") for name in names) // 2, result  # lowered and compiled
+    return (
+        sum(name.startswith("jit(double") for name in names) // 2,
+        result,
+    )  # lowered and compiled
 
 
-def test_processes_share_a_folder_and_run_what_another_compiled_lapack_included(tmp_path):
-    """Two start together; loaded before anything else calls LAPACK, such a program crashes where its kernels are not
-    set up."""
+def test_processes_share_a_folder_and_run_what_another_compiled_lapack_included(
+    tmp_path,
+):
+    """Two start together; loaded before anything else calls LAPACK, such a program
+    crashes where its kernels are not set up.
+    """
     running = [process(tmp_path) for _ in range(2)]
     assert {told(one)[1] for one in running} == {RESULT + "\n"}
     assert len(list((tmp_path / _store.SUBFOLDER).glob("*.program"))) == 1
@@ -95,17 +111,24 @@ def test_a_new_version_keeps_its_programs_though_jax_kept_those_of_the_last(tmp_
     assert compiled == ["0", RESULT + "\n"]
 
 
-def test_a_program_is_found_by_its_function_its_static_arguments_and_the_kinds_of_the_others(kept):
+def test_a_program_is_found_by_its_function_its_static_arguments_and_the_kinds_of_the_others(
+    kept,
+):
     assert compiled(run)[0] == 1 and compiled(run)[0] == 0
     assert compiled(lambda: run(np.float32(3.0)))[0] == 1
     assert compiled(lambda: run([1.0, 2.0]))[0] == 1
     assert len(programs(kept)) == 3
-    powers = [_program.Program(lambda x, n: x**n, static_argnames="n")(np.asarray(3.0), n=n) for n in (2, 3, 2)]
+    powers = [
+        _program.Program(lambda x, n: x**n, static_argnames="n")(np.asarray(3.0), n=n)
+        for n in (2, 3, 2)
+    ]
     assert [float(power) for power in powers] == [9.0, 27.0, 9.0]
     assert len(programs(kept)) == 5
 
 
-@pytest.mark.parametrize("damage", [lambda b: b[:-7], lambda b: b"", lambda b: b[:60] + b"?" + b[61:], None])
+@pytest.mark.parametrize(
+    "damage", [lambda b: b[:-7], lambda b: b"", lambda b: b[:60] + b"?" + b[61:], None]
+)
 def test_a_damaged_program_is_made_again(kept, damage):
     assert run()["twice"] == 6.0
     (file,) = programs(kept)
@@ -118,7 +141,9 @@ def test_a_damaged_program_is_made_again(kept, damage):
     assert compiled(run)[0] == 0
 
 
-def test_programs_of_other_versions_flags_and_settings_are_not_looked_at(kept, monkeypatch):
+def test_programs_of_other_versions_flags_and_settings_are_not_looked_at(
+    kept, monkeypatch
+):
     run()
     with jax.default_matmul_precision("float32"):
         assert compiled(run)[0] == 1 and compiled(run)[0] == 0
@@ -146,9 +171,23 @@ def test_no_file_but_programs_is_ever_removed(kept, tmp_path):
     """All older than the program, and in its way, as no byte may be kept."""
     given, own = Path(kept.folder), kept.own_folder
     name = "0" * 64 + ".program"
-    foreign = [given / name, given / "thesis.tex", given / "jax" / f"jit_f-{'0' * 64}-cache", given / "a" / "b" / name]
-    foreign += [own / "thesis.tex", own / "mine.program", own / f"copy of {name}", own / "a" / name]
-    foreign += [own / "jax" / "letter-cache", own / "jax" / name, own / f".mine.{2**22 + 1}.part"]
+    foreign = [
+        given / name,
+        given / "thesis.tex",
+        given / "jax" / f"jit_f-{'0' * 64}-cache",
+        given / "a" / "b" / name,
+    ]
+    foreign += [
+        own / "thesis.tex",
+        own / "mine.program",
+        own / f"copy of {name}",
+        own / "a" / name,
+    ]
+    foreign += [
+        own / "jax" / "letter-cache",
+        own / "jax" / name,
+        own / f".mine.{2**22 + 1}.part",
+    ]
     outside = tmp_path / "outside"
     outside.mkdir()
     aims = [outside / "letter.odt", outside / "a" / name]
@@ -156,22 +195,33 @@ def test_no_file_but_programs_is_ever_removed(kept, tmp_path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("not replaceable")
         os.utime(path, (1.0, 1.0))
-    links = [own / ("1" * 64 + ".program"), own / ("2" * 64 + ".program"), own / "jax" / f"jit_f-{'3' * 64}-cache"]
+    links = [
+        own / ("1" * 64 + ".program"),
+        own / ("2" * 64 + ".program"),
+        own / "jax" / f"jit_f-{'3' * 64}-cache",
+    ]
     for link, aim in zip(links, [aims[0], outside, aims[1]], strict=True):
         link.symlink_to(aim)
     kept.limit = 0
     run()
     run([1.0])
-    assert {path.read_text() for path in foreign + aims} == {"not replaceable"} and all(map(os.path.islink, links))
+    assert {path.read_text() for path in foreign + aims} == {"not replaceable"} and all(
+        map(os.path.islink, links)
+    )
     run([1.0, 2.0])
     programs = [path for path in own.glob("*.program") if path not in links + foreign]
     assert len(programs) == 1  # each made room for the next
 
 
-def test_what_killed_processes_left_half_written_is_removed_and_what_others_write_is_not(kept):
+def test_what_killed_processes_left_half_written_is_removed_and_what_others_write_is_not(
+    kept,
+):
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
-    left, written = (kept.own_folder / f".{'0' * 64}.program.{number}.part" for number in (ended.pid, os.getpid()))
+    left, written = (
+        kept.own_folder / f".{'0' * 64}.program.{number}.part"
+        for number in (ended.pid, os.getpid())
+    )
     for path in (left, written):
         path.write_bytes(b"half")
     run()
@@ -185,27 +235,39 @@ def test_what_jax_keeps_beside_the_programs_is_within_the_limit_too(tmp_path):
         print(*sorted(path.name[:6] for path in folder.glob("jax/*-cache")))
         jax.jit(lambda x: x + float(sys.argv[2]))(1.0)
     """
-    environment = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name != "JAX_COMPILATION_CACHE_DIR"
+    }
     environment["JAXHB_CACHE"] = str(tmp_path)
 
     def there(limit):
         command = [sys.executable, "-c", code, str(tmp_path), str(limit)]
-        return subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout.split()
+        return subprocess.run(
+            command, capture_output=True, text=True, check=True, env=environment
+        ).stdout.split()
 
     assert there(10**9) == [] and there(10**8) == ["jit__l"] and there(0) == []
 
 
-def test_a_folder_that_others_may_write_is_refused_and_one_that_cannot_be_made_keeps_nothing(tmp_path, capsys):
+def test_a_folder_that_others_may_write_is_refused_and_one_that_cannot_be_made_keeps_nothing(
+    tmp_path, capsys
+):
     (tmp_path / "file").write_text("")
     store = _store.Store(tmp_path / "file" / "programs")
     assert store.own_folder is None and store.load("key", ()) is None
     store.save("key", None)
     tmp_path.chmod(0o777)
     assert _store.Store(tmp_path).own_folder is None
-    assert "a change of its mode does not undo that. Remove it" in capsys.readouterr().err
+    assert (
+        "a change of its mode does not undo that. Remove it" in capsys.readouterr().err
+    )
 
 
-def test_the_folder_is_in_the_cache_of_the_user_unless_the_environment_says_otherwise(tmp_path, monkeypatch):
+def test_the_folder_is_in_the_cache_of_the_user_unless_the_environment_says_otherwise(
+    tmp_path, monkeypatch
+):
     monkeypatch.delenv("JAXHB_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert _store.user_folder() == tmp_path / "jaxhb"
@@ -229,12 +291,16 @@ def test_a_program_whose_result_holds_functions_is_not_kept_and_runs(kept):
         return jax.vjp(lambda x: jax.jit(jnp.sin)(x) ** 2, x)
 
     value, pull = _program.Program(pulled)(np.asarray(1.0))
-    assert float(pull(np.asarray(1.0))[0]) == pytest.approx(np.sin(2.0), rel=1e-12)  # d sin2 = sin 2x
+    assert float(pull(np.asarray(1.0))[0]) == pytest.approx(
+        np.sin(2.0), rel=1e-12
+    )  # d sin2 = sin 2x
     assert float(value) == pytest.approx(np.sin(1.0) ** 2, rel=1e-12)
 
 
 def planted(content):
-    """What another user writes who knows how files look, but not the key of the folder."""
+    """What another user writes who knows how files look, but not the key of the
+    folder.
+    """
     seal = hashlib.blake2b(content, key=bytes(32), digest_size=32).digest()
     return content + seal
 
@@ -258,7 +324,11 @@ def test_a_program_under_the_name_of_another_is_damage_and_is_made_again(kept):
     """Sound in itself, and its arguments alike."""
 
     def power(n):
-        return float(_program.Program(lambda x, n: x**n, static_argnames="n")(np.asarray(3.0), n=n))
+        return float(
+            _program.Program(lambda x, n: x**n, static_argnames="n")(
+                np.asarray(3.0), n=n
+            )
+        )
 
     assert power(2) == 9.0
     (first,) = programs(kept)
@@ -277,14 +347,22 @@ IN_PLACE = {
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
 @pytest.mark.parametrize("kind", IN_PLACE)
-def test_what_is_no_file_in_place_of_a_program_is_neither_waited_for_nor_followed(kept, tmp_path, kind):
+def test_what_is_no_file_in_place_of_a_program_is_neither_waited_for_nor_followed(
+    kept, tmp_path, kind
+):
     run()
     (file,) = programs(kept)
     aside = file.rename(tmp_path / "aside")
     content = aside.read_bytes()
     IN_PLACE[kind](file, aside)
-    assert compiled(run)[0] == 1 and compiled(run)[0] == (kind == "a folder")  # which nobody removes
-    assert (file.is_file() or kind == "a folder") and not file.is_symlink() and aside.read_bytes() == content
+    assert compiled(run)[0] == 1 and compiled(run)[0] == (
+        kind == "a folder"
+    )  # which nobody removes
+    assert (
+        (file.is_file() or kind == "a folder")
+        and not file.is_symlink()
+        and aside.read_bytes() == content
+    )
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no modes of files")
@@ -295,10 +373,15 @@ def test_a_file_that_others_could_write_counts_for_nothing(kept, name):
     (file if name == "program" else file.with_name(name)).chmod(0o666)
     _program.keep_programs(kept.folder)
     assert compiled(run)[0] == 1 and compiled(run)[0] == 0
-    assert all(not stat.S_IMODE(path.stat().st_mode) & 0o077 for path in kept.own_folder.iterdir())
+    assert all(
+        not stat.S_IMODE(path.stat().st_mode) & 0o077
+        for path in kept.own_folder.iterdir()
+    )
 
 
-@pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() != 0, reason="only root gives files away")
+@pytest.mark.skipif(
+    not hasattr(os, "getuid") or os.getuid() != 0, reason="only root gives files away"
+)
 @pytest.mark.parametrize("name", [_private.KEY, "program", "."])
 def test_what_another_user_owns_counts_for_nothing(kept, name, capsys):
     run()
@@ -306,7 +389,9 @@ def test_what_another_user_owns_counts_for_nothing(kept, name, capsys):
     os.chown({"program": file}.get(name, file.parent / name), 12345, -1)
     _program.keep_programs(kept.folder)
     assert compiled(run)[0] == 1
-    assert ("Remove it with all that is in it" in capsys.readouterr().err) == (name == ".")
+    assert ("Remove it with all that is in it" in capsys.readouterr().err) == (
+        name == "."
+    )
 
 
 def test_what_jax_would_find_of_others_is_removed_before_it_looks(kept, tmp_path):
@@ -316,13 +401,19 @@ def test_what_jax_would_find_of_others_is_removed_before_it_looks(kept, tmp_path
         (folder / name).write_text("")
         (folder / name).chmod(mode)
     (folder / "link").symlink_to(tmp_path)
-    assert [path.name for path in kept.jax_folder().iterdir()] == ["mine"] and tmp_path.is_dir()
+    assert [path.name for path in kept.jax_folder().iterdir()] == [
+        "mine"
+    ] and tmp_path.is_dir()
     folder.chmod(0o777)
     assert kept.jax_folder() is None
 
 
-def test_files_keep_their_modes_and_no_link_leads_what_is_written_elsewhere(tmp_path, monkeypatch):
-    report, new, elsewhere = (tmp_path / name for name in ("report.json", "new.json", "elsewhere"))
+def test_files_keep_their_modes_and_no_link_leads_what_is_written_elsewhere(
+    tmp_path, monkeypatch
+):
+    report, new, elsewhere = (
+        tmp_path / name for name in ("report.json", "new.json", "elsewhere")
+    )
     report.write_text("old")
     report.chmod(0o600)
     elsewhere.write_text("not mine to change")

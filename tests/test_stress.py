@@ -1,4 +1,6 @@
-"""The fast part of ``benchmarks/stress.py``: random trains of two sizes and the extremes that take little time."""
+"""The fast part of ``benchmarks/stress.py``: random trains of two sizes and the
+extremes that take little time.
+"""
 
 import argparse
 import json
@@ -16,15 +18,21 @@ from jaxhb.solutions import planning
 
 pytestmark = pytest.mark.oracle
 
-CASES = [((3, 1, 0), index) for index in (0, *range(2, 10))] + [((6, 1, 1), index) for index in (0, 2, 3)]
+CASES = [((3, 1, 0), index) for index in (0, *range(2, 10))] + [
+    ((6, 1, 1), index) for index in (0, 2, 3)
+]
 MODES_AT, HARMONICS = 30, 128
-"""Harmonic of the highest mesh mode, by choice of the speed, and of all solves: the cases share a few programs."""
+"""Harmonic of the highest mesh mode, by choice of the speed, and of all solves: the
+cases share a few programs.
+"""
 
 
 @cache
 def examined(size, index):
     """Record of a random case, solved once for all tests."""
-    train, rpm, facts = random_trains.random_case(np.random.default_rng([7, index]), size)
+    train, rpm, facts = random_trains.random_case(
+        np.random.default_rng([7, index]), size
+    )
     rpm *= stress.mode_harmonic(train, rpm) / MODES_AT
     found = stress.examine(train, rpm, facts, harmonics=HARMONICS, again=False)
     return {"seed": 7, "case": index} | found
@@ -39,38 +47,66 @@ def test_random_train_gives_no_wrong_number_without_status(size, index):
 
 def test_well_damped_random_trains_converge():
     found = [examined(*case) for case in CASES]
-    assert [stress.line(r) for r in found if r["zeta"] >= 0.05 and r["status"] != "CONVERGED"] == []
+    assert [
+        stress.line(r)
+        for r in found
+        if r["zeta"] >= 0.05 and r["status"] != "CONVERGED"
+    ] == []
 
 
 def test_an_estimate_that_misses_a_faint_mode_of_the_meshes_is_trusted_less():
-    # case 957 of seed 0 at 0.9 % damping: 384 harmonics were estimated to be wrong by 0.6 %, and were by 3.7 %
+    # case 957 of seed 0 at 0.9 % damping: 384 harmonics were estimated to be wrong by
+    # 0.6 %, and were by 3.7 %
     train, rpm, _ = random_trains.random_case(np.random.default_rng([0, 957]))
-    loud, faint = mesh_modes.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
+    loud, faint = mesh_modes.mesh_mode_harmonics(
+        train, train.topology.cycle_frequency(rpm)
+    )
     assert 200 < loud < 230 and 950 < faint < 1000
-    assert planning.tolerance_share(384, faint) == 0.1 and planning.tolerance_share(768, faint) == 1.0
+    assert (
+        planning.tolerance_share(384, faint) == 0.1
+        and planning.tolerance_share(768, faint) == 1.0
+    )
 
 
 def test_skeletons_fix_what_is_compiled_and_seeds_what_is_drawn():
     for size in random_trains.SKELETONS:
-        first, second = (random_trains.random_case(np.random.default_rng([7, k]), size)[0] for k in (0, 1))
+        first, second = (
+            random_trains.random_case(np.random.default_rng([7, k]), size)[0]
+            for k in (0, 1)
+        )
         assert first.topology == second.topology
         assert (first.topology.n_disks, len(first.topology.mesh_names)) == size[:2]
-    again, same = (random_trains.random_case(np.random.default_rng([3, 5])) for _ in range(2))
+    again, same = (
+        random_trains.random_case(np.random.default_rng([3, 5])) for _ in range(2)
+    )
     assert again[1:] == same[1:]
     np.testing.assert_array_equal(again[0].meshes.stiffness, same[0].meshes.stiffness)
 
 
 def test_a_run_goes_on_where_its_file_ends(tmp_path):
     file = tmp_path / "records.jsonl"
-    rows = [{"benchmark": "stress"}, *({"seed": s, "case": c} for s, c in ((7, 0), (7, 2), (8, 1), (7, 5)))]
+    rows = [
+        {"benchmark": "stress"},
+        *({"seed": s, "case": c} for s, c in ((7, 0), (7, 2), (8, 1), (7, 5))),
+    ]
     file.write_text("".join(json.dumps(row) + "\n" for row in rows))
     asked = argparse.Namespace(seed=7, cases=3, only=None, json=str(file))
-    found = run_cases(asked, "stress", lambda seed, index: {"seed": seed, "case": index, "new": True})
-    assert [(r["seed"], r["case"], r.get("new", False)) for r in found] == [(7, 0, False), (7, 2, False), (7, 1, True)]
+    found = run_cases(
+        asked, "stress", lambda seed, index: {"seed": seed, "case": index, "new": True}
+    )
+    assert [(r["seed"], r["case"], r.get("new", False)) for r in found] == [
+        (7, 0, False),
+        (7, 2, False),
+        (7, 1, True),
+    ]
     assert len(file.read_text().splitlines()) == len(rows) + 1
 
 
-@pytest.mark.parametrize("extreme", [e for e in extremes.extremes() if e.quick], ids=lambda extreme: extreme.name)
+@pytest.mark.parametrize(
+    "extreme",
+    [e for e in extremes.extremes() if e.quick],
+    ids=lambda extreme: extreme.name,
+)
 def test_extreme_has_its_expected_outcome(extreme):
     row = extremes.judged(extreme)
     assert row["as_expected"], row

@@ -1,4 +1,6 @@
-"""Every public verb under ``jit``, ``grad`` and ``vmap``: it traces, or says in a sentence why not and what to do."""
+"""Every public verb under ``jit``, ``grad`` and ``vmap``: it traces, or says in a
+sentence why not and what to do.
+"""
 
 import inspect
 from functools import partial
@@ -30,13 +32,24 @@ ENGINE = build(
     [
         *(Disk(name=name, inertia=2.0) for name in "ab"),
         Shaft(between=("a", "b"), stiffness=100.0, damping=0.5),
-        Cylinder(name="one", disk="a", gas_torque_mean=5.0, gas_torque=[(0.5, 3.0, 0.0)], firing_angle=0.0),
+        Cylinder(
+            name="one",
+            disk="a",
+            gas_torque_mean=5.0,
+            gas_torque=[(0.5, 3.0, 0.0)],
+            firing_angle=0.0,
+        ),
         Load(disk="b"),
     ],
 )
 TORQUE = Objective(quantity="shaft torque", of="a|b")
 MEASURED = Measured(
-    np.full(2, 40.0), np.array([1.0, 2.0]), ("a|b",) * 2, ("torque",) * 2, np.ones(2), np.full(2, np.nan)
+    np.full(2, 40.0),
+    np.array([1.0, 2.0]),
+    ("a|b",) * 2,
+    ("torque",) * 2,
+    np.ones(2),
+    np.full(2, np.nan),
 )
 MODES = jaxhb.damped_modes(SHAFT)
 (CRITICAL,) = jaxhb.campbell(SHAFT, rpm=[20.0, 100.0], orders=[1.0]).critical
@@ -71,26 +84,47 @@ def balanced(x):
 
 
 ONES = jnp.ones(2 * 5)  # their unknowns: two disks, the mean and two waves
-tuned = {"parameters": [Parameter(name="a|b.stiffness", low=50.0, high=200.0)], "rpm": [40.0], "objective": TORQUE}
-spread = {"tolerances": [Tolerance(name="a|b.stiffness", low=90.0, high=110.0)], "rpm": [40.0], "of": [TORQUE]}
+tuned = {
+    "parameters": [Parameter(name="a|b.stiffness", low=50.0, high=200.0)],
+    "rpm": [40.0],
+    "objective": TORQUE,
+}
+spread = {
+    "tolerances": [Tolerance(name="a|b.stiffness", low=90.0, high=110.0)],
+    "rpm": [40.0],
+    "of": [TORQUE],
+}
 
 CALLS = {
     "all_frequencies": lambda x: jaxhb.all_frequencies(shaft(x))[1],
     "at_mean_load": lambda x: jaxhb.at_mean_load(pair(x), rpm=3000.0).stiffness[0],
     "barred_ranges": lambda x: (
-        jaxhb.barred_ranges([1.0, 2.0, 3.0], x * jnp.array([1.0, 4.0, 1.0]), 2 * np.ones(3), 3 * np.ones(3))[0].low
+        jaxhb.barred_ranges(
+            [1.0, 2.0, 3.0],
+            x * jnp.array([1.0, 4.0, 1.0]),
+            2 * np.ones(3),
+            3 * np.ones(3),
+        )[0].low
     ),
     "campbell": lambda x: jaxhb.campbell(shaft(x), rpm=[20.0, 100.0]).critical[0].rpm,
     "certify": lambda x: jaxhb.certify(solved(x)).force_bound[0],
-    "characteristic_coefficients": lambda x: jnp.sum(jaxhb.characteristic_coefficients(shaft(x))[0]),
+    "characteristic_coefficients": lambda x: jnp.sum(
+        jaxhb.characteristic_coefficients(shaft(x))[0]
+    ),
     "check": lambda x: jaxhb.check(forced(x)).torque("a", "b").rms,
     "cluster_sums_hz": lambda x: jaxhb.cluster_sums_hz(shaft(x), (0, 1)).sum(),
     "clusters_of": lambda x: jaxhb.clusters_of(x * jnp.array([1.0, 2.0])),
     "critical_speed": lambda x: jaxhb.critical_speed(shaft(x), CRITICAL).rpm,
-    "cut_off_each": lambda x: jaxhb.cut_off_each(ENGINE.replace({"a|b.stiffness": 100.0 * x}), rpm=[40.0]),
-    "damped_eigenvalues": lambda x: jnp.abs(jaxhb.damped_eigenvalues(shaft(x), MODES)).sum(),
+    "cut_off_each": lambda x: jaxhb.cut_off_each(
+        ENGINE.replace({"a|b.stiffness": 100.0 * x}), rpm=[40.0]
+    ),
+    "damped_eigenvalues": (
+        lambda x: jnp.abs(jaxhb.damped_eigenvalues(shaft(x), MODES)).sum()
+    ),
     "damped_modes": lambda x: jaxhb.damped_modes(shaft(x)).eigenvalues,
-    "damping_ratios": lambda x: jaxhb.damping_ratios(shaft(x), jaxhb.natural_frequencies(SHAFT))[1],
+    "damping_ratios": lambda x: jaxhb.damping_ratios(
+        shaft(x), jaxhb.natural_frequencies(SHAFT)
+    )[1],
     "follow": lambda x: jaxhb.follow(pair(x), "rpm", start=3000.0, to=3100.0).value[0],
     "forced_response": lambda x: forced(x).torque("a", "b").rms,
     "frequencies_hz": lambda x: jaxhb.frequencies_hz(shaft(x))[1],
@@ -99,18 +133,31 @@ CALLS = {
     "harmonic_residual": lambda x: balanced(x)(ONES).sum(),
     "holzer_residual": lambda x: jaxhb.holzer_residual(shaft(x), hz=1.0),
     "holzer_table": lambda x: jaxhb.holzer_table(shaft(x), hz=1.0).residual,
-    "identify": lambda x: jaxhb.identify(shaft(x), MEASURED, parameters=tuned["parameters"]).values[0],
+    "identify": (
+        lambda x: jaxhb.identify(
+            shaft(x), MEASURED, parameters=tuned["parameters"]
+        ).values[0]
+    ),
     "inertia_and_stiffness": lambda x: jaxhb.inertia_and_stiffness(shaft(x))[1].sum(),
     "integrate": lambda x: jaxhb.integrate(pair(x), rpm=3000.0).elastic.max(),
     "lift_off": lambda x: jaxhb.lift_off(pair(x), rpm=[3000.0, 5000.0]).rpm[0],
-    "linear_response": lambda x: jaxhb.linear_response(shaft(x), rpm=40.0 * x).torque("a", "b").rms,
-    "misfire_each": lambda x: jaxhb.misfire_each(ENGINE.replace({"a|b.stiffness": 100.0 * x}), rpm=[40.0]).firing.rpm[
-        0
-    ],
+    "linear_response": lambda x: (
+        jaxhb.linear_response(shaft(x), rpm=40.0 * x).torque("a", "b").rms
+    ),
+    "misfire_each": (
+        lambda x: jaxhb.misfire_each(
+            ENGINE.replace({"a|b.stiffness": 100.0 * x}), rpm=[40.0]
+        ).firing.rpm[0]
+    ),
     "mode_shares": lambda x: jaxhb.mode_shares(shaft(x)).strain_share.sum(),
-    "natural_frequencies": lambda x: jaxhb.natural_frequencies(shaft(x)).frequencies_hz[1],
+    "natural_frequencies": (
+        lambda x: jaxhb.natural_frequencies(shaft(x)).frequencies_hz[1]
+    ),
     "permissible_stress": lambda x: jaxhb.permissible_stress(
-        tensile_strength=6e8, speed_ratio=0.5 * x, diameter=0.4, stress_concentration=1.0
+        tensile_strength=6e8,
+        speed_ratio=0.5 * x,
+        diameter=0.4,
+        stress_concentration=1.0,
     )[0],
     "plan": lambda x: jaxhb.plan(pair(x), rpm=3000.0).harmonics,
     "plausibility": lambda x: jaxhb.plausibility(shaft(x)),
@@ -118,16 +165,30 @@ CALLS = {
     "shooting_correction": lambda x: jaxhb.shooting_correction(solved(x)).error,
     "solve": lambda x: jaxhb.solve(pair(x), rpm=3000.0).force(MESH).rms,
     "solve_all": lambda x: len(jaxhb.solve_all(pair(x), rpm=3000.0)),
-    "solve_speeds": lambda x: jaxhb.solve_speeds(SHAFT, rpm=40.0 * x * jnp.ones(2)).torque("a", "b").rms[0],
+    "solve_speeds": lambda x: (
+        jaxhb.solve_speeds(SHAFT, rpm=40.0 * x * jnp.ones(2)).torque("a", "b").rms[0]
+    ),
     "stability": lambda x: jaxhb.stability(solved(x)).largest,
     "steady_state": lambda x: jaxhb.steady_state(pair(x), rpm=3000.0).rpm,
-    "strength": lambda x: jaxhb.strength(forced(x), train=shaft(x)).stresses["a|b"].stress,
+    "strength": lambda x: (
+        jaxhb.strength(forced(x), train=shaft(x)).stresses["a|b"].stress
+    ),
     "tolerance": lambda x: jaxhb.tolerance(shaft(x), **spread).worst[0, 0],
-    "tooth_damping_ratios": lambda x: sum(jnp.sum(v) for v in jax.tree.leaves(jaxhb.tooth_damping_ratios(pair(x)))),
+    "tooth_damping_ratios": lambda x: sum(
+        jnp.sum(v) for v in jax.tree.leaves(jaxhb.tooth_damping_ratios(pair(x)))
+    ),
     "torsional_stress": lambda x: jaxhb.torsional_stress(x, diameter=0.1),
     "tune": lambda x: jaxhb.tune(shaft(x), **tuned).after,
-    "weak_cylinder": lambda x: weak_cylinder(ENGINE.replace({"a|b.stiffness": 100.0 * x}), MEASURED).std[0],
-    "worst_phase": lambda x: jaxhb.worst_phase(excited(x), "turn", rpm=[40.0], of=[TORQUE]).worst[0, 0],
+    "weak_cylinder": (
+        lambda x: weak_cylinder(
+            ENGINE.replace({"a|b.stiffness": 100.0 * x}), MEASURED
+        ).std[0]
+    ),
+    "worst_phase": (
+        lambda x: jaxhb.worst_phase(excited(x), "turn", rpm=[40.0], of=[TORQUE]).worst[
+            0, 0
+        ]
+    ),
     "build": lambda x: build([Disk(name="a", inertia=x)]),
     "response.mesh": lambda x: solved(x).mesh(MESH).separated_fraction,
     "response.to_xarray": lambda x: forced(x).to_xarray(),
@@ -165,8 +226,14 @@ WAYS = {
 
 
 def test_every_public_verb_is_tried():
-    verbs = {name for name in (*jaxhb.__all__, *design.__all__) if inspect.isfunction(getattr(jaxhb, name, None))}
-    verbs |= {name for name in design.__all__ if inspect.isfunction(getattr(design, name))}
+    verbs = {
+        name
+        for name in (*jaxhb.__all__, *design.__all__)
+        if inspect.isfunction(getattr(jaxhb, name, None))
+    }
+    verbs |= {
+        name for name in design.__all__ if inspect.isfunction(getattr(design, name))
+    }
     assert verbs <= {*CALLS, *ASIDE}
 
 
@@ -178,8 +245,12 @@ def test_a_verb_traces_or_says_why_not_and_what_to_do(name):
         except (TypeError, ValueError) as refusal:
             said = str(refusal)
             assert not isinstance(refusal, jax.errors.JAXTypeError), f"{way}: {said}"
-            assert "\n" not in said and ("outside" in said or "train.replace" in said), f"{way}: {said}"
-            assert any(word in said for word in ("jit", "vmap", "grad")), f"{way}: {said}"
+            assert "\n" not in said and (
+                "outside" in said or "train.replace" in said
+            ), f"{way}: {said}"
+            assert any(word in said for word in ("jit", "vmap", "grad")), (
+                f"{way}: {said}"
+            )
         else:
             assert np.isfinite(np.asarray(found)).all(), way
 
@@ -189,8 +260,11 @@ def test_the_linear_response_has_derivatives_by_the_excitation_and_the_speed():
         train = SHAFT.replace({"drive.harmonics": [[10.0 * x, 0.0], [5.0 * x, 0.0]]})
         return jaxhb.linear_response(train, rpm=40.0).torque("a", "b").order(2.0)
 
-    # A linear train: the amplitude of an order that this torque alone excites is proportional to it.
-    assert float(jax.jit(jax.grad(swing))(1.0)) == pytest.approx(float(swing(1.0)), rel=1e-9)
+    # A linear train: the amplitude of an order that this torque alone excites is
+    # proportional to it.
+    assert float(jax.jit(jax.grad(swing))(1.0)) == pytest.approx(
+        float(swing(1.0)), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize(
@@ -207,10 +281,26 @@ def test_the_linear_response_has_derivatives_by_the_excitation_and_the_speed():
     ],
 )
 def test_what_is_no_speed_is_refused_in_a_sentence_by_every_verb(rpm, said):
-    verbs = [jaxhb.solve, jaxhb.plan, jaxhb.linear_response, jaxhb.solve_speeds, jaxhb.steady_state, jaxhb.solve_all]
-    verbs += [jaxhb.forced_response, jaxhb.campbell, jaxhb.integrate, jaxhb.at_mean_load, jaxhb.lift_off]
+    verbs = [
+        jaxhb.solve,
+        jaxhb.plan,
+        jaxhb.linear_response,
+        jaxhb.solve_speeds,
+        jaxhb.steady_state,
+        jaxhb.solve_all,
+    ]
+    verbs += [
+        jaxhb.forced_response,
+        jaxhb.campbell,
+        jaxhb.integrate,
+        jaxhb.at_mean_load,
+        jaxhb.lift_off,
+    ]
     calls = [partial(verb, PAIR, rpm=rpm) for verb in verbs]
-    calls += [partial(jaxhb.solve, PAIR, rpm=rpm, plan=PLAN), partial(jaxhb.misfire_each, ENGINE, rpm=rpm)]
+    calls += [
+        partial(jaxhb.solve, PAIR, rpm=rpm, plan=PLAN),
+        partial(jaxhb.misfire_each, ENGINE, rpm=rpm),
+    ]
     calls += [
         partial(jaxhb.tune, SHAFT, **tuned | {"rpm": rpm}),
         partial(jaxhb.tolerance, SHAFT, **spread | {"rpm": rpm}),

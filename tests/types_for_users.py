@@ -1,4 +1,6 @@
-"""What a type checker knows of the public names in a user's program; ``python -m mypy`` reads it, nothing runs it."""
+"""What a type checker knows of the public names in a user's program; ``python -m mypy``
+reads it, nothing runs it.
+"""
 
 from typing import Any, assert_type
 
@@ -33,9 +35,14 @@ assert_type(train.value("crank damper.damping"), Any)
 
 A = jaxhb.harmonic_residual(train, rpm=1800.0, harmonics=32)
 assert_type(A, jaxhb.HarmonicResidual)
-assert_type(jaxhb.block_sweep(A, A.pack(r.angles), A(A.pack(r.angles))), jax.Array | np.ndarray)
+assert_type(
+    jaxhb.block_sweep(A, A.pack(r.angles), A(A.pack(r.angles))), jax.Array | np.ndarray
+)
 assert_type(A.size, int)
 
 damping = Parameter(name="crank damper.damping", low=20.0, high=600.0)
 force = Objective(quantity="tooth force", of="crank gear|idler")
-assert_type(jaxhb.tune(train, parameters=[damping], rpm=[1800.0], objective=force).train, jaxhb.DriveTrain)
+assert_type(
+    jaxhb.tune(train, parameters=[damping], rpm=[1800.0], objective=force).train,
+    jaxhb.DriveTrain,
+)

@@ -1,17 +1,21 @@
-"""One linear solve with the Jacobian of the condensed equation, ``J = I + G (w + s d/dt)``, by the map of a sweep.
+"""One linear solve with the Jacobian of the condensed equation, ``J = I + G (w + s
+d/dt)``, by the map of a sweep.
 
-Linearised at a motion, with slopes w and s of the nonlinear force phi in l and l', a cycle that begins at a change of
-state ds and is marched under a change db of the linear motion has the deflections and the end
+Linearised at a motion, with slopes w and s of the nonlinear force phi in l and l', a
+cycle that begins at a change of state ds and is marched under a change db of the linear
+motion has the deflections and the end
 
     dl = C (db, ds),     ds_end.
 
-``J dl = r`` with a cycle that closes, ``ds_end = ds``, is what a sweep (:mod:`jaxhb.balance.sweeps`) leaves unchanged:
+``J dl = r`` with a cycle that closes, ``ds_end = ds``, is what a sweep
+(:mod:`jaxhb.balance.sweeps`) leaves unchanged:
 
     J dl - J_free (ds_end - ds) = r,     - closing (ds_end - ds) = 0.
 
-The left sides are the identity as far as the march does what harmonic balance asks for, and as cycles forget where they
-began: Krylov steps without a preconditioner solve them, and their transpose, in some ten marches whatever the number of
-harmonics. The march takes part as a way there alone: whatever its steps do wrong, dl solves ``J dl = r``.
+The left sides are the identity as far as the march does what harmonic balance asks for,
+and as cycles forget where they began: Krylov steps without a preconditioner solve them,
+and their transpose, in some ten marches whatever the number of harmonics. The march
+takes part as a way there alone: whatever its steps do wrong, dl solves ``J dl = r``.
 """
 
 from collections.abc import Callable
@@ -22,24 +26,38 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb.balance.march import MarchModes, StepWeights, complex_modes, modes_of_model, real_pairs
+from jaxhb.balance.march import (
+    MarchModes,
+    StepWeights,
+    complex_modes,
+    modes_of_model,
+    real_pairs,
+)
 from jaxhb.balance.sweeps import SweepEquation, SweepPlan, free_motion, sweep_equation
 from jaxhb.equations import fourier
 from jaxhb.equations.iterations import gcr
 from jaxhb.integration.step import with_rate
 
-DERIVATIVE = 1e-12, 60  # share of the right side that a derivative may leave, and its Krylov steps at most
-NO_DERIVATIVE = 1e-8  # share beyond which it is none, and nan: where the Jacobian is nearly singular, as at a fold
-BORDERED = 1e-9  # share that a bordered solve may leave: of tangents, and of Newton's method, which gains digits
+DERIVATIVE = (
+    1e-12,
+    60,
+)  # share of the right side that a derivative may leave, and its Krylov steps at most
+# share beyond which it is none, and nan: where the Jacobian is nearly singular, as at a
+# fold
+NO_DERIVATIVE = 1e-8
+# share that a bordered solve may leave: of tangents, and of Newton's method, which
+# gains digits
+BORDERED = 1e-9
 FAINT = 1e-9  # share of the largest visibility that a state has at least
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class LinearTrain:
-    """What the march needs of a train at one speed, whatever the motion: modes, weights of the steps, free, closing
-    (:class:`~jaxhb.balance.sweeps.SweepEquation`), frequency; and visibility ``(2m,)``, the size in m of the free
-    motion that a sweep takes a change of each state for.
+    """What the march needs of a train at one speed, whatever the motion: modes, weights
+    of the steps, free, closing (:class:`~jaxhb.balance.sweeps.SweepEquation`),
+    frequency; and visibility ``(2m,)``, the size in m of the free motion that a sweep
+    takes a change of each state for.
     """
 
     modes: MarchModes
@@ -57,38 +75,59 @@ class LinearTrain:
 
 
 def linear_train(sweeps: SweepEquation, steps: int) -> LinearTrain:
-    """The :class:`LinearTrain` of a :class:`~jaxhb.balance.sweeps.SweepEquation` with so many steps."""
+    """The :class:`LinearTrain` of a :class:`~jaxhb.balance.sweeps.SweepEquation` with
+    so many steps.
+    """
     even, odd = jnp.split(jnp.sum(sweeps.free**2, axis=(0, 2)), 2)
     seen = jnp.linalg.norm(sweeps.modes.deflections, axis=0) * jnp.sqrt(even + odd)
-    visibility = (seen + FAINT * jnp.max(seen, initial=0.0)) / jnp.maximum(jnp.abs(sweeps.closing), FAINT)
-    visibility = jnp.where(visibility > 0, visibility, 1.0)  # of a train that is stiff beside its cycle no mode is left
-    given = sweeps.modes, sweeps.weights, sweeps.free, sweeps.closing, sweeps.equation.frequency
+    visibility = (seen + FAINT * jnp.max(seen, initial=0.0)) / jnp.maximum(
+        jnp.abs(sweeps.closing), FAINT
+    )
+    visibility = jnp.where(
+        visibility > 0, visibility, 1.0
+    )  # of a train that is stiff beside its cycle no mode is left
+    given = (
+        sweeps.modes,
+        sweeps.weights,
+        sweeps.free,
+        sweeps.closing,
+        sweeps.equation.frequency,
+    )
     return LinearTrain(*given, jnp.tile(visibility, 2), steps)
 
 
 def train_of(reduced, model, time_steps: int) -> LinearTrain:
     """The :class:`LinearTrain` of a condensed equation and its ReducedOrderModel."""
     plan = SweepPlan(time_steps, most_harmonics=reduced.linear.shape[-1] - 1)
-    return linear_train(sweep_equation(reduced, modes_of_model(model), plan), time_steps)
+    return linear_train(
+        sweep_equation(reduced, modes_of_model(model), plan), time_steps
+    )
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class LinearMarch:
-    """A train and, at a motion, gain ``(K, G, 2G)``: change of phi at each step by that of (l, l') without it."""
+    """A train and, at a motion, gain ``(K, G, 2G)``: change of phi at each step by that
+    of (l, l') without it.
+    """
 
     train: LinearTrain
     gain: jax.Array
 
     def cycle(self, linear, state):
-        """Deflections ``(G, N+1)`` m and jump ``(2m,)`` of the cycle from ``state`` under ``linear`` ``(G, N+1)``,
-        whose harmonics above those marched are the motion."""
+        """Deflections ``(G, N+1)`` m and jump ``(2m,)`` of the cycle from ``state``
+        under ``linear`` ``(G, N+1)``, whose harmonics above those marched are the
+        motion.
+        """
         train = self.train
         kept = min(linear.shape[-1] - 1, train.harmonics)
         low = fourier.resize(linear, kept)
         rows = fourier.synthesize(with_rate(low, train.frequency), train.steps).T
         end, marched = self._march(state, rows)
-        return linear.at[:, : kept + 1].set(fourier.analyze(marched.T, kept)), end - state
+        return (
+            linear.at[:, : kept + 1].set(fourier.analyze(marched.T, kept)),
+            end - state,
+        )
 
     def _march(self, state, rows):
         modes, weights = self.train.modes, self.train.weights
@@ -100,14 +139,18 @@ class LinearMarch:
             free = row + observed @ state
             # Written-out sums of columns are faster than products inside a scan.
             force = sum(gain[:, j] * free[j] for j in range(2 * meshes))
-            deflection = free[:meshes] + sum(weights.at_once[:meshes, g] * force[g] for g in range(meshes))
+            deflection = free[:meshes] + sum(
+                weights.at_once[:meshes, g] * force[g] for g in range(meshes)
+            )
             return weights.onward(state, force), deflection
 
         return lax.scan(step, state, (self.gain, rows))
 
 
 def march_at(train: LinearTrain, slopes) -> LinearMarch:
-    """The :class:`LinearMarch` at a motion with coefficients ``(2, G, n+1)`` of the slopes of phi in l and l'."""
+    """The :class:`LinearMarch` at a motion with coefficients ``(2, G, n+1)`` of the
+    slopes of phi in l and l'.
+    """
     # Averages over the steps: what lies between two of them counts, too.
     averaged = jnp.sinc(np.arange(slopes.shape[-1]) / train.steps) * slopes
     by_deflection, by_rate = fourier.sample(averaged, train.steps)
@@ -115,12 +158,17 @@ def march_at(train: LinearTrain, slopes) -> LinearMarch:
 
 
 def _gain(slope, rate_slope, at_once):
-    """``(K, G, 2G)``: the forces u = S (w + at_once u) of the meshes per w, with S of the slopes ``(G, K)``."""
+    """``(K, G, 2G)``: the forces u = S (w + at_once u) of the meshes per w, with S of
+    the slopes ``(G, K)``.
+    """
     own = jnp.eye(len(slope))[:, :, None]
     slopes = jnp.concatenate([own * slope, own * rate_slope], axis=1)
-    rows = jnp.concatenate([own - jnp.einsum("ghk,hf->gfk", slopes, at_once), slopes], axis=1)
-    # Elimination of all time steps side by side, an eighth of the time of a library's one after another. Without
-    # pivots: where its slope is lost, a mesh has more compliance, never less than none.
+    rows = jnp.concatenate(
+        [own - jnp.einsum("ghk,hf->gfk", slopes, at_once), slopes], axis=1
+    )
+    # Elimination of all time steps side by side, an eighth of the time of a library's
+    # one after another. Without pivots: where its slope is lost, a mesh has more
+    # compliance, never less than none.
     for i in range(len(slope)):
         row = rows[i] / rows[i, i]
         rows = (rows - rows[:, i, None] * row).at[i].set(row)
@@ -128,17 +176,20 @@ def _gain(slope, rate_slope, at_once):
 
 
 def slopes_at(reduced, deflection, samples):
-    """Coefficients ``(2, G, 2N+1)`` of the slopes of phi in l and l' at ``deflection`` ``(G, N+1)``: as many as enter a
-    Galerkin product; law sampled at ``samples`` time samples or integrated exactly."""
+    """Coefficients ``(2, G, 2N+1)`` of the slopes of phi in l and l' at ``deflection``
+    ``(G, N+1)``: as many as enter a Galerkin product; law sampled at ``samples`` time
+    samples or integrated exactly.
+    """
     return reduced.nonlinear_slopes(deflection, samples, 2 * (deflection.shape[-1] - 1))
 
 
 def force_change(reduced, slopes):
-    """The product ``delta -> w delta + s delta'``, coefficients ``(G, N+1)``, with :func:`slopes_at`: what a change of
-    the deflections is to phi.
+    """The product ``delta -> w delta + s delta'``, coefficients ``(G, N+1)``, with
+    :func:`slopes_at`: what a change of the deflections is to phi.
 
-    The slopes enter with at most 2 N harmonics. With a change of N the product has 3 N, of which none is seen at those
-    up to N from 4 N + 1 time samples on: 4.5 N give it exactly.
+    The slopes enter with at most 2 N harmonics. With a change of N the product has 3 N,
+    of which none is seen at those up to N from 4 N + 1 time samples on: 4.5 N give it
+    exactly.
     """
     harmonics = (slopes.shape[-1] - 1) // 2
     time_samples = (9 * harmonics + 1) // 2
@@ -152,35 +203,48 @@ def force_change(reduced, slopes):
 
 
 def tangent(reduced, forces: Callable):
-    """The product ``delta -> J delta`` with ``forces``, that with the slopes of phi (:func:`force_change`)."""
+    """The product ``delta -> J delta`` with ``forces``, that with the slopes of phi
+    (:func:`force_change`).
+    """
     return lambda delta: delta + reduced.respond(forces(delta))
 
 
 def correct(reduced, march: LinearMarch, slopes, value, forcing, steps):
-    """``J change = value`` of a motion with :func:`slopes_at`: (change, share of the residual that is left, Krylov
-    steps).
+    """``J change = value`` of a motion with :func:`slopes_at`: (change, share of the
+    residual that is left, Krylov steps).
 
-    march : at this motion or a near one; value ``(G, N+1)``; forcing : wanted share; steps : largest number of Krylov
-    steps (static).
+    march : at this motion or a near one; value ``(G, N+1)``; forcing : wanted share;
+    steps : largest number of Krylov steps (static).
     """
     product = tangent(reduced, force_change(reduced, slopes))
     solved = _Mapped(march, product, value.shape).solve(pack(value), forcing, steps)
     return unpack(solved[0], value.shape), *solved[1:]
 
 
-def correct_product(march: LinearMarch, product: Callable, value, *, transposed, tolerance, steps):
-    """The same with any ``product`` ``(G, n+1) -> (G, n+1)`` with J, or with the transpose of that in packed
-    coordinates: change and share of the residual that is left."""
-    mapped, value, shape = _Mapped(march, product, value.shape), pack(value), value.shape
-    solved, left, _ = (mapped.solve_transposed if transposed else mapped.solve)(value, tolerance, steps)
+def correct_product(
+    march: LinearMarch, product: Callable, value, *, transposed, tolerance, steps
+):
+    """The same with any ``product`` ``(G, n+1) -> (G, n+1)`` with J, or with the
+    transpose of that in packed coordinates: change and share of the residual that is
+    left.
+    """
+    mapped, value, shape = (
+        _Mapped(march, product, value.shape),
+        pack(value),
+        value.shape,
+    )
+    solved, left, _ = (mapped.solve_transposed if transposed else mapped.solve)(
+        value, tolerance, steps
+    )
     return unpack(solved, shape), left
 
 
 def invert(march: LinearMarch, product: Callable, known_product: Callable, value):
-    """``change`` with ``J change = value``; differentiable, its transpose solves with the transpose of J.
+    """``change`` with ``J change = value``; differentiable, its transpose solves with
+    the transpose of J.
 
-    product : ``delta -> J delta``; known_product : the same of numbers that are not differentiated. nan where the
-    Krylov steps leave too much.
+    product : ``delta -> J delta``; known_product : the same of numbers that are not
+    differentiated. nan where the Krylov steps leave too much.
     """
     shape = value.shape
     known = _Mapped(march, known_product, shape)
@@ -199,8 +263,9 @@ def invert(march: LinearMarch, product: Callable, known_product: Callable, value
 
 
 def correct_bordered(reduced, march: LinearMarch, slopes, border, right, steps):
-    """Solve ``J x + column p = f,  row . (x, p) = g``, regular at a fold, too, for each array ``(n+1,)`` of ``right``.
+    """Solve ``J x + column p = f,  row . (x, p) = g`` for each array of ``right``.
 
+    Regular at a fold, too. right : arrays ``(n+1,)`` of (f, g).
     border : column ``(n,)`` packed, row ``(n+1,)``; others as in :func:`correct`.
     """
     column, row = border
@@ -216,7 +281,9 @@ def correct_bordered(reduced, march: LinearMarch, slopes, border, right, steps):
     across = row[:-1] @ column - row[-1]
 
     def unbordered(v):
-        """The solution where J is 1: else a right side with nothing but g leads nowhere, as its image has no g."""
+        """The solution where J is 1: else a right side with nothing but g leads
+        nowhere, as its image has no g.
+        """
         p = (row[:-1] @ v[:count] - v[-1]) / jnp.where(across == 0, 1.0, across)
         return jnp.append(v[:-1].at[:count].add(-column * p), p)
 
@@ -229,11 +296,16 @@ def correct_bordered(reduced, march: LinearMarch, slopes, border, right, steps):
 
 
 class _Mapped:
-    """The equations of a correction in real vectors ``(n + 2m,)``: packed db above states by their visibility."""
+    """The equations of a correction in real vectors ``(n + 2m,)``: packed db above
+    states by their visibility.
+    """
 
     def __init__(self, march: LinearMarch, product: Callable, shape: tuple[int, int]):
         self.march, self.product, self.shape = march, product, shape
-        self.count, self.states = shape[0] * (2 * shape[1] - 1), len(march.train.visibility)
+        self.count, self.states = (
+            shape[0] * (2 * shape[1] - 1),
+            len(march.train.visibility),
+        )
 
     def cycle(self, vector):
         """Deflections ``(G, n+1)`` and jump of the states."""
@@ -250,14 +322,26 @@ class _Mapped:
         train = self.march.train
         deflection, jump = self.cycle(vector)
         low = min(self.shape[1] - 1, train.harmonics) + 1
-        left = self.product(deflection).at[:, :low].add(-free_motion(train, jump)[:, :low])
+        left = (
+            self.product(deflection).at[:, :low].add(-free_motion(train, jump)[:, :low])
+        )
         onward = -real_pairs(train.closing * complex_modes(jump))
-        return jnp.concatenate([pack(left), train.visibility * onward]), pack(deflection)
+        return jnp.concatenate([pack(left), train.visibility * onward]), pack(
+            deflection
+        )
 
     def solve(self, b, tolerance, steps):
-        """Packed dl of the packed right side, the share of it that is left, and Krylov steps."""
+        """Packed dl of the packed right side, the share of it that is left, and Krylov
+        steps.
+        """
         right = jnp.concatenate([b, jnp.zeros(self.states)])
-        vector, left, used = gcr(lambda v: self.apply(v)[0], lambda v: v, right, tolerance=tolerance, steps=steps)
+        vector, left, used = gcr(
+            lambda v: self.apply(v)[0],
+            lambda v: v,
+            right,
+            tolerance=tolerance,
+            steps=steps,
+        )
         return self.deflection(vector), left, used
 
     def solve_transposed(self, b, tolerance, steps):
@@ -265,7 +349,9 @@ class _Mapped:
         nothing = jnp.zeros(self.count + self.states)
         _, back = jax.vjp(lambda v: self.apply(v)[0], nothing)
         (right,) = jax.vjp(self.deflection, nothing)[1](b)
-        vector, left, used = gcr(lambda v: back(v)[0], lambda v: v, right, tolerance=tolerance, steps=steps)
+        vector, left, used = gcr(
+            lambda v: back(v)[0], lambda v: v, right, tolerance=tolerance, steps=steps
+        )
         return vector[: self.count], left, used
 
 

@@ -1,16 +1,20 @@
-"""The derivative of a solution with respect to every number of its problem, by the implicit function theorem.
+"""The derivative of a solution with respect to every number of its problem, by the
+implicit function theorem.
 
-The deflections x of the active meshes solve F(x, theta) = x - l_lin + G phi(x) = 0, theta everything that the problem
-holds. Along a change d theta
+The deflections x of the active meshes solve F(x, theta) = x - l_lin + G phi(x) = 0,
+theta everything that the problem holds. Along a change d theta
 
     J dx = - (dF/d theta) d theta,      J = dF/dx,
 
-one linear solve in forward mode, one with the transpose of J in reverse mode whatever the number of parameters, both on
-the linearised map of a sweep (:mod:`jaxhb.balance.correction`). Nothing of Newton's method, of its start or of its
-tests is differentiated, so that memory does not grow with its steps. Displacements, forces and torques follow from x
-and theta by plain functions. The law is differentiable twice except where a time sample of the cycle lies on one of its
-knots, a set of measure zero; there one of the one-sided values, or their mean, is taken. Equations and derivatives take
-averages of the law between time samples (:mod:`jaxhb.equations.cell_forces`): samples alone see few of its transitions.
+one linear solve in forward mode, one with the transpose of J in reverse mode whatever
+the number of parameters, both on the linearised map of a sweep
+(:mod:`jaxhb.balance.correction`). Nothing of Newton's method, of its start or of its
+tests is differentiated, so that memory does not grow with its steps. Displacements,
+forces and torques follow from x and theta by plain functions. The law is differentiable
+twice except where a time sample of the cycle lies on one of its knots, a set of measure
+zero; there one of the one-sided values, or their mean, is taken. Equations and
+derivatives take averages of the law between time samples
+(:mod:`jaxhb.equations.cell_forces`): samples alone see few of its transitions.
 """
 
 from __future__ import annotations
@@ -32,17 +36,23 @@ if TYPE_CHECKING:
     from jaxhb.balance.plan import Plan
 
 
-def gradient_and_error(function: Callable[[Any, Plan], Array], x: Any, *, plan: Plan) -> tuple[Array, Any, Any]:
-    """Value and gradient of a number that a planned solve gives, and how far off the gradient may be.
+def gradient_and_error(
+    function: Callable[[Any, Plan], Array], x: Any, *, plan: Plan
+) -> tuple[Array, Any, Any]:
+    """Value and gradient of a number that a planned solve gives, and how far off the
+    gradient may be.
 
-    A tolerance bounds what the truncation changes in a force, not in its slope. The gradient is taken with the
-    harmonics of the plan and with twice as many; the second is returned, and their difference as the estimate of its
-    error: no bound, as derivatives of hammering teeth have no order of convergence. Valid under ``jit`` and ``vmap``.
+    A tolerance bounds what the truncation changes in a force, not in its slope. The
+    gradient is taken with the harmonics of the plan and with twice as many; the second
+    is returned, and their difference as the estimate of its error: no bound, as
+    derivatives of hammering teeth have no order of convergence. Valid under ``jit`` and
+    ``vmap``.
 
     Parameters
     ----------
     function : callable
-        ``(x, plan) -> float``, reads a response of :func:`jaxhb.solve` under the plan that it is handed.
+        ``(x, plan) -> float``, reads a response of :func:`jaxhb.solve` under the plan
+        that it is handed.
     x : float, array or pytree of them
         What to differentiate by.
     plan : Plan
@@ -65,14 +75,22 @@ def gradient_and_error(function: Callable[[Any, Plan], Array], x: Any, *, plan: 
     >>> pair = jaxhb.load_scene("spur_pair")
     >>> def peak(damping, plan):
     ...     changed = pair.replace({"gear a|gear b.damping": damping})
-    ...     return jaxhb.solve(changed, rpm=3000.0, plan=plan).force("gear a", "gear b").smooth_peak()
+    ...     return (
+    ...         jaxhb.solve(changed, rpm=3000.0, plan=plan)
+    ...         .force("gear a", "gear b")
+    ...         .smooth_peak()
+    ...     )
     >>> plan = jaxhb.plan(pair, rpm=3000.0)
-    >>> _, slope, error = jaxhb.gradient_and_error(peak, float(pair.value("gear a|gear b.damping")), plan=plan)
-    >>> bool(error < 1e-6 * abs(slope))    # no teeth that part: nothing is truncated
+    >>> _, slope, error = jaxhb.gradient_and_error(
+    ...     peak, float(pair.value("gear a|gear b.damping")), plan=plan
+    ... )
+    >>> bool(error < 1e-6 * abs(slope))  # no teeth that part: nothing is truncated
     True
     """
     finer = dataclasses.replace(plan, harmonics=2 * plan.harmonics)
-    (rough, coarse), (value, fine) = (jax.value_and_grad(function)(x, one) for one in (plan, finer))
+    (rough, coarse), (value, fine) = (
+        jax.value_and_grad(function)(x, one) for one in (plan, finer)
+    )
     unknown = 0 * (rough + value)  # nan where one is not solved: its gradient is then 0
     error = jax.tree.map(lambda a, b: jnp.abs(a - b) + unknown, fine, coarse)
     return value + unknown, jax.tree.map(lambda a: a + unknown, fine), error
@@ -80,10 +98,12 @@ def gradient_and_error(function: Callable[[Any, Plan], Array], x: Any, *, plan: 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def attach(plan, problem, active_meshes, at, solved, found, deflection):
-    """The solution ``found``, ``deflection`` of ``problem`` with its derivative with respect to ``problem``.
+    """The solution ``found``, ``deflection`` of ``problem`` with its derivative with
+    respect to ``problem``.
 
-    at : LinearTrain of the equation, None without active meshes; and None or, of exact integrals, the Crossings of the
-    active and of all meshes. Where it is not ``solved`` the derivative is what the plan says.
+    at : LinearTrain of the equation, None without active meshes; and None or, of exact
+    integrals, the Crossings of the active and of all meshes. Where it is not ``solved``
+    the derivative is what the plan says.
     """
     return found, deflection
 
@@ -92,23 +112,40 @@ def attach(plan, problem, active_meshes, at, solved, found, deflection):
 def _attach_jvp(plan, primals, tangents):
     problem, active_meshes, (train, crossings), solved, _, _ = primals
     active, every = lax.stop_gradient(crossings or (None, None))
-    found, deflection = attach(plan, *primals)  # second derivatives need that of the solution
+    found, deflection = attach(
+        plan, *primals
+    )  # second derivatives need that of the solution
     change = _kept(plan.failed_gradient, solved, tangents[0])
     problem = only_if(solved, problem, plan.failed_gradient)
 
     def equation(problem):
         reduced, condensed = reduced_equation(problem, plan.harmonics, active_meshes)
-        return dataclasses.replace(reduced, integrals=plan.force_integrals, crossings=active), condensed
+        return (
+            dataclasses.replace(
+                reduced, integrals=plan.force_integrals, crossings=active
+            ),
+            condensed,
+        )
 
-    (reduced, condensed), (reduced_dot, condensed_dot) = jax.jvp(equation, (problem,), (change,))
+    (reduced, condensed), (reduced_dot, condensed_dot) = jax.jvp(
+        equation, (problem,), (change,)
+    )
 
     def forces_at(reduced, deflection):
-        """``delta -> change of phi``, coefficients ``(G, N+1)``: that of the forces of the equations themselves."""
+        """``delta -> change of phi``, coefficients ``(G, N+1)``: that of the forces of
+        the equations themselves.
+        """
         if reduced.integrals == "averaged":
-            return jax.linearize(lambda moved: reduced.nonlinear_force_coefficients(moved, plan.samples), deflection)[1]
-        return correction.force_change(reduced, correction.slopes_at(reduced, deflection, plan.samples))
+            return jax.linearize(
+                lambda moved: reduced.nonlinear_force_coefficients(moved, plan.samples),
+                deflection,
+            )[1]
+        return correction.force_change(
+            reduced, correction.slopes_at(reduced, deflection, plan.samples)
+        )
 
-    # dF/dtheta dtheta at fixed deflections: through l_lin, the receptances and the law. phi comes along.
+    # dF/dtheta dtheta at fixed deflections: through l_lin, the receptances and the law.
+    # phi comes along.
     def residual(reduced):
         force = reduced.nonlinear_force_coefficients(deflection, plan.samples)
         return reduced.left(deflection, force), force
@@ -117,28 +154,51 @@ def _attach_jvp(plan, primals, tangents):
     deflection_dot = -left
     if len(active_meshes.mask):
         known = lax.stop_gradient((reduced, deflection))
-        march = lax.stop_gradient(correction.march_at(train, correction.slopes_at(*known, plan.samples)))
+        march = lax.stop_gradient(
+            correction.march_at(train, correction.slopes_at(*known, plan.samples))
+        )
         forces = forces_at(reduced, deflection)
-        products = correction.tangent(reduced, forces), correction.tangent(known[0], forces_at(*known))
+        products = (
+            correction.tangent(reduced, forces),
+            correction.tangent(known[0], forces_at(*known)),
+        )
         deflection_dot = correction.invert(march, *products, -left)
         force_dot = force_dot + forces(deflection_dot)
 
     def motion(problem, condensed, force):
-        # Tooth forces over the cycle are values of the law, no integrals of its slope: the samples of the solve do.
-        return fields(problem, *condensed.combine(force), plan.integrals, plan.samples, every)
+        # Tooth forces over the cycle are values of the law, no integrals of its slope:
+        # the samples of the solve do.
+        return fields(
+            problem, *condensed.combine(force), plan.integrals, plan.samples, every
+        )
 
-    _, found_dot = jax.jvp(motion, (problem, condensed, force), (change, condensed_dot, force_dot))
-    return (found, deflection), _kept(plan.failed_gradient, solved, (found_dot, deflection_dot))
+    _, found_dot = jax.jvp(
+        motion, (problem, condensed, force), (change, condensed_dot, force_dot)
+    )
+    return (found, deflection), _kept(
+        plan.failed_gradient, solved, (found_dot, deflection_dot)
+    )
 
 
 def all_finite(tree):
-    """Whether every number is: an infinite knot of a table may give a finite problem, but not the one meant."""
-    return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)]))
+    """Whether every number is: an infinite knot of a table may give a finite problem,
+    but not the one meant.
+    """
+    return jnp.all(
+        jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)])
+    )
 
 
 def only_if(good, tree, failed_gradient="zero"):
-    """The same numbers, with derivatives where they are ``good`` and "zero" or "nan" elsewhere."""
-    return jax.tree.map(lambda value: _gated(failed_gradient, good, value) if _is_number(value) else value, tree)
+    """The same numbers, with derivatives where they are ``good`` and "zero" or "nan"
+    elsewhere.
+    """
+    return jax.tree.map(
+        lambda value: (
+            _gated(failed_gradient, good, value) if _is_number(value) else value
+        ),
+        tree,
+    )
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -153,15 +213,21 @@ def _gated_jvp(failed_gradient, primals, tangents):
 
 
 def _kept(failed_gradient, good, tangents):
-    """Tangents where ``good``; elsewhere zero, so that nothing else of a batch is nan, or nan."""
+    """Tangents where ``good``; elsewhere zero, so that nothing else of a batch is nan,
+    or nan.
+    """
     if failed_gradient == "zero":
         return _where(good, tangents, None)
     known = jnp.where(good, 1.0, jnp.nan)  # a product, whose transpose is nan likewise
-    return jax.tree.map(lambda tangent: known * tangent if _is_number(tangent) else tangent, tangents)
+    return jax.tree.map(
+        lambda tangent: known * tangent if _is_number(tangent) else tangent, tangents
+    )
 
 
 def only_known(solved, tree):
-    """The same numbers, nan where not ``solved``: behind them derivatives are zero, and spoil no other's of a batch."""
+    """The same numbers, nan where not ``solved``: behind them derivatives are zero, and
+    spoil no other's of a batch.
+    """
     return _where(solved, tree, jax.tree.map(lambda _: jnp.nan, tree))
 
 
@@ -171,7 +237,9 @@ def _is_number(value):
 
 
 def _where(solved, values, others):
-    """``values``, or ``others`` (None: zeros) where not solved; integers and their tangents as they are."""
+    """``values``, or ``others`` (None: zeros) where not solved; integers and their
+    tangents as they are.
+    """
 
     def choose(value, other):
         return jnp.where(solved, value, other) if _is_number(value) else value

@@ -1,5 +1,6 @@
-"""The equations of harmonic balance as a function that users call: A(x), its Jacobian, and Newton steps by the block
-sweep."""
+"""The equations of harmonic balance as a function that users call: A(x), its Jacobian,
+and Newton steps by the block sweep.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +29,12 @@ MOST_GIB = 8.0  # that a Jacobian or the blocks of a sweep may take
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
 class HarmonicResidual:
-    """The equations A(x) = 0 of a train at one speed, made by :func:`harmonic_residual`; ``A(x)`` is their residual.
+    """The equations A(x) = 0 of a train at one speed, made by
+    :func:`harmonic_residual`; ``A(x)`` is their residual.
 
-    A pytree: its arrays are leaves, names and sizes static. It can be an argument and a result of transformations, and
-    a function that they take: ``jax.jit(A)``, ``jax.jacfwd(A)``, ``jax.vmap(A)``.
+    A pytree: its arrays are leaves, names and sizes static. It can be an argument and a
+    result of transformations, and a function that they take: ``jax.jit(A)``,
+    ``jax.jacfwd(A)``, ``jax.vmap(A)``.
 
     Parameters
     ----------
@@ -59,65 +62,101 @@ class HarmonicResidual:
 
     @property
     def disk_names(self) -> tuple[str, ...]:
-        """Names of the S disks in the order of the unknowns; rings of dampers come last."""
+        """Names of the S disks in the order of the unknowns; rings of dampers come
+        last.
+        """
         return self.topology.disk_names
 
     @property
     def radius(self) -> Array:
-        """``(S,)`` m, displacement over angle of each disk: the pitch radius of the first gear of its rotor, 1 m on a
-        rotor without gears."""
+        """``(S,)`` m, displacement over angle of each disk: the pitch radius of the
+        first gear of its rotor, 1 m on a rotor without gears.
+        """
         return self.balance.system.radius
 
     def pack(self, coefficients: Array) -> Array:
-        """Unknowns x ``(size,)`` of complex displacements ``(S, n+1)`` in m, n at most N; harmonics above n are 0.
+        """Unknowns x ``(size,)`` of complex displacements ``(S, n+1)`` in m, n at most
+        N; harmonics above n are 0.
 
-        Angles in rad times :attr:`radius` are displacements: ``A.pack(A.radius[:, None] * response.angles)``.
-        ValueError if the shape is another.
+        Angles in rad times :attr:`radius` are displacements: ``A.pack(A.radius[:, None]
+        * response.angles)``. ValueError if the shape is another.
         """
         shape, disks = np.shape(coefficients), self.topology.n_disks
-        if len(shape) != 2 or shape[0] != disks or not 1 <= shape[1] <= self.harmonics + 1:
+        if (
+            len(shape) != 2
+            or shape[0] != disks
+            or not 1 <= shape[1] <= self.harmonics + 1
+        ):
             raise ValueError(
-                f"the coefficients have shape {shape}, must be ({disks}, n+1) with n at most {self.harmonics}:"
-                " a row of displacements in m for every disk, rings of dampers included."
+                f"the coefficients have shape {shape}, must be ({disks}, n+1) with n at"
+                f" most {self.harmonics}: a row of displacements in m for every disk,"
+                " rings of dampers included."
             )
         coefficients = namespace(coefficients).asarray(coefficients) + 0j
-        return fourier.pack(fourier.resize(coefficients, self.harmonics)).reshape(self.size)
+        return fourier.pack(fourier.resize(coefficients, self.harmonics)).reshape(
+            self.size
+        )
 
     def unpack(self, x: Array) -> Array:
-        """Complex displacements x^n ``(S, N+1)`` in m of unknowns ``(size,)``: ``x_s(t) = x^0 + 2 Re sum x^n e^{i n
-        Omega t}``; over ``radius[:, None]`` angles in rad. Of a residual the complex forces in N. ValueError if the
-        shape is another."""
+        """Complex displacements x^n ``(S, N+1)`` in m of unknowns ``(size,)``: ``x_s(t)
+        = x^0 + 2 Re sum x^n e^{i n Omega t}``; over ``radius[:, None]`` angles in rad.
+        Of a residual the complex forces in N. ValueError if the shape is another.
+        """
         self._check(x)
-        return fourier.unpack(namespace(x).asarray(x).reshape(self.topology.n_disks, -1))
+        return fourier.unpack(
+            namespace(x).asarray(x).reshape(self.topology.n_disks, -1)
+        )
 
     def __call__(self, x: Array) -> Array:
-        """The residual A(x) ``(size,)`` in N at ``x`` ``(size,)`` m. ValueError if the shape is another."""
+        """The residual A(x) ``(size,)`` in N at ``x`` ``(size,)`` m. ValueError if the
+        shape is another.
+        """
         return _residual(self.balance, self._check(x))
 
     def jacobian(self, x: Array) -> Array:
-        """The Jacobian A'(x) ``(size, size)`` in N/m, analytic: Fridman's (38), Toeplitz blocks of the slope of the
-        tooth laws, that of the samples; ``jax.jacfwd(A)(x)`` is the same.
+        """The Jacobian A'(x) ``(size, size)`` in N/m, analytic: Fridman's (38),
+        Toeplitz blocks of the slope of the tooth laws, that of the samples;
+        ``jax.jacfwd(A)(x)`` is the same.
 
-        ValueError if ``x`` has another shape, MemoryError if the matrix would take more than 8 GiB.
+        ValueError if ``x`` has another shape, MemoryError if the matrix would take more
+        than 8 GiB.
         """
         self._check(x)
-        self._refuse_size(self.size**2, "the Jacobian", "take jax.jvp(A, (x,), (change,)), which makes no matrix")
+        self._refuse_size(
+            self.size**2,
+            "the Jacobian",
+            "take jax.jvp(A, (x,), (change,)), which makes no matrix",
+        )
         return _jacobian(self.balance, x)
 
     def __repr__(self):
         at = self.balance.frequency
-        speed = "" if traced(at) or np.ndim(at) else f" at Omega = {number(float(at))} rad/s"
-        return f"<HarmonicResidual of {self.topology.title}{speed}: {self.harmonics} harmonics, {self.size} unknowns>"
+        speed = (
+            ""
+            if traced(at) or np.ndim(at)
+            else f" at Omega = {number(float(at))} rad/s"
+        )
+        return (
+            f"<HarmonicResidual of {self.topology.title}{speed}: {self.harmonics}"
+            f" harmonics, {self.size} unknowns>"
+        )
 
     def _check(self, x):
-        """Unknowns as they are, refused with a sentence where their shape is another."""
+        """Unknowns as they are, refused with a sentence where their shape is
+        another.
+        """
         if np.ndim(self.balance.load) != 2:
-            raise ValueError("these are the equations of several trains or speeds: call them under jax.vmap")
+            raise ValueError(
+                "these are the equations of several trains or speeds: call them under"
+                " jax.vmap"
+            )
         if np.shape(x) != (self.size,) or np.iscomplexobj(x):
             kind = "complex" if np.iscomplexobj(x) else "real"
             raise ValueError(
-                f"x is {kind} of shape {np.shape(x)}, must be real of shape ({self.size},): {self.topology.n_disks}"
-                f" disks times 2 x {self.harmonics} + 1 coordinates. A.pack makes it of complex coefficients."
+                f"x is {kind} of shape {np.shape(x)}, must be real of shape"
+                f" ({self.size},): {self.topology.n_disks} disks times 2 x"
+                f" {self.harmonics} + 1 coordinates. A.pack makes it of complex"
+                " coefficients."
             )
         return x
 
@@ -125,22 +164,26 @@ class HarmonicResidual:
         gib = 8 * numbers / 2**30
         if gib > MOST_GIB:
             raise MemoryError(
-                f"{self.topology.title}: {what} at {self.harmonics} harmonics would take {gib:.1f} GiB, more than"
-                f" {MOST_GIB:g}: use fewer harmonics, or {instead}."
+                f"{self.topology.title}: {what} at {self.harmonics} harmonics would"
+                f" take {gib:.1f} GiB, more than {MOST_GIB:g}: use fewer harmonics, or"
+                f" {instead}."
             )
 
 
 def harmonic_residual(
     train: DriveTrain, *, rpm: Number, harmonics: int, samples: int | None = None
 ) -> HarmonicResidual:
-    """The equations of harmonic balance A(x) = 0 of a train at one speed, as a pure function of packed coefficients.
+    """The equations of harmonic balance A(x) = 0 of a train at one speed, as a pure
+    function of packed coefficients.
 
     The balance of forces on every disk in the harmonics 0 .. N of the cycle,
 
-        A(x) = Z x + D^T f(D x, D x') - q,      Z = -n^2 Omega^2 M + i n Omega B + ground,
+        A(x) = Z x + D^T f(D x, D x') - q,
+        Z = -n^2 Omega^2 M + i n Omega B + ground,
 
-    Fridman 2009, (19) and (10)-(12) with the opposite sign, f the forces of all links: what :func:`jaxhb.solve` solves,
-    there condensed to the meshes that can leave contact. A motion that it finds with as many harmonics makes A zero.
+    Fridman 2009, (19) and (10)-(12) with the opposite sign, f the forces of all links:
+    what :func:`jaxhb.solve` solves, there condensed to the meshes that can leave
+    contact. A motion that it finds with as many harmonics makes A zero.
 
     Parameters
     ----------
@@ -150,20 +193,21 @@ def harmonic_residual(
     harmonics : int
         Harmonics N of the cycle.
     samples : int, optional
-        Equidistant times of the cycle at which the tooth laws are evaluated, more than 4 N; default 16 N, as in
-        :func:`jaxhb.solve`.
+        Equidistant times of the cycle at which the tooth laws are evaluated, more than
+        4 N; default 16 N, as in :func:`jaxhb.solve`.
 
     Returns
     -------
     HarmonicResidual
-        ``A(x)`` in N of ``x`` in m, both ``(A.size,)``, ``A.jacobian(x)`` in N/m, ``A.pack``, ``A.unpack``,
-        ``A.radius``, ``A.disk_names``.
+        ``A(x)`` in N of ``x`` in m, both ``(A.size,)``, ``A.jacobian(x)`` in N/m,
+        ``A.pack``, ``A.unpack``, ``A.radius``, ``A.disk_names``.
 
     Raises
     ------
     SceneError
-        Speed not greater than 0 or above 1e6 rpm, harmonics or samples that cannot work, links that vary over the
-        frequency or their amplitude. What is traced is not checked, and its excitation above N left out.
+        Speed not greater than 0 or above 1e6 rpm, harmonics or samples that cannot
+        work, links that vary over the frequency or their amplitude. What is traced is
+        not checked, and its excitation above N left out.
 
     See Also
     --------
@@ -171,24 +215,30 @@ def harmonic_residual(
 
     Notes
     -----
-    ``x`` holds, disk by disk in the order of ``A.disk_names``, the coordinates ``x^0, sqrt(2) Re x^1 .. x^N,
-    -sqrt(2) Im x^1 .. x^N`` of its displacement ``x_s(t) = sum x^n exp(i n Omega t)`` along the pitch circle of the
-    first gear of its rotor, that is radius times angle, the radius 1 m on a rotor without gears. The residual has the
-    same coordinates of the force in N along that circle, torque over radius. Euclidean norms are root mean squares.
+    ``x`` holds, disk by disk in the order of ``A.disk_names``, the coordinates ``x^0,
+    sqrt(2) Re x^1 .. x^N, -sqrt(2) Im x^1 .. x^N`` of its displacement ``x_s(t) = sum
+    x^n exp(i n Omega t)`` along the pitch circle of the first gear of its rotor, that
+    is radius times angle, the radius 1 m on a rotor without gears. The residual has the
+    same coordinates of the force in N along that circle, torque over radius. Euclidean
+    norms are root mean squares.
 
-    Meshes of every law and damping, varying stiffness and transmission errors, stages, stops, play and dry friction of
-    shafts, loss factors, rings, disks without inertia and closed loops are in it. Mean angles that no force decides are
-    held: that of a train without ground by Omega^2 times inertia on its inertia-weighted mean rotation, and a ring
-    behind a link without stiffness likewise at its hub. Where mean torques are in balance these springs carry nothing,
-    and the angles are those of :class:`jaxhb.Response`; a mean torque that nothing else takes (torques out of balance,
-    dry friction with a mean on such a ring) shows as a mean angle.
+    Meshes of every law and damping, varying stiffness and transmission errors, stages,
+    stops, play and dry friction of shafts, loss factors, rings, disks without inertia
+    and closed loops are in it. Mean angles that no force decides are held: that of a
+    train without ground by Omega^2 times inertia on its inertia-weighted mean rotation,
+    and a ring behind a link without stiffness likewise at its hub. Where mean torques
+    are in balance these springs carry nothing, and the angles are those of
+    :class:`jaxhb.Response`; a mean torque that nothing else takes (torques out of
+    balance, dry friction with a mean on such a ring) shows as a mean angle.
 
-    Valid under ``jit``, ``vmap`` and differentiation with a traced train and speed. Under these A holds tracers, and so
-    it does where it is made by ``jax.vmap``: then call it under ``jax.vmap`` too.
+    Valid under ``jit``, ``vmap`` and differentiation with a traced train and speed.
+    Under these A holds tracers, and so it does where it is made by ``jax.vmap``: then
+    call it under ``jax.vmap`` too.
 
     Examples
     --------
-    Newton's method by the block sweep, from the motion in contact all cycle, where the teeth of a pair part:
+    Newton's method by the block sweep, from the motion in contact all cycle, where the
+    teeth of a pair part:
 
     >>> import jax, jaxhb, numpy as np
     >>> train = jaxhb.load_scene("spur_pair")
@@ -210,16 +260,23 @@ def harmonic_residual(
     check_speed(train, rpm)
     _check_sizes(train, harmonics, samples)
     harmonics = int(harmonics)
-    samples = fourier.SAMPLES_PER_HARMONIC * harmonics if samples is None else int(samples)
-    return HarmonicResidual(force_balance(problem_at(train, rpm, harmonics), harmonics, samples), train.topology)
+    samples = (
+        fourier.SAMPLES_PER_HARMONIC * harmonics if samples is None else int(samples)
+    )
+    return HarmonicResidual(
+        force_balance(problem_at(train, rpm, harmonics), harmonics, samples),
+        train.topology,
+    )
 
 
 def block_sweep(A: HarmonicResidual, x: Array, right_side: Array) -> Array:
-    """The solution ``A'(x)^-1 right_side``, such as a Newton step, by block elimination along the tree of links.
+    """The solution ``A'(x)^-1 right_side``, such as a Newton step, by block elimination
+    along the tree of links.
 
-    Fridman 2009, (10)-(12), with the Newton-Kantorovich blocks (38): from the leaves to the root and back under
-    ``lax.scan``, without assembling the Jacobian. Work grows with ``S N^3``, memory with ``S N^2``; of a dense solve
-    with ``S^3 N^3`` and ``S^2 N^2``.
+    Fridman 2009, (10)-(12), with the Newton-Kantorovich blocks (38): from the leaves to
+    the root and back under ``lax.scan``, without assembling the Jacobian. Work grows
+    with ``S N^3``, memory with ``S N^2``; of a dense solve with ``S^3 N^3`` and ``S^2
+    N^2``.
 
     Parameters
     ----------
@@ -234,7 +291,8 @@ def block_sweep(A: HarmonicResidual, x: Array, right_side: Array) -> Array:
     Raises
     ------
     SceneError
-        The train has a closed loop: take ``jax.numpy.linalg.solve(A.jacobian(x), right_side)``.
+        The train has a closed loop: take ``jax.numpy.linalg.solve(A.jacobian(x),
+        right_side)``.
     MemoryError
         The blocks would take more than 8 GiB.
     ValueError
@@ -242,9 +300,10 @@ def block_sweep(A: HarmonicResidual, x: Array, right_side: Array) -> Array:
 
     Notes
     -----
-    Elimination without pivoting between blocks breaks down at a part of the train that is singular with its upper disk
-    held (a parametric resonance of that part), though the whole may be regular. What it leaves,
-    ``jax.jvp(A, (x,), (change,))[1] - right_side``, tells.
+    Elimination without pivoting between blocks breaks down at a part of the train that
+    is singular with its upper disk held (a parametric resonance of that part), though
+    the whole may be regular. What it leaves, ``jax.jvp(A, (x,), (change,))[1] -
+    right_side``, tells.
 
     Valid under ``jit``, ``vmap`` and differentiation, forwards and backwards.
 
@@ -265,12 +324,16 @@ def block_sweep(A: HarmonicResidual, x: Array, right_side: Array) -> Array:
     if len(loops):
         names = ", ".join(repr(topology.link_names[link]) for link in loops)
         raise SceneError(
-            f"{topology.title}: {names} closes a loop, and the block sweep needs a tree:"
-            " use jax.numpy.linalg.solve(A.jacobian(x), right_side)."
+            f"{topology.title}: {names} closes a loop, and the block sweep needs a"
+            " tree: use jax.numpy.linalg.solve(A.jacobian(x), right_side)."
         )
     # Blocks of disks and links, and what the elimination keeps of each.
     blocks = 6 * topology.n_disks * (2 * A.harmonics + 1) ** 2
-    A._refuse_size(blocks, "the blocks of the sweep", "jaxhb.solve, which condenses the train to its meshes")
+    A._refuse_size(
+        blocks,
+        "the blocks of the sweep",
+        "jaxhb.solve, which condenses the train to its meshes",
+    )
     return _swept(A.balance, x, right_side)
 
 
@@ -278,31 +341,46 @@ def _check_sizes(train, harmonics, samples):
     """Refuse harmonics and samples that cannot work, with a sentence."""
     name = train.topology.title
     if traced(harmonics, samples):
-        raise TypeError("harmonics and samples are sizes of arrays, which jit and vmap cannot trace: fix them outside")
+        raise TypeError(
+            "harmonics and samples are sizes of arrays, which jit and vmap cannot"
+            " trace: fix them outside"
+        )
     if not traced(train):
         with jax.ensure_compile_time_eval():  # under jit, too
             check_harmonics(train, harmonics, "reduced")
     elif not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
-        raise SceneError(f"{name}: harmonics is {harmonics}, must be a whole number of at least 1.")
-    if samples is not None and not (isinstance(samples, int | np.integer) and samples > 4 * harmonics):
         raise SceneError(
-            f"{name}: samples is {shown(samples)}, must be a whole number greater than {4 * harmonics}, 4 per harmonic:"
-            " the slope of a law couples harmonics that lie 2 N apart."
+            f"{name}: harmonics is {harmonics}, must be a whole number of at least 1."
+        )
+    if samples is not None and not (
+        isinstance(samples, int | np.integer) and samples > 4 * harmonics
+    ):
+        raise SceneError(
+            f"{name}: samples is {shown(samples)}, must be a whole number greater than"
+            f" {4 * harmonics}, 4 per harmonic: the slope of a law couples harmonics"
+            " that lie 2 N apart."
         )
 
 
 @Program
 def _residual(balance, x):
-    return balance.residual(jnp.asarray(x, float).reshape(len(balance.system.mass), -1)).reshape(-1)
+    return balance.residual(
+        jnp.asarray(x, float).reshape(len(balance.system.mass), -1)
+    ).reshape(-1)
 
 
 @Program
 def _jacobian(balance, x):
     x = jnp.asarray(x, float)
-    return balance.jacobian(x.reshape(len(balance.system.mass), -1)).reshape(len(x), len(x))
+    return balance.jacobian(x.reshape(len(balance.system.mass), -1)).reshape(
+        len(x), len(x)
+    )
 
 
 @Program
 def _swept(balance, x, right_side):
-    rows = (jnp.asarray(values, float).reshape(len(balance.system.mass), -1) for values in (x, right_side))
+    rows = (
+        jnp.asarray(values, float).reshape(len(balance.system.mass), -1)
+        for values in (x, right_side)
+    )
     return balance.solve(*rows).reshape(-1)

@@ -1,4 +1,6 @@
-"""Newton's method on the map of a sweep, on the host: corrections by GCR, products by differences of one program."""
+"""Newton's method on the map of a sweep, on the host: corrections by GCR, products by
+differences of one program.
+"""
 
 import numpy as np
 
@@ -18,15 +20,21 @@ FORCING = 0.03  # share of what is unclosed that a correction may leave
 KRYLOV_STEPS = 60
 SHORTEST = 1 / 256  # step that is tried at last
 DIFFERENCE = 1e-7  # length of a difference over that of the point
-# Share of what is unclosed that counts as left at least: a correction that was not solved for may be far too short.
+# Share of what is unclosed that counts as left at least: a correction that was not
+# solved for may be far too short.
 NEAREST = 0.03
 LENGTHS = 1.0, 0.6, 0.36, 0.2, 0.1, 0.03  # of a step on the state alone
-CLOSING, CLOSING_STEPS = 0.01, 30  # share of what is missed that such a step may leave, and its Krylov steps at most
+CLOSING, CLOSING_STEPS = (
+    0.01,
+    30,
+)  # share of what is missed that such a step may leave, and its Krylov steps at most
 FAINT = 1e-9  # share of the largest visibility that a state has at least
 
 
 class PackedPoint:
-    """Points as real vectors of deflections: states as the meshes see them, forces over the stiffness."""
+    """Points as real vectors of deflections: states as the meshes see them, forces over
+    the stiffness.
+    """
 
     def __init__(self, sweeps: SweepEquation, point: SweepPoint):
         visible = np.linalg.norm(np.asarray(sweeps.modes.deflections), axis=0)
@@ -49,7 +57,9 @@ class PackedPoint:
         return SweepPoint(unpacked, state / self.visibility, force / self.flexibility)
 
 
-def least_changed(sweeps: SweepEquation, points: list[SweepPoint], plan: SweepPlan) -> SweepPoint:
+def least_changed(
+    sweeps: SweepEquation, points: list[SweepPoint], plan: SweepPlan
+) -> SweepPoint:
     """The one of some points that a sweep changes least."""
 
     def change(point):
@@ -61,13 +71,18 @@ def least_changed(sweeps: SweepEquation, points: list[SweepPoint], plan: SweepPl
 
 
 def solve_map(
-    sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, *, goal: float, most_marches: int = 400
+    sweeps: SweepEquation,
+    point: SweepPoint,
+    plan: SweepPlan,
+    *,
+    goal: float,
+    most_marches: int = 400,
 ) -> Settled:
-    """Newton's method from a point until ``goal`` of the vibration or less is left to the fixed point, as long as steps
-    lead closer.
+    """Newton's method from a point until ``goal`` of the vibration or less is left to
+    the fixed point, as long as steps lead closer.
 
-    What is left is told from how far the last correction led for what it closed: beside a bifurcation a cycle that
-    nearly closes may be far from one that does.
+    What is left is told from how far the last correction led for what it closed: beside
+    a bifurcation a cycle that nearly closes may be far from one that does.
     """
     packing = PackedPoint(sweeps, point)
     marches = 0
@@ -100,7 +115,8 @@ def solve_map(
             closer = bool(share < 1 - length / 4)
             if closer:
                 packed, unclosed, size = packed + length * change, after, share * size
-                # A whole correction closed all but a share: as much of it is what the next one will change.
+                # A whole correction closed all but a share: as much of it is what the
+                # next one will change.
                 left = (moved - deflection) * share / length
                 distance = max(np.linalg.norm(change) * share, NEAREST * size)
                 deflection = moved
@@ -109,18 +125,29 @@ def solve_map(
     return Settled(*ended, size / scale, left, distance / scale)
 
 
-def close_cycle(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, *, tolerance: float, most: int = 15):
-    """Newton's method on state and force of a point alone, under its linear motion, until the cycle closes to
-    ``tolerance`` of them: the point, by how much its cycle misses, and marches taken.
+def close_cycle(
+    sweeps: SweepEquation,
+    point: SweepPoint,
+    plan: SweepPlan,
+    *,
+    tolerance: float,
+    most: int = 15,
+):
+    """Newton's method on state and force of a point alone, under its linear motion,
+    until the cycle closes to ``tolerance`` of them: the point, by how much its cycle
+    misses, and marches taken.
 
-    A search, for points far from any motion: of several lengths of a step the one is taken that closes best, whether or
-    not the cycle closed better before.
+    A search, for points far from any motion: of several lengths of a step the one is
+    taken that closes best, whether or not the cycle closed better before.
     """
     packing = PackedPoint(sweeps, point)
     states, marches = len(packing.visibility), 0
 
     def at(packed):
-        state, force = packed[:states] / packing.visibility, packed[states:] / packing.flexibility
+        state, force = (
+            packed[:states] / packing.visibility,
+            packed[states:] / packing.flexibility,
+        )
         return SweepPoint(point.linear, state, force)
 
     def missed(packed):
@@ -142,6 +169,9 @@ def close_cycle(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, *, to
 
         change = gcr_on_host(apply, -left, tolerance=CLOSING, steps=CLOSING_STEPS)
         trials = [(length, missed(packed + length * change)) for length in LENGTHS]
-        length, left = min(trials, key=lambda trial: np.nan_to_num(np.linalg.norm(trial[1]), nan=np.inf))
+        length, left = min(
+            trials,
+            key=lambda trial: np.nan_to_num(np.linalg.norm(trial[1]), nan=np.inf),
+        )
         packed = packed + length * change
     return at(packed), float(np.linalg.norm(left) / np.linalg.norm(packed)), marches

@@ -1,16 +1,22 @@
-"""One cycle of the meshes by steps in the damped modes of the train, under forces that change linearly in a step.
+"""One cycle of the meshes by steps in the damped modes of the train, under forces that
+change linearly in a step.
 
-The deviation of a train from a motion ``b(t)`` of its linear meshes is a sum of damped modes,
+The deviation of a train from a motion ``b(t)`` of its linear meshes is a sum of damped
+modes,
 
-    z' = rates z + forcing phi,     (l, l') = (b, b') + Re(observation z),     phi = mesh force - c l - r l',
+    z' = rates z + forcing phi,     (l, l') = (b, b') + Re(observation z),
+    phi = mesh force - c l - r l',
 
-so that the train itself is integrated exactly, however long the steps are, and only phi is approximated: it changes
-linearly from an instant to the next one. With ``x = rates dt`` a step is
+so that the train itself is integrated exactly, however long the steps are, and only phi
+is approximated: it changes linearly from an instant to the next one. With ``x = rates
+dt`` a step is
 
-    z <- exp(x) z + dt forcing ((w - h) phi + h phi_next),     w = (exp(x) - 1) / x,     h = (w - 1) / x.
+    z <- exp(x) z + dt forcing ((w - h) phi + h phi_next),
+    w = (exp(x) - 1) / x,     h = (w - 1) / x.
 
-What is carried from step to step is ``s = z - dt h forcing phi``, the state without what phi of its own instant gives:
-phi then follows from an equation in the meshes alone, which one step of Newton's method solves well enough.
+What is carried from step to step is ``s = z - dt h forcing phi``, the state without
+what phi of its own instant gives: phi then follows from an equation in the meshes
+alone, which one step of Newton's method solves well enough.
 """
 
 import dataclasses
@@ -27,11 +33,15 @@ from jaxhb.equations.projected_modes import projected_modes
 from jaxhb.equations.reduced_model import ReducedOrderModel
 from jaxhb.equations.state_space import LIGHT, march_modes, paired, partition
 
-DENSE_DISKS = 100  # up to which all modes are found; of larger trains those of a projection
-# Share of the motion of a mesh under its force below which a mode is left out; of a larger train one that responds at
-# once, where sweeps are as many with twice the modes.
+DENSE_DISKS = (
+    100  # up to which all modes are found; of larger trains those of a projection
+)
+# Share of the motion of a mesh under its force below which a mode is left out; of a
+# larger train one that responds at once, where sweeps are as many with twice the modes.
 UNSEEN, FAINT = 1e-10, 1e-4
-STILL = 1e-12  # share of the fastest rate below which a mode of a reduced-order model does not move by itself
+# share of the fastest rate below which a mode of a reduced-order model does not move by
+# itself
+STILL = 1e-12
 IDLE_RATE = -1.0  # 1/s, of modes that fill an array
 FEWEST_MODES = 32
 
@@ -41,9 +51,10 @@ FEWEST_MODES = 32
 class MarchModes:
     """Damped modes of a train with its meshes in contact, one of each conjugate pair.
 
-    rates : complex ``(m,)`` 1/s; forcing : complex ``(m, G)``, what phi does to them; observation : complex ``(2G, m)``
-    of (l, l'); coordinates : complex ``(m, 2S)``, z of displacements and velocities (x, x') of the disks; flexibility :
-    ``(G, G)`` m/N, by which l falls at once under phi, of modes that are too fast for the steps.
+    rates : complex ``(m,)`` 1/s; forcing : complex ``(m, G)``, what phi does to them;
+    observation : complex ``(2G, m)`` of (l, l'); coordinates : complex ``(m, 2S)``, z
+    of displacements and velocities (x, x') of the disks; flexibility : ``(G, G)`` m/N,
+    by which l falls at once under phi, of modes that are too fast for the steps.
     """
 
     rates: Array
@@ -59,22 +70,36 @@ class MarchModes:
 
     @property
     def observed(self) -> Array:
-        """Rows ``(2G, 2m)`` of (l, l') for states that are real parts above imaginary ones."""
+        """Rows ``(2G, 2m)`` of (l, l') for states that are real parts above imaginary
+        ones.
+        """
         return jnp.concatenate([self.observation.real, -self.observation.imag], axis=1)
 
 
 def modes_for_march(problem, active_meshes) -> MarchModes:
-    """The modes that the active meshes notice, as arrays of the host; their number is padded to 32, 64, 128, ....
+    """The modes that the active meshes notice, as arrays of the host; their number is
+    padded to 32, 64, 128, ....
 
     ``problem`` may be at any speed: it scales the slowest modes alone.
     """
     system, frequency = problem.system, float(problem.frequency)
-    chosen = jax.tree.map(lambda array: np.asarray(array)[np.asarray(active_meshes.index)], problem.meshes)
+    chosen = jax.tree.map(
+        lambda array: np.asarray(array)[np.asarray(active_meshes.index)], problem.meshes
+    )
     dense = len(system.mass) <= DENSE_DISKS
-    modes = _dense_modes(system, chosen, frequency) if dense else projected_modes(on_host(system), chosen, frequency)
+    modes = (
+        _dense_modes(system, chosen, frequency)
+        if dense
+        else projected_modes(on_host(system), chosen, frequency)
+    )
     mask = np.asarray(active_meshes.mask)
-    forcing, observation = modes.forcing * mask, modes.observation * np.tile(mask, 2)[:, None]
-    noticed = noticed_modes(modes.rates, forcing, observation, frequency, UNSEEN if dense else FAINT)
+    forcing, observation = (
+        modes.forcing * mask,
+        modes.observation * np.tile(mask, 2)[:, None],
+    )
+    noticed = noticed_modes(
+        modes.rates, forcing, observation, frequency, UNSEEN if dense else FAINT
+    )
     # Fast modes among the others respond at once.
     rest = ~noticed & (np.abs(modes.rates) > frequency)
     at_once = observation[: len(mask), rest] @ (forcing[rest] / modes.rates[rest, None])
@@ -90,9 +115,12 @@ def modes_for_march(problem, active_meshes) -> MarchModes:
 
 def _dense_modes(system, meshes, frequency):
     """All modes of a train."""
-    ends = np.concatenate([system.tree.end_a[meshes.link], system.tree.end_b[meshes.link]])
+    ends = np.concatenate(
+        [system.tree.end_a[meshes.link], system.tree.end_b[meshes.link]]
+    )
     mass = np.asarray(system.mass)
-    # A disk without inertia beside a mesh has no equation in time: with a little inertia it has.
+    # A disk without inertia beside a mesh has no equation in time: with a little
+    # inertia it has.
     bare = np.zeros(len(mass), bool)
     bare[ends] = True
     mass = np.where(bare & (mass == 0), LIGHT * np.mean(mass), mass)
@@ -102,35 +130,58 @@ def _dense_modes(system, meshes, frequency):
 
 
 def modes_of_model(model: ReducedOrderModel) -> MarchModes:
-    """The modes of a reduced-order model, which exists inside programs, too; of what turns, half of them idle."""
+    """The modes of a reduced-order model, which exists inside programs, too; of what
+    turns, half of them idle.
+    """
     space = model.space
     (own, upper), (lower, other) = paired(space.transition)
-    # A pair of states is a mode that turns, as its real and imaginary part, or two that do not.
+    # A pair of states is a mode that turns, as its real and imaginary part, or two that
+    # do not.
     turns = ((own - other) / 2) ** 2 + upper * lower < 0
-    rates = jnp.concatenate([jnp.where(turns, own + 1j * upper, own), jnp.where(turns, IDLE_RATE, other)])
-    # Free rotation, which no mesh sees, and modes that respond at once, which others have.
+    rates = jnp.concatenate(
+        [jnp.where(turns, own + 1j * upper, own), jnp.where(turns, IDLE_RATE, other)]
+    )
+    # Free rotation, which no mesh sees, and modes that respond at once, which others
+    # have.
     still = jnp.abs(rates) <= STILL * jnp.max(jnp.abs(rates))
     half = len(own)
 
     def as_modes(first, second):
-        return jnp.concatenate([jnp.where(turns, first + 1j * second, first), jnp.where(turns, 0.0, second)], axis=-1)
+        return jnp.concatenate(
+            [
+                jnp.where(turns, first + 1j * second, first),
+                jnp.where(turns, 0.0, second),
+            ],
+            axis=-1,
+        )
 
-    forcing, coordinates = (as_modes(a[:half].T, -a[half:].T).T for a in (space.forcing, space.coordinates))
+    forcing, coordinates = (
+        as_modes(a[:half].T, -a[half:].T).T for a in (space.forcing, space.coordinates)
+    )
     return MarchModes(
         rates=jnp.where(still, IDLE_RATE, rates),
         forcing=jnp.where(still[:, None], 0.0, forcing),
-        observation=jnp.where(still, 0.0, as_modes(space.observation[:, :half], space.observation[:, half:])),
+        observation=jnp.where(
+            still,
+            0.0,
+            as_modes(space.observation[:, :half], space.observation[:, half:]),
+        ),
         coordinates=coordinates,
         flexibility=model.residual_flexibility,
     )
 
 
 def noticed_modes(rates, forcing, observation, frequency, least=UNSEEN):
-    """Whether a force at a mesh moves a mesh by a mode ``(m,)``: static or accelerated response, more than the share
-    ``least`` of the most that any mode gives."""
+    """Whether a force at a mesh moves a mesh by a mode ``(m,)``: static or accelerated
+    response, more than the share ``least`` of the most that any mode gives.
+    """
     count = forcing.shape[1]
     strength = np.abs(forcing).max(axis=1)
-    slow = np.abs(observation[:count]).max(axis=0) * strength / np.maximum(np.abs(rates), frequency)
+    slow = (
+        np.abs(observation[:count]).max(axis=0)
+        * strength
+        / np.maximum(np.abs(rates), frequency)
+    )
     fast = np.abs(observation[count:]).max(axis=0) * strength
     return (slow > least * slow.max()) | (fast > least * fast.max())
 
@@ -142,8 +193,9 @@ def _padded_count(count):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class StepWeights:
-    """A step of ``dt`` seconds: decay ``(m,)`` of the modes, real and imaginary; push ``(G, 2m)`` of phi on the state;
-    at_once ``(2G, G)``, (l, l') by phi of the same instant; late ``(2m, G)``, ``z = s + late phi``.
+    """A step of ``dt`` seconds: decay ``(m,)`` of the modes, real and imaginary; push
+    ``(G, 2m)`` of phi on the state; at_once ``(2G, G)``, (l, l') by phi of the same
+    instant; late ``(2m, G)``, ``z = s + late phi``.
 
     States ``(2m,)`` are real parts above imaginary ones.
     """
@@ -157,7 +209,12 @@ class StepWeights:
         """States ``(2m,)`` a step later, under phi ``(G,)`` N."""
         decay_real, decay_imag = self.decay
         real, imag = jnp.split(state, 2)
-        turned = jnp.concatenate([decay_real * real - decay_imag * imag, decay_imag * real + decay_real * imag])
+        turned = jnp.concatenate(
+            [
+                decay_real * real - decay_imag * imag,
+                decay_imag * real + decay_real * imag,
+            ]
+        )
         # A written-out sum of columns is faster than a product inside a scan.
         return turned + sum(self.push[g] * force[g] for g in range(len(force)))
 
@@ -170,8 +227,14 @@ def step_weights(modes: MarchModes, dt) -> StepWeights:
     half = (whole - 1) / turned
     late = (dt * half)[:, None] * modes.forcing
     push = decay[:, None] * late + (dt * (whole - half))[:, None] * modes.forcing
-    at_once = (modes.observation @ late).real.at[: modes.forcing.shape[1]].add(-modes.flexibility)
-    return StepWeights((decay.real, decay.imag), real_pairs(push).T, at_once, real_pairs(late))
+    at_once = (
+        (modes.observation @ late)
+        .real.at[: modes.forcing.shape[1]]
+        .add(-modes.flexibility)
+    )
+    return StepWeights(
+        (decay.real, decay.imag), real_pairs(push).T, at_once, real_pairs(late)
+    )
 
 
 def real_pairs(modal):
@@ -188,14 +251,18 @@ def complex_modes(pairs):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class TeethLaw:
-    """What gives phi of the active meshes ``(G,)``: law, viscous N s/m, contact damping."""
+    """What gives phi of the active meshes ``(G,)``: law, viscous N s/m, contact
+    damping.
+    """
 
     law: backlash.Law
     viscous: jax.Array
     contact_damping: jax.Array
 
     def at_instant(self, variation):
-        """The same where the stiffness is 1 + ``variation`` times its mean; None where none varies."""
+        """The same where the stiffness is 1 + ``variation`` times its mean; None where
+        none varies.
+        """
         if variation is None:
             return self
         return dataclasses.replace(self, law=backlash.at_instant(self.law, variation))
@@ -204,15 +271,21 @@ class TeethLaw:
         """phi in N, and its slopes in l (N/m) and l' (N s/m)."""
         known = self.law, self.viscous, self.contact_damping
         by_deflection, by_rate = backlash.nonlinear_slopes(*known, deflection, rate)
-        return backlash.nonlinear_force(*known, deflection, rate), by_deflection, by_rate
+        return (
+            backlash.nonlinear_force(*known, deflection, rate),
+            by_deflection,
+            by_rate,
+        )
 
 
 @dataclass(frozen=True)
 class InstantSolve:
-    """How phi of an instant is found: Newton steps, and whether these couple the meshes.
+    """How phi of an instant is found: Newton steps, and whether these couple the
+    meshes.
 
-    A mesh whose force moves another one at once (on a disk without inertia, beside another force of the same shaft)
-    is coupled to it; elsewhere coupling within a step is small, and each mesh is solved for by itself.
+    A mesh whose force moves another one at once (on a disk without inertia, beside
+    another force of the same shaft) is coupled to it; elsewhere coupling within a step
+    is small, and each mesh is solved for by itself.
     """
 
     steps: int = 1
@@ -220,16 +293,27 @@ class InstantSolve:
 
     @classmethod
     def of(cls, springs: int) -> "InstantSolve":
-        """For meshes and so many springs: friction and stops of a shaft act at once on the gear at its end."""
+        """For meshes and so many springs: friction and stops of a shaft act at once on
+        the gear at its end.
+        """
         return cls(steps=2, coupled=True) if springs else cls()
 
 
-def march_cycle(modes: MarchModes, weights: StepWeights, teeth: TeethLaw, state, force, motion, variation, instant):
+def march_cycle(
+    modes: MarchModes,
+    weights: StepWeights,
+    teeth: TeethLaw,
+    state,
+    force,
+    motion,
+    variation,
+    instant,
+):
     """One cycle from ``state`` ``(2m,)`` and phi ``force`` ``(G,)`` N at its beginning.
 
-    motion : ``(K, 2G)``, rows of (b, b') at each of K steps, or of b alone where phi does not depend on rates;
-    variation : ``(K, G)`` of the stiffness, or None. Gives deflections ``(K, G)`` m at the steps, and state and force
-    at the end.
+    motion : ``(K, 2G)``, rows of (b, b') at each of K steps, or of b alone where phi
+    does not depend on rates; variation : ``(K, G)`` of the stiffness, or None. Gives
+    deflections ``(K, G)`` m at the steps, and state and force at the end.
     """
     meshes = len(force)
     seen = slice(motion.shape[1])

@@ -1,4 +1,6 @@
-"""What is asked of a solve and what is decided before it: two small hashable values, checked on the host."""
+"""What is asked of a solve and what is decided before it: two small hashable values,
+checked on the host.
+"""
 
 from __future__ import annotations
 
@@ -15,36 +17,48 @@ from jaxhb.equations.fourier import SAMPLES_PER_HARMONIC
 from jaxhb.excitation.torques import highest_harmonic
 from jaxhb.train import chain
 
-# Harmonics of the cycle at most, by method: work and memory grow with N, for the chain with N^3 and N^2.
+# Harmonics of the cycle at most, by method: work and memory grow with N, for the chain
+# with N^3 and N^2.
 MOST_HARMONICS = {"reduced": 4096, "chain": 128}
-DEFAULT_TOLERANCE = 0.01  # truncation error of the elastic tooth force, as a share of the largest tooth force
-RESIDUAL = 1e-10  # of equations that count as solved exactly, as derivatives want them (:class:`Plan`)
-# Whole step of Newton's method after which values are known, as a share of the tolerance: what is left of the motion is
-# a tenth of it at most (``newton.LEAVES``). A residual would not do: near resonances 3e-8 of it hides 3 % of the force.
+# truncation error of the elastic tooth force, as a share of the largest tooth force
+DEFAULT_TOLERANCE = 0.01
+# of equations that count as solved exactly, as derivatives want them (:class:`Plan`)
+RESIDUAL = 1e-10
+# Whole step of Newton's method after which values are known, as a share of the
+# tolerance: what is left of the motion is a tenth of it at most (``newton.LEAVES``). A
+# residual would not do: near resonances 3e-8 of it hides 3 % of the force.
 STEP_SHARE = 1e-2
 MARCH_CYCLES = 12  # sweeps before Newton's method, at most
-# Numbers of time steps per cycle that are offered, multiples of 32, which segments of a cycle divide.
+# Numbers of time steps per cycle that are offered, multiples of 32, which segments of a
+# cycle divide.
 TIME_STEPS = (*(n * 2**k for k in range(5, 13) for n in (2, 3)), 16384)
-# Time steps per period of the highest mode: with so many, forces that change linearly within a step suffice.
+# Time steps per period of the highest mode: with so many, forces that change linearly
+# within a step suffice.
 STEPS_PER_MODE_PERIOD = 6
 
 
 def time_steps_for(harmonic):
     """Time steps per cycle for motion up to ``harmonic`` of the cycle."""
-    return next((n for n in TIME_STEPS if n >= STEPS_PER_MODE_PERIOD * harmonic), TIME_STEPS[-1])
+    return next(
+        (n for n in TIME_STEPS if n >= STEPS_PER_MODE_PERIOD * harmonic), TIME_STEPS[-1]
+    )
 
 
 def time_steps_of(harmonics):
-    """Time steps per cycle of sweeps that solve for so many harmonics: four for each."""
+    """Time steps per cycle of sweeps that solve for so many harmonics: four for
+    each.
+    """
     return min(-(-4 * harmonics // 32) * 32, TIME_STEPS[-1])
 
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of a solve: ``harmonics`` None for as many as ``tolerance`` needs; see :func:`jaxhb.solve`.
+    """What is asked of a solve: ``harmonics`` None for as many as ``tolerance`` needs;
+    see :func:`jaxhb.solve`.
 
-    few_levels : whether numbers of harmonics lie far apart, so that the speeds of a sweep share few programs; averaged
-    : of the :class:`Plan`, whether derivatives are wanted.
+    few_levels : whether numbers of harmonics lie far apart, so that the speeds of a
+    sweep share few programs; averaged : of the :class:`Plan`, whether derivatives are
+    wanted.
     """
 
     harmonics: int | None = None
@@ -60,28 +74,57 @@ class Request:
         return 0.0 if self.harmonics else STEP_SHARE * self.tolerance
 
     @classmethod
-    def of(cls, train, harmonics=None, tolerance=None, method=None, integrals=None, few_levels=False):
-        """The request with defaults for None; refused with a sentence where it cannot work."""
+    def of(
+        cls,
+        train,
+        harmonics=None,
+        tolerance=None,
+        method=None,
+        integrals=None,
+        few_levels=False,
+    ):
+        """The request with defaults for None; refused with a sentence where it cannot
+        work.
+        """
         tolerance = DEFAULT_TOLERANCE if tolerance is None else tolerance
-        method, integrals, name = method or "reduced", integrals or "sampled", train.topology.title
+        method, integrals, name = (
+            method or "reduced",
+            integrals or "sampled",
+            train.topology.title,
+        )
         if method not in MOST_HARMONICS:
             raise ValueError(f"method is {method!r}: give 'reduced' or 'chain'")
         loops = chain.span(train.topology).loops
         if method == "chain" and train.topology.springs:
-            raise SceneError(f"{name}: method 'chain' takes no play, stages, stops or friction: use 'reduced'.")
+            raise SceneError(
+                f"{name}: method 'chain' takes no play, stages, stops or friction: use"
+                " 'reduced'."
+            )
         if method == "chain" and len(loops):
             names = ", ".join(repr(train.topology.link_names[i]) for i in loops)
-            raise SceneError(f"{name}: {names} closes a loop, and method 'chain' needs a tree: use 'reduced'.")
+            raise SceneError(
+                f"{name}: {names} closes a loop, and method 'chain' needs a tree: use"
+                " 'reduced'."
+            )
         if integrals not in ("sampled", "exact"):
             raise ValueError(f"integrals is {integrals!r}: give 'sampled' or 'exact'")
-        if integrals == "exact" and any(kind == "friction" for _, kind, _ in train.topology.springs):
-            raise SceneError(f"{name}: exact integrals take no friction of shafts: use integrals 'sampled'.")
+        if integrals == "exact" and any(
+            kind == "friction" for _, kind, _ in train.topology.springs
+        ):
+            raise SceneError(
+                f"{name}: exact integrals take no friction of shafts: use integrals"
+                " 'sampled'."
+            )
         if integrals == "exact" and method != "reduced":
-            raise ValueError(f"exact integrals need method 'reduced', and method is {method!r}: change one of them")
+            raise ValueError(
+                f"exact integrals need method 'reduced', and method is {method!r}:"
+                " change one of them"
+            )
         if not 0 < tolerance < 1:
             raise SceneError(
-                f"{name}: tolerance is {tolerance:g}, must be greater than 0 and less than 1: the share of the largest "
-                "tooth force that the harmonics left out may make, 0.01 by default."
+                f"{name}: tolerance is {tolerance:g}, must be greater than 0 and less"
+                " than 1: the share of the largest tooth force that the harmonics left"
+                " out may make, 0.01 by default."
             )
         if harmonics is not None:
             check_harmonics(train, harmonics, method)
@@ -90,32 +133,42 @@ class Request:
 
 @dataclass(frozen=True)
 class Plan:
-    """All that is decided before a solve; hashable, and the same for every speed that it serves.
+    """All that is decided before a solve; hashable, and the same for every speed that
+    it serves.
 
     Parameters
     ----------
     harmonics : int, N
     active : tuple of int, meshes whose contact is an unknown
-    flank : tuple of int, +1 or -1 for a mesh taken to stay on that flank all cycle (verified), 0 otherwise
+    flank : tuple of int, +1 or -1 for a mesh taken to stay on that flank all cycle
+    (verified), 0 otherwise
     method : "reduced" or "chain"
-    start : "linear", "march", or "response": neither leads to the motion, and a solve under the plan is to be given one
+    start : "linear", "march", or "response": neither leads to the motion, and a solve
+    under the plan is to be given one
     cycles : int, of the march, at most: sweeps (:mod:`jaxhb.balance.sweeps`)
-    time_steps : int, per cycle, of sweeps and of the march in linear solves, a multiple of 32
+    time_steps : int, per cycle, of sweeps and of the march in linear solves, a multiple
+    of 32
     tolerance : float, on the truncation error, a share of the largest tooth force
-    tolerance_share : float, share of the tolerance that an estimate may use: it sees 2 N harmonics, and mesh modes
+    tolerance_share : float, share of the tolerance that an estimate may use: it sees 2
+    N harmonics, and mesh modes
         above them not
     excited : int, harmonics of the excitation that programs have room for, 0 for N
-    integrals : of the tooth law over the cycle, "sampled" at 16 N times or "exact" between the switching times
-    residual_tolerance : float, dimensionless, at which Newton's method ends: root mean square of what the equation of a
-        mesh leaves, over that of its linear deflection and its backlash, or less where loads are light
-        (``sizes.deflection_scale``)
-    step_tolerance : float, size of a whole step at which it ends, too, measured likewise; 0 for derivatives
+    integrals : of the tooth law over the cycle, "sampled" at 16 N times or "exact"
+    between the switching times
+    residual_tolerance : float, dimensionless, at which Newton's method ends: root mean
+    square of what the equation of a
+        mesh leaves, over that of its linear deflection and its backlash, or less where
+        loads are light (``sizes.deflection_scale``)
+    step_tolerance : float, size of a whole step at which it ends, too, measured
+    likewise; 0 for derivatives
     max_steps : int, linear solves of Newton's method at most
     estimated : bool, whether the truncation error is; without, it counts as 0
     compare_starts : bool, whether a given start is compared with a marched one
-    averaged : bool, whether the equations take a sampled law as averages between its samples, so that derivatives are
-        those of values; without, at the samples themselves, as A(x) does. Its slope has kinks: where teeth hammer few
-        samples of a solve lie in its transition zones, and derivatives from them alone are off by 8 % and more
+    averaged : bool, whether the equations take a sampled law as averages between its
+    samples, so that derivatives are
+        those of values; without, at the samples themselves, as A(x) does. Its slope has
+        kinks: where teeth hammer few samples of a solve lie in its transition zones,
+        and derivatives from them alone are off by 8 % and more
     failed_gradient : "zero" or "nan", derivative of a response that is not solved
     """
 
@@ -140,7 +193,9 @@ class Plan:
 
     @property
     def unknowns(self) -> int:
-        """Real unknowns of Newton's method; 0 where one linear solve per harmonic is all."""
+        """Real unknowns of Newton's method; 0 where one linear solve per harmonic is
+        all.
+        """
         return len(self.active) * (2 * self.harmonics + 1)
 
     @property
@@ -155,23 +210,45 @@ class Plan:
 
     @property
     def force_integrals(self) -> str:
-        """How the equations take the law over the cycle: "sampled", "averaged" between the samples, or "exact"."""
-        return "averaged" if self.integrals == "sampled" and self.averaged else self.integrals
+        """How the equations take the law over the cycle: "sampled", "averaged" between
+        the samples, or "exact".
+        """
+        return (
+            "averaged"
+            if self.integrals == "sampled" and self.averaged
+            else self.integrals
+        )
 
     @property
     def goals(self) -> np.ndarray:
-        """Largest estimate of the truncation error, residual and Newton step that count as converged: an array, which
-        programs are given."""
-        return np.array([self.tolerance_share * self.tolerance, self.residual_tolerance, self.step_tolerance])
+        """Largest estimate of the truncation error, residual and Newton step that count
+        as converged: an array, which programs are given.
+        """
+        return np.array(
+            [
+                self.tolerance_share * self.tolerance,
+                self.residual_tolerance,
+                self.step_tolerance,
+            ]
+        )
 
     @property
     def static(self) -> Plan:
-        """What a program is compiled for: the plan without what programs are given as arrays."""
-        start, excited = "march" if self.marches else "linear", self.excited or self.harmonics
+        """What a program is compiled for: the plan without what programs are given as
+        arrays.
+        """
+        start, excited = (
+            "march" if self.marches else "linear",
+            self.excited or self.harmonics,
+        )
         averaged = self.averaged and bool(self.active)
-        plan = dataclasses.replace(self, active=(), flank=(), cycles=0, tolerance=0.0, tolerance_share=0.0)
+        plan = dataclasses.replace(
+            self, active=(), flank=(), cycles=0, tolerance=0.0, tolerance_share=0.0
+        )
         plan = dataclasses.replace(plan, residual_tolerance=0.0, step_tolerance=0.0)
-        return dataclasses.replace(plan, start=start, excited=excited, averaged=averaged)
+        return dataclasses.replace(
+            plan, start=start, excited=excited, averaged=averaged
+        )
 
     @property
     def active_meshes(self) -> ActiveMeshes:
@@ -182,10 +259,14 @@ class Plan:
         index[:count] = self.active
         mask = np.zeros(padded)
         mask[:count] = 1.0
-        return ActiveMeshes(mask=mask, index=index, flank=np.array(self.flank, dtype=float))
+        return ActiveMeshes(
+            mask=mask, index=index, flank=np.array(self.flank, dtype=float)
+        )
 
     def __str__(self):
-        size = f"{self.harmonics} harmonics" + (", exact integrals" if self.integrals == "exact" else "")
+        size = f"{self.harmonics} harmonics" + (
+            ", exact integrals" if self.integrals == "exact" else ""
+        )
         if not self.active:
             return f"linear, {size}" + (", teeth in contact" if any(self.flank) else "")
         return f"{len(self.active)} meshes with backlash, {size}, start: {self.start}"
@@ -193,41 +274,64 @@ class Plan:
 
 def check_harmonics(train, harmonics, method):
     """Refuse a fixed number of harmonics that cannot work, with a sentence."""
-    name, least, most = train.topology.title, highest_harmonic(train), MOST_HARMONICS[method]
+    name, least, most = (
+        train.topology.title,
+        highest_harmonic(train),
+        MOST_HARMONICS[method],
+    )
     if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
-        raise SceneError(f"{name}: harmonics is {harmonics}, must be a whole number of at least 1.")
+        raise SceneError(
+            f"{name}: harmonics is {harmonics}, must be a whole number of at least 1."
+        )
     if harmonics < least:
         raise SceneError(
-            f"{name}: {harmonics} harmonics of the cycle are below the excitation, which reaches harmonic {least} "
-            f"(order {least / train.topology.revolutions_per_cycle:g}): ask for at least {least} harmonics."
+            f"{name}: {harmonics} harmonics of the cycle are below the excitation,"
+            f" which reaches harmonic {least} (order"
+            f" {least / train.topology.revolutions_per_cycle:g}): ask for at least"
+            f" {least} harmonics."
         )
     if harmonics > most and method == "chain":
         need = 6 * train.topology.n_disks * (2 * harmonics + 1) ** 2 * 8 / 2**30
         raise SceneError(
-            f"{name}: method 'chain' holds dense blocks for all {train.topology.n_disks} disks, about {need:.1f} GiB "
-            f"at {harmonics} harmonics, and serves as a check up to {most} harmonics: use method 'reduced'."
+            f"{name}: method 'chain' holds dense blocks for all"
+            f" {train.topology.n_disks} disks, about {need:.1f} GiB at {harmonics}"
+            f" harmonics, and serves as a check up to {most} harmonics: use method"
+            " 'reduced'."
         )
     if harmonics > most:
-        raise SceneError(f"{name}: {harmonics} harmonics are more than the limit of {most}: use fewer.")
+        raise SceneError(
+            f"{name}: {harmonics} harmonics are more than the limit of {most}: use"
+            " fewer."
+        )
 
 
 def excited_harmonic(train, method):
-    """Highest harmonic of the excitation that counts; a sentence where ``method`` cannot reach it."""
+    """Highest harmonic of the excitation that counts; a sentence where ``method``
+    cannot reach it.
+    """
     highest = highest_harmonic(train)
     if highest > MOST_HARMONICS[method]:
         raise SceneError(
-            f"{train.topology.title}: the excitation reaches harmonic {highest} of the cycle, more than the "
-            f"{MOST_HARMONICS[method]} that method '{method}' offers: drop its highest orders or shorten the cycle."
+            f"{train.topology.title}: the excitation reaches harmonic {highest} of the"
+            f" cycle, more than the {MOST_HARMONICS[method]} that method '{method}'"
+            " offers: drop its highest orders or shorten the cycle."
         )
     return highest
 
 
 def check_plan(train, plan):
-    """Refuse a plan made for another train: backlash it does not know, or more excitation than it holds."""
+    """Refuse a plan made for another train: backlash it does not know, or more
+    excitation than it holds.
+    """
     name, has_law = train.topology.title, train.topology.has_law
     known = len(plan.flank) == len(has_law)
-    if not known or any(i not in plan.active and not plan.flank[i] for i in np.flatnonzero(has_law)):
-        raise SceneError(f"{name}: the plan was made for a train without this backlash or other meshes: plan again.")
+    if not known or any(
+        i not in plan.active and not plan.flank[i] for i in np.flatnonzero(has_law)
+    ):
+        raise SceneError(
+            f"{name}: the plan was made for a train without this backlash or other"
+            " meshes: plan again."
+        )
     if not traced(train):
         with jax.ensure_compile_time_eval():  # under jit, too
             check_harmonics(train, plan.harmonics, plan.method)

@@ -1,4 +1,6 @@
-"""The equations of one train at one speed, and the fields of its solution. Arrays in, arrays out."""
+"""The equations of one train at one speed, and the fields of its solution. Arrays in,
+arrays out.
+"""
 
 from dataclasses import dataclass
 
@@ -22,8 +24,9 @@ from jaxhb.train import chain
 class Problem:
     """A train at one speed: linear system, all its meshes, excitation.
 
-    system : System; meshes : MeshParameters over all meshes (a mesh without backlash has epsilon 1, which makes its law
-    linear); frequency : Omega in rad/s; load : complex ``(S, E+1)`` N, E the highest harmonic excited; rigid : ``(S,)``
+    system : System; meshes : MeshParameters over all meshes (a mesh without backlash
+    has epsilon 1, which makes its law linear); frequency : Omega in rad/s; load :
+    complex ``(S, E+1)`` N, E the highest harmonic excited; rigid : ``(S,)``
     displacements of the rigid rotation; load_torque N m; load_power W.
     """
 
@@ -43,10 +46,11 @@ class Problem:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ActiveMeshes:
-    """The meshes whose contact is an unknown, padded to G of them, and the flanks of the others.
+    """The meshes whose contact is an unknown, padded to G of them, and the flanks of
+    the others.
 
-    mask ``(G,)`` 1, or 0 for padding; index ``(G,)`` of the mesh; flank ``(M,)`` of every mesh: +1 or -1 where it is
-    held on that flank all cycle, else 0.
+    mask ``(G,)`` 1, or 0 for padding; index ``(G,)`` of the mesh; flank ``(M,)`` of
+    every mesh: +1 or -1 where it is held on that flank all cycle, else 0.
     """
 
     mask: Array
@@ -55,11 +59,15 @@ class ActiveMeshes:
 
 
 def problem_at(train, rpm, excited):
-    """The :class:`Problem` of ``train`` at ``rpm``, with room for ``excited`` harmonics of the excitation."""
+    """The :class:`Problem` of ``train`` at ``rpm``, with room for ``excited`` harmonics
+    of the excitation.
+    """
     xp = namespace(train, rpm)
     train = jax.tree.map(lambda a: xp.asarray(a, dtype=float), train)
     system, meshes, rigid = _at_any_speed(train)
-    torque, load_torque, _ = excitation(train, rpm, min(excited, listed_harmonic(train.topology)))
+    torque, load_torque, _ = excitation(
+        train, rpm, min(excited, listed_harmonic(train.topology))
+    )
     torque = fourier.resize(xp.asarray(torque), excited)
     rpm = xp.asarray(rpm, dtype=float)
     topology = train.topology
@@ -82,7 +90,9 @@ def _at_any_speed(train):
 
 
 def reduced_equation(problem, harmonics, active_meshes):
-    """CondensedEquation and CondensedTrain of the active meshes; those that are not active are held on their flanks."""
+    """CondensedEquation and CondensedTrain of the active meshes; those that are not
+    active are held on their flanks.
+    """
     equation, train = linear_equation(problem, harmonics, active_meshes)
     return condensation.with_receptances(equation, train.system, train.columns), train
 
@@ -91,22 +101,37 @@ def linear_equation(problem, harmonics, active_meshes):
     """The same without receptances; of numbers of the host there."""
     meshes = problem.meshes
     xp = namespace(problem, active_meshes)
-    # Beyond the knee f = c l - offset sign(l): a mesh that stays on its flank is a linear link with a constant force.
+    # Beyond the knee f = c l - offset sign(l): a mesh that stays on its flank is a
+    # linear link with a constant force.
     constant = -xp.asarray(active_meshes.flank) * backlash.offset(meshes.law)
-    load = _with_mean(xp.asarray(problem.load), -problem.system.spread(constant, meshes.link))
+    load = _with_mean(
+        xp.asarray(problem.load), -problem.system.spread(constant, meshes.link)
+    )
     chosen = jax.tree.map(lambda a: xp.asarray(a)[active_meshes.index], meshes)
-    given = problem.system, problem.frequency, load, harmonics, meshes, chosen, active_meshes.mask
+    given = (
+        problem.system,
+        problem.frequency,
+        load,
+        harmonics,
+        meshes,
+        chosen,
+        active_meshes.mask,
+    )
     return condensation.linear_motion(*given)
 
 
 def _with_mean(coefficients, mean):
     """Coefficients ``(S, N+1)`` with ``mean`` ``(S,)`` added to those of harmonic 0."""
     xp = namespace(coefficients, mean)
-    return coefficients + xp.where(np.arange(coefficients.shape[-1]) == 0, mean[:, None], 0.0)
+    return coefficients + xp.where(
+        np.arange(coefficients.shape[-1]) == 0, mean[:, None], 0.0
+    )
 
 
 def force_balance(problem, harmonics, samples):
-    """The :class:`~jaxhb.equations.residual.ForceBalance` on all disks, every mesh with its whole law."""
+    """The :class:`~jaxhb.equations.residual.ForceBalance` on all disks, every mesh with
+    its whole law.
+    """
     return ForceBalance(
         system=problem.system,
         meshes=problem.meshes,
@@ -118,27 +143,35 @@ def force_balance(problem, harmonics, samples):
 
 
 def model_of(problem, active_meshes, time_steps):
-    """The :class:`~jaxhb.equations.reduced_model.ReducedOrderModel` that so many time steps a cycle resolve, with the
-    active meshes as its inputs."""
+    """The :class:`~jaxhb.equations.reduced_model.ReducedOrderModel` that so many time
+    steps a cycle resolve, with the active meshes as its inputs.
+    """
     links = problem.links(active_meshes)
-    return reduced_model(problem.system, links, active_meshes.mask, problem.frequency, time_steps)
+    return reduced_model(
+        problem.system, links, active_meshes.mask, problem.frequency, time_steps
+    )
 
 
-# Times the harmonics of the motion that tooth forces have: what their time samples tell apart.
+# Times the harmonics of the motion that tooth forces have: what their time samples tell
+# apart.
 FORCE_HARMONICS = fourier.SAMPLES_PER_HARMONIC // 2
 
 
 def fields(problem, displacement, force, integrals, samples, crossings=None):
-    """Motion, torques and forces from displacements ``(S, N+1)`` and forces ``(L, N+1)`` of the linear links.
+    """Motion, torques and forces from displacements ``(S, N+1)`` and forces ``(L,
+    N+1)`` of the linear links.
 
-    Deflections of meshes come from link forces, not from differences of displacements. Tooth forces are those of the
-    law at the synthesised deflection, to eight times the harmonics of the motion: the samples themselves, or with exact
-    integrals (``crossings`` of all meshes, where known) their Fourier series.
+    Deflections of meshes come from link forces, not from differences of displacements.
+    Tooth forces are those of the law at the synthesised deflection, to eight times the
+    harmonics of the motion: the samples themselves, or with exact integrals
+    (``crossings`` of all meshes, where known) their Fourier series.
     """
     system, meshes = problem.system, problem.meshes
     xp, harmonics = namespace(problem, displacement, force), displacement.shape[-1] - 1
     omega = dynamic_stiffness.frequencies(problem.frequency, harmonics)
-    displacement = _with_mean(displacement, -chain.drift(system, problem.rigid, displacement[:, 0].real))
+    displacement = _with_mean(
+        displacement, -chain.drift(system, problem.rigid, displacement[:, 0].real)
+    )
     complex_stiffness = dynamic_stiffness.link_stiffness(system, omega)
     links, stiffness = xp.asarray(meshes.link), xp.asarray(system.stiffness)[:, None]
     elastic_torque = force * quotient(stiffness, complex_stiffness)
@@ -149,18 +182,26 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
     shafts = force.shape[0] - count
     law = jax.tree.map(xp.asarray, meshes.law)
     rule = condensation.quadrature(integrals, law, mesh, samples, crossings)
-    values, rates = fourier.each(rule.synthesize, mesh, fourier.derivative(mesh, problem.frequency))
+    values, rates = fourier.each(
+        rule.synthesize, mesh, fourier.derivative(mesh, problem.frequency)
+    )
     known = backlash.at_samples(meshes, rule.synthesize)
     elastic = backlash.force(known[0], values)
     total = backlash.mesh_force(*known, values, rates)
     kept = FORCE_HARMONICS * harmonics - 1
-    total, elastic = fourier.each(lambda values: rule.analyze(values, kept), total, elastic)
+    total, elastic = fourier.each(
+        lambda values: rule.analyze(values, kept), total, elastic
+    )
     torque = force
     if meshes.springs:
         # What acts beside a shaft: its force less that of the linear link in its place.
         springs, linear = links[count:], law.linear[count:, None] * mesh[count:]
         torque, elastic_torque = (
-            added(fourier.resize(own, kept), springs, beside[count:] - fourier.resize(linear, kept))
+            added(
+                fourier.resize(own, kept),
+                springs,
+                beside[count:] - fourier.resize(linear, kept),
+            )
             for own, beside in ((torque, total), (elastic_torque, elastic))
         )
     return Fields(
@@ -174,27 +215,42 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
 
 
 def power_defect(problem, displacement, force, found):
-    """Power of the torques less what dampers, links and teeth take, over what the torques exchange with the train.
+    """Power of the torques less what dampers, links and teeth take, over what the
+    torques exchange with the train.
 
-    Zero for the exact motion and for every solution of the truncated equations, as elastic forces do no work over a
-    cycle, ``sum of b |x'|^2 = <q, x'>`` (docs/theory A4.1): what is left comes of unsolved equations, and of the work
-    that sampled elastic tooth forces seem to do. Those of a stiffness that varies, and against transmission errors, do
-    work, and count.
+    Zero for the exact motion and for every solution of the truncated equations, as
+    elastic forces do no work over a cycle, ``sum of b |x'|^2 = <q, x'>`` (docs/theory
+    A4.1): what is left comes of unsolved equations, and of the work that sampled
+    elastic tooth forces seem to do. Those of a stiffness that varies, and against
+    transmission errors, do work, and count.
 
-    displacement ``(S, N+1)`` m; force ``(L, N+1)`` N of the linear links; found : Fields.
+    displacement ``(S, N+1)`` m; force ``(L, N+1)`` N of the linear links; found :
+    Fields.
     """
     system, harmonics = problem.system, displacement.shape[-1] - 1
-    xp, velocity = namespace(problem, found, force), fourier.derivative(displacement, problem.frequency)
-    load = fourier.resize(xp.asarray(problem.load), min(problem.load.shape[-1] - 1, harmonics))
+    xp, velocity = (
+        namespace(problem, found, force),
+        fourier.derivative(displacement, problem.frequency),
+    )
+    load = fourier.resize(
+        xp.asarray(problem.load), min(problem.load.shape[-1] - 1, harmonics)
+    )
     worked = problem.meshes.variation is not None or problem.meshes.error is not None
-    teeth = fourier.resize(found.forces - (0.0 if worked else found.elastic_forces), harmonics)
+    teeth = fourier.resize(
+        found.forces - (0.0 if worked else found.elastic_forces), harmonics
+    )
     count, links = len(teeth) - problem.meshes.springs, xp.asarray(problem.meshes.link)
     at_teeth = added(xp.zeros(len(force)), links[:count], 1.0) > 0
     force = added(xp.where(at_teeth[:, None], 0.0, force), links[:count], teeth[:count])
     if problem.meshes.springs:
-        own = problem.meshes.law.linear[count:, None] * found.deflections[count:] if worked else 0.0
+        own = (
+            problem.meshes.law.linear[count:, None] * found.deflections[count:]
+            if worked
+            else 0.0
+        )
         force = added(force, links[count:], teeth[count:] - own)
-    # Power of each harmonic is Re(q conj(v)), n > 0 counted twice: a common factor of all terms, left out.
+    # Power of each harmonic is Re(q conj(v)), n > 0 counted twice: a common factor of
+    # all terms, left out.
     driven = velocity[:, : load.shape[1]]
     given = (load * xp.conj(driven)).real
     taken = (force * xp.conj(system.deflections(velocity))).real.sum()
@@ -204,16 +260,21 @@ def power_defect(problem, displacement, force, found):
 
 
 def force_defect(problem, active_meshes, nonlinear_force, computed):
-    """Mean force in N by which the law at the computed deflection misses the one that balances the mean torques, over
-    the largest root mean square of a tooth force: the largest of all meshes; 0 for a solution of the equations.
+    """Mean force in N by which the law at the computed deflection misses the one that
+    balances the mean torques, over the largest root mean square of a tooth force: the
+    largest of all meshes; 0 for a solution of the equations.
 
-    nonlinear_force : coefficients ``(G, N+1)`` N of the active meshes with which the train was balanced; computed :
-    Fields.
+    nonlinear_force : coefficients ``(G, N+1)`` N of the active meshes with which the
+    train was balanced; computed : Fields.
     """
     meshes, xp = problem.meshes, namespace(problem, computed)
     balancing = -xp.asarray(active_meshes.flank) * backlash.offset(meshes.law)
-    balancing = added(balancing, active_meshes.index, active_meshes.mask * nonlinear_force[:, 0].real)
-    balancing = balancing + meshes.law.linear_stiffness * computed.deflections[:, 0].real
+    balancing = added(
+        balancing, active_meshes.index, active_meshes.mask * nonlinear_force[:, 0].real
+    )
+    balancing = (
+        balancing + meshes.law.linear_stiffness * computed.deflections[:, 0].real
+    )
     missed = xp.max(xp.abs(computed.forces[:, 0].real - balancing), initial=0.0)
     size = xp.max(xp.linalg.norm(fourier.pack(computed.forces), axis=-1), initial=0.0)
     # Without a load all forces are rounding.
@@ -222,10 +283,12 @@ def force_defect(problem, active_meshes, nonlinear_force, computed):
 
 
 def ring_force(problem, computed):
-    """Mean force on a damper ring that no stiffness holds, over the root mean square of the dry friction on it, the
-    largest of all; 0 for a motion that repeats, as nothing else takes that mean.
+    """Mean force on a damper ring that no stiffness holds, over the root mean square of
+    the dry friction on it, the largest of all; 0 for a motion that repeats, as nothing
+    else takes that mean.
 
-    Where dry friction slips longer one way than the other, such a ring creeps on its hub. computed : Fields.
+    Where dry friction slips longer one way than the other, such a ring creeps on its
+    hub. computed : Fields.
     """
     system, meshes, xp = problem.system, problem.meshes, namespace(problem, computed)
     if not meshes.springs:
@@ -233,15 +296,24 @@ def ring_force(problem, computed):
     beside = computed.forces[-meshes.springs :]
     links = xp.asarray(meshes.link)[-meshes.springs :]
     loose = (system.tree.pinned & (xp.asarray(system.stiffness) == 0))[links]
-    mean, size = xp.abs(beside[:, 0].real), xp.linalg.norm(fourier.pack(beside), axis=-1)
-    return xp.max(xp.where(loose & (size > 0), mean / xp.where(size > 0, size, 1.0), 0.0))
+    mean, size = (
+        xp.abs(beside[:, 0].real),
+        xp.linalg.norm(fourier.pack(beside), axis=-1),
+    )
+    return xp.max(
+        xp.where(loose & (size > 0), mean / xp.where(size > 0, size, 1.0), 0.0)
+    )
 
 
 def held_in_contact(problem, deflections, flank, samples):
-    """Whether every held mesh stays beyond the transition zone on its flank all cycle."""
+    """Whether every held mesh stays beyond the transition zone on its flank all
+    cycle.
+    """
     xp = namespace(problem, deflections)
     if xp is np and not np.any(flank):
         return np.array(True)
     values = fourier.synthesize(deflections, samples)
-    margin = xp.min(xp.asarray(flank)[:, None] * values, axis=-1) - problem.meshes.law.knee
+    margin = (
+        xp.min(xp.asarray(flank)[:, None] * values, axis=-1) - problem.meshes.law.knee
+    )
     return xp.all((xp.asarray(flank) == 0) | (margin >= 0))

@@ -1,7 +1,9 @@
-"""A branch of periodic motions over one number of the train: followed by arclength through its folds, with stability.
+"""A branch of periodic motions over one number of the train: followed by arclength
+through its folds, with stability.
 
 The curve is that of the reduced harmonic equations with a fixed number of harmonics
-(:mod:`jaxhb.branches.curve`), followed by :mod:`jaxhb.solutions.continuation` on the host.
+(:mod:`jaxhb.branches.curve`), followed by :mod:`jaxhb.solutions.continuation` on the
+host.
 """
 
 from __future__ import annotations
@@ -33,8 +35,10 @@ from jaxhb.train.speeds import check_speed
 
 @dataclass(frozen=True)
 class SpecialPoint:
-    """Where a branch turns back or changes its stability: a "fold", "branch point", "period doubling" or
-    "Neimark-Sacker" at a value of the parameter, after point no. ``after`` of the branch; ``y`` on the curve."""
+    """Where a branch turns back or changes its stability: a "fold", "branch point",
+    "period doubling" or "Neimark-Sacker" at a value of the parameter, after point no.
+    ``after`` of the branch; ``y`` on the curve.
+    """
 
     kind: str
     value: float
@@ -54,20 +58,32 @@ def train_at(train, rpm, parameter, value):
 
 def response_at(curve, plan, y):
     """The Response at a point of the curve, which solves it already."""
-    train, rpm = train_at(curve.train, float(curve.rpm), curve.parameter, curve.value(y))
+    train, rpm = train_at(
+        curve.train, float(curve.rpm), curve.parameter, curve.value(y)
+    )
     given = first_start(plan, given=np.asarray(curve.deflection(y)))
-    return solve_once(train, rpm, problem_at(train, rpm, curve.plan.excited), plan, given)[0]
+    return solve_once(
+        train, rpm, problem_at(train, rpm, curve.plan.excited), plan, given
+    )[0]
 
 
 def extremes(response):
-    """Columns of a branch on the teeth, of every mesh: none depends on which of its gears is named first."""
+    """Columns of a branch on the teeth, of every mesh: none depends on which of its
+    gears is named first.
+    """
     names = response.topology.mesh_names
-    forces, deflections = [response.force(name) for name in names], [response.deflection(name) for name in names]
+    forces, deflections = (
+        [response.force(name) for name in names],
+        [response.deflection(name) for name in names],
+    )
     senses = [drive_sense(response, name) for name in names]
 
     def of_all(signals, extreme, opposite):
         pairs = zip(signals, senses, strict=True)
-        return [getattr(s, extreme) if sense > 0 else -getattr(s, opposite) for s, sense in pairs]
+        return [
+            getattr(s, extreme) if sense > 0 else -getattr(s, opposite)
+            for s, sense in pairs
+        ]
 
     return {
         "largest_deflection": of_all(deflections, "max", "min"),
@@ -79,7 +95,9 @@ def extremes(response):
 
 @dataclass(frozen=True)
 class Point:
-    """A point of a branch: its row of the table by column; y and tangent of its curve, the multipliers of its teeth."""
+    """A point of a branch: its row of the table by column; y and tangent of its curve,
+    the multipliers of its teeth.
+    """
 
     row: dict
     y: np.ndarray
@@ -96,12 +114,16 @@ class Point:
         return cls(row, y, tangent, found.multipliers[~found.rotation])
 
     def beyond(self, place):
-        """Product of ``1 - place x multiplier``: its sign changes where a real one passes ``place``, +1 or -1."""
+        """Product of ``1 - place x multiplier``: its sign changes where a real one
+        passes ``place``, +1 or -1.
+        """
         return float(np.prod(1 - place * self.multipliers).real)
 
     @property
     def pairs(self):
-        """Products of two multipliers, less 1, and whether those are complex: zero for a pair of modulus 1."""
+        """Products of two multipliers, less 1, and whether those are complex: zero for
+        a pair of modulus 1.
+        """
         first, second = np.triu_indices(len(self.multipliers), 1)
         products = self.multipliers[first] * self.multipliers[second] - 1
         return products, self.multipliers[first].imag != 0
@@ -112,7 +134,9 @@ TESTS = {
     "period doubling": lambda point: point.beyond(-1),
     "Neimark-Sacker": lambda point: float(np.prod(point.pairs[0]).real),
 }
-"""Functions of a point whose sign changes (Kuznetsov, Elements of Applied Bifurcation Theory, 2004, ch. 10)."""
+"""Functions of a point whose sign changes (Kuznetsov, Elements of Applied Bifurcation
+Theory, 2004, ch. 10).
+"""
 
 
 def special_points(curve, plan, points, locate, options):
@@ -126,36 +150,60 @@ def special_points(curve, plan, points, locate, options):
 
     found = {kind: [test(point) for point in points] for kind, test in TESTS.items()}
     found = {"fold": [point.tangent[-1] for point in points]} | found
-    changes = {kind: np.sign(values[:-1]) * np.sign(values[1:]) < 0 for kind, values in found.items()}
+    changes = {
+        kind: np.sign(values[:-1]) * np.sign(values[1:]) < 0
+        for kind, values in found.items()
+    }
     passed = changes["branch point"]
     for number in np.flatnonzero(changes["fold"]):
-        # At a fold a multiplier passes +1, but not where that of the harmonics lies: the truncation error is between.
-        beside = [k for k in (number, number - 1, number + 1) if 0 <= k < len(passed) and passed[k]]
+        # At a fold a multiplier passes +1, but not where that of the harmonics lies:
+        # the truncation error is between.
+        beside = [
+            k
+            for k in (number, number - 1, number + 1)
+            if 0 <= k < len(passed) and passed[k]
+        ]
         passed[beside[:1]] = False
     special = []
     for kind, where in changes.items():
         for number in np.flatnonzero(where):
             ends = [(point.y, point.tangent) for point in points[number : number + 2]]
-            test, closed = (rise, options.fold) if kind == "fold" else (on_point(TESTS[kind]), options.stability)
+            test, closed = (
+                (rise, options.fold)
+                if kind == "fold"
+                else (on_point(TESTS[kind]), options.stability)
+            )
             at = Point.at(curve, plan, *locate(*ends, test, closed=closed))
-            # The product of two real multipliers passes 1 as well, where nothing happens: a pair must be complex.
+            # The product of two real multipliers passes 1 as well, where nothing
+            # happens: a pair must be complex.
             products, turning = at.pairs
             if kind != "Neimark-Sacker" or turning[np.argmin(np.abs(products))]:
                 length = (at.y - ends[0][0]) @ ends[0][1]
-                special.append((number, length, SpecialPoint(kind, at.row["value"], int(number), at.y)))
+                special.append(
+                    (
+                        number,
+                        length,
+                        SpecialPoint(kind, at.row["value"], int(number), at.y),
+                    )
+                )
     return tuple(point for *_, point in sorted(special, key=lambda entry: entry[:2]))
 
 
 @dataclass(frozen=True, kw_only=True)
 class BranchOptions:
-    """Options of :func:`follow`: steps as shares of the range of the parameter, deflections counted alike."""
+    """Options of :func:`follow`: steps as shares of the range of the parameter,
+    deflections counted alike.
+    """
 
     first: float = 0.01  # length of the first step
     longest: float = 0.05  # length of a step at most
     jacobians: int = 4000  # of a branch at most
     fold: float = 1e-9  # error of the parameter at a fold, as a share of its range
-    stability: float = 1e-5  # the same where the stability changes, for which multipliers cost some
-    closed: float = 1e-11  # error of a point, relative to the first motion: well below that of a solve
+    stability: float = (
+        1e-5  # the same where the stability changes, for which multipliers cost some
+    )
+    # error of a point, relative to the first motion: well below that of a solve
+    closed: float = 1e-11
 
 
 BRANCH = BranchOptions()
@@ -164,15 +212,18 @@ BRANCH = BranchOptions()
 @brief
 @dataclass(frozen=True)
 class Branch:
-    """A branch of periodic motions as a table of P points, made by :func:`follow`; M meshes.
+    """A branch of periodic motions as a table of P points, made by :func:`follow`; M
+    meshes.
 
     Parameters
     ----------
     parameter : "rpm" or "NAME.FIELD"
     value : ``(P,)`` of the parameter, in its unit
-    largest_deflection, smallest_deflection : ``(P, M)`` m, positive as the teeth deflect under their mean force
+    largest_deflection, smallest_deflection : ``(P, M)`` m, positive as the teeth
+    deflect under their mean force
     largest_force : ``(P, M)`` N, largest absolute tooth force
-    smallest_force : ``(P, M)`` N, positive where the gear drives that does so on the whole
+    smallest_force : ``(P, M)`` N, positive where the gear drives that does so on the
+    whole
     multiplier : complex ``(P,)``, the critical one of :class:`~jaxhb.Stability`
     stable : bool ``(P,)``
     truncation_error : ``(P,)``, as of a response
@@ -213,40 +264,66 @@ class Branch:
         return response_at(self._curve, self._plan, self._path[number][0])
 
     def resume(
-        self, number: int = -1, *, to: float | None = None, backwards: bool = False, options: BranchOptions = BRANCH
+        self,
+        number: int = -1,
+        *,
+        to: float | None = None,
+        backwards: bool = False,
+        options: BranchOptions = BRANCH,
     ) -> Branch:
-        """Follow on, or ``backwards``, from point ``number`` of this branch, which is the first of the new one.
+        """Follow on, or ``backwards``, from point ``number`` of this branch, which is
+        the first of the new one.
 
-        ``to`` extends the range; SceneError or ValueError where it is not a value that the parameter can have.
+        ``to`` extends the range; SceneError or ValueError where it is not a value that
+        the parameter can have.
         """
         curve, shares = self._curve, [0.0, 1.0]
         if to is not None:
             train_at(curve.train, float(curve.rpm), curve.parameter, float(to))
             shares.append((float(to) - float(curve.begin)) / float(curve.span))
         y, tangent = self._path[number]
-        return _followed(curve, self._plan, y, -tangent if backwards else tangent, (min(shares), max(shares)), options)
+        return _followed(
+            curve,
+            self._plan,
+            y,
+            -tangent if backwards else tangent,
+            (min(shares), max(shares)),
+            options,
+        )
 
     def doubled(self, number: int = 0, *, options: BranchOptions = BRANCH) -> Branch:
-        """The branch of motions of twice the period that leaves this one at its period doubling no. ``number``.
+        """The branch of motions of twice the period that leaves this one at its period
+        doubling no. ``number``.
 
-        Of ``train.repeated(2)``, in the same range. Begins in the direction in which the harmonic equations over two
-        periods are singular there; a motion and the one a period later are the same. ValueError where there is no such
-        period doubling; ``branch.doubled().doubled()`` goes on.
+        Of ``train.repeated(2)``, in the same range. Begins in the direction in which
+        the harmonic equations over two periods are singular there; a motion and the one
+        a period later are the same. ValueError where there is no such period doubling;
+        ``branch.doubled().doubled()`` goes on.
         """
         places = [point for point in self.special if point.kind == "period doubling"]
         if not -len(places) <= number < len(places):
-            raise ValueError(f"period doubling no. {number} is asked for, and this branch has {len(places)} of them.")
+            raise ValueError(
+                f"period doubling no. {number} is asked for, and this branch has"
+                f" {len(places)} of them."
+            )
         curve, plan, y, tangent = _doubled(self._curve, self._plan, places[number].y)
         found = _followed(curve, plan, y, tangent, (0.0, 1.0), options)
         # Where it begins a multiplier is 1, rounded to either side: no branch point.
-        special = tuple(point for point in found.special if point.after or point.kind != "branch point")
+        special = tuple(
+            point
+            for point in found.special
+            if point.after or point.kind != "branch point"
+        )
         return replace(found, special=special)
 
     def __str__(self):
         shares = f"{np.count_nonzero(self.stable)} of {len(self)} points stable"
         points = "; ".join(map(str, self.special)) or "no special points"
         left = f"truncation error up to {100 * self.truncation_error.max():.2g} %"
-        return f"{self.parameter} {self.value[0]:g} to {self.value[-1]:g}: {shares}, {left}; {points}. {self.ended}"
+        return (
+            f"{self.parameter} {self.value[0]:g} to {self.value[-1]:g}: {shares},"
+            f" {left}; {points}. {self.ended}"
+        )
 
 
 def follow(
@@ -261,14 +338,18 @@ def follow(
     begin: Response | None = None,
     options: BranchOptions = BRANCH,
 ) -> Branch:
-    """Follow a branch of periodic motions over the speed or a number of the train, through its folds.
+    """Follow a branch of periodic motions over the speed or a number of the train,
+    through its folds.
 
-    Pseudo-arclength continuation (Keller 1977) of the harmonic equations F(l, p) = 0 from a motion at ``start``. Every
-    point has its stability. Ends where the parameter leaves ``start`` .. ``to`` on either side.
+    Pseudo-arclength continuation (Keller 1977) of the harmonic equations F(l, p) = 0
+    from a motion at ``start``. Every point has its stability. Ends where the parameter
+    leaves ``start`` .. ``to`` on either side.
 
-    :class:`SceneError` if there is no such element or field, a value is out of its range, or a speed not greater than 0
-    or above 1e6 rpm. ValueError for an empty range, a missing or superfluous ``rpm``, a train without backlash, or
-    without multipliers (:func:`jaxhb.stability`). NotConverged if no motion is found at ``start``.
+    :class:`SceneError` if there is no such element or field, a value is out of its
+    range, or a speed not greater than 0 or above 1e6 rpm. ValueError for an empty
+    range, a missing or superfluous ``rpm``, a train without backlash, or without
+    multipliers (:func:`jaxhb.stability`). NotConverged if no motion is found at
+    ``start``.
 
     Parameters
     ----------
@@ -276,15 +357,19 @@ def follow(
     parameter : str
         "rpm", or "NAME.FIELD" of a number of the train.
     start, to : float
-        Range of the parameter, in its unit; the branch begins at ``start`` towards ``to``.
+        Range of the parameter, in its unit; the branch begins at ``start`` towards
+        ``to``.
     rpm : float, optional
         Speed, where that is not the parameter.
     harmonics : int, optional
-        Of all motions. Default: as many as the motion at ``start`` needs, and mesh modes in the middle of the range.
+        Of all motions. Default: as many as the motion at ``start`` needs, and mesh
+        modes in the middle of the range.
     tolerance : float
-        Truncation error that the first motion is solved to; that of each point is in the table.
+        Truncation error that the first motion is solved to; that of each point is in
+        the table.
     begin : Response, optional
-        A motion at ``start`` to begin with, where several exist; default: :func:`jaxhb.solve`.
+        A motion at ``start`` to begin with, where several exist; default:
+        :func:`jaxhb.solve`.
     options : BranchOptions
 
     Examples
@@ -294,7 +379,15 @@ def follow(
     >>> round(float(branch.value[-1])), bool(branch.stable.all())
     (3000, True)
     """
-    refuse_tracers("follow", train, rpm, start, to, begin, instead="differentiate jaxhb.solve at a point of the branch")
+    refuse_tracers(
+        "follow",
+        train,
+        rpm,
+        start,
+        to,
+        begin,
+        instead="differentiate jaxhb.solve at a point of the branch",
+    )
     if parameter == "rpm":
         check_speed(train, start)
         check_speed(train, to)
@@ -305,12 +398,26 @@ def follow(
         begin = solve(first, rpm=speed, harmonics=harmonics, tolerance=tolerance)
     need_solved(begin)
     stability(replace(begin, train=first))  # its sentences come before the work
-    plan = _plan(first, sum(speed for _, speed in ends) / 2, harmonics, tolerance, begin.harmonics)
-    deflection = fourier.resize(active_deflections(plan, begin.deflections), plan.harmonics)
+    plan = _plan(
+        first,
+        sum(speed for _, speed in ends) / 2,
+        harmonics,
+        tolerance,
+        begin.harmonics,
+    )
+    deflection = fourier.resize(
+        active_deflections(plan, begin.deflections), plan.harmonics
+    )
     sizes = np.asarray(first.meshes.backlash)[list(plan.active)]
-    scale = np.min(sizes + np.linalg.norm(fourier.pack(deflection), axis=-1)[: len(sizes)])
-    speed, begins, length, size = map(np.asarray, (float(speed), float(start), float(to) - float(start), float(scale)))
-    curve = HarmonicCurve(train, speed, begins, length, size, plan.active_meshes, parameter, plan.static)
+    scale = np.min(
+        sizes + np.linalg.norm(fourier.pack(deflection), axis=-1)[: len(sizes)]
+    )
+    speed, begins, length, size = map(
+        np.asarray, (float(speed), float(start), float(to) - float(start), float(scale))
+    )
+    curve = HarmonicCurve(
+        train, speed, begins, length, size, plan.active_meshes, parameter, plan.static
+    )
     y = np.append(fourier.pack(deflection).ravel() / scale, 0.0)
     return _followed(curve, plan, y, None, (0.0, 1.0), options)
 
@@ -319,13 +426,21 @@ def _check(train, parameter, start, to, rpm):
     """Refuse what cannot be followed, with a sentence."""
     name = train.topology.title
     if parameter == "rpm" and rpm is not None:
-        raise ValueError(f"{name}: rpm is the parameter: give start and to, and no rpm={rpm:g}.")
+        raise ValueError(
+            f"{name}: rpm is the parameter: give start and to, and no rpm={rpm:g}."
+        )
     if parameter != "rpm" and rpm is None:
         raise ValueError(f"{name}: {parameter} is followed at one speed: give rpm=...")
     if not (np.isfinite([start, to]).all() and start != to):
-        raise ValueError(f"{name}: {parameter} from {start:g} to {to:g} is no range: give two different numbers.")
+        raise ValueError(
+            f"{name}: {parameter} from {start:g} to {to:g} is no range: give two"
+            " different numbers."
+        )
     if not train.topology.has_law.any():
-        raise ValueError(f"{name} has no mesh with backlash: one motion at each speed, use jaxhb.solve_speeds.")
+        raise ValueError(
+            f"{name} has no mesh with backlash: one motion at each speed, use"
+            " jaxhb.solve_speeds."
+        )
 
 
 def _plan(train, rpm, harmonics, tolerance, found):
@@ -336,45 +451,84 @@ def _plan(train, rpm, harmonics, tolerance, found):
     level = planning.first_level(excited_harmonic(train, request.method), modes)
     steps = time_steps_for(max(modes, 2 * excited))
     plan = replace(planning.contact_plan(train, request), time_steps=steps)
-    return replace(planning.all_active(train, plan, request), harmonics=harmonics or max(level, found))
+    return replace(
+        planning.all_active(train, plan, request),
+        harmonics=harmonics or max(level, found),
+    )
 
 
 def _doubled(curve, plan, y):
     """Curve, plan, point and tangent over two periods, at a period doubling ``y``."""
     train = curve.train.repeated(2)
-    _, rpm = train_at(train, float(curve.rpm), curve.parameter, float(curve.begin + y[-1] * curve.span))
+    _, rpm = train_at(
+        train,
+        float(curve.rpm),
+        curve.parameter,
+        float(curve.begin + y[-1] * curve.span),
+    )
     plan = _plan(train, rpm, 2 * plan.harmonics, plan.tolerance, 0)
     once = np.asarray(curve.deflection(y))
-    curve = replace(curve, train=train, active_meshes=plan.active_meshes, plan=plan.static)
+    curve = replace(
+        curve, train=train, active_meshes=plan.active_meshes, plan=plan.static
+    )
     twice = np.zeros((len(once), plan.harmonics + 1), dtype=complex)
     odd = np.zeros_like(twice)
-    # Over two periods harmonic n of the motion is harmonic 2 n. What leaves it at a period doubling has odd harmonics
-    # alone: random ones, falling as smooth motions do, are turned into the null direction.
+    # Over two periods harmonic n of the motion is harmonic 2 n. What leaves it at a
+    # period doubling has odd harmonics alone: random ones, falling as smooth motions
+    # do, are turned into the null direction.
     twice[:, ::2] = once
     draw = np.random.default_rng(0).normal(size=(2, *odd[:, 1::2].shape))
     odd[:, 1::2] = (draw[0] + 1j * draw[1]) / np.arange(1, plan.harmonics + 1, 2) ** 2
     y = np.append(fourier.pack(twice).ravel() / curve.scale, y[-1])
-    return curve, plan, y, np.append(null_direction(curve, y, fourier.pack(odd).ravel()), 0.0)
+    return (
+        curve,
+        plan,
+        y,
+        np.append(null_direction(curve, y, fourier.pack(odd).ravel()), 0.0),
+    )
 
 
 def _followed(curve, plan, y, onward, within, options):
     """The :class:`Branch` from a point on."""
-    # Every point is a solution that is read, not a way to the end: exact, and on a smooth curve steps that turn little.
+    # Every point is a solution that is read, not a way to the end: exact, and on a
+    # smooth curve steps that turn little.
     steps, closed = {"first": options.first, "longest": options.longest}, options.closed
-    control = continuation.StepControl(**steps, corner=1e-7, near=closed, closed=closed, bent=0.8, straight=0.95)
+    control = continuation.StepControl(
+        **steps, corner=1e-7, near=closed, closed=closed, bent=0.8, straight=0.95
+    )
     path, name = [], curve.train.topology.title
     equations = partial(linearized, curve), partial(simplified, curve)
-    given = {"most": options.jacobians, "within": within, "onward": onward, "control": control}
-    end = continuation.follow_curve(*equations, y, visit=lambda *point: path.append(point), **given)
+    given = {
+        "most": options.jacobians,
+        "within": within,
+        "onward": onward,
+        "control": control,
+    }
+    end = continuation.follow_curve(
+        *equations, y, visit=lambda *point: path.append(point), **given
+    )
     if not path:
         value = f"{curve.parameter} = {curve.value(y):g}"
-        raise NotConverged(f"{name}: Newton's method finds no motion with {plan.harmonics} harmonics at {value}.")
+        raise NotConverged(
+            f"{name}: Newton's method finds no motion with {plan.harmonics} harmonics"
+            f" at {value}."
+        )
     points = [Point.at(curve, plan, *point) for point in path]
     locate = partial(continuation.locate_zero, *equations, control=control)
     special = special_points(curve, plan, points, locate, options)
-    columns = {name: np.array([point.row[name] for point in points]) for name in points[0].row}
+    columns = {
+        name: np.array([point.row[name] for point in points]) for name in points[0].row
+    }
     ended = _sentence(curve, end, within, options)
-    return Branch(curve.parameter, **columns, special=special, ended=ended, _curve=curve, _plan=plan, _path=path)
+    return Branch(
+        curve.parameter,
+        **columns,
+        special=special,
+        ended=ended,
+        _curve=curve,
+        _plan=plan,
+        _path=path,
+    )
 
 
 def _sentence(curve, end, within, options):
@@ -385,5 +539,8 @@ def _sentence(curve, end, within, options):
     if end.arrived:
         return f"It turns back and leaves the range where that begins, {value}."
     if end.jacobians >= options.jacobians:
-        return f"Stopped at {value} after {end.jacobians} Jacobians: resume, or allow more."
+        return (
+            f"Stopped at {value} after {end.jacobians} Jacobians: resume, or allow"
+            " more."
+        )
     return f"Lost at {value}: even the shortest step finds no further point."

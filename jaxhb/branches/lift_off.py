@@ -1,4 +1,6 @@
-"""The lift-off boundary: the speeds at which teeth first part, over a second number of the train."""
+"""The lift-off boundary: the speeds at which teeth first part, over a second number of
+the train.
+"""
 
 from dataclasses import dataclass
 from functools import partial
@@ -18,23 +20,28 @@ from jaxhb.train.changes import in_contact
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
-SAMPLES = 64  # per harmonic of the contact force, at which its smallest value is looked for
+SAMPLES = (
+    64  # per harmonic of the contact force, at which its smallest value is looked for
+)
 TOLERANCE = 1e-9  # share of a speed to which a boundary is found
 
 
 @brief
 @dataclass(frozen=True)
 class LiftOff:
-    """Points at which the teeth of a mesh begin or cease to part; made by :func:`lift_off`.
+    """Points at which the teeth of a mesh begin or cease to part; made by
+    :func:`lift_off`.
 
     Parameters
     ----------
     over : str or None, the second number; value : ``(K,)`` of it, nan without
     rpm : ``(K,)``, of the reference rotor; mesh : tuple of K names
     parts : ``(K,)`` bool, whether the teeth part above this speed, and not below it
-    never, always : values of the second number at which no teeth, or those of some mesh, part at every speed asked for
+    never, always : values of the second number at which no teeth, or those of some
+    mesh, part at every speed asked for
         that has an answer
-    left_out : tuple of str, a sentence for each value and status of speeds without an answer
+    left_out : tuple of str, a sentence for each value and status of speeds without an
+    answer
     """
 
     over: str | None
@@ -47,23 +54,27 @@ class LiftOff:
     left_out: tuple[str, ...] = ()
 
 
-def lift_off(train: DriveTrain, *, rpm: Numbers, over: str | None = None, values: Numbers = ()) -> LiftOff:
-    """Find the speeds at which teeth first part: where the smallest elastic force on a drive flank, all teeth in
-    contact, is zero (a grazing of the motion in contact).
+def lift_off(
+    train: DriveTrain, *, rpm: Numbers, over: str | None = None, values: Numbers = ()
+) -> LiftOff:
+    """Find the speeds at which teeth first part: where the smallest elastic force on a
+    drive flank, all teeth in contact, is zero (a grazing of the motion in contact).
 
-    Up to there the motion is that in contact: linear, or of teeth whose stiffness varies, or of shafts with stages, one
-    solve a speed. Beyond, others may exist besides, and teeth that part may go on to do so below
-    (:func:`jaxhb.steady_state`).
+    Up to there the motion is that in contact: linear, or of teeth whose stiffness
+    varies, or of shafts with stages, one solve a speed. Beyond, others may exist
+    besides, and teeth that part may go on to do so below (:func:`jaxhb.steady_state`).
 
-    Speeds without an answer, as an undamped resonance, are left out: ``left_out`` says so. :class:`SceneError` for
-    speeds that are no rising sequence of two or more, and where the second number is none; :class:`NotConverged` where
-    fewer than two speeds have an answer, as of a train whose mean torques do not balance.
+    Speeds without an answer, as an undamped resonance, are left out: ``left_out`` says
+    so. :class:`SceneError` for speeds that are no rising sequence of two or more, and
+    where the second number is none; :class:`NotConverged` where fewer than two speeds
+    have an answer, as of a train whose mean torques do not balance.
 
     Parameters
     ----------
     train : DriveTrain, concrete, with backlash
     rpm : sequence of float ``(n,)``, rising
-        Speeds of the reference rotor. Boundaries between neighbours are refined; two between neighbours are not seen.
+        Speeds of the reference rotor. Boundaries between neighbours are refined; two
+        between neighbours are not seen.
     over : str, optional
         ``"NAME.FIELD"`` of a second number, as a mean torque, a stiffness or a damping.
     values : sequence of float, of the second number
@@ -81,16 +92,28 @@ def lift_off(train: DriveTrain, *, rpm: Numbers, over: str | None = None, values
     check_speed(train, rpm, many=True)
     rpm = np.asarray(rpm, dtype=float)
     if len(rpm) < 2 or (np.diff(rpm) <= 0).any():
-        raise SceneError(f"{train.topology.title}: lift_off needs two speeds or more that rise: {rpm.tolist()}.")
+        raise SceneError(
+            f"{train.topology.title}: lift_off needs two speeds or more that rise:"
+            f" {rpm.tolist()}."
+        )
     gaps = np.flatnonzero(train.topology.mesh_backlash)
     rows, never, always, lost = [], [], [], []
     for value in np.asarray(values, dtype=float).tolist() if over else [np.nan]:
         contact = in_contact(train.replace({over: value}) if over else train)
         motion = _in_contact_at(contact, rpm)
-        lost += left_out(rpm, motion.status, f"{contact.topology.title}{f', {over} = {value:g},' if over else ''}")
-        known, margins = rpm[motion.solved], _margins(motion.elastic_forces[motion.solved])[:, gaps]
+        lost += left_out(
+            rpm,
+            motion.status,
+            f"{contact.topology.title}{f', {over} = {value:g},' if over else ''}",
+        )
+        known, margins = (
+            rpm[motion.solved],
+            _margins(motion.elastic_forces[motion.solved])[:, gaps],
+        )
         if len(known) < 2:
-            raise NotConverged("lift_off needs two speeds with an answer or more: " + " ".join(lost))
+            raise NotConverged(
+                "lift_off needs two speeds with an answer or more: " + " ".join(lost)
+            )
         if (margins > 0).all():
             never.append(value)
         if (margins <= 0).all(axis=0).any():
@@ -98,14 +121,25 @@ def lift_off(train: DriveTrain, *, rpm: Numbers, over: str | None = None, values
         for k, mesh in zip(*np.nonzero(np.diff(margins > 0, axis=0)), strict=True):
             margin = partial(_margin, contact, gaps[mesh])
             at = brentq(margin, known[k], known[k + 1], rtol=TOLERANCE)
-            rows.append((value, at, train.topology.mesh_names[gaps[mesh]], margins[k, mesh] > 0))
+            rows.append(
+                (value, at, train.topology.mesh_names[gaps[mesh]], margins[k, mesh] > 0)
+            )
     value, at, mesh, parts = zip(*rows, strict=True) if rows else ((), (), (), ())
-    found = np.array(value), np.array(at), mesh, np.array(parts, bool), np.array(never), np.array(always)
+    found = (
+        np.array(value),
+        np.array(at),
+        mesh,
+        np.array(parts, bool),
+        np.array(never),
+        np.array(always),
+    )
     return LiftOff(over, *found, left_out=tuple(lost))
 
 
 def _margin(train, mesh, rpm):
-    return _margins(need_solved(_in_contact_at(train, np.array([rpm]))[0]).elastic_forces)[mesh]
+    return _margins(
+        need_solved(_in_contact_at(train, np.array([rpm]))[0]).elastic_forces
+    )[mesh]
 
 
 def _in_contact_at(train, rpm):
@@ -116,11 +150,20 @@ def _in_contact_at(train, rpm):
 
 
 def _margins(force):
-    """Smallest elastic force on the drive flank over the mean one, ``(..., M)``, from the coefficients of the force."""
+    """Smallest elastic force on the drive flank over the mean one, ``(..., M)``, from
+    the coefficients of the force.
+    """
     mean = force[..., 0].real
-    values = np.sign(mean)[..., None] * fourier.synthesize(force, SAMPLES * force.shape[-1])
+    values = np.sign(mean)[..., None] * fourier.synthesize(
+        force, SAMPLES * force.shape[-1]
+    )
     before, after = np.roll(values, 1, axis=-1), np.roll(values, -1, axis=-1)
-    # The smallest value between samples: the vertex of the parabola through three of them.
+    # The smallest value between samples: the vertex of the parabola through three of
+    # them.
     bend = np.maximum(before - 2 * values + after, 1e-300)
-    vertex = np.where((values <= before) & (values <= after), values - (after - before) ** 2 / (8 * bend), values)
+    vertex = np.where(
+        (values <= before) & (values <= after),
+        values - (after - before) ** 2 / (8 * bend),
+        values,
+    )
     return vertex.min(axis=-1) / np.abs(mean)

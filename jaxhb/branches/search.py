@@ -1,4 +1,6 @@
-"""Every periodic motion of a train at one speed that searches find: those it may run in, and those that repel."""
+"""Every periodic motion of a train at one speed that searches find: those it may run
+in, and those that repel.
+"""
 
 import dataclasses
 import itertools
@@ -22,10 +24,20 @@ from jaxhb.steady.marching import Equations
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
-NEIGHBOURS = (0.9, 0.95, 0.98, 1.02, 1.05, 1.1)  # speeds, over the one asked for, from whose motions it is reached
-SAME = 0.01  # difference of the deflections, as a share of the largest, up to which two solutions are one motion
+NEIGHBOURS = (
+    0.9,
+    0.95,
+    0.98,
+    1.02,
+    1.05,
+    1.1,
+)  # speeds, over the one asked for, from whose motions it is reached
+# difference of the deflections, as a share of the largest, up to which two solutions
+# are one motion
+SAME = 0.01
 SCATTERED = 24  # starts of marches at random states
-FARTHEST = 2.5  # how far off these are at most, in shifts of the teeth from mid-gap to their flanks
+# how far off these are at most, in shifts of the teeth from mid-gap to their flanks
+FARTHEST = 2.5
 
 
 @by_value
@@ -35,9 +47,11 @@ class PeriodicMotion:
 
     Parameters
     ----------
-    response : Response, of one cycle of the excitation, or over ``period`` cycles as one
+    response : Response, of one cycle of the excitation, or over ``period`` cycles as
+    one
     period : int, in cycles of the excitation
-    attracts : bool, whether disturbances die away; None where that is not decided (massless disks, very many disks:
+    attracts : bool, whether disturbances die away; None where that is not decided
+    (massless disks, very many disks:
         :func:`jaxhb.stability` of ``response`` raises the reason)
     stability : Stability, None where it is not decided
     """
@@ -50,31 +64,48 @@ class PeriodicMotion:
     @property
     def largest_force(self) -> float:
         """Largest tooth force of all meshes, N."""
-        forces = (self.response.force(name).peak for name in self.response.topology.mesh_names)
+        forces = (
+            self.response.force(name).peak for name in self.response.topology.mesh_names
+        )
         return float(max(forces, default=0.0))
 
     def __str__(self):
         span = "one cycle" if self.period == 1 else f"{self.period} cycles"
-        how = {True: "attracts", False: "repels", None: "stability not decided"}[self.attracts]
+        how = {True: "attracts", False: "repels", None: "stability not decided"}[
+            self.attracts
+        ]
         if self.stability is not None:
-            how += f" ({self.stability.loses_by or 'stable'}, multiplier {self.stability.largest:.3g})"
-        return f"period of {span}, largest tooth force {self.largest_force / 1e3:.4g} kN, {how}"
+            how += (
+                f" ({self.stability.loses_by or 'stable'}, multiplier"
+                f" {self.stability.largest:.3g})"
+            )
+        return (
+            f"period of {span}, largest tooth force {self.largest_force / 1e3:.4g} kN,"
+            f" {how}"
+        )
 
 
 def solve_all(
-    train: DriveTrain, *, rpm: float, harmonics: int | None = None, tolerance: float | None = None
+    train: DriveTrain,
+    *,
+    rpm: float,
+    harmonics: int | None = None,
+    tolerance: float | None = None,
 ) -> tuple[PeriodicMotion, ...]:
-    """The periodic motions of a drive train at one speed, as many as several searches find.
+    """The periodic motions of a drive train at one speed, as many as several searches
+    find.
 
-    Teeth that hammer allow several motions at one speed; where the train comes from decides in which of those that
-    attract it runs. Marches begin with teeth on their drive sides, in the middle of their gaps, on the other flanks, at
-    scattered places, and from the motions at neighbouring speeds; they find what attracts, over one or several cycles.
-    Newton's method from many cycles and from scattered states, and the curve from a linear law, find motions of one
-    cycle that repel, too.
+    Teeth that hammer allow several motions at one speed; where the train comes from
+    decides in which of those that attract it runs. Marches begin with teeth on their
+    drive sides, in the middle of their gaps, on the other flanks, at scattered places,
+    and from the motions at neighbouring speeds; they find what attracts, over one or
+    several cycles. Newton's method from many cycles and from scattered states, and the
+    curve from a linear law, find motions of one cycle that repel, too.
 
-    Arguments as in :func:`jaxhb.solve`, errors as in :func:`jaxhb.steady_state`, which finds in a fraction of a second
-    what the train does; this takes minutes. The motions that attract come first, then those not decided, the largest
-    tooth force first; there are none where none is found. That no other exists is not claimed.
+    Arguments as in :func:`jaxhb.solve`, errors as in :func:`jaxhb.steady_state`, which
+    finds in a fraction of a second what the train does; this takes minutes. The motions
+    that attract come first, then those not decided, the largest tooth force first;
+    there are none where none is found. That no other exists is not claimed.
 
     >>> found = jaxhb.solve_all(jaxhb.load_scene("spur_pair"), rpm=2000.0)
     >>> [(motion.period, motion.attracts) for motion in found]
@@ -88,48 +119,84 @@ def solve_all(
     marched = _marched(train, rpm, request) if train.topology.has_law.any() else ()
     of_one_cycle = ((response, 1) for response in searched(train, rpm, plan, request))
     for response, period in itertools.chain(marched, of_one_cycle):
-        if not any(period == known and difference(response, other, period) <= SAME for other, known in found):
+        if not any(
+            period == known and difference(response, other, period) <= SAME
+            for other, known in found
+        ):
             found.append((response, period))
-    motions = (PeriodicMotion(response, period, *attracts(response)[:2]) for response, period in found)
+    motions = (
+        PeriodicMotion(response, period, *attracts(response)[:2])
+        for response, period in found
+    )
     first = (True, None, False)
-    return tuple(sorted(motions, key=lambda motion: (first.index(motion.attracts), -motion.largest_force)))
+    return tuple(
+        sorted(
+            motions,
+            key=lambda motion: (first.index(motion.attracts), -motion.largest_force),
+        )
+    )
 
 
 def _marched(train, rpm, request):
-    """(Response, period) of motions to which marches come, from several starts side by side."""
+    """(Response, period) of motions to which marches come, from several starts side by
+    side.
+    """
     near = rpm * np.array(NEIGHBOURS)
-    states = Classifier(train, near, request, True, Cycles()).march_to_the_end(list(range(len(near))), {})
-    begun = _starts(train, rpm) + [state.motion for state in states.values() if state.motion is not None]
-    classifier = Classifier(train, np.full(len(begun) + 1, rpm), request, True, Cycles())
+    states = Classifier(train, near, request, True, Cycles()).march_to_the_end(
+        list(range(len(near))), {}
+    )
+    begun = _starts(train, rpm) + [
+        state.motion for state in states.values() if state.motion is not None
+    ]
+    classifier = Classifier(
+        train, np.full(len(begun) + 1, rpm), request, True, Cycles()
+    )
     # The first begins on the drive sides.
-    states = classifier.march_to_the_end(list(range(len(begun) + 1)), dict(enumerate(begun, 1)))
-    return [(state.response, state.period) for state in states.values() if state.response is not None]
+    states = classifier.march_to_the_end(
+        list(range(len(begun) + 1)), dict(enumerate(begun, 1))
+    )
+    return [
+        (state.response, state.period)
+        for state in states.values()
+        if state.response is not None
+    ]
 
 
 def _starts(train, rpm):
-    """Motions ``(2S,)`` with the teeth in the middle of their gaps, on the flanks that do not drive, and scattered."""
+    """Motions ``(2S,)`` with the teeth in the middle of their gaps, on the flanks that
+    do not drive, and scattered.
+    """
     try:
         linear_motion = Equations(train).linear_motion([rpm])
     except ValueError:  # a massless disk leaves no equation: nothing can be marched
         return []
     flank, displacement = linear_motion.flank[0], linear_motion.displacement[0]
     rest, power = displacement[:, 0].real, np.abs(displacement[:, 1:]) ** 2
-    # Speeds of the scattered starts in proportion to the root mean square frequency of the linear motion.
+    # Speeds of the scattered starts in proportion to the root mean square frequency of
+    # the linear motion.
     n = np.arange(1, power.shape[1] + 1)
-    omega = linear_motion.frequency[0] * np.sqrt((n**2 * power).sum() / max(power.sum(), 1e-300))
+    omega = linear_motion.frequency[0] * np.sqrt(
+        (n**2 * power).sum() / max(power.sum(), 1e-300)
+    )
     shares = np.random.default_rng(0).uniform(-FARTHEST, FARTHEST, (SCATTERED, 2))
     shares = np.concatenate([[[0.0, 0.0], [-1.0, 0.0]], shares])
-    return [np.concatenate([rest + position * flank, speed * omega * flank]) for position, speed in shares]
+    return [
+        np.concatenate([rest + position * flank, speed * omega * flank])
+        for position, speed in shares
+    ]
 
 
 def searched(train, rpm, plan, request):
-    """The Responses of the motions of one cycle that searches find, some more than once; each keeps the path that led
-    to it."""
+    """The Responses of the motions of one cycle that searches find, some more than
+    once; each keeps the path that led to it.
+    """
     case = starts.Case(train, rpm, request, plan)
     if not train.topology.has_law.any():
         yield from _attempted(case, starts.from_contact)
         return
-    case.reached = all_active(train, plan, request)  # what the linear motion holds on a flank, another may separate
+    case.reached = all_active(
+        train, plan, request
+    )  # what the linear motion holds on a flank, another may separate
     swept = SweptTrain.of(train, plan, dataclasses.replace(request, harmonics=None))
     if swept is None:
         yield from _attempted(case, starts.from_contact)
@@ -140,17 +207,23 @@ def searched(train, rpm, plan, request):
             if request.harmonics is None:
                 yield response
             else:
-                yield from _attempted(case, starts.from_response(response), response.path)
+                yield from _attempted(
+                    case, starts.from_response(response), response.path
+                )
         case.sweep_change = search.sweep_change
     yield from _attempted(case, starts.shooting)
 
 
 def _attempted(case, strategy, path=()):
-    """The Responses of all attempts of a strategy that Newton's method solves, after the events of a path."""
+    """The Responses of all attempts of a strategy that Newton's method solves, after
+    the events of a path.
+    """
     for attempt in strategy(case):
         case.path[:] = path
         starts.refine(case, *attempt)
-        if not case.reached.active:  # in contact: other motions, if there are any, need all meshes unknown
+        if (
+            not case.reached.active
+        ):  # in contact: other motions, if there are any, need all meshes unknown
             case.reached = all_active(case.train, case.reached, case.request)
         if case.response.solved:
             yield case.response

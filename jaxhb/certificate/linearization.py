@@ -1,16 +1,22 @@
-"""The true, untruncated equation of the tooth deflections around a motion, and the sizes of what certifies it.
+"""The true, untruncated equation of the tooth deflections around a motion, and the
+sizes of what certifies it.
 
-In units of the backlash, ``y = l / h``, with ``E(y)`` the integral of (engagement - 1) from 0 to y, the force of a mesh
-beside its linear part is ``(1 - epsilon) c h E(y)``, and of damping in contact ``r h d/dt E(y)``, as the engagement
-times ``l'`` is the derivative of its integral. Both damping laws therefore lead to one equation with one nonlinear
-function of the deflections alone (docs/theory A4.4 has it without damping in contact), in harmonics
+In units of the backlash, ``y = l / h``, with ``E(y)`` the integral of (engagement - 1)
+from 0 to y, the force of a mesh beside its linear part is ``(1 - epsilon) c h E(y)``,
+and of damping in contact ``r h d/dt E(y)``, as the engagement times ``l'`` is the
+derivative of its integral. Both damping laws therefore lead to one equation with one
+nonlinear function of the deflections alone (docs/theory A4.4 has it without damping in
+contact), in harmonics
 
-    F(y) = y - y_lin + H psi(y) = 0,   H(n) = (1 + H_c m)^{-1} H_c,   H_c(n) = h^{-1} G(n) ((1-eps) c + i n Omega r) h,
+    F(y) = y - y_lin + H psi(y) = 0,     H(n) = (1 + H_c m)^{-1} H_c,
+    H_c(n) = h^{-1} G(n) ((1-eps) c + i n Omega r) h,
 
-``G`` the receptances of the train in contact, m the middle of the range of (engagement - 1) over the motion and
-``psi(y) = E(y) - m y``. Loss factors are part of G. ``H(n)`` falls as n^-2, with damping in contact as n^-1.
+``G`` the receptances of the train in contact, m the middle of the range of (engagement
+- 1) over the motion and ``psi(y) = E(y) - m y``. Loss factors are part of G. ``H(n)``
+falls as n^-2, with damping in contact as n^-1.
 
-Operators here act on coefficients ``(G, n+1)``; norms are of real motions (root mean square, or weighted).
+Operators here act on coefficients ``(G, n+1)``; norms are of real motions (root mean
+square, or weighted).
 """
 
 from copy import copy
@@ -35,10 +41,12 @@ SAMPLES = 16  # per harmonic, at which largest values are looked for
 
 
 def one_norm(product, transposed, size, columns, steps=5):
-    """Lower bound of the largest absolute column sum of a square map, seldom far below it; inf where it is not finite.
+    """Lower bound of the largest absolute column sum of a square map, seldom far below
+    it; inf where it is not finite.
 
-    Algorithm 2.4 of Higham & Tisseur, SIAM J. Matrix Anal. Appl. 21 (2000) 1185, with random signs of its own: that of
-    scipy draws from the generator of the whole process. ``columns`` vectors are taken at a time.
+    Algorithm 2.4 of Higham & Tisseur, SIAM J. Matrix Anal. Appl. 21 (2000) 1185, with
+    random signs of its own: that of scipy draws from the generator of the whole
+    process. ``columns`` vectors are taken at a time.
     """
 
     def each(function, vectors):
@@ -47,7 +55,12 @@ def one_norm(product, transposed, size, columns, steps=5):
     if size <= 2 * columns:
         return float(np.abs(each(product, np.eye(size))).sum(1).max())
     draw = np.random.default_rng(0)
-    vectors = np.concatenate([np.ones((1, size)), draw.choice([-1.0, 1.0], (columns - 1, size))]) / size
+    vectors = (
+        np.concatenate(
+            [np.ones((1, size)), draw.choice([-1.0, 1.0], (columns - 1, size))]
+        )
+        / size
+    )
     largest, signs, visited = 0.0, np.empty((0, size)), np.empty(0, int)
     for _ in range(steps):
         images = each(product, vectors)
@@ -60,7 +73,9 @@ def one_norm(product, transposed, size, columns, steps=5):
         if len(before) and (np.abs(signs @ before.T) == size).any(1).all():
             break  # all the same as in the last step
         for i in range(len(signs)):
-            while (np.abs(np.concatenate([signs[:i], before]) @ signs[i]) == size).any():
+            while (
+                np.abs(np.concatenate([signs[:i], before]) @ signs[i]) == size
+            ).any():
                 signs[i] = draw.choice([-1.0, 1.0], size)
         promising = np.argsort(-np.abs(each(transposed, signs)).max(0))
         if np.isin(promising[:columns], visited).all():
@@ -74,8 +89,10 @@ def one_norm(product, transposed, size, columns, steps=5):
 
 @dataclass(frozen=True)
 class CertificateSizes:
-    """What programs are compiled for: ``low`` harmonics in which the linearised equation is solved, ``high`` to which
-    it is evaluated, ``reach`` of the receptances, time steps of the march in linear solves."""
+    """What programs are compiled for: ``low`` harmonics in which the linearised
+    equation is solved, ``high`` to which it is evaluated, ``reach`` of the receptances,
+    time steps of the march in linear solves.
+    """
 
     low: int
     high: int
@@ -84,36 +101,65 @@ class CertificateSizes:
 
 
 def highest_frequency(system):
-    """rad/s above which no natural frequency lies, meshes in contact and damping left out; inf without inertia."""
+    """rad/s above which no natural frequency lies, meshes in contact and damping left
+    out; inf without inertia.
+    """
     mass = np.asarray(system.mass)
     if not (mass > 0).all():
         return np.inf
-    if len(mass) > 2000:  # bounded without a dense matrix: that of the stiffnesses is at most twice its diagonal
+    if (
+        len(mass) > 2000
+        # bounded without a dense matrix: that of the stiffnesses is at most twice its
+        # diagonal
+    ):
         return float(np.sqrt(2 * (np.asarray(system.held_stiffness()) / mass).max()))
     rows = system.incidence().T / np.sqrt(mass)
-    stiffness = rows.T @ (np.asarray(system.stiffness)[:, None] * rows) + np.diag(np.asarray(system.ground) / mass)
-    return float(np.sqrt(max(eigvalsh(stiffness, subset_by_index=[len(mass) - 1] * 2)[0], 0.0)))
+    stiffness = rows.T @ (np.asarray(system.stiffness)[:, None] * rows) + np.diag(
+        np.asarray(system.ground) / mass
+    )
+    return float(
+        np.sqrt(max(eigvalsh(stiffness, subset_by_index=[len(mass) - 1] * 2)[0], 0.0))
+    )
 
 
 @partial(Program, static_argnames="sizes")
 def _linear_response(problem, chosen, sizes):
-    """What does not depend on the motion: receptances and linear deflections up to ``reach``, the equation of the low
-    harmonics, and the train that marches in linear solves."""
-    every = ActiveMeshes(jnp.ones(len(chosen)), chosen, jnp.zeros(len(problem.meshes.link)))
+    """What does not depend on the motion: receptances and linear deflections up to
+    ``reach``, the equation of the low harmonics, and the train that marches in linear
+    solves.
+    """
+    every = ActiveMeshes(
+        jnp.ones(len(chosen)), chosen, jnp.zeros(len(problem.meshes.link))
+    )
     reduced, _ = reduced_equation(problem, sizes.reach, every)
     low = truncate(reduced, sizes.low)
-    train = correction.train_of(low, model_of(problem, every, sizes.time_steps), sizes.time_steps)
+    train = correction.train_of(
+        low, model_of(problem, every, sizes.time_steps), sizes.time_steps
+    )
     return reduced.receptance, reduced.linear, low, train
 
 
 @partial(Program, static_argnames="sizes")
 def _expand(reduced, train, deflection, sizes):
-    """Of a motion ``(G, low+1)`` m: the march of linear solves; in harmonics the integral of (engagement - 1), and
-    itself."""
-    law, meshes, samples = reduced.law, len(deflection), 4 * max(sizes.time_steps, sizes.low)
-    march = correction.march_at(train, correction.slopes_at(reduced, deflection, samples))
-    # In backlashes, with a gap without stiffness: the force of this law is the integral of the engagement.
-    unit = replace(law, stiffness=jnp.ones(meshes), epsilon=jnp.zeros(meshes), backlash=jnp.ones(meshes))
+    """Of a motion ``(G, low+1)`` m: the march of linear solves; in harmonics the
+    integral of (engagement - 1), and itself.
+    """
+    law, meshes, samples = (
+        reduced.law,
+        len(deflection),
+        4 * max(sizes.time_steps, sizes.low),
+    )
+    march = correction.march_at(
+        train, correction.slopes_at(reduced, deflection, samples)
+    )
+    # In backlashes, with a gap without stiffness: the force of this law is the integral
+    # of the engagement.
+    unit = replace(
+        law,
+        stiffness=jnp.ones(meshes),
+        epsilon=jnp.zeros(meshes),
+        backlash=jnp.ones(meshes),
+    )
     wide = fourier.resize(deflection / law.backlash[:, None], sizes.high // 2)
     crossings = exact_integrals.find_crossings(unit, wide, 4 * sizes.low)
     rule = exact_integrals.quadrature(unit, wide, crossings)
@@ -125,13 +171,19 @@ def _expand(reduced, train, deflection, sizes):
 
 @partial(Program, static_argnames="transposed")
 def _solve(gain, share, march, right, transposed):
-    """``x + gain (share x) = right``, coefficients ``(G, n+1)`` m, or with the transpose; and what is left."""
+    """``x + gain (share x) = right``, coefficients ``(G, n+1)`` m, or with the
+    transpose; and what is left.
+    """
 
     def product(x):
-        pushed = fourier.analyze(share * fourier.synthesize(x, share.shape[-1]), x.shape[-1] - 1)
+        pushed = fourier.analyze(
+            share * fourier.synthesize(x, share.shape[-1]), x.shape[-1] - 1
+        )
         return x + jnp.einsum("ngh,hn->gn", gain, pushed)
 
-    return correction.correct_product(march, product, right, transposed=transposed, tolerance=1e-9, steps=60)
+    return correction.correct_product(
+        march, product, right, transposed=transposed, tolerance=1e-9, steps=60
+    )
 
 
 class NotInverted(ArithmeticError):
@@ -139,63 +191,93 @@ class NotInverted(ArithmeticError):
 
 
 class Linearization:
-    """The equation of the deflections ``(G, N+1)`` m of the meshes with backlash at one motion, its derivative solved
-    in ``low`` harmonics: the approximate inverse A of ``F'`` is that of these, and 1 beyond.
+    """The equation of the deflections ``(G, N+1)`` m of the meshes with backlash at one
+    motion, its derivative solved in ``low`` harmonics: the approximate inverse A of
+    ``F'`` is that of these, and 1 beyond.
 
-    ``scale`` : harmonic at which the weights ``w_n = sqrt(1 + (n/scale)^2)`` begin to rise; later where damping in
-    contact is so strong that ``w_n |H(n)|`` would not fall below one.
+    ``scale`` : harmonic at which the weights ``w_n = sqrt(1 + (n/scale)^2)`` begin to
+    rise; later where damping in contact is so strong that ``w_n |H(n)|`` would not fall
+    below one.
     """
 
     def __init__(self, problem, train, deflection, sizes, scale):
         self.meshes = on_host(law_meshes(train))
-        self.law, viscous = self.meshes.law, np.where(self.meshes.contact_damping, self.meshes.viscous, 0.0)
+        self.law, viscous = (
+            self.meshes.law,
+            np.where(self.meshes.contact_damping, self.meshes.viscous, 0.0),
+        )
         self.frequency, self.sizes = float(problem.frequency), sizes
         chosen = train.topology.law_index.astype(np.int32)
-        receptance, linear, self._reduced, self._train = _linear_response(problem, chosen, sizes)
-        n, h, receptance = np.arange(sizes.reach + 1), self.law.backlash, np.asarray(receptance)
+        receptance, linear, self._reduced, self._train = _linear_response(
+            problem, chosen, sizes
+        )
+        n, h, receptance = (
+            np.arange(sizes.reach + 1),
+            self.law.backlash,
+            np.asarray(receptance),
+        )
         self.slopes = (1 - self.law.epsilon) * self.law.stiffness, viscous
         change = self.slopes[0] + 1j * n[:, None] * self.frequency * self.slopes[1]
         self.held = receptance / h[:, None] * (change * h)[:, None, :]
         self._linear = np.asarray(linear)[:, : sizes.high + 1] / h[:, None]
         self._gain = (receptance * change[:, None, :])[: sizes.low + 1]
-        self._decay = self._decay_bound(problem.system, problem.system.incidence(self.meshes.link))
+        self._decay = self._decay_bound(
+            problem.system, problem.system.incidence(self.meshes.link)
+        )
         self.scale = max(scale, 3 * self._decay[1])
         self._place(fourier.resize(np.asarray(deflection), sizes.low))
 
     def _place(self, deflection):
-        """Take the motion ``(G, low+1)`` m as that around which the equation is linear."""
+        """Take the motion ``(G, low+1)`` m as that around which the equation is
+        linear.
+        """
         sizes, high = self.sizes, self.sizes.high
         self._march, *found = _expand(self._reduced, self._train, deflection, sizes)
         integral, share, complete = map(np.asarray, found)
-        self.complete, self.deflection = bool(complete), deflection / self.law.backlash[:, None]
+        self.complete, self.deflection = (
+            bool(complete),
+            deflection / self.law.backlash[:, None],
+        )
         self._samples = fourier.synthesize(share, fourier.samples_for(2 * high))
-        # The middle of the range leaves the smallest share s = engagement - 1 - m, in the largest value half the range.
+        # The middle of the range leaves the smallest share s = engagement - 1 - m, in
+        # the largest value half the range.
         low, top = self._samples.min(1), self._samples.max(1)
         between = 0.01 * (top - low)  # what samples may miss
         low, top = np.maximum(low - between, -1.0), np.minimum(top + between, 0.0)
         self.middle, self.half_range = (low + top) / 2, float((top - low).max() / 2)
         self._samples = self._samples - self.middle[:, None]
         # psi = E - m y: the part linear in y is in H.
-        self.integral = integral - self.middle[:, None] * fourier.resize(self.deflection, 2 * high)
+        self.integral = integral - self.middle[:, None] * fourier.resize(
+            self.deflection, 2 * high
+        )
         self.share = share - self.middle[:, None] * (np.arange(share.shape[1]) == 0)
-        self._share = fourier.synthesize(fourier.resize(share, 2 * sizes.low), fourier.samples_for(2 * sizes.low))
+        self._share = fourier.synthesize(
+            fourier.resize(share, 2 * sizes.low), fourier.samples_for(2 * sizes.low)
+        )
         self._shift = np.eye(len(self.middle)) + self.held * self.middle
         self.gain = np.linalg.solve(self._shift, self.held)
-        self.linear = np.linalg.solve(self._shift[: high + 1], self._linear.T[:, :, None])[..., 0].T
+        self.linear = np.linalg.solve(
+            self._shift[: high + 1], self._linear.T[:, :, None]
+        )[..., 0].T
 
     def moved(self, change):
         """The same at a motion changed by ``(G, low+1)`` backlashes."""
         there = copy(self)
-        vars(there).pop("gain_sizes", None)  # those of this motion, where they are known
+        vars(there).pop(
+            "gain_sizes", None
+        )  # those of this motion, where they are known
         there._place((self.deflection + change) * self.law.backlash[:, None])
         return there
 
     @staticmethod
     def largest(x):
-        """``(G,)``: largest values over the cycle of motions ``(G, n+1)``: those at M samples, times the factor
-        1/cos(pi n/M) by which a trigonometric polynomial exceeds them at most (Ehlich & Zeller, Math. Z. 86 (1964)
-        41)."""
-        sampled = np.abs(fourier.synthesize(x, SAMPLES * max(x.shape[1] - 1, 1))).max(-1)
+        """``(G,)``: largest values over the cycle of motions ``(G, n+1)``: those at M
+        samples, times the factor 1/cos(pi n/M) by which a trigonometric polynomial
+        exceeds them at most (Ehlich & Zeller, Math. Z. 86 (1964) 41).
+        """
+        sampled = np.abs(fourier.synthesize(x, SAMPLES * max(x.shape[1] - 1, 1))).max(
+            -1
+        )
         return sampled / np.cos(np.pi / SAMPLES)
 
     @cached_property
@@ -205,19 +287,29 @@ class Linearization:
 
     @property
     def embedding(self):
-        """Largest value of a motion over its weighted norm, ``sqrt(sum over n of w_n^-2)``."""
+        """Largest value of a motion over its weighted norm, ``sqrt(sum over n of
+        w_n^-2)``.
+        """
         return float(np.sqrt(np.pi * self.scale / np.tanh(np.pi * self.scale)))
 
     def near_transition(self, distance, share):
-        """Whether ``(G, K)`` a mesh is within ``distance``, backlashes, of the transition of its law, at shares of the
-        cycle ``(K,)``."""
-        value, half = np.abs(motion(self.deflection, 1.0, share)[0]), self.law.transition[:, None] / 2
+        """Whether ``(G, K)`` a mesh is within ``distance``, backlashes, of the
+        transition of its law, at shares of the cycle ``(K,)``.
+        """
+        value, half = (
+            np.abs(motion(self.deflection, 1.0, share)[0]),
+            self.law.transition[:, None] / 2,
+        )
         return (value > 0.5 - half - distance) & (value < 0.5 + half + distance)
 
     def residual(self):
         """F(y) ``(G, high+1)`` of the motion, with exact integrals."""
         own = fourier.resize(self.deflection, self.sizes.high)
-        return own - self.linear + self.apply_gain(fourier.resize(self.integral, self.sizes.high))
+        return (
+            own
+            - self.linear
+            + self.apply_gain(fourier.resize(self.integral, self.sizes.high))
+        )
 
     def apply_gain(self, x):
         """H x."""
@@ -228,9 +320,13 @@ class Linearization:
         return np.einsum("ngh,gn->hn", self.gain[: x.shape[1]].conj(), x)
 
     def times_share(self, x):
-        """Product with the derivative of psi along the motion, coefficients ``(G, high+1)`` of ``(G, n+1)``."""
+        """Product with the derivative of psi along the motion, coefficients ``(G,
+        high+1)`` of ``(G, n+1)``.
+        """
         samples = self._samples
-        return fourier.analyze(samples * fourier.synthesize(x, samples.shape[-1]), self.sizes.high)
+        return fourier.analyze(
+            samples * fourier.synthesize(x, samples.shape[-1]), self.sizes.high
+        )
 
     def inverse(self, x):
         """A x; raises NotInverted."""
@@ -241,7 +337,9 @@ class Linearization:
     def inverse_transposed(self, x):
         """The adjoint of :meth:`inverse`."""
         low = self.sizes.low + 1
-        solved = np.einsum("ngh,gn->hn", self._shift[:low].conj(), self._solve(x[:, :low], True))
+        solved = np.einsum(
+            "ngh,gn->hn", self._shift[:low].conj(), self._solve(x[:, :low], True)
+        )
         return np.concatenate([solved, x[:, low:]], axis=1)
 
     def _solve(self, x, transposed):
@@ -249,22 +347,34 @@ class Linearization:
         right = x / h if transposed else x * h
         found, left = _solve(self._gain, self._share, self._march, right, transposed)
         if not left <= 1e-6:
-            raise NotInverted  # at once: iterations for norms would not end with a map that changes from call to call
+            # at once: iterations for norms would not end with a map that changes from
+            # call to call
+            raise NotInverted
         found = np.asarray(found)
         return found * h if transposed else found / h
 
     def _decay_bound(self, system, columns):
-        """k, d, w with ``|H_c(n)| <= (k + n d) / (n^2 - w^2)``, whatever the damping (docs/theory A4.5)."""
+        """k, d, w with ``|H_c(n)| <= (k + n d) / (n^2 - w^2)``, whatever the damping
+        (docs/theory A4.5).
+        """
         root, h = columns.T / np.sqrt(np.asarray(system.mass)), self.law.backlash
         left = np.linalg.norm(root / h[:, None], 2)
-        k, d = (left * np.linalg.norm(root * (h * change)[:, None], 2) for change in self.slopes)
-        return k / self.frequency**2, d / self.frequency, highest_frequency(system) / self.frequency
+        k, d = (
+            left * np.linalg.norm(root * (h * change)[:, None], 2)
+            for change in self.slopes
+        )
+        return (
+            k / self.frequency**2,
+            d / self.frequency,
+            highest_frequency(system) / self.frequency,
+        )
 
     def _decay_beyond(self):
         """:meth:`_decay_bound` for H and harmonics above those of ``gain``."""
         k, d, highest = self._decay
         n = self.sizes.reach + 1
-        # H = (1 + H_c m)^-1 H_c: |H| <= |H_c| / (1 - |H_c| |m|), by the Neumann series where that is less than one.
+        # H = (1 + H_c m)^-1 H_c: |H| <= |H_c| / (1 - |H_c| |m|), by the Neumann series
+        # where that is less than one.
         less = 1 - (k + n * d) / (n**2 - highest**2) * np.abs(self.middle).max()
         return (k / less, d / less, highest) if less > 0 else (np.inf, np.inf, highest)
 
@@ -276,21 +386,28 @@ class Linearization:
     def largest_gain(self, first):
         """sup of ``w_n |H(n)|`` over n >= ``first``."""
         (k, d, highest), n = self._decay_beyond(), self.sizes.reach + 1
-        beyond = np.sqrt(1 + (n / self.scale) ** 2) * (k + n * d) / (n**2 - highest**2)  # falls with n
-        return float(max((self.weight * self.gain_sizes)[first:].max(initial=0.0), beyond))
+        beyond = (
+            np.sqrt(1 + (n / self.scale) ** 2) * (k + n * d) / (n**2 - highest**2)
+        )  # falls with n
+        return float(
+            max((self.weight * self.gain_sizes)[first:].max(initial=0.0), beyond)
+        )
 
     def gain_between(self, first):
-        """``sqrt(sum of |H(n)|^2 over |n| >= first)``: largest value that H gives of harmonics from there on, over
-        their root mean square."""
+        """``sqrt(sum of |H(n)|^2 over |n| >= first)``: largest value that H gives of
+        harmonics from there on, over their root mean square.
+        """
         (k, d, highest), n = self._decay_beyond(), self.sizes.reach
         factor = 1 / (1 - (highest / (n + 1)) ** 2)
-        # (k + n d)^2 <= 2 (k^2 + n^2 d^2), and sums over n of n^-4 and n^-2 below their integrals.
+        # (k + n d)^2 <= 2 (k^2 + n^2 d^2), and sums over n of n^-4 and n^-2 below their
+        # integrals.
         beyond = factor**2 * 2 * (k**2 / (3 * n**3) + d**2 / n)
         return float(np.sqrt(2 * (self.gain_sizes[first:] ** 2).sum() + 2 * beyond))
 
     def rate_of_gain(self, first, last):
-        """Largest absolute row sum of the kernel of ``d/dt H``, t over the cycle of 2 pi, harmonics ``first`` to
-        ``last``."""
+        """Largest absolute row sum of the kernel of ``d/dt H``, t over the cycle of 2
+        pi, harmonics ``first`` to ``last``.
+        """
         n = np.arange(last + 1)
         rates = 1j * n * np.moveaxis(self.gain[: last + 1], 0, -1) * (n >= first)
         kernel = fourier.synthesize(rates, fourier.samples_for(4 * last))
@@ -300,16 +417,27 @@ class Linearization:
         """The equation truncated to so many harmonics: the one that was solved."""
         kept = copy(self)
         keep = (np.arange(self.sizes.reach + 1) <= harmonics)[:, None, None]
-        kept.gain, kept._shift = self.gain * keep, np.where(keep, self._shift, np.eye(len(self.middle)))
+        kept.gain, kept._shift = (
+            self.gain * keep,
+            np.where(keep, self._shift, np.eye(len(self.middle))),
+        )
         kept._gain = self._gain * keep[: self.sizes.low + 1]
-        marched = replace(self._march.train, free=self._march.train.free[..., : harmonics + 1])
+        marched = replace(
+            self._march.train, free=self._march.train.free[..., : harmonics + 1]
+        )
         kept._march = replace(self._march, train=marched)
         return kept
 
     def norm(self, apply, apply_transposed, harmonics, enough=np.inf):
-        """Largest singular value of a map between coefficients ``(G, harmonics+1)``, with its margin: from ``enough``
-        on any that it exceeds, inf where the iteration does not end."""
-        from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh  # others are spared its import
+        """Largest singular value of a map between coefficients ``(G, harmonics+1)``,
+        with its margin: from ``enough`` on any that it exceeds, inf where the iteration
+        does not end.
+        """
+        from scipy.sparse.linalg import (
+            ArpackNoConvergence,
+            LinearOperator,
+            eigsh,
+        )  # others are spared its import
 
         shape = len(self.middle), 2 * harmonics + 1
 
@@ -323,9 +451,15 @@ class Linearization:
         size = shape[0] * shape[1]
         operator = LinearOperator((size, size), matvec=square, dtype=float)
         start = np.random.default_rng(0).normal(size=size)
-        ends = {"tol": 1e-2, "maxiter": 100, "ncv": 6}  # to one percent, which the margin covers
+        ends = {
+            "tol": 1e-2,
+            "maxiter": 100,
+            "ncv": 6,
+        }  # to one percent, which the margin covers
         try:
-            found = eigsh(operator, 1, which="LA", v0=start, return_eigenvectors=False, **ends)
+            found = eigsh(
+                operator, 1, which="LA", v0=start, return_eigenvectors=False, **ends
+            )
         except StopIteration as known:
             return known.value
         except ArpackNoConvergence:

@@ -1,32 +1,43 @@
-"""The theorem behind a certificate, its numbers computed without outward rounding (Fridman 2009, ch. 4 and 5).
+"""The theorem behind a certificate, its numbers computed without outward rounding
+(Fridman 2009, ch. 4 and 5).
 
-The theorem of Newton and Kantorovich on the untruncated equation of the deflections, ``F(y) = y - y_lin + H psi(y)``
-``= 0`` (:mod:`jaxhb.certificate.linearization`). With A the inverse of ``F'(ybar)`` on the low harmonics and 1 beyond,
-``|.|_w`` the weighted norm, E the largest value over the weighted norm, ``|.|`` the largest value over the cycle:
+The theorem of Newton and Kantorovich on the untruncated equation of the deflections,
+``F(y) = y - y_lin + H psi(y)`` ``= 0`` (:mod:`jaxhb.certificate.linearization`). With A
+the inverse of ``F'(ybar)`` on the low harmonics and 1 beyond, ``|.|_w`` the weighted
+norm, E the largest value over the weighted norm, ``|.|`` the largest value over the
+cycle:
 
-1. ``Z1 = |1 - A F'|_w < 1`` shows that ``F'`` has an inverse, and that it is near A (docs/theory A4.5, where the
-   columns beyond ``high`` are parted: those far from the rows they act on meet coefficients of the share that have
-   died).
-2. ``F'^-1 H = A H + (1 - A F') F'^-1 H``: as H makes bounded motions of forces with bounded root mean square,
-   the largest value of Newton's correction is at most
+1. ``Z1 = |1 - A F'|_w < 1`` shows that ``F'`` has an inverse, and that it is near A
+   (docs/theory A4.5, where the columns beyond ``high`` are parted: those far from the
+   rows they act on meet coefficients of the share that have died).
+2. ``F'^-1 H = A H + (1 - A F') F'^-1 H``: as H makes bounded motions of forces with
+   bounded root mean square, the largest value of Newton's correction is at most
 
        Y0 = |A F| + E Z1/(1 - Z1) |A F|_w,
 
-   and within the distance r of ybar the correction changes at most Z2 r times as fast as the motion, with
+   and within the distance r of ybar the correction changes at most Z2 r times as fast
+   as the motion, with
 
-       Z2 = |A H zone/tau| + E Z1/(1 - Z1) |A H zone|_w sqrt(sum of zone shares / tau^2),
+       Z2 = |A H zone/tau| + E Z1/(1 - Z1) |A H zone|_w sqrt(sum of zone shares /
+       tau^2),
 
-   the zone of a mesh being the times at which its deflection is within r of the transition of its law: elsewhere a
-   change of the deflection does not change its stiffness.
-3. ``h0 = Y0 Z2 <= 1/2``: a true motion exists within ``r = 2 Y0 / (1 + sqrt(1 - 2 h0))`` backlashes of ybar, all the
-   time and at every mesh, and no other within 2 Y0. (r <= 2 Y0: the zone is that of 2 Y0.)
+   the zone of a mesh being the times at which its deflection is within r of the
+   transition of its law: elsewhere a change of the deflection does not change its
+   stiffness.
+3. ``h0 = Y0 Z2 <= 1/2``: a true motion exists within ``r = 2 Y0 / (1 + sqrt(1 - 2
+   h0))`` backlashes of ybar, all the time and at every mesh, and no other within 2 Y0.
+   (r <= 2 Y0: the zone is that of 2 Y0.)
 
-A radius in the weighted norm would cost the factor E twice, 10 to 30; the largest value has no such factor. Forces:
-elastic ones change at most with the stiffness in contact. Damping asks for the rate of the difference ``p = y* -
-ybar``, ``F' p = q = -F - H Delta``, ``|Delta| <= zone r^2 / 2 tau``: ``p = A q + e`` with ``e = d - H psi' e``, ``d = q
-- F' A q`` and ``|e|_w <= Z1/(1 - Z1) |A q|_w``, all of which can be differentiated in time.
+A radius in the weighted norm would cost the factor E twice, 10 to 30; the largest value
+has no such factor. Forces: elastic ones change at most with the stiffness in contact.
+Damping asks for the rate of the difference ``p = y* - ybar``, ``F' p = q = -F - H
+Delta``, ``|Delta| <= zone r^2 / 2 tau``: ``p = A q + e`` with ``e = d - H psi' e``, ``d
+= q
+- F' A q`` and ``|e|_w <= Z1/(1 - Z1) |A q|_w``, all of which can be differentiated in
+  time.
 
-Where the small-gain number is not below 1 several motions may coexist, each with a certificate (docs/theory A4.2).
+Where the small-gain number is not below 1 several motions may coexist, each with a
+certificate (docs/theory A4.2).
 """
 
 from dataclasses import replace
@@ -43,15 +54,24 @@ from jaxhb.train import chain
 
 
 def without_bounds(lin, train, gaps, Y0=np.inf, Z1=np.inf, Z2=0.0):
-    """The certificate of these numbers; by default of what is known where A is not at hand."""
-    # sup of |H(n)|/2 about the middle slope, in the units of force in which the receptances are symmetric.
+    """The certificate of these numbers; by default of what is known where A is not at
+    hand.
+    """
+    # sup of |H(n)|/2 about the middle slope, in the units of force in which the
+    # receptances are symmetric.
     root = np.sqrt(lin.slopes[0] * lin.law.backlash**2)
     middle = np.linalg.solve(np.eye(len(root)) - lin.held / 2, lin.held)
-    small_gain = np.linalg.norm(middle * (root[:, None] / root), 2, axis=(1, 2)).max(initial=0.0) / 2
+    small_gain = (
+        np.linalg.norm(middle * (root[:, None] / root), 2, axis=(1, 2)).max(initial=0.0)
+        / 2
+    )
     return Certificate(
         reason=_reason(lin, Y0, Z1, Z2),
         meshes=tuple(train.topology.mesh_names[i] for i in gaps),
-        **dict.fromkeys(("deflection_bound", "elastic_bound", "force_bound"), np.full(len(gaps), np.inf)),
+        **dict.fromkeys(
+            ("deflection_bound", "elastic_bound", "force_bound"),
+            np.full(len(gaps), np.inf),
+        ),
         Y0=Y0,
         Z1=float(Z1),
         Z2=Z2,
@@ -62,59 +82,98 @@ def without_bounds(lin, train, gaps, Y0=np.inf, Z1=np.inf, Z2=0.0):
 
 
 def bounds_at(lin, train, gaps):
-    """The numbers of the theorem around the motion of ``lin``, and what follows for that of the train;
-    raises NotInverted."""
+    """The numbers of the theorem around the motion of ``lin``, and what follows for
+    that of the train; raises NotInverted.
+    """
     law, low, high = lin.law, lin.sizes.low, lin.sizes.high
     E, grid = lin.embedding, SAMPLES * low // 4
 
     F, corrected, correction, weighted = _newton_correction(lin)
     Z1 = _defect(lin)
-    # Neumann series of 1 - A F': a weighted norm times Z1/(1 - Z1), as a largest value times E.
+    # Neumann series of 1 - A F': a weighted norm times Z1/(1 - Z1), as a largest value
+    # times E.
     spread = E * Z1 / (1 - Z1) if Z1 < 1 else np.inf
     Y0 = float(correction.max() + spread * weighted)
 
-    # The zone is looked for at samples: between two of them a mesh moves as far as its rate and bend let it.
+    # The zone is looked for at samples: between two of them a mesh moves as far as its
+    # rate and bend let it.
     rates = fourier.synthesize(_rate(lin.deflection), grid)
-    bent = np.abs(fourier.synthesize(_rate(_rate(lin.deflection)), grid)).max() * (np.pi / grid) ** 2 / 2
-    zone = lin.near_transition(2 * Y0 + np.abs(rates) * np.pi / grid + bent, np.arange(grid) / grid)
+    bent = (
+        np.abs(fourier.synthesize(_rate(_rate(lin.deflection)), grid)).max()
+        * (np.pi / grid) ** 2
+        / 2
+    )
+    zone = lin.near_transition(
+        2 * Y0 + np.abs(rates) * np.pi / grid + bent, np.arange(grid) / grid
+    )
     root = np.sqrt((zone.mean(-1) / law.transition**2).sum())
     kernel = rate_kernel = in_zone = 0.0
     if zone.any() and np.isfinite(Y0):
-        kernel, rate_kernel = (_row_sum(lin, zone / law.transition[:, None], grid, rate) for rate in (False, True))
+        kernel, rate_kernel = (
+            _row_sum(lin, zone / law.transition[:, None], grid, rate)
+            for rate in (False, True)
+        )
         in_zone = np.hypot(_zone_norm(lin, zone, grid), lin.largest_gain(low + 1))
     # A is 1 beyond ``low``: there A H = H, from root mean square to largest value.
     missing = lin.gain_between(low + 1) * root
-    Z2 = float(kernel + missing + spread * in_zone * root) if zone.any() and Z1 < 1 else 0.0
+    Z2 = (
+        float(kernel + missing + spread * in_zone * root)
+        if zone.any() and Z1 < 1
+        else 0.0
+    )
     found = without_bounds(lin, train, gaps, Y0, Z1, Z2)
     if found.reason:
         return found
-    # The engagement has the slope 1/tau in the zone: its integral differs from the linear one by at most r^2 / (2 tau).
+    # The engagement has the slope 1/tau in the zone: its integral differs from the
+    # linear one by at most r^2 / (2 tau).
     kick = found.radius**2 / 2  # what Delta / 2 is at most, times the transition
     apart = correction + spread * weighted + Z2 * kick
-    # The rate of A q, of d = q - F' A q and of -H psi' e, one line each, as in the head of this module.
+    # The rate of A q, of d = q - F' A q and of -H psi' e, one line each, as in the head
+    # of this module.
     beside = F - corrected - lin.apply_gain(lin.times_share(corrected))
     slow, fast = lin.rate_of_gain(0, low), lin.rate_of_gain(low + 1, high)
     left = np.sqrt(2 * _beyond(_rate(lin.integral), high, 2))
-    rate = lin.largest(_rate(corrected)) + lin.gain_between(high + 1) * left + 2 * np.abs(_rate(beside)).sum(-1)
+    rate = (
+        lin.largest(_rate(corrected))
+        + lin.gain_between(high + 1) * left
+        + 2 * np.abs(_rate(beside)).sum(-1)
+    )
     rate += (rate_kernel + fast / law.transition.min()) * kick
     rate += lin.half_range * (slow * missing + fast * (kernel + missing)) * kick
     rate += lin.half_range * (slow + fast) * spread * (weighted + in_zone * root * kick)
     moving = np.where(lin.slopes[1] > 0, (np.abs(rates) * zone).max(-1), 0.0)
-    drag = (rate + moving * np.minimum(1.0, apart / law.transition)) * lin.frequency * law.backlash
+    drag = (
+        (rate + moving * np.minimum(1.0, apart / law.transition))
+        * lin.frequency
+        * law.backlash
+    )
     elastic = law.stiffness * law.backlash * apart
     total = elastic + lin.meshes.viscous * drag
-    return replace(found, deflection_bound=law.backlash * apart, elastic_bound=elastic, force_bound=total)
+    return replace(
+        found,
+        deflection_bound=law.backlash * apart,
+        elastic_bound=elastic,
+        force_bound=total,
+    )
 
 
 def _newton_correction(lin):
-    """F, A F, and what the largest value of each mesh and the weighted norm of Newton's correction are at most."""
+    """F, A F, and what the largest value of each mesh and the weighted norm of Newton's
+    correction are at most.
+    """
     w, high = lin.weight, lin.sizes.high
     F = lin.residual()
-    left = np.sqrt(2 * _beyond(lin.integral, high, 3))  # of psi beyond ``high``, root mean square
+    left = np.sqrt(
+        2 * _beyond(lin.integral, high, 3)
+    )  # of psi beyond ``high``, root mean square
     corrected = lin.inverse(F)
     correction = lin.largest(corrected) + lin.gain_between(high + 1) * left
-    weighted = np.hypot(np.linalg.norm(fourier.pack(w[: high + 1] * corrected)), lin.largest_gain(high + 1) * left)
-    # Rounding of the terms of F, which cancel, is not in the residual computed from them.
+    weighted = np.hypot(
+        np.linalg.norm(fourier.pack(w[: high + 1] * corrected)),
+        lin.largest_gain(high + 1) * left,
+    )
+    # Rounding of the terms of F, which cancel, is not in the residual computed from
+    # them.
     correction += 1e-13 * (lin.largest(lin.linear) + lin.largest(F - lin.linear))
     return F, corrected, correction, weighted
 
@@ -125,12 +184,18 @@ def _rate(x):
 
 
 def _beyond(coefficients, harmonics, power):
-    """Sum of squares beyond ``harmonics`` of all meshes: known ones, and what falls as n^-power beyond those."""
+    """Sum of squares beyond ``harmonics`` of all meshes: known ones, and what falls as
+    n^-power beyond those.
+    """
     known = coefficients.shape[-1] - 1
     squares = (np.abs(coefficients[:, harmonics + 1 :]) ** 2).sum()
     n = np.arange(known + 1)[3 * known // 4 :]
-    constant = 2 * (n**power * np.abs(coefficients[:, 3 * known // 4 :])).max(initial=0.0)
-    return squares + len(coefficients) * constant**2 / ((2 * power - 1) * float(known) ** (2 * power - 1))
+    constant = 2 * (n**power * np.abs(coefficients[:, 3 * known // 4 :])).max(
+        initial=0.0
+    )
+    return squares + len(coefficients) * constant**2 / (
+        (2 * power - 1) * float(known) ** (2 * power - 1)
+    )
 
 
 def _defect(lin):
@@ -153,20 +218,25 @@ def _defect(lin):
     if whole >= 1:
         return whole
     half = high // 2
-    # Columns beyond ``high`` in three parts: rows up to ``low``, where A acts; up to half of ``high``, whose coupling
-    # has died out as well; and the rest, where the gain is small.
+    # Columns beyond ``high`` in three parts: rows up to ``low``, where A acts; up to
+    # half of ``high``, whose coupling has died out as well; and the rest, where the
+    # gain is small.
     columns = _gain_norm(lin, low) * _coupling(lin.share, low, high)
     columns += lin.largest_gain(low + 1) * _coupling(lin.share, half, high)
     columns += lin.largest_gain(half + 1) * lin.half_range
-    return np.hypot(whole + columns / w[high + 1], lin.largest_gain(high + 1) * lin.half_range)
+    return np.hypot(
+        whole + columns / w[high + 1], lin.largest_gain(high + 1) * lin.half_range
+    )
 
 
 def _coupling(share, rows, columns):
-    """Bound of the product with (engagement - 1) from harmonics beyond ``columns`` to those up to ``rows``."""
+    """Bound of the product with (engagement - 1) from harmonics beyond ``columns`` to
+    those up to ``rows``.
+    """
     first = columns - rows + 1
     k = np.arange(first, share.shape[1])
-    # Hilbert-Schmidt norm of the corner of a Toeplitz matrix: coefficient k of the share stands in so many of its
-    # places.
+    # Hilbert-Schmidt norm of the corner of a Toeplitz matrix: coefficient k of the
+    # share stands in so many of its places.
     pairs = np.minimum(2 * rows + 1, k - first + 1)
     known = 2 * (pairs * np.abs(share[:, first:]) ** 2).sum(-1).max(initial=0.0)
     return np.sqrt(known + 2 * (2 * rows + 1) * _beyond(share, share.shape[1] - 1, 2))
@@ -175,7 +245,9 @@ def _coupling(share, rows, columns):
 def _gain_norm(lin, harmonics):
     """``|A H|_w`` of forces with so many harmonics."""
     w = lin.weight[: harmonics + 1]
-    return lin.norm(lambda x: w * lin.respond(x), lambda x: lin.respond_transposed(w * x), harmonics)
+    return lin.norm(
+        lambda x: w * lin.respond(x), lambda x: lin.respond_transposed(w * x), harmonics
+    )
 
 
 def _zone_norm(lin, zone, count):
@@ -185,19 +257,25 @@ def _zone_norm(lin, zone, count):
 
     def adjoint(x):
         values = fourier.synthesize(lin.respond_transposed(w * x), count)
-        return fourier.analyze(zone * values, low)  # its square is the share in the zone, as that of a projection
+        return fourier.analyze(
+            zone * values, low
+        )  # its square is the share in the zone, as that of a projection
 
     return lin.norm(adjoint, lambda x: w * lin.respond(x), low)
 
 
 def _row_sum(lin, zone, count, rate):
-    """``|A H zone|`` from largest value to largest value, or of its rate: the largest absolute row sum of the map
-    between motions at ``count`` time samples, with its margin."""
+    """``|A H zone|`` from largest value to largest value, or of its rate: the largest
+    absolute row sum of the map between motions at ``count`` time samples, with its
+    margin.
+    """
     low = lin.sizes.low
     factor = 1j * np.arange(low + 1) if rate else np.ones(low + 1)
 
     def apply(values):
-        x = factor * lin.respond(fourier.analyze(zone * values.reshape(zone.shape), low))
+        x = factor * lin.respond(
+            fourier.analyze(zone * values.reshape(zone.shape), low)
+        )
         return fourier.synthesize(x, count).reshape(-1)
 
     def adjoint(values):
@@ -210,12 +288,17 @@ def _row_sum(lin, zone, count, rate):
 
 def harmonic_balance(lin, harmonics):
     """The theorem on the truncated equations: their solution near the computed one."""
-    own, K = lin.galerkin(harmonics), lin.embedding / float(lin.law.transition.min(initial=1.0))
+    own, K = (
+        lin.galerkin(harmonics),
+        lin.embedding / float(lin.law.transition.min(initial=1.0)),
+    )
     F = fourier.resize(fourier.resize(own.residual(), harmonics), lin.sizes.low)
     w = lin.weight[: harmonics + 1]
 
     def apply(x):
-        return w * fourier.resize(own.inverse(fourier.resize(own.apply_gain(x), lin.sizes.low)), harmonics)
+        return w * fourier.resize(
+            own.inverse(fourier.resize(own.apply_gain(x), lin.sizes.low)), harmonics
+        )
 
     def adjoint(x):
         back = own.inverse_transposed(fourier.resize(w * x, lin.sizes.low))
@@ -223,7 +306,11 @@ def harmonic_balance(lin, harmonics):
 
     try:
         first = w * fourier.resize(own.inverse(F), harmonics)
-        return Kantorovich(lin.norm(apply, adjoint, harmonics), float(np.linalg.norm(fourier.pack(first))), K)
+        return Kantorovich(
+            lin.norm(apply, adjoint, harmonics),
+            float(np.linalg.norm(fourier.pack(first))),
+            K,
+        )
     except NotInverted:
         return Kantorovich(np.inf, np.inf, K)
 
@@ -232,52 +319,70 @@ def _reason(lin, Y0, Z1, Z2):
     """What failed and what to do, empty if nothing did."""
     low = lin.sizes.low
     if not lin.complete:
-        return "the teeth pass the knots of their law too often for exact integrals: use more harmonics."
+        return (
+            "the teeth pass the knots of their law too often for exact integrals: use"
+            " more harmonics."
+        )
     if not (Z1 < 1 and np.isfinite(Y0)):
         number = f" (Z1 = {Z1:.2g}, must be below 1)" if np.isfinite(Z1) else ""
         return (
-            f"the linearised equation could not be inverted well enough{number}: the motion is near a fold, modes "
-            f"beyond harmonic {low} take part, or damping in contact is very strong."
+            f"the linearised equation could not be inverted well enough{number}: the"
+            f" motion is near a fold, modes beyond harmonic {low} take part, or damping"
+            " in contact is very strong."
         )
     if not Y0 * Z2 <= 0.5:
         return (
-            f"no motion of the train is found near (Y0 = {Y0:.2g} backlashes, must be below {0.5 / Z2:.2g}): this "
-            f"is no motion of the untruncated equations, or its harmonics beyond {low} matter; use more harmonics."
+            f"no motion of the train is found near (Y0 = {Y0:.2g} backlashes, must be"
+            f" below {0.5 / Z2:.2g}): this is no motion of the untruncated equations,"
+            f" or its harmonics beyond {low} matter; use more harmonics."
         )
     return ""
 
 
 def attracts(lin, train, found):
-    """Whether the true motion near the refined one of ``lin``, within ``found`` that holds, attracts: no multiplier
-    crosses the unit circle between the two; None where that is not decided.
+    """Whether the true motion near the refined one of ``lin``, within ``found`` that
+    holds, attracts: no multiplier crosses the unit circle between the two; None where
+    that is not decided.
 
-    The share of contact of the true motion differs from that of the refined one by ``s(t) Delta(t)``, s = 1,
-    ``|Delta| <= r zone / tau``. Let s grow from 0 to 1. A multiplier ``z = exp(2 pi i theta)`` on the unit circle would
-    be a motion ``exp(i theta t) x periodic`` with ``y + R_z s Delta y = 0``, R_z the response of the linearised train
-    to impulses, in this class of motions: impossible if ``|R_z Delta| < 1`` in the largest value. With the monodromy
-    matrix P, the deflections ``l(t)`` of unit states and the states ``e(s)`` after impulses
+    The share of contact of the true motion differs from that of the refined one by
+    ``s(t) Delta(t)``, s = 1, ``|Delta| <= r zone / tau``. Let s grow from 0 to 1. A
+    multiplier ``z = exp(2 pi i theta)`` on the unit circle would be a motion ``exp(i
+    theta t) x periodic`` with ``y + R_z s Delta y = 0``, R_z the response of the
+    linearised train to impulses, in this class of motions: impossible if ``|R_z Delta|
+    < 1`` in the largest value. With the monodromy matrix P, the deflections ``l(t)`` of
+    unit states and the states ``e(s)`` after impulses
 
         R_z(t, s) = R_1(t, s) + l(t) ((z - P)^-1 - (1 - P)^-1) e(s),
 
-    the first of which is part of the certificate, ``|R_1 Delta| <= Z2 r``, and the second is summed over the
-    eigenvectors of P with the largest ``|1/(z - lambda) - 1/(1 - lambda)|`` on the unit circle.
+    the first of which is part of the certificate, ``|R_1 Delta| <= Z2 r``, and the
+    second is summed over the eigenvectors of P with the largest ``|1/(z - lambda) -
+    1/(1 - lambda)|`` on the unit circle.
     """
     system, meshes = on_host(chain.assemble(train)), lin.meshes
     # Loss factors have no equation in time, and large trains take too long.
     if np.any(system.loss) or len(system.mass) > 100:
         return None
     h, law = lin.law.backlash, meshes.law
-    parts = partition(system, meshes, train.topology.disk_names, train.topology.link_names)
+    parts = partition(
+        system, meshes, train.topology.disk_names, train.topology.link_names
+    )
     space = state_space(system, meshes, lin.frequency, parts)
     deflection = lin.deflection * h[:, None]
-    times = np.append(exact_integrals.switching_times(law, deflection), np.arange(1, 2048) / 2048)
+    times = np.append(
+        exact_integrals.switching_times(law, deflection), np.arange(1, 2048) / 2048
+    )
     onward = propagation(space, meshes, deflection, lin.frequency, np.unique(times))
     multipliers, shapes = np.linalg.eig(onward.matrix)
-    # Of each eigenvector the largest deflection of each mesh, and how much of it impulses of the share of contact leave
-    # at the end of the cycle, where that of the true motion may differ: in the zone, by the trapezoidal rule.
+    # Of each eigenvector the largest deflection of each mesh, and how much of it
+    # impulses of the share of contact leave at the end of the cycle, where that of the
+    # true motion may differ: in the zone, by the trapezoidal rule.
     deflected = np.abs(onward.deflection @ shapes).max(0) / h[:, None]
     duration = np.diff(onward.share) * 2 * np.pi / lin.frequency
-    zone = lin.near_transition(found.radius, onward.share) / law.transition[:, None] * h[:, None]
+    zone = (
+        lin.near_transition(found.radius, onward.share)
+        / law.transition[:, None]
+        * h[:, None]
+    )
     rate = (np.abs(np.linalg.inv(shapes) @ onward.end_state) * zone.T[:, None]).sum(-1)
     excited = ((rate[1:] + rate[:-1]) / 2 * duration[:, None]).sum(0)
     # The rotation of the train has a multiplier of 1, bends no tooth, and says nothing.
@@ -285,9 +390,12 @@ def attracts(lin, train, found):
     own = multipliers[observed]
     z = np.exp(2j * np.pi * (np.arange(4096) + 0.5) / 4096)[:, None]
     with np.errstate(all="ignore"):
-        change = np.abs((1 - z) / (z - own) / (1 - own)).max(0)  # |1/(z - lambda) - 1/(1 - lambda)|
+        change = np.abs((1 - z) / (z - own) / (1 - own)).max(
+            0
+        )  # |1/(z - lambda) - 1/(1 - lambda)|
         closed = (deflected[:, observed] * change * excited[observed]).sum(-1).max()
     if not found.radius * (found.Z2 + NORM_MARGIN * closed) < 1:
         return None
-    # No multiplier crosses the circle on the way to the true motion: as many lie inside as of the refined one.
+    # No multiplier crosses the circle on the way to the true motion: as many lie inside
+    # as of the refined one.
     return bool((np.abs(own) < 1).all())

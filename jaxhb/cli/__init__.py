@@ -1,2 +1,3 @@
-"""The command line: ``jaxhb scenes | scene | modes | solve | ...``. Words typed at a terminal go in; a command, its
-output and an exit status come out."""
+"""The command line: ``jaxhb scenes | scene | modes | solve | ...``. Words typed at a
+terminal go in; a command, its output and an exit status come out.
+"""

@@ -1,4 +1,6 @@
-"""The command line: every command with its options and what its help says; what it computes is in other modules."""
+"""The command line: every command with its options and what its help says; what it
+computes is in other modules.
+"""
 
 import os
 import sys
@@ -11,43 +13,73 @@ from jaxhb import __version__
 from jaxhb.cli import options
 from jaxhb.cli.options import Command, of_elements, of_scenes, option
 from jaxhb.cli.streams import Ended, guarded, tell
-from jaxhb.cli.values import bounded, count, one_speed, orders, over, positive, share, speed_range, whole
+from jaxhb.cli.values import (
+    bounded,
+    count,
+    one_speed,
+    orders,
+    over,
+    positive,
+    share,
+    speed_range,
+    whole,
+)
 from jaxhb.elements.elements import LONGEST_SENTENCE, cut
 from jaxhb.report.files.output import INTERRUPTED
 from jaxhb.train.speeds import read_speed, read_speeds
 
 PROGRAM, VARIABLE = "jaxhb", "_JAXHB_COMPLETE"
 ENVIRONMENT = {
-    "OPENBLAS_NUM_THREADS": "1",  # its threads wait actively: beside a busy process a solve takes ten times as long
-    "TF_CPP_MIN_LOG_LEVEL": "3",  # the compiler warns of cached programs that come from the same machine
+    # its threads wait actively: beside a busy process a solve takes ten times as long
+    "OPENBLAS_NUM_THREADS": "1",
+    # the compiler warns of cached programs that come from the same machine
+    "TF_CPP_MIN_LOG_LEVEL": "3",
 }
-"""Read when numpy and jax are imported, which only commands do; what the user has set stays."""
+"""Read when numpy and jax are imported, which only commands do; what the user has set
+stays.
+"""
 
-DONE = "Exit status: 0 done; 2 bad input (nothing is written); 3 an error in the program."
+DONE = (
+    "Exit status: 0 done; 2 bad input (nothing is written); 3 an error in the program."
+)
 
-LINEAR_STATUS = """\
-Exit status: 0 every speed has an answer; 1 not so (files are still written); 2 bad input (nothing is written); 3 an
-error in the program."""
+LINEAR_STATUS = (
+    "Exit status: 0 every speed has an answer; 1 not so (files are still "
+    "written); 2 bad input (nothing is written); 3 an\n"
+    "error in the program."
+)
 
-FITTED = """\
-Exit status: 0 done; 1 no cylinder alone explains the measurements, or too few speeds have an answer; 2 bad input
-(nothing is written); 3 an error in the program."""
+FITTED = (
+    "Exit status: 0 done; 1 no cylinder alone explains the measurements, or too "
+    "few speeds have an answer; 2 bad input\n"
+    "(nothing is written); 3 an error in the program."
+)
 
-ANSWERED = """\
-Exit status: 0 every speed has its answer: the kind of motion is known, and the harmonic solution of a periodic one is
-within its limits (residual and truncation error); what is "not confirmed by harmonic balance" is known from recorded
-cycles, an answer that a ? marks; 1 a speed has none (files are still written); 2 bad input (nothing is written); 3 an
-error in the program. """
+ANSWERED = (
+    "Exit status: 0 every speed has its answer: the kind of motion is known, and "
+    "the harmonic solution of a periodic one is\n"
+    'within its limits (residual and truncation error); what is "not confirmed by'
+    ' harmonic balance" is known from recorded\n'
+    "cycles, an answer that a ? marks; 1 a speed has none (files are still "
+    "written); 2 bad input (nothing is written); 3 an\n"
+    "error in the program. "
+)
 
-BALANCED = """\
-A scene whose mean torques do not balance is bad input (2). If --set unbalances a scene, it is reported as such (1)."""
+BALANCED = (
+    "A scene whose mean torques do not balance is bad input (2). If --set "
+    "unbalances a scene, it is reported as such (1)."
+)
 
 SEARCHED = ANSWERED + BALANCED
-STATUS = f"{ANSWERED}With --orbit: 0 converged at all speeds, 1 not; an unstable orbit is reported. {BALANCED}"
+STATUS = (
+    f"{ANSWERED}With --orbit: 0 converged at all speeds, 1 not; an unstable orbit is"
+    f" reported. {BALANCED}"
+)
 
 
 def main(argv=None):
-    """Run the command line on words, by default those of the process; its exit status, as its help tells it.
+    """Run the command line on words, by default those of the process; its exit status,
+    as its help tells it.
 
     >>> main(["solve", "spur_pair", "--rpm", "2000"])  # doctest: +ELLIPSIS
     All teeth stay in contact at 2000 rpm.
@@ -60,7 +92,8 @@ def main(argv=None):
 
 
 def _run(words):
-    # Not click's own main: it would end the process on a closed pipe, and turn Ctrl-C into another error.
+    # Not click's own main: it would end the process on a closed pipe, and turn Ctrl-C
+    # into another error.
     try:
         if VARIABLE in os.environ:
             return shell_complete(program, {}, PROGRAM, VARIABLE, os.environ[VARIABLE])
@@ -73,7 +106,11 @@ def _run(words):
             cut(fault.format_message(), LONGEST_SENTENCE),
             fault.ctx.command_path if fault.ctx else PROGRAM,
         )
-        print(f"{where}: {sentence}{'' if sentence[-1] in '.?)' else '.'} See {where} --help", file=sys.stderr)
+        print(
+            f"{where}: {sentence}{'' if sentence[-1] in '.?)' else '.'} See {where}"
+            " --help",
+            file=sys.stderr,
+        )
         return 2
     except KeyboardInterrupt as stop:
         notes = getattr(stop, "__notes__", None)
@@ -82,14 +119,25 @@ def _run(words):
     except Exception as error:
         if isinstance(error, OSError) and error.filename is None:
             if not _folder_is_there():
-                tell("the folder in which jaxhb was started is not there any more. Go to another one.")
+                tell(
+                    "the folder in which jaxhb was started is not there any more. Go to"
+                    " another one."
+                )
                 return 2
-            raise  # of standard output: it has no name, and what has one is told by then
+            # of standard output: it has no name, and what has one is told by then
+            raise
         if type(error).__name__ in ("SceneError", "OutputError", "CheckpointError"):
-            tell("\n".join(cut(line, LONGEST_SENTENCE) for line in str(error).splitlines()))
+            tell(
+                "\n".join(
+                    cut(line, LONGEST_SENTENCE) for line in str(error).splitlines()
+                )
+            )
             return 2
         if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
-            tell("there is not enough memory for what was asked. Ask for less at a time, or allow more memory.")
+            tell(
+                "there is not enough memory for what was asked. Ask for less at a time,"
+                " or allow more memory."
+            )
             return 3
         if type(error).__name__ == "NotConverged":
             print(error, file=sys.stderr)
@@ -108,7 +156,9 @@ def _folder_is_there():
 
 
 class Program(click.Group):
-    """Commands in the order in which they are defined; the help ends with the examples of all."""
+    """Commands in the order in which they are defined; the help ends with the examples
+    of all.
+    """
 
     def list_commands(self, ctx):
         """Their names."""
@@ -116,7 +166,12 @@ class Program(click.Group):
 
     def format_epilog(self, ctx, formatter):
         """Examples and exit status."""
-        shown = [line for one in self.commands.values() for line in one.epilog.splitlines() if "  jaxhb " in line]
+        shown = [
+            line
+            for one in self.commands.values()
+            for line in one.epilog.splitlines()
+            if "  jaxhb " in line
+        ]
         formatter.write("\n".join(["", "Examples:", *shown, ""]))
         super().format_epilog(ctx, formatter)
 
@@ -130,10 +185,12 @@ class Program(click.Group):
 )
 @click.version_option(__version__, message="jaxhb %(version)s")
 def program():
-    """Forced vibration of drive trains with gear backlash: do the teeth hammer, at which speeds, and how hard?
+    """Forced vibration of drive trains with gear backlash: do the teeth hammer, at
+    which speeds, and how hard?
 
-    For each speed jaxhb reports what the train does after it has run long enough: teeth in contact, a periodic motion,
-    one with a period of several cycles, or an irregular one. Units: rpm, N m, kN and deg.
+    For each speed jaxhb reports what the train does after it has run long enough: teeth
+    in contact, a periodic motion, one with a period of several cycles, or an irregular
+    one. Units: rpm, N m, kN and deg.
     """
 
 
@@ -144,9 +201,17 @@ def command(status, *examples):
 
 
 @command(DONE, "new my_engine.toml")
-@click.argument("file", metavar="FILE.toml", type=click.Path(), help="the scene to write")
+@click.argument(
+    "file", metavar="FILE.toml", type=click.Path(), help="the scene to write"
+)
 @options.QUIET
-@option("--from SCENE", "the scene to copy", to="scene", default="first_scene", show_default=True)
+@option(
+    "--from SCENE",
+    "the scene to copy",
+    to="scene",
+    default="first_scene",
+    show_default=True,
+)
 def new():
     """Write a small commented scene, or a copy of another.
 
@@ -159,31 +224,46 @@ def scenes():
     """List the packaged scenes and what they are."""
 
 
-@command(DONE, "scene six_cylinder_diesel --expand", "scene gear_train_30 --plot train.png")
+@command(
+    DONE, "scene six_cylinder_diesel --expand", "scene gear_train_30 --plot train.png"
+)
 @options.SCENE_ARGUMENT
 @options.QUIET
 @option("--expand", "write the cylinders that an [engine] makes")
 @option("--out FILE.toml", "write it there, its tables beside it (default: print it)")
-@option("--referred", "print inertias, stiffnesses and dampings instead, actual and referred to the reference rotor")
-@options.plot("a sketch of the train instead of printing it: disks, shafts, gears in mesh, dampers, grounds")
+@option(
+    "--referred",
+    "print inertias, stiffnesses and dampings instead, actual and referred to the"
+    " reference rotor",
+)
+@options.plot(
+    "a sketch of the train instead of printing it: disks, shafts, gears in mesh,"
+    " dampers, grounds"
+)
 def scene():
     """Check a scene and write it as TOML.
 
-    Files of other programs are read by their endings: .json in the TORS format of openTorsion, .csv with a table of
-    inertias (name, inertia, radius, ...) and one of links (from, to, stiffness, ...).
+    Files of other programs are read by their endings: .json in the TORS format of
+    openTorsion, .csv with a table of inertias (name, inertia, radius, ...) and one of
+    links (from, to, stiffness, ...).
     """
 
 
 @command(LINEAR_STATUS, "check my_engine.toml")
 @options.SCENE
-@option("--rpm A:B:COUNT", "speeds of the mean torques, rpm (default: lowest and highest tabulated)", read_speeds)
+@option(
+    "--rpm A:B:COUNT",
+    "speeds of the mean torques, rpm (default: lowest and highest tabulated)",
+    read_speeds,
+)
 @option("--json FILE", "write all of it for programs, SI units")
 def check():
     """Is the scene plausible? Mean torques, modes, notes.
 
-    Reads a scene and reports what it amounts to: mean torques and tooth forces, the damping of every mesh, natural
-    frequencies with damping ratios. Notes name numbers that are allowed but far from usual, as a pressure in bar or a
-    bore in mm; they are no errors, and solve, sweep and report print them, too.
+    Reads a scene and reports what it amounts to: mean torques and tooth forces, the
+    damping of every mesh, natural frequencies with damping ratios. Notes name numbers
+    that are allowed but far from usual, as a pressure in bar or a bore in mm; they are
+    no errors, and solve, sweep and report print them, too.
     """
 
 
@@ -191,7 +271,9 @@ def check():
 @options.SCENE
 @options.MEAN_LOAD
 @option("--json FILE", "write frequencies and shapes for programs")
-@options.plot("shapes of the first six modes that strain links, with nodes and damping ratios")
+@options.plot(
+    "shapes of the first six modes that strain links, with nodes and damping ratios"
+)
 def modes():
     """Natural frequencies in Hz, undamped, and mode shapes."""
 
@@ -199,25 +281,49 @@ def modes():
 @command(DONE, "holzer six_cylinder_diesel --mode 1 2")
 @options.SCENE
 @options.MEAN_LOAD
-@option("--hz F [F ...]", "frequencies, Hz (default: the first three that strain links)", positive)
+@option(
+    "--hz F [F ...]",
+    "frequencies, Hz (default: the first three that strain links)",
+    positive,
+)
 @option("--mode K [K ...]", "modes, numbered as by jaxhb modes", count)
 @option("--json FILE", "write the tables in full precision, SI units")
 @options.plot("the residual over the frequency")
 def holzer():
     """Holzer's table of a train without loops.
 
-    As engineers print it: inertia, ordinate, torque sum and twist from the free ends to the last disk, with the
-    energies of disks and links in % of the kinetic energy. Undamped; teeth in contact, or as --at says. At a natural
-    frequency the residual is 0 but for rounding.
+    As engineers print it: inertia, ordinate, torque sum and twist from the free ends to
+    the last disk, with the energies of disks and links in % of the kinetic energy.
+    Undamped; teeth in contact, or as --at says. At a natural frequency the residual is
+    0 but for rounding.
     """
 
 
-@command(LINEAR_STATUS, "campbell six_cylinder_diesel --rpm 600:2600 --orders 3,4.5,6,9 --plot campbell.png")
+@command(
+    LINEAR_STATUS,
+    "campbell six_cylinder_diesel --rpm 600:2600 --orders 3,4.5,6,9 --plot"
+    " campbell.png",
+)
 @options.SCENE
 @options.MEAN_LOAD
-@option("--rpm A:B[:COUNT]", "range of speeds, rpm; COUNT: where frequencies depend on it", speed_range, required=True)
-@option("--orders N1,N2,...", "orders of the reference rotor (default: those that the torques have)", orders)
-@option("--modes N", "how many of the modes that strain links, the lowest", whole, default="6", show_default=True)
+@option(
+    "--rpm A:B[:COUNT]",
+    "range of speeds, rpm; COUNT: where frequencies depend on it",
+    speed_range,
+    required=True,
+)
+@option(
+    "--orders N1,N2,...",
+    "orders of the reference rotor (default: those that the torques have)",
+    orders,
+)
+@option(
+    "--modes N",
+    "how many of the modes that strain links, the lowest",
+    whole,
+    default="6",
+    show_default=True,
+)
 @options.EACH_MISFIRE
 @option("--json FILE", "write frequencies and critical speeds in full precision")
 @option("--csv FILE", "write one row per critical speed for spreadsheets")
@@ -225,18 +331,23 @@ def holzer():
 def campbell():
     """Natural frequencies and orders over the speed.
 
-    The Campbell diagram: natural frequencies over the speed, orders of the excitation as rays, and the critical speeds
-    where they meet, order x rpm / 60 = Hz. Undamped; teeth in contact, or as --at says; order-tuned absorbers follow
-    the speed.
+    The Campbell diagram: natural frequencies over the speed, orders of the excitation
+    as rays, and the critical speeds where they meet, order x rpm / 60 = Hz. Undamped;
+    teeth in contact, or as --at says; order-tuned absorbers follow the speed.
     """
 
 
-@command(LINEAR_STATUS, 'forced six_cylinder_diesel --rpm 1000:2600:65 --element "cyl6|flywheel" --plot orders.png')
+@command(
+    LINEAR_STATUS,
+    'forced six_cylinder_diesel --rpm 1000:2600:65 --element "cyl6|flywheel" --plot'
+    " orders.png",
+)
 @options.SCENE
 @options.RPM
 @option(
     "--element NAME",
-    "a disk, shaft, damper or mesh, speed by speed; may be repeated (default: the largest values of all)",
+    "a disk, shaft, damper or mesh, speed by speed; may be repeated (default: the"
+    " largest values of all)",
     multiple=True,
     shell_complete=of_elements("disk", "shaft", "damper", "mesh"),
 )
@@ -245,16 +356,18 @@ def campbell():
 def forced():
     """Linear response over the speed: amplitudes by order, heat.
 
-    All teeth in contact: amplitude of every order, half peak-to-peak of the synthesis, sum of amplitudes, and power
-    turned into heat, of every disk (deg), shaft and damper (N m) and mesh (kN). Without --element the largest values
-    over the speeds. Links may vary over frequency and amplitude.
+    All teeth in contact: amplitude of every order, half peak-to-peak of the synthesis,
+    sum of amplitudes, and power turned into heat, of every disk (deg), shaft and damper
+    (N m) and mesh (kN). Without --element the largest values over the speeds. Links may
+    vary over frequency and amplitude.
     """
 
 
 @command(
     STATUS,
     "solve gear_train_30 --rpm 1800 --plot cycle.png",
-    'solve gear_train_30 --rpm 1800 --misfire "cylinder A1" --set "crank damper.damping=300" --json result.json',
+    'solve gear_train_30 --rpm 1800 --misfire "cylinder A1" --set "crank'
+    ' damper.damping=300" --json result.json',
 )
 @options.SCENE
 @option("--rpm R", "speed of the reference rotor, rpm", one_speed, required=True)
@@ -262,54 +375,71 @@ def forced():
 @options.MOTION
 @options.certify()
 @options.files("the gear torque and the tooth forces over the cycle")
-@option("--trace FILE.csv", "the motion for spreadsheets: forces, torques, angles, speeds over the crank angle")
+@option(
+    "--trace FILE.csv",
+    "the motion for spreadsheets: forces, torques, angles, speeds over the crank angle",
+)
 @options.GEAR
 def solve():
     """One speed: do the teeth hammer? Forces, torques, contact.
 
-    With backlash and without: the kind of motion, which teeth separate and for how long, tooth forces (kN), torques of
-    gears and shafts (N m). Of a motion that never repeats the numbers are extremes over recorded cycles, and the
-    largest tooth force of a cycle is given as 5, 50 and 95 % of the cycles have it.
+    With backlash and without: the kind of motion, which teeth separate and for how
+    long, tooth forces (kN), torques of gears and shafts (N m). Of a motion that never
+    repeats the numbers are extremes over recorded cycles, and the largest tooth force
+    of a cycle is given as 5, 50 and 95 % of the cycles have it.
     """
 
 
-@command(STATUS, "sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png")
+@command(
+    STATUS, "sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png"
+)
 @options.SCENE
 @options.RPM
 @options.misfire()
 @options.MOTION
 @option(
     "--direction {up,down,both}",
-    "which neighbour a speed starts from: the one below (up, default), above (down), or one after the other",
+    "which neighbour a speed starts from: the one below (up, default), above (down), or"
+    " one after the other",
     ("up", "down", "both"),
 )
 @options.files("tooth force and time out of contact over the speed")
-@option("--full", "amplitudes of all orders in the JSON and NetCDF files (default: none, and those excited)")
+@option(
+    "--full",
+    "amplitudes of all orders in the JSON and NetCDF files (default: none, and those"
+    " excited)",
+)
 @option(
     "--over NAME.FIELD=A:B:COUNT",
-    "go over a number of the scene at the one speed of --rpm: COUNT values from A to B, equally far apart, or"
-    " V1,V2,..., SI units",
+    "go over a number of the scene at the one speed of --rpm: COUNT values from A to B,"
+    " equally far apart, or V1,V2,..., SI units",
     over,
 )
-@option("--out DIR", "keep what is found in this folder for good (default: until the sweep is done)", to="folder")
+@option(
+    "--out DIR",
+    "keep what is found in this folder for good (default: until the sweep is done)",
+    to="folder",
+)
 @option(
     "--chunk N",
-    "speeds that are computed and kept together (default 16): fewer lose less, take longer",
+    "speeds that are computed and kept together (default 16): fewer lose less, take"
+    " longer",
     whole,
     default="16",  # a batch of marches
 )
 def sweep():
     """Many speeds in one call: at which do the teeth hammer?
 
-    Kind of motion, largest tooth force and time out of contact over the speed. Where several motions are possible the
-    train has the one it comes from: each speed starts from its neighbour below (--direction up), above (down), or is
-    reached both ways.
+    Kind of motion, largest tooth force and time out of contact over the speed. Where
+    several motions are possible the train has the one it comes from: each speed starts
+    from its neighbour below (--direction up), above (down), or is reached both ways.
     """
 
 
 @command(
     STATUS,
-    'report gear_train_30 --rpm 600,1200,1800,2450 --misfire "cylinder A1" --plot crank_gear.png',
+    'report gear_train_30 --rpm 600,1200,1800,2450 --misfire "cylinder A1" --plot'
+    " crank_gear.png",
     'report gear_train_30 --rpm 700:2450:8 --misfire "cylinder A1" --html report.html',
 )
 @options.SCENE
@@ -318,33 +448,61 @@ def sweep():
 @options.MOTION
 @options.files("the torque on one gear over the cycle, in normal running")
 @options.GEAR
-@option("--at R", "speed that picture and page show in full, rpm (default: of the largest tooth force)", read_speed)
+@option(
+    "--at R",
+    "speed that picture and page show in full, rpm (default: of the largest tooth"
+    " force)",
+    read_speed,
+)
 @options.certify(", at the speed of --at")
-@option("--html FILE.html", "write a page to print and sign: one file, no network (needs jaxhb[report])")
-@option("--tuned SCENE", "on the page, another design, as jaxhb tune writes it", shell_complete=of_scenes)
-@option("--tolerances", "on the page, the worst case within the [tolerance] table of the scene; takes minutes")
-@option("--tune", "on the page, the design tuned as the [tune] table of the scene asks; takes minutes")
+@option(
+    "--html FILE.html",
+    "write a page to print and sign: one file, no network (needs jaxhb[report])",
+)
+@option(
+    "--tuned SCENE",
+    "on the page, another design, as jaxhb tune writes it",
+    shell_complete=of_scenes,
+)
+@option(
+    "--tolerances",
+    "on the page, the worst case within the [tolerance] table of the scene; takes"
+    " minutes",
+)
+@option(
+    "--tune",
+    "on the page, the design tuned as the [tune] table of the scene asks; takes"
+    " minutes",
+)
 def report():
     """Several speeds, in normal running and with a misfire.
 
-    With backlash and without, with a misfiring cylinder, or with every cylinder in turn (--misfire each). The plot
-    shows the torque on one gear over the cycle, with the time in the gap shaded. --html writes a page that is printed
-    and signed: the train and its data, natural frequencies, forced orders, what the train does at every speed, limits,
-    accuracy, notes.
+    With backlash and without, with a misfiring cylinder, or with every cylinder in turn
+    (--misfire each). The plot shows the torque on one gear over the cycle, with the
+    time in the gap shaded. --html writes a page that is printed and signed: the train
+    and its data, natural frequencies, forced orders, what the train does at every
+    speed, limits, accuracy, notes.
     """
 
 
 @command(SEARCHED, "tune engine_with_damper --plot tuned.png")
 @options.SCENE_OF_TUNING
-@option("--rpm A:B:COUNT", "speeds instead of those of the [tune] table, rpm: A:B:COUNT or R1,R2,...", read_speeds)
+@option(
+    "--rpm A:B:COUNT",
+    "speeds instead of those of the [tune] table, rpm: A:B:COUNT or R1,R2,...",
+    read_speeds,
+)
 @option("--optimizer {lbfgs,adam}", "default: lbfgs", ("lbfgs", "adam"))
 @option(
     "--robust {worst,p95}",
-    "tune what the worst train within the [tolerance] table does, or what 95 of 100 stay below",
+    "tune what the worst train within the [tolerance] table does, or what 95 of 100"
+    " stay below",
     ("worst", "p95"),
 )
 @option("--steps N", "maximum number of steps", whole)
-@option("--starts N", "number of designs tuned together: the scene and random ones", whole)
+@option(
+    "--starts N", "number of designs tuned together: the scene and random ones", whole
+)
 @option("--seed N", "seed of the random designs (default 0)", count)
 @option("--tolerance T", "as in solve (default 0.01)", share)
 @option("--output FILE.toml", "the tuned scene (default: SCENE_tuned.toml here)")
@@ -353,86 +511,129 @@ def report():
 def tune():
     """Find the dampers (or any numbers) that cure it, by gradient.
 
-    Changes numbers of a scene within bounds to make a response small over a range of speeds. The [tune] table of the
-    scene sets what changes and what is minimised: docs/how_to/tune.md has all of it. Every step writes the tuned scene
-    and the history, so Ctrl-C leaves the best design so far; the exit status is then 130.
+    Changes numbers of a scene within bounds to make a response small over a range of
+    speeds. The [tune] table of the scene sets what changes and what is minimised:
+    docs/how_to/tune.md has all of it. Every step writes the tuned scene and the
+    history, so Ctrl-C leaves the best design so far; the exit status is then 130.
     """
 
 
 @command(
     SEARCHED,
     "tolerance my_engine.toml --rpm 800:2400:17 --samples 200 --plot tolerance.png",
-    'tolerance my_engine.toml --rpm 1800 --of "tooth force of crank gear|idler" --csv worst.csv',
+    'tolerance my_engine.toml --rpm 1800 --of "tooth force of crank gear|idler" --csv'
+    " worst.csv",
 )
 @options.SCENE
 @options.RPM
 @option(
     '--of "QUANTITY of ELEMENT"',
-    'what is judged, as "shaft torque of cyl6|flywheel"; may be repeated (default: the largest tooth force, torque,'
-    " heat of a damper and stress over its limit)",
+    'what is judged, as "shaft torque of cyl6|flywheel"; may be repeated (default: the'
+    " largest tooth force, torque, heat of a damper and stress over its limit)",
     multiple=True,
 )
-@option("--samples N", "random trains whose 5, 50 and 95 % are told (default: none)", count)
+@option(
+    "--samples N", "random trains whose 5, 50 and 95 % are told (default: none)", count
+)
 @option("--seed N", "seed of the sample and of the search (default 0)", count)
-@option("--harmonics N", "fixed number of harmonics (default: as many as needed)", whole)
+@option(
+    "--harmonics N", "fixed number of harmonics (default: as many as needed)", whole
+)
 @option("--tolerance T", "as in solve", share, default="0.01", show_default=True)
-@options.files("as the scene is, the worst case and the sample over the speed", spectra=False)
+@options.files(
+    "as the scene is, the worst case and the sample over the speed", spectra=False
+)
 def tolerance():
     """What do tolerances and wear do: the worst case, and which number makes it.
 
-    The [tolerance] table of the scene says how far numbers may be from theirs; a worn train is a [scenario.NAME]
-    (--scenario). At each speed the largest force, torque and heat within the tolerances is searched by gradient, and
-    what the train does there is told: docs/how_to/tolerances.md.
+    The [tolerance] table of the scene says how far numbers may be from theirs; a worn
+    train is a [scenario.NAME] (--scenario). At each speed the largest force, torque and
+    heat within the tolerances is searched by gradient, and what the train does there is
+    told: docs/how_to/tolerances.md.
     """
 
 
 @command(
     LINEAR_STATUS,
-    'phase two_engines.toml --rpm 200:700:51 --of "shaft torque of line" --csv phases.csv',
+    'phase two_engines.toml --rpm 200:700:51 --of "shaft torque of line" --csv'
+    " phases.csv",
 )
 @options.SCENE
 @options.RPM
-@option("--phase NAME", "the [[phase]] that is turned (default: the only one)", to="name")
+@option(
+    "--phase NAME", "the [[phase]] that is turned (default: the only one)", to="name"
+)
 @option(
     '--of "QUANTITY of ELEMENT"',
-    'what is judged, as "shaft torque of line"; may be repeated (default: every tooth force and shaft torque)',
+    'what is judged, as "shaft torque of line"; may be repeated (default: every tooth'
+    " force and shaft torque)",
     multiple=True,
 )
-@option("--phases N", "phases of the scan (default: 24; without backlash 16 for each harmonic)", whole)
-@option("--json FILE", "all numbers in full precision, SI units; -: on standard output instead of the tables")
+@option(
+    "--phases N",
+    "phases of the scan (default: 24; without backlash 16 for each harmonic)",
+    whole,
+)
+@option(
+    "--json FILE",
+    "all numbers in full precision, SI units; -: on standard output instead of the"
+    " tables",
+)
 @option("--csv FILE", "write one row per speed and quantity for spreadsheets, SI units")
 def phase():
     """Two engines on one gear: the worst angle between them.
 
-    A [[phase]] of the scene turns all that one engine excites. Without backlash its worst phase is found exactly over
-    the full circle, with backlash by solving all round: docs/how_to/strength.md.
+    A [[phase]] of the scene turns all that one engine excites. Without backlash its
+    worst phase is found exactly over the full circle, with backlash by solving all
+    round: docs/how_to/strength.md.
     """
 
 
 @command(
     FITTED,
-    'identify my_engine.toml measured.csv --fit "cyl6|flywheel.stiffness=1e6:4e6" --output fitted.toml',
+    'identify my_engine.toml measured.csv --fit "cyl6|flywheel.stiffness=1e6:4e6"'
+    " --output fitted.toml",
     "identify my_engine.toml measured.csv --weak-cylinder",
 )
 @options.SCENE
-@click.argument("measured", metavar="MEASURED.csv", type=click.Path(), help="the measured orders")
+@click.argument(
+    "measured", metavar="MEASURED.csv", type=click.Path(), help="the measured orders"
+)
 @option(
     "--fit NAME.FIELD=LOW:HIGH",
-    "a number to fit and its bounds, SI units; may be repeated (default: those of the [tolerance] table)",
+    "a number to fit and its bounds, SI units; may be repeated (default: those of the"
+    " [tolerance] table)",
     bounded,
     multiple=True,
 )
-@option("--noise T", "relative standard deviation of measured amplitudes", share, default="0.03", show_default=True)
-@option("--weak-cylinder", "tell instead which cylinder has less gas torque than the others", to="weak")
-@option("--output FILE.toml", "write the scene with the fitted numbers and their [tolerance]")
-@option("--json FILE", "all numbers in full precision, SI units; -: on standard output instead of the tables")
+@option(
+    "--noise T",
+    "relative standard deviation of measured amplitudes",
+    share,
+    default="0.03",
+    show_default=True,
+)
+@option(
+    "--weak-cylinder",
+    "tell instead which cylinder has less gas torque than the others",
+    to="weak",
+)
+@option(
+    "--output FILE.toml",
+    "write the scene with the fitted numbers and their [tolerance]",
+)
+@option(
+    "--json FILE",
+    "all numbers in full precision, SI units; -: on standard output instead of the"
+    " tables",
+)
 @options.plot("what was measured and what is computed over the speed")
 def identify():
     """Which stiffness, damping or cylinder explains a measurement?
 
-    Fits numbers of a scene to measured orders of torque, angle, speed or acceleration (columns rpm, order, element,
-    quantity, amplitude, phase), teeth in contact, and says how well the data determine them:
-    docs/how_to/measurements.md.
+    Fits numbers of a scene to measured orders of torque, angle, speed or acceleration
+    (columns rpm, order, element, quantity, amplitude, phase), teeth in contact, and
+    says how well the data determine them: docs/how_to/measurements.md.
     """
 
 
@@ -440,13 +641,22 @@ SHELLS = "bash", "zsh", "fish", "powershell"
 
 
 @program.command(epilog=DONE)
-@click.argument("shell", default="bash", metavar="[SHELL]", type=click.Choice(SHELLS), help=", ".join(SHELLS))
+@click.argument(
+    "shell",
+    default="bash",
+    metavar="[SHELL]",
+    type=click.Choice(SHELLS),
+    help=", ".join(SHELLS),
+)
 def completion(shell):
     """Print what makes a shell complete commands, options and names.
 
-    In ~/.bashrc: eval "$(jaxhb completion bash)"; for fish: jaxhb completion fish | source.
+    In ~/.bashrc: eval "$(jaxhb completion bash)"; for fish: jaxhb completion fish |
+    source.
     """
-    click.echo(get_completion_class(shell)(program, {}, PROGRAM, VARIABLE).source(), nl=False)
+    click.echo(
+        get_completion_class(shell)(program, {}, PROGRAM, VARIABLE).source(), nl=False
+    )
     return 0
 
 

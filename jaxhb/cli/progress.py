@@ -1,4 +1,6 @@
-"""One line on the terminal that says what is being computed and for how long; now and then a line in a log."""
+"""One line on the terminal that says what is being computed and for how long; now and
+then a line in a log.
+"""
 
 import contextlib
 import sys
@@ -6,11 +8,16 @@ import threading
 import time
 
 BEGUN = "computing"  # before anything is said
-INTERVAL, LOGGED = 0.5, 30.0  # seconds between lines on a terminal, and where stderr is none
+INTERVAL, LOGGED = (
+    0.5,
+    30.0,
+)  # seconds between lines on a terminal, and where stderr is none
 
 
 class Progress:
-    """A status line on ``stream`` (stderr) while a block runs, for a ``total`` of steps; a count only of several."""
+    """A status line on ``stream`` (stderr) while a block runs, for a ``total`` of
+    steps; a count only of several.
+    """
 
     def __init__(self, total=1, stream=None, quiet=False):
         self.total, self.done, self.text, self.width = total, 0, "", 0
@@ -42,11 +49,16 @@ class Progress:
     def _tick(self):
         while not self.ended.wait(INTERVAL if self.terminal else LOGGED):
             count = f"{self.done} of {self.total}" if self.total > 1 else ""
-            line = f"{': '.join(filter(None, [count, self.text])) or BEGUN} ({time.monotonic() - self.begin:.0f} s)"
+            line = (
+                f"{': '.join(filter(None, [count, self.text])) or BEGUN}"
+                f" ({time.monotonic() - self.begin:.0f} s)"
+            )
             self._write(f"\r{line:<{self.width}}" if self.terminal else f"{line}\n")
             self.width = len(line)
 
     def _write(self, text):
-        with contextlib.suppress(OSError, ValueError):  # a log that is full or closed ends no computation
+        with contextlib.suppress(
+            OSError, ValueError
+        ):  # a log that is full or closed ends no computation
             self.stream.write(text)
             self.stream.flush()

@@ -1,4 +1,6 @@
-"""Answers of a command under way, kept in the folder of programs until it is done: stopped, it goes on there."""
+"""Answers of a command under way, kept in the folder of programs until it is done:
+stopped, it goes on there.
+"""
 
 import contextlib
 import shutil
@@ -18,10 +20,11 @@ _of_several: ContextVar[list | None] = ContextVar("_of_several", default=None)
 
 
 class Kept:
-    """A folder of a command's own, named for its trains and all else that answers depend on; None where none may be.
+    """A folder of a command's own, named for its trains and all else that answers
+    depend on; None where none may be.
 
-    Where it cannot be written that is told once, and the command goes on without. ``elsewhere``: another folder, which
-    the user asked for and which stays.
+    Where it cannot be written that is told once, and the command goes on without.
+    ``elsewhere``: another folder, which the user asked for and which stays.
     """
 
     def __init__(self, trains, asked, elsewhere=None):
@@ -31,8 +34,11 @@ class Kept:
             return
         if base is None:
             return
-        # Other code, packages or processors may find other numbers: then the command begins anew.
-        name = digest([hash_of(train) for train in trains], versions(), repr(processor()), asked)
+        # Other code, packages or processors may find other numbers: then the command
+        # begins anew.
+        name = digest(
+            [hash_of(train) for train in trains], versions(), repr(processor()), asked
+        )
         try:
             under_way = private_folder(base, FOLDER).path
             self.folder = Cached(private_folder(under_way, name).path, self._lost)
@@ -47,10 +53,15 @@ class Kept:
     def _lost(self, why):
         """The folder cannot be used."""
         self.folder = None
-        tell_once(f"what is found is not kept on disk, and begins anew where it is stopped: {why}")
+        tell_once(
+            "what is found is not kept on disk, and begins anew where it is stopped:"
+            f" {why}"
+        )
 
     def run(self, compute, left):
-        """``compute(folder)``, with None where there is none; ``left()`` tells what it leaves if stopped."""
+        """``compute(folder)``, with None where there is none; ``left()`` tells what it
+        leaves if stopped.
+        """
         several = _of_several.get()
         if several is not None:
             several.append(self)
@@ -68,7 +79,9 @@ class Kept:
 
 @contextlib.contextmanager
 def as_one():
-    """Let what the commands of the block have kept be forgotten together, when all are done."""
+    """Let what the commands of the block have kept be forgotten together, when all are
+    done.
+    """
     several: list[Kept] = []
     token = _of_several.set(several)
     try:

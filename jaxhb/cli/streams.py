@@ -1,4 +1,6 @@
-"""Standard output and error as they are found, full, closed or of another encoding, and the signals that end a run."""
+"""Standard output and error as they are found, full, closed or of another encoding, and
+the signals that end a run.
+"""
 
 import contextlib
 import errno
@@ -7,7 +9,12 @@ import os
 import signal
 import sys
 
-CLOSED, UNWRITABLE = 141, 2  # exit status: the reader of the output had enough, as after SIGPIPE; it cannot be written
+CLOSED, UNWRITABLE = (
+    141,
+    2,
+    # exit status: the reader of the output had enough, as after SIGPIPE; it cannot be
+    # written
+)
 
 
 class Ended(KeyboardInterrupt):
@@ -19,7 +26,9 @@ class Ended(KeyboardInterrupt):
 
 
 class _Closed(io.TextIOBase):
-    """Stands for a standard output that is closed: Python has none then, and what is printed would be lost unseen."""
+    """Stands for a standard output that is closed: Python has none then, and what is
+    printed would be lost unseen.
+    """
 
     def write(self, text):
         raise OSError(errno.EBADF, "it is closed")
@@ -34,8 +43,9 @@ class _Closed(io.TextIOBase):
 
 
 def _take_closed_streams():
-    """Put the null device in the place of closed standard streams: the next file that is opened would be taken for
-    them."""
+    """Put the null device in the place of closed standard streams: the next file that
+    is opened would be taken for them.
+    """
     for number in range(3):
         try:
             os.fstat(number)
@@ -44,15 +54,21 @@ def _take_closed_streams():
     if sys.stdout is None:
         sys.stdout = _Closed()
     if sys.stderr is None:
-        sys.stderr = io.StringIO()  # what is printed to none would go to standard output
+        sys.stderr = (
+            io.StringIO()
+        )  # what is printed to none would go to standard output
 
 
 def guarded(run):
-    """The exit status of ``run()``, which prints; what is wrong with standard output is told in a sentence."""
+    """The exit status of ``run()``, which prints; what is wrong with standard output is
+    told in a sentence.
+    """
     _take_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure") and stream.errors == "strict":
-            stream.reconfigure(errors="backslashreplace")  # any name can be written, whatever the encoding lacks
+            stream.reconfigure(
+                errors="backslashreplace"
+            )  # any name can be written, whatever the encoding lacks
     with _ending_by_signals():
         try:
             status = run()
@@ -60,9 +76,15 @@ def guarded(run):
         except OSError as error:
             closed = isinstance(error, BrokenPipeError)
             status = CLOSED if closed else UNWRITABLE
-            with contextlib.suppress(OSError, ValueError):  # else the interpreter tries again when it exits
+            with contextlib.suppress(
+                OSError, ValueError
+            ):  # else the interpreter tries again when it exits
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            why = "was closed before all of it was written" if closed else f"cannot be written: {error.strerror}"
+            why = (
+                "was closed before all of it was written"
+                if closed
+                else f"cannot be written: {error.strerror}"
+            )
             tell(f"standard output {why}.")
     return status
 
@@ -76,14 +98,19 @@ def tell(sentence):
 
 @contextlib.contextmanager
 def _ending_by_signals():
-    """Raise :class:`Ended` where the system asks the process to end, in the main thread alone."""
+    """Raise :class:`Ended` where the system asks the process to end, in the main thread
+    alone.
+    """
 
     def end(number, _):
         raise Ended(number)
 
     before = {}
     with contextlib.suppress(ValueError):  # another thread than the main one
-        for number in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):  # Windows has no SIGHUP
+        for number in (
+            signal.SIGTERM,
+            getattr(signal, "SIGHUP", signal.SIGTERM),
+        ):  # Windows has no SIGHUP
             if signal.getsignal(number) == signal.SIG_DFL:
                 before[number] = signal.signal(number, end)
     try:

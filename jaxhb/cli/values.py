@@ -1,4 +1,6 @@
-"""Readers of the values of options: each takes a word and raises a ValueError that says what is wrong."""
+"""Readers of the values of options: each takes a word and raises a ValueError that says
+what is wrong.
+"""
 
 import math
 from functools import partial
@@ -13,7 +15,9 @@ def one_speed(text):
     speeds = speed_range(text)
     if len(speeds) > 1:
         commands = "jaxhb sweep and jaxhb report take several"
-        raise ValueError(f"{text!r} are {len(speeds)} speeds, and this command takes one: {commands}")
+        raise ValueError(
+            f"{text!r} are {len(speeds)} speeds, and this command takes one: {commands}"
+        )
     return speeds[0]
 
 
@@ -53,9 +57,15 @@ def setting(text):
     key, equals, word = text.rpartition("=")
     value, word = _number(word), word.strip()
     if not equals or not word:
-        raise ValueError(f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"')
-    if math.isnan(value) and (not word.isidentifier() or word.lower() in ("nan", "inf", "infinity")):
-        raise ValueError(f"{text!r}: {word} is no number; values are numbers in SI units, as 3.6e4")
+        raise ValueError(
+            f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"'
+        )
+    if math.isnan(value) and (
+        not word.isidentifier() or word.lower() in ("nan", "inf", "infinity")
+    ):
+        raise ValueError(
+            f"{text!r}: {word} is no number; values are numbers in SI units, as 3.6e4"
+        )
     return key.strip(), word if math.isnan(value) else value
 
 
@@ -74,18 +84,29 @@ def over(text):
         found = []
     if not equals or len(found) < 2 or not all(map(math.isfinite, found)):
         example = '"crank damper.damping=100:400:13" or =100,200,400'
-        raise ValueError(f"{text!r} is not NAME.FIELD=A:B:COUNT with a COUNT of at least 2, as {example}")
+        raise ValueError(
+            f"{text!r} is not NAME.FIELD=A:B:COUNT with a COUNT of at least 2, as"
+            f" {example}"
+        )
     if len(found) > MOST_SPEEDS:
-        raise ValueError(f"{text!r} asks for more than {MOST_SPEEDS} values: give fewer")
+        raise ValueError(
+            f"{text!r} asks for more than {MOST_SPEEDS} values: give fewer"
+        )
     return key.strip(), found
 
 
 def bounded(text):
     """``(NAME.FIELD, (LOW, HIGH))`` from ``NAME.FIELD=LOW:HIGH``."""
     key, equals, words = text.rpartition("=")
-    low, high = map(_number, words.split(":")) if words.count(":") == 1 else (math.nan, math.nan)
+    low, high = (
+        map(_number, words.split(":"))
+        if words.count(":") == 1
+        else (math.nan, math.nan)
+    )
     if not equals or not low < high:
-        raise ValueError(f'{text!r} is not NAME.FIELD=LOW:HIGH, as "cyl6|flywheel.stiffness=1e6:4e6"')
+        raise ValueError(
+            f'{text!r} is not NAME.FIELD=LOW:HIGH, as "cyl6|flywheel.stiffness=1e6:4e6"'
+        )
     return key.strip(), (low, high)
 
 
@@ -94,7 +115,10 @@ def place(text):
     name, _, number = text.partition("=")
     value = _number(number)
     if name not in ("hz", "amplitude", "rpm") or not value >= 0:
-        raise ValueError(f"{text!r} is none of hz=VALUE, amplitude=VALUE and rpm=VALUE, VALUE at least 0")
+        raise ValueError(
+            f"{text!r} is none of hz=VALUE, amplitude=VALUE and rpm=VALUE, VALUE at"
+            " least 0"
+        )
     return name, value
 
 

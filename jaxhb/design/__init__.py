@@ -1,5 +1,7 @@
-"""Which numbers are best, and what do numbers do that nobody knows exactly? A train, parameters or tolerances, and
-objectives go in; a tuned train and its history, or the worst case and its place, come out."""
+"""Which numbers are best, and what do numbers do that nobody knows exactly? A train,
+parameters or tolerances, and objectives go in; a tuned train and its history, or the
+worst case and its place, come out.
+"""
 
 import importlib
 from typing import TYPE_CHECKING
@@ -23,7 +25,15 @@ LATER |= dict.fromkeys(("Tolerance", "read_tolerances"), "tolerances")
 LATER |= dict.fromkeys(("identify", "weak_cylinder"), "identification")
 LATER |= dict.fromkeys(("Measured", "read_measured"), "measurements")
 """Where names are whose import takes optax or scipy."""
-__all__ = ["Measured", "Objective", "Parameter", "Penalty", "Tolerance", "identify", "read_measured"]
+__all__ = [
+    "Measured",
+    "Objective",
+    "Parameter",
+    "Penalty",
+    "Tolerance",
+    "identify",
+    "read_measured",
+]
 __all__ += ["read_tolerances", "tolerance", "tune", "weak_cylinder", "worst_phase"]
 
 

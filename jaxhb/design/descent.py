@@ -1,4 +1,6 @@
-"""The way down: steps of all starts side by side, none of which loses a speed, and their history. Imports optax."""
+"""The way down: steps of all starts side by side, none of which loses a speed, and
+their history. Imports optax.
+"""
 
 import dataclasses
 import time
@@ -18,32 +20,45 @@ from jaxhb.results.status import Status
 OPTIMIZERS = {"lbfgs": optax.scale_by_lbfgs, "adam": optax.scale_by_adam}
 Optimizer: TypeAlias = str | optax.GradientTransformation
 
-LONGEST = 1.5  # largest change of a z in one step: the share of the range then moves by at most 0.36
+# largest change of a z in one step: the share of the range then moves by at most 0.36
+LONGEST = 1.5
 TRIALS, EXPANSIONS = 12, 2
-"""Lengths of a step tried at most; and that trial from which on one is taken that falls without Wolfe's condition."""
+"""Lengths of a step tried at most; and that trial from which on one is taken that falls
+without Wolfe's condition.
+"""
 
 DECREASE, CURVATURE = 1e-4, 0.9  # of the line search: Armijo's and Wolfe's conditions
 BY_USER = "stopped by the user"
 AGAIN = 2  # times that the last width is taken up again where peaks are followed
-FLAT = 1e-7  # largest slope, as a share of the objective, at which nothing is left to win
+FLAT = (
+    1e-7  # largest slope, as a share of the objective, at which nothing is left to win
+)
 
 
 def fault_of_optimizer(optimizer: object) -> str:
     """Why something is no optimizer, a sentence; empty where it is."""
     if isinstance(optimizer, str):
-        return "" if optimizer in OPTIMIZERS else f"optimizer is {optimizer!r}, must be 'lbfgs' or 'adam'."
+        return (
+            ""
+            if optimizer in OPTIMIZERS
+            else f"optimizer is {optimizer!r}, must be 'lbfgs' or 'adam'."
+        )
     if isinstance(optimizer, optax.GradientTransformation):
         return ""
-    return f"optimizer is a {type(optimizer).__name__}, must be 'lbfgs', 'adam' or an optax transformation."
+    return (
+        f"optimizer is a {type(optimizer).__name__}, must be 'lbfgs', 'adam' or an"
+        " optax transformation."
+    )
 
 
 @dataclass(frozen=True)
 class Step:
     """One accepted step of a tuning, from 0 for the start, and the best design there.
 
-    objective, parameters (by name), gradient_norm (with respect to z), valid (speeds solved), start (which it is) : of
-    the best design; width : of the smooth maximum; evaluations : so far, of all starts at once; plan : of the solves;
-    seconds : since the beginning
+    objective, parameters (by name), gradient_norm (with respect to z), valid (speeds
+    solved), start (which it is) : of the best design; width : of the smooth maximum;
+    evaluations : so far, of all starts at once; plan : of the solves; seconds : since
+    the beginning
     """
 
     number: int
@@ -62,9 +77,10 @@ class Step:
 class Rules:
     """The way of a descent.
 
-    optimizer : a name of OPTIMIZERS, or an optax transformation; rate : step of "adam" in z; widths : of smooth maxima,
-    shares of the worst value, each in its turn; improvement, patience : a width is done when so many steps in a row
-    each win less than this share
+    optimizer : a name of OPTIMIZERS, or an optax transformation; rate : step of "adam"
+    in z; widths : of smooth maxima, shares of the worst value, each in its turn;
+    improvement, patience : a width is done when so many steps in a row each win less
+    than this share
     """
 
     optimizer: Optimizer
@@ -80,7 +96,9 @@ class Rules:
 
     @property
     def transformation(self):
-        """What makes steps of gradients; those of a line search have a length of their own."""
+        """What makes steps of gradients; those of a line search have a length of their
+        own.
+        """
         if not isinstance(self.optimizer, str):
             return self.optimizer
         length = 1.0 if self.searching else self.rate
@@ -88,11 +106,24 @@ class Rules:
 
 
 class Descent:
-    """The designs of all starts as they are now, the best ones, and the history of the best of all."""
+    """The designs of all starts as they are now, the best ones, and the history of the
+    best of all.
+    """
 
-    def __init__(self, evaluator, rules, *, on_step=None, on_start=None, keep=computed, history=()):
-        """``keep`` as of :func:`jaxhb.results.checkpoint.keeper`: an evaluation follows from those before, so that a
-        descent whose evaluations are kept goes on with the same numbers. ``history`` of one before goes on, too."""
+    def __init__(
+        self,
+        evaluator,
+        rules,
+        *,
+        on_step=None,
+        on_start=None,
+        keep=computed,
+        history=(),
+    ):
+        """``keep`` as of :func:`jaxhb.results.checkpoint.keeper`: an evaluation follows
+        from those before, so that a descent whose evaluations are kept goes on with the
+        same numbers. ``history`` of one before goes on, too.
+        """
         self.evaluator, self.rules = evaluator, rules
         self.on_step, self.on_start, self.keep = on_step, on_start, keep
         self.optimizer = rules.transformation
@@ -101,7 +132,9 @@ class Descent:
         self.earlier = history[-1] if history else None
 
     def run(self, z, steps):
-        """From the designs z to the end, or to Ctrl-C: the first and the best Point, why it stopped, whether so."""
+        """From the designs z to the end, or to Ctrl-C: the first and the best Point,
+        why it stopped, whether so.
+        """
         first = self.best = self.point = self._first(z)
         self._note(0)
         try:
@@ -116,12 +149,16 @@ class Descent:
         question = self.evaluations, z, self.aim, asked
 
         def compute():
-            return jax.tree.map(np.asarray, self.evaluator.at(z, near, self.aim, **options))
+            return jax.tree.map(
+                np.asarray, self.evaluator.at(z, near, self.aim, **options)
+            )
 
         return self.keep(question, compute)
 
     def _first(self, z):
-        """The starts, solved; objectives from now on are shares of those of the train as it is."""
+        """The starts, solved; objectives from now on are shares of those of the train
+        as it is.
+        """
         evaluator, near = self.evaluator, self.evaluator.unsolved(z)
         ones = np.ones(len(evaluator.task.objectives))
         self.aim = Aim(np.ones(near.status.shape, dtype=bool), ones, 0.1 * ones, 0.1)
@@ -145,20 +182,27 @@ class Descent:
     def _sizes(self, point, design):
         """What one unit of every objective is: its value at a design."""
         solved, sizes = point.solved[design], []
-        for objective, values in zip(self.evaluator.task.objectives, point.readings, strict=False):
+        for objective, values in zip(
+            self.evaluator.task.objectives, point.readings, strict=False
+        ):
             own = np.asarray(values[design][solved])
             size = float(own.max() if objective.over == "worst" else own.mean())
             sizes.append(size if size > 0 else 1.0)
         return np.array(sizes)
 
     def _sharpen(self, share, point):
-        """Smooth maxima of the width ``share`` of the worst value of the best design."""
+        """Smooth maxima of the width ``share`` of the worst value of the best
+        design.
+        """
         widths = share * self._sizes(point, best_of(point)) / self.aim.scales
         self.aim = dataclasses.replace(self.aim, share=share, widths=widths)
 
     def _stages(self, steps):
         """Each width in turn until nothing is won or the steps are used up."""
-        number, again = 0, self.rules.widths[-1:] * AGAIN if self.evaluator.peaks else ()
+        number, again = (
+            0,
+            self.rules.widths[-1:] * AGAIN if self.evaluator.peaks else (),
+        )
         for stage, width in enumerate((*self.rules.widths, *again)):
             self.sharpened = stage > 0
             if stage:
@@ -178,24 +222,34 @@ class Descent:
         """Steps at one width: (whether the steps are used up, their number)."""
         idle, memory = np.zeros(len(self.point.z), dtype=int), self._memory()
         while number < steps:
-            # A design rests when its last steps won too little or its slope is gone; the others go on beside it.
+            # A design rests when its last steps won too little or its slope is gone;
+            # the others go on beside it.
             steep = np.abs(self.point.gradient).max(1) > FLAT * np.abs(self.point.value)
             moving = (idle < self.rules.patience) & steep
             if not moving.any():
                 return False, number
             direction, memory = self._direction(memory)
             before = self.point
-            after, moved = (self._search if self.rules.searching else self._stride)(before, direction, moving)
+            after, moved = (self._search if self.rules.searching else self._stride)(
+                before, direction, moving
+            )
             number += 1
             self.point = where(moved, after, before)
             won = self.best.value - self.point.value
-            idle = np.where(won > self.rules.improvement * np.abs(self.best.value), 0, idle + 1)
-            idle = np.where(moved, idle, np.maximum(idle, self.rules.patience - 1))  # once more, along the gradient
+            idle = np.where(
+                won > self.rules.improvement * np.abs(self.best.value), 0, idle + 1
+            )
+            idle = np.where(
+                moved, idle, np.maximum(idle, self.rules.patience - 1)
+            )  # once more, along the gradient
             self.best = where(won > 0, self.point, self.best)
-            # Between plans the objective jumps by its truncation error: such a step says nothing about curvature.
+            # Between plans the objective jumps by its truncation error: such a step
+            # says nothing about curvature.
             other = (self.point.plan_number != before.plan_number).any(1)
             memory = self._without_curvature(memory, before, moved & ~other)
-            if (self.point.solved & ~self.aim.counted).any():  # from now on such a speed counts
+            if (
+                self.point.solved & ~self.aim.counted
+            ).any():  # from now on such a speed counts
                 self._count(self.aim.counted | self.point.solved)
                 self._renew(self.best)
                 memory = self._memory()
@@ -203,10 +257,18 @@ class Descent:
         return True, number
 
     def _stride(self, point, direction, moving):
-        """One step as it is, halved while it loses a speed: (Point, whether each design moved)."""
-        length, best, moved = np.ones(len(point.z)), point, np.zeros(len(point.z), dtype=bool)
+        """One step as it is, halved while it loses a speed: (Point, whether each design
+        moved).
+        """
+        length, best, moved = (
+            np.ones(len(point.z)),
+            point,
+            np.zeros(len(point.z), dtype=bool),
+        )
         for _ in range(TRIALS):
-            trial = self._at(point.z + length[:, None] * direction, point, wanted=moving & ~moved)
+            trial = self._at(
+                point.z + length[:, None] * direction, point, wanted=moving & ~moved
+            )
             good = self._kept(trial) & moving & ~moved
             best, moved = where(good, trial, best), moved | good
             if (moved | ~moving).all():
@@ -215,10 +277,20 @@ class Descent:
         return best, moved
 
     def _search(self, point, direction, moving):
-        """Line search of Lewis and Overton for all designs at once: (Point, whether each design moved)."""
+        """Line search of Lewis and Overton for all designs at once: (Point, whether
+        each design moved).
+        """
         slope = np.sum(point.gradient * direction, axis=1)
-        low, high, length = np.zeros(len(slope)), np.full(len(slope), np.inf), np.ones(len(slope))
-        best, moved, done = point, np.zeros(len(slope), dtype=bool), ~moving | ~(slope < 0)
+        low, high, length = (
+            np.zeros(len(slope)),
+            np.full(len(slope), np.inf),
+            np.ones(len(slope)),
+        )
+        best, moved, done = (
+            point,
+            np.zeros(len(slope), dtype=bool),
+            ~moving | ~(slope < 0),
+        )
         for trial in range(TRIALS):
             if done.all():
                 break
@@ -226,32 +298,51 @@ class Descent:
             most = point.value + DECREASE * length * slope
             at = self._at(z, point, wanted=~done, most=most)
             falls = self._kept(at) & (at.value <= most) & ~done
-            # Weak Wolfe conditions by bisection, which ends at the kinks of a worst value, too (Lewis and Overton,
-            # Math. Program. 141 (2013) 135): a step that rises is the new ``high``, one still steep the new ``low``.
+            # Weak Wolfe conditions by bisection, which ends at the kinks of a worst
+            # value, too (Lewis and Overton, Math. Program. 141 (2013) 135): a step that
+            # rises is the new ``high``, one still steep the new ``low``.
             curved = np.sum(at.gradient * direction, axis=1) >= CURVATURE * slope
-            best, moved = where(falls & (at.value <= best.value), at, best), moved | falls
+            best, moved = (
+                where(falls & (at.value <= best.value), at, best),
+                moved | falls,
+            )
             done |= falls & (curved | (trial >= EXPANSIONS))
-            high, low = np.where(falls | done, high, length), np.where(falls, length, low)
+            high, low = (
+                np.where(falls | done, high, length),
+                np.where(falls, length, low),
+            )
             done |= moved & ~falls & (trial >= EXPANSIONS)
-            length = np.where(np.isinf(high), 2 * length, (low + np.minimum(high, 1e300)) / 2)
+            length = np.where(
+                np.isinf(high), 2 * length, (low + np.minimum(high, 1e300)) / 2
+            )
         return best, moved
 
     def _kept(self, point):
-        """Whether each design still has every speed that counts, and a finite value and gradient."""
+        """Whether each design still has every speed that counts, and a finite value and
+        gradient.
+        """
         finite = np.isfinite(point.value) & np.isfinite(point.gradient).all(1)
         return finite & (point.solved | ~self.aim.counted).all(1)
 
     def _renew(self, best):
-        """The best designs under the present plans, widths and speeds, less what finer plans lose for good."""
+        """The best designs under the present plans, widths and speeds, less what finer
+        plans lose for good.
+        """
         self.best = self.point = self._at(best.z, best, rescues=best.status.shape[1])
         self._count(self.aim.counted & self.point.solved)
 
     def _memory(self):
-        """Memory of the optimiser, empty, and whether the next step of a design is to be short."""
-        return jax.vmap(self.optimizer.init)(self.point.z), np.full(len(self.point.z), self.sharpened)
+        """Memory of the optimiser, empty, and whether the next step of a design is to
+        be short.
+        """
+        return jax.vmap(self.optimizer.init)(self.point.z), np.full(
+            len(self.point.z), self.sharpened
+        )
 
     def _direction(self, memory):
-        """Descent directions ``(A, P)``, no component longer than the longest, and the memory."""
+        """Descent directions ``(A, P)``, no component longer than the longest, and the
+        memory.
+        """
         memory, short = memory
         updates, memory = self.update(self.point.gradient, memory, self.point.z)
         direction = np.asarray(updates)
@@ -261,7 +352,9 @@ class Descent:
             direction = np.where(uphill[:, None], -self.point.gradient, direction)
             square = np.maximum(np.sum(self.point.gradient**2, axis=1), 1e-300)
             # A kink is as wide as that.
-            promised = np.minimum(1.0, 2 * self.aim.share * np.abs(self.point.value) / square)
+            promised = np.minimum(
+                1.0, 2 * self.aim.share * np.abs(self.point.value) / square
+            )
             direction *= np.where(short, promised, 1.0)[:, None]
         longest = np.maximum(np.abs(direction).max(1), 1e-300)
         return direction * np.minimum(1.0, LONGEST / longest)[:, None], (memory, short)
@@ -287,7 +380,9 @@ class Descent:
             start=design,
             evaluations=self.evaluations + (earlier.evaluations if earlier else 0),
             plan=evaluator.described(self.best, design),
-            seconds=time.monotonic() - self.began + (earlier.seconds if earlier else 0.0),
+            seconds=time.monotonic()
+            - self.began
+            + (earlier.seconds if earlier else 0.0),
         )
         self.history.append(step)
         if self.on_step:
@@ -304,8 +399,17 @@ def _nothing_solved(evaluator, status):
     found = counts([Status(int(s)).name for s in status])
     way = "choose other speeds, more damping, or look at them with jaxhb sweep."
     if any(evaluator.train.topology.mesh_backlash):
-        way = "where teeth hammer there may be no periodic motion to follow. Tune a copy of the scene without the "
-        way += "backlash keys, or other speeds, or begin with more damping; then check the result with backlash by "
+        way = (
+            "where teeth hammer there may be no periodic motion to follow. Tune a copy"
+            " of the scene without the "
+        )
+        way += (
+            "backlash keys, or other speeds, or begin with more damping; then check the"
+            " result with backlash by "
+        )
         way += "jaxhb sweep."
-    head = f"{name}: none of the {len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm converges at the start"
+    head = (
+        f"{name}: none of the {len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm"
+        " converges at the start"
+    )
     return f"{head} ({found}): {way}"

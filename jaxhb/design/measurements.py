@@ -1,4 +1,6 @@
-"""Measured orders of torques, angles, speeds and accelerations, and the CSV files that hold them."""
+"""Measured orders of torques, angles, speeds and accelerations, and the CSV files that
+hold them.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,9 +25,11 @@ COLUMNS = "rpm", "order", "element", "quantity", "amplitude", "phase"
 class Measured:
     """Measured amplitudes, a row for each ``(R,)``.
 
-    rpm; order, of the reference rotor, nan for the sum of the amplitudes of all orders; element, quantity : tuples of
-    names, of a shaft, damper or disk and of :data:`UNITS`; amplitude, of a cosine, in SI units; phase in deg of
-    ``cos(order theta + phase)``, theta the angle of the reference rotor, nan where none was measured.
+    rpm; order, of the reference rotor, nan for the sum of the amplitudes of all orders;
+    element, quantity : tuples of names, of a shaft, damper or disk and of
+    :data:`UNITS`; amplitude, of a cosine, in SI units; phase in deg of ``cos(order
+    theta + phase)``, theta the angle of the reference rotor, nan where none was
+    measured.
     """
 
     rpm: np.ndarray
@@ -47,7 +51,9 @@ class _Row:
         return self.cells.get(head, "")
 
     def number(self, head: str) -> float:
-        """The number of a cell: infinite where it is none, nan for the order ``sum``."""
+        """The number of a cell: infinite where it is none, nan for the order
+        ``sum``.
+        """
         if head == "order" and self.text(head) == "sum":
             return np.nan
         try:
@@ -63,12 +69,15 @@ class _Row:
 
 
 def read_measured(path: str | Path, train: DriveTrain) -> Measured:
-    """The rows of a CSV file with the columns rpm, order, element, quantity, amplitude and, if measured, phase.
+    """The rows of a CSV file with the columns rpm, order, element, quantity, amplitude
+    and, if measured, phase.
 
-    Columns are separated by commas, semicolons or tabs; decimals may have commas where these separate nothing; # begins
-    a comment. ``order`` may be ``sum``. :class:`SceneError` tells unknown columns, elements and quantities, numbers
-    that are none or negative, orders that are no harmonic of the cycle and rows that are there twice: all at once, each
-    fault in one sentence that names its first line and counts the others.
+    Columns are separated by commas, semicolons or tabs; decimals may have commas where
+    these separate nothing; # begins a comment. ``order`` may be ``sum``.
+    :class:`SceneError` tells unknown columns, elements and quantities, numbers that are
+    none or negative, orders that are no harmonic of the cycle and rows that are there
+    twice: all at once, each fault in one sentence that names its first line and counts
+    the others.
     """
     path = Path(path)
     try:
@@ -82,15 +91,24 @@ def read_measured(path: str | Path, train: DriveTrain) -> Measured:
         row = _Row(table, dict(zip(heads, line.cells, strict=False)))
         for text in _line_faults(train, heads, line, row) or _repeated(kept, row):
             lines_of.setdefault(text, []).append(line.number)
-    faults = [f"{path.name}, {_lines(numbers)}: {text}" for text, numbers in lines_of.items()]
+    faults = [
+        f"{path.name}, {_lines(numbers)}: {text}" for text, numbers in lines_of.items()
+    ]
     if not kept and not faults:
         faults = [f"{path.name}: there are no rows of measurements below the heads."]
     if faults:
         raise SceneError(faults)
     rows = list(kept.values())
-    rpm, order, amplitude = (np.array([row.number(head) for row in rows]) for head in ("rpm", "order", "amplitude"))
-    phase = np.array([row.number("phase") if row.text("phase") else np.nan for row in rows])
-    elements, quantities = (tuple(row.text(head) for row in rows) for head in ("element", "quantity"))
+    rpm, order, amplitude = (
+        np.array([row.number(head) for row in rows])
+        for head in ("rpm", "order", "amplitude")
+    )
+    phase = np.array(
+        [row.number("phase") if row.text("phase") else np.nan for row in rows]
+    )
+    elements, quantities = (
+        tuple(row.text(head) for row in rows) for head in ("element", "quantity")
+    )
     return Measured(rpm, order, elements, quantities, amplitude, phase)
 
 
@@ -98,17 +116,32 @@ def _lines(numbers: list[int]) -> str:
     """The line of a fault, and how many others have it."""
     if len(numbers) == 1:
         return f"line {numbers[0]}"
-    return f"line {numbers[0]} and {len(numbers) - 1} other{'s' if len(numbers) > 2 else ''}"
+    return (
+        f"line {numbers[0]} and {len(numbers) - 1}"
+        f" other{'s' if len(numbers) > 2 else ''}"
+    )
 
 
 def _head_faults(table: CsvText) -> list[str]:
     heads = table.lines[0].cells if table.lines else ()
-    faults = [f"there is no column {shown(head)}.{suggestion(head, COLUMNS)}" for head in heads if head not in COLUMNS]
-    faults += [f"the column {head!r} is there twice. Keep one." for head in COLUMNS if heads.count(head) > 1]
-    return faults + [f"the column {head!r} is missing." for head in COLUMNS[:-1] if head not in heads]
+    faults = [
+        f"there is no column {shown(head)}.{suggestion(head, COLUMNS)}"
+        for head in heads
+        if head not in COLUMNS
+    ]
+    faults += [
+        f"the column {head!r} is there twice. Keep one."
+        for head in COLUMNS
+        if heads.count(head) > 1
+    ]
+    return faults + [
+        f"the column {head!r} is missing." for head in COLUMNS[:-1] if head not in heads
+    ]
 
 
-def _line_faults(train: DriveTrain, heads: tuple[str, ...], line: Line, row: _Row) -> list[str]:
+def _line_faults(
+    train: DriveTrain, heads: tuple[str, ...], line: Line, row: _Row
+) -> list[str]:
     """Sentences on one line."""
     if any(line.cells[len(heads) :]):
         cure = "Correct it; where decimals have commas separate by semicolons or tabs."
@@ -119,24 +152,41 @@ def _line_faults(train: DriveTrain, heads: tuple[str, ...], line: Line, row: _Ro
 def _number_faults(train: DriveTrain, row: _Row) -> list[str]:
     faults, turns = [], train.topology.revolutions_per_cycle
     if not 0 < row.number("rpm") < HIGHEST_RPM:
-        faults.append(f"rpm is {shown(row.text('rpm'))}, must be a number greater than 0.")
+        faults.append(
+            f"rpm is {shown(row.text('rpm'))}, must be a number greater than 0."
+        )
     order = row.number("order")
     if row.text("order") != "sum" and not 0 < order < np.inf:
-        faults.append(f"order is {shown(row.text('order'))}, must be a number greater than 0.")
+        faults.append(
+            f"order is {shown(row.text('order'))}, must be a number greater than 0."
+        )
     elif abs(order * turns - round(np.nan_to_num(order * turns))) > 1e-9:
-        faults.append(f"order {order:g} is no harmonic of the cycle: use a multiple of {1 / turns:g}.")
+        faults.append(
+            f"order {order:g} is no harmonic of the cycle: use a multiple of"
+            f" {1 / turns:g}."
+        )
     if not 0 <= row.number("amplitude") < np.inf:
-        faults.append(f"amplitude is {shown(row.text('amplitude'))}, must be at least 0.")
+        faults.append(
+            f"amplitude is {shown(row.text('amplitude'))}, must be at least 0."
+        )
     if row.text("phase") and not np.isfinite(row.number("phase")):
-        faults.append(f"phase is {shown(row.text('phase'))}, must be a number of degrees.")
+        faults.append(
+            f"phase is {shown(row.text('phase'))}, must be a number of degrees."
+        )
     return faults
 
 
 def _name_faults(train: DriveTrain, row: _Row) -> list[str]:
-    topology, quantity, element = train.topology, row.text("quantity"), row.text("element")
+    topology, quantity, element = (
+        train.topology,
+        row.text("quantity"),
+        row.text("element"),
+    )
     if quantity not in UNITS:
         return [f"there is no quantity {shown(quantity)}.{suggestion(quantity, UNITS)}"]
-    names = topology.shaft_and_damper_names if quantity == "torque" else topology.disk_names
+    names = (
+        topology.shaft_and_damper_names if quantity == "torque" else topology.disk_names
+    )
     if element in names:
         return []
     kind = "shaft or damper" if quantity == "torque" else "disk"

@@ -10,34 +10,54 @@ from jaxhb.elements.value_checks import number_like
 from jaxhb.train.speeds import read_speeds
 
 _ROWS = {"parameter": Parameter, "objective": Objective, "penalty": Penalty}
-_KINDS: dict[str, type] = dict.fromkeys(("steps", "starts", "seed", "harmonics", "peaks"), int)
+_KINDS: dict[str, type] = dict.fromkeys(
+    ("steps", "starts", "seed", "harmonics", "peaks"), int
+)
 WORDS = "optimizer", "robust"  # checked where they are used
 _KINDS |= {"tolerance": float, "rate": float, "widths": tuple}
 
 
 def read_table(train, instead=None):
-    """The arguments of :func:`jaxhb.tune` from the ``[tune]`` table of a scene, with the keys ``instead`` of its own.
+    """The arguments of :func:`jaxhb.tune` from the ``[tune]`` table of a scene, with
+    the keys ``instead`` of its own.
 
-    A SceneError tells no table, unknown or missing keys, values of the wrong kind: one sentence each, all at once.
+    A SceneError tells no table, unknown or missing keys, values of the wrong kind: one
+    sentence each, all at once.
     """
     table, where = train.tune, train.topology.title
     if not table:
         raise SceneError(
-            f"{where}: the scene has no [tune] table. Write [tune] with rpm, [[tune.parameter]] and [[tune.objective]]."
+            f"{where}: the scene has no [tune] table. Write [tune] with rpm,"
+            " [[tune.parameter]] and [[tune.objective]]."
         )
     if not isinstance(table, dict):
-        raise SceneError(f"{where}: 'tune' is a list of tables, must be one. Write [tune].")
+        raise SceneError(
+            f"{where}: 'tune' is a list of tables, must be one. Write [tune]."
+        )
     table, faults = table | (instead or {}), []
     known = ["rpm", *WORDS, *_KINDS, *_ROWS]
-    faults += [f"{where}, [tune]: unknown key {k!r}.{suggestion(k, known)}" for k in table if k not in known]
-    names = {"parameters": "parameter", "objective": "objective", "penalties": "penalty"}
+    faults += [
+        f"{where}, [tune]: unknown key {k!r}.{suggestion(k, known)}"
+        for k in table
+        if k not in known
+    ]
+    names = {
+        "parameters": "parameter",
+        "objective": "objective",
+        "penalties": "penalty",
+    }
     asked = {name: _rows(table, key, where, faults) for name, key in names.items()}
     asked["rpm"] = _speeds(table.get("rpm"), where, faults)
     for key in [key for key in _KINDS if key in table]:
-        faults += [f"{where}, [tune]: {key} {text}" for text in _kind_faults(table[key], _KINDS[key])]
+        faults += [
+            f"{where}, [tune]: {key} {text}"
+            for text in _kind_faults(table[key], _KINDS[key])
+        ]
     if faults:
         raise SceneError(faults)
-    return asked | {key: _hashable(table[key]) for key in (*WORDS, *_KINDS) if key in table}
+    return asked | {
+        key: _hashable(table[key]) for key in (*WORDS, *_KINDS) if key in table
+    }
 
 
 def _hashable(value):
@@ -48,21 +68,39 @@ def _rows(table, key, where, faults):
     """Elements of ``[[tune.KEY]]``; sentences go to ``faults``."""
     rows, cls = table.get(key, []), _ROWS[key]
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        faults.append(f"{where}, [tune]: {key!r} must be a list of tables. Write [[tune.{key}]].")
+        faults.append(
+            f"{where}, [tune]: {key!r} must be a list of tables. Write [[tune.{key}]]."
+        )
         return ()
     fields = {f.name: f for f in dataclasses.fields(cls)}
     elements = []
     for number, row in enumerate(rows, 1):
         head = f"{where}, [[tune.{key}]] no. {number}"
-        found = [f"{head}: unknown key {k!r}.{suggestion(k, fields)}" for k in row if k not in fields]
-        missing = [n for n, f in fields.items() if f.default is dataclasses.MISSING and n not in row]
+        found = [
+            f"{head}: unknown key {k!r}.{suggestion(k, fields)}"
+            for k in row
+            if k not in fields
+        ]
+        missing = [
+            n
+            for n, f in fields.items()
+            if f.default is dataclasses.MISSING and n not in row
+        ]
         found += [f"{head}: the key {name!r} is missing." for name in missing]
         for name in [name for name in fields if name in row]:
-            kind = next(one for one in (str, tuple, int, float) if fields[name].type in (one, one | None))
-            found += [f"{head}: {name} {text}" for text in _kind_faults(row[name], kind)]
+            kind = next(
+                one
+                for one in (str, tuple, int, float)
+                if fields[name].type in (one, one | None)
+            )
+            found += [
+                f"{head}: {name} {text}" for text in _kind_faults(row[name], kind)
+            ]
         faults += found
         if not found:
-            elements.append(cls(**{key: _hashable(value) for key, value in row.items()}))
+            elements.append(
+                cls(**{key: _hashable(value) for key, value in row.items()})
+            )
     return tuple(elements)
 
 
@@ -72,7 +110,10 @@ def _kind_faults(value, kind):
         str: (isinstance(value, str), "a text"),
         float: (number_like(value), "a number"),
         int: (isinstance(value, int) and number_like(value), "a whole number"),
-        tuple: (isinstance(value, list) and all(map(number_like, value)), "a list of numbers"),
+        tuple: (
+            isinstance(value, list) and all(map(number_like, value)),
+            "a list of numbers",
+        ),
     }[kind]
     return [] if good else [f"is {shown(value)}, must be {words}."]
 
@@ -88,5 +129,8 @@ def _speeds(given, where, faults):
             text = f"is {given!r}: {error}; it"
     else:
         text = "is missing," if given is None else f"is {shown(given)},"
-    faults.append(f'{where}, [tune]: rpm {text} must be "A:B:COUNT", as "600:2600:41", or a list of speeds in rpm.')
+    faults.append(
+        f'{where}, [tune]: rpm {text} must be "A:B:COUNT", as "600:2600:41", or a list'
+        " of speeds in rpm."
+    )
     return np.ones(1)

@@ -1,4 +1,6 @@
-"""Tuning: the numbers of a train that make a response small over a range of speeds, by gradient."""
+"""Tuning: the numbers of a train that make a response small over a range of speeds, by
+gradient.
+"""
 
 import dataclasses
 import itertools
@@ -12,8 +14,22 @@ import numpy as np
 from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
-from jaxhb.design.between_speeds import check_between, exceeded, is_linear, near, worst_share
-from jaxhb.design.descent import BY_USER, Descent, Optimizer, Rules, Step, best_of, fault_of_optimizer
+from jaxhb.design.between_speeds import (
+    check_between,
+    exceeded,
+    is_linear,
+    near,
+    worst_share,
+)
+from jaxhb.design.descent import (
+    BY_USER,
+    Descent,
+    Optimizer,
+    Rules,
+    Step,
+    best_of,
+    fault_of_optimizer,
+)
 from jaxhb.design.evaluation import Evaluator, Reading, Task
 from jaxhb.design.quantities import Objective, Parameter, Penalty, check_all, label
 from jaxhb.design.robust import Robustness, check_robust, tune_robust
@@ -24,7 +40,11 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
 ROUNDS = 3  # tunings that go on at the critical speeds between those asked for
-ACROSS = (-2.2, 0.0, 2.2)  # z of designs across the bounds of a number: a tenth, a half, nine tenths of the way
+ACROSS = (
+    -2.2,
+    0.0,
+    2.2,
+)  # z of designs across the bounds of a number: a tenth, a half, nine tenths of the way
 
 
 @brief
@@ -32,11 +52,12 @@ ACROSS = (-2.2, 0.0, 2.2)  # z of designs across the bounds of a number: a tenth
 class Tuning:
     """Result of :func:`tune`.
 
-    train : DriveTrain, tuned; rpm : ``(n,)``; before, after : Reading; history : tuple of Step
-    outcomes : tuple of (objective, parameters, valid speeds) of every start; stopped : why it ended, a sentence;
-    interrupted : whether the user ended it; robust : of a robust tuning what it is compared with
-    checked : what the last design does between the speeds, and the first of a linear train,
-    ``{"after": Checked, "before": Checked}``; followed : sentences, limits exceeded on the way, after which it went on
+    train : DriveTrain, tuned; rpm : ``(n,)``; before, after : Reading; history : tuple
+    of Step outcomes : tuple of (objective, parameters, valid speeds) of every start;
+    stopped : why it ended, a sentence; interrupted : whether the user ended it; robust
+    : of a robust tuning what it is compared with checked : what the last design does
+    between the speeds, and the first of a linear train, ``{"after": Checked, "before":
+    Checked}``; followed : sentences, limits exceeded on the way, after which it went on
     """
 
     train: DriveTrain
@@ -77,66 +98,80 @@ def tune(
     on_start: Callable[[Reading], object] | None = None,
     out: str | Path | Cached | None = None,
 ) -> Tuning:
-    """Change numbers of a train so that response quantities become small over a range of speeds.
+    """Change numbers of a train so that response quantities become small over a range
+    of speeds.
 
     Minimises, by the derivatives of :func:`jaxhb.solve`,
 
-        sum_j weight_j Q_j / Q_j(start) + sum_k weight_k sum over speeds (excess_k / |limit_k|)^2,
+        sum_j weight_j Q_j / Q_j(start) + sum_k weight_k sum over speeds (excess_k /
+        |limit_k|)^2,
 
-    Q_j the smooth maximum ``w log sum exp(q / w)`` of a quantity over the speeds, or its mean. All starts and speeds
-    are one compiled call of value and gradient; each solve begins at the motion of the design before. A speed that is
-    lost is tried again from a march; a step that still loses one is halved, never accepted. The plan of the solves is
-    fixed during a line search; between steps it gets more harmonics where they are too few, and the optimiser begins
-    anew.
+    Q_j the smooth maximum ``w log sum exp(q / w)`` of a quantity over the speeds, or
+    its mean. All starts and speeds are one compiled call of value and gradient; each
+    solve begins at the motion of the design before. A speed that is lost is tried again
+    from a march; a step that still loses one is halved, never accepted. The plan of the
+    solves is fixed during a line search; between steps it gets more harmonics where
+    they are too few, and the optimiser begins anew.
 
-    The design found is checked between the speeds asked for (``checked`` of the result): at its critical speeds, and,
-    where motions are not linear, at 64 speeds or more and round the largest values. With limits (penalties with
-    ``most``, and objectives that are shares of a limit, of which 1 is the limit) the tuning goes on where one is
-    exceeded, at most three times: at the critical speeds that matter, which then follow each design, or at the speed
-    found where that is none; from the train as it is, the design found and, of a linear train, the best of some across
-    the bounds. Speeds further apart than 2.5 times the median distance are a hole that is not looked into.
+    The design found is checked between the speeds asked for (``checked`` of the
+    result): at its critical speeds, and, where motions are not linear, at 64 speeds or
+    more and round the largest values. With limits (penalties with ``most``, and
+    objectives that are shares of a limit, of which 1 is the limit) the tuning goes on
+    where one is exceeded, at most three times: at the critical speeds that matter,
+    which then follow each design, or at the speed found where that is none; from the
+    train as it is, the design found and, of a linear train, the best of some across the
+    bounds. Speeds further apart than 2.5 times the median distance are a hole that is
+    not looked into.
 
-    :class:`SceneError` if names are unknown, bounds exclude the start, a mesh without backlash is to separate and the
-    like, one sentence each; or if no speed converges at the start.
+    :class:`SceneError` if names are unknown, bounds exclude the start, a mesh without
+    backlash is to separate and the like, one sentence each; or if no speed converges at
+    the start.
 
     Parameters
     ----------
     rpm : array ``(n,)``
     optimizer : "lbfgs", "adam" or an optax transformation
-        L-BFGS with a line search after Armijo and Wolfe (Lewis and Overton, 2013), Adam of step ``rate`` in z, or what
-        optax offers, ``optax.rmsprop(0.05)`` say, with a step of its own in z. Not one that searches along a line
-        itself: it would ask for values that only a tuning has.
+        L-BFGS with a line search after Armijo and Wolfe (Lewis and Overton, 2013), Adam
+        of step ``rate`` in z, or what optax offers, ``optax.rmsprop(0.05)`` say, with a
+        step of its own in z. Not one that searches along a line itself: it would ask
+        for values that only a tuning has.
     steps : int
         Most steps.
     starts, seed : int
-        Designs that are tuned side by side: the train as it is, and random ones within the bounds; their seed.
+        Designs that are tuned side by side: the train as it is, and random ones within
+        the bounds; their seed.
     widths : tuple of float
-        w in shares of the worst value when its turn begins, each until nothing is won: the smooth maximum lies at most
-        ``w log(n)`` above the true one.
+        w in shares of the worst value when its turn begins, each until nothing is won:
+        the smooth maximum lies at most ``w log(n)`` above the true one.
     improvement, patience : float, int
         A width is done when ``patience`` steps in a row each win less than this share.
     harmonics, tolerance, integrals
         As in :func:`jaxhb.solve_speeds`; with ``harmonics`` none are added.
     peaks : int
-        Speeds added for each objective that is a maximum: whenever a width is done they move to its highest peaks, so
-        that no peak hides between two of the speeds asked for.
+        Speeds added for each objective that is a maximum: whenever a width is done they
+        move to its highest peaks, so that no peak hides between two of the speeds asked
+        for.
     robust : "worst" or "p95", optional
-        Make small what the worst train within the tolerances does, or what 95 of 100 stay below, instead of what the
-        train with just these numbers does. It begins with the nominal optimum, and compares both on a fresh sample.
+        Make small what the worst train within the tolerances does, or what 95 of 100
+        stay below, instead of what the train with just these numbers does. It begins
+        with the nominal optimum, and compares both on a fresh sample.
     tolerances : sequence of Tolerance, optional
-        For ``robust``; by default those of the ``[tolerance]`` table of the scene. Ranges move with tuned numbers.
+        For ``robust``; by default those of the ``[tolerance]`` table of the scene.
+        Ranges move with tuned numbers.
     on_step, on_start : callable, optional
-        Called with every :class:`Step`; and with the :class:`Reading` of the train as it is, again and again while its
-        speeds are solved before the first step.
+        Called with every :class:`Step`; and with the :class:`Reading` of the train as
+        it is, again and again while its speeds are solved before the first step.
     out : path, optional
-        A folder to which every evaluation is written: the same call goes on where it was stopped, with the same numbers
-        to the last bit. :class:`jaxhb.CheckpointError` where it holds anything else, or cannot be written.
+        A folder to which every evaluation is written: the same call goes on where it
+        was stopped, with the same numbers to the last bit.
+        :class:`jaxhb.CheckpointError` where it holds anything else, or cannot be
+        written.
 
     Returns
     -------
     Tuning
-        Ctrl-C ends the tuning and returns the best design so far, with ``interrupted`` True; before the first step
-        there is none, and it raises KeyboardInterrupt.
+        Ctrl-C ends the tuning and returns the best design so far, with ``interrupted``
+        True; before the first step there is none, and it raises KeyboardInterrupt.
 
     Examples
     --------
@@ -144,11 +179,22 @@ def tune(
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> swing = Objective(quantity="shaft torque", of="cyl6|flywheel")
     >>> pulley = Parameter(name="pulley.inertia", low=0.005, high=0.05)
-    >>> tuned = tune(train, parameters=[pulley], rpm=[1800.0, 2000.0, 2200.0], objective=swing, steps=3)
+    >>> tuned = tune(
+    ...     train,
+    ...     parameters=[pulley],
+    ...     rpm=[1800.0, 2000.0, 2200.0],
+    ...     objective=swing,
+    ...     steps=3,
+    ... )
     >>> round(tuned.after.parameters["pulley.inertia"], 3)
     0.026
     """
-    refuse_tracers("tune", train, rpm, instead="differentiate jaxhb.solve(train, rpm=..., plan=...)")
+    refuse_tracers(
+        "tune",
+        train,
+        rpm,
+        instead="differentiate jaxhb.solve(train, rpm=..., plan=...)",
+    )
     check_speed(train, rpm, many=True)
     rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
     given = tuple(objective) if isinstance(objective, (list, tuple)) else (objective,)
@@ -157,23 +203,62 @@ def tune(
     _check_numbers(train, optimizer, steps, starts, seed, peaks, widths)
     request = Request.of(train, harmonics, tolerance, integrals=integrals)
     rules = Rules(optimizer, rate, tuple(widths), improvement, patience)
-    question = Question(train, rpm, task, {"harmonics": harmonics, "tolerance": tolerance})
+    question = Question(
+        train, rpm, task, {"harmonics": harmonics, "tolerance": tolerance}
+    )
     every, many = np.arange(len(rpm)), len(task.parameters)
     drawn = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, many))
     named = optimizer if isinstance(optimizer, str) else "given"
-    asked = {"answers": "designs", "speeds": rpm, "task": task, "optimizer": named, "steps": steps, "rate": rate}
-    asked |= {"starts": starts, "seed": seed, "widths": widths, "improvement": improvement, "patience": patience}
-    asked |= {"peaks": peaks, "robust": robust, "within": tuple(tolerances), **vars(request)}
+    asked = {
+        "answers": "designs",
+        "speeds": rpm,
+        "task": task,
+        "optimizer": named,
+        "steps": steps,
+        "rate": rate,
+    }
+    asked |= {
+        "starts": starts,
+        "seed": seed,
+        "widths": widths,
+        "improvement": improvement,
+        "patience": patience,
+    }
+    asked |= {
+        "peaks": peaks,
+        "robust": robust,
+        "within": tuple(tolerances),
+        **vars(request),
+    }
     stages = itertools.count()
 
     def tuned(train, speeds=every, scatter=None, more=(), critical=(), history=()):
-        """A Tuning from the train and the designs z of ``more``, and the largest responses of all its lanes."""
+        """A Tuning from the train and the designs z of ``more``, and the largest
+        responses of all its lanes.
+        """
         # Every stage has a folder of its own.
-        keep = keeper(place_in(out, f"stage {next(stages)}"), train, asked | {"lanes": (speeds, scatter, critical)})
+        keep = keeper(
+            place_in(out, f"stage {next(stages)}"),
+            train,
+            asked | {"lanes": (speeds, scatter, critical)},
+        )
         objectives = tuple(_at_lanes(chosen, speeds) for chosen in given)
         lanes = peaks, scatter, critical
-        evaluator = Evaluator(train, rpm[speeds], dataclasses.replace(task, objectives=objectives), request, *lanes)
-        descent = Descent(evaluator, rules, on_step=on_step, on_start=on_start, keep=keep, history=history)
+        evaluator = Evaluator(
+            train,
+            rpm[speeds],
+            dataclasses.replace(task, objectives=objectives),
+            request,
+            *lanes,
+        )
+        descent = Descent(
+            evaluator,
+            rules,
+            on_step=on_step,
+            on_start=on_start,
+            keep=keep,
+            history=history,
+        )
         z = np.concatenate([task.unbounded(train)[None], np.reshape(more, (-1, many))])
         return _result(train, rpm, evaluator, descent, *descent.run(z, steps))
 
@@ -184,7 +269,9 @@ def tune(
     check_tolerances(train, tolerances)
     check_robust(train, robust, tolerances, peaks)
     first = partial(tuned, more=random)
-    result = tune_robust(train, rpm, given, tolerances, robust, seed, first, **question.accuracy, out=out)
+    result = tune_robust(
+        train, rpm, given, tolerances, robust, seed, first, **question.accuracy, out=out
+    )
     return result if result.interrupted else checked_between(question, result)
 
 
@@ -192,13 +279,17 @@ def _at_lanes(objective, speeds):
     """An Objective with the weights of lanes at indices ``speeds``."""
     if not objective.weights:
         return objective
-    return dataclasses.replace(objective, weights=tuple(np.array(objective.weights)[speeds]))
+    return dataclasses.replace(
+        objective, weights=tuple(np.array(objective.weights)[speeds])
+    )
 
 
 @dataclass(frozen=True)
 class Question:
-    """A train to be tuned: its speeds ``(n,)`` rpm, the :class:`~jaxhb.design.evaluation.Task`, and ``harmonics`` and
-    ``tolerance`` of its solves."""
+    """A train to be tuned: its speeds ``(n,)`` rpm, the
+    :class:`~jaxhb.design.evaluation.Task`, and ``harmonics`` and ``tolerance`` of its
+    solves.
+    """
 
     train: DriveTrain
     rpm: np.ndarray
@@ -213,7 +304,9 @@ class Question:
 def checked_between(question, result):
     """A Tuning with what its first and last design do between the speeds."""
     checked = {"after": question.checked(result.train, result.after)}
-    if is_linear(question.train):  # where teeth hammer a look at the start would take as long as the tuning
+    if is_linear(
+        question.train
+    ):  # where teeth hammer a look at the start would take as long as the tuning
         checked["before"] = question.checked(question.train, result.before)
     return dataclasses.replace(result, checked=checked)
 
@@ -221,8 +314,8 @@ def checked_between(question, result):
 def tune_between(question, tuned, random):
     """The Tuning whose limits are kept between the speeds, too, or nearest to that.
 
-    ``tuned(more=, critical=, history=)`` makes a Tuning from the train and further designs ``(A, P)``, the first time
-    ``random`` ones, at critical speeds to follow.
+    ``tuned(more=, critical=, history=)`` makes a Tuning from the train and further
+    designs ``(A, P)``, the first time ``random`` ones, at critical speeds to follow.
     """
     rpm, task = question.rpm, question.task
     result, _ = tuned(more=random)
@@ -242,22 +335,35 @@ def tune_between(question, tuned, random):
         sentences += [excess.sentence(rpm) for excess in excesses]
         followed += peaks
         if "before" in result.checked:
-            followed += _new_peaks(followed, question.train, rpm, exceeded(task, result.checked["before"]))
+            followed += _new_peaks(
+                followed, question.train, rpm, exceeded(task, result.checked["before"])
+            )
         more = [task.unbounded(result.train), *_across(question, result.train)]
         result, _ = tuned(more=more, critical=followed, history=result.history)
     if not attempts:
         return result
-    best = min(attempts, key=lambda attempt: worst_share(task, attempt.checked["after"]))
+    best = min(
+        attempts, key=lambda attempt: worst_share(task, attempt.checked["after"])
+    )
     stopped = result.stopped
     if sentences and exceeded(task, best.checked["after"]):
         rounds = f"{len(attempts) - 1} round{'s' * (len(attempts) > 2)}"
-        stopped += f"; a limit is still exceeded after {rounds} at speeds between those asked for"
-    last = {"history": result.history, "interrupted": result.interrupted, "stopped": stopped}
+        stopped += (
+            f"; a limit is still exceeded after {rounds} at speeds between those"
+            " asked for"
+        )
+    last = {
+        "history": result.history,
+        "interrupted": result.interrupted,
+        "stopped": stopped,
+    }
     return dataclasses.replace(best, **last, followed=tuple(sentences))
 
 
 def _new_peaks(followed, train, rpm, excesses):
-    """What is to be followed of limits exceeded by a train and is not yet ``followed``."""
+    """What is to be followed of limits exceeded by a train and is not yet
+    ``followed``.
+    """
     known, new = {each.name for each in followed}, {}
     for excess in excesses:
         peak = near(excess.rpm, train, rpm, known)
@@ -267,24 +373,39 @@ def _new_peaks(followed, train, rpm, excesses):
 
 
 def _across(question, design):
-    """The z ``(P,)`` of the best of some designs that have one number elsewhere within its bounds, if it is better."""
-    if not is_linear(question.train):  # a look at so many designs would take as long as the tuning
+    """The z ``(P,)`` of the best of some designs that have one number elsewhere within
+    its bounds, if it is better.
+    """
+    if not is_linear(
+        question.train
+    ):  # a look at so many designs would take as long as the tuning
         return []
     own_z = question.task.unbounded(design)
     numbers = np.arange(len(own_z))
-    tried = [own_z, *(np.where(numbers == number, place, own_z) for number in numbers for place in ACROSS)]
+    tried = [
+        own_z,
+        *(
+            np.where(numbers == number, place, own_z)
+            for number in numbers
+            for place in ACROSS
+        ),
+    ]
     best = int(np.argmin([_share_of(question, z) for z in tried]))
     return [tried[best]] if best else []
 
 
 def _share_of(question, z):
-    """The largest reading over its limit of the design z, at and between the speeds; inf where one is not solved."""
+    """The largest reading over its limit of the design z, at and between the speeds;
+    inf where one is not solved.
+    """
     checked = question.checked(question.train.replace(question.task.named(z)))
     return worst_share(question.task, checked) if checked.solved.all() else np.inf
 
 
 def _result(train, rpm, evaluator, descent, first, best, stopped, interrupted):
-    """The :class:`Tuning`, and the largest response to each objective ``(Q,)`` of all lanes of the best design."""
+    """The :class:`Tuning`, and the largest response to each objective ``(Q,)`` of all
+    lanes of the best design.
+    """
     design = best_of(best)
     after = evaluator.reading(best, design)
     designs = zip(best.value, best.z, best.solved, strict=True)
@@ -295,21 +416,37 @@ def _result(train, rpm, evaluator, descent, first, best, stopped, interrupted):
         before=evaluator.reading(first, 0).of_first(len(rpm)),
         after=after.of_first(len(rpm)),
         history=tuple(descent.history),
-        outcomes=tuple((float(v), task.named(z), int(solved[: len(rpm)].sum())) for v, z, solved in designs),
+        outcomes=tuple(
+            (float(v), task.named(z), int(solved[: len(rpm)].sum()))
+            for v, z, solved in designs
+        ),
         stopped=stopped,
         interrupted=interrupted,
     )
-    return made, np.array([np.nanmax(after.readings[label(chosen)]) for chosen in task.objectives])
+    return made, np.array(
+        [np.nanmax(after.readings[label(chosen)]) for chosen in task.objectives]
+    )
 
 
 def _check_numbers(train, optimizer, steps, starts, seed, peaks, widths):
     where, faults = train.topology.title, []
     if fault := fault_of_optimizer(optimizer):
         faults.append(f"{where}: {fault}")
-    for name, value, least in (("steps", steps, 1), ("starts", starts, 1), ("seed", seed, 0), ("peaks", peaks, 0)):
+    for name, value, least in (
+        ("steps", steps, 1),
+        ("starts", starts, 1),
+        ("seed", seed, 0),
+        ("peaks", peaks, 0),
+    ):
         if value != int(value) or value < least:
-            faults.append(f"{where}: {name} is {value:g}, must be a whole number of at least {least}.")
+            faults.append(
+                f"{where}: {name} is {value:g}, must be a whole number of at least"
+                f" {least}."
+            )
     if not widths or any(not 0 < width < 10 for width in widths):
-        faults.append(f"{where}: widths is {widths}, must be numbers between 0 and 10, shares of the worst value.")
+        faults.append(
+            f"{where}: widths is {widths}, must be numbers between 0 and 10, shares of"
+            " the worst value."
+        )
     if faults:
         raise SceneError(faults)

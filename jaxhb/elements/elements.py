@@ -1,10 +1,10 @@
-"""What a drive train is made of, as the engineer writes it: one frozen dataclass for each ``[[table]]`` of a scene,
-with unit and range of every number.
+"""What a drive train is made of, as the engineer writes it: one frozen dataclass for
+each ``[[table]]`` of a scene, with unit and range of every number.
 
 The elements only hold what was written. Nothing is checked when one is made;
-:func:`jaxhb.train.assembly.build` checks all of them together. Every numeric field carries its unit and its
-allowed range, which the checks and the sentences of the errors read. Units are SI, angles at the border in
-degrees.
+:func:`jaxhb.train.assembly.build` checks all of them together. Every numeric field
+carries its unit and its allowed range, which the checks and the sentences of the errors
+read. Units are SI, angles at the border in degrees.
 """
 
 import dataclasses
@@ -18,7 +18,9 @@ from typing import Any
 
 @dataclass(frozen=True, kw_only=True)
 class Range:
-    """The numbers a field may take, with its unit and what to do about a number outside."""
+    """The numbers a field may take, with its unit and what to do about a number
+    outside.
+    """
 
     unit: str = ""
     above: float | None = None
@@ -30,25 +32,45 @@ class Range:
     def excludes(self, values) -> Any:
         """Whether numbers, or arrays of them, lie outside the range; nan does not."""
         wrong = (le, self.above), (lt, self.least), (ge, self.below), (gt, self.most)
-        return reduce(or_, (is_wrong(values, end) for is_wrong, end in wrong if end is not None), False)
+        return reduce(
+            or_,
+            (is_wrong(values, end) for is_wrong, end in wrong if end is not None),
+            False,
+        )
 
     def words(self) -> str:
         """Say the range: ``greater than 0 N m/rad``."""
         unit = f" {self.unit}" if self.unit else ""
-        limits = {"greater than": self.above, "at least": self.least, "less than": self.below, "at most": self.most}
-        parts = [f"{words} {limit:g}{unit}" for words, limit in limits.items() if limit is not None]
-        return " and ".join(parts) or f"a finite number{f' in {self.unit}' if self.unit else ''}"
+        limits = {
+            "greater than": self.above,
+            "at least": self.least,
+            "less than": self.below,
+            "at most": self.most,
+        }
+        parts = [
+            f"{words} {limit:g}{unit}"
+            for words, limit in limits.items()
+            if limit is not None
+        ]
+        return (
+            " and ".join(parts)
+            or f"a finite number{f' in {self.unit}' if self.unit else ''}"
+        )
 
 
 REQUIRED = dataclasses.MISSING
 
 
 def declared(kind: str, default: Any = REQUIRED, **metadata) -> Any:
-    """A field of an element; what each kind takes stands in :mod:`jaxhb.elements.value_checks`."""
+    """A field of an element; what each kind takes stands in
+    :mod:`jaxhb.elements.value_checks`.
+    """
     return field(default=default, metadata={"kind": kind, **metadata})
 
 
-def quantity(unit: str, default: Any = REQUIRED, *, kind: str = "number", **limits) -> Any:
+def quantity(
+    unit: str, default: Any = REQUIRED, *, kind: str = "number", **limits
+) -> Any:
     return declared(kind, default, range=Range(unit=unit, **limits))
 
 
@@ -75,17 +97,22 @@ SMALLEST = 1e-60  # of a number that is not 0: so do quotients
 
 
 class SceneError(ValueError):
-    """What is wrong with a scene or with a request to change it: one sentence a line, all of them at once.
+    """What is wrong with a scene or with a request to change it: one sentence a line,
+    all of them at once.
 
     ``sentences`` holds all; its text the first dozen and the number of the others.
     """
 
     def __init__(self, sentences):
-        self.sentences = (sentences,) if isinstance(sentences, str) else tuple(sentences)
+        self.sentences = (
+            (sentences,) if isinstance(sentences, str) else tuple(sentences)
+        )
         more = len(self.sentences) - TOLD
         told = self.sentences[: TOLD if more > 1 else None]
         lines = [cut(text, LONGEST_SENTENCE) for text in told]
-        super().__init__("\n".join([*lines, *[f"... and {more} more faults."] * (more > 1)]))
+        super().__init__(
+            "\n".join([*lines, *[f"... and {more} more faults."] * (more > 1)])
+        )
 
 
 QUOTED = 60  # characters of a value that a sentence quotes
@@ -95,33 +122,48 @@ def shown(value) -> str:
     """Write a value into a sentence, cut after :data:`QUOTED` characters."""
     # Beyond float64; and repr refuses more than 4300 digits.
     if isinstance(value, int) and value.bit_length() > 1023:
-        return f"an integer of about {int(value.bit_length() * math.log10(2.0)) + 1} digits"
+        return (
+            f"an integer of about {int(value.bit_length() * math.log10(2.0)) + 1}"
+            " digits"
+        )
     try:
         # What is cut off is not written first.
-        text = repr(value[: QUOTED + 1] if isinstance(value, str | list | tuple) else value)
+        text = repr(
+            value[: QUOTED + 1] if isinstance(value, str | list | tuple) else value
+        )
     except ValueError:
         return "a value too long to be written"
     return text if len(text) <= QUOTED + 2 else f"{text[:QUOTED]}…"
 
 
 def cut(text: str, most: int = 4 * QUOTED) -> str:
-    """Shorten a text that stands in a sentence without quotes, as a path or what a library says."""
+    """Shorten a text that stands in a sentence without quotes, as a path or what a
+    library says.
+    """
     return text if len(text) <= most else f"{text[:most]}…"
 
 
 def suggestion(word: str, known) -> str:
-    """Say what was probably meant: `` Did you mean 'stiffness'?``, or the choices where nothing is near."""
+    """Say what was probably meant: `` Did you mean 'stiffness'?``, or the choices where
+    nothing is near.
+    """
     known = list(known)
-    near = difflib.get_close_matches(word if isinstance(word, str) else "", known, n=1, cutoff=0.6)
+    near = difflib.get_close_matches(
+        word if isinstance(word, str) else "", known, n=1, cutoff=0.6
+    )
     if near:
         return f" Did you mean {shown(near[0])}?"
     if not known:
         return ""
-    return f" Known: {', '.join(map(shown, known[:8]))}{', …' if len(known) > 8 else ''}."
+    return (
+        f" Known: {', '.join(map(shown, known[:8]))}{', …' if len(known) > 8 else ''}."
+    )
 
 
 class Suggestions:
-    """:func:`suggestion` for the first words that are not known: each is compared with all names of a scene."""
+    """:func:`suggestion` for the first words that are not known: each is compared with
+    all names of a scene.
+    """
 
     def __init__(self, known):
         self._known, self._left = list(known), TOLD
@@ -133,7 +175,8 @@ class Suggestions:
 
 def fields_of(element: Any) -> tuple[dataclasses.Field, ...]:
     """The declared fields of an element."""
-    return _fields_of_class(type(element))  # type: ignore[arg-type]  # classes are hashable
+    # Classes are hashable.
+    return _fields_of_class(type(element))  # type: ignore[arg-type]
 
 
 @cache
@@ -142,7 +185,9 @@ def _fields_of_class(cls: Any) -> tuple[dataclasses.Field, ...]:
 
 
 class Unread:
-    """Stands for a value that could not be read and about which a sentence has been said."""
+    """Stands for a value that could not be read and about which a sentence has been
+    said.
+    """
 
 
 _SCALE = ("rpm", "factor")
@@ -153,11 +198,17 @@ _PRESSURE = ("angle", "pressure")
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
 # No shaft is thicker: what is more is in mm.
 _IN_METRES: dict[str, Any] = {"most": 5.0, "remedy": "Give it in m."}
-RULES = ("M68", *(f"KR {of}crankshaft {kind}" for of in ("", "generator ") for kind in "AB"), "KR generator shaft")
-"""Sets of limits by which shafts are judged; ``jaxhb.linear.strength`` has their formulae and sources."""
+RULES = (
+    "M68",
+    *(f"KR {of}crankshaft {kind}" for of in ("", "generator ") for kind in "AB"),
+    "KR generator shaft",
+)
+"""Sets of limits by which shafts are judged; ``jaxhb.linear.strength`` has their
+formulae and sources.
+"""
 _FORM_FACTOR = (
-    "It is the factor C_K of IACS UR M68: 1 for an integral flange, 0.6 for a keyway on a taper; for a notch with"
-    " stress concentration factor scf give 1.45 / scf."
+    "It is the factor C_K of IACS UR M68: 1 for an integral flange, 0.6 for a keyway on"
+    " a taper; for a notch with stress concentration factor scf give 1.45 / scf."
 )
 
 
@@ -166,18 +217,23 @@ class Disk:
     """``[[disk]]``: an inertia (0 is condensed exactly); with a radius it is a gear."""
 
     name: str = declared("name")
-    inertia: float = not_negative("kg m2", remedy="0 is allowed and is condensed exactly.")
-    radius: float | None = positive("m", None, "Leave the key out for a disk that is no gear.")
+    inertia: float = not_negative(
+        "kg m2", remedy="0 is allowed and is condensed exactly."
+    )
+    radius: float | None = positive(
+        "m", None, "Leave the key out for a disk that is no gear."
+    )
     teeth: int | None = quantity("", None, kind="count", least=1.0)
     damping: float = not_negative("N m s/rad", 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """What shafts, dampers and meshes have in common: other ways to give their viscous damping.
+    """What shafts, dampers and meshes have in common: other ways to give their viscous
+    damping.
 
-    ``magnifier`` M, the dynamic magnifier, or ``damping_ratio`` D, Lehr's, holds at the frequency ``damping_hz``
-    (:func:`jaxhb.viscous_damping`).
+    ``magnifier`` M, the dynamic magnifier, or ``damping_ratio`` D, Lehr's, holds at the
+    frequency ``damping_hz`` (:func:`jaxhb.viscous_damping`).
     """
 
     magnifier: float | None = positive("", None)
@@ -187,14 +243,16 @@ class Link:
 
 @dataclass(frozen=True, kw_only=True)
 class Spring(Link):
-    """What shafts and dampers have in common: play, stages, stops and dry friction, as clutch discs, dual-mass
-    flywheels and splines have them.
+    """What shafts and dampers have in common: play, stages, stops and dry friction, as
+    clutch discs, dual-mass flywheels and splines have them.
 
-    ``stiffness`` holds at small twist, or with a ``clearance``, the whole free play, once that is used up. ``stages`` =
-    rows of (twist in deg, N m/rad): from that twist on, either way, the stiffness is this. ``stops`` = rows of (twist
-    in deg, N m/rad): beyond that twist, one way, this adds to it. Twists count from the middle of the play, of the
-    first disk against the second. Every change of stiffness is spread over 4 % of twice its twist, or of the clearance.
-    ``friction``, a torque, acts against the rate of twist, in proportion to it below ``slip_speed`` (0.1 rad/s).
+    ``stiffness`` holds at small twist, or with a ``clearance``, the whole free play,
+    once that is used up. ``stages`` = rows of (twist in deg, N m/rad): from that twist
+    on, either way, the stiffness is this. ``stops`` = rows of (twist in deg, N m/rad):
+    beyond that twist, one way, this adds to it. Twists count from the middle of the
+    play, of the first disk against the second. Every change of stiffness is spread over
+    4 % of twice its twist, or of the clearance. ``friction``, a torque, acts against
+    the rate of twist, in proportion to it below ``slip_speed`` (0.1 rad/s).
     """
 
     clearance: float | None = quantity("deg", None, above=0.0, below=360.0)
@@ -208,15 +266,17 @@ class Spring(Link):
 class Shaft(Spring):
     """``[[shaft]]``: an elastic link between two disks of one rotor.
 
-    ``stiffness`` is given or follows from ``length``, ``outer`` and ``inner`` diameter and ``shear_modulus``
-    (:func:`jaxhb.shaft_stiffness`).
-    ``over_hz`` = rows of (frequency in Hz, factor of stiffness, factor of damping and loss factor) and
-    ``over_amplitude`` = the same over the amplitude of its vibratory twist in rad make it vary
-    (:mod:`jaxhb.train.varying`); only the linear forced response takes that.
-    :func:`jaxhb.strength` alone reads the rest: ``diameter`` and ``bore`` of the section that is judged (``outer`` and
-    ``inner`` unless given), the factor C_K of its form in IACS UR M68 (``stress_concentration``, 1 for an integral
-    flange, less for what concentrates stresses), the ``tensile_strength`` sigma_B, the ``rule`` whose limits hold (C_K
-    is of M68 alone, ``yield_strength`` of the others), and ``power_limit``, the heat that it can give off.
+    ``stiffness`` is given or follows from ``length``, ``outer`` and ``inner`` diameter
+    and ``shear_modulus`` (:func:`jaxhb.shaft_stiffness`). ``over_hz`` = rows of
+    (frequency in Hz, factor of stiffness, factor of damping and loss factor) and
+    ``over_amplitude`` = the same over the amplitude of its vibratory twist in rad make
+    it vary (:mod:`jaxhb.train.varying`); only the linear forced response takes that.
+    :func:`jaxhb.strength` alone reads the rest: ``diameter`` and ``bore`` of the
+    section that is judged (``outer`` and ``inner`` unless given), the factor C_K of its
+    form in IACS UR M68 (``stress_concentration``, 1 for an integral flange, less for
+    what concentrates stresses), the ``tensile_strength`` sigma_B, the ``rule`` whose
+    limits hold (C_K is of M68 alone, ``yield_strength`` of the others), and
+    ``power_limit``, the heat that it can give off.
     """
 
     between: tuple[str, str] = declared("pair")
@@ -229,12 +289,20 @@ class Shaft(Spring):
     length: float | None = positive("m", None)
     outer: float | None = quantity("m", None, above=0.0, **_IN_METRES)
     inner: float = quantity("m", 0.0, least=0.0, **_IN_METRES)
-    shear_modulus: float | None = quantity("Pa", None, least=1e5, remedy="Give it in Pa: steel has about 8e10.")
+    shear_modulus: float | None = quantity(
+        "Pa", None, least=1e5, remedy="Give it in Pa: steel has about 8e10."
+    )
     diameter: float | None = quantity("m", None, above=0.0, **_IN_METRES)
     bore: float = quantity("m", 0.0, least=0.0, **_IN_METRES)
-    stress_concentration: float | None = quantity("", None, above=0.0, most=1.0, remedy=_FORM_FACTOR)
-    tensile_strength: float | None = quantity("Pa", None, least=1e8, most=5e9, remedy="Give it in Pa: 600 MPa is 6e8.")
-    yield_strength: float | None = quantity("Pa", None, least=1e8, most=5e9, remedy="Give it in Pa: 300 MPa is 3e8.")
+    stress_concentration: float | None = quantity(
+        "", None, above=0.0, most=1.0, remedy=_FORM_FACTOR
+    )
+    tensile_strength: float | None = quantity(
+        "Pa", None, least=1e8, most=5e9, remedy="Give it in Pa: 600 MPa is 6e8."
+    )
+    yield_strength: float | None = quantity(
+        "Pa", None, least=1e8, most=5e9, remedy="Give it in Pa: 300 MPa is 3e8."
+    )
     rule: str = choice(*RULES)
     power_limit: float | None = positive("W", None)
 
@@ -243,19 +311,24 @@ class Shaft(Spring):
 class Mesh(Link):
     """``[[mesh]]``: the tooth contact between two gears.
 
-    ``epsilon`` and ``transition`` that are not given follow from the smallest mean force F of the mesh at the speeds at
-    which the scene gives torques, when the train is built: with C = stiffness x backlash / 2 epsilon is 0.04 F / C
-    within 1e-4 and 1e-3, and transition 0.2 F / C - epsilon within 0.004 and 0.04, so that full stiffness begins below
-    a fifth of F. ``law = "fridman2009"`` is 0.03 and 0.2, the law (18) of Fridman 2009. ``rated_torque`` is that of its
-    first gear; :func:`jaxhb.strength` reads it.
+    ``epsilon`` and ``transition`` that are not given follow from the smallest mean
+    force F of the mesh at the speeds at which the scene gives torques, when the train
+    is built: with C = stiffness x backlash / 2 epsilon is 0.04 F / C within 1e-4 and
+    1e-3, and transition 0.2 F / C - epsilon within 0.004 and 0.04, so that full
+    stiffness begins below a fifth of F. ``law = "fridman2009"`` is 0.03 and 0.2, the
+    law (18) of Fridman 2009. ``rated_torque`` is that of its first gear;
+    :func:`jaxhb.strength` reads it.
 
-    Over the mesh period, of angle psi, 0 at t = 0, ``stiffness_orders`` = rows of (order, Re, Im) make the stiffness
-    its mean x (1 + sum Re((Re + i Im) exp(i order (psi + phase)))). ``transmission_error``, likewise a sum in m, is how
-    far the gears must approach each other for the teeth to touch; ``first_gear_error`` and ``second_gear_error`` are
-    the same by orders of the own revolution of a gear (runout, pitch errors). The mesh period needs ``teeth`` of a
-    gear. Shorthands, of which the first ``orders`` are kept, are in ``jaxhb.elements.meshing``: ``stiffness_table``
-    = rows of (share of the mesh period, N/m), which also gives the mean; ``contact_ratio``; and instead of a stiffness
-    the face ``width`` and the ``helix`` angle at the pitch circle, for standard steel gears.
+    Over the mesh period, of angle psi, 0 at t = 0, ``stiffness_orders`` = rows of
+    (order, Re, Im) make the stiffness its mean x (1 + sum Re((Re + i Im) exp(i order
+    (psi + phase)))). ``transmission_error``, likewise a sum in m, is how far the gears
+    must approach each other for the teeth to touch; ``first_gear_error`` and
+    ``second_gear_error`` are the same by orders of the own revolution of a gear
+    (runout, pitch errors). The mesh period needs ``teeth`` of a gear. Shorthands, of
+    which the first ``orders`` are kept, are in ``jaxhb.elements.meshing``:
+    ``stiffness_table`` = rows of (share of the mesh period, N/m), which also gives the
+    mean; ``contact_ratio``; and instead of a stiffness the face ``width`` and the
+    ``helix`` angle at the pitch circle, for standard steel gears.
     """
 
     between: tuple[str, str] = declared("pair")
@@ -274,7 +347,9 @@ class Mesh(Link):
     second_gear_error: tuple = rows(_HARMONICS)
     phase: float = quantity("deg", 0.0)
     stiffness_table: tuple = rows(("share", "stiffness"))
-    contact_ratio: float | None = quantity("", None, kind="shorthand", least=1.0, most=4.0)
+    contact_ratio: float | None = quantity(
+        "", None, kind="shorthand", least=1.0, most=4.0
+    )
     width: float | None = quantity("m", None, kind="shorthand", above=0.0, **_IN_METRES)
     helix: float = quantity("deg", 0.0, kind="shorthand", above=-45.0, below=45.0)
     orders: int = quantity("", 4, kind="count", least=1.0)
@@ -283,10 +358,12 @@ class Mesh(Link):
 
 @dataclass(frozen=True, kw_only=True)
 class Damper(Spring):
-    """``[[damper]]``: an inertia ring behind a viscous or rubber link; the ring is a disk of this name.
+    """``[[damper]]``: an inertia ring behind a viscous or rubber link; the ring is a
+    disk of this name.
 
-    With ``order`` it is an order-tuned absorber (a pendulum): inertia x (order x speed of its rotor)^2 adds to its
-    stiffness. ``over_hz``, ``over_amplitude`` and ``power_limit`` as of a :class:`Shaft`.
+    With ``order`` it is an order-tuned absorber (a pendulum): inertia x (order x speed
+    of its rotor)^2 adds to its stiffness. ``over_hz``, ``over_amplitude`` and
+    ``power_limit`` as of a :class:`Shaft`.
     """
 
     name: str = declared("name")
@@ -295,7 +372,9 @@ class Damper(Spring):
     damping: float = not_negative("N m s/rad", 0.0)
     stiffness: float = not_negative("N m/rad", 0.0, "0 is allowed: a viscous damper.")
     loss_factor: float = not_negative("", 0.0)
-    order: float | None = positive("", None, "Leave the key out for a damper that is not tuned to an order.")
+    order: float | None = positive(
+        "", None, "Leave the key out for a damper that is not tuned to an order."
+    )
     over_hz: tuple = rows(_OVER_HZ)
     over_amplitude: tuple = rows(_OVER_AMPLITUDE)
     power_limit: float | None = positive("W", None)
@@ -303,7 +382,9 @@ class Damper(Spring):
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
-    """``[[ground]]``: a soft spring from a disk to the ground, which fixes the mean angle."""
+    """``[[ground]]``: a soft spring from a disk to the ground, which fixes the mean
+    angle.
+    """
 
     disk: str = declared("disk")
     stiffness: float = positive("N m/rad")
@@ -312,11 +393,13 @@ class Ground:
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """``[[load]]``: the driven machine, whose torque balances the mean power of all other torques.
+    """``[[load]]``: the driven machine, whose torque balances the mean power of all
+    other torques.
 
-    ``share`` is that of its torque, on its own shaft, relative to the shares of other loads. ``harmonics`` make the
-    torque pulsate, as the blades of a propeller and the pistons of a pump do: rows of (order of its own rotor, Re, Im),
-    so that it is its mean x (1 + sum Re((Re + i Im) exp(i order theta))).
+    ``share`` is that of its torque, on its own shaft, relative to the shares of other
+    loads. ``harmonics`` make the torque pulsate, as the blades of a propeller and the
+    pistons of a pump do: rows of (order of its own rotor, Re, Im), so that it is its
+    mean x (1 + sum Re((Re + i Im) exp(i order theta))).
     """
 
     disk: str = declared("disk")
@@ -327,10 +410,12 @@ class Load:
 
 @dataclass(frozen=True, kw_only=True)
 class Torque:
-    """``[[torque]]``: mean + sum Re((Re + i Im) exp(i order theta)) in N m, times ``scale`` over rpm.
+    """``[[torque]]``: mean + sum Re((Re + i Im) exp(i order theta)) in N m, times
+    ``scale`` over rpm.
 
-    With ``rated_rpm``, a speed of the reference rotor, all of it grows as (rpm / rated_rpm)^speed_exponent, 2 unless
-    given: the law of propellers, fans and inertia torques.
+    With ``rated_rpm``, a speed of the reference rotor, all of it grows as (rpm /
+    rated_rpm)^speed_exponent, 2 unless given: the law of propellers, fans and inertia
+    torques.
     """
 
     disk: str = declared("disk")
@@ -345,8 +430,9 @@ class Torque:
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
-    """``[[cylinder.traces]]``: a pressure table, and the speed of the reference rotor and the load (share of the mean
-    effective pressure at full load) it holds for."""
+    """``[[cylinder.traces]]``: a pressure table, and the speed of the reference rotor
+    and the load (share of the mean effective pressure at full load) it holds for.
+    """
 
     rpm: float = positive("rpm")
     load: float = not_negative("", 1.0)
@@ -356,13 +442,15 @@ class Trace:
 
 @dataclass(frozen=True, kw_only=True)
 class Combustion:
-    """``[cylinder.combustion]``: the numbers of :mod:`jaxhb.excitation.combustion`, at full load.
+    """``[cylinder.combustion]``: the numbers of :mod:`jaxhb.excitation.combustion`, at
+    full load.
 
-    Angles count from firing top dead centre. Either ``heat``, released per cycle, or ``imep``, the indicated mean
-    effective pressure of the whole cycle, is given. ``exhaust_pressure`` is ``charge_pressure`` unless given.
-    ``charge_over_load`` = rows of (load, factor) or ``charge_over_rpm`` = rows of (rpm, factor) multiply both
-    pressures, linear between the rows and constant outside them; without either what they have above the atmosphere
-    grows with the power.
+    Angles count from firing top dead centre. Either ``heat``, released per cycle, or
+    ``imep``, the indicated mean effective pressure of the whole cycle, is given.
+    ``exhaust_pressure`` is ``charge_pressure`` unless given. ``charge_over_load`` =
+    rows of (load, factor) or ``charge_over_rpm`` = rows of (rpm, factor) multiply both
+    pressures, linear between the rows and constant outside them; without either what
+    they have above the atmosphere grows with the power.
     """
 
     compression_ratio: float = quantity("", above=1.0)
@@ -382,7 +470,9 @@ class Combustion:
 
 @dataclass(frozen=True, kw_only=True)
 class CrankSlider:
-    """What a ``[[cylinder]]`` and an ``[engine]`` have in common: geometry, gas and what is kept of the torques."""
+    """What a ``[[cylinder]]`` and an ``[engine]`` have in common: geometry, gas and
+    what is kept of the torques.
+    """
 
     bore: float | None = positive("m", None)
     stroke: float | None = positive("m", None)
@@ -397,7 +487,9 @@ class CrankSlider:
     ambient_pressure: float = not_negative("Pa", 0.0)
     gas_torque_mean: float | None = quantity("N m", None)
     gas_torque: tuple | None = rows(_HARMONICS, None)
-    gas_factor: float | None = not_negative("", None, "0 is allowed: no gas torque at all.")
+    gas_factor: float | None = not_negative(
+        "", None, "0 is allowed: no gas torque at all."
+    )
     injection: float | None = not_negative("", None, "0 is allowed: a misfire.")
     orders: float | None = positive("", None)
     kinematics: str = choice("exact", "mendes2008")
@@ -411,20 +503,23 @@ class CrankSlider:
 class Cylinder(CrankSlider):
     """``[[cylinder]]``: the gas torque and the inertia torque of a crank-slider.
 
-    The gas torque is computed from ``pressure`` = rows of (crank angle deg, Pa), from several such tables over speed
-    and load (``traces``), or from a model (``combustion``); or it is given by ``gas_torque_mean`` and ``gas_torque`` =
-    rows of (order, Re, Im) for firing at 0, orders of its own rotor.
-    ``orders`` is the largest order of its own rotor that is kept of computed torques, 12 unless given, of a two-stroke
-    15, up to which rules ask for orders. ``ambient_pressure``
-    acts on the other side of the piston. A table that goes beyond 360 deg or over more than 360 deg is that of two
-    revolutions and fires at 360 deg, one within fires at 0, unless ``table_firing_tdc`` says otherwise.
-    ``load`` = rows of (rpm, load) says which of the ``traces`` hold, and multiplies ``heat`` or ``imep``. A load is a
-    share of the mean effective pressure at full load, and so of torque, not of power.
-    ``gas_factor`` multiplies the gas torque: the scatter from cylinder to cylinder. ``injection`` multiplies what
-    combustion adds to the pressure of compression alone: with 0, as with ``fires = false``, the cylinder misfires. With
-    ``fires_every = 2`` it is injected in every second of its engine cycles, and compresses alone in the others.
-    ``kinematics = "mendes2008"`` takes the piston acceleration of the inertia torque from the short series of that
-    paper instead of the exact one.
+    The gas torque is computed from ``pressure`` = rows of (crank angle deg, Pa), from
+    several such tables over speed and load (``traces``), or from a model
+    (``combustion``); or it is given by ``gas_torque_mean`` and ``gas_torque`` = rows of
+    (order, Re, Im) for firing at 0, orders of its own rotor. ``orders`` is the largest
+    order of its own rotor that is kept of computed torques, 12 unless given, of a
+    two-stroke 15, up to which rules ask for orders. ``ambient_pressure`` acts on the
+    other side of the piston. A table that goes beyond 360 deg or over more than 360 deg
+    is that of two revolutions and fires at 360 deg, one within fires at 0, unless
+    ``table_firing_tdc`` says otherwise. ``load`` = rows of (rpm, load) says which of
+    the ``traces`` hold, and multiplies ``heat`` or ``imep``. A load is a share of the
+    mean effective pressure at full load, and so of torque, not of power. ``gas_factor``
+    multiplies the gas torque: the scatter from cylinder to cylinder. ``injection``
+    multiplies what combustion adds to the pressure of compression alone: with 0, as
+    with ``fires = false``, the cylinder misfires. With ``fires_every = 2`` it is
+    injected in every second of its engine cycles, and compresses alone in the others.
+    ``kinematics = "mendes2008"`` takes the piston acceleration of the inertia torque
+    from the short series of that paper instead of the exact one.
     """
 
     disk: str = declared("disk")
@@ -432,11 +527,13 @@ class Cylinder(CrankSlider):
 
 @dataclass(frozen=True, kw_only=True)
 class Phase:
-    """``[[phase]]``: how far one engine is turned against the rest of the train, as its clutch happened to close.
+    """``[[phase]]``: how far one engine is turned against the rest of the train, as its
+    clutch happened to close.
 
-    All that the cylinders and torques in ``of`` excite comes later by ``angle``, counted on their rotor, which must be
-    one. ``of`` names cylinders and torques; a name as "port" stands for "port 1", "port 2" and so on, the cylinders of
-    the engine of that name.
+    All that the cylinders and torques in ``of`` excite comes later by ``angle``,
+    counted on their rotor, which must be one. ``of`` names cylinders and torques; a
+    name as "port" stands for "port 1", "port 2" and so on, the cylinders of the engine
+    of that name.
     """
 
     name: str = declared("name")
@@ -446,7 +543,9 @@ class Phase:
 
 @dataclass(frozen=True, kw_only=True)
 class Head:
-    """``[scene]``: what belongs to the whole train; ``notes`` are texts that every check and report tells."""
+    """``[scene]``: what belongs to the whole train; ``notes`` are texts that every
+    check and report tells.
+    """
 
     name: str | None = declared("name", None)
     description: str | None = declared("name", None)
@@ -457,18 +556,23 @@ class Head:
 
 
 def table_of(element) -> str:
-    """Name the ``[[table]]`` that describes an element: ``table_of(Disk(...)) == "disk"``."""
+    """Name the ``[[table]]`` that describes an element: ``table_of(Disk(...)) ==
+    "disk"``.
+    """
     return type(element).__name__.lower()
 
 
 TABLES: dict[str, Any] = {
-    cls.__name__.lower(): cls for cls in (Disk, Shaft, Mesh, Damper, Ground, Load, Torque, Cylinder, Phase)
+    cls.__name__.lower(): cls
+    for cls in (Disk, Shaft, Mesh, Damper, Ground, Load, Torque, Cylinder, Phase)
 }
 
 
 def facts_of(element, before=""):
-    """All that a scene says of an element: value and declared field by name, as "stiffness", "combustion.start" or
-    "traces no. 1.rpm"; None where a scene may be silent and is."""
+    """All that a scene says of an element: value and declared field by name, as
+    "stiffness", "combustion.start" or "traces no. 1.rpm"; None where a scene may be
+    silent and is.
+    """
     found = {}
     for one in dataclasses.fields(element):
         value, name = getattr(element, one.name), before + one.name
@@ -478,8 +582,15 @@ def facts_of(element, before=""):
             for k, inner in enumerate(value or ()):
                 found |= facts_of(inner, f"{name} no. {k + 1}.")
         elif one.name != "name":
-            rows = tuple(map(tuple, value)) if one.metadata["kind"] == "rows" and value is not None else value
-            found[name] = ", ".join(rows) if one.metadata["kind"] == "pair" else rows, one
+            rows = (
+                tuple(map(tuple, value))
+                if one.metadata["kind"] == "rows" and value is not None
+                else value
+            )
+            found[name] = (
+                ", ".join(rows) if one.metadata["kind"] == "pair" else rows,
+                one,
+            )
     return found
 
 

@@ -1,2 +1,3 @@
-"""The equations of a drive train: law of the teeth, Fourier coefficients, dynamic stiffness, condensed equation, state
-space. Arrays go in and arrays come out."""
+"""The equations of a drive train: law of the teeth, Fourier coefficients, dynamic
+stiffness, condensed equation, state space. Arrays go in and arrays come out.
+"""

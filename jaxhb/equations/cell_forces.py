@@ -1,9 +1,10 @@
 """Averages of mesh forces and of their slopes between neighbouring time samples.
 
-Slopes of the backlash law have kinks, and where teeth hammer few time samples of a cycle lie in its transition zones:
-from samples alone a derivative needs hundreds of them a harmonic. Between two samples the deflection is nearly linear
-in time, and averages over the law along a straight line are divided differences of integrals of the law, exact
-whatever kinks lie between: with K the integral of a law k in l,
+Slopes of the backlash law have kinks, and where teeth hammer few time samples of a
+cycle lie in its transition zones: from samples alone a derivative needs hundreds of
+them a harmonic. Between two samples the deflection is nearly linear in time, and
+averages over the law along a straight line are divided differences of integrals of the
+law, exact whatever kinks lie between: with K the integral of a law k in l,
 
     average of k from l_1 to l_2  =  (K(l_2) - K(l_1)) / (l_2 - l_1).
 """
@@ -15,23 +16,35 @@ import numpy as np
 
 from jaxhb.equations import backlash, fourier
 
-SHORT = 1e-3  # share of a transition zone below which the ends of a cell tell its average
+SHORT = (
+    1e-3  # share of a transition zone below which the ends of a cell tell its average
+)
 
 
 def force_coefficients(equation, deflection, samples):
-    """Coefficients ``(G, N+1)`` of phi of a CondensedEquation at those of l, from averages over ``samples`` cells."""
-    return _centred(_averages(equation, deflection, samples)[0], deflection.shape[-1] - 1)
+    """Coefficients ``(G, N+1)`` of phi of a CondensedEquation at those of l, from
+    averages over ``samples`` cells.
+    """
+    return _centred(
+        _averages(equation, deflection, samples)[0], deflection.shape[-1] - 1
+    )
 
 
 def slope_coefficients(equation, deflection, samples, harmonics):
-    """Coefficients ``(2, G, harmonics+1)`` of the slopes of phi in l and l' likewise."""
+    """Coefficients ``(2, G, harmonics+1)`` of the slopes of phi in l and l'
+    likewise.
+    """
     return _centred(_averages(equation, deflection, samples)[1], harmonics)
 
 
 def _centred(averages, harmonics):
-    """Coefficients of what has these averages ``(..., M)`` over cells that begin at the time samples."""
+    """Coefficients of what has these averages ``(..., M)`` over cells that begin at the
+    time samples.
+    """
     half = _half_angles(harmonics, averages.shape[-1])
-    return fourier.analyze(averages, harmonics) * (np.exp(-1j * half) / np.sinc(half / np.pi))
+    return fourier.analyze(averages, harmonics) * (
+        np.exp(-1j * half) / np.sinc(half / np.pi)
+    )
 
 
 def _half_angles(harmonics, samples):
@@ -40,22 +53,32 @@ def _half_angles(harmonics, samples):
 
 
 def _averages(equation, deflection, samples):
-    """phi ``(G, M)`` and its slopes ``(2, G, M)`` in l and l', averages over M cells."""
+    """phi ``(G, M)`` and its slopes ``(2, G, M)`` in l and l', averages over M
+    cells.
+    """
     half = _half_angles(deflection.shape[-1] - 1, samples)
-    # Ends of lines that have the same averages over the cells as the motion: chords would lie on its inner side.
-    values, rates = equation.sampled(deflection * (np.sinc(half / np.pi) / np.cos(half)), samples)
-    law, viscous, contact_damping = backlash.at_samples(equation, fourier.Equidistant(samples).synthesize)
+    # Ends of lines that have the same averages over the cells as the motion: chords
+    # would lie on its inner side.
+    values, rates = equation.sampled(
+        deflection * (np.sinc(half / np.pi) / np.cos(half)), samples
+    )
+    law, viscous, contact_damping = backlash.at_samples(
+        equation, fourier.Equidistant(samples).synthesize
+    )
     if equation.variation is not None:
         law = dataclasses.replace(law, stiffness=_mean(law.stiffness))
     pieces = backlash.pieces(law, values)
     short = SHORT * law.width
-    energy = _divided(values, backlash.contact_integral(*pieces), _contact(values, *pieces), short)
+    energy = _divided(
+        values, backlash.contact_integral(*pieces), _contact(values, *pieces), short
+    )
     engaged = pieces[1] / law.width
     share = _divided(values, _contact(values, *pieces), engaged, short) - 1
     in_contact = jnp.where(contact_damping, viscous, 0.0)
     drop = law.stiffness * (1 - law.epsilon)
     cell = 2 * jnp.pi / equation.frequency / samples
-    # Damping that sets in with contact: r l' times the slope of the engagement is r times its rate.
+    # Damping that sets in with contact: r l' times the slope of the engagement is r
+    # times its rate.
     setting_in = in_contact * (jnp.roll(engaged, -1, axis=-1) - engaged) / cell
     force = drop * (energy - _mean(values)) + in_contact * _mean(rates) * share
     by_deflection, by_rate = drop * share + setting_in, in_contact * share
@@ -69,7 +92,9 @@ def _averages(equation, deflection, samples):
 
 
 def _contact(deflection, width, inside, beyond):
-    """Elastic force in contact over the stiffness, and the integral of the engagement."""
+    """Elastic force in contact over the stiffness, and the integral of the
+    engagement.
+    """
     return jnp.sign(deflection) * (inside**2 / (2 * width) + beyond)
 
 
@@ -80,15 +105,21 @@ def _dry_friction(law, rates):
     work = law.slip * jnp.where(size < 1, size**2 / 2, size - 0.5)
     sticking = jnp.where(size < 1, 1 / law.slip, 0.0)
     short = SHORT * law.slip
-    return law.friction * _divided(rates, work, held, short), law.friction * _divided(rates, held, sticking, short)
+    return law.friction * _divided(rates, work, held, short), law.friction * _divided(
+        rates, held, sticking, short
+    )
 
 
 def _divided(values, integral, law, short):
-    """Averages over cells of a law along straight lines between ``values`` ``(G, M)``, from the law and its integral at
-    these: divided differences, means of both ends where they are no farther apart than ``short``."""
+    """Averages over cells of a law along straight lines between ``values`` ``(G, M)``,
+    from the law and its integral at these: divided differences, means of both ends
+    where they are no farther apart than ``short``.
+    """
     difference = jnp.roll(values, -1, axis=-1) - values
     near = jnp.abs(difference) <= short
-    quotient = (jnp.roll(integral, -1, axis=-1) - integral) / jnp.where(near, 1.0, difference)
+    quotient = (jnp.roll(integral, -1, axis=-1) - integral) / jnp.where(
+        near, 1.0, difference
+    )
     return jnp.where(near, _mean(law), quotient)
 
 

@@ -1,15 +1,19 @@
-"""The linear train condensed to the meshes that can leave contact: receptances and the condensed equation.
+"""The linear train condensed to the meshes that can leave contact: receptances and the
+condensed equation.
 
-With every mesh taken in contact (``Z(n) = -n^2 Omega^2 M + i n Omega B + K``, mesh damping included) the steady motion
-obeys, exactly equivalent to A(x) = 0 (docs/theory/harmonic_balance.md A4.4),
+With every mesh taken in contact (``Z(n) = -n^2 Omega^2 M + i n Omega B + K``, mesh
+damping included) the steady motion obeys, exactly equivalent to A(x) = 0
+(docs/theory/harmonic_balance.md A4.4),
 
-    F(l) = l - l_lin + G phi(l, l') = 0,      l_lin(n) = D Z(n)^{-1} q(n) - e(n),      G(n) = D Z(n)^{-1} D^T,
+    F(l) = l - l_lin + G phi(l, l') = 0,
+    l_lin(n) = D Z(n)^{-1} q(n) - e(n),      G(n) = D Z(n)^{-1} D^T,
 
-where ``phi`` is the mesh force less its linear part, ``phi = kappa f(l) - c l + r l' (engagement - 1)`` (damping in
-contact). ``l = D x - e`` is the deflection of the teeth, less a transmission error e, which acts on the linear train as
-a load, ``q`` with ``D^T (c e + r e')``; ``kappa(t)`` is the stiffness of an instant over its mean c.
-``phi`` is constant while a mesh stays on one flank. The unknowns are the deflections of the active meshes alone; every
-other node is condensed by scalar sweeps, one for all harmonics.
+where ``phi`` is the mesh force less its linear part, ``phi = kappa f(l) - c l + r l'
+(engagement - 1)`` (damping in contact). ``l = D x - e`` is the deflection of the teeth,
+less a transmission error e, which acts on the linear train as a load, ``q`` with ``D^T
+(c e + r e')``; ``kappa(t)`` is the stiffness of an instant over its mean c. ``phi`` is
+constant while a mesh stays on one flank. The unknowns are the deflections of the active
+meshes alone; every other node is condensed by scalar sweeps, one for all harmonics.
 """
 
 import dataclasses
@@ -23,11 +27,20 @@ from jax import lax
 from jaxhb._jax import added, kept, namespace
 from jaxhb._program import Program
 from jaxhb.equations import backlash, cell_forces, exact_integrals, fourier
-from jaxhb.equations.dynamic_stiffness import balance, frequencies, link_stiffness, receptance, solve_linear
+from jaxhb.equations.dynamic_stiffness import (
+    balance,
+    frequencies,
+    link_stiffness,
+    receptance,
+    solve_linear,
+)
 
-HOST_DISKS = 100  # up to which the motion under a load is found without a program, as quickly
-# Harmonics swept at a time for receptances, and for the motions of all disks, of which more is kept on the way: even
-# those of a finely divided train then stay in the cache of a processor.
+HOST_DISKS = (
+    100  # up to which the motion under a load is found without a program, as quickly
+)
+# Harmonics swept at a time for receptances, and for the motions of all disks, of which
+# more is kept on the way: even those of a finely divided train then stay in the cache
+# of a processor.
 CHUNK, MOTION_CHUNK = 64, 16
 
 
@@ -36,12 +49,14 @@ CHUNK, MOTION_CHUNK = 64, 16
 class CondensedEquation:
     """The condensed equation of G active meshes (padded with meshes that do nothing).
 
-    linear : complex ``(G, N+1)`` m, deflections with all meshes in contact; receptance : complex ``(N+1, G, G)`` m/N;
-    frequency : rad/s; law, viscous N s/m, contact_damping : ``(G,)``; integrals : of phi over the cycle, "sampled",
-    "averaged" between the samples (:mod:`jaxhb.equations.cell_forces`) or "exact"
-    (:mod:`jaxhb.equations.exact_integrals`); crossings : of the one deflection at which it is used, where they are
-    known; variation : complex ``(G, K+1)`` of the stiffness, kappa - 1, None where none varies; by_rate : whether
-    phi depends on l' (damping in contact, dry friction), without which rates are not sampled.
+    linear : complex ``(G, N+1)`` m, deflections with all meshes in contact; receptance
+    : complex ``(N+1, G, G)`` m/N; frequency : rad/s; law, viscous N s/m,
+    contact_damping : ``(G,)``; integrals : of phi over the cycle, "sampled", "averaged"
+    between the samples (:mod:`jaxhb.equations.cell_forces`) or "exact"
+    (:mod:`jaxhb.equations.exact_integrals`); crossings : of the one deflection at which
+    it is used, where they are known; variation : complex ``(G, K+1)`` of the stiffness,
+    kappa - 1, None where none varies; by_rate : whether phi depends on l' (damping in
+    contact, dry friction), without which rates are not sampled.
     """
 
     linear: jax.Array
@@ -56,14 +71,22 @@ class CondensedEquation:
     by_rate: bool = field(default=True, metadata={"static": True})
 
     def with_crossings(self, deflection):
-        """The same equation, with exact integrals knowing when ``deflection`` passes the knots, to be used there."""
+        """The same equation, with exact integrals knowing when ``deflection`` passes
+        the knots, to be used there.
+        """
         if self.integrals != "exact":
             return self
-        return dataclasses.replace(self, crossings=exact_integrals.find_crossings(self.law, deflection))
+        return dataclasses.replace(
+            self, crossings=exact_integrals.find_crossings(self.law, deflection)
+        )
 
     def nonlinear_force(self, deflection, rate, rule):
-        """phi at the samples ``(G, samples)`` of a rule: what the linear mesh does not contain."""
-        return backlash.nonlinear_force(*backlash.at_samples(self, rule.synthesize), deflection, rate)
+        """phi at the samples ``(G, samples)`` of a rule: what the linear mesh does not
+        contain.
+        """
+        return backlash.nonlinear_force(
+            *backlash.at_samples(self, rule.synthesize), deflection, rate
+        )
 
     def _rule(self, deflection, samples):
         return quadrature(self.integrals, self.law, deflection, samples, self.crossings)
@@ -89,10 +112,14 @@ class CondensedEquation:
         if not self.by_rate:
             values = rule.synthesize(deflection)
             return values, namespace(values).zeros_like(values)
-        return fourier.each(rule.synthesize, deflection, fourier.derivative(deflection, self.frequency))
+        return fourier.each(
+            rule.synthesize, deflection, fourier.derivative(deflection, self.frequency)
+        )
 
     def sampled(self, deflection, samples):
-        """Values of l and l' at ``samples`` equidistant time samples; l' is 0 where phi does not depend on it."""
+        """Values of l and l' at ``samples`` equidistant time samples; l' is 0 where phi
+        does not depend on it.
+        """
         return self._values(deflection, fourier.Equidistant(samples))
 
     def respond(self, nonlinear_force):
@@ -101,8 +128,12 @@ class CondensedEquation:
         return (self.receptance * nonlinear_force.T[:, None, :]).sum(axis=-1).T
 
     def residual(self, deflection, samples):
-        """F(l) as coefficients ``(G, N+1)``; phi at ``samples`` time samples, of which exact integrals take none."""
-        return self.left(deflection, self.nonlinear_force_coefficients(deflection, samples))
+        """F(l) as coefficients ``(G, N+1)``; phi at ``samples`` time samples, of which
+        exact integrals take none.
+        """
+        return self.left(
+            deflection, self.nonlinear_force_coefficients(deflection, samples)
+        )
 
     def left(self, deflection, nonlinear_force):
         """F(l) of coefficients of l and phi."""
@@ -110,7 +141,9 @@ class CondensedEquation:
 
 
 def quadrature(integrals, law, deflection, samples, crossings=None):
-    """Time samples for integrals over the cycle of forces of ``law`` at ``deflection``: "sampled" or "exact"."""
+    """Time samples for integrals over the cycle of forces of ``law`` at ``deflection``:
+    "sampled" or "exact".
+    """
     if integrals == "exact" and len(deflection):
         return exact_integrals.quadrature(law, deflection, crossings)
     return fourier.Equidistant(samples)
@@ -118,7 +151,10 @@ def quadrature(integrals, law, deflection, samples, crossings=None):
 
 def truncate(reduced, harmonics):
     """The same equation with fewer harmonics."""
-    linear, receptance = reduced.linear[:, : harmonics + 1], reduced.receptance[: harmonics + 1]
+    linear, receptance = (
+        reduced.linear[:, : harmonics + 1],
+        reduced.receptance[: harmonics + 1],
+    )
     return dataclasses.replace(reduced, linear=linear, receptance=receptance)
 
 
@@ -127,10 +163,12 @@ def truncate(reduced, harmonics):
 class CondensedTrain:
     """The linear train under its load, and under forces at the active meshes as well.
 
-    system : System; frequency : rad/s; load : complex ``(S, E+1)`` N, that of transmission errors included; columns
-    ``(S, G)`` of D^T of the active meshes; balance : how the train takes the load alone
-    (``dynamic_stiffness.balance``), ``(E+1,)`` N each; meshes : MeshParameters of all; alone : displacements ``(S,
-    E+1)`` and link forces ``(L, E+1)`` under the load alone, where there is no active mesh.
+    system : System; frequency : rad/s; load : complex ``(S, E+1)`` N, that of
+    transmission errors included; columns ``(S, G)`` of D^T of the active meshes;
+    balance : how the train takes the load alone (``dynamic_stiffness.balance``),
+    ``(E+1,)`` N each; meshes : MeshParameters of all; alone : displacements ``(S,
+    E+1)`` and link forces ``(L, E+1)`` under the load alone, where there is no active
+    mesh.
     """
 
     system: object
@@ -142,7 +180,9 @@ class CondensedTrain:
     alone: tuple | None = None
 
     def combine(self, nonlinear_force):
-        """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with nonlinear forces ``(G, n+1)`` of the meshes."""
+        """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with nonlinear forces
+        ``(G, n+1)`` of the meshes.
+        """
         harmonics = nonlinear_force.shape[-1] - 1
         omega = frequencies(self.frequency, harmonics)
         if self.alone is not None:
@@ -154,19 +194,27 @@ class CondensedTrain:
         return displacement, self.less_error(force, omega)
 
     def less_error(self, force, omega):
-        """Forces ``(L, n+1)`` N of the linear links at teeth with errors, from those of the bodies alone."""
+        """Forces ``(L, n+1)`` N of the linear links at teeth with errors, from those of
+        the bodies alone.
+        """
         error = self.meshes.error
         if error is None:
             return force
         xp = namespace(force)
         links = xp.asarray(self.meshes.link)
         stiffness = link_stiffness(self.system, omega)[links]
-        return added(xp.array(force), links, -stiffness * fourier.resize(error, omega.shape[-1] - 1))
+        return added(
+            xp.array(force),
+            links,
+            -stiffness * fourier.resize(error, omega.shape[-1] - 1),
+        )
 
 
 def motion_under(system, omega, load):
-    """Displacements ``(S, H)`` m and link forces ``(L, H)`` N of the train under a load ``(S, H)`` N at frequencies
-    ``(H,)``; on the host where its numbers lie there and disks are few."""
+    """Displacements ``(S, H)`` m and link forces ``(L, H)`` N of the train under a load
+    ``(S, H)`` N at frequencies ``(H,)``; on the host where its numbers lie there and
+    disks are few.
+    """
     if namespace(system, omega, load) is not np:
         return _by_chunks(system, omega, load)
     if len(system.mass) > HOST_DISKS:
@@ -177,7 +225,9 @@ def motion_under(system, omega, load):
 
 @kept
 def _kept_motion(given):
-    """What :func:`motion_under` gives: who plans a speed and then solves it asks for it twice."""
+    """What :func:`motion_under` gives: who plans a speed and then solves it asks for it
+    twice.
+    """
     found = motion_under(*given)
     for values in found:
         if isinstance(values, np.ndarray):
@@ -186,22 +236,31 @@ def _kept_motion(given):
 
 
 def displacements_and_bends(system, frequency, load):
-    """Displacements ``(..., S, N+1)`` m of the train with all meshes in contact, and deflections ``(..., L, N+1)`` m of
-    all links: from their forces, as differences of displacements lose digits where a train turns far as one.
+    """Displacements ``(..., S, N+1)`` m of the train with all meshes in contact, and
+    deflections ``(..., L, N+1)`` m of all links: from their forces, as differences of
+    displacements lose digits where a train turns far as one.
 
     frequency : Omega ``(...)`` in rad/s; load ``(..., S, N+1)`` N.
     """
     speeds, count = np.shape(frequency), load.shape[-1]
     omega = np.multiply.outer(frequency, np.arange(count)).ravel()
     # One sweep over the tree for the harmonics of all speeds.
-    displacement, force = _kept_motion((system, omega, np.moveaxis(load, -2, 0).reshape(load.shape[-2], -1)))
-    moved = displacement, bends_of(system, displacement, force, link_stiffness(system, omega))
-    return tuple(np.moveaxis(rows.reshape(len(rows), *speeds, count), 0, -2) for rows in moved)
+    displacement, force = _kept_motion(
+        (system, omega, np.moveaxis(load, -2, 0).reshape(load.shape[-2], -1))
+    )
+    moved = (
+        displacement,
+        bends_of(system, displacement, force, link_stiffness(system, omega)),
+    )
+    return tuple(
+        np.moveaxis(rows.reshape(len(rows), *speeds, count), 0, -2) for rows in moved
+    )
 
 
 def bends_of(system, displacement, force, stiffness, links=slice(None)):
-    """Deflections ``(n, H)`` m of links, with displacements ``(S, H)`` m, from the link forces ``(L, H)`` N and complex
-    stiffnesses ``(L, H)`` N/m of all."""
+    """Deflections ``(n, H)`` m of links, with displacements ``(S, H)`` m, from the link
+    forces ``(L, H)`` N and complex stiffnesses ``(L, H)`` N/m of all.
+    """
     xp, stiffness = namespace(displacement, force, stiffness), stiffness[links]
     apart, slack = system.deflections(displacement, links), stiffness == 0
     return xp.where(slack, apart, force[links] / xp.where(slack, 1.0, stiffness))
@@ -214,59 +273,87 @@ def _by_chunks(system, omega, load):
     size = -(-count // -(-count // MOTION_CHUNK))
 
     def swept(chunk, found):
-        # Chunks of equal size make one program; the last begins where it ends with the frequencies.
+        # Chunks of equal size make one program; the last begins where it ends with the
+        # frequencies.
         first = jnp.minimum(chunk * size, count - size)
         part = lax.dynamic_slice_in_dim(load, first, size, 1)
-        displacement, force = solve_linear(system, lax.dynamic_slice_in_dim(omega, first, size), part[:, None])
+        displacement, force = solve_linear(
+            system, lax.dynamic_slice_in_dim(omega, first, size), part[:, None]
+        )
         moved = displacement[:, 0], force[:, 0]
-        return tuple(lax.dynamic_update_slice_in_dim(a, b, first, 1) for a, b in zip(found, moved, strict=True))
+        return tuple(
+            lax.dynamic_update_slice_in_dim(a, b, first, 1)
+            for a, b in zip(found, moved, strict=True)
+        )
 
-    nothing = (jnp.zeros((rows, count), complex) for rows in (len(load), len(system.arm_a)))
+    nothing = (
+        jnp.zeros((rows, count), complex) for rows in (len(load), len(system.arm_a))
+    )
     return lax.fori_loop(0, -(-count // size), swept, tuple(nothing))
 
 
 def _cut(values):
-    """Values ``(..., N+1)`` of harmonics in chunks ``(chunks, ..., size)`` for a sweep of each; the last repeats."""
+    """Values ``(..., N+1)`` of harmonics in chunks ``(chunks, ..., size)`` for a sweep
+    of each; the last repeats.
+    """
     count = values.shape[-1]
     chunks = -(-count // CHUNK)
     size = -(-count // chunks)
-    # Equal chunks make one program; harmonics that fill the last one up are dropped again.
-    filled = jnp.concatenate([values, jnp.repeat(values[..., -1:], chunks * size - count, axis=-1)], axis=-1)
+    # Equal chunks make one program; harmonics that fill the last one up are dropped
+    # again.
+    filled = jnp.concatenate(
+        [values, jnp.repeat(values[..., -1:], chunks * size - count, axis=-1)], axis=-1
+    )
     return jnp.moveaxis(filled.reshape(*values.shape[:-1], chunks, size), -2, 0)
 
 
 def with_receptances(equation, system, columns):
-    """A CondensedEquation of a System with its receptances; columns ``(S, G)`` of D^T of its meshes."""
+    """A CondensedEquation of a System with its receptances; columns ``(S, G)`` of D^T
+    of its meshes.
+    """
     omega = frequencies(equation.frequency, equation.linear.shape[-1] - 1)
-    return dataclasses.replace(equation, receptance=_receptances(system, omega, columns))
+    return dataclasses.replace(
+        equation, receptance=_receptances(system, omega, columns)
+    )
 
 
 def linear_motion(system, frequency, load, harmonics, every, meshes, active):
-    """:class:`CondensedEquation` without receptances, and :class:`CondensedTrain`; of numbers of the host there.
+    """:class:`CondensedEquation` without receptances, and :class:`CondensedTrain`; of
+    numbers of the host there.
 
-    frequency : Omega in rad/s; load : complex ``(S, E+1)`` N, of the excitation and of meshes held on one flank, those
-    above ``harmonics`` N are dropped; every, meshes : MeshParameters of all and of the active ones; active : ``(G,)``
-    1, 0 for padding.
+    frequency : Omega in rad/s; load : complex ``(S, E+1)`` N, of the excitation and of
+    meshes held on one flank, those above ``harmonics`` N are dropped; every, meshes :
+    MeshParameters of all and of the active ones; active : ``(G,)`` 1, 0 for padding.
     """
     load = backlash.error_load(system, every, frequency, load)[:, : harmonics + 1]
     columns = system.incidence(meshes.link) * active
     excited = frequencies(frequency, load.shape[-1] - 1)
     displacement, force = _kept_motion((system, excited, load))
-    apart = bends_of(system, displacement, force, link_stiffness(system, excited), meshes.link)
+    apart = bends_of(
+        system, displacement, force, link_stiffness(system, excited), meshes.link
+    )
     linear = backlash.less_error(meshes, apart) * active[:, None]
     linear = fourier.resize(linear, harmonics)
     law = meshes.law.only(active)
     viscous, in_contact = meshes.viscous * active, meshes.contact_damping & (active > 0)
-    receptance = namespace(columns).zeros((0, columns.shape[1], columns.shape[1]), complex)
+    receptance = namespace(columns).zeros(
+        (0, columns.shape[1], columns.shape[1]), complex
+    )
     varied = {"variation": meshes.variation}
-    equation = CondensedEquation(linear, receptance, frequency, law, viscous, in_contact, **varied)
+    equation = CondensedEquation(
+        linear, receptance, frequency, law, viscous, in_contact, **varied
+    )
     taken = balance(system, excited, load, displacement, force)
     alone = None if columns.shape[1] else (displacement, force)
-    return equation, CondensedTrain(system, frequency, load, columns, taken, every, alone)
+    return equation, CondensedTrain(
+        system, frequency, load, columns, taken, every, alone
+    )
 
 
 def _receptances(system, omega, columns):
-    """Deflections per unit force ``(N+1, G, G)`` m/N of the active meshes at frequencies ``(N+1,)``."""
+    """Deflections per unit force ``(N+1, G, G)`` m/N of the active meshes at
+    frequencies ``(N+1,)``.
+    """
     if not columns.shape[1]:
         return namespace(omega).zeros((len(omega), 0, 0), complex)
     cut = _cut(omega)

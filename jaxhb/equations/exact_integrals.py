@@ -1,16 +1,20 @@
-"""Integrals of a mesh force over the cycle, exact between the switching times of the backlash law.
+"""Integrals of a mesh force over the cycle, exact between the switching times of the
+backlash law.
 
-The deflection ``l(t)`` of a mesh is a trigonometric polynomial, and its force is smooth along it except where ``|l|``
-passes a knot ``(1 -+ tau) h/2`` of the law: the switching times (Fridman 2009, (38), integrated arc by arc). The cycle
-is divided into 8 equal cells per harmonic. In each of them ``l`` is a polynomial of degree 7, set by its values at the
-Gauss-Legendre time samples of the cell, which also integrate the products of the law with a harmonic if the cell holds
-no switching time. A cell that may hold one is cut at its switching times, and every arc has Gauss-Legendre time samples
-of its own; the moments of the force with the Legendre polynomials of the cell take the place of its values, so that all
-transforms between time samples and harmonics are fast ones.
+The deflection ``l(t)`` of a mesh is a trigonometric polynomial, and its force is smooth
+along it except where ``|l|`` passes a knot ``(1 -+ tau) h/2`` of the law: the switching
+times (Fridman 2009, (38), integrated arc by arc). The cycle is divided into 8 equal
+cells per harmonic. In each of them ``l`` is a polynomial of degree 7, set by its values
+at the Gauss-Legendre time samples of the cell, which also integrate the products of the
+law with a harmonic if the cell holds no switching time. A cell that may hold one is cut
+at its switching times, and every arc has Gauss-Legendre time samples of its own; the
+moments of the force with the Legendre polynomials of the cell take the place of its
+values, so that all transforms between time samples and harmonics are fast ones.
 
-Switching times carry their derivative ``dt = -dl / l'``: first and second derivatives of the integrals with respect to
-``l`` and the law are exact as well. (Those of an elastic force do not see the switching times move, because the law has
-a continuous slope; those of damping in contact do.)
+Switching times carry their derivative ``dt = -dl / l'``: first and second derivatives
+of the integrals with respect to ``l`` and the law are exact as well. (Those of an
+elastic force do not see the switching times move, because the law has a continuous
+slope; those of damping in contact do.)
 """
 
 from dataclasses import dataclass, field
@@ -27,7 +31,8 @@ from jaxhb.equations import fourier
 CELLS, FEWEST_HARMONICS = 8, 16  # per harmonic, of so many harmonics at least
 POINTS = 8  # Gauss-Legendre time samples of a cell, and of each arc of one that is cut
 FEWEST_CUT = 32  # cells per mesh that can be cut, at least; one per harmonic else
-MARGIN = 0.25  # by how much of the range of its samples in a cell a deflection may leave that range
+# by how much of the range of its samples in a cell a deflection may leave that range
+MARGIN = 0.25
 AT_REST = 1e-13  # change in half a cell over the deflection that is rounding
 NEWTON_STEPS = 12  # to a switching time, bracketed: enough for the last bit
 
@@ -36,16 +41,23 @@ _VALUES = legendre.legvander(_AT, POINTS - 1)
 _MODES = (np.arange(POINTS)[:, None] + 0.5) * _VALUES.T * _WEIGHT
 """From values at the time samples of a cell to coefficients of Legendre polynomials."""
 
-_POWERS = np.array([np.pad(legendre.leg2poly(row), (0, POINTS - 1 - k)) for k, row in enumerate(np.eye(POINTS))])
+_POWERS = np.array(
+    [
+        np.pad(legendre.leg2poly(row), (0, POINTS - 1 - k))
+        for k, row in enumerate(np.eye(POINTS))
+    ]
+)
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Quadrature:
-    """Time samples at which a mesh force is to be evaluated, and the integrals over them; made by :func:`quadrature`.
+    """Time samples at which a mesh force is to be evaluated, and the integrals over
+    them; made by :func:`quadrature`.
 
-    cell : int ``(G, K)`` of the cells that are cut, ``cells`` for room left over; at, weight : ``(G, n, K)`` time
-    samples of their arcs, -1 .. 1 in the cell; cells : per cycle.
+    cell : int ``(G, K)`` of the cells that are cut, ``cells`` for room left over; at,
+    weight : ``(G, n, K)`` time samples of their arcs, -1 .. 1 in the cell; cells : per
+    cycle.
     """
 
     cell: jax.Array
@@ -54,54 +66,86 @@ class Quadrature:
     cells: int = field(metadata={"static": True})
 
     def synthesize(self, coefficients):
-        """Values ``(G, time_steps)``, those of all cells and then those of the arcs, from coefficients ``(G, N+1)``."""
+        """Values ``(G, time_steps)``, those of all cells and then those of the arcs,
+        from coefficients ``(G, N+1)``.
+        """
         smooth = _in_cells(coefficients, self.cells)
         arcs = _value(_modes(smooth, self.cell)[:, :, None], self.at)
-        return jnp.concatenate([smooth.reshape(len(smooth), -1), arcs.reshape(len(arcs), -1)], axis=-1)
+        return jnp.concatenate(
+            [smooth.reshape(len(smooth), -1), arcs.reshape(len(arcs), -1)], axis=-1
+        )
 
     def analyze(self, values, harmonics):
-        """Complex coefficients ``(G, harmonics+1)`` of values at the time samples, of at most ``cells`` harmonics."""
+        """Complex coefficients ``(G, harmonics+1)`` of values at the time samples, of
+        at most ``cells`` harmonics.
+        """
         smooth = values[:, : self.cells * POINTS].reshape(-1, POINTS, self.cells)
         arcs = self.weight * values[:, self.cells * POINTS :].reshape(self.at.shape)
-        # The Gauss sum of a cell sees of its force the moments with the Legendre polynomials. Where the force has a
-        # knot they come from its arcs; values at the samples of the cell with the same moments then go through the same
-        # transforms.
-        moments = jnp.stack([jnp.sum(arcs * polynomial, axis=1) for polynomial in _polynomials(self.at)], axis=1)
-        equivalent = jnp.einsum("gmk,jm->gjk", moments, _VALUES * (np.arange(POINTS) + 0.5))
+        # The Gauss sum of a cell sees of its force the moments with the Legendre
+        # polynomials. Where the force has a knot they come from its arcs; values at the
+        # samples of the cell with the same moments then go through the same transforms.
+        moments = jnp.stack(
+            [
+                jnp.sum(arcs * polynomial, axis=1)
+                for polynomial in _polynomials(self.at)
+            ],
+            axis=1,
+        )
+        equivalent = jnp.einsum(
+            "gmk,jm->gjk", moments, _VALUES * (np.arange(POINTS) + 0.5)
+        )
         place = jax.vmap(lambda cells, at, new: cells.at[:, at].set(new, mode="drop"))
-        spectrum = fourier.analyze(place(smooth, self.cell, equivalent), self.cells // 2)
-        # Samples one a cell tell harmonics n and cells - n apart only by the place of the sample, which the sum over
-        # the places below does.
-        spectrum = jnp.concatenate([spectrum, jnp.conj(spectrum[..., -2::-1])], axis=-1)[..., : harmonics + 1]
-        return jnp.einsum("gjn,jn->gn", spectrum, _WEIGHT[:, None] / 2 * np.conj(_shift(harmonics, self.cells)))
+        spectrum = fourier.analyze(
+            place(smooth, self.cell, equivalent), self.cells // 2
+        )
+        # Samples one a cell tell harmonics n and cells - n apart only by the place of
+        # the sample, which the sum over the places below does.
+        spectrum = jnp.concatenate(
+            [spectrum, jnp.conj(spectrum[..., -2::-1])], axis=-1
+        )[..., : harmonics + 1]
+        return jnp.einsum(
+            "gjn,jn->gn",
+            spectrum,
+            _WEIGHT[:, None] / 2 * np.conj(_shift(harmonics, self.cells)),
+        )
 
 
 def _shift(harmonics, cells):
-    """``(POINTS, N+1)``: factors that move a signal to each of the time samples of the first cell."""
+    """``(POINTS, N+1)``: factors that move a signal to each of the time samples of the
+    first cell.
+    """
     return np.exp(1j * np.pi / cells * (_AT[:, None] + 1) * np.arange(harmonics + 1))
 
 
 def _in_cells(coefficients, cells):
     """Values ``(G, POINTS, cells)`` at the time samples of all cells."""
-    # The j-th samples of all cells are equidistant: one transform, of the signal moved by the place of the first.
-    return fourier.synthesize(coefficients[:, None] * _shift(coefficients.shape[-1] - 1, cells), cells)
+    # The j-th samples of all cells are equidistant: one transform, of the signal moved
+    # by the place of the first.
+    return fourier.synthesize(
+        coefficients[:, None] * _shift(coefficients.shape[-1] - 1, cells), cells
+    )
 
 
 def _modes(smooth, cell):
     """Coefficients ``(G, POINTS, K)`` of Legendre polynomials in the given cells."""
-    chosen = jax.vmap(lambda values, at: values.at[:, at].get(mode="clip"))(smooth, cell)
+    chosen = jax.vmap(lambda values, at: values.at[:, at].get(mode="clip"))(
+        smooth, cell
+    )
     return jnp.einsum("mj,gjk->gmk", _MODES, chosen)
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Crossings:
-    """When deflections pass the knots of their laws; made by :func:`find_crossings`, without derivatives.
+    """When deflections pass the knots of their laws; made by :func:`find_crossings`,
+    without derivatives.
 
-    cell : int ``(G, K)`` of the cells that may hold a switching time, ``cells`` for room left over; low, high :
-    ``(G, 1, 2, K)`` ends, -1 .. 1 in the cell, of its two parts, in which the deflection is monotonic; time :
-    ``(G, 4, 2, K)`` at which it passes each knot, or the end before or after which it does; inverse_rate : the same
-    shape, one over its rate there, 0 where it does not pass; rising : ``(G, 1, 2, K)``; complete : room for all.
+    cell : int ``(G, K)`` of the cells that may hold a switching time, ``cells`` for
+    room left over; low, high : ``(G, 1, 2, K)`` ends, -1 .. 1 in the cell, of its two
+    parts, in which the deflection is monotonic; time : ``(G, 4, 2, K)`` at which it
+    passes each knot, or the end before or after which it does; inverse_rate : the same
+    shape, one over its rate there, 0 where it does not pass; rising : ``(G, 1, 2, K)``;
+    complete : room for all.
     """
 
     cell: jax.Array
@@ -114,10 +158,11 @@ class Crossings:
 
 
 def find_crossings(law, deflection, capacity=None):
-    """The :class:`Crossings` of deflections ``(G, N+1)`` m, with room for ``capacity`` cells per mesh.
+    """The :class:`Crossings` of deflections ``(G, N+1)`` m, with room for ``capacity``
+    cells per mesh.
 
-    A cell is parted at the extremum of ``l`` in it, if it has one, else in the middle. Cells without room are
-    integrated as sampling does.
+    A cell is parted at the extremum of ``l`` in it, if it has one, else in the middle.
+    Cells without room are integrated as sampling does.
     """
     law, deflection = lax.stop_gradient((law, deflection))
     harmonics = deflection.shape[-1] - 1
@@ -125,25 +170,33 @@ def find_crossings(law, deflection, capacity=None):
     capacity = capacity or max(harmonics, FEWEST_CUT)
     passed = _passed(smooth, _knots(law))
     cells = passed.shape[-1]
-    cell = jax.vmap(lambda one: jnp.nonzero(one, size=capacity, fill_value=cells)[0])(passed)
+    cell = jax.vmap(lambda one: jnp.nonzero(one, size=capacity, fill_value=cells)[0])(
+        passed
+    )
     complete = jnp.all(passed.sum(-1) <= capacity)
-    return Crossings(cell, *_pass(_modes(smooth, cell), _knots(law)[..., None, None]), complete)
+    return Crossings(
+        cell, *_pass(_modes(smooth, cell), _knots(law)[..., None, None]), complete
+    )
 
 
 def switching_times(law, deflection):
-    """Shares of the cycle ``(K,)``, in no order, at which one of the deflections ``(G, N+1)`` passes a knot of its law;
-    on the host."""
+    """Shares of the cycle ``(K,)``, in no order, at which one of the deflections ``(G,
+    N+1)`` passes a knot of its law; on the host.
+    """
     law, deflection = on_host((law, deflection))
     cells = _cells(deflection.shape[-1] - 1)
     smooth = _in_cells(deflection, cells)
     mesh, cell = np.nonzero(_passed(smooth, _knots(law)))
     knots = _knots(law)[mesh].T[None, :, None]
-    *_, time, inverse_rate, _ = _pass(np.einsum("mj,kj->mk", _MODES, smooth[mesh, :, cell])[None], knots)
+    *_, time, inverse_rate, _ = _pass(
+        np.einsum("mj,kj->mk", _MODES, smooth[mesh, :, cell])[None], knots
+    )
     return ((cell + (time + 1) / 2) / cells)[inverse_rate != 0]
 
 
 def quadrature(law, deflection, crossings=None):
-    """The :class:`Quadrature` of deflections ``(G, N+1)`` m, differentiable twice with respect to both arguments.
+    """The :class:`Quadrature` of deflections ``(G, N+1)`` m, differentiable twice with
+    respect to both arguments.
 
     ``crossings`` : of the same law and deflection, where they are known.
 
@@ -158,9 +211,12 @@ def quadrature(law, deflection, crossings=None):
     crossings = find_crossings(law, deflection) if crossings is None else crossings
     cells = _cells(deflection.shape[-1] - 1)
     modes = _modes(_in_cells(deflection, cells), crossings.cell)
-    # One more step of Newton's method: it moves a time by no more than rounding, and its derivative is that of the
-    # switching time, dt = -dl / l' (implicit function theorem), for the law as for the deflection.
-    miss = _value(modes[:, :, None, None], crossings.time) - _knots(law)[..., None, None]
+    # One more step of Newton's method: it moves a time by no more than rounding, and
+    # its derivative is that of the switching time, dt = -dl / l' (implicit function
+    # theorem), for the law as for the deflection.
+    miss = (
+        _value(modes[:, :, None, None], crossings.time) - _knots(law)[..., None, None]
+    )
     time = crossings.time - crossings.inverse_rate * miss
     # Arcs are integrated forwards: falling, a deflection passes the highest knot first.
     time = jnp.where(crossings.rising, time, time[:, ::-1])
@@ -196,34 +252,56 @@ def _pass(modes, knots):
     powers = xp.einsum("gmk,mi->igk", modes, _POWERS)[:, :, None, None]
     rates = _derivative(powers)
     edge = xp.ones(powers.shape[1:])
-    # Cells are so short that a deflection has one extremum in them at most: parted there it is monotonic, and passes
-    # each knot at most once.
+    # Cells are so short that a deflection has one extremum in them at most: parted
+    # there it is monotonic, and passes each knot at most once.
     turns = _horner(rates, -edge) * _horner(rates, edge) < 0
     turn = xp.where(turns, _root(rates, 0.0, -edge, edge), 0.0)
-    low, high = xp.concatenate([-edge, turn], axis=2), xp.concatenate([turn, edge], axis=2)
+    low, high = (
+        xp.concatenate([-edge, turn], axis=2),
+        xp.concatenate([turn, edge], axis=2),
+    )
     first, last = _horner(powers, low), _horner(powers, high)
     rising = first <= last
     sense = xp.where(rising, 1.0, -1.0)
     ahead, before = sense * (knots - first) > 0, sense * (last - knots) > 0
-    time = _root(powers, knots, *(xp.broadcast_to(end, ahead.shape) for end in (low, high)))
-    # The time of a graze has no derivative, and needs none: on both sides of it lies the same piece of the law.
+    time = _root(
+        powers, knots, *(xp.broadcast_to(end, ahead.shape) for end in (low, high))
+    )
+    # The time of a graze has no derivative, and needs none: on both sides of it lies
+    # the same piece of the law.
     rate = _horner(rates, time)
     # Nor has that of a deflection that rests on a knot to rounding.
-    grazing = xp.abs(rate) <= xp.maximum(1e-7 * xp.max(xp.abs(rates), axis=0), AT_REST * xp.abs(knots))
-    inverse_rate = xp.where(ahead & before & ~grazing, 1 / xp.where(grazing, 1.0, rate), 0.0)
-    return low, high, xp.where(ahead, xp.where(before, time, high), low), inverse_rate, rising
+    grazing = xp.abs(rate) <= xp.maximum(
+        1e-7 * xp.max(xp.abs(rates), axis=0), AT_REST * xp.abs(knots)
+    )
+    inverse_rate = xp.where(
+        ahead & before & ~grazing, 1 / xp.where(grazing, 1.0, rate), 0.0
+    )
+    return (
+        low,
+        high,
+        xp.where(ahead, xp.where(before, time, high), low),
+        inverse_rate,
+        rising,
+    )
 
 
 def _root(powers, level, low, high):
-    """Where a polynomial, monotonic from ``low`` to ``high``, has the value ``level``: Newton's method, bracketed."""
+    """Where a polynomial, monotonic from ``low`` to ``high``, has the value ``level``:
+    Newton's method, bracketed.
+    """
     xp, rates = namespace(powers), _derivative(powers)
     sense = xp.sign(_horner(powers, high) - _horner(powers, low))
 
     def step(_, state):
         low, high, x = state
         value = _horner(powers, x) - level
-        # Bracketed, as Newton's method alone leaves the cell where the deflection is flat.
-        low, high = xp.where(sense * value <= 0, x, low), xp.where(sense * value <= 0, high, x)
+        # Bracketed, as Newton's method alone leaves the cell where the deflection is
+        # flat.
+        low, high = (
+            xp.where(sense * value <= 0, x, low),
+            xp.where(sense * value <= 0, high, x),
+        )
         rate = _horner(rates, x)
         ahead = x - value / xp.where(rate == 0, 1.0, rate)
         inside = (rate != 0) & (ahead >= low) & (ahead <= high)

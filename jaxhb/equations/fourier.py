@@ -1,4 +1,5 @@
-"""The layout of Fourier coefficients: synthesis, analysis, products with a periodic function.
+"""The layout of Fourier coefficients: synthesis, analysis, products with a periodic
+function.
 
 A real periodic signal of period ``2 pi / Omega`` is
 
@@ -7,11 +8,14 @@ A real periodic signal of period ``2 pi / Omega`` is
 Two forms are in use, and only this module knows them:
 
 * *coefficients*: complex, shape ``(..., N+1)``, the entries ``x^0 .. x^N``;
-* *packed*: real, shape ``(..., 2N+1)``, ``[x^0, sqrt(2) Re x^n .., -sqrt(2) Im x^n ..]``: the coordinates in the
-  orthonormal basis ``1, sqrt(2) cos n Omega t, sqrt(2) sin n Omega t``, whose Euclidean norm is the root mean square of
-  the signal. Unknowns of Newton's method are packed, as the backlash law is not holomorphic in the coefficients.
+* *packed*: real, shape ``(..., 2N+1)``, ``[x^0, sqrt(2) Re x^n .., -sqrt(2) Im x^n
+  ..]``: the coordinates in the orthonormal basis ``1, sqrt(2) cos n Omega t, sqrt(2)
+  sin n Omega t``, whose Euclidean norm is the root mean square of the signal. Unknowns
+  of Newton's method are packed, as the backlash law is not holomorphic in the
+  coefficients.
 
-Nothing else in the package calls a fast Fourier transform. Numpy arrays are transformed by numpy, on the host.
+Nothing else in the package calls a fast Fourier transform. Numpy arrays are transformed
+by numpy, on the host.
 """
 
 from dataclasses import dataclass
@@ -23,7 +27,9 @@ import numpy as np
 from jaxhb._jax import namespace
 
 SQRT2 = 2.0**0.5
-SAMPLES_PER_HARMONIC = 16  # time samples at which tooth forces are taken (docs/theory A6)
+SAMPLES_PER_HARMONIC = (
+    16  # time samples at which tooth forces are taken (docs/theory A6)
+)
 
 
 def pack(coefficients):
@@ -34,46 +40,68 @@ def pack(coefficients):
     """
     tail = coefficients[..., 1:]
     mean = coefficients[..., :1].real
-    return namespace(tail).concatenate([mean, SQRT2 * tail.real, -SQRT2 * tail.imag], axis=-1)
+    return namespace(tail).concatenate(
+        [mean, SQRT2 * tail.real, -SQRT2 * tail.imag], axis=-1
+    )
 
 
 def unpack(packed):
-    """Real packed coordinates ``(..., 2N+1)`` to complex coefficients ``(..., N+1)``."""
+    """Real packed coordinates ``(..., 2N+1)`` to complex coefficients ``(...,
+    N+1)``.
+    """
     harmonics = (packed.shape[-1] - 1) // 2
     cosine, sine = packed[..., 1 : harmonics + 1], packed[..., harmonics + 1 :]
-    return namespace(packed).concatenate([packed[..., :1] + 0j, (cosine - 1j * sine) / SQRT2], axis=-1)
+    return namespace(packed).concatenate(
+        [packed[..., :1] + 0j, (cosine - 1j * sine) / SQRT2], axis=-1
+    )
 
 
 def synthesize(coefficients, samples):
-    """Values ``(..., samples)`` at equidistant time samples ``t_j = 2 pi j / (Omega samples)`` of complex coefficients
-    ``(..., N+1)``; exact for ``samples >= 2N+1``, and harmonics above ``samples / 2`` must be absent."""
-    return namespace(coefficients).fft.irfft(coefficients, n=samples, axis=-1, norm="forward")
+    """Values ``(..., samples)`` at equidistant time samples ``t_j = 2 pi j / (Omega
+    samples)`` of complex coefficients ``(..., N+1)``; exact for ``samples >= 2N+1``,
+    and harmonics above ``samples / 2`` must be absent.
+    """
+    return namespace(coefficients).fft.irfft(
+        coefficients, n=samples, axis=-1, norm="forward"
+    )
 
 
 def values_at(coefficients, share):
     """Values ``(..., K)`` at shares ``(K,)`` of the cycle, in no order, of host arrays.
 
-    Work and memory are K times the harmonics that are there: the stiffness of a mesh has a few among thousands.
+    Work and memory are K times the harmonics that are there: the stiffness of a mesh
+    has a few among thousands.
     """
-    harmonic = np.flatnonzero(np.any(coefficients != 0, axis=tuple(range(coefficients.ndim - 1))))
+    harmonic = np.flatnonzero(
+        np.any(coefficients != 0, axis=tuple(range(coefficients.ndim - 1)))
+    )
     turned = coefficients[..., harmonic] * np.where(harmonic > 0, 2.0, 1.0)
     return (turned @ np.exp(2j * np.pi * harmonic[:, None] * share)).real
 
 
 def sample(coefficients, count):
-    """Values ``(..., count)`` at equidistant time samples as :func:`synthesize`, but however few they are."""
-    # Fewer samples than 2 N + 1 would alias: every ``factor``-th of enough of them is taken.
+    """Values ``(..., count)`` at equidistant time samples as :func:`synthesize`, but
+    however few they are.
+    """
+    # Fewer samples than 2 N + 1 would alias: every ``factor``-th of enough of them is
+    # taken.
     factor = -(-(2 * coefficients.shape[-1] - 1) // count)
     return synthesize(coefficients, factor * count)[..., ::factor]
 
 
 def analyze(values, harmonics):
-    """Complex coefficients ``(..., harmonics+1)`` of sampled values ``(..., samples)``."""
-    return namespace(values).fft.rfft(values, axis=-1, norm="forward")[..., : harmonics + 1]
+    """Complex coefficients ``(..., harmonics+1)`` of sampled values ``(...,
+    samples)``.
+    """
+    return namespace(values).fft.rfft(values, axis=-1, norm="forward")[
+        ..., : harmonics + 1
+    ]
 
 
 def samples_for(harmonics):
-    """A number of time samples that represents so many harmonics and is quick to transform."""
+    """A number of time samples that represents so many harmonics and is quick to
+    transform.
+    """
     from scipy.fft import next_fast_len  # a tenth of a second, which few commands need
 
     return next_fast_len(2 * harmonics + 2, real=True)
@@ -81,7 +109,9 @@ def samples_for(harmonics):
 
 @dataclass(frozen=True)
 class Equidistant:
-    """``samples`` equidistant time samples of the cycle, to evaluate a law at and to analyse what it gives."""
+    """``samples`` equidistant time samples of the cycle, to evaluate a law at and to
+    analyse what it gives.
+    """
 
     samples: int
 
@@ -93,41 +123,77 @@ class Equidistant:
 
 
 def each(function, *arrays):
-    """What a function makes of each of some arrays of one shape; in a program of all at once."""
+    """What a function makes of each of some arrays of one shape; in a program of all at
+    once.
+    """
     xp = namespace(arrays)
-    return [function(array) for array in arrays] if xp is np else jax.vmap(function)(jnp.stack(arrays))
+    return (
+        [function(array) for array in arrays]
+        if xp is np
+        else jax.vmap(function)(jnp.stack(arrays))
+    )
 
 
 def derivative(coefficients, frequency):
-    """Coefficients of dx/dt: ``i n Omega x^n``, with ``frequency`` = Omega in rad/s, ``()`` or ``(..., 1)``."""
-    return 1j * frequency * namespace(coefficients, frequency).arange(coefficients.shape[-1]) * coefficients
+    """Coefficients of dx/dt: ``i n Omega x^n``, with ``frequency`` = Omega in rad/s,
+    ``()`` or ``(..., 1)``.
+    """
+    return (
+        1j
+        * frequency
+        * namespace(coefficients, frequency).arange(coefficients.shape[-1])
+        * coefficients
+    )
 
 
 def resize(coefficients, harmonics):
-    """The same signal with another number of harmonics: truncated, or padded with zeros."""
+    """The same signal with another number of harmonics: truncated, or padded with
+    zeros.
+    """
     present = coefficients.shape[-1] - 1
     if harmonics <= present:
         return coefficients[..., : harmonics + 1]
-    xp, beyond = namespace(coefficients), (*coefficients.shape[:-1], harmonics - present)
+    xp, beyond = (
+        namespace(coefficients),
+        (*coefficients.shape[:-1], harmonics - present),
+    )
     return xp.concatenate([coefficients, xp.zeros(beyond, coefficients.dtype)], axis=-1)
 
 
 def packed_diagonal(gain):
-    """Real packed matrix ``(..., 2N+1, 2N+1)`` of the harmonic-wise product with complex ``gain`` ``(..., N+1)``."""
+    """Real packed matrix ``(..., 2N+1, 2N+1)`` of the harmonic-wise product with
+    complex ``gain`` ``(..., N+1)``.
+    """
     harmonics = gain.shape[-1] - 1
     index = jnp.arange(1, harmonics + 1)
-    matrix = jnp.zeros((*gain.shape[:-1], 2 * harmonics + 1, 2 * harmonics + 1)).at[..., 0, 0].set(gain[..., 0].real)
+    matrix = (
+        jnp.zeros((*gain.shape[:-1], 2 * harmonics + 1, 2 * harmonics + 1))
+        .at[..., 0, 0]
+        .set(gain[..., 0].real)
+    )
     real, imag = gain[..., 1:].real, gain[..., 1:].imag
-    matrix = matrix.at[..., index, index].set(real).at[..., index + harmonics, index + harmonics].set(real)
-    return matrix.at[..., index, index + harmonics].set(imag).at[..., index + harmonics, index].set(-imag)
+    matrix = (
+        matrix.at[..., index, index]
+        .set(real)
+        .at[..., index + harmonics, index + harmonics]
+        .set(real)
+    )
+    return (
+        matrix.at[..., index, index + harmonics]
+        .set(imag)
+        .at[..., index + harmonics, index]
+        .set(-imag)
+    )
 
 
 def product_matrix(coefficients):
-    """Packed matrix ``(..., 2N+1, 2N+1)`` of the product with a function c given to 2N harmonics ``(..., 2N+1)``.
+    """Packed matrix ``(..., 2N+1, 2N+1)`` of the product with a function c given to 2N
+    harmonics ``(..., 2N+1)``.
 
-    Truncated to N harmonics the product is Hermitian Toeplitz in complex coefficients, hence real and symmetric here:
-    with ``c^k = alpha_k - i beta_k`` (alpha even, beta odd in k) cos-cos ``alpha_{n-k} + alpha_{n+k}``, sin-sin
-    ``alpha_{n-k} - alpha_{n+k}``, cos-sin ``beta_{n+k} - beta_{n-k}``.
+    Truncated to N harmonics the product is Hermitian Toeplitz in complex coefficients,
+    hence real and symmetric here: with ``c^k = alpha_k - i beta_k`` (alpha even, beta
+    odd in k) cos-cos ``alpha_{n-k} + alpha_{n+k}``, sin-sin ``alpha_{n-k} -
+    alpha_{n+k}``, cos-sin ``beta_{n+k} - beta_{n-k}``.
     """
     harmonics = (coefficients.shape[-1] - 1) // 2
     n = jnp.arange(1, harmonics + 1)
@@ -135,8 +201,12 @@ def product_matrix(coefficients):
     alpha, beta = coefficients.real, -coefficients.imag
     even_minus, even_plus = alpha[..., jnp.abs(minus)], alpha[..., plus]
     odd_minus, odd_plus = jnp.sign(minus) * beta[..., jnp.abs(minus)], beta[..., plus]
-    first = SQRT2 * jnp.concatenate([alpha[..., 1 : harmonics + 1], beta[..., 1 : harmonics + 1]], axis=-1)
-    cosine_rows = jnp.concatenate([even_minus + even_plus, odd_plus - odd_minus], axis=-1)
+    first = SQRT2 * jnp.concatenate(
+        [alpha[..., 1 : harmonics + 1], beta[..., 1 : harmonics + 1]], axis=-1
+    )
+    cosine_rows = jnp.concatenate(
+        [even_minus + even_plus, odd_plus - odd_minus], axis=-1
+    )
     sine_rows = jnp.concatenate([odd_plus + odd_minus, even_minus - even_plus], axis=-1)
     body = jnp.concatenate([cosine_rows, sine_rows], axis=-2)
     body = jnp.concatenate([first[..., :, None], body], axis=-1)

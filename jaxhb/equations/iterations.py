@@ -1,9 +1,11 @@
-"""Iterations: generalised conjugate residuals for linear equations, and the length of a step of Newton's method.
+"""Iterations: generalised conjugate residuals for linear equations, and the length of a
+step of Newton's method.
 
-The level of a point, seen from an iterate, is the norm of the correction that the Jacobian of the iterate asks for
-there: of the correction itself at the iterate, of the simplified correction at the end of a trial. Unlike the residual
-it does not depend on how the equations are scaled (Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004,
-sec. 3.3, algorithm NLEQ-ERR). All arguments but lengths are norms.
+The level of a point, seen from an iterate, is the norm of the correction that the
+Jacobian of the iterate asks for there: of the correction itself at the iterate, of the
+simplified correction at the end of a trial. Unlike the residual it does not depend on
+how the equations are scaled (Deuflhard, Newton Methods for Nonlinear Problems, Springer
+2004, sec. 3.3, algorithm NLEQ-ERR). All arguments but lengths are norms.
 """
 
 import jax.numpy as jnp
@@ -15,14 +17,18 @@ SHORTEST = 1e-3  # length below which there is no step
 
 
 def gcr(apply, precondition, b, *, tolerance, steps):
-    """Solve ``apply(x) = b`` over the Krylov space of ``apply(precondition(.))``, on real arrays ``(n,)``, until the
-    residual norm has fallen to ``tolerance * |b|``, in at most ``steps`` (static): x, ``|b - apply(x)| / |b|``, and how
-    many steps were taken.
+    """Solve ``apply(x) = b`` over the Krylov space of ``apply(precondition(.))``, on
+    real arrays ``(n,)``, until the residual norm has fallen to ``tolerance * |b|``, in
+    at most ``steps`` (static): x, ``|b - apply(x)| / |b|``, and how many steps were
+    taken.
 
-    In exact arithmetic the iterates are those of GMRES with a right preconditioner (Eisenstat, Elman, Schultz, SIAM J.
-    Numer. Anal. 20 (1983) 345); the preconditioner may change from step to step.
+    In exact arithmetic the iterates are those of GMRES with a right preconditioner
+    (Eisenstat, Elman, Schultz, SIAM J. Numer. Anal. 20 (1983) 345); the preconditioner
+    may change from step to step.
 
-    >>> x, _, used = gcr(lambda v: 2 * v, lambda v: v, jnp.array([2.0, 4.0]), tolerance=1e-9, steps=5)
+    >>> x, _, used = gcr(
+    ...     lambda v: 2 * v, lambda v: v, jnp.array([2.0, 4.0]), tolerance=1e-9, steps=5
+    ... )
     >>> x.tolist(), int(used)
     ([1.0, 2.0], 1)
     """
@@ -33,7 +39,9 @@ def gcr(apply, precondition, b, *, tolerance, steps):
         q, z = state
         rows = lax.dynamic_slice_in_dim(images, block * ROWS, ROWS)
         h = rows @ q
-        return q - h @ rows, z - h @ lax.dynamic_slice_in_dim(directions, block * ROWS, ROWS)
+        return q - h @ rows, z - h @ lax.dynamic_slice_in_dim(
+            directions, block * ROWS, ROWS
+        )
 
     def unfinished(state):
         k, _, r, _, _ = state
@@ -43,26 +51,42 @@ def gcr(apply, precondition, b, *, tolerance, steps):
         k, x, r, images, directions = state
         z = precondition(r)
         q = apply(z)
-        blocks = (k + ROWS - 1) // ROWS  # those in use: most solves leave most of the room empty
-        # Twice: once leaves what rounding of large components makes, and directions that are not orthogonal cost steps
-        # (Giraud and others, Numer. Math. 101 (2005) 87).
+        blocks = (
+            k + ROWS - 1
+        ) // ROWS  # those in use: most solves leave most of the room empty
+        # Twice: once leaves what rounding of large components makes, and directions
+        # that are not orthogonal cost steps (Giraud and others, Numer. Math. 101 (2005)
+        # 87).
         for _ in range(2):
-            q, z = lax.fori_loop(0, blocks, lambda i, state: aside(i, state, images, directions), (q, z))
+            q, z = lax.fori_loop(
+                0, blocks, lambda i, state: aside(i, state, images, directions), (q, z)
+            )
         size = jnp.linalg.norm(q)
         scale = 1 / jnp.where(size > 0, size, 1.0)
         q, z = scale * q, scale * z
-        # images are orthonormal, so that the residual falls by its component along the last one alone.
+        # images are orthonormal, so that the residual falls by its component along the
+        # last one alone.
         share = q @ r
-        return k + 1, x + share * z, r - share * q, images.at[k].set(q), directions.at[k].set(z)
+        return (
+            k + 1,
+            x + share * z,
+            r - share * q,
+            images.at[k].set(q),
+            directions.at[k].set(z),
+        )
 
-    used, x, r, _, _ = lax.while_loop(unfinished, extend, (0, jnp.zeros_like(b), b, capacity, capacity))
+    used, x, r, _, _ = lax.while_loop(
+        unfinished, extend, (0, jnp.zeros_like(b), b, capacity, capacity)
+    )
     return x, jnp.linalg.norm(r) / jnp.where(norm > 0, norm, 1.0), used
 
 
 def gcr_on_host(apply, b, *, tolerance, steps):
     """The x of :func:`gcr` without preconditioner, for ``apply`` that runs on the host.
 
-    >>> gcr_on_host(lambda v: 2 * v, np.array([2.0, 4.0]), tolerance=1e-9, steps=5).tolist()
+    >>> gcr_on_host(
+    ...     lambda v: 2 * v, np.array([2.0, 4.0]), tolerance=1e-9, steps=5
+    ... ).tolist()
     [1.0, 2.0]
     """
     x, left, goal, count = np.zeros_like(b), b, tolerance * np.linalg.norm(b), 0
@@ -83,21 +107,27 @@ def gcr_on_host(apply, b, *, tolerance, steps):
 
 
 def lowers_level(simplified, correction, length):
-    """Whether a trial leads closer: a linear model promises a level of (1 - length) times that of the iterate, and a
-    quarter of the fall is wanted, so that steps which hardly gain anything are not taken."""
+    """Whether a trial leads closer: a linear model promises a level of (1 - length)
+    times that of the iterate, and a quarter of the fall is wanted, so that steps which
+    hardly gain anything are not taken.
+    """
     return simplified < (1 - length / 4) * correction
 
 
 def predicted_length(gain, difference, correction):
-    """Length to try first at an iterate, from how much the Jacobian changed on the way there: ``gain`` of the step
-    before, its length times its correction times its simplified correction; ``difference`` of that and the correction,
-    which only the change of the Jacobian makes different."""
+    """Length to try first at an iterate, from how much the Jacobian changed on the way
+    there: ``gain`` of the step before, its length times its correction times its
+    simplified correction; ``difference`` of that and the correction, which only the
+    change of the Jacobian makes different.
+    """
     return jnp.clip(gain / (difference * correction + 1e-300), SHORTEST, 1.0)
 
 
 def shorter_length(length, correction, curvature):
-    """Length to try after a trial that failed: where the ``curvature`` met on it, of the simplified correction less
-    (1 - length) times the correction, lets the level fall most; half the length where that is not finite."""
+    """Length to try after a trial that failed: where the ``curvature`` met on it, of
+    the simplified correction less (1 - length) times the correction, lets the level
+    fall most; half the length where that is not finite.
+    """
     # At least a tenth of the length: one trial far out may see too much curvature.
     wanted = correction * length**2 / (2 * curvature + 1e-300)
     return jnp.maximum(jnp.fmin(wanted, length / 2), length / 10)

@@ -1,5 +1,6 @@
-"""Numbers of a train that follow from its tables: speeds of the rotors, inertias of all disks, what they are referred
-to the reference rotor."""
+"""Numbers of a train that follow from its tables: speeds of the rotors, inertias of all
+disks, what they are referred to the reference rotor.
+"""
 
 from __future__ import annotations
 
@@ -16,23 +17,32 @@ if TYPE_CHECKING:
 
 Array = Any
 
-OF_PERIOD, OF_GEARS = ("stiffness_orders", "transmission_error"), ("first_gear_error", "second_gear_error")
-"""Rows of a mesh by orders of its mesh period, and of the own revolutions of its first and its second gear."""
+OF_PERIOD, OF_GEARS = (
+    ("stiffness_orders", "transmission_error"),
+    ("first_gear_error", "second_gear_error"),
+)
+"""Rows of a mesh by orders of its mesh period, and of the own revolutions of its first
+and its second gear.
+"""
 
 
 def speed_ratios(train):
-    """Speed ``[n_rotors]`` of each rotor over that of the reference rotor, from the pitch radii: r_a Omega_a = r_b
-    Omega_b; positive, as each rotor has its own sense."""
+    """Speed ``[n_rotors]`` of each rotor over that of the reference rotor, from the
+    pitch radii: r_a Omega_a = r_b Omega_b; positive, as each rotor has its own sense.
+    """
     return rotor_ratios(train.topology, train.disks.radius)
 
 
 def rotor_ratios(topology, radius):
-    """:func:`speed_ratios` of a topology with pitch radii ``(..., S)`` m: ``(..., n_rotors)``."""
+    """:func:`speed_ratios` of a topology with pitch radii ``(..., S)`` m: ``(...,
+    n_rotors)``.
+    """
     paths, xp = topology.rotor_path, namespace(radius)
     longest, radius = max(paths, key=len, default=()), xp.asarray(radius)
     if not longest:
         return xp.ones((*radius.shape[:-1], topology.n_rotors))
-    # Shorter paths are filled up by a gear over itself: disks that are no gears have radius 0.
+    # Shorter paths are filled up by a gear over itself: disks that are no gears have
+    # radius 0.
     gear = longest[0][0]
     steps = np.array([[*p, *([(gear, gear)] * (len(longest) - len(p)))] for p in paths])
     return xp.prod(radius[..., steps[..., 0]] / radius[..., steps[..., 1]], axis=-1)
@@ -58,11 +68,13 @@ def inertias(train):
 
 
 def tooth_damping_ratios(train: DriveTrain) -> Array:
-    """Damping ratio ``[n_meshes]`` of the teeth of every mesh in contact, of its two gears alone,
-    ``r / (2 sqrt(c m))``; nan where a gear has no inertia. The train may be traced.
+    """Damping ratio ``[n_meshes]`` of the teeth of every mesh in contact, of its two
+    gears alone, ``r / (2 sqrt(c m))``; nan where a gear has no inertia. The train may
+    be traced.
 
-    Along the pitch circle a gear has the mass ``J / r^2``, and two that are free otherwise vibrate against each other
-    with ``m = m_a m_b / (m_a + m_b)``. Gears that stiff shafts couple to heavier parts have a smaller ratio
+    Along the pitch circle a gear has the mass ``J / r^2``, and two that are free
+    otherwise vibrate against each other with ``m = m_a m_b / (m_a + m_b)``. Gears that
+    stiff shafts couple to heavier parts have a smaller ratio
     (:func:`jaxhb.damping_ratios` has those of the modes).
 
     Examples
@@ -75,29 +87,42 @@ def tooth_damping_ratios(train: DriveTrain) -> Array:
     if not len(train.topology.mesh_ends):
         return xp.zeros(0)
     a, b = np.array(train.topology.mesh_ends).T
-    # An infinite radius instead of 0 gives disks that are no gears no mass, and derivatives no nan.
-    mass = xp.asarray(train.disks.inertia) / xp.where(train.disks.radius > 0, train.disks.radius, xp.inf) ** 2
+    # An infinite radius instead of 0 gives disks that are no gears no mass, and
+    # derivatives no nan.
+    mass = (
+        xp.asarray(train.disks.inertia)
+        / xp.where(train.disks.radius > 0, train.disks.radius, xp.inf) ** 2
+    )
     heavy = mass[a] * mass[b] > 0
-    reduced = xp.where(heavy, mass[a] * mass[b], 1.0) / xp.where(heavy, mass[a] + mass[b], 1.0)
-    return xp.where(heavy, meshes.damping / (2.0 * xp.sqrt(meshes.stiffness * reduced)), xp.nan)
+    reduced = xp.where(heavy, mass[a] * mass[b], 1.0) / xp.where(
+        heavy, mass[a] + mass[b], 1.0
+    )
+    return xp.where(
+        heavy, meshes.damping / (2.0 * xp.sqrt(meshes.stiffness * reduced)), xp.nan
+    )
 
 
 @brief
 @dataclass(frozen=True)
 class Referred:
-    """Numbers of a train as they are and referred to the reference rotor; made by :func:`referred`.
+    """Numbers of a train as they are and referred to the reference rotor; made by
+    :func:`referred`.
 
     Loss factors are ratios and stay as they are.
 
     Parameters
     ----------
-    disks : tuple of str, the S disks, rings of dampers last; links : tuple of str, the L links
+    disks : tuple of str, the S disks, rings of dampers last; links : tuple of str, the
+    L links
     factor : ``(S,)`` i, speed of the disk over that of the reference rotor
     inertia, inertia_referred : ``(S,)`` kg m2, J and J i^2
-    link_factor : ``(L,)`` i of the rotor of a shaft or damper, of a mesh i r of its first gear in m
-    stiffness : ``(L,)`` N m/rad of shafts and dampers, N/m of meshes; stiffness_referred : ``(L,)`` N m/rad, k factor^2
+    link_factor : ``(L,)`` i of the rotor of a shaft or damper, of a mesh i r of its
+    first gear in m
+    stiffness : ``(L,)`` N m/rad of shafts and dampers, N/m of meshes;
+    stiffness_referred : ``(L,)`` N m/rad, k factor^2
     damping, damping_referred : ``(L,)`` the same in N m s/rad and N s/m
-    order, order_referred : ``(D,)`` of the D dampers, of their own rotor and n i of the reference rotor; 0: not tuned
+    order, order_referred : ``(D,)`` of the D dampers, of their own rotor and n i of the
+    reference rotor; 0: not tuned
     """
 
     disks: tuple
@@ -115,20 +140,33 @@ class Referred:
 
 
 def referred(train: DriveTrain) -> Referred:
-    """Inertias, stiffnesses and dampings as they are and referred to the reference rotor, ``J i^2``, ``k i^2``; the
-    train may be traced.
+    """Inertias, stiffnesses and dampings as they are and referred to the reference
+    rotor, ``J i^2``, ``k i^2``; the train may be traced.
 
-    Angles referred to the reference rotor are ``phi / i``: energies stay the same when each inertia and each torsional
-    stiffness is multiplied by i^2. The deflection of a mesh is ``i r (phi_a / i_a - phi_b / i_b)``, as ``i_a r_a = i_b
-    r_b``, so that its stiffness c along the pitch circle becomes ``c (i r)^2``.
+    Angles referred to the reference rotor are ``phi / i``: energies stay the same when
+    each inertia and each torsional stiffness is multiplied by i^2. The deflection of a
+    mesh is ``i r (phi_a / i_a - phi_b / i_b)``, as ``i_a r_a = i_b r_b``, so that its
+    stiffness c along the pitch circle becomes ``c (i r)^2``.
 
     Examples
     --------
     >>> from jaxhb.train.assembly import build
     >>> from jaxhb.elements.elements import Disk, Mesh
-    >>> gears = [Disk(name="slow", inertia=1.0, radius=0.2), Disk(name="fast", inertia=0.5, radius=0.1)]
-    >>> found = referred(build([*gears, Mesh(between=("slow", "fast"), stiffness=1e8)], reference="slow"))
-    >>> found.factor.tolist(), found.inertia_referred.tolist(), found.stiffness_referred.round(6).tolist()
+    >>> gears = [
+    ...     Disk(name="slow", inertia=1.0, radius=0.2),
+    ...     Disk(name="fast", inertia=0.5, radius=0.1),
+    ... ]
+    >>> found = referred(
+    ...     build(
+    ...         [*gears, Mesh(between=("slow", "fast"), stiffness=1e8)],
+    ...         reference="slow",
+    ...     )
+    ... )
+    >>> (
+    ...     found.factor.tolist(),
+    ...     found.inertia_referred.tolist(),
+    ...     found.stiffness_referred.round(6).tolist(),
+    ... )
     ([1.0, 2.0], [1.0, 2.0], [4000000.0])
     """
     topology, J = train.topology, inertias(train)
@@ -139,8 +177,19 @@ def referred(train: DriveTrain) -> Referred:
     radius = xp.concatenate([train.disks.radius, np.ones(len(topology.damper_names))])
     link_factor = factor[first] * xp.where(meshes, radius[first], 1.0)
     tables = train.shafts, train.dampers, train.meshes
-    k, r = (xp.concatenate([getattr(t, name) for t in tables]) for name in ("stiffness", "damping"))
+    k, r = (
+        xp.concatenate([getattr(t, name) for t in tables])
+        for name in ("stiffness", "damping")
+    )
     links = (link_factor, k, k * link_factor**2, r, r * link_factor**2)
     order = train.dampers.order
     orders = order, order * factor[np.array(topology.damper_disk, dtype=int)]
-    return Referred(topology.disk_names, topology.link_names, factor, J, J * factor**2, *links, *orders)
+    return Referred(
+        topology.disk_names,
+        topology.link_names,
+        factor,
+        J,
+        J * factor**2,
+        *links,
+        *orders,
+    )

@@ -1,8 +1,9 @@
 """The few modes of a finely divided train that forces at its meshes move, on the host.
 
-Dense matrices of all disks cost their cube. Here the train is projected on its responses to forces at the meshes over
-the frequencies that matter (rational Krylov, Galerkin): one sparse elimination a frequency, which a tree does not fill.
-Errors made here cost sweeps, never accuracy.
+Dense matrices of all disks cost their cube. Here the train is projected on its
+responses to forces at the meshes over the frequencies that matter (rational Krylov,
+Galerkin): one sparse elimination a frequency, which a tree does not fill. Errors made
+here cost sweeps, never accuracy.
 """
 
 from dataclasses import dataclass
@@ -10,21 +11,35 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from jaxhb.equations.state_space import HELD, HELD_ROUNDED, LIGHT, ROTATION, Modes, StateSpace, modes_of
+from jaxhb.equations.state_space import (
+    HELD,
+    HELD_ROUNDED,
+    LIGHT,
+    ROTATION,
+    Modes,
+    StateSpace,
+    modes_of,
+)
 
-SHIFTS = 12  # frequencies at which responses are taken; with 20 of them 300 and 3000 disks take as many sweeps
+# frequencies at which responses are taken; with 20 of them 300 and 3000 disks take as
+# many sweeps
+SHIFTS = 12
 
 
 def projected_modes(system, meshes, frequency) -> Modes:
-    """The :class:`~jaxhb.equations.state_space.Modes` of a System of the host that its meshes notice.
+    """The :class:`~jaxhb.equations.state_space.Modes` of a System of the host that its
+    meshes notice.
 
-    meshes : MeshParameters of those with backlash; frequency : rad/s, the lowest at which responses are taken, and what
-    scales slow modes.
+    meshes : MeshParameters of those with backlash; frequency : rad/s, the lowest at
+    which responses are taken, and what scales slow modes.
     """
     links = np.asarray(meshes.link)
     sparse = SparseTrain.of(system, links)
     basis = _basis(sparse, frequency)
-    K, B, H = (basis.T @ (matrix @ basis) for matrix in (sparse.stiffness, sparse.damping, sparse.loss))
+    K, B, H = (
+        basis.T @ (matrix @ basis)
+        for matrix in (sparse.stiffness, sparse.damping, sparse.loss)
+    )
     squares, vectors = np.linalg.eigh((K + K.T) / 2)
     moving = squares > ROTATION * squares[-1]
     # A soft spring parts the Jordan block of free rotation, as in march_modes.
@@ -38,10 +53,14 @@ def projected_modes(system, meshes, frequency) -> Modes:
     momenta = shapes.T * sparse.mass
     square, mesh_zeros, disk_zeros = (np.zeros_like(a) for a in (drag, rows, shapes))
     space = StateSpace(
-        transition=np.block([[square, np.diag(scale)], [-np.diag(squares / scale), -drag]]),
+        transition=np.block(
+            [[square, np.diag(scale)], [-np.diag(squares / scale), -drag]]
+        ),
         forcing=np.concatenate([mesh_zeros.T, -rows.T]),
         observation=np.block([[rows / scale, mesh_zeros], [mesh_zeros, rows]]),
-        coordinates=np.block([[scale[:, None] * momenta, disk_zeros.T], [disk_zeros.T, momenta]]),
+        coordinates=np.block(
+            [[scale[:, None] * momenta, disk_zeros.T], [disk_zeros.T, momenta]]
+        ),
     )
     motion = np.block([[shapes / scale, disk_zeros], [disk_zeros, shapes]])
     return modes_of(space, motion)
@@ -49,9 +68,11 @@ def projected_modes(system, meshes, frequency) -> Modes:
 
 @dataclass(frozen=True)
 class SparseTrain:
-    """Sparse stiffness N/m, damping N s/m and imaginary stiffness of loss factors ``(S, S)``; mass ``(S,)`` kg, a
-    little of disks without inertia; rows ``(G, S)`` of D of the meshes; highest : rad/s, above the modes in which gears
-    swing against their teeth and shafts."""
+    """Sparse stiffness N/m, damping N s/m and imaginary stiffness of loss factors ``(S,
+    S)``; mass ``(S,)`` kg, a little of disks without inertia; rows ``(G, S)`` of D of
+    the meshes; highest : rad/s, above the modes in which gears swing against their
+    teeth and shafts.
+    """
 
     stiffness: object
     damping: object
@@ -72,7 +93,9 @@ class SparseTrain:
         deflections = csr_matrix((arms, at), shape=(len(count), disks))
 
         def assembled(of_links, of_disks):
-            return (deflections.T @ diags(of_links) @ deflections + diags(of_disks)).tocsc()
+            return (
+                deflections.T @ diags(of_links) @ deflections + diags(of_disks)
+            ).tocsc()
 
         mass = np.where(system.mass > 0, system.mass, LIGHT * np.mean(system.mass))
         ends = np.concatenate([tree.end_a[links], tree.end_b[links]])
@@ -82,12 +105,16 @@ class SparseTrain:
             loss=assembled(system.loss * system.stiffness, np.zeros(disks)),
             mass=mass,
             mesh_rows=deflections[links].toarray(),
-            highest=float(np.sqrt(2 * np.max(system.held_stiffness()[ends] / mass[ends]))),
+            highest=float(
+                np.sqrt(2 * np.max(system.held_stiffness()[ends] / mass[ends]))
+            ),
         )
 
 
 def _basis(sparse, frequency):
-    """Columns ``(S, r)`` with ``basis^T M basis = 1`` of the responses to forces at the meshes."""
+    """Columns ``(S, r)`` with ``basis^T M basis = 1`` of the responses to forces at the
+    meshes.
+    """
     from scipy.sparse import diags
     from scipy.sparse.linalg import splu
 
@@ -97,13 +124,18 @@ def _basis(sparse, frequency):
     # Geometric: as many in each octave.
     for omega in np.geomspace(frequency, max(sparse.highest, 2 * frequency), SHIFTS):
         inertia = diags(omega**2 * sparse.mass)
-        dynamic = sparse.stiffness + 1j * (sparse.loss + omega * sparse.damping) - inertia
+        dynamic = (
+            sparse.stiffness + 1j * (sparse.loss + omega * sparse.damping) - inertia
+        )
         response = splu(dynamic.tocsc()).solve(forces)
         responses += [response.real, response.imag]
     columns = root * np.concatenate(responses, axis=1)
-    # Responses at resonances would drown the others: columns of length one before they are made orthogonal.
+    # Responses at resonances would drown the others: columns of length one before they
+    # are made orthogonal.
     sizes = np.linalg.norm(columns, axis=0)
     columns = columns[:, sizes > 0] / sizes[sizes > 0]
     orthonormal, triangle, _ = scipy.linalg.qr(columns, mode="economic", pivoting=True)
-    independent = np.abs(np.diag(triangle)) > np.finfo(float).eps * np.abs(triangle[0, 0])
+    independent = np.abs(np.diag(triangle)) > np.finfo(float).eps * np.abs(
+        triangle[0, 0]
+    )
     return orthonormal[:, independent] / root

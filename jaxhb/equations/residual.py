@@ -1,14 +1,16 @@
-"""The residual A(x) of the whole train in the Fourier domain, and its tangent in packed coordinates.
+"""The residual A(x) of the whole train in the Fourier domain, and its tangent in packed
+coordinates.
 
     A(x) = Z x + D^T f(D x, D x') - q,      Z = -n^2 Omega^2 M + i n Omega B + ground,
 
-the Galerkin equations of Fridman 2009 (with the opposite sign), ``x`` the displacements of all disks, real packed
-coordinates ``(S, P)``, P = 2N+1. :class:`jaxhb.equations.condensation.CondensedEquation` is the same equation condensed
+the Galerkin equations of Fridman 2009 (with the opposite sign), ``x`` the displacements
+of all disks, real packed coordinates ``(S, P)``, P = 2N+1.
+:class:`jaxhb.equations.condensation.CondensedEquation` is the same equation condensed
 to the meshes.
 
-Mean angles that no force decides are held by springs of the size of inertia forces, which carry nothing in a motion
-that solves the balance: the rotation of a floating train, weighted by inertia, at 0, and a ring behind a link without
-stiffness at its hub.
+Mean angles that no force decides are held by springs of the size of inertia forces,
+which carry nothing in a motion that solves the balance: the rotation of a floating
+train, weighted by inertia, at 0, and a ring behind a link without stiffness at its hub.
 """
 
 from dataclasses import dataclass, field
@@ -22,7 +24,11 @@ from jaxhb._jax import Array
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.block_sweep import matrix_sweep
-from jaxhb.equations.dynamic_stiffness import disk_stiffness, frequencies, link_stiffness
+from jaxhb.equations.dynamic_stiffness import (
+    disk_stiffness,
+    frequencies,
+    link_stiffness,
+)
 
 
 @jax.tree_util.register_dataclass
@@ -30,9 +36,10 @@ from jaxhb.equations.dynamic_stiffness import disk_stiffness, frequencies, link_
 class ForceBalance:
     """The balance of forces on all disks of a train at one speed: arrays, no names.
 
-    system : System; meshes : MeshParameters, at least those that have a law; the others are linear links; frequency :
-    Omega in rad/s; load : complex ``(S, N+1)`` N, without that of transmission errors; rigid : ``(S,)`` displacements
-    of the rigid rotation; samples : per cycle, at which the law is evaluated, more than 4 N.
+    system : System; meshes : MeshParameters, at least those that have a law; the others
+    are linear links; frequency : Omega in rad/s; load : complex ``(S, N+1)`` N, without
+    that of transmission errors; rigid : ``(S,)`` displacements of the rigid rotation;
+    samples : per cycle, at which the law is evaluated, more than 4 N.
     """
 
     system: Any
@@ -55,57 +62,90 @@ class ForceBalance:
         return fourier.pack(self.system.deflections(fourier.unpack(packed)))
 
     def residual_at(self, displacement, deflection):
-        """The same at packed displacements ``(S, P)`` m and the deflections ``(L, P)`` m of all links between them,
-        which a train that turns far as one does not tell by their differences."""
+        """The same at packed displacements ``(S, P)`` m and the deflections ``(L, P)``
+        m of all links between them, which a train that turns far as one does not tell
+        by their differences.
+        """
         mean = displacement[:, 0]
         x, deflection = fourier.unpack(displacement), fourier.unpack(deflection)
         meshes, count = self.meshes, self._meshes_proper
         force = self._link_stiffness() * deflection
-        of_law = fourier.analyze(self._at_samples(backlash.mesh_force, deflection), self.harmonics)
+        of_law = fourier.analyze(
+            self._at_samples(backlash.mesh_force, deflection), self.harmonics
+        )
         force = force.at[meshes.link[:count]].set(of_law[:count])
         if meshes.springs:
-            # A law beside a shaft adds to it, less the part that is in the linear link already.
+            # A law beside a shaft adds to it, less the part that is in the linear link
+            # already.
             link = meshes.link[count:]
-            force = force.at[link].add(of_law[count:] - self._linear_beside() * deflection[link])
+            force = force.at[link].add(
+                of_law[count:] - self._linear_beside() * deflection[link]
+            )
         left = fourier.pack(self._disks() * x - self.load + self.system.spread(force))
         return left.at[:, 0].add(self._hold(mean))
 
     def link_blocks(self, packed):
-        """Tangent blocks ``(L, P, P)`` of all links at ``packed`` deflections ``(L, P)`` m: diagonal for linear links,
-        for those with a law Toeplitz, ``T[df/dl] + T[df/dl'] d/dt``, with the slopes of the law written out by hand."""
+        """Tangent blocks ``(L, P, P)`` of all links at ``packed`` deflections ``(L,
+        P)`` m: diagonal for linear links, for those with a law Toeplitz, ``T[df/dl] +
+        T[df/dl'] d/dt``, with the slopes of the law written out by hand.
+        """
         meshes, count = self.meshes, self._meshes_proper
         deflection = fourier.unpack(packed)
         slope, rate_slope = self._at_samples(backlash.mesh_slopes, deflection)
-        # A product with a slope couples harmonics n and m by its harmonic n - m: 2 N of them are needed.
+        # A product with a slope couples harmonics n and m by its harmonic n - m: 2 N of
+        # them are needed.
         stiffness = fourier.product_matrix(fourier.analyze(slope, 2 * self.harmonics))
-        damping = fourier.product_matrix(fourier.analyze(rate_slope, 2 * self.harmonics))
+        damping = fourier.product_matrix(
+            fourier.analyze(rate_slope, 2 * self.harmonics)
+        )
         of_law = stiffness + damping @ fourier.packed_diagonal(1j * self._omega())
-        blocks = fourier.packed_diagonal(self._link_stiffness()).at[meshes.link[:count]].set(of_law[:count])
+        blocks = (
+            fourier.packed_diagonal(self._link_stiffness())
+            .at[meshes.link[:count]]
+            .set(of_law[:count])
+        )
         if not meshes.springs:
             return blocks
         linear = self._linear_beside()[:, :, None] * jnp.eye(packed.shape[-1])
         return blocks.at[meshes.link[count:]].add(of_law[count:] - linear)
 
     def node_blocks(self):
-        """Diagonal blocks ``(S, P, P)`` of the disks: inertia, damping to ground and ground."""
+        """Diagonal blocks ``(S, P, P)`` of the disks: inertia, damping to ground and
+        ground.
+        """
         return fourier.packed_diagonal(self._disks() + 0j)
 
     def jacobian(self, packed):
-        """The dense Jacobian ``(S, P, S, P)`` of the residual, assembled from the blocks of disks and links."""
+        """The dense Jacobian ``(S, P, S, P)`` of the residual, assembled from the
+        blocks of disks and links.
+        """
         system, blocks = self.system, self.link_blocks(self.deflections(packed))
         a, b = system.tree.end_a, system.tree.end_b
         arm_a, arm_b = system.arm_a[:, None, None], system.arm_b[:, None, None]
         disks, width = packed.shape
         disk = jnp.arange(disks)
-        matrix = jnp.zeros((disks, disks, width, width)).at[disk, disk].add(self.node_blocks())
+        matrix = (
+            jnp.zeros((disks, disks, width, width))
+            .at[disk, disk]
+            .add(self.node_blocks())
+        )
         matrix = matrix.at[a, a].add(arm_a**2 * blocks).at[b, b].add(arm_b**2 * blocks)
-        matrix = matrix.at[a, b].add(-arm_a * arm_b * blocks).at[b, a].add(-arm_a * arm_b * blocks)
+        matrix = (
+            matrix.at[a, b]
+            .add(-arm_a * arm_b * blocks)
+            .at[b, a]
+            .add(-arm_a * arm_b * blocks)
+        )
         turned, inertia = self._turned()
-        matrix = matrix.at[:, :, 0, 0].add(self._hold_per_drift() * jnp.outer(turned, turned) / inertia)
+        matrix = matrix.at[:, :, 0, 0].add(
+            self._hold_per_drift() * jnp.outer(turned, turned) / inertia
+        )
         return matrix.transpose(0, 2, 1, 3)
 
     def solve(self, packed, right_side):
-        """J(x)^-1 ``right_side``, both ``(S, P)``, by :meth:`sweep`, with its derivative."""
+        """J(x)^-1 ``right_side``, both ``(S, P)``, by :meth:`sweep`, with its
+        derivative.
+        """
         node, link = self.node_blocks(), self.link_blocks(self.deflections(packed))
 
         def product(change):
@@ -120,31 +160,49 @@ class ForceBalance:
         return lax.custom_linear_solve(product, right_side, by(node, link), transposed)
 
     def sweep(self, deflection, right_side):
-        """J^-1 ``right_side`` ``(S, P)`` at packed deflections ``(L, P)`` by one block sweep over the tree, and the
-        deflections ``(L, P)`` of its links in it; without links outside the tree."""
+        """J^-1 ``right_side`` ``(S, P)`` at packed deflections ``(L, P)`` by one block
+        sweep over the tree, and the deflections ``(L, P)`` of its links in it; without
+        links outside the tree.
+        """
         return self._swept(self.node_blocks(), self.link_blocks(deflection), right_side)
 
     def _swept(self, node, link, right_side):
         """Solution and deflections by elimination with blocks of disks and links."""
         system, tree = self.system, self.system.tree
         if not len(link):
-            return jnp.linalg.solve(node, right_side[:, :, None])[:, :, 0], right_side[:0]
-        # The sweep counts from the leaves: arms of the node and of its parent, whichever end of the link they are at.
+            return (
+                jnp.linalg.solve(node, right_side[:, :, None])[:, :, 0],
+                right_side[:0],
+            )
+        # The sweep counts from the leaves: arms of the node and of its parent,
+        # whichever end of the link they are at.
         near = jnp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
         far = jnp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
-        # The hold of a floating train joins all disks, a tree does not. The balance of its mean torques, what the hold
-        # takes, tells the rotation; what is left is balanced, and the root may then be held by any spring.
-        (turned, inertia), hold, floating = self._turned(), self._hold_per_drift(), system.floating
+        # The hold of a floating train joins all disks, a tree does not. The balance of
+        # its mean torques, what the hold takes, tells the rotation; what is left is
+        # balanced, and the root may then be held by any spring.
+        (turned, inertia), hold, floating = (
+            self._turned(),
+            self._hold_per_drift(),
+            system.floating,
+        )
         unbalanced = jnp.where(floating, self.rigid @ right_side[:, 0], 0.0)
         balanced = right_side.at[:, 0].add(-turned * unbalanced / inertia)
         node = node.at[tree.node[-1], 0, 0].add(jnp.where(floating, 1.0, 0.0))
         given = link[tree.link], node[tree.node], balanced[tree.node]
         found, apart, _ = matrix_sweep(tree.parent, near, far, *given)
         apart = jnp.where(tree.from_a, 1.0, -1.0)[:, None] * apart
-        deflection = jnp.zeros((len(link), found.shape[-1])).at[tree.link[:-1]].set(apart[:-1])
+        deflection = (
+            jnp.zeros((len(link), found.shape[-1])).at[tree.link[:-1]].set(apart[:-1])
+        )
         change = jnp.zeros_like(found).at[tree.node].set(found)
         rotation = unbalanced / jnp.where(floating, hold, 1.0) - turned @ change[:, 0]
-        return change.at[:, 0].add(jnp.where(floating, self.rigid * rotation / inertia, 0.0)), deflection
+        return (
+            change.at[:, 0].add(
+                jnp.where(floating, self.rigid * rotation / inertia, 0.0)
+            ),
+            deflection,
+        )
 
     @property
     def _meshes_proper(self):
@@ -155,7 +213,9 @@ class ForceBalance:
         return frequencies(self.frequency, self.harmonics)
 
     def _link_stiffness(self):
-        """Complex ``(L, N+1)`` N/m of the linear links, with what holds rings at the mean."""
+        """Complex ``(L, N+1)`` N/m of the linear links, with what holds rings at the
+        mean.
+        """
         system = self.system
         ring = self.frequency**2 * system.mass[system.tree.end_b]
         hold = jnp.where(system.tree.pinned & (system.stiffness == 0), ring, 0.0)
@@ -167,11 +227,16 @@ class ForceBalance:
 
     def _disks(self):
         system = self.system
-        numbers = (jnp.asarray(values)[:, None] for values in (system.mass, system.damping, system.ground))
+        numbers = (
+            jnp.asarray(values)[:, None]
+            for values in (system.mass, system.damping, system.ground)
+        )
         return disk_stiffness(self._omega(), *numbers)
 
     def _turned(self):
-        """``(S,)`` kg m, inertia times the rigid rotation of each disk, and the inertia of that rotation."""
+        """``(S,)`` kg m, inertia times the rigid rotation of each disk, and the inertia
+        of that rotation.
+        """
         turned = jnp.asarray(self.system.mass) * self.rigid
         return turned, jnp.where(self.system.floating, turned @ self.rigid, 1.0)
 
@@ -180,13 +245,20 @@ class ForceBalance:
         return jnp.where(self.system.floating, self.frequency**2, 0.0)
 
     def _hold(self, mean):
-        """Forces ``(S,)`` N that hold the mean rotation of a floating train, from mean displacements ``(S,)``."""
+        """Forces ``(S,)`` N that hold the mean rotation of a floating train, from mean
+        displacements ``(S,)``.
+        """
         turned, inertia = self._turned()
         return self._hold_per_drift() * turned * (turned @ mean) / inertia
 
     def _at_samples(self, function, deflection):
-        """A function of the laws along the motion with deflections ``(L, N+1)`` of the links, at time samples."""
+        """A function of the laws along the motion with deflections ``(L, N+1)`` of the
+        links, at time samples.
+        """
         teeth = backlash.less_error(self.meshes, deflection[self.meshes.link])
         rule = fourier.Equidistant(self.samples)
-        motion = (rule.synthesize(l) for l in (teeth, fourier.derivative(teeth, self.frequency)))
+        motion = (
+            rule.synthesize(l)
+            for l in (teeth, fourier.derivative(teeth, self.frequency))
+        )
         return function(*backlash.at_samples(self.meshes, rule.synthesize), *motion)

@@ -1,22 +1,28 @@
-"""The linear train as dense first-order equations in energy coordinates, and in its damped modes.
+"""The linear train as dense first-order equations in energy coordinates, and in its
+damped modes.
 
-With every mesh taken in contact the displacements obey ``M x'' + B x' + K x = q - D^T phi``. The state is
+With every mesh taken in contact the displacements obey ``M x'' + B x' + K x = q - D^T
+phi``. The state is
 
-    y = (s q, p, v),     q = Q^T M^(1/2) x,     v = q',     p = scaled displacements of damped massless disks,
+    y = (s q, p, v),     q = Q^T M^(1/2) x,     v = q',
+    p = scaled displacements of damped massless disks,
 
-with Q the undamped modes and ``s = max(omega, Omega)``: ``|y|^2`` is twice the energy of all modes above the
-excitation, so that propagators, monodromy matrices and their singular values are well scaled from the free rotation (s
-q of a floating train) to the stiffest tooth. Massless disks without damping are condensed statically; massless disks
+with Q the undamped modes and ``s = max(omega, Omega)``: ``|y|^2`` is twice the energy
+of all modes above the excitation, so that propagators, monodromy matrices and their
+singular values are well scaled from the free rotation (s q of a floating train) to the
+stiffest tooth. Massless disks without damping are condensed statically; massless disks
 whose damping matrix is regular have the first-order equation ``B x' + K x = q``.
 
-In its damped modes, ``A V = V diag(rates)``, every state stands by itself, so that lanes of other speeds share all but
-rates:
+In its damped modes, ``A V = V diag(rates)``, every state stands by itself, so that
+lanes of other speeds share all but rates:
 
-    z' = rates z + forcing phi,     (l, l') = Re(observation z),     (x, x') = Re(motion z).
+    z' = rates z + forcing phi,     (l, l') = Re(observation z),
+    (x, x') = Re(motion z).
 
-One mode of each conjugate pair is kept and counted twice. Free rotation and rings without spring have a Jordan block,
-which no eigenvectors span: a spring far below the cycle frequency parts it, which no mesh notices. Rates at which
-eigenvectors coincide are parted by a little more damping.
+One mode of each conjugate pair is kept and counted twice. Free rotation and rings
+without spring have a Jordan block, which no eigenvectors span: a spring far below the
+cycle frequency parts it, which no mesh notices. Rates at which eigenvectors coincide
+are parted by a little more damping.
 """
 
 import dataclasses
@@ -30,18 +36,29 @@ from jax import lax
 
 from jaxhb._jax import Array, namespace, on_host, traced
 
-LIGHT = 1e-6  # share of the mean inertia that a disk without inertia gets: its mode is then far above all others
-ROTATION = 1e-14  # share of the highest squared frequency below which a mode is free rotation, as rounding shows it
-# Frequency given to free rotation by springs in proportion to the inertias, as a share of that of the cycle; and the
-# least share of the highest squared frequency, which rounding leaves.
+# share of the mean inertia that a disk without inertia gets: its mode is then far above
+# all others
+LIGHT = 1e-6
+# share of the highest squared frequency below which a mode is free rotation, as
+# rounding shows it
+ROTATION = 1e-14
+# Frequency given to free rotation by springs in proportion to the inertias, as a share
+# of that of the cycle; and the least share of the highest squared frequency, which
+# rounding leaves.
 HELD, HELD_ROUNDED = 1e-5, 1e-15
-CONDITION, PARTING = 1e7, 1e-9  # of eigenvectors, above which damping is added, and that as a share of the largest
-PARTED = 1e-13  # damping that is always added where real modes are made, as a share of the largest
+CONDITION, PARTING = (
+    1e7,
+    1e-9,
+)  # of eigenvectors, above which damping is added, and that as a share of the largest
+# damping that is always added where real modes are made, as a share of the largest
+PARTED = 1e-13
 
 
 @dataclass(frozen=True)
 class Partition:
-    """Disks by the order of their equation: inertial (second), damped massless (first), static massless (none)."""
+    """Disks by the order of their equation: inertial (second), damped massless (first),
+    static massless (none).
+    """
 
     inertial: tuple[int, ...]
     damped: tuple[int, ...] = ()
@@ -51,10 +68,12 @@ class Partition:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class StateSpace:
-    """``y' = A y + E phi``, mesh deflections and rates ``w = L y`` (l before l'), ``y = T (x, x')``.
+    """``y' = A y + E phi``, mesh deflections and rates ``w = L y`` (l before l'), ``y =
+    T (x, x')``.
 
-    transition A ``(n, n)`` 1/s; forcing E ``(n, G)``; observation L ``(2G, n)``; coordinates T ``(n, 2S)``; in_modes :
-    whether A has entries only in the blocks of states k and n/2 + k, which :func:`paired` gives.
+    transition A ``(n, n)`` 1/s; forcing E ``(n, G)``; observation L ``(2G, n)``;
+    coordinates T ``(n, 2S)``; in_modes : whether A has entries only in the blocks of
+    states k and n/2 + k, which :func:`paired` gives.
     """
 
     transition: Array
@@ -65,7 +84,9 @@ class StateSpace:
 
 
 def paired(matrix):
-    """The blocks ``(2, 2, n/2)`` of a matrix ``(n, n)`` that couples states k and n/2 + k alone."""
+    """The blocks ``(2, 2, n/2)`` of a matrix ``(n, n)`` that couples states k and n/2 +
+    k alone.
+    """
     half = len(matrix) // 2
     quarters = jnp.stack([matrix[:half], matrix[half:]]).reshape(2, half, 2, half)
     return jnp.diagonal(quarters, axis1=1, axis2=3)
@@ -77,7 +98,9 @@ def paired_matrix(blocks):
 
 
 def propagated(propagator, state):
-    """Product of a matrix ``(n, n)``, or of the blocks that :func:`paired` gives, with states ``(n, ...)``."""
+    """Product of a matrix ``(n, n)``, or of the blocks that :func:`paired` gives, with
+    states ``(n, ...)``.
+    """
     if propagator.ndim == 2:
         return propagator @ state
     pairs = state.reshape(2, -1, *state.shape[1:])
@@ -86,15 +109,21 @@ def propagated(propagator, state):
 
 
 def modal_basis(transition):
-    """A real basis ``(n, n)`` in which a transition matrix couples states k and n/2 + k alone, for even n.
+    """A real basis ``(n, n)`` in which a transition matrix couples states k and n/2 + k
+    alone, for even n.
 
-    Columns k and n/2 + k are real and imaginary part of an eigenvector, or two real eigenvectors.
+    Columns k and n/2 + k are real and imaginary part of an eigenvector, or two real
+    eigenvectors.
     """
-    # Eigenvectors that coincide are parted by a little more damping, which no march and no preconditioner notices.
+    # Eigenvectors that coincide are parted by a little more damping, which no march and
+    # no preconditioner notices.
     n, little = len(transition), PARTED * jnp.abs(jnp.diag(transition)).max()
     shares = (1 + jnp.arange(n)) / n
-    rates, vectors = jnp.linalg.eig(lax.stop_gradient(transition - jnp.diag(little * shares)))
-    # Those that turn, real ones, and the conjugates of the first; of the first their real and imaginary parts.
+    rates, vectors = jnp.linalg.eig(
+        lax.stop_gradient(transition - jnp.diag(little * shares))
+    )
+    # Those that turn, real ones, and the conjugates of the first; of the first their
+    # real and imaginary parts.
     vectors = vectors[:, jnp.argsort(-rates.imag)]
     turning, k = jnp.sum(rates.imag > 0), jnp.arange(n // 2)
     real = turning + 2 * (k - turning)
@@ -104,7 +133,9 @@ def modal_basis(transition):
 
 
 def matrices(system):
-    """Dense damping matrix B and stiffness matrix K ``(S, S)``, meshes taken in contact."""
+    """Dense damping matrix B and stiffness matrix K ``(S, S)``, meshes taken in
+    contact.
+    """
     xp, D = namespace(system), system.incidence().T
     B = xp.diag(system.damping) + D.T @ (system.viscous[:, None] * D)
     K = xp.diag(system.ground) + D.T @ (system.stiffness[:, None] * D)
@@ -112,19 +143,22 @@ def matrices(system):
 
 
 def loss_stiffness(system):
-    """The imaginary part ``(S, S)`` N/m that loss factors add to K for harmonics above 0."""
+    """The imaginary part ``(S, S)`` N/m that loss factors add to K for harmonics above
+    0.
+    """
     D = system.incidence().T
     return D.T @ ((system.loss * system.stiffness)[:, None] * D)
 
 
 def loss_damping(system):
-    """Damping matrix ``(S, S)`` N s/m, host, that takes as much from every mode as loss factors do, which have no
-    equation in time.
+    """Damping matrix ``(S, S)`` N s/m, host, that takes as much from every mode as loss
+    factors do, which have no equation in time.
 
     With the undamped modes (``Phi^T M Phi = 1``, ``Phi^T K Phi = W^2``) and the
-    imaginary stiffness H, the matrix C of ``Phi^T C Phi = W^-1/2 Phi^T H Phi W^-1/2`` is symmetric, takes energy from
-    all motions, and gives each mode the damping ratio that H gives it at its own frequency; off its resonance a mode is
-    hardly damped by either.
+    imaginary stiffness H, the matrix C of ``Phi^T C Phi = W^-1/2 Phi^T H Phi W^-1/2``
+    is symmetric, takes energy from all motions, and gives each mode the damping ratio
+    that H gives it at its own frequency; off its resonance a mode is hardly damped by
+    either.
     """
     if not np.any(system.loss):
         return np.zeros((len(system.mass),) * 2)
@@ -134,17 +168,24 @@ def loss_damping(system):
     moving = squares > ROTATION * squares[-1]
     root = np.where(moving, np.where(moving, squares, 1.0) ** -0.25, 0.0)
     left = scale * shapes * root
-    return left @ ((shapes / scale).T @ loss_stiffness(system) @ (shapes / scale)) @ left.T
+    return (
+        left @ ((shapes / scale).T @ loss_stiffness(system) @ (shapes / scale)) @ left.T
+    )
 
 
 def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
-    """The :class:`Partition` of the disks, on the host; hashable, to be passed where the system is traced.
+    """The :class:`Partition` of the disks, on the host; hashable, to be passed where
+    the system is traced.
 
-    meshes : those with backlash; names : for the sentences of errors; lossy : whether loss factors are served, by
-    :func:`loss_damping`. Raises ValueError naming loss factors, or massless disks that leave no equation to integrate.
+    meshes : those with backlash; names : for the sentences of errors; lossy : whether
+    loss factors are served, by :func:`loss_damping`. Raises ValueError naming loss
+    factors, or massless disks that leave no equation to integrate.
     """
     if traced((system, meshes)):
-        raise ValueError("jit or vmap traces the train: pass parts=partition(system, meshes), made outside.")
+        raise ValueError(
+            "jit or vmap traces the train: pass parts=partition(system, meshes), made"
+            " outside."
+        )
 
     system, meshed = jax.tree.map(np.asarray, system), np.asarray(meshes.link)
 
@@ -154,15 +195,16 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
     refused = [] if lossy else np.flatnonzero(system.loss)
     if len(refused):
         raise ValueError(
-            f"{named(link_names, 'link', refused)}: loss factors exist only in harmonic methods: "
-            "apply train.with_viscous_damping(hz=...)."
+            f"{named(link_names, 'link', refused)}: loss factors exist only in harmonic"
+            " methods: apply train.with_viscous_damping(hz=...)."
         )
     massless = np.flatnonzero(system.mass == 0)
     ends = np.concatenate([system.tree.end_a[meshed], system.tree.end_b[meshed]])
     for index in massless[np.isin(massless, ends)]:
         raise ValueError(
-            f"{named(disk_names, 'disk', [index])} has no inertia and carries a backlash mesh: no equation of motion "
-            "in time is left for it. Give it an inertia, or use a harmonic method."
+            f"{named(disk_names, 'disk', [index])} has no inertia and carries a"
+            " backlash mesh: no equation of motion in time is left for it. Give it an"
+            " inertia, or use a harmonic method."
         )
     B, K = matrices(system)
     undamped = ~np.any(B[massless] != 0, axis=1)
@@ -170,34 +212,53 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
     for group, matrix, what in ((static, K, "stiffness"), (damped, B, "damping")):
         block = matrix[np.ix_(group, group)]
         scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
-        if group.size and not np.linalg.eigvalsh(block / scale[:, None] / scale)[0] > 1e-10:
+        if (
+            group.size
+            and not np.linalg.eigvalsh(block / scale[:, None] / scale)[0] > 1e-10
+        ):
             raise ValueError(
-                f"{named(disk_names, 'disk', group)}: no inertia, and the {what} between them does not determine their "
-                "motion. Give them an inertia, or use a harmonic method."
+                f"{named(disk_names, 'disk', group)}: no inertia, and the {what}"
+                " between them does not determine their motion. Give them an inertia,"
+                " or use a harmonic method."
             )
-    return Partition(*(tuple(group.tolist()) for group in (np.flatnonzero(system.mass != 0), damped, static)))
+    return Partition(
+        *(
+            tuple(group.tolist())
+            for group in (np.flatnonzero(system.mass != 0), damped, static)
+        )
+    )
 
 
 def state_space(system, meshes, frequency, parts, damping=0.0):
-    """The :class:`StateSpace` of the train and its meshes with backlash; ``frequency`` Omega in rad/s only scales the
-    slow modes, ``damping`` ``(S, S)`` N s/m acts beside that of the system."""
+    """The :class:`StateSpace` of the train and its meshes with backlash; ``frequency``
+    Omega in rad/s only scales the slow modes, ``damping`` ``(S, S)`` N s/m acts beside
+    that of the system.
+    """
     xp, (B, K) = namespace(system, meshes, frequency), matrices(system)
     B = B + damping
-    inertial, damped, static = (np.array(g, dtype=int) for g in (parts.inertial, parts.damped, parts.static))
+    inertial, damped, static = (
+        np.array(g, dtype=int) for g in (parts.inertial, parts.damped, parts.static)
+    )
     kept = np.concatenate([inertial, damped])
     stiffness = K[np.ix_(kept, kept)]
     if static.size:
         coupling = K[np.ix_(static, kept)]
-        stiffness = stiffness - coupling.T @ xp.linalg.solve(K[np.ix_(static, static)], coupling)
+        stiffness = stiffness - coupling.T @ xp.linalg.solve(
+            K[np.ix_(static, static)], coupling
+        )
     n, extra = inertial.size, damped.size
     root = xp.sqrt(system.mass[inertial])
-    # Any orthonormal basis is exact, hence no derivative through that of the undamped modes.
+    # Any orthonormal basis is exact, hence no derivative through that of the undamped
+    # modes.
     constant = lax.stop_gradient if xp is jnp else lambda a: a
-    squares, vectors = xp.linalg.eigh(constant(stiffness[:n, :n] / root[:, None] / root))
+    squares, vectors = xp.linalg.eigh(
+        constant(stiffness[:n, :n] / root[:, None] / root)
+    )
     scale = constant(xp.sqrt(xp.maximum(squares, frequency**2)))
     to_modal, from_modal = vectors.T * root, vectors / root[:, None]
     drag = B[np.ix_(kept, kept)]
-    # B x' + K x = 0: velocities of damped disks without inertia from all displacements and the others' velocities.
+    # B x' + K x = 0: velocities of damped disks without inertia from all displacements
+    # and the others' velocities.
     follow = xp.zeros((extra, 2 * n + extra))
     if extra:
         right = xp.concatenate([stiffness[n:], drag[n:, :n]], axis=1)
@@ -224,24 +285,33 @@ def state_space(system, meshes, frequency, parts, damping=0.0):
 
 
 def dense_linear_motion(system, frequency, load):
-    """Steady displacements ``(S, N+1)`` m of the train with all meshes in contact under ``load`` ``(S, N+1)`` N, one
-    dense solve per harmonic; those that no force opposes (rotation, rings without spring) have mean zero."""
+    """Steady displacements ``(S, N+1)`` m of the train with all meshes in contact under
+    ``load`` ``(S, N+1)`` N, one dense solve per harmonic; those that no force opposes
+    (rotation, rings without spring) have mean zero.
+    """
     xp, (B, K) = namespace(system, frequency, load), matrices(system)
     mean = static_response(K, load[:, 0].real)
     omega = frequency * xp.arange(1, load.shape[-1])
     K = K + 1j * loss_stiffness(system)
-    Z = K + 1j * omega[:, None, None] * B - omega[:, None, None] ** 2 * xp.diag(system.mass)
+    Z = (
+        K
+        + 1j * omega[:, None, None] * B
+        - omega[:, None, None] ** 2 * xp.diag(system.mass)
+    )
     harmonics = xp.linalg.solve(Z, load[:, 1:].T[..., None])[..., 0].T
     return xp.concatenate([mean[:, None] + 0j, harmonics], axis=1)
 
 
 def static_response(K, force):
-    """K^-1 force, without the motions that meet no stiffness (the load is balanced on them)."""
+    """K^-1 force, without the motions that meet no stiffness (the load is balanced on
+    them).
+    """
     xp = namespace(K, force)
     diagonal = xp.diag(K)
     scale = xp.sqrt(xp.where(diagonal > 0, diagonal, 1.0))
     values, vectors = xp.linalg.eigh(K / scale[:, None] / scale)
-    # Scaled by the diagonal: what is left of an eigenvalue that should be zero is rounding.
+    # Scaled by the diagonal: what is left of an eigenvalue that should be zero is
+    # rounding.
     held = values > 1e-13
     inverse = xp.where(held, 1.0, 0.0) / xp.where(held, values, 1.0)
     return (vectors @ (inverse * (vectors.T @ (force / scale)))) / scale
@@ -249,8 +319,9 @@ def static_response(K, force):
 
 @dataclass(frozen=True)
 class Modes:
-    """Complex host arrays of m modes: rates ``(m,)`` 1/s; forcing ``(m, G)``; observation ``(2G, m)``; motion
-    ``(2S, m)``; coordinates ``(m, 2S)``, z of (x, x')."""
+    """Complex host arrays of m modes: rates ``(m,)`` 1/s; forcing ``(m, G)``;
+    observation ``(2G, m)``; motion ``(2S, m)``; coordinates ``(m, 2S)``, z of (x, x').
+    """
 
     rates: np.ndarray
     forcing: np.ndarray
@@ -262,13 +333,20 @@ class Modes:
         """Some of the modes, by index or mask."""
         rows = (self.rates, self.forcing, self.coordinates)
         rates, forcing, coordinates = (array[chosen] for array in rows)
-        return Modes(rates, forcing, self.observation[:, chosen], self.motion[:, chosen], coordinates)
+        return Modes(
+            rates,
+            forcing,
+            self.observation[:, chosen],
+            self.motion[:, chosen],
+            coordinates,
+        )
 
 
 def march_modes(system, meshes, frequency, parts):
     """The :class:`Modes` of a train; arguments as of :func:`state_space`."""
-    # Springs in proportion to the inertias leave the undamped shapes as they are: they part the Jordan block of free
-    # rotation, and raise the other frequencies by less than rounding shows.
+    # Springs in proportion to the inertias leave the undamped shapes as they are: they
+    # part the Jordan block of free rotation, and raise the other frequencies by less
+    # than rounding shows.
     soft = _holding(system, frequency, parts)
     held = dataclasses.replace(system, ground=system.ground + soft * system.mass)
     space = state_space(*on_host((held, meshes)), frequency, parts, loss_damping(held))
@@ -278,13 +356,16 @@ def march_modes(system, meshes, frequency, parts):
 def _holding(system, frequency, parts):
     """Stiffness over inertia, 1/s2, of the springs that hold free rotation."""
     inertial = np.array(parts.inertial, int)
-    highest = np.max(np.asarray(system.held_stiffness())[inertial] / system.mass[inertial])
+    highest = np.max(
+        np.asarray(system.held_stiffness())[inertial] / system.mass[inertial]
+    )
     return max((HELD * frequency) ** 2, HELD_ROUNDED * highest)
 
 
 def unheld_modes(system, meshes, space, frequency, parts):
-    """The :class:`Modes` of a train with its StateSpace, without the spring of :func:`march_modes`: where rotation is
-    free its rates are 0."""
+    """The :class:`Modes` of a train with its StateSpace, without the spring of
+    :func:`march_modes`: where rotation is free its rates are 0.
+    """
     rates, vectors = np.linalg.eig(space.transition)
     if np.linalg.cond(vectors) <= CONDITION:
         return _kept_modes(rates, vectors, space, _motion(system, space, parts))
@@ -294,8 +375,9 @@ def unheld_modes(system, meshes, space, frequency, parts):
 
 
 def _without_spring(modes, free):
-    """The Modes with rates 0 of those that are ``free`` ``(m,)``: real and imaginary part of one that turns on its
-    spring are two, angle and speed of a rotation."""
+    """The Modes with rates 0 of those that are ``free`` ``(m,)``: real and imaginary
+    part of one that turns on its spring are two, angle and speed of a rotation.
+    """
     turns = free & (modes.rates.imag != 0)
     others, turning = modes.only(~turns), modes.only(turns)
     still = np.zeros(np.count_nonzero(turns))
@@ -306,7 +388,9 @@ def _without_spring(modes, free):
 
     def columns(name):
         rotation = getattr(turning, name)
-        return np.concatenate([getattr(others, name), rotation.real, -rotation.imag], axis=1)
+        return np.concatenate(
+            [getattr(others, name), rotation.real, -rotation.imag], axis=1
+        )
 
     return Modes(
         rates=np.concatenate([np.where(free[~turns], 0.0, others.rates), still, still]),
@@ -318,35 +402,51 @@ def _without_spring(modes, free):
 
 
 def modes_of(space, motion):
-    """The :class:`Modes` of a StateSpace; ``motion`` ``(2S, n)``: (x, x') of its states."""
+    """The :class:`Modes` of a StateSpace; ``motion`` ``(2S, n)``: (x, x') of its
+    states.
+    """
     A = np.asarray(space.transition)
     rates, vectors = np.linalg.eig(A)
     if np.linalg.cond(vectors) > CONDITION:
         shares = (1 + np.arange(len(A))) / len(A)
-        # Different shares for every state: equal ones would move all eigenvalues alike and part none.
-        rates, vectors = np.linalg.eig(A - np.diag(PARTING * np.abs(np.diag(A)).max() * shares))
+        # Different shares for every state: equal ones would move all eigenvalues alike
+        # and part none.
+        rates, vectors = np.linalg.eig(
+            A - np.diag(PARTING * np.abs(np.diag(A)).max() * shares)
+        )
     return _kept_modes(rates, vectors, space, motion)
 
 
 def _kept_modes(rates, vectors, space, motion):
     """The :class:`Modes` of eigenvalues and eigenvectors of a StateSpace."""
-    E, L, T = (np.asarray(a) for a in (space.forcing, space.observation, space.coordinates))
-    # Of a conjugate pair one mode, counted twice below: Re(v z) of both is twice that of one.
+    E, L, T = (
+        np.asarray(a) for a in (space.forcing, space.observation, space.coordinates)
+    )
+    # Of a conjugate pair one mode, counted twice below: Re(v z) of both is twice that
+    # of one.
     one = rates.imag >= 0
     inverse = np.linalg.inv(vectors)[one]
-    rates, vectors = rates[one], np.where(rates[one].imag > 0, 2.0, 1.0) * vectors[:, one]
+    rates, vectors = (
+        rates[one],
+        np.where(rates[one].imag > 0, 2.0, 1.0) * vectors[:, one],
+    )
     return Modes(rates, inverse @ E, L @ vectors, motion @ vectors, inverse @ T)
 
 
 def _motion(system, space, parts):
     """(x, x') ``(2S, n)`` of all disks from the state."""
     A, T = np.asarray(space.transition), np.asarray(space.coordinates)
-    inertial, kept = np.array(parts.inertial, int), np.array(parts.inertial + parts.damped, int)
+    inertial, kept = (
+        np.array(parts.inertial, int),
+        np.array(parts.inertial + parts.damped, int),
+    )
     static, disks = np.array(parts.static, int), len(system.mass)
     inverse = np.linalg.inv(T[:, np.concatenate([kept, disks + inertial])])
     x = np.zeros((disks, len(A)))
     x[kept] = inverse[: len(kept)]
     if static.size:
         K = np.asarray(matrices(system)[1])
-        x[static] = -np.linalg.solve(K[np.ix_(static, static)], K[np.ix_(static, kept)] @ x[kept])
+        x[static] = -np.linalg.solve(
+            K[np.ix_(static, static)], K[np.ix_(static, kept)] @ x[kept]
+        )
     return np.concatenate([x, x @ A])

@@ -1,19 +1,25 @@
-"""The crank-slider: its kinematics, gas torque (NumPy or JAX) and inertia torque (JAX)."""
+"""The crank-slider: its kinematics, gas torque (NumPy or JAX) and inertia torque
+(JAX).
+"""
 
 import numpy as np
 
 from jaxhb._jax import namespace
 
 CRANK_SAMPLES = 512
-"""Angles of a revolution at which inertia torques are taken: their series falls by stroke/(2 rod) per order."""
+"""Angles of a revolution at which inertia torques are taken: their series falls by
+stroke/(2 rod) per order.
+"""
 
 
 def slider_crank(angle, stroke, rod):
-    """Travel x (m) of the piston from top dead centre and its derivatives x' and x'' by the crank angle (rad), exact.
+    """Travel x (m) of the piston from top dead centre and its derivatives x' and x'' by
+    the crank angle (rad), exact.
 
-    With r = stroke/2, lambda = r/rod < 1 and q = sqrt(1 - lambda^2 sin^2 a): x = r (1 - cos a) + rod (1 - q),
-    x' = r (sin a + lambda sin a cos a / q), x'' = r (cos a + lambda cos 2a / q + lambda^3 sin^2 a cos^2 a / q^3). Den
-    Hartog, *Mechanical Vibrations*, section 5.3.
+    With r = stroke/2, lambda = r/rod < 1 and q = sqrt(1 - lambda^2 sin^2 a): x = r (1 -
+    cos a) + rod (1 - q), x' = r (sin a + lambda sin a cos a / q), x'' = r (cos a +
+    lambda cos 2a / q + lambda^3 sin^2 a cos^2 a / q^3). Den Hartog, *Mechanical
+    Vibrations*, section 5.3.
     """
     xp, r = namespace(angle, stroke, rod), 0.5 * stroke
     ratio = r / rod
@@ -27,13 +33,16 @@ def slider_crank(angle, stroke, rod):
 
 
 def gas_torque(pressure, bore, stroke, rod, *, revolutions):
-    """p A x'(a) in N m [..., M] at equal steps of the gas cycle from firing top dead centre on, in NumPy or JAX.
+    """p A x'(a) in N m [..., M] at equal steps of the gas cycle from firing top dead
+    centre on, in NumPy or JAX.
 
-    ``pressure`` [..., M] in Pa at these steps; bore, stroke and rod [...] in m; ``revolutions`` [...] of the crank in a
-    gas cycle, 2 (four-stroke) or 1.
+    ``pressure`` [..., M] in Pa at these steps; bore, stroke and rod [...] in m;
+    ``revolutions`` [...] of the crank in a gas cycle, 2 (four-stroke) or 1.
     """
     xp = namespace(pressure, bore, stroke, rod)
-    pressure, *sizes = (xp.asarray(v, dtype=float) for v in (pressure, bore, stroke, rod, revolutions))
+    pressure, *sizes = (
+        xp.asarray(v, dtype=float) for v in (pressure, bore, stroke, rod, revolutions)
+    )
     bore, stroke, rod, revolutions = (v[..., None] for v in sizes)
     samples = pressure.shape[-1]
     angle = 2.0 * np.pi * revolutions * (xp.arange(samples) / samples)
@@ -42,15 +51,21 @@ def gas_torque(pressure, bore, stroke, rod, *, revolutions):
 
 
 def inertia_torque(stroke, rod, *, short_series=False):
-    """-x'(a) x''(a) in m2 [..., M] at equal steps from top dead centre: the torque of 1 kg at 1 rad/s of the crank.
+    """-x'(a) x''(a) in m2 [..., M] at equal steps from top dead centre: the torque of 1
+    kg at 1 rad/s of the crank.
 
-    ``short_series``: take x'' = r (cos a + lambda cos 2a - lambda^3/4 cos 4a + 9 lambda^5/128 cos 6a) of Mendes,
-    Meirelles and Zampieri 2008, about 3 % of lambda from the exact one.
+    ``short_series``: take x'' = r (cos a + lambda cos 2a - lambda^3/4 cos 4a + 9
+    lambda^5/128 cos 6a) of Mendes, Meirelles and Zampieri 2008, about 3 % of lambda
+    from the exact one.
     """
     xp = namespace(stroke, rod)
     stroke, rod, short = (xp.asarray(v)[..., None] for v in (stroke, rod, short_series))
     angle = 2.0 * np.pi * (np.arange(CRANK_SAMPLES) / CRANK_SAMPLES)
     _, x1, x2 = slider_crank(angle, stroke, rod)
     r, ratio = 0.5 * stroke, 0.5 * stroke / rod
-    series = np.cos(angle) + ratio * np.cos(2 * angle) - ratio**3 / 4 * np.cos(4 * angle)
-    return -x1 * xp.where(short, r * (series + 9 * ratio**5 / 128 * np.cos(6 * angle)), x2)
+    series = (
+        np.cos(angle) + ratio * np.cos(2 * angle) - ratio**3 / 4 * np.cos(4 * angle)
+    )
+    return -x1 * xp.where(
+        short, r * (series + 9 * ratio**5 / 128 * np.cos(6 * angle)), x2
+    )

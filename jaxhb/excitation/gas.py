@@ -1,7 +1,9 @@
-"""The gas in the cylinders: pressure tables on a uniform grid, one, several over speed and load, or from a model.
+"""The gas in the cylinders: pressure tables on a uniform grid, one, several over speed
+and load, or from a model.
 
-At every speed the pressure of a cylinder is a weighted sum of functions of the crank angle that do not depend on the
-speed (:func:`components`, :func:`weights`): harmonics are taken of these once, for all speeds.
+At every speed the pressure of a cylinder is a weighted sum of functions of the crank
+angle that do not depend on the speed (:func:`components`, :func:`weights`): harmonics
+are taken of these once, for all speeds.
 """
 
 from dataclasses import dataclass, field
@@ -18,17 +20,26 @@ from jaxhb.excitation.crank import slider_crank
 Array = Any
 
 GAS_SAMPLES = 7200  # angles of a gas cycle: a tenth of a degree of four strokes
-FAR = 1e30  # speed or load of points that fill up a grid: interpolation never reaches them
+# speed or load of points that fill up a grid: interpolation never reaches them
+FAR = 1e30
 STANDARD_ATMOSPHERE = 101325.0  # Pa
 CHARGE_EXPONENT = 1.5
-"""Power of the engine's power with which a turbocharger's pressure above the atmosphere grows, as engines on test beds
-show it at part load, on the propeller law and at constant speed: see ``docs/reference/excitation.md``."""
-COMPUTED = ("pressure", "traces", "combustion")  # fields of a cylinder whose gas torque is computed from its pressure
+"""Power of the engine's power with which a turbocharger's pressure above the atmosphere
+grows, as engines on test beds show it at part load, on the propeller law and at
+constant speed: see ``docs/reference/excitation.md``.
+"""
+COMPUTED = (
+    "pressure",
+    "traces",
+    "combustion",
+)  # fields of a cylinder whose gas torque is computed from its pressure
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, eq_default=False)
 def table(cls):
-    """Make a class of arrays a frozen dataclass and a pytree; its numpy arrays cannot be changed in place."""
+    """Make a class of arrays a frozen dataclass and a pytree; its numpy arrays cannot
+    be changed in place.
+    """
     cls.__post_init__ = _locked
     return pytree(brief(dataclass(frozen=True, kw_only=True, eq=False)(cls)))
 
@@ -44,10 +55,11 @@ def _locked(self):
 
 @table
 class Traces:
-    """Pressure [n, R, S, M] (Pa) at the speeds ``rpm`` [n, R] and the loads ``load`` [n, S].
+    """Pressure [n, R, S, M] (Pa) at the speeds ``rpm`` [n, R] and the loads ``load``
+    [n, S].
 
-    ``seats`` [n] are the cylinders that have traces, ``sizes`` [n] how many speeds and loads are theirs; the rest
-    of their rows never counts.
+    ``seats`` [n] are the cylinders that have traces, ``sizes`` [n] how many speeds and
+    loads are theirs; the rest of their rows never counts.
     """
 
     seats: tuple[int, ...] = field(metadata={"static": True})
@@ -59,12 +71,13 @@ class Traces:
 
 @table
 class Combustions:
-    """The numbers of a :class:`~jaxhb.elements.elements.Combustion`, each [n]; ``heat`` or ``imep``, and
-    ``exhaust_pressure``, are 0 if absent.
+    """The numbers of a :class:`~jaxhb.elements.elements.Combustion`, each [n]; ``heat``
+    or ``imep``, and ``exhaust_pressure``, are 0 if absent.
 
-    ``seats`` [n] are the cylinders with a combustion, ``revolutions`` [n] those of their gas cycle; ``by_work`` [n]
-    tells whose ``imep`` is given; ``charge_by`` [n] over what the factors of charge and exhaust pressure are given,
-    "load", "rpm" or "": ``charge_factor`` [n, L] at ``charge_at`` [n, L], None where nobody has any.
+    ``seats`` [n] are the cylinders with a combustion, ``revolutions`` [n] those of
+    their gas cycle; ``by_work`` [n] tells whose ``imep`` is given; ``charge_by`` [n]
+    over what the factors of charge and exhaust pressure are given, "load", "rpm" or "":
+    ``charge_factor`` [n, L] at ``charge_at`` [n, L], None where nobody has any.
     """
 
     seats: tuple[int, ...] = field(metadata={"static": True})
@@ -86,32 +99,46 @@ class Combustions:
 
 
 def source(cylinder) -> str | None:
-    """Field that the gas torque of a cylinder is computed from, None where it is not computed."""
+    """Field that the gas torque of a cylinder is computed from, None where it is not
+    computed.
+    """
     return next((key for key in COMPUTED if getattr(cylinder, key)), None)
 
 
 def source_word(cylinder) -> str:
-    """The same as a word: "harmonics" of a gas torque that is given, "none" where there is none."""
+    """The same as a word: "harmonics" of a gas torque that is given, "none" where there
+    is none.
+    """
     given = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
     return source(cylinder) or ("harmonics" if given else "none")
 
 
 def is_four_stroke(rows) -> bool:
-    """Tell whether a pressure table (angle deg, Pa) is that of two revolutions: it extends beyond 360 deg."""
+    """Tell whether a pressure table (angle deg, Pa) is that of two revolutions: it
+    extends beyond 360 deg.
+    """
     angle = np.asarray(rows, dtype=np.float64)[:, 0]
-    return bool(angle[-1] - angle[0] > 360.0 + 1e-9 or np.abs(angle).max() > 360.0 + 1e-9)
+    return bool(
+        angle[-1] - angle[0] > 360.0 + 1e-9 or np.abs(angle).max() > 360.0 + 1e-9
+    )
 
 
 def gas_revolutions(cylinder) -> int:
-    """Revolutions of the crank in a gas cycle of a cylinder, 1 where its gas torque is not computed."""
+    """Revolutions of the crank in a gas cycle of a cylinder, 1 where its gas torque is
+    not computed.
+    """
     if source(cylinder) == "combustion":
         return int(cylinder.combustion.stroke_cycle) // 2
-    rows = cylinder.pressure or (cylinder.traces[0].pressure if cylinder.traces else None)
+    rows = cylinder.pressure or (
+        cylinder.traces[0].pressure if cylinder.traces else None
+    )
     return 2 if rows and is_four_stroke(rows) else 1
 
 
 def gas_cycle(rows, firing_tdc: float | None) -> np.ndarray:
-    """Sample a pressure table (angle deg, Pa) linearly at ``GAS_SAMPLES`` angles from firing TDC on."""
+    """Sample a pressure table (angle deg, Pa) linearly at ``GAS_SAMPLES`` angles from
+    firing TDC on.
+    """
     rows = np.asarray(rows, dtype=np.float64)
     period = 720.0 if is_four_stroke(rows) else 360.0
     if firing_tdc is None:
@@ -128,28 +155,40 @@ def gas_cycle(rows, firing_tdc: float | None) -> np.ndarray:
 
 
 def padded(grids) -> np.ndarray:
-    """Stack increasing numbers, the shorter ones continued so far away that :func:`hats` never sees it."""
+    """Stack increasing numbers, the shorter ones continued so far away that
+    :func:`hats` never sees it.
+    """
     longest = max(len(grid) for grid in grids)
-    return np.array([[*grid, *(FAR * np.arange(1, longest - len(grid) + 1))] for grid in grids], dtype=np.float64)
+    return np.array(
+        [[*grid, *(FAR * np.arange(1, longest - len(grid) + 1))] for grid in grids],
+        dtype=np.float64,
+    )
 
 
 def hats(x, grid):
-    """Weights [..., n, R] of values at ``grid`` [n, R] in their linear interpolation at ``x`` [..., n].
+    """Weights [..., n, R] of values at ``grid`` [n, R] in their linear interpolation at
+    ``x`` [..., n].
 
     Outside the grid the nearest value has weight 1.
     """
     xp = namespace(x, grid)
-    passed = xp.clip((x[..., None] - grid[:, :-1]) / (grid[:, 1:] - grid[:, :-1]), 0.0, 1.0)
+    passed = xp.clip(
+        (x[..., None] - grid[:, :-1]) / (grid[:, 1:] - grid[:, :-1]), 0.0, 1.0
+    )
     ends = xp.zeros((*x.shape, 1))
     # A hat is the ramp up to its point less the ramp beyond it.
-    return xp.concatenate([ends + 1.0, passed], axis=-1) - xp.concatenate([passed, ends], axis=-1)
+    return xp.concatenate([ends + 1.0, passed], axis=-1) - xp.concatenate(
+        [passed, ends], axis=-1
+    )
 
 
 @dataclass(frozen=True)
 class GasCycles:
-    """How the gas of each cylinder works: where its torque comes from (:func:`source`, "harmonics" or "none"), whether
-    it fires, whether it is cut off and has no gas torque at all, the revolutions of its crank in a gas cycle, and in
-    every how many of these it is injected."""
+    """How the gas of each cylinder works: where its torque comes from (:func:`source`,
+    "harmonics" or "none"), whether it fires, whether it is cut off and has no gas
+    torque at all, the revolutions of its crank in a gas cycle, and in every how many of
+    these it is injected.
+    """
 
     source: tuple[str, ...]
     fires: tuple[bool, ...]
@@ -159,8 +198,13 @@ class GasCycles:
 
     @property
     def skipping(self) -> bool:
-        """Whether some computed cylinder is injected in some of its gas cycles alone."""
-        return any(works and every > 1 for works, every in zip(self.computed, self.every, strict=True))
+        """Whether some computed cylinder is injected in some of its gas cycles
+        alone.
+        """
+        return any(
+            works and every > 1
+            for works, every in zip(self.computed, self.every, strict=True)
+        )
 
     @property
     def computed(self) -> tuple[bool, ...]:
@@ -170,48 +214,68 @@ class GasCycles:
 
     @property
     def given(self) -> tuple[bool, ...]:
-        """Whether there is a given gas torque; without injection there is none, as its compression cannot be told."""
+        """Whether there is a given gas torque; without injection there is none, as its
+        compression cannot be told.
+        """
         each = zip(self.source, self.fires, self.cut_off, strict=True)
-        return tuple(source == "harmonics" and fires and not cut for source, fires, cut in each)
+        return tuple(
+            source == "harmonics" and fires and not cut for source, fires, cut in each
+        )
 
     def compressing(self, cylinders) -> bool:
         """Tell whether pressures without injection count anywhere."""
         if self.skipping:
             return True
-        idle = any(works and not fires for works, fires in zip(self.computed, self.fires, strict=True))
+        idle = any(
+            works and not fires
+            for works, fires in zip(self.computed, self.fires, strict=True)
+        )
         return idle or (cylinders.injection is not None and any(self.computed))
 
 
 def injection(cylinders, cycles: GasCycles):
-    """Share of its injection that each cylinder has [nc], 0 of one that does not fire."""
+    """Share of its injection that each cylinder has [nc], 0 of one that does not
+    fire.
+    """
     if cylinders.injection is None:
         return np.array(cycles.fires, dtype=float)
-    return namespace(cylinders.injection).where(np.array(cycles.fires), cylinders.injection, 0.0)
+    return namespace(cylinders.injection).where(
+        np.array(cycles.fires), cylinders.injection, 0.0
+    )
 
 
 def components(cylinders, cycles: GasCycles):
-    """Pressures [J, nc, M] (Pa) from firing top dead centre on; their sum with :func:`weights` is that at a speed.
+    """Pressures [J, nc, M] (Pa) from firing top dead centre on; their sum with
+    :func:`weights` is that at a speed.
 
     With injection, and behind these, where some cylinder lacks it, without.
     """
     parts = _parts(cylinders, lambda table: table, _burning)
     if cycles.compressing(cylinders):
-        parts += _parts(cylinders, lambda table: _of_tables(cylinders, cycles, table), _unburnt)
+        parts += _parts(
+            cylinders, lambda table: _of_tables(cylinders, cycles, table), _unburnt
+        )
     count = cylinders.bore.shape[-1]
     return namespace(parts).concatenate(parts) if parts else np.zeros((1, count, 0))
 
 
 def _parts(cylinders, of_tables, of_combustion) -> list:
-    """Pressures [J, nc, M] of tables, of traces and of the combustion model; ``of_tables`` takes [J, nc, M]."""
+    """Pressures [J, nc, M] of tables, of traces and of the combustion model;
+    ``of_tables`` takes [J, nc, M].
+    """
     count, parts = cylinders.bore.shape[-1], []
     traces, burning = cylinders.traces, cylinders.combustion
     if cylinders.pressure.shape[-1]:
         parts.append(of_tables(cylinders.pressure[None]))
     if traces is not None:
-        by_trace = traces.pressure.reshape(len(traces.seats), -1, GAS_SAMPLES).swapaxes(0, 1)
+        by_trace = traces.pressure.reshape(len(traces.seats), -1, GAS_SAMPLES).swapaxes(
+            0, 1
+        )
         parts.append(of_tables(_on_cylinders(by_trace, traces.seats, count, axis=1)))
     if burning is not None:
-        parts.append(_on_cylinders(of_combustion(cylinders), burning.seats, count, axis=1))
+        parts.append(
+            _on_cylinders(of_combustion(cylinders), burning.seats, count, axis=1)
+        )
     return parts
 
 
@@ -219,30 +283,43 @@ def _of_tables(cylinders, cycles, pressure):
     """Pressure tables [J, nc, M] without injection."""
     revolutions = np.array(cycles.revolutions)
     # Two- and four-strokes have other angles at the same sample.
-    groups = [np.flatnonzero(revolutions == turns) for turns in sorted(set(revolutions.tolist()))]
+    groups = [
+        np.flatnonzero(revolutions == turns)
+        for turns in sorted(set(revolutions.tolist()))
+    ]
     xp = namespace(cylinders, pressure)
     found = []
     for rows in groups:
-        stroke, rod = (xp.asarray(sizes)[rows] for sizes in (cylinders.stroke, cylinders.rod))
-        stroke = xp.where(stroke > 0.0, stroke, 1.0)  # cylinders without pressures may have none
+        stroke, rod = (
+            xp.asarray(sizes)[rows] for sizes in (cylinders.stroke, cylinders.rod)
+        )
+        stroke = xp.where(
+            stroke > 0.0, stroke, 1.0
+        )  # cylinders without pressures may have none
         turns = int(revolutions[rows[0]])
         found.append(unburnt_table(pressure[:, rows], stroke, rod, revolutions=turns))
     return xp.concatenate(found, axis=1)[:, np.argsort(np.concatenate(groups))]
 
 
 def weights(cylinders, cycles: GasCycles, rpm):
-    """Weight [..., J, nc] of each of the :func:`components` at ``rpm`` [...] of the reference rotor."""
+    """Weight [..., J, nc] of each of the :func:`components` at ``rpm`` [...] of the
+    reference rotor.
+    """
     tabled, burning = _weights(cylinders, rpm)
     xp = namespace(tabled, burning, cylinders.injection)
     burnt = xp.concatenate([*tabled, *burning], axis=-2)
     if not cycles.compressing(cylinders):
         return burnt
     share = injection(cylinders, cycles)
-    return xp.concatenate([share * burnt, (1.0 - share) * unburnt_weights(cylinders, rpm)], axis=-2)
+    return xp.concatenate(
+        [share * burnt, (1.0 - share) * unburnt_weights(cylinders, rpm)], axis=-2
+    )
 
 
 def unburnt_weights(cylinders, rpm):
-    """Weight [..., J, nc] at ``rpm`` [...] of the last J :func:`components`, those without injection."""
+    """Weight [..., J, nc] at ``rpm`` [...] of the last J :func:`components`, those
+    without injection.
+    """
     tabled, burning = _weights(cylinders, rpm)
     # The heat of the combustion comes last: without injection it is not there.
     parts = [*tabled, *(part[..., :-1, :] for part in burning)]
@@ -250,7 +327,9 @@ def unburnt_weights(cylinders, rpm):
 
 
 def _weights(cylinders, rpm):
-    """Weights [..., J, nc] of tables and traces, and of the combustion model, each in a list."""
+    """Weights [..., J, nc] of tables and traces, and of the combustion model, each in a
+    list.
+    """
     traces, burning = cylinders.traces, cylinders.combustion
     xp = namespace(cylinders, rpm)
     count, rpm = cylinders.bore.shape[-1], xp.asarray(rpm, dtype=float)
@@ -260,10 +339,16 @@ def _weights(cylinders, rpm):
     share = load_share(cylinders, rpm)
     if traces is not None:
         seats = np.array(traces.seats)
-        by_speed = hats(xp.broadcast_to(rpm[..., None], (*rpm.shape, seats.size)), traces.rpm)
+        by_speed = hats(
+            xp.broadcast_to(rpm[..., None], (*rpm.shape, seats.size)), traces.rpm
+        )
         by_load = hats(share[..., seats], traces.load)
-        both = (by_speed[..., :, None] * by_load[..., None, :]).reshape(*rpm.shape, seats.size, -1)
-        tabled.append(_on_cylinders(xp.swapaxes(both, -1, -2), traces.seats, count, axis=-1))
+        both = (by_speed[..., :, None] * by_load[..., None, :]).reshape(
+            *rpm.shape, seats.size, -1
+        )
+        tabled.append(
+            _on_cylinders(xp.swapaxes(both, -1, -2), traces.seats, count, axis=-1)
+        )
     if burning is None:
         return tabled, []
     seats = np.array(burning.seats)
@@ -272,10 +357,12 @@ def _weights(cylinders, rpm):
 
 
 def charge_pressures(cylinders, rpm):
-    """Pressure (Pa) of the charge and in the exhaust [..., n] of the cylinders with a combustion at ``rpm`` [...].
+    """Pressure (Pa) of the charge and in the exhaust [..., n] of the cylinders with a
+    combustion at ``rpm`` [...].
 
-    Those at full load times the factor of the table over load or speed. Without one what lies above the atmosphere
-    grows with the power of the engine to the :data:`CHARGE_EXPONENT`. An engine that is not charged keeps its pressure.
+    Those at full load times the factor of the table over load or speed. Without one
+    what lies above the atmosphere grows with the power of the engine to the
+    :data:`CHARGE_EXPONENT`. An engine that is not charged keeps its pressure.
     """
     table = cylinders.combustion
     xp = namespace(cylinders, rpm)
@@ -301,16 +388,21 @@ def charge_pressures(cylinders, rpm):
 
 
 def full_exhaust_pressure(table: Combustions):
-    """Pressure (Pa) in the exhaust at full load [n]: that of the charge unless one is given."""
+    """Pressure (Pa) in the exhaust at full load [n]: that of the charge unless one is
+    given.
+    """
     given = table.exhaust_pressure
-    return namespace(given, table.charge_pressure).where(given > 0.0, given, table.charge_pressure)
+    return namespace(given, table.charge_pressure).where(
+        given > 0.0, given, table.charge_pressure
+    )
 
 
 def power_share(cylinders, rpm):
     """Power [..., nc] of each cylinder over that at full load.
 
-    The most power among the rows of its load has the largest load among them as its share; above their last speed power
-    is that there. Without rows a cylinder runs at full load at every speed.
+    The most power among the rows of its load has the largest load among them as its
+    share; above their last speed power is that there. Without rows a cylinder runs at
+    full load at every speed.
     """
     rows, loads = cylinders.load_rpm, cylinders.load_share
     xp = namespace(rows, loads, rpm)
@@ -319,21 +411,31 @@ def power_share(cylinders, rpm):
     most_power = xp.where(given, rows * loads, 0.0).max(axis=-1)
     most_load = xp.where(given, loads, 0.0).max(axis=-1)
     last_speed = xp.where(given, rows, 0.0).max(axis=-1)
-    load, speed = load_share(cylinders, rpm), xp.minimum(xp.asarray(rpm, dtype=float)[..., None], last_speed)
+    load, speed = (
+        load_share(cylinders, rpm),
+        xp.minimum(xp.asarray(rpm, dtype=float)[..., None], last_speed),
+    )
     known = most_power > 0.0
     power = load * speed / xp.where(known, most_power, 1.0)
     return xp.where(known, most_load * power, load)
 
 
 def load_share(cylinders, rpm):
-    """Load [..., nc] of each cylinder at ``rpm`` [...]: share of the mean effective pressure at full load."""
+    """Load [..., nc] of each cylinder at ``rpm`` [...]: share of the mean effective
+    pressure at full load.
+    """
     xp = namespace(cylinders.load_rpm, cylinders.load_share, rpm)
-    x = xp.broadcast_to(xp.asarray(rpm, dtype=float)[..., None], (*np.shape(rpm), cylinders.load_rpm.shape[0]))
+    x = xp.broadcast_to(
+        xp.asarray(rpm, dtype=float)[..., None],
+        (*np.shape(rpm), cylinders.load_rpm.shape[0]),
+    )
     return (hats(x, cylinders.load_rpm) * cylinders.load_share).sum(axis=-1)
 
 
 def _on_cylinders(values, seats, count, *, axis):
-    """Spread values of some cylinders along ``axis`` over all of them: zeros where there is none."""
+    """Spread values of some cylinders along ``axis`` over all of them: zeros where
+    there is none.
+    """
     xp, place = namespace(values), np.full(count, len(seats))
     place[list(seats)] = np.arange(len(seats))
     none = xp.zeros_like(xp.take(values, np.array([0]), axis=axis))
@@ -341,8 +443,9 @@ def _on_cylinders(values, seats, count, *, axis):
 
 
 def _burning(cylinders):
-    """Pressures per Pa of charge, per Pa in the exhaust and of the heat at full load, [3, n, M], of the cylinders with
-    a combustion."""
+    """Pressures per Pa of charge, per Pa in the exhaust and of the heat at full load,
+    [3, n, M], of the cylinders with a combustion.
+    """
     return _by_strokes(cylinders, _with_heat)
 
 
@@ -351,29 +454,52 @@ def _unburnt(cylinders):
 
     def without_heat(given, revolutions):
         xp = namespace(given)
-        return xp.stack(unburnt(given["stroke"], given["rod"], given, revolutions=revolutions, samples=GAS_SAMPLES))
+        return xp.stack(
+            unburnt(
+                given["stroke"],
+                given["rod"],
+                given,
+                revolutions=revolutions,
+                samples=GAS_SAMPLES,
+            )
+        )
 
     return _by_strokes(cylinders, without_heat)
 
 
 def _by_strokes(cylinders, pressures_of):
-    """``pressures_of(numbers by their names, revolutions)`` of two- and four-strokes, in the order of the cylinders."""
+    """``pressures_of(numbers by their names, revolutions)`` of two- and four-strokes,
+    in the order of the cylinders.
+    """
     table, xp = cylinders.combustion, namespace(cylinders)
     revolutions = np.array(table.revolutions)
     # Two- and four-strokes have other angles at the same sample.
-    groups = [np.flatnonzero(revolutions == turns) for turns in sorted(set(revolutions.tolist()))]
+    groups = [
+        np.flatnonzero(revolutions == turns)
+        for turns in sorted(set(revolutions.tolist()))
+    ]
     found = []
     for rows in groups:
         seats = np.array(table.seats)[rows]
-        given = {name: xp.asarray(getattr(table, name))[rows] for name in (*NUMBERS, "heat", "imep")}
-        given |= {name: xp.asarray(getattr(cylinders, name))[seats] for name in ("bore", "stroke", "rod")}
+        given = {
+            name: xp.asarray(getattr(table, name))[rows]
+            for name in (*NUMBERS, "heat", "imep")
+        }
+        given |= {
+            name: xp.asarray(getattr(cylinders, name))[seats]
+            for name in ("bore", "stroke", "rod")
+        }
         given["by_work"] = np.array(table.by_work)[rows]
         found.append(pressures_of(given, int(revolutions[rows[0]])))
-    return namespace(found).concatenate(found, axis=1)[:, np.argsort(np.concatenate(groups))]
+    return namespace(found).concatenate(found, axis=1)[
+        :, np.argsort(np.concatenate(groups))
+    ]
 
 
 def _with_heat(given, revolutions):
-    """As :func:`_burning` of cylinders with the same number of revolutions in a gas cycle, [3, n, M]."""
+    """As :func:`_burning` of cylinders with the same number of revolutions in a gas
+    cycle, [3, n, M].
+    """
     xp = namespace(given)
     bore, stroke, rod = (given[name] for name in ("bore", "stroke", "rod"))
     heat, imep, by_work = (given[name][:, None] for name in ("heat", "imep", "by_work"))
@@ -383,11 +509,19 @@ def _with_heat(given, revolutions):
     travel = slider_crank(angle, stroke[:, None], rod[:, None])[1]
 
     def mean_effective(pressure):
-        # Work of a cycle over the swept volume, in which the area of the piston cancels.
-        return 2.0 * np.pi * revolutions * (pressure * travel).mean(axis=1, keepdims=True) / stroke[:, None]
+        # Work of a cycle over the swept volume, in which the area of the piston
+        # cancels.
+        return (
+            2.0
+            * np.pi
+            * revolutions
+            * (pressure * travel).mean(axis=1, keepdims=True)
+            / stroke[:, None]
+        )
 
     def without_work(pressure):
-        # With imep given so much heat is taken off that the rest does no work: imep is then the whole of it.
+        # With imep given so much heat is taken off that the rest does no work: imep is
+        # then the whole of it.
         idle = mean_effective(pressure) / mean_effective(per_joule)
         return xp.where(by_work, pressure - idle * per_joule, pressure)
 
@@ -396,7 +530,9 @@ def _with_heat(given, revolutions):
 
 
 def outside_traces(train, rpm) -> list[str]:
-    """Sentences on speeds and loads outside of what traces cover; see :meth:`DriveTrain.outside_traces`."""
+    """Sentences on speeds and loads outside of what traces cover; see
+    :meth:`DriveTrain.outside_traces`.
+    """
     cylinders, names = train.cylinders, train.topology.cylinder_names
     traces, alike = cylinders.traces, {}
     if traces is None:
@@ -409,8 +545,11 @@ def outside_traces(train, rpm) -> list[str]:
         for what, value, grid, unit in asked:
             low, high = float(grid[0]), float(grid[-1])
             if not low <= value <= high:
-                alike.setdefault((what, f"({low:g} to {high:g}{unit}): the nearest is used"), []).append(names[i])
+                alike.setdefault(
+                    (what, f"({low:g} to {high:g}{unit}): the nearest is used"), []
+                ).append(names[i])
     return [
-        f"the {what} lies outside the pressure traces of {', '.join(map(repr, own))} {covered}"
+        f"the {what} lies outside the pressure traces of {', '.join(map(repr, own))}"
+        f" {covered}"
         for (what, covered), own in alike.items()
     ]

@@ -1,4 +1,6 @@
-"""Mean torques, gas pressures and scales at a speed, in NumPy or JAX; scenes are checked by them, without jax."""
+"""Mean torques, gas pressures and scales at a speed, in NumPy or JAX; scenes are
+checked by them, without jax.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ if TYPE_CHECKING:
 
 
 def scale_at(table, rpm):
-    """Factor of each element at ``rpm`` [..., n]: its scale, linear between the points and constant outside them.
+    """Factor of each element at ``rpm`` [..., n]: its scale, linear between the points
+    and constant outside them.
 
     Of torques with a rated speed times the power of the speed.
     """
@@ -27,7 +30,10 @@ def scale_at(table, rpm):
         rows = jax.vmap(jnp.interp, in_axes=(None, 0, 0), out_axes=-1)
         factor = rows(rpm, table.scale_rpm, table.scale_factor)
     else:
-        rows = [np.interp(rpm, *points) for points in zip(table.scale_rpm, table.scale_factor, strict=True)]
+        rows = [
+            np.interp(rpm, *points)
+            for points in zip(table.scale_rpm, table.scale_factor, strict=True)
+        ]
         factor = np.reshape(rows, (len(rows), *np.shape(rpm))).T
     if getattr(table, "rated_rpm", None) is None:
         return factor
@@ -39,18 +45,22 @@ def scale_at(table, rpm):
 
 
 def gas_pressures(cylinders: Cylinders, cycles: GasCycles, rpm):
-    """Pressure [..., nc, M] (Pa) of every cylinder from firing top dead centre on, times its scale, at ``rpm`` [...].
+    """Pressure [..., nc, M] (Pa) of every cylinder from firing top dead centre on,
+    times its scale, at ``rpm`` [...].
 
-    M is 0 where no cylinder computes its torque from a pressure; zeros stand for those that do not.
+    M is 0 where no cylinder computes its torque from a pressure; zeros stand for those
+    that do not.
     """
     parts = gas.weights(cylinders, cycles, rpm), gas.components(cylinders, cycles)
     return scale_at(cylinders, rpm)[..., None] * np.einsum("...jn,jnm->...nm", *parts)
 
 
 def mean_torques(torques: Torques, cylinders: Cylinders, cycles: GasCycles, rpm):
-    """Mean of the given torques and then of the gas torques of the cylinders, N m [..., nt + nc], at ``rpm`` [...].
+    """Mean of the given torques and then of the gas torques of the cylinders, N m [...,
+    nt + nc], at ``rpm`` [...].
 
-    The ambient pressure and the inertia torque do no work over a cycle. In NumPy or JAX.
+    The ambient pressure and the inertia torque do no work over a cycle. In NumPy or
+    JAX.
     """
     given_mean = namespace(cylinders.gas_torque_mean).asarray(cylinders.gas_torque_mean)
     means = _computed_means(cylinders, cycles)
@@ -70,8 +80,15 @@ def mean_torques(torques: Torques, cylinders: Cylinders, cycles: GasCycles, rpm)
 
 @kept
 def _computed_means(cylinders, cycles):
-    """Mean torque [J, nc], N m, of each component of the gas pressure: speeds differ in its weights alone."""
-    pressures, geometry = gas.components(cylinders, cycles), (cylinders.bore, cylinders.stroke, cylinders.rod)
+    """Mean torque [J, nc], N m, of each component of the gas pressure: speeds differ in
+    its weights alone.
+    """
+    pressures, geometry = (
+        gas.components(cylinders, cycles),
+        (cylinders.bore, cylinders.stroke, cylinders.rod),
+    )
     if not pressures.shape[-1]:
         return np.zeros(pressures.shape[:-1])
-    return gas_torque(pressures, *geometry, revolutions=np.array(cycles.revolutions)).mean(axis=-1)
+    return gas_torque(
+        pressures, *geometry, revolutions=np.array(cycles.revolutions)
+    ).mean(axis=-1)

@@ -1,5 +1,6 @@
-"""Whether the train runs so: what becomes of a small disturbance. A periodic motion goes in, Floquet multipliers come
-out."""
+"""Whether the train runs so: what becomes of a small disturbance. A periodic motion
+goes in, Floquet multipliers come out.
+"""
 
 from jaxhb._jax import load
 

@@ -1,21 +1,27 @@
-"""The variational equation around a given periodic motion in the damped modes of the train, interval by interval.
+"""The variational equation around a given periodic motion in the damped modes of the
+train, interval by interval.
 
     z' = rates z + forcing u,     u_c = slope_c(t) w_c,     w = Re(observation z)
 
-(:mod:`jaxhb.floquet.slopes`). In an interval of length h, u and w are polynomials of degree below Q, sums of Legendre
-polynomials (Galerkin):
+(:mod:`jaxhb.floquet.slopes`). In an interval of length h, u and w are polynomials of
+degree below Q, sums of Legendre polynomials (Galerkin):
 
-    w_p = O_p z + sum_q R_pq u_q,     u_q = sum_p T_qp w_p,     z <- exp(rates h) z + sum_q B_q u_q.
+    w_p = O_p z + sum_q R_pq u_q,     u_q = sum_p T_qp w_p,
+    z <- exp(rates h) z + sum_q B_q u_q.
 
-O, R and B are exact integrals of the exponentials of the modes, T of the slopes. Only what reactions see is
-approximated: as its remainder and that of the adjoint are orthogonal to all polynomials, the error at the end of an
-interval is of order 2 Q in h where slopes are smooth. So that they are, intervals end where a motion passes knots,
-rounded to a fine grid, in which there are few different lengths. Reactions that are zero in an interval take no part.
+O, R and B are exact integrals of the exponentials of the modes, T of the slopes. Only
+what reactions see is approximated: as its remainder and that of the adjoint are
+orthogonal to all polynomials, the error at the end of an interval is of order 2 Q in h
+where slopes are smooth. So that they are, intervals end where a motion passes knots,
+rounded to a fine grid, in which there are few different lengths. Reactions that are
+zero in an interval take no part.
 
-Measured on ``gear_train_30``, 54 states and 452 passages of knots at 1833 rpm: 884 intervals, under a third of the time
-of the dense equation (:mod:`jaxhb.floquet.variational`). A step is four products of numpy: compiled, as a loop of jax
-that takes all reactions in every interval, it is no faster. Three degrees and one more interval in three cost the same
-and leave ten times the error; breaks in the middle of the smooth zone alone, a fifth fewer, fifty times.
+Measured on ``gear_train_30``, 54 states and 452 passages of knots at 1833 rpm: 884
+intervals, under a third of the time of the dense equation
+(:mod:`jaxhb.floquet.variational`). A step is four products of numpy: compiled, as a
+loop of jax that takes all reactions in every interval, it is no faster. Three degrees
+and one more interval in three cost the same and leave ten times the error; breaks in
+the middle of the smooth zone alone, a fifth fewer, fifty times.
 """
 
 from __future__ import annotations
@@ -32,23 +38,36 @@ from jaxhb.floquet.slopes import Reactions, SampledMotion, moments
 from jaxhb.floquet.variational import Monodromy
 
 DEGREES = 4  # Q
-# Intervals per period of the fastest mode in which teeth move, or of what the stiffest reaction makes of a mesh, and
-# per cycle: errors of multipliers of gear_train_30 are below 1e-4 of the largest.
+# Intervals per period of the fastest mode in which teeth move, or of what the stiffest
+# reaction makes of a mesh, and per cycle: errors of multipliers of gear_train_30 are
+# below 1e-4 of the largest.
 PER_PERIOD, FEWEST = 2.2, 256
-STIFFEST = 8.0  # times the fastest mode, up to which intervals follow what reactions make of a mesh
+# times the fastest mode, up to which intervals follow what reactions make of a mesh
+STIFFEST = 8.0
 GRID = 32  # grid steps of the longest interval
 CHUNK = 4096  # intervals that are prepared at a time
-REACH, TERMS = 4.0, 40  # of rates h up to which integrals are power series, and their terms: exact to rounding
-LIVELY = 2.0  # largest decay in an interval of a mode whose share in the determinant of an interval is counted
+REACH, TERMS = (
+    4.0,
+    40,
+    # of rates h up to which integrals are power series, and their terms: exact to
+    # rounding
+)
+# largest decay in an interval of a mode whose share in the determinant of an interval
+# is counted
+LIVELY = 2.0
 
 
 def monodromy(modes: Modes, reactions: Reactions, deflection, frequency) -> Monodromy:
-    """The :class:`~jaxhb.floquet.variational.Monodromy` in the states of :func:`real_states`; on the host.
+    """The :class:`~jaxhb.floquet.variational.Monodromy` in the states of
+    :func:`real_states`; on the host.
 
-    deflection : complex ``(G, N+1)`` m, the motion of the meshes; frequency : Omega in rad/s.
+    deflection : complex ``(G, N+1)`` m, the motion of the meshes; frequency : Omega in
+    rad/s.
     """
     motion = SampledMotion(reactions, deflection, frequency)
-    length, step = _lengths(motion, fewest_intervals(modes, reactions, frequency), frequency)
+    length, step = _lengths(
+        motion, fewest_intervals(modes, reactions, frequency), frequency
+    )
     edges = np.concatenate([[0], np.cumsum(length)])
     slope = moments(reactions, motion, edges / edges[-1], 2 * DEGREES - 1)
     lengths, index = np.unique(length, return_inverse=True)
@@ -62,12 +81,15 @@ def monodromy(modes: Modes, reactions: Reactions, deflection, frequency) -> Mono
     seen = modes.observation[reactions.observed]
     at_once = np.einsum("cm,mc->c", seen, reactions.forcing).real
     trace = free + float((at_once @ slope[..., 0]) @ (length * step))
-    return Monodromy(state[:, _real_columns(modes.rates)].T, free + log_determinant, trace)
+    return Monodromy(
+        state[:, _real_columns(modes.rates)].T, free + log_determinant, trace
+    )
 
 
 def real_states(modes: Modes, vectors):
-    """Vectors ``(r, m)`` of the modes as columns ``(r, n)`` of their real states: real and imaginary parts of those
-    that turn, real parts of others."""
+    """Vectors ``(r, m)`` of the modes as columns ``(r, n)`` of their real states: real
+    and imaginary parts of those that turn, real parts of others.
+    """
     pairs = np.stack([vectors.real, -vectors.imag], axis=-1).reshape(len(vectors), -1)
     return pairs[:, _real_columns(modes.rates)]
 
@@ -86,64 +108,92 @@ def fewest_intervals(modes: Modes, reactions: Reactions, frequency) -> int:
     """Intervals of a cycle in which teeth pass no knots."""
     meshes = len(modes.observation) // 2
     seen = modes.observation[meshes:][reactions.mesh]
-    lightness = np.einsum("cm,mc->c", seen, modes.forcing[:, reactions.mesh]).real  # 1/kg, of a force on its mesh
+    lightness = np.einsum(
+        "cm,mc->c", seen, modes.forcing[:, reactions.mesh]
+    ).real  # 1/kg, of a force on its mesh
     stiff = np.abs(lightness) * reactions.stiffest
     stiffest = np.where(reactions.observed >= meshes, stiff, np.sqrt(stiff)).max()
     variation = reactions.meshes.variation
     varied = 0 if variation is None else variation.shape[-1] - 1
-    fastest = max(fastest_rate(modes), varied * frequency, FEWEST / PER_PERIOD * frequency)
-    # What is far stiffer, such as friction that sticks, holds a mesh within an interval: polynomials do that, too.
+    fastest = max(
+        fastest_rate(modes), varied * frequency, FEWEST / PER_PERIOD * frequency
+    )
+    # What is far stiffer, such as friction that sticks, holds a mesh within an
+    # interval: polynomials do that, too.
     fastest = max(fastest, min(stiffest, STIFFEST * fastest))
     return int(np.ceil(PER_PERIOD * fastest / frequency))
 
 
 def _lengths(motion: SampledMotion, fewest, frequency):
-    """Lengths ``(K,)`` of the intervals of a cycle in steps of a grid, and its step in s."""
+    """Lengths ``(K,)`` of the intervals of a cycle in steps of a grid, and its step in
+    s.
+    """
     grid = GRID * fewest
     ends = np.unique(np.append(np.rint(motion.share * grid).astype(int) % grid, 0))
     arc = np.diff(np.append(ends, grid))
     count = -(-arc // GRID)
     number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    begin = np.repeat(ends, count) + number * np.repeat(arc, count) // np.repeat(count, count)
+    begin = np.repeat(ends, count) + number * np.repeat(arc, count) // np.repeat(
+        count, count
+    )
     return np.diff(np.append(begin, grid)), 2 * np.pi / frequency / grid
 
 
 class _Weights:
-    """O, R and B of intervals of a few lengths ``(k,)`` s; the C Q polynomials in the order of the reactions.
+    """O, R and B of intervals of a few lengths ``(k,)`` s; the C Q polynomials in the
+    order of the reactions.
 
-    observed, pushed : ``(k, C Q, 2m)``, O and the transposed B, of real and imaginary parts of the modes in turn;
-    response, around : ``(k, C Q, C Q)``, R and O exp(-rates h) B; decay : complex ``(k, m)``.
+    observed, pushed : ``(k, C Q, 2m)``, O and the transposed B, of real and imaginary
+    parts of the modes in turn; response, around : ``(k, C Q, C Q)``, R and O exp(-rates
+    h) B; decay : complex ``(k, m)``.
     """
 
     def __init__(self, modes: Modes, reactions: Reactions, length):
         seen, forcing = modes.observation[reactions.observed], reactions.forcing.T
         shape, size = len(length), len(seen) * DEGREES
         x = length[:, None] * modes.rates
-        moment, repeated = (a.reshape(*x.shape, *a.shape[1:]) for a in _exponential_integrals(x.ravel()))
+        moment, repeated = (
+            a.reshape(*x.shape, *a.shape[1:]) for a in _exponential_integrals(x.ravel())
+        )
         norm = 2 * np.arange(DEGREES) + 1
         by_degree = (moment * norm).transpose(0, 2, 1)[:, None]
         observed = (seen[:, None] * by_degree).reshape(shape, size, -1)
         by_degree = (moment * (-1.0) ** np.arange(DEGREES)).transpose(0, 2, 1)[:, None]
-        pushed = length[:, None, None] * (forcing[:, None] * by_degree).reshape(shape, size, -1)
+        pushed = length[:, None, None] * (forcing[:, None] * by_degree).reshape(
+            shape, size, -1
+        )
         pairs = (seen[:, None] * forcing).reshape(-1, len(modes.rates)).T
         by_degree = (repeated * norm[:, None]).reshape(*x.shape, -1).transpose(0, 2, 1)
-        response = (by_degree @ pairs).real.reshape(shape, DEGREES, DEGREES, len(seen), len(seen))
-        self.response = length[:, None, None] * response.transpose(0, 3, 1, 4, 2).reshape(shape, size, size)
-        back = np.where(np.abs(x.real) <= LIVELY, np.exp(-np.maximum(x.real, -LIVELY) - 1j * x.imag), 0.0)
+        response = (by_degree @ pairs).real.reshape(
+            shape, DEGREES, DEGREES, len(seen), len(seen)
+        )
+        self.response = length[:, None, None] * response.transpose(
+            0, 3, 1, 4, 2
+        ).reshape(shape, size, size)
+        back = np.where(
+            np.abs(x.real) <= LIVELY,
+            np.exp(-np.maximum(x.real, -LIVELY) - 1j * x.imag),
+            0.0,
+        )
         self.around = ((observed * back[:, None]) @ pushed.transpose(0, 2, 1)).real
         self.decay, self.pushed = np.exp(x), np.ascontiguousarray(pushed).view(float)
         self.observed = np.ascontiguousarray(observed.conj()).view(float)
 
     def march(self, state, slope, index):
-        """Takes states ``(n, 2m)``, by rows, through intervals of lengths ``index`` ``(K,)`` with moments of slopes
-        ``(C, K, 2Q-1)``; gives the logarithm of the determinant over that of the modes by themselves."""
+        """Takes states ``(n, 2m)``, by rows, through intervals of lengths ``index``
+        ``(K,)`` with moments of slopes ``(C, K, 2Q-1)``; gives the logarithm of the
+        determinant over that of the modes by themselves.
+        """
         coupling = (slope @ _PRODUCTS).reshape(*slope.shape[:2], DEGREES, DEGREES)
         acting = (slope != 0).any(axis=-1)
         patterns, kind = np.unique(acting.T, axis=0, return_inverse=True)
         steps, log_determinant = [None] * len(index), 0.0
         number, index = np.arange(len(self.decay)), index.astype(int)
         for pattern in np.flatnonzero(patterns.any(axis=1)):
-            chosen, at = np.flatnonzero(patterns[pattern]), np.flatnonzero(kind.ravel() == pattern)
+            chosen, at = (
+                np.flatnonzero(patterns[pattern]),
+                np.flatnonzero(kind.ravel() == pattern),
+            )
             rows = (DEGREES * chosen[:, None] + np.arange(DEGREES)).ravel()
             block, length = np.ix_(number, rows, rows), index[at]
             answer = _answers(coupling[chosen][:, at], self.response[block][length])
@@ -153,7 +203,11 @@ class _Weights:
             pushed = list(self.pushed[:, rows])
             for i, row, k in zip(at.tolist(), observed, length.tolist(), strict=True):
                 steps[i] = row, pushed[k]
-        decay, modal, moved = list(self.decay), state.view(complex), np.empty_like(state)
+        decay, modal, moved = (
+            list(self.decay),
+            state.view(complex),
+            np.empty_like(state),
+        )
         for step, k in zip(steps, index.tolist(), strict=True):
             if step is None:
                 modal *= decay[k]
@@ -166,11 +220,15 @@ class _Weights:
 
 
 def _answers(coupling, response):
-    """``(I - T R)^-1 T`` ``(K, c Q, c Q)`` of T ``(c, K, Q, Q)`` of the reactions that act and their R."""
+    """``(I - T R)^-1 T`` ``(K, c Q, c Q)`` of T ``(c, K, Q, Q)`` of the reactions that
+    act and their R.
+    """
     reactions, intervals = coupling.shape[:2]
     size = reactions * DEGREES
     of_interval = coupling.transpose(1, 0, 2, 3)
-    back = (of_interval @ response.reshape(intervals, reactions, DEGREES, size)).reshape(intervals, size, size)
+    back = (
+        of_interval @ response.reshape(intervals, reactions, DEGREES, size)
+    ).reshape(intervals, size, size)
     right = np.zeros((intervals, reactions, DEGREES, reactions, DEGREES))
     for c in range(reactions):
         right[:, c, :, c] = coupling[c]
@@ -178,9 +236,13 @@ def _answers(coupling, response):
 
 
 def _exponential_integrals(x):
-    """``int e^(x s) P_p(s) ds`` ``(n, Q)``, and ``int int e^(x (s - r)) P_q(r) P_p(s) dr ds`` ``(n, p, q)`` over r < s,
-    from 0 to 1, of the Legendre polynomials there."""
-    moment, repeated = np.zeros((len(x), DEGREES), complex), np.zeros((len(x), DEGREES**2), complex)
+    """``int e^(x s) P_p(s) ds`` ``(n, Q)``, and ``int int e^(x (s - r)) P_q(r) P_p(s)
+    dr ds`` ``(n, p, q)`` over r < s, from 0 to 1, of the Legendre polynomials there.
+    """
+    moment, repeated = (
+        np.zeros((len(x), DEGREES), complex),
+        np.zeros((len(x), DEGREES**2), complex),
+    )
     near = np.abs(x) < REACH
     powers = x[near, None] ** np.arange(TERMS)
     series, double_series = _series()
@@ -192,28 +254,42 @@ def _exponential_integrals(x):
     signed = inverse * (-1.0) ** np.arange(DEGREES)
     moment[~near] = np.exp(far)[:, None] * (signed @ end) - signed @ begin
     by_begin = (inverse @ begin)[:, None, :] * moment[~near][:, :, None]
-    repeated[~near] = by_begin.reshape(-1, DEGREES**2) - inverse @ within.reshape(DEGREES, -1)
+    repeated[~near] = by_begin.reshape(-1, DEGREES**2) - inverse @ within.reshape(
+        DEGREES, -1
+    )
     return moment, repeated.reshape(-1, DEGREES, DEGREES)
 
 
 @cache
 def _series():
-    """Coefficients ``(Q, TERMS)`` and ``(Q Q, TERMS)`` of powers of x in :func:`_exponential_integrals`."""
+    """Coefficients ``(Q, TERMS)`` and ``(Q Q, TERMS)`` of powers of x in
+    :func:`_exponential_integrals`.
+    """
     node, weight = legendre.leggauss(TERMS)
     s, weight = (node + 1) / 2, weight / 2
     inverse = np.array([1 / factorial(k) for k in range(TERMS)])
     polynomial = legendre.legvander(node, DEGREES - 1)
-    single = (weight[:, None] * polynomial).T @ (s[:, None] ** np.arange(TERMS) * inverse)
+    single = (weight[:, None] * polynomial).T @ (
+        s[:, None] ** np.arange(TERMS) * inverse
+    )
     r = s[:, None] * s
     power = (s[:, None] - r)[..., None] ** np.arange(TERMS) * inverse
-    inner = np.einsum("sr,srq,srk->sqk", s[:, None] * weight, legendre.legvander(2 * r - 1, DEGREES - 1), power)
-    return single, np.einsum("s,sp,sqk->pqk", weight, polynomial, inner).reshape(DEGREES**2, TERMS)
+    inner = np.einsum(
+        "sr,srq,srk->sqk",
+        s[:, None] * weight,
+        legendre.legvander(2 * r - 1, DEGREES - 1),
+        power,
+    )
+    return single, np.einsum("s,sp,sqk->pqk", weight, polynomial, inner).reshape(
+        DEGREES**2, TERMS
+    )
 
 
 @cache
 def _derivatives():
-    """The k-th derivatives of the Legendre polynomials of 0 .. 1 at 0 and 1 ``(k, q)``, and their integrals with the
-    polynomials ``(k, p, q)``."""
+    """The k-th derivatives of the Legendre polynomials of 0 .. 1 at 0 and 1 ``(k, q)``,
+    and their integrals with the polynomials ``(k, p, q)``.
+    """
     found = np.zeros((DEGREES, DEGREES, DEGREES))
     for q in range(DEGREES):
         series = np.eye(DEGREES)[q]
@@ -229,7 +305,9 @@ def _products():
     degrees = 2 * DEGREES - 1
     node, weight = legendre.leggauss(2 * degrees)
     values = legendre.legvander(node, degrees - 1)
-    products = np.einsum("s,sq,sp,sd->dqp", weight / 2, values[:, :DEGREES], values[:, :DEGREES], values)
+    products = np.einsum(
+        "s,sq,sp,sd->dqp", weight / 2, values[:, :DEGREES], values[:, :DEGREES], values
+    )
     norm = 2 * np.arange(degrees) + 1
     return (norm[:, None, None] * products * norm[:DEGREES, None]).reshape(degrees, -1)
 

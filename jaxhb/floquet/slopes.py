@@ -1,12 +1,16 @@
-"""Slopes of the forces of teeth along a motion, by which a disturbance acts back on the train, averaged in intervals.
+"""Slopes of the forces of teeth along a motion, by which a disturbance acts back on the
+train, averaged in intervals.
 
-The nonlinear force phi of a mesh is ``(c2 - c1) E(l) + r dE/dt``, the second where damping acts in contact alone, of
-an integral E of the engagement less 1. A disturbance changes E by ``(engagement - 1)`` times its deflection, which is
-bounded, and the time derivative goes to the modes, whose rates multiply the forcing instead. Where the stiffness of a
-mesh varies, and of what acts beside shafts, elastic force and damping stand by themselves; dry friction goes by l'.
+The nonlinear force phi of a mesh is ``(c2 - c1) E(l) + r dE/dt``, the second where
+damping acts in contact alone, of an integral E of the engagement less 1. A disturbance
+changes E by ``(engagement - 1)`` times its deflection, which is bounded, and the time
+derivative goes to the modes, whose rates multiply the forcing instead. Where the
+stiffness of a mesh varies, and of what acts beside shafts, elastic force and damping
+stand by themselves; dry friction goes by l'.
 
-Slopes are constant between the times at which a motion passes the knots of its law, but in the smooth zone and where
-the stiffness varies. All integrals over an interval are taken from knot to knot.
+Slopes are constant between the times at which a motion passes the knots of its law, but
+in the smooth zone and where the stiffness varies. All integrals over an interval are
+taken from knot to knot.
 """
 
 from __future__ import annotations
@@ -21,21 +25,32 @@ from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.state_space import Modes
 
-SAMPLES, FEWEST_SAMPLES = 16, 1024  # of a motion per harmonic, between which it is a cubic; and of a cycle at least
-FRICTION_SAMPLES = 128  # per harmonic: slip is passed so fast that its time has to be known far better
+SAMPLES, FEWEST_SAMPLES = (
+    16,
+    1024,
+)  # of a motion per harmonic, between which it is a cubic; and of a cycle at least
+FRICTION_SAMPLES = (
+    128  # per harmonic: slip is passed so fast that its time has to be known far better
+)
 NODES = 8  # Gauss nodes of a piece whose slope is not constant
-NEWTON_STEPS = 5  # to the time of a knot from the straight line between samples, bracketed
-ENGAGEMENT, ELASTIC, FRICTION = range(3)  # kinds of slopes: engagement less 1, N/m of phi in l, N s/m in l'
+NEWTON_STEPS = (
+    5  # to the time of a knot from the straight line between samples, bracketed
+)
+ENGAGEMENT, ELASTIC, FRICTION = range(
+    3
+)  # kinds of slopes: engagement less 1, N/m of phi in l, N s/m in l'
 
 _AT, _WEIGHT = legendre.leggauss(NODES)
 
 
 @dataclass(frozen=True)
 class Reactions:
-    """C forces by which a disturbance acts back: slopes, of a kind, times what it does to a mesh.
+    """C forces by which a disturbance acts back: slopes, of a kind, times what it does
+    to a mesh.
 
-    kind, mesh : int ``(C,)``; observed : int ``(C,)``, rows of (l, l'); forcing : complex ``(m, C)``, what they do to
-    the modes; meshes : MeshParameters, row by row those of ``mesh``.
+    kind, mesh : int ``(C,)``; observed : int ``(C,)``, rows of (l, l'); forcing :
+    complex ``(m, C)``, what they do to the modes; meshes : MeshParameters, row by row
+    those of ``mesh``.
     """
 
     kind: np.ndarray
@@ -45,27 +60,38 @@ class Reactions:
     meshes: MeshParameters
 
     def slopes(self, which, value, share):
-        """Slopes of reactions ``which``, int ``(n,)``, where the motion has a ``value`` (m or m/s), ``(n,)`` or
-        ``(n, K)``, at a ``share`` of the cycle, of the same shape."""
-        law = jax.tree.map(lambda a: a[which].reshape(-1, *[1] * (value.ndim - 1)), self.meshes.law)
+        """Slopes of reactions ``which``, int ``(n,)``, where the motion has a ``value``
+        (m or m/s), ``(n,)`` or ``(n, K)``, at a ``share`` of the cycle, of the same
+        shape.
+        """
+        law = jax.tree.map(
+            lambda a: a[which].reshape(-1, *[1] * (value.ndim - 1)), self.meshes.law
+        )
         kind = self.kind[which].reshape(-1, *[1] * (value.ndim - 1))
         engaged = backlash.engagement(law, value)
         found = np.where(kind == ENGAGEMENT, engaged - 1, 0.0)
         if (kind == ELASTIC).any():
             if self.meshes.variation is not None:
                 law = backlash.at_instant(law, self._variation(which, share))
-            elastic = law.stiffness * (law.epsilon + (1 - law.epsilon) * engaged) - law.linear_stiffness
+            elastic = (
+                law.stiffness * (law.epsilon + (1 - law.epsilon) * engaged)
+                - law.linear_stiffness
+            )
             found = np.where(kind == ELASTIC, elastic, found)
         if (kind == FRICTION).any():
             sticks = (kind == FRICTION) & (np.abs(value) < law.slip)
-            found = np.where(sticks, law.friction / law.slip, np.where(kind == FRICTION, 0.0, found))
+            found = np.where(
+                sticks, law.friction / law.slip, np.where(kind == FRICTION, 0.0, found)
+            )
         return found
 
     def _variation(self, which, share):
         found = np.zeros(share.shape)
         for c in np.flatnonzero(np.any(self.meshes.variation != 0, axis=-1)):
             at = which == c
-            found[at] = fourier.values_at(self.meshes.variation[c], share[at].ravel()).reshape(share[at].shape)
+            found[at] = fourier.values_at(
+                self.meshes.variation[c], share[at].ravel()
+            ).reshape(share[at].shape)
         return found
 
     def constant(self, which, value):
@@ -92,10 +118,21 @@ class Reactions:
     def stiffest(self):
         """Largest slopes ``(C,)`` that a linear train does not have already."""
         law = self.meshes.law
-        swing = 0.0 if self.meshes.variation is None else 2 * np.abs(self.meshes.variation).sum(axis=-1)
-        elastic = np.maximum(np.abs(law.stiffness * (1 + swing) - law.linear_stiffness), np.abs(law.linear_stiffness))
+        swing = (
+            0.0
+            if self.meshes.variation is None
+            else 2 * np.abs(self.meshes.variation).sum(axis=-1)
+        )
+        elastic = np.maximum(
+            np.abs(law.stiffness * (1 + swing) - law.linear_stiffness),
+            np.abs(law.linear_stiffness),
+        )
         found = np.where(self.kind == ELASTIC, elastic, 0.0)
-        return found if law.friction is None else np.where(self.kind == FRICTION, law.friction / law.slip, found)
+        return (
+            found
+            if law.friction is None
+            else np.where(self.kind == FRICTION, law.friction / law.slip, found)
+        )
 
 
 def reactions_of(modes: Modes, meshes: MeshParameters) -> Reactions:
@@ -103,7 +140,11 @@ def reactions_of(modes: Modes, meshes: MeshParameters) -> Reactions:
     law, count = meshes.law, len(meshes.link)
     drop = law.stiffness * (1 - law.epsilon)
     viscous = np.where(meshes.contact_damping, meshes.viscous, 0.0)
-    varies = np.zeros(count, bool) if meshes.variation is None else (meshes.variation != 0).any(axis=-1)
+    varies = (
+        np.zeros(count, bool)
+        if meshes.variation is None
+        else (meshes.variation != 0).any(axis=-1)
+    )
     alike = ~varies & (law.stiffness == law.linear_stiffness)
     rows = []
     for g, force in enumerate(modes.forcing.T):
@@ -116,13 +157,18 @@ def reactions_of(modes: Modes, meshes: MeshParameters) -> Reactions:
                 rows.append((ENGAGEMENT, g, g, damping))
         if law.friction is not None and law.friction[g]:
             rows.append((FRICTION, g, count + g, force))
-    kind, mesh, observed = (np.array(column) for column in list(zip(*rows, strict=True))[:3])
+    kind, mesh, observed = (
+        np.array(column) for column in list(zip(*rows, strict=True))[:3]
+    )
     forcing = np.stack([row[3] for row in rows], axis=-1)
-    return Reactions(kind, mesh, observed, forcing, jax.tree.map(lambda a: a[mesh], meshes))
+    return Reactions(
+        kind, mesh, observed, forcing, jax.tree.map(lambda a: a[mesh], meshes)
+    )
 
 
 class SampledMotion:
-    """What reactions see of a motion ``(G, N+1)`` m: a cubic between equidistant samples, and where it passes knots.
+    """What reactions see of a motion ``(G, N+1)`` m: a cubic between equidistant
+    samples, and where it passes knots.
 
     share, reaction : ``(n,)`` of the cycle and of the C, each time a knot is passed.
     """
@@ -136,22 +182,31 @@ class SampledMotion:
             rows.append(fourier.derivative(rows[-1], frequency))
         values = fourier.synthesize(np.concatenate(rows), self.samples)
         step = 2 * np.pi / frequency / self.samples
-        self.value, self.change = values[reactions.observed], step * values[reactions.observed + len(deflection)]
+        self.value, self.change = (
+            values[reactions.observed],
+            step * values[reactions.observed + len(deflection)],
+        )
         self.reaction, self.share = self._passes(reactions.knots)
 
     def _cubic(self, which, first):
-        """Coefficients of the cubic behind samples: value, change, second and third power of a share of a step."""
+        """Coefficients of the cubic behind samples: value, change, second and third
+        power of a share of a step.
+        """
         following = (first + 1) % self.samples
         value, change = self.value[which, first], self.change[which, first]
         rise, last = self.value[which, following] - value, self.change[which, following]
         return value, change, 3 * rise - 2 * change - last, change + last - 2 * rise
 
     def at(self, which, share):
-        """Values of reactions ``which`` ``(n,)`` at shares ``(n, ...)`` of the cycle."""
+        """Values of reactions ``which`` ``(n,)`` at shares ``(n, ...)`` of the
+        cycle.
+        """
         place = share * self.samples
         first = np.floor(place).astype(int)
         x = place - first
-        a, b, c, d = self._cubic(which.reshape(-1, *[1] * (share.ndim - 1)), first % self.samples)
+        a, b, c, d = self._cubic(
+            which.reshape(-1, *[1] * (share.ndim - 1)), first % self.samples
+        )
         return a + x * (b + x * (c + x * d))
 
     def _passes(self, knots):
@@ -163,7 +218,9 @@ class SampledMotion:
         which, first = np.nonzero(zone != following)
         before, behind = zone[which, first, None], following[which, first, None]
         number = np.arange(knots.shape[1])
-        passed = (np.minimum(before, behind) <= number) & (number < np.maximum(before, behind))
+        passed = (np.minimum(before, behind) <= number) & (
+            number < np.maximum(before, behind)
+        )
         step, knot = np.nonzero(passed)
         which, first = which[step], first[step]
         a, b, c, d = self._cubic(which, first)
@@ -180,11 +237,17 @@ class SampledMotion:
 
 
 def moments(reactions: Reactions, motion: SampledMotion, edges, degrees):
-    """Integrals ``(C, K, degrees)`` of slopes times Legendre polynomials over the K intervals of a cycle between
-    ``edges`` ``(K+1,)``, over the length of the interval."""
+    """Integrals ``(C, K, degrees)`` of slopes times Legendre polynomials over the K
+    intervals of a cycle between ``edges`` ``(K+1,)``, over the length of the interval.
+    """
     count, intervals = len(reactions.kind), len(edges) - 1
-    # Pieces are ordered by the interval of a reaction, and in it by time; each interval begins with one.
-    owner = np.searchsorted(edges, motion.share, side="right") - 1 + intervals * motion.reaction
+    # Pieces are ordered by the interval of a reaction, and in it by time; each interval
+    # begins with one.
+    owner = (
+        np.searchsorted(edges, motion.share, side="right")
+        - 1
+        + intervals * motion.reaction
+    )
     begin = np.concatenate([np.tile(edges[:-1], count), motion.share])
     owner = np.concatenate([np.arange(count * intervals), owner])
     order = np.lexsort((begin, owner))
@@ -194,7 +257,10 @@ def moments(reactions: Reactions, motion: SampledMotion, edges, degrees):
     end = np.append(begin[1:], 0.0)
     end[np.append(first[1:], len(end)) - 1] = np.tile(edges[1:], count)
     scale = 2 / np.diff(edges)[interval]
-    low, high = scale * (begin - edges[interval]) - 1, scale * (end - edges[interval]) - 1
+    low, high = (
+        scale * (begin - edges[interval]) - 1,
+        scale * (end - edges[interval]) - 1,
+    )
 
     middle = (begin + end) / 2
     value = motion.at(which, middle)
@@ -203,7 +269,9 @@ def moments(reactions: Reactions, motion: SampledMotion, edges, degrees):
     found = np.zeros((len(slope), degrees))
     found[:, 0] = slope
     at = np.flatnonzero((slope != 0) & (high - low < 2 - 1e-9))
-    found[at] = slope[at, None] * (_integrals(high[at], degrees) - _integrals(low[at], degrees))
+    found[at] = slope[at, None] * (
+        _integrals(high[at], degrees) - _integrals(low[at], degrees)
+    )
     at = np.flatnonzero(~constant)
     if len(at):
         middle, half = (low + high)[at, None] / 2, (high - low)[at, None] / 2
@@ -216,7 +284,9 @@ def moments(reactions: Reactions, motion: SampledMotion, edges, degrees):
 
 
 def _integrals(x, degrees):
-    """Half the integrals ``(n, degrees)`` of Legendre polynomials up to x, but for constants."""
+    """Half the integrals ``(n, degrees)`` of Legendre polynomials up to x, but for
+    constants.
+    """
     values = legendre.legvander(x, degrees)
     before = np.concatenate([np.zeros((len(x), 1)), values[:, : degrees - 1]], axis=1)
     return (values[:, 1:] - before) / (2 * (2 * np.arange(degrees) + 1))

@@ -1,7 +1,9 @@
-"""Whether a train runs in a periodic motion: what becomes of a small disturbance of it (Floquet multipliers).
+"""Whether a train runs in a periodic motion: what becomes of a small disturbance of it
+(Floquet multipliers).
 
-Over a cycle a disturbance y of the state is multiplied by the monodromy matrix; its eigenvalues tell whether it dies
-away (docs/theory A7). A motion that is unstable solves the equations and does not occur.
+Over a cycle a disturbance y of the state is multiplied by the monodromy matrix; its
+eigenvalues tell whether it dies away (docs/theory A7). A motion that is unstable solves
+the equations and does not occur.
 """
 
 from __future__ import annotations
@@ -16,43 +18,63 @@ from jaxhb._shown import brief
 from jaxhb.balance.march import noticed_modes
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.backlash import law_meshes
-from jaxhb.equations.state_space import loss_damping, partition, state_space, unheld_modes
+from jaxhb.equations.state_space import (
+    loss_damping,
+    partition,
+    state_space,
+    unheld_modes,
+)
 from jaxhb.floquet import intervals, variational
 from jaxhb.floquet.slopes import reactions_of
 from jaxhb.results.answers import need_solved
 from jaxhb.results.response import Response
 from jaxhb.train import chain
 
-SOFT = 0.1  # natural frequency over Omega of a rotation against grounds that are no support, but a hold
-NEUTRAL = 1e-8  # by how much a multiplier of a train without damping, 1 in modulus, may be off
-# Intervals of a cycle from which on it is slow: arcs are few and long then, and a dense equation solves them one by
-# one, of so many disks at most.
+# natural frequency over Omega of a rotation against grounds that are no support, but a
+# hold
+SOFT = 0.1
+# by how much a multiplier of a train without damping, 1 in modulus, may be off
+NEUTRAL = 1e-8
+# Intervals of a cycle from which on it is slow: arcs are few and long then, and a dense
+# equation solves them one by one, of so many disks at most.
 MOST_INTERVALS, DENSE_DISKS = 100_000, 80
-FIRST_LOOK = 64  # samples of a motion, before the times at which it passes knots are looked for
+FIRST_LOOK = (
+    64  # samples of a motion, before the times at which it passes knots are looked for
+)
 DISKS = 1000  # beyond which it would take minutes
 
 
 def fall_text(largest: float) -> str:
-    """Words for how a disturbance falls by a multiplier below 1: to a share of its size, or by one near 1."""
+    """Words for how a disturbance falls by a multiplier below 1: to a share of its
+    size, or by one near 1.
+    """
     left = f"{largest:.2g}"
-    return f"falls to {left} of its size" if left != "1" else f"falls by {100 * (1 - largest):.1g} %"
+    return (
+        f"falls to {left} of its size"
+        if left != "1"
+        else f"falls by {100 * (1 - largest):.1g} %"
+    )
 
 
 @brief
 @dataclass(frozen=True)
 class Stability:
-    """Floquet multipliers of a periodic motion, made by :func:`stability`; ``str`` says what they mean.
+    """Floquet multipliers of a periodic motion, made by :func:`stability`; ``str`` says
+    what they mean.
 
     Parameters
     ----------
-    multipliers : complex ``(n,)``, the largest modulus first, by which disturbances grow over one cycle of the response
+    multipliers : complex ``(n,)``, the largest modulus first, by which disturbances
+    grow over one cycle of the response
     rotation : bool ``(n,)``
-        Those of the rotation of the whole train, floating or against a ground so soft that it turns at less than a
-        tenth of the cycle frequency, and of rings without a spring: they say nothing about the teeth. A floating train
-        without damping has two that are 1.
+        Those of the rotation of the whole train, floating or against a ground so soft
+        that it turns at less than a tenth of the cycle frequency, and of rings without
+        a spring: they say nothing about the teeth. A floating train without damping has
+        two that are 1.
     liouville : float
-        Determinant of the monodromy matrix over its value by Liouville's formula, less 1: what the integration leaves
-        in the product of all multipliers. The fastest modes, whose multipliers may be 1e-60, weigh most in it.
+        Determinant of the monodromy matrix over its value by Liouville's formula, less
+        1: what the integration leaves in the product of all multipliers. The fastest
+        modes, whose multipliers may be 1e-60, weigh most in it.
     """
 
     multipliers: np.ndarray
@@ -61,13 +83,17 @@ class Stability:
 
     @property
     def critical(self) -> complex:
-        """The multiplier of largest modulus, those of rotation left out; 0 where there is no other."""
+        """The multiplier of largest modulus, those of rotation left out; 0 where there
+        is no other.
+        """
         own = self.multipliers[~self.rotation]
         return complex(own[0]) if len(own) else 0j
 
     @property
     def largest(self) -> float:
-        """Modulus of :attr:`critical`: from 1 on the motion is not what the train does."""
+        """Modulus of :attr:`critical`: from 1 on the motion is not what the train
+        does.
+        """
         return abs(self.critical)
 
     @property
@@ -77,8 +103,9 @@ class Stability:
 
     @property
     def loses_by(self) -> str | None:
-        """How stability is lost: None, "fold" (a multiplier beyond +1), "period doubling" (beyond -1) or
-        "Neimark-Sacker" (a complex pair)."""
+        """How stability is lost: None, "fold" (a multiplier beyond +1), "period
+        doubling" (beyond -1) or "Neimark-Sacker" (a complex pair).
+        """
         if self.stable:
             return None
         if self.critical.imag:
@@ -90,21 +117,28 @@ class Stability:
             return f"stable: a disturbance {fall_text(self.largest)} in a cycle."
         manner = {
             "fold": "",
-            "period doubling": " and changes its sign each time, so that two cycles differ",
+            "period doubling": (
+                " and changes its sign each time, so that two cycles differ"
+            ),
             "Neimark-Sacker": " and turns, so that a second frequency appears",
         }[self.loses_by]
-        grows = f"unstable ({self.loses_by}): a disturbance grows {self.largest:.3g} times a cycle{manner}"
+        grows = (
+            f"unstable ({self.loses_by}): a disturbance grows {self.largest:.3g} times"
+            f" a cycle{manner}"
+        )
         return f"{grows}; the train does not run in this motion."
 
 
 def stability(response: Response) -> Stability:
     """Floquet multipliers of a periodic motion: whether the train runs in it.
 
-    Solves the variational equation around the motion of the harmonics, not around an integration of its own, in the
-    damped modes of the train and in intervals that end where teeth pass the knots of their law (docs/theory A7;
-    :mod:`jaxhb.floquet.intervals`); where teeth stay in contact, or in their gap, all multipliers are exponentials of
-    eigenvalues. Massless disks are condensed. Modes that no mesh notices decay by themselves. Loss factors, which have
-    no equation in time, damp each mode at its natural frequency
+    Solves the variational equation around the motion of the harmonics, not around an
+    integration of its own, in the damped modes of the train and in intervals that end
+    where teeth pass the knots of their law (docs/theory A7;
+    :mod:`jaxhb.floquet.intervals`); where teeth stay in contact, or in their gap, all
+    multipliers are exponentials of eigenvalues. Massless disks are condensed. Modes
+    that no mesh notices decay by themselves. Loss factors, which have no equation in
+    time, damp each mode at its natural frequency
     (:func:`jaxhb.equations.state_space.loss_damping`).
 
     Parameters
@@ -116,23 +150,30 @@ def stability(response: Response) -> Stability:
     NotConverged
         If the response solves no equations.
     ValueError
-        For the response of a sweep or of a transformation; for massless disks that leave no equation; for more than
-        1000 disks; where teeth stay in the smooth zone of their law for some 100,000 of their vibrations; for more than
-        80 disks whose teeth vibrate 45,000 times a cycle.
+        For the response of a sweep or of a transformation; for massless disks that
+        leave no equation; for more than 1000 disks; where teeth stay in the smooth zone
+        of their law for some 100,000 of their vibrations; for more than 80 disks whose
+        teeth vibrate 45,000 times a cycle.
 
     Notes
     -----
-    Multipliers are as good as the motion, and less: on ``gear_train_30`` a truncation error of 0.6 % makes 6 % at 2300
-    rpm (a multiplier of -1.18). What is integrated is good to 1e-4 of the largest on ``gear_train_30``, to 2e-4 where a
-    multiplier is in the hundreds, and to 1e-7 where few modes take part; small multipliers have the absolute accuracy
-    of the largest. Work grows with the square of the number of modes and with the number of switching times: 0.02 s for
-    ``gear_train_30`` at 1800 rpm, 0.1 s for the same train in 100 disks, 0.9 s in 300.
+    Multipliers are as good as the motion, and less: on ``gear_train_30`` a truncation
+    error of 0.6 % makes 6 % at 2300 rpm (a multiplier of -1.18). What is integrated is
+    good to 1e-4 of the largest on ``gear_train_30``, to 2e-4 where a multiplier is in
+    the hundreds, and to 1e-7 where few modes take part; small multipliers have the
+    absolute accuracy of the largest. Work grows with the square of the number of modes
+    and with the number of switching times: 0.02 s for ``gear_train_30`` at 1800 rpm,
+    0.1 s for the same train in 100 disks, 0.9 s in 300.
 
     Examples
     --------
     >>> import jaxhb
     >>> found = jaxhb.stability(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0))
-    >>> found.stable, round(found.largest, 2), found.multipliers[found.rotation].real.round(2).tolist()
+    >>> (
+    ...     found.stable,
+    ...     round(found.largest, 2),
+    ...     found.multipliers[found.rotation].real.round(2).tolist(),
+    ... )
     (True, 0.41, [1.0, 1.0])
     """
     refuse_tracers("stability", response)
@@ -140,10 +181,12 @@ def stability(response: Response) -> Stability:
     system, meshes, topology = chain.assemble(train), law_meshes(train), train.topology
     if topology.n_disks > DISKS:
         raise ValueError(
-            f"{topology.title}: it has {topology.n_disks} disks, and stability is decided for up to "
-            f"{DISKS}: divide shafts into fewer pieces."
+            f"{topology.title}: it has {topology.n_disks} disks, and stability is"
+            f" decided for up to {DISKS}: divide shafts into fewer pieces."
         )
-    parts = partition(system, meshes, topology.disk_names, topology.link_names, lossy=True)
+    parts = partition(
+        system, meshes, topology.disk_names, topology.link_names, lossy=True
+    )
     frequency = topology.cycle_frequency(float(response.rpm))
     host, meshes, period = on_host(system), on_host(meshes), 2 * np.pi / frequency
     space = state_space(host, meshes, frequency, parts, loss_damping(host))
@@ -160,12 +203,15 @@ def stability(response: Response) -> Stability:
     rotation = _of_rotation(disturbance, space.coordinates, system, frequency)
     order = np.argsort(-np.abs(multipliers), kind="stable")
     with np.errstate(over="ignore"):  # where dry friction sticks, multipliers may be 0
-        return Stability(multipliers[order], rotation[order], float(np.expm1(determinant)))
+        return Stability(
+            multipliers[order], rotation[order], float(np.expm1(determinant))
+        )
 
 
 def attracts(response):
-    """Whether a train near a periodic motion runs into it, and its :class:`Stability`, None where that is not decided;
-    and the sentence that says why."""
+    """Whether a train near a periodic motion runs into it, and its :class:`Stability`,
+    None where that is not decided; and the sentence that says why.
+    """
     try:
         found = stability(response)
     except np.linalg.LinAlgError:  # a ValueError, and no refusal
@@ -179,28 +225,40 @@ def train_of(response):
     """The train of a response at one speed that solves its equations."""
     name = response.topology.title
     if np.ndim(response.rpm):
-        raise ValueError(f"{name}: this is a sweep of {len(response)} speeds: take one response of it, sweep[i].")
+        raise ValueError(
+            f"{name}: this is a sweep of {len(response)} speeds: take one response of"
+            " it, sweep[i]."
+        )
     if response.train is None:
-        raise ValueError(f"{name}: the response comes out of a transformation without its train: solve outside of it.")
+        raise ValueError(
+            f"{name}: the response comes out of a transformation without its train:"
+            " solve outside of it."
+        )
     return need_solved(response).train
 
 
 def _constant_transition(space, meshes, deflection, frequency):
-    """The matrix ``(n, n)`` of the variational equation where it is the same all along, as of teeth that stay in
-    contact; else None."""
+    """The matrix ``(n, n)`` of the variational equation where it is the same all along,
+    as of teeth that stay in contact; else None.
+    """
     values, rates = (
-        fourier.sample(signal, FIRST_LOOK) for signal in (deflection, fourier.derivative(deflection, frequency))
+        fourier.sample(signal, FIRST_LOOK)
+        for signal in (deflection, fourier.derivative(deflection, frequency))
     )
     law = meshes.law.expand()
     slopes = np.stack(
-        backlash.nonlinear_slopes(law, meshes.viscous[:, None], meshes.contact_damping[:, None], values, rates)
+        backlash.nonlinear_slopes(
+            law, meshes.viscous[:, None], meshes.contact_damping[:, None], values, rates
+        )
     )
     if meshes.variation is not None or (slopes != slopes[..., :1]).any():
         return None
     if len(_switching_times(meshes, deflection, frequency)):
         return None
     on, following = np.split(space.observation, 2)
-    return space.transition + space.forcing @ (slopes[0, :, :1] * on + slopes[1, :, :1] * following)
+    return space.transition + space.forcing @ (
+        slopes[0, :, :1] * on + slopes[1, :, :1] * following
+    )
 
 
 def _switching_times(meshes, deflection, frequency):
@@ -209,23 +267,35 @@ def _switching_times(meshes, deflection, frequency):
     if meshes.law.friction is None:
         return times
     # Friction is whole from a rate of slip on.
-    slip = dataclasses.replace(meshes.law, transition=0 * meshes.law.transition, backlash=2 * meshes.law.slip)
-    return np.concatenate([times, exact_integrals.switching_times(slip, fourier.derivative(deflection, frequency))])
+    slip = dataclasses.replace(
+        meshes.law, transition=0 * meshes.law.transition, backlash=2 * meshes.law.slip
+    )
+    return np.concatenate(
+        [
+            times,
+            exact_integrals.switching_times(
+                slip, fourier.derivative(deflection, frequency)
+            ),
+        ]
+    )
 
 
 def _of_motion(modes, space, meshes, deflection, frequency, topology):
-    """Multipliers ``(n,)`` of a motion of teeth that part, their disturbances ``(n, n)`` in columns, and by how much
-    the logarithm of the determinant is off."""
+    """Multipliers ``(n,)`` of a motion of teeth that part, their disturbances ``(n,
+    n)`` in columns, and by how much the logarithm of the determinant is off.
+    """
     noticed = noticed_modes(modes.rates, modes.forcing, modes.observation, frequency)
     reactions = reactions_of(modes.only(noticed), meshes)
     count = intervals.fewest_intervals(modes.only(noticed), reactions, frequency)
     if count <= MOST_INTERVALS:
-        multipliers, motion, determinant = _in_modes(modes, noticed, reactions, deflection, frequency)
+        multipliers, motion, determinant = _in_modes(
+            modes, noticed, reactions, deflection, frequency
+        )
         return multipliers, space.coordinates @ motion, determinant
     if topology.n_disks > DENSE_DISKS:
         raise ValueError(
-            f"{topology.title}: stability would take {count:.3g} intervals a cycle, as teeth vibrate fast beside it: "
-            "ask at a higher speed."
+            f"{topology.title}: stability would take {count:.3g} intervals a cycle, as"
+            " teeth vibrate fast beside it: ask at a higher speed."
         )
     times = _switching_times(meshes, deflection, frequency)
     found = variational.monodromy(space, meshes, deflection, frequency, times)
@@ -233,8 +303,10 @@ def _of_motion(modes, space, meshes, deflection, frequency, topology):
 
 
 def _in_modes(modes, noticed, reactions, deflection, frequency):
-    """Multipliers ``(n,)``, their disturbances ``(2S, n)`` of (x, x') in columns, and by how much the logarithm of the
-    determinant is off; reactions of the modes that meshes notice."""
+    """Multipliers ``(n,)``, their disturbances ``(2S, n)`` of (x, x') in columns, and
+    by how much the logarithm of the determinant is off; reactions of the modes that
+    meshes notice.
+    """
     seen, alone = modes.only(noticed), modes.only(~noticed)
     found = intervals.monodromy(seen, reactions, deflection, frequency)
     multipliers, vectors = np.linalg.eig(found.matrix)
@@ -243,21 +315,30 @@ def _in_modes(modes, noticed, reactions, deflection, frequency):
     turning = alone.only(alone.rates.imag != 0)
     rates = np.concatenate([alone.rates, turning.rates.conj()])
     multipliers = np.concatenate([multipliers, np.exp(2 * np.pi / frequency * rates)])
-    disturbance = np.concatenate([disturbance, alone.motion, turning.motion.conj()], axis=1)
+    disturbance = np.concatenate(
+        [disturbance, alone.motion, turning.motion.conj()], axis=1
+    )
     return multipliers, disturbance, found.log_determinant - found.trace
 
 
 def _of_rotation(disturbance, coordinates, system, frequency):
     """Which eigenvectors of a monodromy matrix, its columns, are those of rotation."""
-    # Those nearest to the space of rotations: by their values a slow decay of the teeth could not be told from them.
-    # Rotations are motions (S, d) of the disks that bend no link, meshes in contact, held by soft grounds at most.
-    # Null space of the links that have a stiffness; of it, what only soft grounds hold.
+    # Those nearest to the space of rotations: by their values a slow decay of the teeth
+    # could not be told from them. Rotations are motions (S, d) of the disks that bend
+    # no link, meshes in contact, held by soft grounds at most. Null space of the links
+    # that have a stiffness; of it, what only soft grounds hold.
     rows = (system.incidence() * (np.asarray(system.stiffness) > 0)).T
     _, values, right = np.linalg.svd(rows)
     free = right[np.count_nonzero(values > 1e-10 * values.max(initial=1e-300)) :].T
-    inertia, held = (free.T @ (np.asarray(a)[:, None] * free) for a in (system.mass, system.ground))
+    inertia, held = (
+        free.T @ (np.asarray(a)[:, None] * free) for a in (system.mass, system.ground)
+    )
     squares, shapes = np.linalg.eig(np.linalg.pinv(inertia) @ held)
     rotations = free @ shapes.real[:, squares.real < (SOFT * frequency) ** 2]
     basis, _ = np.linalg.qr(coordinates @ np.kron(np.eye(2), rotations))
-    share = np.linalg.norm(basis.T @ disturbance, axis=0) / np.linalg.norm(disturbance, axis=0)
-    return np.isin(np.arange(len(share)), np.argsort(-share, kind="stable")[: basis.shape[1]])
+    share = np.linalg.norm(basis.T @ disturbance, axis=0) / np.linalg.norm(
+        disturbance, axis=0
+    )
+    return np.isin(
+        np.arange(len(share)), np.argsort(-share, kind="stable")[: basis.shape[1]]
+    )

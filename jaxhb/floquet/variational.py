@@ -1,20 +1,27 @@
-"""The variational equation around a given periodic motion, solved arc by arc between its switching times.
+"""The variational equation around a given periodic motion, solved arc by arc between
+its switching times.
 
-With the slopes of the nonlinear force phi in l and l' along the motion, a small deviation obeys
+With the slopes of the nonlinear force phi in l and l' along the motion, a small
+deviation obeys
 
     y' = (A + E S(t) L) y,     S(t) = (d phi/dl, d phi/dl'),
 
-in the coordinates of :mod:`jaxhb.equations.state_space`. An arc ends where a mesh passes a knot of its law (docs/theory
-A7). In an arc, a mesh in contact or in its gap has constant slopes and belongs to the matrix; without others, the arc
-is one exact exponential. Of a mesh in its smooth zone, or whose stiffness varies in time, the force u = S w is a
-polynomial through Gauss nodes (collocation), and Duhamel's integral with the constant train around it is exact:
+in the coordinates of :mod:`jaxhb.equations.state_space`. An arc ends where a mesh
+passes a knot of its law (docs/theory A7). In an arc, a mesh in contact or in its gap
+has constant slopes and belongs to the matrix; without others, the arc is one exact
+exponential. Of a mesh in its smooth zone, or whose stiffness varies in time, the force
+u = S w is a polynomial through Gauss nodes (collocation), and Duhamel's integral with
+the constant train around it is exact:
 
-    y(tau) = exp(A tau) y(0) + sum_j W_j u_j,     u_i = S_i (L exp(A c_i tau) y(0) + sum_j K_ij u_j).
+    y(tau) = exp(A tau) y(0) + sum_j W_j u_j,
+    u_i = S_i (L exp(A c_i tau) y(0) + sum_j K_ij u_j).
 
-All are power series in A tau, whose powers the arcs with the same constant meshes share: an exponential costs one
-product of matrices, and one more each time it is squared. Measured on ``gear_train_30`` at 1800 rpm, 54 states and 424
-switching times: 0.08 s on one core, numpy; at 700 rpm, where teeth stay in their smooth zone, 0.11 s. It is exact to
-rounding, for error bounds and as the measure of :mod:`jaxhb.floquet.intervals`, which is faster.
+All are power series in A tau, whose powers the arcs with the same constant meshes
+share: an exponential costs one product of matrices, and one more each time it is
+squared. Measured on ``gear_train_30`` at 1800 rpm, 54 states and 424 switching times:
+0.08 s on one core, numpy; at 700 rpm, where teeth stay in their smooth zone, 0.11 s. It
+is exact to rounding, for error bounds and as the measure of
+:mod:`jaxhb.floquet.intervals`, which is faster.
 """
 
 from functools import cache
@@ -27,20 +34,27 @@ import numpy as np
 from jaxhb.equations import backlash, fourier
 
 STAGES = 10  # Gauss nodes of a step with a mesh in its smooth zone
-# Norm of A tau at most, of a step or of what is squared: the terms of a power series are then exact to 1e-13, and
-# rounding leaves 1e-12 of the determinant. Shorter steps with fewer nodes take longer.
+# Norm of A tau at most, of a step or of what is squared: the terms of a power series
+# are then exact to 1e-13, and rounding leaves 1e-12 of the determinant. Shorter steps
+# with fewer nodes take longer.
 REACH = 4.0
-POWERS = 16  # of A that are kept for exponentials; two factors of them make the terms of a series
+# of A that are kept for exponentials; two factors of them make the terms of a series
+POWERS = 16
 TERMS = 2 * POWERS + 1
 CHUNK = 3_000_000  # entries of the propagators that are held at a time
 MOST_SLOPES = 20_000_000  # slopes at Gauss nodes of a cycle, 160 MB
-SAMPLES, DERIVATIVES = 16, 9  # per harmonic, and at each, from which a motion is known at any time to 1e-12
+SAMPLES, DERIVATIVES = (
+    16,
+    9,
+)  # per harmonic, and at each, from which a motion is known at any time to 1e-12
 
 
 class Monodromy(NamedTuple):
-    """The derivative ``(n, n)`` of the state after one cycle with respect to the state before; the logarithm of its
-    determinant as the sum over its factors, as its own is lost in rounding; and the integral over the cycle of the
-    trace of the matrix of the equation, equal to it (Liouville)."""
+    """The derivative ``(n, n)`` of the state after one cycle with respect to the state
+    before; the logarithm of its determinant as the sum over its factors, as its own is
+    lost in rounding; and the integral over the cycle of the trace of the matrix of the
+    equation, equal to it (Liouville).
+    """
 
     matrix: np.ndarray
     log_determinant: float
@@ -50,8 +64,9 @@ class Monodromy(NamedTuple):
 def monodromy(space, meshes, deflection, frequency, switching):
     """The :class:`Monodromy` of a motion; on the host.
 
-    space : StateSpace; meshes : MeshParameters, the G meshes with backlash; deflection : complex ``(G, N+1)`` m, their
-    motion; frequency : Omega in rad/s; switching : shares of the cycle at which a mesh passes a knot of its law.
+    space : StateSpace; meshes : MeshParameters, the G meshes with backlash; deflection
+    : complex ``(G, N+1)`` m, their motion; frequency : Omega in rad/s; switching :
+    shares of the cycle at which a mesh passes a knot of its law.
     """
     cycle = _Cycle(space, meshes, deflection, frequency, switching)
     matrix, log_determinant = np.eye(len(cycle.space.transition)), 0.0
@@ -63,9 +78,11 @@ def monodromy(space, meshes, deflection, frequency, switching):
 
 
 class Propagation(NamedTuple):
-    """How a disturbance propagates, at K shares of the cycle from 0 to 1: deflection ``(K, G, n)`` m there per unit
-    state at the beginning; end_state ``(K, n, G)`` per unit impulse (m s) there of the integral of (engagement - 1)
-    over the deflection of a mesh; matrix ``(n, n)`` of the whole cycle."""
+    """How a disturbance propagates, at K shares of the cycle from 0 to 1: deflection
+    ``(K, G, n)`` m there per unit state at the beginning; end_state ``(K, n, G)`` per
+    unit impulse (m s) there of the integral of (engagement - 1) over the deflection of
+    a mesh; matrix ``(n, n)`` of the whole cycle.
+    """
 
     share: np.ndarray
     deflection: np.ndarray
@@ -74,24 +91,36 @@ class Propagation(NamedTuple):
 
 
 def propagation(space, meshes, deflection, frequency, share):
-    """The :class:`Propagation` of disturbances; arguments as of :func:`monodromy`, times where teeth pass knots among
-    ``share``.
+    """The :class:`Propagation` of disturbances; arguments as of :func:`monodromy`,
+    times where teeth pass knots among ``share``.
 
-    The force of a mesh is ``k I + r dI/dt``, k = (1 - epsilon) c and r its damping if that acts in contact, of the
-    integral I. As A + E S L takes a state on, an impulse of I leaves ``(E k + (A + E S L) E r)`` behind.
+    The force of a mesh is ``k I + r dI/dt``, k = (1 - epsilon) c and r its damping if
+    that acts in contact, of the integral I. As A + E S L takes a state on, an impulse
+    of I leaves ``(E k + (A + E S L) E r)`` behind.
     """
     cycle = _Cycle(space, meshes, deflection, frequency, share)
     space, meshes = cycle.space, cycle.meshes
-    ends = np.concatenate([[0.0], np.cumsum(cycle.length)]) * cycle.frequency / (2 * np.pi)
+    ends = (
+        np.concatenate([[0.0], np.cumsum(cycle.length)]) * cycle.frequency / (2 * np.pi)
+    )
     propagators = np.concatenate([found for found, _ in cycle.propagators()])
     E, L, count = space.forcing, space.observation, space.forcing.shape[1]
     slope = cycle.slopes(ends)
     contact_viscous = np.where(meshes.contact_damping, meshes.viscous, 0.0)
-    changed = slope[:, :count, None] * L[:count] + slope[:, count:, None] * L[count:]  # S L
+    changed = (
+        slope[:, :count, None] * L[:count] + slope[:, count:, None] * L[count:]
+    )  # S L
     impulse = E * ((1 - meshes.law.epsilon) * meshes.law.stiffness)
     impulse = impulse + (space.transition @ E + E @ (changed @ E)) * contact_viscous
-    deflections, end_states, ahead, behind = [L[:count]], [impulse[-1]], np.eye(len(E)), np.eye(len(E))
-    for propagator, backwards, pushed in zip(propagators, propagators[::-1], impulse[-2::-1], strict=True):
+    deflections, end_states, ahead, behind = (
+        [L[:count]],
+        [impulse[-1]],
+        np.eye(len(E)),
+        np.eye(len(E)),
+    )
+    for propagator, backwards, pushed in zip(
+        propagators, propagators[::-1], impulse[-2::-1], strict=True
+    ):
         ahead, behind = propagator @ ahead, behind @ backwards
         deflections.append(L[:count] @ ahead)
         end_states.append(behind @ pushed)
@@ -99,46 +128,67 @@ def propagation(space, meshes, deflection, frequency, share):
 
 
 class _Cycle:
-    """P steps through the cycle of a motion, in order: length ``(P,)`` s; constant ``(P, 2G)`` slopes in l and l' of
-    meshes that keep them; of those that are between ``(P, G)`` their gap and contact, slope ``(P, J, 2G)`` at the Gauss
-    nodes."""
+    """P steps through the cycle of a motion, in order: length ``(P,)`` s; constant
+    ``(P, 2G)`` slopes in l and l' of meshes that keep them; of those that are between
+    ``(P, G)`` their gap and contact, slope ``(P, J, 2G)`` at the Gauss nodes.
+    """
 
     def __init__(self, space, meshes, deflection, frequency, breaks):
-        self.space, self.meshes, self.deflection = jax.tree.map(np.asarray, (space, meshes, deflection))
+        self.space, self.meshes, self.deflection = jax.tree.map(
+            np.asarray, (space, meshes, deflection)
+        )
         self.frequency, period = float(frequency), 2 * np.pi / float(frequency)
         self.sampled = sampled(self.deflection)
         # Each constant train is made once; its slopes as bytes, as arrays are no keys.
-        self.train = cache(lambda slope: _ConstantTrain(self.space, np.frombuffer(slope)))
+        self.train = cache(
+            lambda slope: _ConstantTrain(self.space, np.frombuffer(slope))
+        )
         breaks = np.unique(np.concatenate([[0.0], breaks, [1.0]]))
         begin, share = breaks[:-1], np.diff(breaks)
-        # In an arc no mesh passes a knot: what it is in the middle, in contact, apart or between, it is all along.
+        # In an arc no mesh passes a knot: what it is in the middle, in contact, apart
+        # or between, it is all along.
         middle = begin + share / 2
         engagement = backlash.engagement(
-            self.meshes.law.expand(), between_samples(self.sampled, self.frequency, middle)[0]
+            self.meshes.law.expand(),
+            between_samples(self.sampled, self.frequency, middle)[0],
         )
-        between, variation = ((engagement > 0) & (engagement < 1)).T, self.meshes.variation
+        between, variation = (
+            ((engagement > 0) & (engagement < 1)).T,
+            self.meshes.variation,
+        )
         quickest = 0.0
-        if variation is not None:  # a mesh whose stiffness varies has a constant slope nowhere
+        if (
+            variation is not None
+        ):  # a mesh whose stiffness varies has a constant slope nowhere
             between = between | (variation != 0).any(axis=-1)
             quickest = (variation.shape[-1] - 1) * self.frequency
         constant = np.where(np.tile(between, 2), 0.0, self.slopes(middle))
-        # Arcs of a mesh in its smooth zone are cut into steps of bounded norm; others are exponentials of any length.
+        # Arcs of a mesh in its smooth zone are cut into steps of bounded norm; others
+        # are exponentials of any length.
         norm = np.array([self.train(row.tobytes()).norm for row in constant])
         reach = np.maximum(norm, quickest) * period * share
         count = np.where(between.any(axis=1), np.ceil(reach / REACH), 1).astype(int)
         if count.sum() * STAGES * constant.shape[1] > MOST_SLOPES:
             raise ValueError(
-                f"stability would take {count.sum():.3g} steps a cycle, as teeth stay in the smooth zone of their law"
-                " while they vibrate fast beside the cycle, and memory does not suffice: ask at a higher speed."
+                f"stability would take {count.sum():.3g} steps a cycle, as teeth stay"
+                " in the smooth zone of their law while they vibrate fast beside the"
+                " cycle, and memory does not suffice: ask at a higher speed."
             )
         share = np.repeat(share / count, count)
         number = np.arange(len(share)) - np.repeat(np.cumsum(count) - count, count)
-        begin, self.constant, self.between = (np.repeat(a, count, axis=0) for a in (begin, constant, between))
+        begin, self.constant, self.between = (
+            np.repeat(a, count, axis=0) for a in (begin, constant, between)
+        )
         varying = self.between.any(axis=1)
         at = (begin + share * number)[varying, None] + share[varying, None] * _NODE
-        self.length, self.slope = share * period, np.zeros((len(share), STAGES, constant.shape[1]))
+        self.length, self.slope = (
+            share * period,
+            np.zeros((len(share), STAGES, constant.shape[1])),
+        )
         found = self.slopes(at.ravel()).reshape(self.slope[varying].shape)
-        self.slope[varying] = np.where(np.tile(self.between, 2)[varying, None], found, 0.0)
+        self.slope[varying] = np.where(
+            np.tile(self.between, 2)[varying, None], found, 0.0
+        )
 
     def slopes(self, share):
         """Slopes ``(K, 2G)`` of phi in l and l' at shares of the cycle ``(K,)``."""
@@ -148,8 +198,9 @@ class _Cycle:
         return np.concatenate([by_deflection, by_rate + 0 * rate]).T
 
     def propagators(self):
-        """Chunk by chunk the propagators ``(K, n, n)`` of the steps, and the logarithms ``(K,)`` of their
-        determinants."""
+        """Chunk by chunk the propagators ``(K, n, n)`` of the steps, and the logarithms
+        ``(K,)`` of their determinants.
+        """
         alike = np.column_stack([self.constant, self.between])
         states = len(self.space.transition)
         size = max(CHUNK // states**2, 1)
@@ -164,26 +215,33 @@ class _Cycle:
                 at, varying = np.flatnonzero(kind.ravel() == k), np.flatnonzero(between)
                 train, length = self.train(constant.tobytes()), self.length[chosen][at]
                 if len(varying):
-                    found[at], logarithm[at] = train.collocated(length, self.slope[chosen][at], varying)
+                    found[at], logarithm[at] = train.collocated(
+                        length, self.slope[chosen][at], varying
+                    )
                 else:
                     found[at], logarithm[at] = train.long_exponential(length)
             yield found, logarithm
 
     def trace(self):
         """Integral of the trace of the matrix of the equation over the cycle."""
-        forces = np.einsum("hn,nh->h", self.space.observation, np.tile(self.space.forcing, 2))
+        forces = np.einsum(
+            "hn,nh->h", self.space.observation, np.tile(self.space.forcing, 2)
+        )
         mean = self.constant + np.einsum("i,pih->ph", _WEIGHT, self.slope)
         return float(self.length @ (np.trace(self.space.transition) + mean @ forces))
 
 
 def motion(deflection, frequency, share):
-    """l and l' ``(2, G, K)`` at shares ``(K,)`` of the cycle, of coefficients ``(G, N+1)``."""
+    """l and l' ``(2, G, K)`` at shares ``(K,)`` of the cycle, of coefficients ``(G,
+    N+1)``.
+    """
     return between_samples(sampled(deflection), frequency, share)
 
 
 def sampled(deflection):
-    """The motion with coefficients ``(G, N+1)`` and its derivatives by the angle of the cycle at equidistant times
-    ``(DERIVATIVES + 1, G, samples)``."""
+    """The motion with coefficients ``(G, N+1)`` and its derivatives by the angle of the
+    cycle at equidistant times ``(DERIVATIVES + 1, G, samples)``.
+    """
     samples, values = SAMPLES * max(deflection.shape[-1] - 1, 1), []
     for _ in range(DERIVATIVES + 1):
         values.append(fourier.synthesize(deflection, samples))
@@ -192,20 +250,33 @@ def sampled(deflection):
 
 
 def between_samples(values, frequency, share):
-    """l and l' ``(2, G, K)`` at shares ``(K,)`` of the cycle: Taylor series from the nearest of equidistant samples."""
+    """l and l' ``(2, G, K)`` at shares ``(K,)`` of the cycle: Taylor series from the
+    nearest of equidistant samples.
+    """
     samples = values.shape[-1]
-    # Transforms know a motion at equidistant times only. From the nearest of them, half a sample away at most, its
-    # Taylor series converges fast: n times the angle stays below pi / 16.
+    # Transforms know a motion at equidistant times only. From the nearest of them, half
+    # a sample away at most, its Taylor series converges fast: n times the angle stays
+    # below pi / 16.
     nearest = np.rint(share * samples)
     angle = 2 * np.pi / samples * (share * samples - nearest)
     values = values[..., nearest.astype(int) % samples]
-    power = angle ** np.arange(DERIVATIVES)[:, None, None] * _INVERSE[:DERIVATIVES, None, None]
-    return np.stack([np.sum(power * values[:-1], axis=0), frequency * np.sum(power * values[1:], axis=0)])
+    power = (
+        angle ** np.arange(DERIVATIVES)[:, None, None]
+        * _INVERSE[:DERIVATIVES, None, None]
+    )
+    return np.stack(
+        [
+            np.sum(power * values[:-1], axis=0),
+            frequency * np.sum(power * values[1:], axis=0),
+        ]
+    )
 
 
 class _ConstantTrain:
-    """Power series of one constant train: powers of A/norm ``(powers + 1, n n)``; with forces of the meshes on their
-    right ``(terms, n, G)``, motion of the meshes on their left ``(terms, 2G, n)``, or both."""
+    """Power series of one constant train: powers of A/norm ``(powers + 1, n n)``; with
+    forces of the meshes on their right ``(terms, n, G)``, motion of the meshes on their
+    left ``(terms, 2G, n)``, or both.
+    """
 
     def __init__(self, space, slope):
         forcing, observation = space.forcing, space.observation
@@ -225,18 +296,24 @@ class _ConstantTrain:
         self.both = observation @ self.forced
 
     def exponential(self, length):
-        """exp(A tau) ``(K, n, n)`` of lengths ``(K,)`` with norms of A tau within the reach."""
+        """exp(A tau) ``(K, n, n)`` of lengths ``(K,)`` with norms of A tau within the
+        reach.
+        """
         x = (length * self.norm)[:, None] ** np.arange(TERMS)
         shape = -1, *self.last.shape
-        # Paterson and Stockmeyer (SIAM J. Comput. 2 (1973) 60): two sums of the powers at hand, and one product with
-        # the last, instead of a product for each term.
+        # Paterson and Stockmeyer (SIAM J. Comput. 2 (1973) 60): two sums of the powers
+        # at hand, and one product with the last, instead of a product for each term.
         low = (x[:, :POWERS] * _INVERSE[:POWERS]) @ self.powers[:POWERS]
         high = (x[:, POWERS:] * _INVERSE[POWERS:]) @ self.powers
         return low.reshape(shape) + self.last @ high.reshape(shape)
 
     def long_exponential(self, length):
-        """exp(A tau), and the logarithms of the determinants, of any lengths: squared as often as necessary."""
-        halvings = np.ceil(np.log2(np.maximum(length * self.norm / REACH, 1.0))).astype(int)
+        """exp(A tau), and the logarithms of the determinants, of any lengths: squared
+        as often as necessary.
+        """
+        halvings = np.ceil(np.log2(np.maximum(length * self.norm / REACH, 1.0))).astype(
+            int
+        )
         found = self.exponential(length / 2.0**halvings)
         logarithm = np.linalg.slogdet(found)[1] * 2.0**halvings
         for k in range(halvings.max(initial=0)):
@@ -245,45 +322,70 @@ class _ConstantTrain:
         return found, logarithm
 
     def collocated(self, length, slope, chosen):
-        """Propagators ``(K, n, n)`` of steps in which the chosen meshes have slopes ``(K, J, 2G)`` at the Gauss
-        nodes besides, and logarithms of determinants."""
+        """Propagators ``(K, n, n)`` of steps in which the chosen meshes have slopes
+        ``(K, J, 2G)`` at the Gauss nodes besides, and logarithms of determinants.
+        """
         states, meshes = self.forced.shape[1:]
         both, own = np.concatenate([chosen, meshes + chosen]), len(chosen)
-        series = self.observed[:, both], self.forced[:, :, chosen], self.both[:, both[:, None], chosen]
+        series = (
+            self.observed[:, both],
+            self.forced[:, :, chosen],
+            self.both[:, both[:, None], chosen],
+        )
         observed, forced, between = (a.reshape(TERMS, -1) for a in series)
         # Steps of one section have one length: what depends on it alone is made once.
         length, index = np.unique(length, return_inverse=True)
-        x, scale = (length * self.norm)[:, None] ** np.arange(TERMS), length[:, None, None, None]
-        # Motions of unit states at the Gauss nodes (K, J, 2G, n), of unit forces there (K, J, 2G, J, G), and the states
-        # (K, n, J, G) that these leave at the end.
-        observed = (x[:, None] * _NODE[:, None] ** np.arange(TERMS) * _INVERSE) @ observed
+        x, scale = (
+            (length * self.norm)[:, None] ** np.arange(TERMS),
+            length[:, None, None, None],
+        )
+        # Motions of unit states at the Gauss nodes (K, J, 2G, n), of unit forces there
+        # (K, J, 2G, J, G), and the states (K, n, J, G) that these leave at the end.
+        observed = (
+            x[:, None] * _NODE[:, None] ** np.arange(TERMS) * _INVERSE
+        ) @ observed
         observed = observed.reshape(-1, STAGES, 2 * own, states)[index]
-        response = ((x[:, None, None] * _UNTIL_NODE) @ between).reshape(-1, STAGES, STAGES, 2 * own, own)
+        response = ((x[:, None, None] * _UNTIL_NODE) @ between).reshape(
+            -1, STAGES, STAGES, 2 * own, own
+        )
         response = (scale[..., None] * response.transpose(0, 1, 3, 2, 4))[index]
         left = ((x[:, None] * _UNTIL_END) @ forced).reshape(-1, STAGES, states, own)
         left = (scale * left.transpose(0, 2, 1, 3))[index]
         slope, size = slope[..., both], STAGES * own
 
         def force(moved):
-            on, following = np.split(slope.reshape(*slope.shape, *[1] * (moved.ndim - 3)) * moved, 2, axis=2)
+            on, following = np.split(
+                slope.reshape(*slope.shape, *[1] * (moved.ndim - 3)) * moved, 2, axis=2
+            )
             return (on + following).reshape(len(slope), size, -1)
 
-        # u_i = S_i (L exp(A c_i tau) y + sum_j K_ij u_j) of the head of this module, for unit states y.
+        # u_i = S_i (L exp(A c_i tau) y + sum_j K_ij u_j) of the head of this module,
+        # for unit states y.
         force = np.linalg.solve(np.eye(size) - force(response), force(observed))
-        found = self.exponential(length)[index] + left.reshape(len(slope), states, -1) @ force
+        found = (
+            self.exponential(length)[index]
+            + left.reshape(len(slope), states, -1) @ force
+        )
         return found, np.linalg.slogdet(found)[1]
 
 
 def _integrals():
-    """Gauss nodes of 0 .. 1, their weights, and with the Lagrange polynomial p_j through them the integrals of
-    ``(e - s)^k / k! p_j(s)`` from 0 to e: to each node ``(i, j, k)`` and to the end ``(j, k)``."""
+    """Gauss nodes of 0 .. 1, their weights, and with the Lagrange polynomial p_j
+    through them the integrals of ``(e - s)^k / k! p_j(s)`` from 0 to e: to each node
+    ``(i, j, k)`` and to the end ``(j, k)``.
+    """
     unit, unit_weight = np.polynomial.legendre.leggauss(STAGES)
     node, weight = (unit + 1) / 2, unit_weight / 2
-    fine, fine_weight = np.polynomial.legendre.leggauss(TERMS)  # exact for these degrees, and well conditioned
+    fine, fine_weight = np.polynomial.legendre.leggauss(
+        TERMS
+    )  # exact for these degrees, and well conditioned
     end = np.append(node, 1.0)[:, None]
     at, scale = end * (fine + 1) / 2, end * fine_weight / 2
     others = ~np.eye(STAGES, dtype=bool)
-    lagrange = [np.prod((at[..., None] - node[o]) / (node[j] - node[o]), axis=-1) for j, o in enumerate(others)]
+    lagrange = [
+        np.prod((at[..., None] - node[o]) / (node[j] - node[o]), axis=-1)
+        for j, o in enumerate(others)
+    ]
     power = (end - at)[..., None] ** np.arange(TERMS) * _INVERSE
     to = np.einsum("es,jes,esk->ejk", scale, lagrange, power)
     return node, weight, to[:-1], to[-1]

@@ -1,4 +1,6 @@
-"""The reference integration on the host, and by it the true error of a harmonic solution."""
+"""The reference integration on the host, and by it the true error of a harmonic
+solution.
+"""
 
 from __future__ import annotations
 
@@ -23,15 +25,28 @@ from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
-# Steps per period of the highest mesh mode, and at most, where a narrow transition of the law asks for more.
+# Steps per period of the highest mesh mode, and at most, where a narrow transition of
+# the law asks for more.
 STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD = 40, 400
 STEPS = 256  # of a cycle, at least
-MOST_STEPS = 2**21  # of a cycle times meshes, at most: samples of such a cycle, and those between, take 1 GiB
-MESH_SHARE = 0.01  # share of the strain energy of a mode that backlash meshes hold from which it is a mesh mode
+MOST_STEPS = (
+    2**21
+    # of a cycle times meshes, at most: samples of such a cycle, and those between, take
+    # 1 GiB
+)
+# share of the strain energy of a mode that backlash meshes hold from which it is a mesh
+# mode
+MESH_SHARE = 0.01
 CORRECTIONS = 10  # newton steps on the segments of a cycle, at most
-CONTRADICTS = 3.0  # times the estimate of the truncation error above which a correction is asked with more steps
-STEP_ERROR = 1e-4  # what the steps leave of an elastic tooth force, as a share of the largest
-ROUNDED = 1e-11  # share of a displacement that the coordinates of the integration may lose
+# times the estimate of the truncation error above which a correction is asked with more
+# steps
+CONTRADICTS = 3.0
+STEP_ERROR = (
+    1e-4  # what the steps leave of an elastic tooth force, as a share of the largest
+)
+ROUNDED = (
+    1e-11  # share of a displacement that the coordinates of the integration may lose
+)
 
 _discretize = Program(discretize, static_argnames=("steps", "parts"))
 _march = Program(march)
@@ -39,31 +54,44 @@ _march = Program(march)
 
 @Program
 def _close(stepper, system, load, coefficients, tolerance):
-    """First state, cycle and Newton steps of the motion that closes next to displacements ``(S, N+1)`` m."""
+    """First state, cycle and Newton steps of the motion that closes next to
+    displacements ``(S, N+1)`` m.
+    """
     system, load = jax.tree.map(jnp.asarray, (system, load))
     linear = dense_linear_motion(system, stepper.frequency, load)
     harmonics = max(coefficients.shape[-1], linear.shape[-1]) - 1
-    deviation = fourier.resize(coefficients, harmonics) - fourier.resize(linear, harmonics)
-    both = jnp.concatenate([deviation, fourier.derivative(deviation, stepper.frequency)])
+    deviation = fourier.resize(coefficients, harmonics) - fourier.resize(
+        linear, harmonics
+    )
+    both = jnp.concatenate(
+        [deviation, fourier.derivative(deviation, stepper.frequency)]
+    )
     nodes = (stepper.space.coordinates @ fourier.sample(both, shooting.SEGMENTS)).T
-    nodes, trace, steps = shooting.close(stepper, nodes, tolerance=tolerance, most=CORRECTIONS)
+    nodes, trace, steps = shooting.close(
+        stepper, nodes, tolerance=tolerance, most=CORRECTIONS
+    )
     return nodes[0], trace, steps
 
 
 @by_value
 @dataclass(frozen=True)
 class Orbit:
-    """A cycle found by time integration, on the host; samples at ``t_j = 2 pi j / (Omega steps)``, backlash meshes.
+    """A cycle found by time integration, on the host; samples at ``t_j = 2 pi j /
+    (Omega steps)``, backlash meshes.
 
     Attributes
     ----------
     deflection, rate : arrays ``(G, steps)``, m and m/s
-    elastic, transmitted : arrays ``(G, steps)`` N, f(l), and f(l) with the damping force
-    smallest, largest : arrays ``(G,)`` N, of the elastic force, between the samples too (cubic through l and l')
+    elastic, transmitted : arrays ``(G, steps)`` N, f(l), and f(l) with the damping
+    force
+    smallest, largest : arrays ``(G,)`` N, of the elastic force, between the samples too
+    (cubic through l and l')
     separated : array ``(G,)``, share of the cycle in which the teeth are apart
-    periodicity_error : float, relative change over the cycle, see :class:`jaxhb.integration.step.Trace`
+    periodicity_error : float, relative change over the cycle, see
+    :class:`jaxhb.integration.step.Trace`
     settled : bool, whether the periodicity error met the tolerance
-    cycles, newton_steps : int, cycles marched, 0 after shooting, and Newton steps of shooting
+    cycles, newton_steps : int, cycles marched, 0 after shooting, and Newton steps of
+    shooting
     state : array ``(n,)``, deviation at the beginning of the cycle after the last one
     stepper : Stepper
     """
@@ -86,22 +114,32 @@ class Orbit:
 def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
     """Steps per cycle of Omega ``frequency`` rad/s that resolve the teeth.
 
-    At least ``per_period`` steps per period of the highest natural frequency omega in which the backlash meshes hold
-    1 % of the strain energy; and ``pi / (2 transition)`` (at most 400), so that a step at the speed ``omega h/2``
-    covers no more than two transition zones. On ``gear_train_30`` at 1800 rpm the elastic force is then within
-    0.004 % of its maximum all cycle, with 12 steps per period within 0.12 %, with 7 within 1 %.
+    At least ``per_period`` steps per period of the highest natural frequency omega in
+    which the backlash meshes hold 1 % of the strain energy; and ``pi / (2 transition)``
+    (at most 400), so that a step at the speed ``omega h/2`` covers no more than two
+    transition zones. On ``gear_train_30`` at 1800 rpm the elastic force is then within
+    0.004 % of its maximum all cycle, with 12 steps per period within 0.12 %, with 7
+    within 1 %.
     """
     if not len(np.asarray(meshes.link)):
         return STEPS
     parts = partition(system, meshes)
     system = jax.tree.map(np.asarray, system)
     K = matrices(system)[1]
-    inertial, rest = np.array(parts.inertial, int), np.array(parts.damped + parts.static, int)
+    inertial, rest = (
+        np.array(parts.inertial, int),
+        np.array(parts.damped + parts.static, int),
+    )
     stiffness = K[np.ix_(inertial, inertial)]
     if rest.size:
         coupling = K[np.ix_(rest, inertial)]
-        # Disks without inertia follow the others: condensed statically, which is exact without damping.
-        stiffness = stiffness - coupling.T @ np.linalg.lstsq(K[np.ix_(rest, rest)], coupling, rcond=None)[0]
+        # Disks without inertia follow the others: condensed statically, which is exact
+        # without damping.
+        stiffness = (
+            stiffness
+            - coupling.T
+            @ np.linalg.lstsq(K[np.ix_(rest, rest)], coupling, rcond=None)[0]
+        )
     root = np.sqrt(system.mass[inertial])
     squares, modes = np.linalg.eigh(stiffness / root[:, None] / root)
     shapes = np.zeros((K.shape[0], inertial.size))
@@ -112,20 +150,31 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
     taking_part = strain > MESH_SHARE * np.maximum(squares, 0)
     highest = np.sqrt(squares[taking_part].max(initial=0.0))
     sharpest = np.min(np.asarray(meshes.law.transition))
-    # At the speed omega h/2 a step of 2 pi/(omega n) covers pi h/n: two zones of width tau h for n = pi/(2 tau).
+    # At the speed omega h/2 a step of 2 pi/(omega n) covers pi h/n: two zones of width
+    # tau h for n = pi/(2 tau).
     per_period = max(per_period, min(np.pi / (2 * sharpest), MOST_STEPS_PER_PERIOD))
     return int(np.ceil(max(STEPS, per_period * highest / float(frequency))))
 
 
 def reference_orbit(
-    system, meshes, frequency, load, start_coefficients=None, *, steps=None, cycles=None, tolerance=1e-9, max_cycles=300
+    system,
+    meshes,
+    frequency,
+    load,
+    start_coefficients=None,
+    *,
+    steps=None,
+    cycles=None,
+    tolerance=1e-9,
+    max_cycles=300,
 ):
-    """The :class:`Orbit` of a System and its backlash meshes (MeshParameters) under ``load`` ``(S, N+1)`` N, as
-    :func:`integrate` finds it.
+    """The :class:`Orbit` of a System and its backlash meshes (MeshParameters) under
+    ``load`` ``(S, N+1)`` N, as :func:`integrate` finds it.
 
-    start_coefficients : complex ``(S, N+1)`` m, displacements of a motion to check: it is corrected by shooting in
-    segments of the cycle, of which ``steps`` are made a multiple; that also holds unstable motions. Without, the train
-    is marched from its drive sides.
+    start_coefficients : complex ``(S, N+1)`` m, displacements of a motion to check: it
+    is corrected by shooting in segments of the cycle, of which ``steps`` are made a
+    multiple; that also holds unstable motions. Without, the train is marched from its
+    drive sides.
     """
     if cycles is not None and cycles < 1:
         raise ValueError(f"cycles is {cycles}, must be at least 1.")
@@ -134,24 +183,32 @@ def reference_orbit(
         steps = max(resolving_steps(system, meshes, frequency), 4 * np.shape(load)[-1])
     if steps * max(len(np.asarray(meshes.link)), 1) > MOST_STEPS:
         raise ValueError(
-            f"time integration would take {steps:.3g} steps a cycle of {2 * np.pi / float(frequency):.3g} s, and takes "
-            f"at most {MOST_STEPS // len(np.asarray(meshes.link)):.3g}: ask for a higher speed."
+            f"time integration would take {steps:.3g} steps a cycle of"
+            f" {2 * np.pi / float(frequency):.3g} s, and takes at most"
+            f" {MOST_STEPS // len(np.asarray(meshes.link)):.3g}: ask for a higher"
+            " speed."
         )
     given, newton = start_coefficients is not None, 0
     if given:
         steps += -steps % shooting.SEGMENTS
     stepper = _discretize(system, meshes, frequency, load, steps=steps, parts=parts)
     if given:
-        state, trace, newton = _close(stepper, system, load, jnp.asarray(start_coefficients), tolerance)
+        state, trace, newton = _close(
+            stepper, system, load, jnp.asarray(start_coefficients), tolerance
+        )
         cycles = 0
     else:
         # No cycle closes better than by nothing: exactly so many are marched.
         until = (tolerance, max_cycles) if cycles is None else (-1.0, cycles)
-        state, trace, cycles = _march(stepper, stepper.flank_state, tolerance=until[0], max_cycles=until[1])
+        state, trace, cycles = _march(
+            stepper, stepper.flank_state, tolerance=until[0], max_cycles=until[1]
+        )
     meshes, deflection, rate = on_host((meshes, trace.deflection, trace.rate))
     known = backlash.at_samples(meshes, fourier.Equidistant(steps).synthesize)
     between = _between(deflection, rate, 2 * np.pi / float(frequency) / steps)
-    law, *_ = backlash.at_samples(meshes, fourier.Equidistant(between.shape[1]).synthesize)
+    law, *_ = backlash.at_samples(
+        meshes, fourier.Equidistant(between.shape[1]).synthesize
+    )
     elastic = backlash.force(law, between)
     return Orbit(
         deflection=deflection,
@@ -171,7 +228,9 @@ def reference_orbit(
 
 
 def _between(l, rate, dt):
-    """Deflections ``(G, 16 steps)`` m on the cubics through l and l' at the samples ``(G, steps)``."""
+    """Deflections ``(G, 16 steps)`` m on the cubics through l and l' at the samples
+    ``(G, steps)``.
+    """
     slope = rate * dt
     following, steepness = np.roll(l, -1, axis=1), np.roll(slope, -1, axis=1)
     s = np.arange(16)[:, None, None] / 16
@@ -189,7 +248,12 @@ def equations_of(train, rpm):
     torque, _, _ = excitation(train, rpm, listed_harmonic(train.topology))
     frequency = train.topology.cycle_frequency(rpm)
     load = torque / jnp.asarray(system.radius)[:, None]
-    return system, meshes, frequency, backlash.error_load(system, all_meshes(train), frequency, load)
+    return (
+        system,
+        meshes,
+        frequency,
+        backlash.error_load(system, all_meshes(train), frequency, load),
+    )
 
 
 def integrate(
@@ -209,10 +273,11 @@ def integrate(
     rpm : float
         Speed of the reference rotor.
     cycles : int, optional
-        March exactly so many cycles of the excitation; without it until a cycle closes to ``tolerance``, relative, but
-        at most ``max_cycles``.
+        March exactly so many cycles of the excitation; without it until a cycle closes
+        to ``tolerance``, relative, but at most ``max_cycles``.
     steps : int, optional
-        Steps per cycle; without it 40 per period of the highest mesh mode, or more for a narrow transition of the law.
+        Steps per cycle; without it 40 per period of the highest mesh mode, or more for
+        a narrow transition of the law.
 
     Returns
     -------
@@ -222,7 +287,8 @@ def integrate(
     Raises
     ------
     ValueError
-        Naming links with loss factors, or massless disks that leave no equation to integrate.
+        Naming links with loss factors, or massless disks that leave no equation to
+        integrate.
 
     Examples
     --------
@@ -234,7 +300,14 @@ def integrate(
     refuse_tracers("integrate", train, rpm)
     system, meshes, frequency, load = equations_of(train, rpm)
     return reference_orbit(
-        system, meshes, frequency, load, steps=steps, cycles=cycles, tolerance=tolerance, max_cycles=max_cycles
+        system,
+        meshes,
+        frequency,
+        load,
+        steps=steps,
+        cycles=cycles,
+        tolerance=tolerance,
+        max_cycles=max_cycles,
     )
 
 
@@ -246,8 +319,8 @@ class Correction:
     Attributes
     ----------
     error, peak_error : float
-        Largest difference of the elastic tooth forces over the cycle and the meshes, and of their extremes / largest
-        elastic tooth force.
+        Largest difference of the elastic tooth forces over the cycle and the meshes,
+        and of their extremes / largest elastic tooth force.
     orbit : Orbit
         The corrected motion; ``orbit.settled`` says whether shooting closed the cycle.
     """
@@ -257,12 +330,17 @@ class Correction:
     orbit: Orbit
 
 
-def shooting_correction(response: Response, *, steps: int | None = None, tolerance: float = 1e-09) -> Correction:
-    """Start at a harmonic solution, integrate one cycle, correct by Newton: the change is the solution's true error.
+def shooting_correction(
+    response: Response, *, steps: int | None = None, tolerance: float = 1e-09
+) -> Correction:
+    """Start at a harmonic solution, integrate one cycle, correct by Newton: the change
+    is the solution's true error.
 
-    The cycle is cut into 32 segments that Newton's method joins (multiple shooting): valid on unstable motions too. The
-    answer is as good as the integration: see :func:`integrate`. Teeth without damping need more steps: a change above
-    three times ``response.truncation_error`` is asked with 4 and 16 times as many, which overrule it if they close.
+    The cycle is cut into 32 segments that Newton's method joins (multiple shooting):
+    valid on unstable motions too. The answer is as good as the integration: see
+    :func:`integrate`. Teeth without damping need more steps: a change above three times
+    ``response.truncation_error`` is asked with 4 and 16 times as many, which overrule
+    it if they close.
 
     Parameters
     ----------
@@ -281,8 +359,9 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
     Raises
     ------
     ValueError
-        For scenes that cannot be integrated in time, see :func:`integrate`, and where a soft ground lets the mean
-        torques turn the train so far that rounding hides the backlash.
+        For scenes that cannot be integrated in time, see :func:`integrate`, and where a
+        soft ground lets the mean torques turn the train so far that rounding hides the
+        backlash.
 
     NotConverged
         For a response that solves no equations.
@@ -297,22 +376,30 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
     refuse_tracers("shooting_correction", response)
     train, rpm = response.train, float(response.rpm)
     if train is None:
-        raise ValueError("the response comes out of a transformation without its train: solve outside of it")
+        raise ValueError(
+            "the response comes out of a transformation without its train: solve"
+            " outside of it"
+        )
     need_solved(response)
     if not train.topology.has_law.any():
-        raise ValueError(f"{train.topology.title} has no mesh with backlash: its response is exact")
+        raise ValueError(
+            f"{train.topology.title} has no mesh with backlash: its response is exact"
+        )
     system, meshes, frequency, load = equations_of(train, rpm)
     start = np.asarray(response.angles) * np.asarray(system.radius)[:, None]
     farthest = np.abs(start[:, 0]).max()
     least = np.min(meshes.law.backlash, where=meshes.law.epsilon < 1, initial=np.inf)
     if ROUNDED * farthest > least:
         raise ValueError(
-            f"{train.topology.title}: the mean torques turn a gear by {farthest:.1e} m along its teeth, and "
-            f"time integration keeps no digits for a backlash of {least:.1e} m: add a [[load]] or a stiffer [[ground]]."
+            f"{train.topology.title}: the mean torques turn a gear by {farthest:.1e} m"
+            " along its teeth, and time integration keeps no digits for a backlash of"
+            f" {least:.1e} m: add a [[load]] or a stiffer [[ground]]."
         )
 
     def correction(steps):
-        orbit = reference_orbit(system, meshes, frequency, load, start, steps=steps, tolerance=tolerance)
+        orbit = reference_orbit(
+            system, meshes, frequency, load, start, steps=steps, tolerance=tolerance
+        )
         return _difference(response, meshes, orbit)
 
     found = correction(steps)
@@ -320,8 +407,8 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
     for _ in range(2 if steps is None else 0):
         if not found.orbit.settled or found.error <= believed:
             break
-        # A correction far above the estimate is more often an error of the steps than of the harmonics: teeth without
-        # damping ring on what coarse steps make.
+        # A correction far above the estimate is more often an error of the steps than
+        # of the harmonics: teeth without damping ring on what coarse steps make.
         finer = correction(4 * found.orbit.deflection.shape[1])
         if not finer.orbit.settled:
             break
@@ -333,14 +420,22 @@ def _difference(response, meshes, orbit):
     """The Correction of a response by the motion that closes beside it."""
     train = response.train
     own, samples = train.topology.law_index, orbit.elastic.shape[1]
-    law, *_ = backlash.at_samples(on_host(meshes), fourier.Equidistant(samples).synthesize)
+    law, *_ = backlash.at_samples(
+        on_host(meshes), fourier.Equidistant(samples).synthesize
+    )
     deflections = np.asarray(response.deflections)[own]
-    rates = fourier.derivative(deflections, train.topology.cycle_frequency(float(response.rpm)))
+    rates = fourier.derivative(
+        deflections, train.topology.cycle_frequency(float(response.rpm))
+    )
     force = backlash.force(law, fourier.sample(deflections, samples))
     force = force + backlash.dry_friction(law, fourier.sample(rates, samples))
     wanted = orbit.elastic + backlash.dry_friction(law, orbit.rate)
-    extremes = np.array([[s.min, s.max] for s in (response._read("force", i).elastic for i in own)])
+    extremes = np.array(
+        [[s.min, s.max] for s in (response._read("force", i).elastic for i in own)]
+    )
     change = extremes - np.stack([orbit.smallest, orbit.largest], axis=1)
     largest = np.abs(wanted).max()
-    error, peak_error = (float(np.abs(change).max() / largest) for change in (force - wanted, change))
+    error, peak_error = (
+        float(np.abs(change).max() / largest) for change in (force - wanted, change)
+    )
     return Correction(error, peak_error, orbit)

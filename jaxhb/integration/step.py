@@ -1,20 +1,26 @@
-"""Time integration of one train at one speed: exponential Runge-Kutta steps around the linear train, and cycles.
+"""Time integration of one train at one speed: exponential Runge-Kutta steps around the
+linear train, and cycles.
 
-The deviation ``z`` of the state from the periodic response of the linear train (meshes in contact) obeys
+The deviation ``z`` of the state from the periodic response of the linear train (meshes
+in contact) obeys
 
-    z' = A z + E phi(w),     w = (l, l') = w_linear(t) + L z,     phi = mesh force - c l - r l',
+    z' = A z + E phi(w),     w = (l, l') = w_linear(t) + L z,
+    phi = mesh force - c l - r l',
 
-so the excitation and the whole linear train are integrated exactly and only phi, which is constant while a mesh stays
-on one flank, is approximated: fourth order, weights of Krogstad (J. Comput. Phys. 203 (2005) 72). A crossing of a knot
-of the law, where f'' jumps, costs an error of third order in the step; of second order for damping in contact, whose
-slope jumps there. The stages need w alone: the state moves once a step, by one product with the propagator.
+so the excitation and the whole linear train are integrated exactly and only phi, which
+is constant while a mesh stays on one flank, is approximated: fourth order, weights of
+Krogstad (J. Comput. Phys. 203 (2005) 72). A crossing of a knot of the law, where f''
+jumps, costs an error of third order in the step; of second order for damping in
+contact, whose slope jumps there. The stages need w alone: the state moves once a step,
+by one product with the propagator.
 
-The phi-functions come from one exponential of the augmented matrix [[A, E, 0, 0], [0, 0, I/dt, 0], [0, 0, 0, I/dt], 0]
-(Van Loan), so that a singular A (free rotation, a ring without spring) needs no care.
+The phi-functions come from one exponential of the augmented matrix [[A, E, 0, 0], [0,
+0, I/dt, 0], [0, 0, 0, I/dt], 0] (Van Loan), so that a singular A (free rotation, a ring
+without spring) needs no care.
 
-Measured on ``gear_train_30`` at 1800 rpm, four hammering meshes, largest error of the elastic force over the cycle
-relative to its maximum: 1000 steps 6 %, 2000 1 %, 3466 (12 per period of the highest mesh mode) 0.12 %, 4096 0.2 %,
-8000 0.005 %.
+Measured on ``gear_train_30`` at 1800 rpm, four hammering meshes, largest error of the
+elastic force over the cycle relative to its maximum: 1000 steps 6 %, 2000 1 %, 3466 (12
+per period of the highest mesh mode) 0.12 %, 4096 0.2 %, 8000 0.005 %.
 """
 
 from dataclasses import dataclass
@@ -41,16 +47,20 @@ from jaxhb.equations.state_space import (
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Stepper:
-    """A train cut into ``steps`` equal steps per cycle at one speed; n = size of the state, G meshes.
+    """A train cut into ``steps`` equal steps per cycle at one speed; n = size of the
+    state, G meshes.
 
-    propagator: exp(A dt) ``(n, n)``, of modes its blocks ``(2, 2, n/2)``; ahead ``(4G, n)``: L exp(A dt) above
-    L exp(A dt/2); weights ``(n + 2G, 3G)`` of the forces (first, sum of the two in the middle, last); first, second,
-    third : stage weights ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``; linear ``(2 steps, 2G)``: w of the linear train every
-    half step, or more rows, whose rest is not used, if ``count`` holds the number of steps (one program for many
-    numbers); observation ``(2G, n)``: what a state adds to w; law, viscous, contact_damping : of the meshes ``(G,)``;
-    variation ``(2 steps, G)``, as linear: stiffness of that instant over its mean, less 1; None of constant ones;
-    linear_state ``(n,)`` its state at t = 0; flank_state ``(n,)``: deviation for which every mesh carries its linear
-    force on its drive side; space : the equations; frequency : rad/s; residual_flexibility ``(G, G)`` m/N : static
+    propagator: exp(A dt) ``(n, n)``, of modes its blocks ``(2, 2, n/2)``; ahead ``(4G,
+    n)``: L exp(A dt) above L exp(A dt/2); weights ``(n + 2G, 3G)`` of the forces
+    (first, sum of the two in the middle, last); first, second, third : stage weights
+    ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``; linear ``(2 steps, 2G)``: w of the linear
+    train every half step, or more rows, whose rest is not used, if ``count`` holds the
+    number of steps (one program for many numbers); observation ``(2G, n)``: what a
+    state adds to w; law, viscous, contact_damping : of the meshes ``(G,)``; variation
+    ``(2 steps, G)``, as linear: stiffness of that instant over its mean, less 1; None
+    of constant ones; linear_state ``(n,)`` its state at t = 0; flank_state ``(n,)``:
+    deviation for which every mesh carries its linear force on its drive side; space :
+    the equations; frequency : rad/s; residual_flexibility ``(G, G)`` m/N : static
     response of the modes that are no states, too fast for the steps.
     """
 
@@ -84,38 +94,63 @@ class Stepper:
         return self.capacity if self.count is None else self.count
 
     def variation_at(self, row):
-        """Stiffness over its mean, less 1, ``(G,)`` half a step ``row`` of the cycle."""
+        """Stiffness over its mean, less 1, ``(G,)`` half a step ``row`` of the
+        cycle.
+        """
         return lax.dynamic_index_in_dim(self.variation, row, keepdims=False)
 
     def nonlinear_force(self, deflection, rate, row):
-        """Force ``(G,)`` N of the meshes, half a step ``row`` of the cycle, less its linear part."""
-        law = self.law if self.variation is None else backlash.at_instant(self.law, self.variation_at(row))
-        return backlash.nonlinear_force(law, self.viscous, self.contact_damping, deflection, rate)
+        """Force ``(G,)`` N of the meshes, half a step ``row`` of the cycle, less its
+        linear part.
+        """
+        law = (
+            self.law
+            if self.variation is None
+            else backlash.at_instant(self.law, self.variation_at(row))
+        )
+        return backlash.nonlinear_force(
+            law, self.viscous, self.contact_damping, deflection, rate
+        )
 
     def nonlinear_force_at(self, w, row):
-        """phi ``(G,)`` N at ``w`` ``(2G,)``, deflections and rates of the states half a step ``row`` of the cycle."""
-        return self.nonlinear_force(self.with_fast_modes(w, row), jnp.split(w, 2)[1], row)
+        """phi ``(G,)`` N at ``w`` ``(2G,)``, deflections and rates of the states half a
+        step ``row`` of the cycle.
+        """
+        return self.nonlinear_force(
+            self.with_fast_modes(w, row), jnp.split(w, 2)[1], row
+        )
 
     def with_fast_modes(self, w, row):
-        """Deflections ``(G,)`` at w and ``row`` with the static response of the fast modes, R the residual flexibility:
-        ``l + R phi(l) = l of the states``.
+        """Deflections ``(G,)`` at w and ``row`` with the static response of the fast
+        modes, R the residual flexibility: ``l + R phi(l) = l of the states``.
 
-        Two steps of Newton's method mesh by mesh: the fast modes have a small part of the compliance of a mesh. Their
-        part of the rate is left out.
+        Two steps of Newton's method mesh by mesh: the fast modes have a small part of
+        the compliance of a mesh. Their part of the rate is left out.
         """
         given, rate = jnp.split(w, 2)
         if self.residual_flexibility is None:
             return given
         deflection, own = given, jnp.diag(self.residual_flexibility)
         for _ in range(2):
-            force, slope = jax.jvp(lambda l: self.nonlinear_force(l, rate, row), (deflection,), (jnp.ones_like(given),))
-            deflection = deflection - (deflection + self.residual_flexibility @ force - given) / (1 + own * slope)
+            force, slope = jax.jvp(
+                lambda l: self.nonlinear_force(l, rate, row),
+                (deflection,),
+                (jnp.ones_like(given),),
+            )
+            deflection = deflection - (
+                deflection + self.residual_flexibility @ force - given
+            ) / (1 + own * slope)
         return deflection
 
     def advance(self, state, w, k):
         """Deviation and w one step after step ``k`` of the cycle."""
-        rows = 2 * k + 1, jnp.where(k + 1 < self.steps, 2 * k + 2, 0)  # w of the linear train half a step and one ahead
-        middle, last = (lax.dynamic_index_in_dim(self.linear, row, keepdims=False) for row in rows)
+        rows = (
+            2 * k + 1,
+            jnp.where(k + 1 < self.steps, 2 * k + 2, 0),
+        )  # w of the linear train half a step and one ahead
+        middle, last = (
+            lax.dynamic_index_in_dim(self.linear, row, keepdims=False) for row in rows
+        )
         whole, half = jnp.split(self.ahead @ state, 2)
         whole, half = last + whole, middle + half
 
@@ -123,7 +158,10 @@ class Stepper:
             return self.nonlinear_force_at(w, (2 * k, *rows)[half_steps])
 
         change = _product(self.weights, *stages(force, _product, self, w, half, whole))
-        return propagated(self.propagator, state) + change[: len(state)], whole + change[len(state) :]
+        return (
+            propagated(self.propagator, state) + change[: len(state)],
+            whole + change[len(state) :],
+        )
 
 
 def _product(weights, *forces):
@@ -133,9 +171,9 @@ def _product(weights, *forces):
 def stages(force, product, weights, w, middle, ahead):
     """The three forces of a step: first, sum of the two in the middle, last.
 
-    Krogstad's four stages: begin, twice the middle, end. ``middle`` and ``ahead`` are what the state alone does to w,
-    ``product(weights, *forces)`` what the forces before a stage add, so that a stage needs w, and the half steps that
-    it lies ahead, alone.
+    Krogstad's four stages: begin, twice the middle, end. ``middle`` and ``ahead`` are
+    what the state alone does to w, ``product(weights, *forces)`` what the forces before
+    a stage add, so that a stage needs w, and the half steps that it lies ahead, alone.
     """
     f0 = force(w, 0)
     fa = force(middle + product(weights.first, f0), 1)
@@ -145,8 +183,10 @@ def stages(force, product, weights, w, middle, ahead):
 
 
 def krogstad(half_1, half_2, one, two, three):
-    """Weights of the forces of each stage and of the whole step (the two in the middle have one weight), of the
-    integrals of the propagator over half a step and a whole one."""
+    """Weights of the forces of each stage and of the whole step (the two in the middle
+    have one weight), of the integrals of the propagator over half a step and a whole
+    one.
+    """
     last = one - 3 * two + 4 * three, 2 * two - 4 * three, 4 * three - two
     return (half_1,), (half_1 - half_2, half_2), (one - 2 * two, 2 * two), last
 
@@ -154,37 +194,64 @@ def krogstad(half_1, half_2, one, two, three):
 def discretize(system, meshes, frequency, load, steps, parts=None):
     """The :class:`Stepper` of equations of motion at one speed.
 
-    system : System, meshes taken in contact; meshes : MeshParameters of those that have a law, others are linear links
-    of the system; load ``(S, N+1)`` N, that of transmission errors included; steps : per cycle, static, more than N;
-    parts : :func:`partition`, needed where the system is traced.
+    system : System, meshes taken in contact; meshes : MeshParameters of those that have
+    a law, others are linear links of the system; load ``(S, N+1)`` N, that of
+    transmission errors included; steps : per cycle, static, more than N; parts :
+    :func:`partition`, needed where the system is traced.
     """
     if steps < load.shape[-1]:
-        raise ValueError(f"{steps} steps per cycle do not carry {load.shape[-1] - 1} harmonics of the excitation.")
+        raise ValueError(
+            f"{steps} steps per cycle do not carry {load.shape[-1] - 1} harmonics of"
+            " the excitation."
+        )
     if parts is None:
         parts = partition(system, meshes)
-    system, meshes, frequency, load = jax.tree.map(jnp.asarray, (system, meshes, frequency, load))
+    system, meshes, frequency, load = jax.tree.map(
+        jnp.asarray, (system, meshes, frequency, load)
+    )
     space = state_space(system, meshes, frequency, parts)
     response = dense_linear_motion(system, frequency, load)
     speed = fourier.derivative(response, frequency)
     deflection = backlash.less_error(meshes, system.deflections(response, meshes.link))
-    shift = static_response(matrices(system)[1], system.spread(-force_on_flank(meshes.law, deflection), meshes.link))
+    shift = static_response(
+        matrices(system)[1],
+        system.spread(-force_on_flank(meshes.law, deflection), meshes.link),
+    )
     linear = rows_of(with_rate(deflection, frequency), steps)
     flank_state = space.coordinates @ jnp.concatenate([shift, jnp.zeros_like(shift)])
-    linear_state = space.coordinates @ fourier.sample(jnp.concatenate([response, speed]), 1)[:, 0]
+    linear_state = (
+        space.coordinates @ fourier.sample(jnp.concatenate([response, speed]), 1)[:, 0]
+    )
     variation = rows_of(meshes.variation, steps)
-    return stepper_of(space, meshes, linear, variation, frequency, steps, linear_state, flank_state)
+    return stepper_of(
+        space, meshes, linear, variation, frequency, steps, linear_state, flank_state
+    )
 
 
 def rows_of(coefficients, steps):
-    """Values ``(2 steps, n)`` every half step of coefficients ``(n, N+1)``; None of None."""
-    return None if coefficients is None else fourier.synthesize(coefficients, 2 * steps).T
+    """Values ``(2 steps, n)`` every half step of coefficients ``(n, N+1)``; None of
+    None.
+    """
+    return (
+        None if coefficients is None else fourier.synthesize(coefficients, 2 * steps).T
+    )
 
 
 def stepper_of(
-    space, meshes, linear, variation, frequency, steps, linear_state, flank_state, residual_flexibility=None
+    space,
+    meshes,
+    linear,
+    variation,
+    frequency,
+    steps,
+    linear_state,
+    flank_state,
+    residual_flexibility=None,
 ):
-    """The :class:`Stepper` of a state space, rows every half step of its linear response and of the variation of the
-    meshes, and what has their law, viscous and contact_damping."""
+    """The :class:`Stepper` of a state space, rows every half step of its linear
+    response and of the variation of the meshes, and what has their law, viscous and
+    contact_damping.
+    """
     return Stepper(
         **_weights(space, 2 * jnp.pi / frequency / steps),
         linear=linear,
@@ -202,26 +269,41 @@ def stepper_of(
 
 
 def force_on_flank(law, linear):
-    """phi ``(G,)`` N of meshes on their drive sides, the signs of the means of ``linear`` ``(G, N+1)``."""
-    return -backlash.offset(law) * namespace(linear).where(linear[:, 0].real < 0, -1.0, 1.0)
+    """phi ``(G,)`` N of meshes on their drive sides, the signs of the means of
+    ``linear`` ``(G, N+1)``.
+    """
+    return -backlash.offset(law) * namespace(linear).where(
+        linear[:, 0].real < 0, -1.0, 1.0
+    )
 
 
 def with_rate(deflection, frequency):
     """Coefficients ``(2G, N+1)`` of w = (l, l') from those of l."""
-    return namespace(deflection).concatenate([deflection, fourier.derivative(deflection, frequency)])
+    return namespace(deflection).concatenate(
+        [deflection, fourier.derivative(deflection, frequency)]
+    )
 
 
 def _weights(space, dt):
-    """Propagators and stage weights of Krogstad's scheme for steps of ``dt`` seconds."""
+    """Propagators and stage weights of Krogstad's scheme for steps of ``dt``
+    seconds.
+    """
     A, E, L = space.transition, space.forcing, space.observation
     n, G = E.shape
-    # Van Loan (IEEE Trans. Autom. Control 23 (1978) 395): the upper blocks of the exponential are exp(A dt) and the
-    # integrals of it times 1, t/dt, (t/dt)^2 / 2, the phi-functions.
-    matrix = jnp.zeros((n + 3 * G, n + 3 * G)).at[:n, :n].set(A).at[:n, n : n + G].set(E)
+    # Van Loan (IEEE Trans. Autom. Control 23 (1978) 395): the upper blocks of the
+    # exponential are exp(A dt) and the integrals of it times 1, t/dt, (t/dt)^2 / 2, the
+    # phi-functions.
+    matrix = (
+        jnp.zeros((n + 3 * G, n + 3 * G)).at[:n, :n].set(A).at[:n, n : n + G].set(E)
+    )
     matrix = matrix.at[n : n + 2 * G, n + G :].set(jnp.eye(2 * G) / dt)
     half = exponential(matrix * dt / 2)
     full = half @ half
-    E_half, half_1, half_2 = half[:n, :n], half[:n, n : n + G], 4 * half[:n, n + G : n + 2 * G]
+    E_half, half_1, half_2 = (
+        half[:n, :n],
+        half[:n, n : n + G],
+        4 * half[:n, n + G : n + 2 * G],
+    )
     E_full = full[:n, :n]
     full_1, full_2, full_3 = jnp.split(full[:n, n:], 3, axis=1)
     first, second, third, end = krogstad(half_1, half_2, full_1, full_2, full_3)
@@ -237,24 +319,30 @@ def _weights(space, dt):
 
 
 def exponential(matrix):
-    """Taylor series of degree 16 with squaring: an eighth of the time of jax.scipy in a batch, half to compile."""
+    """Taylor series of degree 16 with squaring: an eighth of the time of jax.scipy in a
+    batch, half to compile.
+    """
     norm = jnp.abs(matrix).sum(axis=0).max()
     # Halved until the norm is below a half, where 16 terms leave 1e-20.
     squarings = jnp.maximum(jnp.ceil(jnp.log2(2 * norm)), 0).astype(int)
     identity = jnp.eye(matrix.shape[0])
     small = matrix * 0.5**squarings
-    series = lax.fori_loop(0, 16, lambda k, power: identity + small @ power / (16 - k), identity)
+    series = lax.fori_loop(
+        0, 16, lambda k, power: identity + small @ power / (16 - k), identity
+    )
     return lax.fori_loop(0, squarings, lambda _, power: power @ power, series)
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Trace:
-    """One cycle of the meshes, sampled at ``t_j = 2 pi j / (Omega steps)``, above zeros where there is room for more.
+    """One cycle of the meshes, sampled at ``t_j = 2 pi j / (Omega steps)``, above zeros
+    where there is room for more.
 
-    deflection ``(G, capacity)`` m; rate ``(G, capacity)`` m/s; periodicity_error : change of (l, l') from the
-    beginning of that cycle to its end, the largest over the meshes relative to ``max|l| + g`` and ``max|l'| + Omega
-    g``, g = (1 - epsilon) h. Motion that moves no mesh (rotation of a floating or softly grounded train) does not
+    deflection ``(G, capacity)`` m; rate ``(G, capacity)`` m/s; periodicity_error :
+    change of (l, l') from the beginning of that cycle to its end, the largest over the
+    meshes relative to ``max|l| + g`` and ``max|l'| + Omega g``, g = (1 - epsilon) h.
+    Motion that moves no mesh (rotation of a floating or softly grounded train) does not
     count.
     """
 
@@ -264,22 +352,29 @@ class Trace:
 
 
 def run(stepper, state, first, count, keep=lambda seen, *_: seen, seen=(), even=False):
-    """``count`` steps on from the deviation ``state`` at the beginning of step ``first``; valid under jit and vmap.
+    """``count`` steps on from the deviation ``state`` at the beginning of step
+    ``first``; valid under jit and vmap.
 
-    Gives the state and w ``(2G,)``, (l, l') of the states, at the end, and what was seen:
-    ``seen = keep(seen, k, w, state)`` before each step k = 0, 1, .. of them. ``even``: so is the count, and two steps
-    are taken at once.
+    Gives the state and w ``(2G,)``, (l, l') of the states, at the end, and what was
+    seen: ``seen = keep(seen, k, w, state)`` before each step k = 0, 1, .. of them.
+    ``even``: so is the count, and two steps are taken at once.
     """
 
     def step(k, carry):
         state, w, seen = carry
         return *stepper.advance(state, w, first + k), keep(seen, k, w, state)
 
-    begin = lax.dynamic_index_in_dim(stepper.linear, 2 * first, keepdims=False) + stepper.observation @ state
+    begin = (
+        lax.dynamic_index_in_dim(stepper.linear, 2 * first, keepdims=False)
+        + stepper.observation @ state
+    )
     start = (state, begin, seen)
-    # Two steps in a loop body: where a step takes a microsecond, the loop itself is a good part of it.
+    # Two steps in a loop body: where a step takes a microsecond, the loop itself is a
+    # good part of it.
     if even:
-        return lax.fori_loop(0, count // 2, lambda k, carry: step(2 * k + 1, step(2 * k, carry)), start)
+        return lax.fori_loop(
+            0, count // 2, lambda k, carry: step(2 * k + 1, step(2 * k, carry)), start
+        )
     return lax.fori_loop(0, count, step, start)
 
 
@@ -291,13 +386,19 @@ def _whole(stepper, state, keep, seen):
 
 
 def cycle(stepper, state):
-    """State ``(n,)`` after one cycle from the deviation ``state`` at t = 0, and its :class:`Trace`."""
-    end, change, samples = _whole(stepper, state, put, no_samples(stepper, stepper.capacity))
+    """State ``(n,)`` after one cycle from the deviation ``state`` at t = 0, and its
+    :class:`Trace`.
+    """
+    end, change, samples = _whole(
+        stepper, state, put, no_samples(stepper, stepper.capacity)
+    )
     return end, trace_of(stepper, samples, change)
 
 
 def cycle_error(stepper, state):
-    """State after one cycle from ``state``, and the periodicity error of its :class:`Trace`; no samples are kept."""
+    """State after one cycle from ``state``, and the periodicity error of its
+    :class:`Trace`; no samples are kept.
+    """
     end, change, largest = _whole(stepper, state, *watch(stepper))
     return end, periodicity_error(stepper, change, largest)
 
@@ -313,47 +414,65 @@ def no_samples(stepper, capacity):
 
 
 def watch(stepper):
-    """``keep`` and ``seen`` of :func:`run` for the largest deflections and rates ``(2G,)``."""
+    """``keep`` and ``seen`` of :func:`run` for the largest deflections and rates
+    ``(2G,)``.
+    """
 
     def keep(largest, k, w, _):
-        motion = jnp.concatenate([stepper.with_fast_modes(w, 2 * k), jnp.split(w, 2)[1]])
+        motion = jnp.concatenate(
+            [stepper.with_fast_modes(w, 2 * k), jnp.split(w, 2)[1]]
+        )
         return jnp.maximum(largest, jnp.abs(motion))
 
     return keep, jnp.zeros(stepper.linear.shape[1])
 
 
 def periodicity_error(stepper, change, largest):
-    """Periodicity error, see :class:`Trace`, of a change and the largest of deflections and rates, ``(2G,)`` each."""
+    """Periodicity error, see :class:`Trace`, of a change and the largest of deflections
+    and rates, ``(2G,)`` each.
+    """
     gap = (1 - stepper.law.epsilon) * stepper.law.backlash + 1e-300
-    return jnp.max(jnp.abs(change) / (largest + jnp.concatenate([gap, stepper.frequency * gap])), initial=0.0)
+    return jnp.max(
+        jnp.abs(change) / (largest + jnp.concatenate([gap, stepper.frequency * gap])),
+        initial=0.0,
+    )
 
 
 def trace_of(stepper, samples, change):
-    """The Trace of a cycle from w ``(capacity, 2G)``, (l, l') of the states, and its change ``(2G,)`` over the
-    cycle."""
-    deflection = jax.vmap(stepper.with_fast_modes)(samples, 2 * jnp.arange(len(samples))).T
+    """The Trace of a cycle from w ``(capacity, 2G)``, (l, l') of the states, and its
+    change ``(2G,)`` over the cycle.
+    """
+    deflection = jax.vmap(stepper.with_fast_modes)(
+        samples, 2 * jnp.arange(len(samples))
+    ).T
     rate = jnp.split(samples.T, 2)[1]
     largest = jnp.abs(jnp.concatenate([deflection, rate])).max(axis=1)
     return Trace(deflection, rate, periodicity_error(stepper, change, largest))
 
 
 def march(stepper, state, *, tolerance=1e-6, max_cycles=200):
-    """March from a deviation ``(n,)`` until a cycle closes to ``tolerance``, a ``trace.periodicity_error``, is not
-    finite, or ``max_cycles`` have passed: state ``(n,)``, Trace of the last cycle, cycles; valid under jit and vmap.
+    """March from a deviation ``(n,)`` until a cycle closes to ``tolerance``, a
+    ``trace.periodicity_error``, is not finite, or ``max_cycles`` have passed: state
+    ``(n,)``, Trace of the last cycle, cycles; valid under jit and vmap.
 
-    No cycle closes where the motion is not periodic, has a longer period or decays too slowly. A slow drift closes
-    every cycle to the drift of one cycle.
+    No cycle closes where the motion is not periodic, has a longer period or decays too
+    slowly. A slow drift closes every cycle to the drift of one cycle.
     """
 
     def unfinished(carry):
         _, trace, done = carry
-        return (done < max_cycles) & ~(trace.periodicity_error <= tolerance) & ~jnp.isnan(trace.periodicity_error)
+        return (
+            (done < max_cycles)
+            & ~(trace.periodicity_error <= tolerance)
+            & ~jnp.isnan(trace.periodicity_error)
+        )
 
     def another(carry):
         state, _, done = carry
         return *cycle(stepper, state), done + 1
 
-    # Begun with a Trace of nothing, the loop holds one copy of a cycle, and compiles faster.
+    # Begun with a Trace of nothing, the loop holds one copy of a cycle, and compiles
+    # faster.
     empty = jnp.zeros((len(stepper.viscous), stepper.capacity))
     begin = state, Trace(empty, empty, jnp.array(jnp.inf)), jnp.array(0)
     return lax.while_loop(unfinished, another, begin)

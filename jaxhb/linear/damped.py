@@ -1,4 +1,6 @@
-"""Free vibration with damping: complex frequencies, damping ratios and shapes on the host, derivatives anywhere."""
+"""Free vibration with damping: complex frequencies, damping ratios and shapes on the
+host, derivatives anywhere.
+"""
 
 from dataclasses import dataclass
 
@@ -14,12 +16,18 @@ from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
 CREEPING = 0.01
-"""Im lambda / |lambda| up to which a mode counts as not oscillating (damping ratio 0.99995): a loss factor turns the
-eigenvalues of motions that creep back a little off the real axis."""
-ALIKE = 0.5  # least modal assurance criterion of a damped and an undamped mode that count as the same
+"""Im lambda / |lambda| up to which a mode counts as not oscillating (damping ratio
+0.99995): a loss factor turns the eigenvalues of motions that creep back a little off
+the real axis.
+"""
+# least modal assurance criterion of a damped and an undamped mode that count as the
+# same
+ALIKE = 0.5
 AT_REST = 1e-10
-"""Modulus, over the largest number of the pencil, that is rounding of a motion without force. Not over the largest
-eigenvalue: a disk without inertia on links with little damping r relaxes at k/r, which no mode knows of."""
+"""Modulus, over the largest number of the pencil, that is rounding of a motion without
+force. Not over the largest eigenvalue: a disk without inertia on links with little
+damping r relaxes at k/r, which no mode knows of.
+"""
 DAMPED_DISKS = 300  # disks up to which damping ratios take seconds
 
 
@@ -31,10 +39,13 @@ class DampedModes:
     Parameters
     ----------
     names : tuple of str, the S disks
-    eigenvalues : complex ``(m,)`` 1/s, lambda of the modes that oscillate, by rising imaginary part
+    eigenvalues : complex ``(m,)`` 1/s, lambda of the modes that oscillate, by rising
+    imaginary part
     shapes : complex ``(m, S)`` angles of the disks, the largest is 1
-    decay_rates : ``(n,)`` 1/s, -Re lambda of motions that creep back without oscillation, rising; not of rest, nor of
-        what is some 1e12 times as fast as the train (a disk without inertia on links with next to no damping)
+    decay_rates : ``(n,)`` 1/s, -Re lambda of motions that creep back without
+    oscillation, rising; not of rest, nor of
+        what is some 1e12 times as fast as the train (a disk without inertia on links
+        with next to no damping)
     """
 
     names: tuple
@@ -49,18 +60,23 @@ class DampedModes:
 
     @property
     def damping_ratio(self) -> Array:
-        """``(m,)`` Lehr's damping ratio, ``-Re lambda / |lambda|``: 1 at critical damping."""
+        """``(m,)`` Lehr's damping ratio, ``-Re lambda / |lambda|``: 1 at critical
+        damping.
+        """
         return _lehr(self.eigenvalues)
 
 
 def damped_modes(train: DriveTrain) -> DampedModes:
-    """Modes of free vibration with all viscous damping and loss factors, meshes in contact; of a concrete train.
+    """Modes of free vibration with all viscous damping and loss factors, meshes in
+    contact; of a concrete train.
 
-    Eigenvalues of ``(lambda^2 M + lambda B + K) v = 0`` by the QZ method (C. B. Moler, G. W. Stewart, SIAM J. Numer.
-    Anal. 10 (1973) 241) from ``M v' = -(B + D^T R D) v - D^T C l``, ``l' = D v``, with the link deflections l as
-    unknowns: rigid rotation is then a state at rest, and a free train has no double eigenvalue zero. A loss factor
-    gives the link the stiffness ``k (1 + i eta)``, which holds for the modes with positive imaginary part, the ones
-    returned. Disks without inertia have no eigenvalue of their own.
+    Eigenvalues of ``(lambda^2 M + lambda B + K) v = 0`` by the QZ method (C. B. Moler,
+    G. W. Stewart, SIAM J. Numer. Anal. 10 (1973) 241) from ``M v' = -(B + D^T R D) v -
+    D^T C l``, ``l' = D v``, with the link deflections l as unknowns: rigid rotation is
+    then a state at rest, and a free train has no double eigenvalue zero. A loss factor
+    gives the link the stiffness ``k (1 + i eta)``, which holds for the modes with
+    positive imaginary part, the ones returned. Disks without inertia have no eigenvalue
+    of their own.
 
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> parts.append(jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=2.0))
@@ -68,7 +84,12 @@ def damped_modes(train: DriveTrain) -> DampedModes:
     >>> modes.eigenvalues.round(6).tolist(), modes.damping_ratio.round(6).tolist()
     ([(-1+9.949874j)], [0.1])
     """
-    refuse_tracers("damped_modes", train, instead="pass its modes to jaxhb.damped_eigenvalues, which traces", host=True)
+    refuse_tracers(
+        "damped_modes",
+        train,
+        instead="pass its modes to jaxhb.damped_eigenvalues, which traces",
+        host=True,
+    )
     system = on_host(chain.assemble(linear_train(train)))
     values, velocity, resolved = _eigenpairs(system)
     order = np.argsort(values.imag, kind="stable")
@@ -78,46 +99,67 @@ def damped_modes(train: DriveTrain) -> DampedModes:
     angles = velocity[:, oscillating] / system.radius[:, None]
     at = np.abs(angles).argmax(0)
     shapes = (angles / angles[at, np.arange(len(at))]).T
-    return DampedModes(train.topology.disk_names, values[oscillating], shapes, np.sort(-values.real[creeping]))
+    return DampedModes(
+        train.topology.disk_names,
+        values[oscillating],
+        shapes,
+        np.sort(-values.real[creeping]),
+    )
 
 
 def damped_eigenvalues(train: DriveTrain, modes: DampedModes) -> Array:
-    """Eigenvalues of damped modes ``(m,)`` in 1/s with their first derivatives, in any mode of jax.
+    """Eigenvalues of damped modes ``(m,)`` in 1/s with their first derivatives, in any
+    mode of jax.
 
-    ``lambda = lambda_0 - v^T Q(lambda_0) v / (v^T Q'(lambda_0) v)`` with ``Q = lambda^2 M + lambda B + K``: Q is
-    symmetric, so that v is left eigenvector too, without conjugation (P. Lancaster, Lambda-Matrices and Vibrating
-    Systems, Pergamon 1966). Derivatives are those of simple eigenvalues; second ones are not.
+    ``lambda = lambda_0 - v^T Q(lambda_0) v / (v^T Q'(lambda_0) v)`` with ``Q = lambda^2
+    M + lambda B + K``: Q is symmetric, so that v is left eigenvector too, without
+    conjugation (P. Lancaster, Lambda-Matrices and Vibrating Systems, Pergamon 1966).
+    Derivatives are those of simple eigenvalues; second ones are not.
 
-    ``modes`` are those of the ``train``, which may be traced, or of one near it: the eigenvalues are then right to
-    first order in the change.
+    ``modes`` are those of the ``train``, which may be traced, or of one near it: the
+    eigenvalues are then right to first order in the change.
 
     >>> import jax
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
-    >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=2.0)])
+    >>> train = jaxhb.build(
+    ...     [*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=2.0)]
+    ... )
     >>> modes = damped_modes(train)
-    >>> decay = lambda r: -damped_eigenvalues(train.replace({"a|b.damping": r}), modes)[0].real  # r / 2 for two disks
+    >>> decay = lambda r: (
+    ...     -damped_eigenvalues(train.replace({"a|b.damping": r}), modes)[0].real
+    ... )  # r / 2 for two disks
     >>> round(float(jax.grad(decay)(2.0)), 9)
     0.5
     """
     system = chain.assemble(linear_train(train))
-    value, x = jnp.asarray(modes.eigenvalues), jnp.asarray(modes.shapes.T) * jnp.asarray(system.radius)[:, None]
+    value, x = (
+        jnp.asarray(modes.eigenvalues),
+        jnp.asarray(modes.shapes.T) * jnp.asarray(system.radius)[:, None],
+    )
     bent = system.deflections(x)
     # Squares, not moduli: Q is symmetric, not Hermitian.
     inertia = system.mass @ x**2
     resistance = system.damping @ x**2 + system.viscous @ bent**2
-    stiffness = system.ground @ x**2 + (system.stiffness * (1 + 1j * system.loss)) @ bent**2
-    return value - (value * (value * inertia + resistance) + stiffness) / (2 * value * inertia + resistance)
+    stiffness = (
+        system.ground @ x**2 + (system.stiffness * (1 + 1j * system.loss)) @ bent**2
+    )
+    return value - (value * (value * inertia + resistance) + stiffness) / (
+        2 * value * inertia + resistance
+    )
 
 
 def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
-    """Damping ratio of each undamped mode ``(m,)``: that of the damped mode with a shape like it.
+    """Damping ratio of each undamped mode ``(m,)``: that of the damped mode with a
+    shape like it.
 
-    Pairs have the largest sum of the modal assurance criterion ``|phi^T J psi|^2 / (phi^T J phi psi^* J psi)`` (R. J.
-    Allemang, D. L. Brown, Proc. IMAC 1 (1982) 110), here weighted with the inertias.
+    Pairs have the largest sum of the modal assurance criterion ``|phi^T J psi|^2 /
+    (phi^T J phi psi^* J psi)`` (R. J. Allemang, D. L. Brown, Proc. IMAC 1 (1982) 110),
+    here weighted with the inertias.
 
-    Of the same train as ``modes``. Lehr's ``-Re lambda / |lambda|``; nan of rigid modes and where heavy damping leaves
-    no mode like it. First derivatives are those of :func:`damped_eigenvalues`. ValueError inside ``jit`` or ``vmap``,
-    as the values decide which modes are alike.
+    Of the same train as ``modes``. Lehr's ``-Re lambda / |lambda|``; nan of rigid modes
+    and where heavy damping leaves no mode like it. First derivatives are those of
+    :func:`damped_eigenvalues`. ValueError inside ``jit`` or ``vmap``, as the values
+    decide which modes are alike.
 
     >>> train = jaxhb.load_scene("spur_pair")
     >>> damping_ratios(train, jaxhb.natural_frequencies(train)).round(3).tolist()
@@ -126,8 +168,9 @@ def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
     (values,) = concrete(train)
     if traced(values):
         raise ValueError(
-            "damping_ratios: jit or vmap traces the train, and its values decide which damped mode is like which "
-            "undamped one. Call it outside, where it has derivatives, or use damped_eigenvalues."
+            "damping_ratios: jit or vmap traces the train, and its values decide which"
+            " damped mode is like which undamped one. Call it outside, where it has"
+            " derivatives, or use damped_eigenvalues."
         )
     system, damped = on_host(chain.assemble(values)), damped_modes(values)
     inertia = system.mass * system.radius**2
@@ -136,13 +179,22 @@ def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
     phi, psi = modes.shapes[moving], damped.shapes
     size = np.outer((inertia * phi**2).sum(1), (inertia * np.abs(psi) ** 2).sum(1))
     alike = np.abs((phi * inertia) @ psi.T) ** 2 / size
-    from scipy.optimize import linear_sum_assignment  # a tenth of a second, which other commands are spared
+    from scipy.optimize import (
+        linear_sum_assignment,
+    )  # a tenth of a second, which other commands are spared
 
     pairs = zip(*linear_sum_assignment(alike, maximize=True), strict=True)
     like = {moving[row]: column for row, column in pairs if alike[row, column] > ALIKE}
-    eigenvalues = damped_eigenvalues(train, damped) if traced(train) else damped.eigenvalues
+    eigenvalues = (
+        damped_eigenvalues(train, damped) if traced(train) else damped.eigenvalues
+    )
     ratio, xp = _lehr(eigenvalues), namespace(eigenvalues)
-    return xp.stack([ratio[like[mode]] if mode in like else np.nan for mode in range(len(modes.frequencies_hz))])
+    return xp.stack(
+        [
+            ratio[like[mode]] if mode in like else np.nan
+            for mode in range(len(modes.frequencies_hz))
+        ]
+    )
 
 
 def _lehr(eigenvalues):
@@ -151,17 +203,27 @@ def _lehr(eigenvalues):
 
 
 def _eigenpairs(system):
-    """Finite eigenvalues, the velocities v ``(S, n)``, and the largest number 1/s of the equations."""
+    """Finite eigenvalues, the velocities v ``(S, n)``, and the largest number 1/s of
+    the equations.
+    """
     rows, stiffness = system.springs()
     incidence, elastic = rows[: len(system.loss)], np.flatnonzero(stiffness)
     loss = np.append(system.loss, np.zeros(len(system.ground)))[elastic]
     rows, stiffness = rows[elastic], stiffness[elastic]
-    resistance = np.diag(system.damping) + incidence.T @ (system.viscous[:, None] * incidence)
-    # disks without inertia are scaled by what resists them; one that nothing resists takes no part
-    weight = np.where(system.mass > 0, system.mass, (stiffness[:, None] * rows**2).sum(0) + np.diag(resistance))
+    resistance = np.diag(system.damping) + incidence.T @ (
+        system.viscous[:, None] * incidence
+    )
+    # disks without inertia are scaled by what resists them; one that nothing resists
+    # takes no part
+    weight = np.where(
+        system.mass > 0,
+        system.mass,
+        (stiffness[:, None] * rows**2).sum(0) + np.diag(resistance),
+    )
     taken = np.flatnonzero(weight)
     scale = 1 / np.sqrt(weight[taken])
-    # QZ rounds to the largest entry: with sqrt(m) v and sqrt(k) l as unknowns all are in 1/s, and none is a stiffness.
+    # QZ rounds to the largest entry: with sqrt(m) v and sqrt(k) l as unknowns all are
+    # in 1/s, and none is a stiffness.
     E = np.sqrt(stiffness)[:, None] * rows[:, taken] * scale
     disks, size = len(taken), len(taken) + len(stiffness)
     left, right = np.zeros((size, size), complex), np.eye(size)
@@ -171,7 +233,8 @@ def _eigenpairs(system):
     right[:disks, :disks] = np.diag((system.mass[taken] > 0).astype(float))
     (alpha, beta), vectors = eig(left, right, homogeneous_eigvals=True)
     largest = np.abs(left).max(initial=0.0)
-    # Disks without inertia add eigenvalues at infinity, where beta is 0 but for rounding.
+    # Disks without inertia add eigenvalues at infinity, where beta is 0 but for
+    # rounding.
     finite = np.abs(beta) * largest > 1e-12 * np.abs(alpha)
     velocity = np.zeros((len(system.mass), int(finite.sum())), complex)
     velocity[taken] = scale[:, None] * vectors[:disks, finite]

@@ -1,19 +1,24 @@
-"""Forced response of the linear train: all speeds and all orders at once, meshes in contact.
+"""Forced response of the linear train: all speeds and all orders at once, meshes in
+contact.
 
 Speeds and harmonics are one axis of the scalar sweep along the tree
-(:func:`jaxhb.equations.dynamic_stiffness.solve_linear`, which has the derivatives as well).
+(:func:`jaxhb.equations.dynamic_stiffness.solve_linear`, which has the derivatives as
+well).
 
-Power is exact from the harmonics: a link of complex stiffness C that transmits f turns ``sum_n 2 n Omega Im(C)
-|f^n / C|^2`` into heat, a disk with damping b ``sum_n 2 (n Omega)^2 b |x^n|^2``; the torques of the excitation bring in
-``sum_n 2 Re(q^n conj(i n Omega x^n))``, n > 0, and transmission errors e of the meshes the work of their forces on
--e'.
+Power is exact from the harmonics: a link of complex stiffness C that transmits f turns
+``sum_n 2 n Omega Im(C) |f^n / C|^2`` into heat, a disk with damping b ``sum_n 2 (n
+Omega)^2 b |x^n|^2``; the torques of the excitation bring in ``sum_n 2 Re(q^n conj(i n
+Omega x^n))``, n > 0, and transmission errors e of the meshes the work of their forces
+on -e'.
 
-The amplitude A of a link that depends on it is that of the sine with the mean square of its vibratory twist,
-``A^2 = sum_k A_k^2`` over the orders: a fixed point ``A = g(A)`` with g a whole linear response. It is where
-``dA/dt = g(A) - A`` comes to rest from A = 0, by implicit steps that grow into those of Newton's method
-(pseudo-transient continuation: C. T. Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508). With one such link that
-is the smallest fixed point, which always exists; with several the path need not come to rest. The derivative is that of
-the implicit function, ``(1 - dg/dA) dA = dg``; second ones forwards over backwards, not twice backwards.
+The amplitude A of a link that depends on it is that of the sine with the mean square of
+its vibratory twist, ``A^2 = sum_k A_k^2`` over the orders: a fixed point ``A = g(A)``
+with g a whole linear response. It is where ``dA/dt = g(A) - A`` comes to rest from A =
+0, by implicit steps that grow into those of Newton's method (pseudo-transient
+continuation: C. T. Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508). With one
+such link that is the smallest fixed point, which always exists; with several the path
+need not come to rest. The derivative is that of the implicit function, ``(1 - dg/dA) dA
+= dg``; second ones forwards over backwards, not twice backwards.
 """
 
 import dataclasses
@@ -39,35 +44,56 @@ from jaxhb.train import chain
 from jaxhb.train.changes import linearised, within_range
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
-from jaxhb.train.varying import factors, order_stiffness, scaled, varying, without_tables
+from jaxhb.train.varying import (
+    factors,
+    order_stiffness,
+    scaled,
+    varying,
+    without_tables,
+)
 
 STEPS = 100  # steps at most of the path from A = 0 to amplitudes A = g(A)
 SETTLED = 1e-11  # g(A) - A at which the path ends, over g(0)
 ACCEPTED = 1e-8  # the same over A, up to which an amplitude is found
 CURVED = 0.5  # share of g(A) - A by which a step may miss what its linearisation says
 LANES, CELLS = 500, 500_000
-"""Speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of a processor."""
+"""Speeds times harmonics swept together, and times disks: what a sweep holds then stays
+in the cache of a processor.
+"""
 SIZES = 1, 4, 16, 32, 64, 128, 256
 """Numbers of speeds to which fewer are padded, where that takes no more than CELLS."""
 DIGITS = 6  # decimals of stiffnesses in N m/rad that count as alike
-SINGULAR = 1e11  # force of a link or disk over load beyond which rounding alone is left: an undamped resonance
-UNSOLVED = 1e-6  # force left on a disk, over the largest force, from which the equations count as singular
-UNBALANCED = 1e-9  # the same of the mean, over mean loads and forces, from which mean torques count as unbalanced
-SAMPLES = 4096  # time samples per cycle, at least, and 16 per harmonic, at which extremes are looked for
+# force of a link or disk over load beyond which rounding alone is left: an undamped
+# resonance
+SINGULAR = 1e11
+# force left on a disk, over the largest force, from which the equations count as
+# singular
+UNSOLVED = 1e-6
+# the same of the mean, over mean loads and forces, from which mean torques count as
+# unbalanced
+UNBALANCED = 1e-9
+# time samples per cycle, at least, and 16 per harmonic, at which extremes are looked
+# for
+SAMPLES = 4096
 
 
 def varied(train, system, rpm, omega, amplitude):
-    """The ``system`` of a train without its tables, with the stiffness of every link at every frequency ``(H,)`` rad/s,
-    all harmonics of one speed ``(m,)`` after the other; amplitude ``(m, A)`` rad of links that depend on it."""
+    """The ``system`` of a train without its tables, with the stiffness of every link at
+    every frequency ``(H,)`` rad/s, all harmonics of one speed ``(m,)`` after the other;
+    amplitude ``(m, A)`` rad of links that depend on it.
+    """
     width, shafts = len(omega) // len(rpm), len(train.topology.shaft_names)
 
     def of_lanes(values):
         return jnp.repeat(values.T, width, axis=-1)
 
-    links, stiffer, damped = factors(train, omega / (2 * np.pi), list(of_lanes(amplitude)))
+    links, stiffer, damped = factors(
+        train, omega / (2 * np.pi), list(of_lanes(amplitude))
+    )
     at = system.radius[np.array(train.topology.damper_disk, dtype=int)]
     stiffness, viscous, loss = (
-        jnp.broadcast_to(a[:, None], (len(a), len(omega))) for a in (system.stiffness, system.viscous, system.loss)
+        jnp.broadcast_to(a[:, None], (len(a), len(omega)))
+        for a in (system.stiffness, system.viscous, system.loss)
     )
     # From N m/rad to N/m on the pitch circle of the rotor.
     tuned = of_lanes(order_stiffness(train, speed_ratios(train), rpm) / at**2)
@@ -81,11 +107,15 @@ def varied(train, system, rpm, omega, amplitude):
 
 
 def twist_amplitude(train, system, deflection, speeds):
-    """Amplitudes ``(m, A)`` in rad of the links that depend on them, from deflections ``(L, H)`` in m."""
+    """Amplitudes ``(m, A)`` in rad of the links that depend on them, from deflections
+    ``(L, H)`` in m.
+    """
     links = np.array(train.topology.amplitude_links, dtype=int)
     twist = deflection[links] / system.radius[system.tree.end_a[links]][:, None]
     # One-sided amplitudes are twice the coefficients; the mean is no vibration.
-    orders = (4 * (twist.real**2 + twist.imag**2)).reshape(len(links), speeds, -1)[..., 1:]
+    orders = (4 * (twist.real**2 + twist.imag**2)).reshape(len(links), speeds, -1)[
+        ..., 1:
+    ]
     square = orders.sum(-1).T
     # The root has no derivative at 0, where nothing twists the link.
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
@@ -102,14 +132,18 @@ def _next(equations, amplitude):
     system = varied(train, system, rpm, omega, amplitude)
     _, force = dynamic_stiffness.solve_linear(system, omega, load[:, None])
     C = dynamic_stiffness.link_stiffness(system, omega)
-    return twist_amplitude(train, system, force[:, 0] / jnp.where(C == 0, 1.0, C), len(rpm))
+    return twist_amplitude(
+        train, system, force[:, 0] / jnp.where(C == 0, 1.0, C), len(rpm)
+    )
 
 
 def _linearised(equations, amplitude):
     """g - A ``(m, A)``, and 1 - dg/dA ``(m, A, A)``."""
     found, push = jax.linearize(lambda a: _next(equations, a), amplitude)
     basis = jnp.eye(amplitude.shape[1])
-    columns = jax.vmap(push)(jnp.broadcast_to(basis[:, None], (len(basis), *amplitude.shape)))
+    columns = jax.vmap(push)(
+        jnp.broadcast_to(basis[:, None], (len(basis), *amplitude.shape))
+    )
     return found - amplitude, basis - columns.transpose(1, 2, 0)
 
 
@@ -138,16 +172,27 @@ def settled_amplitudes(equations):
         trial = jnp.maximum(amplitude + move, 0.0)
         now, tangent = _linearised(equations, trial)
         predicted = change - jnp.einsum("mij,mj->mi", matrix, trial - amplitude)
-        # Where 1 - dg/dA is negative a long step goes against g - A, to an amplitude that repels: it is refused.
+        # Where 1 - dg/dA is negative a long step goes against g - A, to an amplitude
+        # that repels: it is refused.
         forward = jnp.sum(move * change / scale**2, axis=-1) > 0
         good = forward & (size(now - predicted) <= CURVED * size(change))
         # A speed that has settled stays as it is while others go on.
         taken = good & (size(change) > SETTLED)
         gain = size(change) / jnp.maximum(size(now), 1e-3 * size(change))
-        # Steps in time grow as g - A falls (switched evolution relaxation), which makes the last ones Newton's.
+        # Steps in time grow as g - A falls (switched evolution relaxation), which makes
+        # the last ones Newton's.
         time = jnp.where(good, time * jnp.clip(gain, 2.0, 1000.0), time / 4)
-        amplitude, change = (jnp.where(taken[:, None], new, old) for new, old in ((trial, amplitude), (now, change)))
-        return amplitude, change, jnp.where(taken[:, None, None], tangent, matrix), time, steps + 1
+        amplitude, change = (
+            jnp.where(taken[:, None], new, old)
+            for new, old in ((trial, amplitude), (now, change))
+        )
+        return (
+            amplitude,
+            change,
+            jnp.where(taken[:, None, None], tangent, matrix),
+            time,
+            steps + 1,
+        )
 
     state = start, change, matrix, jnp.ones(len(rpm)), 0
     return lax.while_loop(going_on, step, state)[0]
@@ -165,35 +210,46 @@ def _settled_jvp(primals, tangents):
 @register
 @dataclass(frozen=True, repr=False)
 class ForcedResponse(Response):
-    """A :class:`~jaxhb.Response` of the linear train, with powers in W; made by :func:`forced_response`.
+    """A :class:`~jaxhb.Response` of the linear train, with powers in W; made by
+    :func:`forced_response`.
 
     Parameters
     ----------
-    disk_power : ``(..., S)``, that damping to ground turns into heat; link_power : ``(..., L)``, of shafts, dampers and
-        meshes; input_power : ``(...)``, that the alternating torques bring in: the sum of what is turned into heat
+    disk_power : ``(..., S)``, that damping to ground turns into heat; link_power :
+    ``(..., L)``, of shafts, dampers and
+        meshes; input_power : ``(...)``, that the alternating torques bring in: the sum
+        of what is turned into heat
     """
 
-    disk_power: Array = None  # type: ignore[assignment]  # always given: a default, as they come after defaults
+    # Always given: a default, as it comes after defaults.
+    disk_power: Array = None  # type: ignore[assignment]
     link_power: Array = None  # type: ignore[assignment]
     input_power: Array = None  # type: ignore[assignment]
 
     def power(self, a: str, b: str | None = None) -> Array:
-        """Power ``(...)`` in W that a disk, a link, by name or by its two disks, or a damper turns into heat."""
+        """Power ``(...)`` in W that a disk, a link, by name or by its two disks, or a
+        damper turns into heat.
+        """
         topology = self.topology
         if b is None and a in topology.disk_names and a not in topology.damper_names:
             return self.disk_power[..., topology.disk_index(a)]
         return self.link_power[..., topology.link_index(a, b)[0]]
 
 
-def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = None) -> ForcedResponse:
-    """Linear forced response of any train at many speeds, teeth in contact: ``Z(n) x^n = q^n``, docs/theory A1.
+def forced_response(
+    train: DriveTrain, *, rpm: Numbers, harmonics: int | None = None
+) -> ForcedResponse:
+    """Linear forced response of any train at many speeds, teeth in contact: ``Z(n) x^n
+    = q^n``, docs/theory A1.
 
-    Trees, closed loops, several gears on a shaft; loss factors, damping of links and to ground, grounds, disks without
-    inertia; links that vary over frequency or amplitude, order-tuned absorbers. Eliminated along the tree as in Fridman
-    2009, (10)-(12). A thousand speeds of a train of 30 disks with 24 orders take some hundredths of a second.
+    Trees, closed loops, several gears on a shaft; loss factors, damping of links and to
+    ground, grounds, disks without inertia; links that vary over frequency or amplitude,
+    order-tuned absorbers. Eliminated along the tree as in Fridman 2009, (10)-(12). A
+    thousand speeds of a train of 30 disks with 24 orders take some hundredths of a
+    second.
 
-    :class:`SceneError` if a speed is not greater than 0 or above 1e6 rpm, or ``harmonics`` is no whole number of at
-    least 1.
+    :class:`SceneError` if a speed is not greater than 0 or above 1e6 rpm, or
+    ``harmonics`` is no whole number of at least 1.
 
     Parameters
     ----------
@@ -201,26 +257,32 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
     rpm : float or array ``(n,)``
         Speeds of the reference rotor.
     harmonics : int, optional
-        Harmonics of the cycle; orders above are left out. Default: all that the excitation has.
+        Harmonics of the cycle; orders above are left out. Default: all that the
+        excitation has.
 
     Returns
     -------
     ForcedResponse
-        Of one speed, or with a leading axis of n. Its train has no backlash: tooth forces are linear and may pull.
-        ``status`` is UNBALANCED where mean torques accelerate a train that nothing holds, NEAR_SINGULAR at an undamped
-        resonance, MAX_STEPS where no amplitude of a link with ``over_amplitude`` was found that leads to itself.
-        ``residual`` is the largest force left on a disk over the largest force. Every number has derivatives with
-        respect to the train and the speeds.
+        Of one speed, or with a leading axis of n. Its train has no backlash: tooth
+        forces are linear and may pull. ``status`` is UNBALANCED where mean torques
+        accelerate a train that nothing holds, NEAR_SINGULAR at an undamped resonance,
+        MAX_STEPS where no amplitude of a link with ``over_amplitude`` was found that
+        leads to itself. ``residual`` is the largest force left on a disk over the
+        largest force. Every number has derivatives with respect to the train and the
+        speeds.
 
     Examples
     --------
-    Two disks under 10 N m of order 1 at a quarter of their natural frequency of 10 rad/s.
+    Two disks under 10 N m of order 1 at a quarter of their natural frequency of 10
+    rad/s.
 
     >>> import math
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=0.5)]
     >>> parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 10.0, 0.0)])]
-    >>> r = jaxhb.forced_response(jaxhb.build(parts, revolutions_per_cycle=1), rpm=[2.5 * 30 / math.pi, 90.0])
+    >>> r = jaxhb.forced_response(
+    ...     jaxhb.build(parts, revolutions_per_cycle=1), rpm=[2.5 * 30 / math.pi, 90.0]
+    ... )
     >>> r.torque("a", "b").order(1.0).round(4).tolist(), r.status.tolist()
     ([5.3333, 41.2773], [0, 0])
     >>> r.power("a", "b").round(6).tolist(), r.input_power.round(6).tolist()
@@ -230,7 +292,10 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
     if harmonics is None:
         harmonics = listed_harmonic(train.topology)
     elif not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
-        raise SceneError(f"{train.topology.title}: harmonics is {harmonics}, must be a whole number of at least 1.")
+        raise SceneError(
+            f"{train.topology.title}: harmonics is {harmonics}, must be a whole number"
+            " of at least 1."
+        )
     if not traced(rpm):
         check_speed(train, rpm, many=True)
     speeds = jnp.atleast_1d(jnp.asarray(rpm, dtype=float))
@@ -245,15 +310,20 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
 
 
 def _at_mean_loads(train, speeds, harmonics):
-    """The train linearised at the mean load of the first speed, and the ForcedResponse at ``speeds`` ``(n,)`` of a
-    train whose shafts or dampers have stages, stops or clearance: those alike at several speeds are solved together."""
+    """The train linearised at the mean load of the first speed, and the ForcedResponse
+    at ``speeds`` ``(n,)`` of a train whose shafts or dampers have stages, stops or
+    clearance: those alike at several speeds are solved together.
+    """
     loads = [at_pressed_load(train, rpm=speed) for speed in speeds]
     alike = {}
     for place, load in enumerate(loads):
         (slopes,) = concrete(load.link_stiffness)
         alike.setdefault(tuple(np.round(slopes, DIGITS)), []).append(place)
     groups = [np.array(places) for places in alike.values()]
-    responses = [_of_padded(linearised(loads[places[0]].train), speeds[places], harmonics) for places in groups]
+    responses = [
+        _of_padded(linearised(loads[places[0]].train), speeds[places], harmonics)
+        for places in groups
+    ]
     order = np.argsort(np.concatenate(groups), kind="stable")
     found = jax.tree.map(lambda *parts: jnp.concatenate(parts)[order], *responses)
     # Twists of stages begin at their own zero, not at that of the slope.
@@ -266,41 +336,58 @@ def _at_mean_loads(train, speeds, harmonics):
 
 
 def _of_padded(train, speeds, harmonics):
-    """The ForcedResponse at ``speeds`` ``(n,)``: few of them are padded to one of few numbers, as each is a program."""
+    """The ForcedResponse at ``speeds`` ``(n,)``: few of them are padded to one of few
+    numbers, as each is a program.
+    """
     padded = next((size for size in SIZES if size >= len(speeds)), len(speeds))
     cells = padded * train.topology.n_disks * (harmonics + 1)
     if padded == len(speeds) or cells > CELLS or traced(train, speeds) or staged():
         return _respond(train, speeds, harmonics)
     given = np.asarray(speeds)
-    found = on_host(_respond(train, np.pad(given, (0, padded - len(given)), mode="edge"), harmonics))
+    found = on_host(
+        _respond(train, np.pad(given, (0, padded - len(given)), mode="edge"), harmonics)
+    )
     return jax.tree.map(lambda values: values[: len(given)], found)
 
 
 @partial(Program, static_argnames="harmonics")
 def _respond(train, rpm, harmonics):
     """The ForcedResponse at speeds ``(n,)``."""
-    # The host refuses such numbers with a sentence; where they are traced they become a status.
+    # The host refuses such numbers with a sentence; where they are traced they become a
+    # status.
     valid = within_range(train) & (rpm > 0) & (rpm <= HIGHEST_RPM)
     train = jax.tree.map(lambda a: jnp.asarray(a, dtype=float), train)
     system, topology = chain.assemble(without_tables(train)), train.topology
-    torque, load_torque, _ = jax.vmap(lambda speed: excitation(train, speed, harmonics))(rpm)
+    torque, load_torque, _ = jax.vmap(
+        lambda speed: excitation(train, speed, harmonics)
+    )(rpm)
     together = _together(topology.n_disks, harmonics, len(rpm))
     groups = -(-len(rpm) // together)
 
     def grouped(values):
-        # The last speed again: a speed of 0 could make nan, which derivatives would spread.
+        # The last speed again: a speed of 0 could make nan, which derivatives would
+        # spread.
         padding = jnp.repeat(values[-1:], groups * together - len(rpm), axis=0)
-        return jnp.concatenate([values, padding]).reshape(groups, together, *values.shape[1:])
+        return jnp.concatenate([values, padding]).reshape(
+            groups, together, *values.shape[1:]
+        )
 
     rigid = chain.rigid_shape(train, system.radius)
-    answers = lax.map(lambda group: _answer(train, system, rigid, *group), (grouped(rpm), grouped(torque)))
-    fields = jax.tree.map(lambda a: a.reshape(groups * together, *a.shape[2:])[: len(rpm)], answers)
+    answers = lax.map(
+        lambda group: _answer(train, system, rigid, *group),
+        (grouped(rpm), grouped(torque)),
+    )
+    fields = jax.tree.map(
+        lambda a: a.reshape(groups * together, *a.shape[2:])[: len(rpm)], answers
+    )
     status = jnp.where(valid, fields.pop("status"), Status.INVALID_INPUT)
     ground = np.array(topology.ground_disk, dtype=int)
     numbers = {"radius": train.disks.radius, "law": law_of(train.meshes)}
     return ForcedResponse(
         **fields,
-        **jax.tree.map(lambda a: jnp.broadcast_to(a, (len(rpm), *jnp.shape(a))), numbers),
+        **jax.tree.map(
+            lambda a: jnp.broadcast_to(a, (len(rpm), *jnp.shape(a))), numbers
+        ),
         rpm=rpm,
         load_torque=load_torque,
         load_power=1e3 * load_power_kW(train, rpm, load_torque),
@@ -314,31 +401,46 @@ def _respond(train, rpm, harmonics):
 
 
 def _together(disks, harmonics, speeds):
-    """Speeds of a group: with little padding, as what is padded is copied to be cut off."""
+    """Speeds of a group: with little padding, as what is padded is copied to be cut
+    off.
+    """
     most = min(speeds, max(1, min(LANES, CELLS // disks) // (harmonics + 1)))
     return min(range(most, most // 2, -1), key=lambda size: -speeds % size)
 
 
 def _answer(train, system, rigid, rpm, torque):
-    """Fields of the response, by name, of a group of speeds ``(m,)`` under torques ``(m, S, N+1)``."""
+    """Fields of the response, by name, of a group of speeds ``(m,)`` under torques
+    ``(m, S, N+1)``.
+    """
     speeds, disks, width = torque.shape
     topology, shape = train.topology, (speeds, width)
     omega = (topology.cycle_frequency(rpm)[:, None] * jnp.arange(width)).reshape(-1)
     load = torque.transpose(1, 0, 2).reshape(disks, -1) / system.radius[:, None]
     if varying(topology):
         own = bool(topology.amplitude_links)
-        amplitude = settled_amplitudes((train, system, rpm, omega, load)) if own else jnp.zeros((speeds, 0))
+        amplitude = (
+            settled_amplitudes((train, system, rpm, omega, load))
+            if own
+            else jnp.zeros((speeds, 0))
+        )
         system = varied(train, system, rpm, omega, amplitude)
-    C, shafts = dynamic_stiffness.link_stiffness(system, omega), len(topology.link_names) - len(topology.mesh_names)
+    C, shafts = (
+        dynamic_stiffness.link_stiffness(system, omega),
+        len(topology.link_names) - len(topology.mesh_names),
+    )
     exciting, error = load, all_meshes(train).error
     if error is not None:
-        # Teeth deflect by D x - e: errors e act on the linear train as a load D^T C e, and reduce the link's own force.
+        # Teeth deflect by D x - e: errors e act on the linear train as a load D^T C e,
+        # and reduce the link's own force.
         error = jnp.tile(fourier.resize(error, width - 1), speeds)
         load = load + system.spread(C[shafts:] * error, slice(shafts, None))
-    displacement, force = (a[:, 0] for a in dynamic_stiffness.solve_linear(system, omega, load[:, None]))
+    displacement, force = (
+        a[:, 0] for a in dynamic_stiffness.solve_linear(system, omega, load[:, None])
+    )
     taken = dynamic_stiffness.balance(system, omega, load, displacement, force)
     residual, status = residual_and_status(*(a.reshape(shape) for a in taken))
-    # For the mean the sweep holds a floating train at its root: the rigid rotation that this leaves goes out again.
+    # For the mean the sweep holds a floating train at its root: the rigid rotation that
+    # this leaves goes out again.
     mean = (omega == 0) * chain.drift(system, rigid, displacement.real)
     angle = chain.to_angles(system, displacement - mean)
 
@@ -348,7 +450,9 @@ def _answer(train, system, rigid, rpm, torque):
     deflection = force / jnp.where(C == 0, 1.0, C)
     elastic = C.real * deflection
     if topology.amplitude_links:
-        settled = is_settled(amplitude, twist_amplitude(train, system, deflection, speeds))
+        settled = is_settled(
+            amplitude, twist_amplitude(train, system, deflection, speeds)
+        )
         status = jnp.where(settled, status, jnp.maximum(status, Status.MAX_STEPS))
     ends = system.radius[system.tree.end_a][:, None]
 
@@ -358,10 +462,16 @@ def _answer(train, system, rigid, rpm, torque):
     def power(values):
         return (2 * omega * values).reshape(len(values), *shape).sum(-1).T
 
-    disks, links = power(omega * system.damping[:, None] * _square(displacement)), power(C.imag * _square(deflection))
+    disks, links = (
+        power(omega * system.damping[:, None] * _square(displacement)),
+        power(C.imag * _square(deflection)),
+    )
     given = power((exciting * jnp.conj(1j * displacement)).real.sum(0)[None])[:, 0]
     if error is not None:
-        given = given - power((force[shafts:] * jnp.conj(1j * error)).real.sum(0)[None])[:, 0]
+        given = (
+            given
+            - power((force[shafts:] * jnp.conj(1j * error)).real.sum(0)[None])[:, 0]
+        )
     return {
         "angles": by_speed(angle),
         "torques": by_speed((force * ends)[:shafts]),
@@ -371,7 +481,9 @@ def _answer(train, system, rigid, rpm, torque):
         "elastic_forces": by_speed(elastic[shafts:]),
         "residual": residual,
         "status": status,
-        "power_defect": (given - disks.sum(-1) - links.sum(-1)) / jnp.where(given > 0, given, 1.0),
+        "power_defect": (
+            (given - disks.sum(-1) - links.sum(-1)) / jnp.where(given > 0, given, 1.0)
+        ),
         "disk_power": disks,
         "link_power": links,
         "input_power": given,
@@ -384,16 +496,25 @@ def _square(values):
 
 
 def residual_and_status(left, load, force):
-    """Residual and status ``(...)`` of linear solves, from their ``dynamic_stiffness.balance`` ``(..., H)``.
+    """Residual and status ``(...)`` of linear solves, from their
+    ``dynamic_stiffness.balance`` ``(..., H)``.
 
-    Singular equations have a huge motion, or forces that miss the balance, and are finite; what is not has overflowed.
+    Singular equations have a huge motion, or forces that miss the balance, and are
+    finite; what is not has overflowed.
     """
     xp = namespace(left, load, force)
     size = xp.max(load, axis=-1) + xp.max(force, axis=-1)
-    # The mean is judged by itself below: torques that do not balance are no fault of the sweep.
-    residual = xp.max(left[..., 1:], axis=-1, initial=0.0) / xp.where(size > 0, size, 1.0)
+    # The mean is judged by itself below: torques that do not balance are no fault of
+    # the sweep.
+    residual = xp.max(left[..., 1:], axis=-1, initial=0.0) / xp.where(
+        size > 0, size, 1.0
+    )
     balanced = left[..., 0] <= UNBALANCED * (load[..., 0] + force[..., 0])
-    solved = (residual <= UNSOLVED) & (xp.max(force, axis=-1) <= SINGULAR * xp.max(load, axis=-1))
+    solved = (residual <= UNSOLVED) & (
+        xp.max(force, axis=-1) <= SINGULAR * xp.max(load, axis=-1)
+    )
     status = xp.where(balanced, Status.CONVERGED, Status.UNBALANCED)
     status = xp.where(solved, status, Status.NEAR_SINGULAR)
-    return residual, xp.where(xp.isfinite(size + left.sum(-1)), status, Status.NONFINITE)
+    return residual, xp.where(
+        xp.isfinite(size + left.sum(-1)), status, Status.NONFINITE
+    )

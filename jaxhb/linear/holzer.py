@@ -1,9 +1,12 @@
-"""Holzer's table of a train without closed loops, as engineers print it, and its residual over frequency.
+"""Holzer's table of a train without closed loops, as engineers print it, and its
+residual over frequency.
 
-From a free end with ordinate 1, the torque sum ``sum J omega^2 theta`` of the disks passed twists the next shaft,
-``theta_(i+1) = theta_i - sum / c_i``; what is left behind the last disk is the residual, zero at a natural frequency.
-Where branches meet, each is scaled by the product of what the others ask for at the common disk, which is division-free
-(docs/theory C3): a branch that has a node there does no harm. Torques cross a mesh by the radii of its gears.
+From a free end with ordinate 1, the torque sum ``sum J omega^2 theta`` of the disks
+passed twists the next shaft, ``theta_(i+1) = theta_i - sum / c_i``; what is left behind
+the last disk is the residual, zero at a natural frequency. Where branches meet, each is
+scaled by the product of what the others ask for at the common disk, which is
+division-free (docs/theory C3): a branch that has a node there does no harm. Torques
+cross a mesh by the radii of its gears.
 """
 
 from dataclasses import dataclass
@@ -18,24 +21,30 @@ from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
 NODE = 1e-9  # share of the largest angle below which a disk lies in a node
-NATURAL = 1e-6  # residual over the sum of all inertia forces at which a frequency is a natural one
-DENSE_DISKS = 500  # up to which modes that the elimination loses are looked for with dense matrices
+# residual over the sum of all inertia forces at which a frequency is a natural one
+NATURAL = 1e-6
+# up to which modes that the elimination loses are looked for with dense matrices
+DENSE_DISKS = 500
 
 
 @brief
 @dataclass(frozen=True)
 class HolzerTable:
-    """One table, disks in the order of calculation; each row ends with the link to the disk that comes later.
+    """One table, disks in the order of calculation; each row ends with the link to the
+    disk that comes later.
 
     Parameters
     ----------
     hz : float, Hz
     names : tuple of str, the S disks, last the one at which the residual is read
     inertia : ``(S,)`` kg m2
-    ordinate : ``(S,)`` rad; 1 at the first disk of the scene, or at the first row where that disk lies in a node
+    ordinate : ``(S,)`` rad; 1 at the first disk of the scene, or at the first row where
+    that disk lies in a node
     torque : ``(S,)`` N m, J omega^2 theta less the torque of a ground spring
-    torque_sum : ``(S,)`` N m, of the disk and all that it carries, transmitted by the link
-    links : tuple of str; stiffness : ``(S,)`` N/m of a mesh, else N m/rad; twist : ``(S,)`` m of a mesh, else rad; all
+    torque_sum : ``(S,)`` N m, of the disk and all that it carries, transmitted by the
+    link
+    links : tuple of str; stiffness : ``(S,)`` N/m of a mesh, else N m/rad; twist :
+    ``(S,)`` m of a mesh, else rad; all
         of the link to the next disk, "" and 0 in the last row
     """
 
@@ -61,33 +70,54 @@ class HolzerTable:
 
     @property
     def strain_energy(self) -> Array:
-        """``(S,)`` J of each link to the next disk; with grounds all equal the kinetic ones in a mode."""
+        """``(S,)`` J of each link to the next disk; with grounds all equal the kinetic
+        ones in a mode.
+        """
         return self.stiffness * self.twist**2 / 2
 
     def __str__(self):
         width = max(len(name) for name in (*self.names, "disk"))
         lines = [f"Holzer table at {self.hz:.6g} Hz, residual {self.residual:.4e} N m"]
-        lines += [f"{'disk':{width}} {'J':>11} {'theta':>11} {'J w^2 theta':>11} {'sum':>11} {'c':>11} {'sum/c':>11}"]
-        columns = self.inertia, self.ordinate, self.torque, self.torque_sum, self.stiffness, self.twist
+        lines += [
+            f"{'disk':{width}} {'J':>11} {'theta':>11} {'J w^2 theta':>11} {'sum':>11}"
+            f" {'c':>11} {'sum/c':>11}"
+        ]
+        columns = (
+            self.inertia,
+            self.ordinate,
+            self.torque,
+            self.torque_sum,
+            self.stiffness,
+            self.twist,
+        )
         for name, *row in zip(self.names, *columns, strict=True):
-            lines.append(f"{name:{width}} " + " ".join(f"{value:11.4e}" for value in row))
+            lines.append(
+                f"{name:{width}} " + " ".join(f"{value:11.4e}" for value in row)
+            )
         return "\n".join(lines)
 
 
 def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
     """Holzer's table at one frequency ``hz``, undamped, meshes in contact.
 
-    ``theta_(i+1) = theta_i - (sum_(j<=i) J_j omega^2 theta_j) / c_i`` (H. Holzer, Die Berechnung der Drehschwingungen,
-    Springer 1921). A part behind a link without stiffness (the ring of a viscous damper) rests, and no table ends
-    there; at a natural frequency of such a part it is the rest that rests. Every number has derivatives with respect to
-    the train and the frequency, both of which may be traced.
+    ``theta_(i+1) = theta_i - (sum_(j<=i) J_j omega^2 theta_j) / c_i`` (H. Holzer, Die
+    Berechnung der Drehschwingungen, Springer 1921). A part behind a link without
+    stiffness (the ring of a viscous damper) rests, and no table ends there; at a
+    natural frequency of such a part it is the rest that rests. Every number has
+    derivatives with respect to the train and the frequency, both of which may be
+    traced.
 
     :class:`SceneError` if the train has a closed loop.
 
     Thomson's three disks of 5, 11, 22 kg m2 at 20 rad/s.
 
-    >>> parts = [jaxhb.Disk(name=n, inertia=J) for n, J in zip("abc", (5.0, 11.0, 22.0))]
-    >>> parts += [jaxhb.Shaft(between=e, stiffness=k) for e, k in ((("a", "b"), 1e5), (("b", "c"), 2e5))]
+    >>> parts = [
+    ...     jaxhb.Disk(name=n, inertia=J) for n, J in zip("abc", (5.0, 11.0, 22.0))
+    ... ]
+    >>> parts += [
+    ...     jaxhb.Shaft(between=e, stiffness=k)
+    ...     for e, k in ((("a", "b"), 1e5), (("b", "c"), 2e5))
+    ... ]
     >>> table = jaxhb.holzer_table(jaxhb.build(parts), hz=20 / 6.283185307179586)
     >>> table.ordinate.round(4).tolist(), round(table.residual)
     ([1.0, 0.98, 0.9484], 14658)
@@ -98,18 +128,33 @@ def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
     angle = displacement / radius
     natural = _is_natural(tree, system, 2 * np.pi * hz, displacement, force)
     unit = _unit(tree, angle, xp.where(natural, NODE, 0.0))
-    link, near = tree.link[:-1], xp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])[:-1]
-    pushed = force[:-1] / near / unit  # what the link carries, positive where it slows the disk
-    shaft = np.array([name not in train.topology.mesh_names for name in train.topology.link_names], dtype=bool)[link]
-    square = xp.where(shaft, radius[:-1] ** 2, 1.0)  # of shafts, from displacements to angles
+    link, near = (
+        tree.link[:-1],
+        xp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])[:-1],
+    )
+    pushed = (
+        force[:-1] / near / unit
+    )  # what the link carries, positive where it slows the disk
+    shaft = np.array(
+        [name not in train.topology.mesh_names for name in train.topology.link_names],
+        dtype=bool,
+    )[link]
+    square = xp.where(
+        shaft, radius[:-1] ** 2, 1.0
+    )  # of shafts, from displacements to angles
     stiffness = system.stiffness[link]
-    twist = xp.where(stiffness > 0, pushed / xp.where(stiffness > 0, stiffness, 1.0), 0.0)
+    twist = xp.where(
+        stiffness > 0, pushed / xp.where(stiffness > 0, stiffness, 1.0), 0.0
+    )
     return HolzerTable(
         hz=hz if traced(hz) else float(hz),
         names=tuple(train.topology.disk_names[disk] for disk in tree.node),
         inertia=mass * radius**2,
         ordinate=angle / unit,
-        torque=((2 * np.pi * hz) ** 2 * mass - system.ground[tree.node]) * displacement * radius / unit,
+        torque=((2 * np.pi * hz) ** 2 * mass - system.ground[tree.node])
+        * displacement
+        * radius
+        / unit,
         torque_sum=force * radius / unit,
         links=(*(train.topology.link_names[name] for name in link), ""),
         stiffness=xp.append(stiffness * square, 0.0),
@@ -118,12 +163,14 @@ def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
 
 
 def holzer_residual(train: DriveTrain, *, hz: Numbers) -> Array:
-    """Residual ``(n,)`` in N m of Holzer's method at ``hz`` ``(n,)``, every branch begun with 1 at its free end.
+    """Residual ``(n,)`` in N m of Holzer's method at ``hz`` ``(n,)``, every branch
+    begun with 1 at its free end.
 
-    At the last disk of :func:`holzer_table`, errors as there: a polynomial in omega^2, zero at the natural frequencies.
-    Where branches meet each is scaled by the others (docs/theory C3): nothing is divided. It overflows on long chains
-    far above their frequencies, where ``jaxhb.characteristic`` does not. It has derivatives with respect to the train
-    and the frequencies.
+    At the last disk of :func:`holzer_table`, errors as there: a polynomial in omega^2,
+    zero at the natural frequencies. Where branches meet each is scaled by the others
+    (docs/theory C3): nothing is divided. It overflows on long chains far above their
+    frequencies, where ``jaxhb.characteristic`` does not. It has derivatives with
+    respect to the train and the frequencies.
 
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> f = jaxhb.natural_frequencies(train).frequencies_hz[1]
@@ -133,7 +180,9 @@ def holzer_residual(train: DriveTrain, *, hz: Numbers) -> Array:
     """
     system = _system(train)
     tree = _trees(train, system)[0]
-    balance, *_ = _eliminate(tree, system, 2 * np.pi * namespace(system, hz).asarray(hz, dtype=float))
+    balance, *_ = _eliminate(
+        tree, system, 2 * np.pi * namespace(system, hz).asarray(hz, dtype=float)
+    )
     return -balance[-1] * system.radius[tree.node[-1]]
 
 
@@ -143,16 +192,23 @@ def _system(train):
     if len(system.tree.loops):
         name = train.topology.link_names[system.tree.loops[0]]
         raise SceneError(
-            f"{train.topology.title}: link {name!r} closes a loop, and Holzer's table is for trains without."
-            " Use jaxhb.natural_frequencies, on the command line jaxhb modes, which prints the energies, too."
+            f"{train.topology.title}: link {name!r} closes a loop, and Holzer's table"
+            " is for trains without. Use jaxhb.natural_frequencies, on the command"
+            " line jaxhb modes, which prints the energies, too."
         )
     return system
 
 
 def _trees(train, system):
-    """Eliminations from the free ends, one for each part that links with stiffness join, first the part of the first
-    disk: each ends at a ground of its part, or at the disk farthest from its first."""
-    ends, ground, disks = train.topology.link_ends, train.topology.ground_disk, len(system.mass)
+    """Eliminations from the free ends, one for each part that links with stiffness
+    join, first the part of the first disk: each ends at a ground of its part, or at the
+    disk farthest from its first.
+    """
+    ends, ground, disks = (
+        train.topology.link_ends,
+        train.topology.ground_disk,
+        len(system.mass),
+    )
     shafts = len(train.topology.shaft_names)
     (stiffness,) = concrete(system.stiffness)
     # Under jit and vmap no number is known: dampers are what may have no stiffness.
@@ -166,12 +222,16 @@ def _trees(train, system):
             seen.update(parts[-1])
     # A disk alone moves with nothing.
     moving = [part for part in parts if len(part) > 1] or parts
-    roots = [next((disk for disk in ground if disk in part), part[-1]) for part in moving]
+    roots = [
+        next((disk for disk in ground if disk in part), part[-1]) for part in moving
+    ]
     return [chain.span_links(ends, disks, root) for root in roots]
 
 
 def _motion(train, hz):
-    """Elimination, System, displacements ``(S,)`` m and forces ``(S,)`` N passed on to the next disk of the table."""
+    """Elimination, System, displacements ``(S,)`` m and forces ``(S,)`` N passed on to
+    the next disk of the table.
+    """
     system = _system(train)
     omega = 2 * np.pi * namespace(system, hz).asarray(hz, dtype=float)
     trees = _trees(train, system)
@@ -182,43 +242,57 @@ def _motion(train, hz):
     if mode := next(modes, None):
         return mode
     if len(system.mass) <= DENSE_DISKS:
-        # Several branches with a node at one joint leave the elimination nothing but rounding, or another motion.
+        # Several branches with a node at one joint leave the elimination nothing but
+        # rounding, or another motion.
         dense = trees[0], system, *_dense(trees[0], system, omega)
         return dense if _is_mode(*dense, omega) else found[0]
     return found[0]
 
 
 def _scaled(tree, system, omega):
-    """Displacements and forces of the elimination, every branch scaled by what the others ask for where they meet."""
+    """Displacements and forces of the elimination, every branch scaled by what the
+    others ask for where they meet.
+    """
     balance, ordinate, others = _eliminate(tree, system, omega)
     xp = namespace(system, omega)
     scale = [xp.ones(())] * len(tree.node)
     for s in range(len(tree.node) - 2, -1, -1):
-        # Backwards: what others ask for at a joint scales a branch, and all that hangs on it further out.
+        # Backwards: what others ask for at a joint scales a branch, and all that hangs
+        # on it further out.
         scale[s] = scale[tree.parent[s]] * others[s]
     scale = xp.stack(scale)
     return scale * ordinate, -scale * balance
 
 
 def _forces_left(tree, system, omega, displacement):
-    """Forces ``(S,)`` N left on the disks by links and inertia, in the order of the tree, and the largest of both."""
+    """Forces ``(S,)`` N left on the disks by links and inertia, in the order of the
+    tree, and the largest of both.
+    """
     motion = np.empty(np.shape(displacement))
     motion[tree.node] = displacement
     links = (system.stiffness * system.deflections(motion).T).T
     inertia = ((system.ground - system.mass * omega**2) * motion.T).T
-    return (inertia + system.spread(links))[tree.node], max(np.abs(inertia).max(), np.abs(links).max(initial=0.0))
+    return (inertia + system.spread(links))[tree.node], max(
+        np.abs(inertia).max(), np.abs(links).max(initial=0.0)
+    )
 
 
 def _dense(tree, system, omega):
-    """Displacements that leave the least forces, of the dense equations, and the forces passed on."""
+    """Displacements that leave the least forces, of the dense equations, and the forces
+    passed on.
+    """
     equations, _ = _forces_left(tree, system, omega, np.eye(len(tree.node)))
     displacement = np.linalg.svd(equations)[2][-1]
     return displacement, _passed_on(tree, system, omega, displacement)
 
 
 def _passed_on(tree, system, omega, displacement):
-    """Force ``(S,)`` N of every disk and all that it carries on the next one, inertia forces less those of grounds."""
-    force = (system.mass[tree.node] * omega**2 - system.ground[tree.node]) * displacement
+    """Force ``(S,)`` N of every disk and all that it carries on the next one, inertia
+    forces less those of grounds.
+    """
+    force = (
+        system.mass[tree.node] * omega**2 - system.ground[tree.node]
+    ) * displacement
     for s, up in enumerate(tree.parent[:-1].tolist()):
         near, far = system.arm_a[tree.link[s]], system.arm_b[tree.link[s]]
         force[up] += force[s] * (far / near if tree.from_a[s] else near / far)
@@ -240,8 +314,9 @@ def _is_mode(tree, system, displacement, force, omega):
 
 
 def _unit(tree, angle, node):
-    """Angle of the first disk of the scene, or in the first row that moves where that disk lies in a node: at most that
-    share of the largest angle."""
+    """Angle of the first disk of the scene, or in the first row that moves where that
+    disk lies in a node: at most that share of the largest angle.
+    """
     xp = namespace(angle)
     first = int(np.flatnonzero(tree.node == 0)[0])
     rows = xp.concatenate([angle[first : first + 1], angle])
@@ -251,9 +326,14 @@ def _unit(tree, angle, node):
 
 
 def _eliminate(tree, system, omega):
-    """Balance sum Z x ``(S, ...)`` and ordinate of each subtree, free ends at 1, and its scale below the parent."""
+    """Balance sum Z x ``(S, ...)`` and ordinate of each subtree, free ends at 1, and
+    its scale below the parent.
+    """
     xp, node = namespace(system, omega), tree.node
-    balance = [ground - mass * omega**2 for ground, mass in zip(system.ground[node], system.mass[node], strict=True)]
+    balance = [
+        ground - mass * omega**2
+        for ground, mass in zip(system.ground[node], system.mass[node], strict=True)
+    ]
     ordinate, others = ([xp.ones_like(omega)] * len(node) for _ in range(2))
     wanted = {}
     for s, up in enumerate(tree.parent[:-1].tolist()):
@@ -262,12 +342,16 @@ def _eliminate(tree, system, omega):
             alpha, beta = beta, alpha
         stiffness = system.stiffness[tree.link[s]]
         loose = stiffness == 0  # what hangs there rests and asks for nothing
-        asked = (alpha * ordinate[s] + balance[s] / (alpha * xp.where(loose, 1.0, stiffness))) / beta
+        asked = (
+            alpha * ordinate[s] + balance[s] / (alpha * xp.where(loose, 1.0, stiffness))
+        ) / beta
         asked = xp.where(loose, 1.0, asked)
         others[s] = xp.where(loose, 0.0, ordinate[up])
         for earlier in wanted.setdefault(up, []):
             others[earlier] = others[earlier] * asked
         wanted[up].append(s)
-        balance[up] = balance[up] * asked + xp.where(loose, 0.0, ordinate[up] * beta / alpha * balance[s])
+        balance[up] = balance[up] * asked + xp.where(
+            loose, 0.0, ordinate[up] * beta / alpha * balance[s]
+        )
         ordinate[up] = ordinate[up] * asked
     return xp.stack(balance), xp.stack(ordinate), others

@@ -1,4 +1,6 @@
-"""Natural frequencies that strain tooth meshes, or shafts with stages: how far their motion has to be resolved."""
+"""Natural frequencies that strain tooth meshes, or shafts with stages: how far their
+motion has to be resolved.
+"""
 
 from dataclasses import replace
 
@@ -10,17 +12,24 @@ from jaxhb.linear.modal import natural_frequencies
 from jaxhb.train import chain
 
 STRAINED = 0.05
-"""Share of a mode's strain energy in tooth meshes from which the motion has to be resolved to its frequency."""
+"""Share of a mode's strain energy in tooth meshes from which the motion has to be
+resolved to its frequency.
+"""
 WEAKLY_STRAINED = 0.01
-"""The same from which an estimate of the truncation error has to see the mode: with little damping it may resonate."""
+"""The same from which an estimate of the truncation error has to see the mode: with
+little damping it may resonate.
+"""
 MODAL_DISKS = 400  # disks up to which all modes are computed
-SHAFT_STIFFENING = 1.1  # what the shafts of larger trains add to the frequencies of the gears alone, a factor
+# what the shafts of larger trains add to the frequencies of the gears alone, a factor
+SHAFT_STIFFENING = 1.1
 
 
 def mesh_mode_harmonics(train, frequency):
-    """Harmonics ``(2,)`` of the cycle at the highest modes whose share in meshes is STRAINED and WEAKLY_STRAINED.
+    """Harmonics ``(2,)`` of the cycle at the highest modes whose share in meshes is
+    STRAINED and WEAKLY_STRAINED.
 
-    Of a finely divided train, whose modes would take longer than its solve, that of the gears and meshes alone.
+    Of a finely divided train, whose modes would take longer than its solve, that of the
+    gears and meshes alone.
     """
     return _mesh_modes_hz(train) / (frequency / (2 * np.pi))
 
@@ -32,8 +41,16 @@ def _mesh_modes_hz(train):
         return np.full(2, SHAFT_STIFFENING * _gear_mode_hz(train))
     modes = natural_frequencies(_engaged(train))
     links = sorted({link for link, *_ in train.topology.springs})
-    share, least_shares = modes.mesh_energy_share + modes.strain_share[:, links].sum(1), (STRAINED, WEAKLY_STRAINED)
-    return np.array([np.max(modes.frequencies_hz[share > least], initial=0.0) for least in least_shares])
+    share, least_shares = (
+        modes.mesh_energy_share + modes.strain_share[:, links].sum(1),
+        (STRAINED, WEAKLY_STRAINED),
+    )
+    return np.array(
+        [
+            np.max(modes.frequencies_hz[share > least], initial=0.0)
+            for least in least_shares
+        ]
+    )
 
 
 def _engaged(train):
@@ -42,22 +59,37 @@ def _engaged(train):
     if not meshes.springs:
         return train
     system, added = chain.assemble(train), np.zeros(len(train.topology.link_names))
-    np.add.at(added, meshes.link, np.where(meshes.law.linear == 0, np.maximum(meshes.law.stiffness, 0.0), 0.0))
+    np.add.at(
+        added,
+        meshes.link,
+        np.where(meshes.law.linear == 0, np.maximum(meshes.law.stiffness, 0.0), 0.0),
+    )
     added *= np.asarray(system.radius)[system.tree.end_a] ** 2
-    shafts, dampers = np.split(added[: len(train.topology.shaft_and_damper_names)], [len(train.topology.shaft_names)])
+    shafts, dampers = np.split(
+        added[: len(train.topology.shaft_and_damper_names)],
+        [len(train.topology.shaft_names)],
+    )
     tables = {"shafts": shafts, "dampers": dampers}
     stiffer = {
-        name: replace(getattr(train, name), stiffness=getattr(train, name).stiffness + k) for name, k in tables.items()
+        name: replace(
+            getattr(train, name), stiffness=getattr(train, name).stiffness + k
+        )
+        for name, k in tables.items()
     }
     return replace(train, **stiffer)
 
 
 def _gear_mode_hz(train):
-    """Highest natural frequency in Hz of the gears on their meshes, all shafts taken away."""
+    """Highest natural frequency in Hz of the gears on their meshes, all shafts taken
+    away.
+    """
     system = chain.assemble(train)
-    links = np.arange(len(system.stiffness) - len(train.topology.mesh_names), len(system.stiffness))
+    links = np.arange(
+        len(system.stiffness) - len(train.topology.mesh_names), len(system.stiffness)
+    )
     rows = system.incidence(links).T
-    # Root of the largest eigenvalue of sqrt(c) D M^-1 D^T sqrt(c), a matrix of the meshes.
+    # Root of the largest eigenvalue of sqrt(c) D M^-1 D^T sqrt(c), a matrix of the
+    # meshes.
     mass = np.maximum(system.mass, 1e-6 * np.mean(system.mass))
     root = np.sqrt(system.stiffness[links])
     squares = np.linalg.eigvalsh(root[:, None] * (rows / mass) @ rows.T * root)

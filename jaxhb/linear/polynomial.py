@@ -1,16 +1,20 @@
-"""Characteristic polynomials and frequency responses by their values, at any size, without quotients (Moliboshko).
+"""Characteristic polynomials and frequency responses by their values, at any size,
+without quotients (Moliboshko).
 
-For a complex p, ``D(p) = det(p^2 M + p B + K(p)) / prod I`` over the disks with inertia; link stiffnesses are
-``k = c + r p``. The source's R of a free train is ``D / p^2``. Every part of the train is a pair (docs/theory C3): F,
-its determinant while free, and G, while it is held where it meets the rest. A part on link k with arms a and b
-multiplies the other's pair: ``W = F + a^2 k G``, then ``F' <- F' W + G' b^2 k F``, ``G' <- G' W``. Pairs are rescaled
-by powers of two, which is exact. A link that closes a loop between disks x and y adds ``k (a^2 D_x + b^2 D_y - 2 a b
-D_way)``, determinants without it: with x held, with y held, and with all disks of the way from x to y held, times the
-k a b of its links.
+For a complex p, ``D(p) = det(p^2 M + p B + K(p)) / prod I`` over the disks with
+inertia; link stiffnesses are ``k = c + r p``. The source's R of a free train is ``D /
+p^2``. Every part of the train is a pair (docs/theory C3): F, its determinant while
+free, and G, while it is held where it meets the rest. A part on link k with arms a and
+b multiplies the other's pair: ``W = F + a^2 k G``, then ``F' <- F' W + G' b^2 k F``,
+``G' <- G' W``. Pairs are rescaled by powers of two, which is exact. A link that closes
+a loop between disks x and y adds ``k (a^2 D_x + b^2 D_y - 2 a b D_way)``, determinants
+without it: with x held, with y held, and with all disks of the way from x to y held,
+times the k a b of its links.
 
-Beside a root little is left of large terms. :class:`Doubled` has some 24 digits: sums keep what they round off (D. E.
-Knuth, The Art of Computer Programming 2, 4.2.2), products are made of halves whose products are exact (T. J. Dekker,
-Numer. Math. 18 (1971) 224). Only damping times p, and what radii of gears enter, is rounded.
+Beside a root little is left of large terms. :class:`Doubled` has some 24 digits: sums
+keep what they round off (D. E. Knuth, The Art of Computer Programming 2, 4.2.2),
+products are made of halves whose products are exact (T. J. Dekker, Numer. Math. 18
+(1971) 224). Only damping times p, and what radii of gears enter, is rounded.
 """
 
 import dataclasses
@@ -36,13 +40,17 @@ from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
 LAST = -1  # in place of a link: that of the last disk of a way
-HALF = 25  # stored digits of the leading half of a number, the hidden one not counted: products of halves are exact
+# stored digits of the leading half of a number, the hidden one not counted: products of
+# halves are exact
+HALF = 25
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Doubled:
-    """Complex numbers ``high + low``, high rounded from the sum; with +, * and indices as arrays have them."""
+    """Complex numbers ``high + low``, high rounded from the sum; with +, * and indices
+    as arrays have them.
+    """
 
     high: jax.Array
     low: jax.Array
@@ -86,13 +94,15 @@ def _product(a, b):
     a2, b2 = a.high - a1, b.high - b1
     # Four exact products: a complex product would round their sums.
     total, lost = _sum(
-        lax.complex(a1.real * b1.real, a1.real * b1.imag), lax.complex(-a1.imag * b1.imag, a1.imag * b1.real)
+        lax.complex(a1.real * b1.real, a1.real * b1.imag),
+        lax.complex(-a1.imag * b1.imag, a1.imag * b1.real),
     )
     total, more = _sum(total, a1 * b2 + a2 * b1)
     return _joined(total, (lost + more) + (a2 * b2 + (a.high * b.low + a.low * b.high)))
 
 
-# derivatives are as exact as float64: beside a root the value is a small difference, its derivative is none
+# derivatives are as exact as float64: beside a root the value is a small difference,
+# its derivative is none
 
 
 @_total.defjvp
@@ -116,20 +126,25 @@ def _sum(a, b):
 def _joined(high, low):
     """The sum of a number and one much smaller."""
     total = high + low
-    # Without the barrier compilers compute every number again wherever it is used, product within product.
+    # Without the barrier compilers compute every number again wherever it is used,
+    # product within product.
     return Doubled(*lax.optimization_barrier((total, low - (total - high))))
 
 
 def _leading(a):
     """The leading half of the digits of real and imaginary part."""
     # The 11 bits of the exponent are those of float64: only digits go.
-    return lax.complex(*(lax.reduce_precision(part, 11, HALF) for part in (a.real, a.imag)))
+    return lax.complex(
+        *(lax.reduce_precision(part, 11, HALF) for part in (a.real, a.imag))
+    )
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Scaled:
-    """Complex numbers ``mantissa 2^exponent`` beyond the range of float64; exponents are whole numbers as floats."""
+    """Complex numbers ``mantissa 2^exponent`` beyond the range of float64; exponents
+    are whole numbers as floats.
+    """
 
     mantissa: jax.Array
     exponent: jax.Array
@@ -159,14 +174,21 @@ class Scaled:
 
     def __add__(self, other):
         exponent = jnp.maximum(self.exponent, other.exponent)
-        one, two = (z * jnp.ldexp(1.0, jnp.maximum(z.exponent - exponent, -2000).astype(int)) for z in (self, other))
+        one, two = (
+            z * jnp.ldexp(1.0, jnp.maximum(z.exponent - exponent, -2000).astype(int))
+            for z in (self, other)
+        )
         return rescaled(one.mantissa + two.mantissa, exponent)
 
 
 def shifted(numbers):
-    """Numbers with their largest modulus between 1/2 and 1, and the power of two taken out."""
+    """Numbers with their largest modulus between 1/2 and 1, and the power of two taken
+    out.
+    """
     # Powers of two cancel between mantissa and exponent: they have no derivative.
-    rough = [lax.stop_gradient(z.high if isinstance(z, Doubled) else z) for z in numbers]
+    rough = [
+        lax.stop_gradient(z.high if isinstance(z, Doubled) else z) for z in numbers
+    ]
     sizes = [jnp.maximum(jnp.abs(z.real), jnp.abs(z.imag)) for z in rough]
     shift = jnp.frexp(jnp.max(jnp.stack(sizes), axis=0))[1]
     factor = jnp.ldexp(1.0, -shift)
@@ -185,14 +207,17 @@ def closing_link(topology):
     if len(loops) > 1:
         names = ", ".join(repr(topology.link_names[link]) for link in loops)
         raise SceneError(
-            f"{topology.title}: links {names} close {len(loops)} loops, and characteristic polynomials take one at "
-            "most. Use natural_frequencies or linear_response."
+            f"{topology.title}: links {names} close {len(loops)} loops, and"
+            " characteristic polynomials take one at most. Use natural_frequencies or"
+            " linear_response."
         )
     return loops[0] if loops else None
 
 
 def way_between(topology, a, b):
-    """The way from disk a to b over no closing link: its disks, and the link to the next of each, LAST of the last."""
+    """The way from disk a to b over no closing link: its disks, and the link to the
+    next of each, LAST of the last.
+    """
     tree = chain.span_links(topology.link_ends, topology.n_disks, b)
     at, way = int(np.flatnonzero(tree.node == a)[0]), {}
     while tree.parent[at] < len(tree.node):
@@ -202,9 +227,13 @@ def way_between(topology, a, b):
 
 
 def ways_between(topology, a, b):
-    """All ways from disk a to b: one, and where the closed loop allows it the other way round it."""
+    """All ways from disk a to b: one, and where the closed loop allows it the other way
+    round it.
+    """
     ways, closing = [way_between(topology, a, b)], closing_link(topology)
-    for x, y in [] if closing is None else itertools.permutations(topology.link_ends[closing]):
+    for x, y in (
+        [] if closing is None else itertools.permutations(topology.link_ends[closing])
+    ):
         before, behind = way_between(topology, a, x), way_between(topology, y, b)
         if not before.keys() & behind.keys():
             ways.append(before | {x: closing} | behind)
@@ -212,24 +241,38 @@ def ways_between(topology, a, b):
 
 
 def closed(topology, closing, a, b):
-    """Of a closing link with arms a and b: factors of its stiffness, and the ways held in what they multiply."""
+    """Of a closing link with arms a and b: factors of its stiffness, and the ways held
+    in what they multiply.
+    """
     x, y = topology.link_ends[closing]
-    return (a * a, {x: LAST}), (b * b, {y: LAST}), (-2 * a * b, way_between(topology, x, y))
+    return (
+        (a * a, {x: LAST}),
+        (b * b, {y: LAST}),
+        (-2 * a * b, way_between(topology, x, y)),
+    )
 
 
 def characteristic(train: DriveTrain, p: Array) -> Scaled:
-    """Characteristic determinant D(p) ``(n,)`` of a train with at most one closed loop, meshes in contact.
+    """Characteristic determinant D(p) ``(n,)`` of a train with at most one closed loop,
+    meshes in contact.
 
-    In s^(-2 S) for S disks, all with inertia. The source's R of a free tree is D / p^2, its R^0 of a loop is D.
+    In s^(-2 S) for S disks, all with inertia. The source's R of a free tree is D / p^2,
+    its R^0 of a loop is D.
 
-    At complex ``p`` ``(n,)`` in 1/s, i omega for harmonic motion; loss factors count with the sign of Im p. The result
-    has ``value()``, and ``log_modulus`` and ``phase`` where that overflows. :class:`SceneError` if there is more than
-    one closed loop.
+    At complex ``p`` ``(n,)`` in 1/s, i omega for harmonic motion; loss factors count
+    with the sign of Im p. The result has ``value()``, and ``log_modulus`` and ``phase``
+    where that overflows. :class:`SceneError` if there is more than one closed loop.
 
     >>> import jax.numpy as jnp
-    >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
-    ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
-    >>> jaxhb.characteristic(train, 1j * jnp.array([0.0, 5.0])).value().real.tolist()  # p^2 (p^2 + 100)
+    >>> train = jaxhb.build(
+    ...     [
+    ...         *(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
+    ...         jaxhb.Shaft(between=("a", "b"), stiffness=100.0),
+    ...     ]
+    ... )
+    >>> jaxhb.characteristic(
+    ...     train, 1j * jnp.array([0.0, 5.0])
+    ... ).value().real.tolist()  # p^2 (p^2 + 100)
     [0.0, -1875.0]
     """
     return _characteristic(linear_train(train), jnp.asarray(p, complex))
@@ -242,18 +285,26 @@ def _characteristic(train, p):
 
 
 def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Array:
-    """Receptance ``(n,)`` in rad/(N m) of a train with at most one closed loop from polynomials of its parts.
+    """Receptance ``(n,)`` in rad/(N m) of a train with at most one closed loop from
+    polynomials of its parts.
 
-    ``H = sum (over the ways between the two disks) of prod k (over its links) . D(the rest, its disks held) / D``: one
-    way, or the two round the loop.
+    ``H = sum (over the ways between the two disks) of prod k (over its links) . D(the
+    rest, its disks held) / D``: one way, or the two round the loop.
 
-    Of the angle of ``disk`` to a torque on the disk ``at``, at positive ``hz`` ``(n,)``. :class:`SceneError` if there
-    is no such disk, or more than one closed loop.
+    Of the angle of ``disk`` to a torque on the disk ``at``, at positive ``hz``
+    ``(n,)``. :class:`SceneError` if there is no such disk, or more than one closed
+    loop.
 
     >>> import jax.numpy as jnp
-    >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
-    ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
-    >>> H = jaxhb.frequency_response(train, "a", "b", jnp.array([5.0 / (2 * jnp.pi)]))  # 100 / (p^2 (p^2 + 100) 2 2)
+    >>> train = jaxhb.build(
+    ...     [
+    ...         *(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
+    ...         jaxhb.Shaft(between=("a", "b"), stiffness=100.0),
+    ...     ]
+    ... )
+    >>> H = jaxhb.frequency_response(
+    ...     train, "a", "b", jnp.array([5.0 / (2 * jnp.pi)])
+    ... )  # 100 / (p^2 (p^2 + 100) 2 2)
     >>> [round(float(value), 9) for value in H.real]
     [-0.013333333]
     """
@@ -265,30 +316,52 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
 def _receptance(train, p, ends):
     """Receptance ``(n,)`` between two disks."""
     system = chain.assemble(train)
-    whole, one, *other = _determinants(system, train.topology, p, {}, *ways_between(train.topology, *ends))
+    whole, one, *other = _determinants(
+        system, train.topology, p, {}, *ways_between(train.topology, *ends)
+    )
     response = (one + other[0] if other else one) / whole
     return response.value() / (system.radius[ends[0]] * system.radius[ends[1]])
 
 
 def _determinants(system, topology, p, *ways):
-    """``det(p^2 M + p B + K)`` in displacements as Scaled, of each way: its disks held, times k a b of its links."""
+    """``det(p^2 M + p B + K)`` in displacements as Scaled, of each way: its disks held,
+    times k a b of its links.
+    """
     # Loss factors count with the sign of Im p.
-    stiffness, loss, viscous = (jnp.asarray(a)[:, None] for a in (system.stiffness, system.loss, system.viscous))
-    C = doubled(stiffness * (1 + 1j * loss * jnp.sign(p.imag))) + doubled(p).scaled(viscous)
+    stiffness, loss, viscous = (
+        jnp.asarray(a)[:, None] for a in (system.stiffness, system.loss, system.viscous)
+    )
+    C = doubled(stiffness * (1 + 1j * loss * jnp.sign(p.imag))) + doubled(p).scaled(
+        viscous
+    )
     closing = closing_link(topology)
     terms = [[(doubled(jnp.ones_like(p)), way)] for way in ways]
     if closing is not None:
         added = closed(topology, closing, system.arm_a[closing], system.arm_b[closing])
         for own, way in zip(terms, ways, strict=True):
-            # Where an end of the link is held already, or the way is cut, there is nothing to add.
-            own += [(C[closing] * factor, way | more) for factor, more in added if not way.keys() & more.keys()]
+            # Where an end of the link is held already, or the way is cut, there is
+            # nothing to add.
+            own += [
+                (C[closing] * factor, way | more)
+                for factor, more in added
+                if not way.keys() & more.keys()
+            ]
     every = [way for own in terms for _, way in own]
-    held, passed = np.zeros((len(every), topology.n_disks), bool), np.full((len(every), topology.n_disks), LAST)
+    held, passed = (
+        np.zeros((len(every), topology.n_disks), bool),
+        np.full((len(every), topology.n_disks), LAST),
+    )
     for row, way in enumerate(every):
         held[row, list(way)], passed[row, list(way)] = True, list(way.values())
-    found, rows = jax.vmap(lambda *way: _determinant(system, C, p, *way))(held, passed), iter(range(len(every)))
+    found, rows = (
+        jax.vmap(lambda *way: _determinant(system, C, p, *way))(held, passed),
+        iter(range(len(every))),
+    )
     for own in terms:
-        total = reduce(add, [jax.tree.map(itemgetter(next(rows)), found) * factor for factor, _ in own])
+        total = reduce(
+            add,
+            [jax.tree.map(itemgetter(next(rows)), found) * factor for factor, _ in own],
+        )
         yield rescaled(total.mantissa.high, total.exponent)
 
 
@@ -296,7 +369,9 @@ def _determinants(system, topology, p, *ways):
 @brief
 @dataclass(frozen=True)
 class DampedApproximation:
-    """The source's approximation of a damped polynomial beside the exact value, ``(n,)``, and its relative error."""
+    """The source's approximation of a damped polynomial beside the exact value,
+    ``(n,)``, and its relative error.
+    """
 
     exact: Scaled
     approximate: Scaled
@@ -304,17 +379,26 @@ class DampedApproximation:
 
 
 def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation:
-    """The source's ``D(i omega) = D1 + i omega (D2 - D1)``: D1 without link damping, D2 with c + r as stiffness.
+    """The source's ``D(i omega) = D1 + i omega (D2 - D1)``: D1 without link damping, D2
+    with c + r as stiffness.
 
-    First order in omega r/c (docs/theory C4): at most 1 % off for omega r/c up to 0.01 and omega much larger than 1.
-    Prefer the exact value, beside which it stands. Loss factors do not count; damping of disks enters all exactly.
+    First order in omega r/c (docs/theory C4): at most 1 % off for omega r/c up to 0.01
+    and omega much larger than 1. Prefer the exact value, beside which it stands. Loss
+    factors do not count; damping of disks enters all exactly.
 
     At ``omega`` ``(n,)`` rad/s, of a train with at most one closed loop.
 
     >>> import jax.numpy as jnp
-    >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
-    ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=1.0)])
-    >>> bool(jaxhb.damped_approximation(train, jnp.array([5.0])).relative_error[0] < 1e-15)  # exact for one link
+    >>> train = jaxhb.build(
+    ...     [
+    ...         *(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
+    ...         jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=1.0),
+    ...     ]
+    ... )
+    >>> bool(
+    ...     jaxhb.damped_approximation(train, jnp.array([5.0])).relative_error[0]
+    ...     < 1e-15
+    ... )  # exact for one link
     True
     """
     return _approximation(linear_train(train), jnp.asarray(omega, float))
@@ -326,17 +410,26 @@ def _approximation(train, omega):
     zeros = jnp.zeros_like(jnp.asarray(system.viscous))
 
     def determinant(stiffness, viscous):
-        own = dataclasses.replace(system, stiffness=stiffness, viscous=viscous, loss=zeros)
+        own = dataclasses.replace(
+            system, stiffness=stiffness, viscous=viscous, loss=zeros
+        )
         return _over_inertias(own, *_determinants(own, train.topology, 1j * omega, {}))
 
-    exact, low = determinant(system.stiffness, system.viscous), determinant(system.stiffness, zeros)
+    exact, low = (
+        determinant(system.stiffness, system.viscous),
+        determinant(system.stiffness, zeros),
+    )
     high = determinant(system.stiffness + system.viscous, zeros)
     approximate = low * (1 - 1j * omega) + high * (1j * omega)
-    return DampedApproximation(exact, approximate, jnp.abs(((approximate + exact * -1.0) / exact).value()))
+    return DampedApproximation(
+        exact, approximate, jnp.abs(((approximate + exact * -1.0) / exact).value())
+    )
 
 
 def _hung(own, above, z, k, near, far):
-    """The pair of a place on whose disk a part hangs by a link k, from pairs (sum of F, G) and the part's own z."""
+    """The pair of a place on whose disk a part hangs by a link k, from pairs (sum of F,
+    G) and the part's own z.
+    """
     (A, P), (A_above, P_above) = own, above
     F = z * P + A
     W = F + P * k.scaled(near * near)
@@ -344,24 +437,40 @@ def _hung(own, above, z, k, near, far):
 
 
 def _determinant(system, C, p, held, passed):
-    """The determinant ``(n,)`` without the closing link, as Scaled of Doubled; ``held`` ``(S,)`` tells which disks are,
-    ``passed`` the links whose k a b stand in their places, LAST for 1."""
+    """The determinant ``(n,)`` without the closing link, as Scaled of Doubled; ``held``
+    ``(S,)`` tells which disks are, ``passed`` the links whose k a b stand in their
+    places, LAST for 1.
+    """
     tree, p = system.tree, doubled(p)
-    mass, damping, ground = (jnp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground))
+    mass, damping, ground = (
+        jnp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground)
+    )
     arm_a, arm_b = jnp.asarray(system.arm_a), jnp.asarray(system.arm_b)
     Z, one = p * p * mass + (p.scaled(damping) + ground), doubled(jnp.ones_like(p.high))
-    factors = jax.tree.map(lambda a, b: jnp.append(a, b[None], axis=0), C * (arm_a * arm_b)[:, None], one)[passed]
+    factors = jax.tree.map(
+        lambda a, b: jnp.append(a, b[None], axis=0), C * (arm_a * arm_b)[:, None], one
+    )[passed]
     Z = jax.tree.map(lambda a, b: jnp.where(held[:, None], a, b), factors, Z)
     order, link, above = tree.node[:-1], tree.link[:-1], tree.node[tree.parent[:-1]]
     # Without an arm at a disk that is held a link holds the other disk alone.
-    near = jnp.where(held[order], 0.0, jnp.where(tree.from_a[:-1], arm_a[link], arm_b[link]))
-    far = jnp.where(held[above], 0.0, jnp.where(tree.from_a[:-1], arm_b[link], arm_a[link]))
+    near = jnp.where(
+        held[order], 0.0, jnp.where(tree.from_a[:-1], arm_a[link], arm_b[link])
+    )
+    far = jnp.where(
+        held[above], 0.0, jnp.where(tree.from_a[:-1], arm_b[link], arm_a[link])
+    )
 
     def hang(state, item):
         A, G, exponent = state
         disk, above, near, far, k, z = item
-        (a, g), shift = shifted(_hung((A[disk], G[disk]), (A[above], G[above]), z, k, near, far))
-        return (A.put(above, a), G.put(above, g), exponent.at[above].add(exponent[disk] + shift)), None
+        (a, g), shift = shifted(
+            _hung((A[disk], G[disk]), (A[above], G[above]), z, k, near, far)
+        )
+        return (
+            A.put(above, a),
+            G.put(above, g),
+            exponent.at[above].add(exponent[disk] + shift),
+        ), None
 
     shape = Z.high.shape
     state = (doubled(jnp.zeros(shape)), doubled(jnp.ones(shape)), jnp.zeros(shape))
@@ -376,18 +485,27 @@ def _over_inertias(system, determinant):
     mass = jnp.asarray(system.mass)
     heavy = mass > 0
     factors = jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2)
-    return lax.scan(lambda found, k: (rescaled(found.mantissa * k, found.exponent), None), determinant, factors)[0]
+    return lax.scan(
+        lambda found, k: (rescaled(found.mantissa * k, found.exponent), None),
+        determinant,
+        factors,
+    )[0]
 
 
 @dataclass(frozen=True)
 class Polynomial:
-    """Coefficients of any kind of number, highest power first, none of zero; with the operations of Doubled."""
+    """Coefficients of any kind of number, highest power first, none of zero; with the
+    operations of Doubled.
+    """
 
     coefficients: tuple
 
     def __add__(self, other):
         size = max(len(self.coefficients), len(other.coefficients))
-        a, b = ((0,) * (size - len(one.coefficients)) + one.coefficients for one in (self, other))
+        a, b = (
+            (0,) * (size - len(one.coefficients)) + one.coefficients
+            for one in (self, other)
+        )
         return Polynomial(tuple(x + y for x, y in zip(a, b, strict=True)))
 
     def __mul__(self, other):
@@ -402,21 +520,29 @@ class Polynomial:
         return Polynomial(tuple(factor * value for value in self.coefficients))
 
 
-LARGEST = 12  # disks up to which coefficients in double precision mean something (docs/theory C5)
+# disks up to which coefficients in double precision mean something (docs/theory C5)
+LARGEST = 12
 
 
-def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tuple[Any, ...]:
-    """Coefficients of ``det(p^2 M + p B + K) / prod I``, highest power first, 2 S + 1 of them.
+def characteristic_coefficients(
+    train: DriveTrain, *, exact: bool = False
+) -> tuple[Any, ...]:
+    """Coefficients of ``det(p^2 M + p B + K) / prod I``, highest power first, 2 S + 1
+    of them.
 
-    By the rules of :func:`characteristic` in polynomials of p (docs/theory C3): the source's R of a free tree is this
-    polynomial over p^2.
+    By the rules of :func:`characteristic` in polynomials of p (docs/theory C3): the
+    source's R of a free tree is this polynomial over p^2.
 
-    Fractions if ``exact``, for any number of disks; else floats, for at most 12. :class:`SceneError` if there is more
-    than one closed loop, a disk without inertia, or a loss factor. The train may be traced, but for ``exact``, and loss
-    factors by ``jit`` and ``vmap`` (ValueError); what is traced is nan or infinite where an inertia is 0.
+    Fractions if ``exact``, for any number of disks; else floats, for at most 12.
+    :class:`SceneError` if there is more than one closed loop, a disk without inertia,
+    or a loss factor. The train may be traced, but for ``exact``, and loss factors by
+    ``jit`` and ``vmap`` (ValueError); what is traced is nan or infinite where an
+    inertia is 0.
 
     >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=1.5)]
-    >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=3.0, damping=0.1)])
+    >>> train = jaxhb.build(
+    ...     [*parts, jaxhb.Shaft(between=("a", "b"), stiffness=3.0, damping=0.1)]
+    ... )
     >>> [str(value) for value in jaxhb.characteristic_coefficients(train, exact=True)]
     ['1', '1/6', '5', '0', '0']
     """
@@ -424,70 +550,126 @@ def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tu
     _refuse_coefficients(train, exact)
 
     def number(value):
-        return Fraction(repr(float(value))) if exact else value if traced(value) else float(value)
+        return (
+            Fraction(repr(float(value)))
+            if exact
+            else value
+            if traced(value)
+            else float(value)
+        )
 
-    topology, tree, closing = train.topology, chain.span(train.topology), closing_link(train.topology)
+    topology, tree, closing = (
+        train.topology,
+        chain.span(train.topology),
+        closing_link(train.topology),
+    )
     ground = [number(0.0)] * topology.n_disks
-    for disk, stiffness in zip(topology.ground_disk, train.grounds.stiffness, strict=True):
+    for disk, stiffness in zip(
+        topology.ground_disk, train.grounds.stiffness, strict=True
+    ):
         ground[disk] += number(stiffness)
     inertia = map(number, (*train.disks.inertia, *train.dampers.inertia))
     damping = map(number, (*train.disks.damping, *np.zeros(len(topology.damper_names))))
     Z = [Polynomial(row) for row in zip(inertia, damping, ground, strict=True)]
     tables = (train.shafts, train.dampers, train.meshes)
-    C = [Polynomial((number(r), number(c))) for t in tables for r, c in zip(t.damping, t.stiffness, strict=True)]
+    C = [
+        Polynomial((number(r), number(c)))
+        for t in tables
+        for r, c in zip(t.damping, t.stiffness, strict=True)
+    ]
     turning = len(topology.link_names) - len(topology.mesh_names)
 
     def arms(link, disk):
-        """Arms of a link at a disk and at its other end, 1 for angles and the radii of gears."""
+        """Arms of a link at a disk and at its other end, 1 for angles and the radii of
+        gears.
+        """
         a, b = topology.link_ends[link]
         near, far = (a, b) if a == disk else (b, a)
-        return (1, 1) if link < turning else tuple(number(train.disks.radius[gear]) for gear in (near, far))
+        return (
+            (1, 1)
+            if link < turning
+            else tuple(number(train.disks.radius[gear]) for gear in (near, far))
+        )
 
     zero, one = Polynomial(()), Polynomial((number(1.0),))
 
     def determinant(way):
         """That of the tree, the disks of a way held, times the k a b of its links."""
         passed = {
-            disk: one if link == LAST else C[link].scaled(math.prod(arms(link, disk))) for disk, link in way.items()
+            disk: one if link == LAST else C[link].scaled(math.prod(arms(link, disk)))
+            for disk, link in way.items()
         }
-        z, pairs = [passed.get(disk, own) for disk, own in enumerate(Z)], [(zero, one)] * topology.n_disks
-        for disk, link, above in zip(tree.node[:-1], tree.link[:-1], tree.node[tree.parent[:-1]], strict=True):
-            near, far = ((end not in way) * arm for end, arm in zip((disk, above), arms(link, disk), strict=True))
+        z, pairs = (
+            [passed.get(disk, own) for disk, own in enumerate(Z)],
+            [(zero, one)] * topology.n_disks,
+        )
+        for disk, link, above in zip(
+            tree.node[:-1], tree.link[:-1], tree.node[tree.parent[:-1]], strict=True
+        ):
+            near, far = (
+                (end not in way) * arm
+                for end, arm in zip((disk, above), arms(link, disk), strict=True)
+            )
             pairs[above] = _hung(pairs[disk], pairs[above], z[disk], C[link], near, far)
         A, G = pairs[tree.node[-1]]
         return z[tree.node[-1]] * G + A
 
     found = determinant({})
     if closing is not None:
-        for factor, way in closed(topology, closing, *arms(closing, topology.link_ends[closing][0])):
+        for factor, way in closed(
+            topology, closing, *arms(closing, topology.link_ends[closing][0])
+        ):
             found += C[closing].scaled(factor) * determinant(way)
     return tuple(value / found.coefficients[0] for value in found.coefficients)
 
 
 def _refuse_coefficients(train, exact):
-    """Refuse trains whose determinant is no polynomial, or one whose coefficients in double precision say nothing."""
+    """Refuse trains whose determinant is no polynomial, or one whose coefficients in
+    double precision say nothing.
+    """
     topology, where = train.topology, train.topology.title
     loss = concrete(train.shafts.loss_factor, train.dampers.loss_factor)
     if traced(loss):
         raise ValueError(
-            "characteristic_coefficients: jit or vmap traces the loss factors, and with one there is no polynomial. "
-            "Close over the train and trace only what changes."
+            "characteristic_coefficients: jit or vmap traces the loss factors, and with"
+            " one there is no polynomial. Close over the train and trace only what"
+            " changes."
         )
     if exact and traced(train):
-        raise ValueError("characteristic_coefficients: fractions cannot be traced. Leave out exact.")
+        raise ValueError(
+            "characteristic_coefficients: fractions cannot be traced. Leave out exact."
+        )
     # Meshes, the last links, have no loss factor.
-    lossy = [name for name, eta in zip(topology.link_names, np.concatenate(loss), strict=False) if eta]
+    lossy = [
+        name
+        for name, eta in zip(topology.link_names, np.concatenate(loss), strict=False)
+        if eta
+    ]
     if lossy:
         raise SceneError(
-            f"{where}: link {lossy[0]!r} has a loss factor, which is no polynomial in p. Use with_viscous_damping."
+            f"{where}: link {lossy[0]!r} has a loss factor, which is no polynomial in"
+            " p. Use with_viscous_damping."
         )
-    inertias = [J for table in concrete(train.disks.inertia, train.dampers.inertia) for J in table]
-    light = [name for name, J in zip(topology.disk_names, inertias, strict=True) if not traced(J) and not J]
-    faults = [f"{where}: disk {name!r} has no inertia: give it some, or use jaxhb.characteristic." for name in light]
+    inertias = [
+        J
+        for table in concrete(train.disks.inertia, train.dampers.inertia)
+        for J in table
+    ]
+    light = [
+        name
+        for name, J in zip(topology.disk_names, inertias, strict=True)
+        if not traced(J) and not J
+    ]
+    faults = [
+        f"{where}: disk {name!r} has no inertia: give it some, or use"
+        " jaxhb.characteristic."
+        for name in light
+    ]
     if topology.n_disks > LARGEST and not exact:
         faults.append(
-            f"{where}: coefficients of {topology.n_disks} disks in double precision have no digits beyond {LARGEST}. "
-            "Ask for exact ones, or for values by jaxhb.characteristic."
+            f"{where}: coefficients of {topology.n_disks} disks in double precision"
+            f" have no digits beyond {LARGEST}. Ask for exact ones, or for values by"
+            " jaxhb.characteristic."
         )
     if faults:
         raise SceneError(faults)

@@ -1,8 +1,10 @@
-"""Energies, matrices and natural frequencies that can be differentiated, in any mode of jax.
+"""Energies, matrices and natural frequencies that can be differentiated, in any mode of
+jax.
 
-Where eigenvalues repeat, neither the shapes nor the derivative of each are unique; the first derivative of their sum
-is: shapes are not turned among themselves there. Higher derivatives hold for simple eigenvalues. Masses and stiffnesses
-enter as they are, never as roots, so that a stiffness of 0 has a derivative too.
+Where eigenvalues repeat, neither the shapes nor the derivative of each are unique; the
+first derivative of their sum is: shapes are not turned among themselves there. Higher
+derivatives hold for simple eigenvalues. Masses and stiffnesses enter as they are, never
+as roots, so that a stiffness of 0 has a derivative too.
 """
 
 from collections.abc import Sequence
@@ -19,12 +21,16 @@ from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
-CLUSTER = 1e-9  # relative distance of squares below which eigenvalues count as one: some rounding of a repeated one
-RIGID = 1e-13  # frequency over the highest one, for each disk, that is rounding of a rigid motion
+# relative distance of squares below which eigenvalues count as one: some rounding of a
+# repeated one
+CLUSTER = 1e-9
+# frequency over the highest one, for each disk, that is rounding of a rigid motion
+RIGID = 1e-13
 
 
 def kinetic_energy(train: DriveTrain, velocity: Array) -> Array:
-    """Kinetic energy in J, ``T = 1/2 sum J_i phi_i'^2`` (Lashko, (3.1)), of disks with ``velocity`` ``(S,)`` in rad/s.
+    """Kinetic energy in J, ``T = 1/2 sum J_i phi_i'^2`` (Lashko, (3.1)), of disks with
+    ``velocity`` ``(S,)`` in rad/s.
 
     Rings of dampers come last.
 
@@ -38,7 +44,8 @@ def kinetic_energy(train: DriveTrain, velocity: Array) -> Array:
 
 
 def strain_energy(train: DriveTrain, angle: Array) -> Array:
-    """Strain energy in J of links and grounds, ``Pi = 1/2 sum c_i l_i^2`` (Lashko, (3.2)), at ``angle`` ``(S,)`` rad.
+    """Strain energy in J of links and grounds, ``Pi = 1/2 sum c_i l_i^2`` (Lashko,
+    (3.2)), at ``angle`` ``(S,)`` rad.
 
     Rings of dampers come last.
 
@@ -55,7 +62,8 @@ def strain_energy(train: DriveTrain, angle: Array) -> Array:
 
 
 def inertia_and_stiffness(train: DriveTrain) -> tuple[Array, Array]:
-    """Matrices J in kg m2 and C in N m/rad, ``(S, S)``, of ``J phi'' + C phi = 0`` (Lashko, (3.3) and (3.4)).
+    """Matrices J in kg m2 and C in N m/rad, ``(S, S)``, of ``J phi'' + C phi = 0``
+    (Lashko, (3.3) and (3.4)).
 
     They are the second derivatives of :func:`kinetic_energy` and :func:`strain_energy`.
 
@@ -65,24 +73,36 @@ def inertia_and_stiffness(train: DriveTrain) -> tuple[Array, Array]:
     [[100.0, -100.0], [-100.0, 100.0]]
     """
     rest = jnp.zeros(train.topology.n_disks)
-    return jax.hessian(lambda v: kinetic_energy(train, v))(rest), jax.hessian(lambda a: strain_energy(train, a))(rest)
+    return jax.hessian(lambda v: kinetic_energy(train, v))(rest), jax.hessian(
+        lambda a: strain_energy(train, a)
+    )(rest)
 
 
 def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
-    """Natural frequencies ``(m,)`` in Hz, rising: those of :func:`jaxhb.natural_frequencies`, differentiable.
+    """Natural frequencies ``(m,)`` in Hz, rising: those of
+    :func:`jaxhb.natural_frequencies`, differentiable.
 
-    ``d(omega^2) = y^T (dK - omega^2 dM) y`` with y the mass-normalised shape (R. L. Fox, M. P. Kapoor, AIAA J. 6 (1968)
-    2426); 0 with derivative 0 for rigid motions. Of frequencies that repeat only the sum has a derivative:
-    :func:`cluster_sums_hz`.
+    ``d(omega^2) = y^T (dK - omega^2 dM) y`` with y the mass-normalised shape (R. L.
+    Fox, M. P. Kapoor, AIAA J. 6 (1968) 2426); 0 with derivative 0 for rigid motions. Of
+    frequencies that repeat only the sum has a derivative: :func:`cluster_sums_hz`.
 
-    ``heavy`` ``(S,)`` tells the disks with inertia, needed where inertias are traced; the others are condensed
-    statically.
+    ``heavy`` ``(S,)`` tells the disks with inertia, needed where inertias are traced;
+    the others are condensed statically.
 
     >>> import jax
-    >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
-    ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
-    >>> slope = jax.grad(lambda k: jaxhb.frequencies_hz(train.replace({"a|b.stiffness": k}))[1])(100.0)
-    >>> round(float(slope), 12), round(10 / (2 * jax.numpy.pi) / 200.0, 12)  # f is proportional to the root of k
+    >>> train = jaxhb.build(
+    ...     [
+    ...         *(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
+    ...         jaxhb.Shaft(between=("a", "b"), stiffness=100.0),
+    ...     ]
+    ... )
+    >>> slope = jax.grad(
+    ...     lambda k: jaxhb.frequencies_hz(train.replace({"a|b.stiffness": k}))[1]
+    ... )(100.0)
+    >>> (
+    ...     round(float(slope), 12),
+    ...     round(10 / (2 * jax.numpy.pi) / 200.0, 12),
+    ... )  # f is proportional to the root of k
     (0.007957747155, 0.007957747155)
     """
     return _frequencies(linear_train(train), _heavy(train, heavy))
@@ -92,23 +112,34 @@ def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
 def _frequencies(train, heavy):
     squares, _ = mode_squares(train, heavy)
     moving = squares > 0
-    return jnp.where(moving, jnp.sqrt(jnp.where(moving, squares, 1.0)), 0.0) / (2 * np.pi)
+    return jnp.where(moving, jnp.sqrt(jnp.where(moving, squares, 1.0)), 0.0) / (
+        2 * np.pi
+    )
 
 
 def mode_shares(train: DriveTrain, heavy: Array | None = None) -> ModeShares:
-    """Mode shapes and where the energy of each mode lies, differentiable; arguments as of :func:`frequencies_hz`.
+    """Mode shapes and where the energy of each mode lies, differentiable; arguments as
+    of :func:`frequencies_hz`.
 
-    ``d y_i = sum_j y_j (y_j^T (dK - lambda_i dM) y_i) / (lambda_i - lambda_j)``, j other than i (Fox and Kapoor, as
-    there).
+    ``d y_i = sum_j y_j (y_j^T (dK - lambda_i dM) y_i) / (lambda_i - lambda_j)``, j
+    other than i (Fox and Kapoor, as there).
 
-    ``shapes`` ``(m, S)``, ``generalised_mass`` ``(m,)`` kg m2, ``kinetic_share`` ``(m, S)`` and ``strain_share`` ``(m,
-    L)``, as in :class:`jaxhb.Modes`. Where frequencies repeat, derivatives of these do not exist.
+    ``shapes`` ``(m, S)``, ``generalised_mass`` ``(m,)`` kg m2, ``kinetic_share`` ``(m,
+    S)`` and ``strain_share`` ``(m, L)``, as in :class:`jaxhb.Modes`. Where frequencies
+    repeat, derivatives of these do not exist.
 
     >>> import jax
-    >>> parts = [*(jaxhb.Disk(name=n, inertia=J) for n, J in zip("abc", (1.0, 2.0, 1.0))),
-    ...          *(jaxhb.Shaft(between=e, stiffness=100.0) for e in (("a", "b"), ("b", "c")))]
+    >>> parts = [
+    ...     *(jaxhb.Disk(name=n, inertia=J) for n, J in zip("abc", (1.0, 2.0, 1.0))),
+    ...     *(
+    ...         jaxhb.Shaft(between=e, stiffness=100.0)
+    ...         for e in (("a", "b"), ("b", "c"))
+    ...     ),
+    ... ]
     >>> train = jaxhb.build(parts)
-    >>> share = lambda k: jaxhb.mode_shares(train.replace({"a|b.stiffness": k})).strain_share[1, 0]
+    >>> share = lambda k: jaxhb.mode_shares(
+    ...     train.replace({"a|b.stiffness": k})
+    ... ).strain_share[1, 0]
     >>> round(float(share(100.0)), 9), round(float(jax.grad(share)(100.0)), 9)
     (0.5, -0.0075)
     """
@@ -120,11 +151,14 @@ def _shares(train, heavy):
     return shares(on_host(chain.assemble(train)), *mode_squares(train, heavy))
 
 
-def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy: Array | None = None) -> Array:
-    """Sums ``(clusters,)`` in Hz of natural frequencies that repeat; they have first derivatives, each does not.
+def cluster_sums_hz(
+    train: DriveTrain, clusters: Sequence[Sequence[int]], heavy: Array | None = None
+) -> Array:
+    """Sums ``(clusters,)`` in Hz of natural frequencies that repeat; they have first
+    derivatives, each does not.
 
-    Other arguments are those of :func:`frequencies_hz`; ``clusters`` are numbers of modes, as :func:`clusters_of` finds
-    them.
+    Other arguments are those of :func:`frequencies_hz`; ``clusters`` are numbers of
+    modes, as :func:`clusters_of` finds them.
 
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> jaxhb.clusters_of(jaxhb.natural_frequencies(train).frequencies_hz)[:3]
@@ -136,28 +170,51 @@ def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy:
     return jnp.stack([found[np.array(numbers)].sum() for numbers in clusters])
 
 
-def clusters_of(frequencies_hz: Numbers, tolerance: float = CLUSTER) -> tuple[tuple[int, ...], ...]:
-    """Numbers of the modes whose frequencies ``(m,)``, rising, repeat to a relative ``tolerance``; host."""
-    refuse_tracers("clusters_of", frequencies_hz, instead="pass its result to jaxhb.cluster_sums_hz", host=True)
+def clusters_of(
+    frequencies_hz: Numbers, tolerance: float = CLUSTER
+) -> tuple[tuple[int, ...], ...]:
+    """Numbers of the modes whose frequencies ``(m,)``, rising, repeat to a relative
+    ``tolerance``; host.
+    """
+    refuse_tracers(
+        "clusters_of",
+        frequencies_hz,
+        instead="pass its result to jaxhb.cluster_sums_hz",
+        host=True,
+    )
     found = np.asarray(frequencies_hz)
-    starts = np.flatnonzero(np.diff(found, prepend=-np.inf) > tolerance * np.abs(found)).tolist()
-    return tuple(tuple(range(a, b)) for a, b in zip(starts, [*starts[1:], len(found)], strict=True))
+    starts = np.flatnonzero(
+        np.diff(found, prepend=-np.inf) > tolerance * np.abs(found)
+    ).tolist()
+    return tuple(
+        tuple(range(a, b))
+        for a, b in zip(starts, [*starts[1:], len(found)], strict=True)
+    )
 
 
 def mode_squares(train, heavy):
-    """omega^2 ``(m,)`` in 1/s2, rising, and mass-normalised displacements ``(S, m)`` in kg^(-1/2), differentiable."""
+    """omega^2 ``(m,)`` in 1/s2, rising, and mass-normalised displacements ``(S, m)`` in
+    kg^(-1/2), differentiable.
+    """
     system = chain.assemble(train)
     kept, light = np.flatnonzero(heavy), np.flatnonzero(~np.array(heavy))
     rows, stiffness = system.springs()
     # Rows of disks without ground would be zeros.
-    taken = np.append(np.arange(len(system.loss)), len(system.loss) + np.unique(train.topology.ground_disk).astype(int))
+    taken = np.append(
+        np.arange(len(system.loss)),
+        len(system.loss) + np.unique(train.topology.ground_disk).astype(int),
+    )
     rows, stiffness = rows[taken], stiffness[taken]
     follow = jnp.eye(len(heavy))[:, kept]
     if len(light):
         weighted = rows[:, light].T * stiffness
         # The pseudo-inverse lets a disk rest that no elastic link moves.
-        follow = follow.at[light].set(-jnp.linalg.pinv(weighted @ rows[:, light]) @ weighted @ rows[:, kept])
-    squares, shapes = modal_basis(stiffness, rows @ follow, jnp.asarray(system.mass)[kept])
+        follow = follow.at[light].set(
+            -jnp.linalg.pinv(weighted @ rows[:, light]) @ weighted @ rows[:, kept]
+        )
+    squares, shapes = modal_basis(
+        stiffness, rows @ follow, jnp.asarray(system.mass)[kept]
+    )
     return squares, follow @ shapes
 
 
@@ -168,15 +225,18 @@ def _heavy(train, heavy):
     inertia = concrete(train.disks.inertia, train.dampers.inertia)
     if traced(inertia):
         raise ValueError(
-            "frequencies_hz: inertias are traced by jit or vmap, and which are zero decides how many modes there are. "
-            "Give heavy, true for every disk with inertia."
+            "frequencies_hz: inertias are traced by jit or vmap, and which are zero"
+            " decides how many modes there are. Give heavy, true for every disk with"
+            " inertia."
         )
     return tuple((np.concatenate(inertia) > 0).tolist())
 
 
 @jax.custom_jvp
 def modal_basis(stiffness, rows, mass):
-    """omega^2 ``(H,)`` rising and mass-normalised shapes ``(H, H)`` of links ``(L,)`` with deflections ``rows @ x``."""
+    """omega^2 ``(H,)`` rising and mass-normalised shapes ``(H, H)`` of links ``(L,)``
+    with deflections ``rows @ x``.
+    """
     root = jnp.sqrt(mass)
     E = jnp.sqrt(stiffness)[:, None] * rows / root
     # Rows of zeros make one singular value for each disk.
@@ -184,7 +244,10 @@ def modal_basis(stiffness, rows, mass):
     _, singular, right = jnp.linalg.svd(E, full_matrices=False)
     shapes = right[::-1].T / root[:, None]
     rigid = singular[::-1] <= RIGID * len(mass) * singular[0]
-    return jnp.where(rigid, 0.0, (stiffness[:, None] * (rows @ shapes) ** 2).sum(0)), shapes
+    return (
+        jnp.where(rigid, 0.0, (stiffness[:, None] * (rows @ shapes) ** 2).sum(0)),
+        shapes,
+    )
 
 
 @modal_basis.defjvp
@@ -198,7 +261,8 @@ def _modal_basis_jvp(primals, tangents):
     change = stiffer - squares * heavier
     gap = squares - squares[:, None]
     same = jnp.abs(gap) <= CLUSTER * jnp.maximum(squares, squares[:, None])
-    # Within a cluster shapes keep their length alone: a turn among them would be divided by zero.
+    # Within a cluster shapes keep their length alone: a turn among them would be
+    # divided by zero.
     turn = jnp.where(same, -heavier / 2, change / jnp.where(same, 1.0, gap))
     # Rigid motions stay at 0 Hz whatever changes.
     squares_dot = jnp.where(squares > 0, jnp.diagonal(change), 0.0)

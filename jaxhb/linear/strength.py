@@ -1,10 +1,12 @@
-"""Torsional stresses of shafts beside their limits after IACS UR M68, tooth torques, and the heat of a link.
+"""Torsional stresses of shafts beside their limits after IACS UR M68, tooth torques,
+and the heat of a link.
 
-The rule: IACS Unified Requirement M68, "Dimensions of propulsion shafts and their permissible torsional vibration
-stresses", for intermediate, thrust and propeller shafts. Crankshafts have another one, UR M53, which is not computed
-here. Beside it, for the torsional stresses of crankshafts and generator shafts: Korean Register, Rules for the
-Classification of Steel Ships 2025 (RA-05-E), Part 5, Chapter 4. To be checked against their current texts: an aid to
-evaluation, no approval by a class.
+The rule: IACS Unified Requirement M68, "Dimensions of propulsion shafts and their
+permissible torsional vibration stresses", for intermediate, thrust and propeller
+shafts. Crankshafts have another one, UR M53, which is not computed here. Beside it, for
+the torsional stresses of crankshafts and generator shafts: Korean Register, Rules for
+the Classification of Steel Ships 2025 (RA-05-E), Part 5, Chapter 4. To be checked
+against their current texts: an aid to evaluation, no approval by a class.
 """
 
 from __future__ import annotations
@@ -23,19 +25,27 @@ from jaxhb.results.answers import with_gaps
 from jaxhb.train.drivetrain import DriveTrain
 
 CAP = 800e6
-"""Tensile strength in Pa beyond which the rule gives no higher limit, for alloy steels; for other steels and for
-propeller shafts it says less, which whoever gives the tensile strength has to observe."""
+"""Tensile strength in Pa beyond which the rule gives no higher limit, for alloy steels;
+for other steels and for propeller shafts it says less, which whoever gives the tensile
+strength has to observe.
+"""
 PLATEAU = 0.9  # speed ratio from which the limit of M68 is constant
 NEAR = 0.01  # share of the highest speed of a rule that may be missing
-SHARE_OF_RATED = 1.0 / 3.0  # vibratory torque that a mesh may pass on, over its rated torque
+SHARE_OF_RATED = (
+    1.0 / 3.0
+)  # vibratory torque that a mesh may pass on, over its rated torque
 KR_CAP = 835e6
-"""The same as CAP of the rules of the Korean Register: beyond it they leave the limit to the society."""
+"""The same as CAP of the rules of the Korean Register: beyond it they leave the limit
+to the society.
+"""
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Limits by the name of a rule: its ``source``, and shares of the rated speed: ``highest``, up to which it has
-    limits, ``asked``, up to which it asks for stresses, ``passed``, above which it accepts no barred range."""
+    """Limits by the name of a rule: its ``source``, and shares of the rated speed:
+    ``highest``, up to which it has limits, ``asked``, up to which it asks for stresses,
+    ``passed``, above which it accepts no barred range.
+    """
 
     source: str
     highest: float
@@ -44,11 +54,16 @@ class Rule:
 
 
 _M68 = "IACS UR M68"
-_KR = "Korean Register, Rules for the Classification of Steel Ships 2025, Part 5, Chapter 4, "
+_KR = (
+    "Korean Register, Rules for the Classification of Steel Ships 2025, Part 5,"
+    " Chapter 4, "
+)
 RULE = dict.fromkeys(RULES[3:], Rule(f"{_KR}203 (generators)", 1.1, 1.2, 0.9))
 RULE |= dict.fromkeys(RULES[1:3], Rule(f"{_KR}201 (main engines)", 1.15, 1.2, 0.8))
 RULE |= {RULES[0]: Rule(_M68, 1.05, 1.05, 0.8)}
-"""By its name; 102 of the Korean Register asks for the stresses up to 120 % of the rated speed."""
+"""By its name; 102 of the Korean Register asks for the stresses up to 120 % of the
+rated speed.
+"""
 
 
 def corners_of(rule: str) -> tuple[float, ...]:
@@ -58,10 +73,12 @@ def corners_of(rule: str) -> tuple[float, ...]:
 
 
 def torsional_stress(torque: Number, *, diameter: Number, bore: Number = 0.0) -> Number:
-    """Nominal torsional stress in Pa of a round section, ``tau = T / W_p`` with ``W_p = pi (d^4 - b^4) / (16 d)``.
+    """Nominal torsional stress in Pa of a round section, ``tau = T / W_p`` with ``W_p =
+    pi (d^4 - b^4) / (16 d)``.
 
-    Saint-Venant's theory, without stress concentration. Of ``torque`` in N m, for an amplitude half of the
-    peak-to-peak; ``diameter`` and ``bore`` in m; numbers or arrays ``(...)``. Differentiable; numpy on the host.
+    Saint-Venant's theory, without stress concentration. Of ``torque`` in N m, for an
+    amplitude half of the peak-to-peak; ``diameter`` and ``bore`` in m; numbers or
+    arrays ``(...)``. Differentiable; numpy on the host.
 
     >>> round(float(torsional_stress(1000.0, diameter=0.1, bore=0.05)))
     5432489
@@ -78,39 +95,48 @@ def permissible_stress(
     yield_strength: Number = 0.0,
     rule: str = "M68",
 ) -> tuple[Array, Array]:
-    """Permissible amplitudes of the torsional vibration stress after a rule, continuous and transient.
+    """Permissible amplitudes of the torsional vibration stress after a rule, continuous
+    and transient.
 
-    After IACS UR M68, for intermediate, thrust and propeller shafts (M68.5), not for crankshafts (UR M53). In MPa and
-    mm::
+    After IACS UR M68, for intermediate, thrust and propeller shafts (M68.5), not for
+    crankshafts (UR M53). In MPa and mm::
 
         tau_C = (sigma_B + 160) / 18 C_K C_D (3 - 2 lambda^2)     lambda < 0.9
         tau_C = (sigma_B + 160) / 18 C_K C_D 1.38                 0.9 <= lambda <= 1.05
         C_D   = 0.35 + 0.93 d^-0.2
         tau_T = 1.7 tau_C / sqrt(C_K)
 
-    Of the outer ``diameter`` d in m; the ``stress_concentration`` C_K, the factor of the rule for the form: 1 for an
-    integral flange, 0.6 for a keyway on a taper, 1.45 / scf for a notch with stress concentration factor scf; the
-    specified minimum ``tensile_strength`` sigma_B in Pa, counted up to 800 MPa, of which the rule counts 600 MPa at the
-    most for carbon and carbon-manganese steels and for propeller shafts; and the ``speed_ratio`` lambda = n / n0, n0
-    the rated speed. Numbers or arrays ``(...)``, the limits in Pa: infinite where lambda is above 1.05, for which the
-    rule says nothing. Differentiable; numpy on the host.
+    Of the outer ``diameter`` d in m; the ``stress_concentration`` C_K, the factor of
+    the rule for the form: 1 for an integral flange, 0.6 for a keyway on a taper, 1.45 /
+    scf for a notch with stress concentration factor scf; the specified minimum
+    ``tensile_strength`` sigma_B in Pa, counted up to 800 MPa, of which the rule counts
+    600 MPa at the most for carbon and carbon-manganese steels and for propeller shafts;
+    and the ``speed_ratio`` lambda = n / n0, n0 the rated speed. Numbers or arrays
+    ``(...)``, the limits in Pa: infinite where lambda is above 1.05, for which the rule
+    says nothing. Differentiable; numpy on the host.
 
-    The others are those of the Korean Register, Rules for the Classification of Steel Ships 2025 (RA-05-E), Part 5,
-    Chapter 4, to be checked against the current text. Kind A is a four-stroke in line, or in vee with firing intervals
-    of 45 or 60 deg; B is a two-stroke, or a four-stroke in another vee. In MPa, ``tau_T`` up to the lambda given, above
-    it ``tau_C``, as no passing is accepted there::
+    The others are those of the Korean Register, Rules for the Classification of Steel
+    Ships 2025 (RA-05-E), Part 5, Chapter 4, to be checked against the current text.
+    Kind A is a four-stroke in line, or in vee with firing intervals of 45 or 60 deg; B
+    is a two-stroke, or a four-stroke in another vee. In MPa, ``tau_T`` up to the lambda
+    given, above it ``tau_C``, as no passing is accepted there::
 
-        tau_C = f (45 - c lambda^2)                                  201: crankshafts, lambda <= 1
-        tau_C = f (45 - c + 237 (lambda - 0.8) sqrt(lambda - 1))     1 < lambda <= 1.15, c = 24 (A) or 29 (B)
-        tau_T = 2 g (45 - c lambda^2)                                lambda <= 0.8
-        tau_C = 21 f (A), 16 f (B)                                   203.1: crankshafts of generators, lambda <= 1.1
-        tau_T = 90 g                                                 lambda <= 0.9
-        tau_C = 31 f                                                 203.2: generator shafts, lambda <= 1.1
-        tau_T = 118 g                                                lambda <= 0.9
-        f = 1 + 2/3 (sigma_B / 440 - 1), g = Y / 225                 201.4, 203.3: both at least 1
+        201, crankshafts, c = 24 (A) or 29 (B):
+            tau_C = f (45 - c lambda^2)                                 lambda <= 1
+            tau_C = f (45 - c + 237 (lambda - 0.8) sqrt(lambda - 1))    up to 1.15
+            tau_T = 2 g (45 - c lambda^2)                               lambda <= 0.8
+        203.1, crankshafts of generators:
+            tau_C = 21 f (A), 16 f (B)                                  lambda <= 1.1
+            tau_T = 90 g                                                lambda <= 0.9
+        203.2, generator shafts:
+            tau_C = 31 f                                                lambda <= 1.1
+            tau_T = 118 g                                               lambda <= 0.9
+        201.4, 203.3, both at least 1:
+            f = 1 + 2/3 (sigma_B / 440 - 1), g = Y / 225
 
-    with the ``yield_strength`` Y in Pa, and sigma_B, counted up to 835 MPa, of which the rule counts 590 MPa at the
-    most for carbon steels. They do not depend on the diameter. ValueError of another rule.
+    with the ``yield_strength`` Y in Pa, and sigma_B, counted up to 835 MPa, of which
+    the rule counts 590 MPa at the most for carbon steels. They do not depend on the
+    diameter. ValueError of another rule.
 
     Examples
     --------
@@ -121,7 +147,9 @@ def permissible_stress(
     """
     if rule not in RULE:
         raise ValueError(f"there is no rule {rule!r}.{suggestion(rule, RULES)}")
-    xp = namespace(diameter, stress_concentration, tensile_strength, yield_strength, speed_ratio)
+    xp = namespace(
+        diameter, stress_concentration, tensile_strength, yield_strength, speed_ratio
+    )
     ratio = xp.asarray(speed_ratio, dtype=float)
     if rule != RULES[0]:
         return _korean(xp, rule, ratio, tensile_strength, yield_strength)
@@ -130,37 +158,53 @@ def permissible_stress(
     strength = xp.minimum(tensile_strength, CAP) / 1e6
     slope = xp.where(ratio < PLATEAU, 3.0 - 2.0 * ratio**2, 3.0 - 2.0 * PLATEAU**2)
     continuous = 1e6 * (strength + 160.0) / 18.0 * stress_concentration * size * slope
-    # both are masked, not one computed from the other: the derivative of what is infinite would be nan
+    # both are masked, not one computed from the other: the derivative of what is
+    # infinite would be nan
     limits = continuous, 1.7 * continuous / stress_concentration**0.5
-    return tuple(xp.where(ratio > RULE[rule].highest, math.inf, limit) for limit in limits)
+    return tuple(
+        xp.where(ratio > RULE[rule].highest, math.inf, limit) for limit in limits
+    )
 
 
 def _korean(xp, rule, ratio, tensile_strength, yield_strength):
     """:func:`permissible_stress` after the Korean Register."""
-    continuous = xp.ones_like(ratio) * (31.0 if rule == RULES[5] else 21.0 if rule.endswith("A") else 16.0)
+    continuous = xp.ones_like(ratio) * (
+        31.0 if rule == RULES[5] else 21.0 if rule.endswith("A") else 16.0
+    )
     passing = xp.ones_like(ratio) * (118.0 if rule == RULES[5] else 90.0)
     if rule in RULES[1:3]:
         below = 45.0 - (24.0 if rule.endswith("A") else 29.0) * ratio**2
         # The root has no derivative at 1: another number stands there.
         above = 237.0 * (ratio - 0.8) * xp.where(ratio > 1.0, ratio - 1.0, 1.0) ** 0.5
-        passing, continuous = 2.0 * below, xp.where(ratio > 1.0, continuous + above, below)
+        passing, continuous = (
+            2.0 * below,
+            xp.where(ratio > 1.0, continuous + above, below),
+        )
     strength = xp.minimum(xp.asarray(tensile_strength, dtype=float), KR_CAP) / 440e6
     continuous = 1e6 * continuous * xp.maximum(1.0 + 2.0 / 3.0 * (strength - 1.0), 1.0)
-    passing = 1e6 * passing * xp.maximum(xp.asarray(yield_strength, dtype=float) / 225e6, 1.0)
+    passing = (
+        1e6 * passing * xp.maximum(xp.asarray(yield_strength, dtype=float) / 225e6, 1.0)
+    )
     limits = continuous, xp.where(ratio > RULE[rule].passed, continuous, passing)
-    return tuple(xp.where(ratio > RULE[rule].highest, math.inf, limit) for limit in limits)
+    return tuple(
+        xp.where(ratio > RULE[rule].highest, math.inf, limit) for limit in limits
+    )
 
 
 @dataclass(frozen=True)
 class BarredRange:
-    """Speeds at which a stress is above its continuous limit; made by :func:`barred_ranges`.
+    """Speeds at which a stress is above its continuous limit; made by
+    :func:`barred_ranges`.
 
     Parameters
     ----------
-    low, high : float, rpm; they and what follows are arrays where they are differentiated
+    low, high : float, rpm; they and what follows are arrays where they are
+    differentiated
     at : float, rpm, of the computed speed with the largest share of the limit
-    share, transient_share : float, stress over the continuous limit there, and the largest over the transient limit
-    open_below, open_above : bool, whether the stress is above its limit at the first or last computed speed
+    share, transient_share : float, stress over the continuous limit there, and the
+    largest over the transient limit
+    open_below, open_above : bool, whether the stress is above its limit at the first or
+    last computed speed
     """
 
     low: float
@@ -173,21 +217,33 @@ class BarredRange:
 
     @property
     def passable(self) -> bool:
-        """Whether the stress stays within the transient limit, so that the range may be passed through rapidly."""
+        """Whether the stress stays within the transient limit, so that the range may be
+        passed through rapidly.
+        """
         return self.transient_share <= 1.0
 
 
-def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array) -> tuple[BarredRange, ...]:
-    """Speed ranges in which a stress is above its continuous limit, by rising speed; on the host.
+def barred_ranges(
+    rpm: Array, stress: Array, continuous: Array, transient: Array
+) -> tuple[BarredRange, ...]:
+    """Speed ranges in which a stress is above its continuous limit, by rising speed; on
+    the host.
 
-    Bounds lie where stress less limit, linear between computed speeds, is zero: what is narrower than their step may be
-    missed. The numbers have derivatives, the bounds those of that zero.
+    Bounds lie where stress less limit, linear between computed speeds, is zero: what is
+    narrower than their step may be missed. The numbers have derivatives, the bounds
+    those of that zero.
 
-    ``rpm`` ``(n,)``, the others ``(n,)`` Pa, see :func:`permissible_stress`; speeds without a number or without a limit
-    are left out. ValueError inside ``jit`` or ``vmap``, as the values decide how many ranges there are.
+    ``rpm`` ``(n,)``, the others ``(n,)`` Pa, see :func:`permissible_stress`; speeds
+    without a number or without a limit are left out. ValueError inside ``jit`` or
+    ``vmap``, as the values decide how many ranges there are.
 
     >>> limit = np.full(4, 30e6)
-    >>> found = barred_ranges([100.0, 200.0, 300.0, 400.0], np.array([10e6, 40e6, 60e6, 20e6]), limit, 1.7 * limit)
+    >>> found = barred_ranges(
+    ...     [100.0, 200.0, 300.0, 400.0],
+    ...     np.array([10e6, 40e6, 60e6, 20e6]),
+    ...     limit,
+    ...     1.7 * limit,
+    ... )
     >>> [(round(r.low, 3), round(r.high, 3), r.share, r.passable) for r in found]
     [(166.667, 375.0, 2.0, False)]
     """
@@ -195,20 +251,30 @@ def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array
     values = concrete(*given)
     if traced(values):
         raise ValueError(
-            "barred_ranges: jit or vmap traces the stresses, and these decide how many ranges there are. Call it "
-            "outside, where it has derivatives."
+            "barred_ranges: jit or vmap traces the stresses, and these decide how many"
+            " ranges there are. Call it outside, where it has derivatives."
         )
     number = namespace(given).asarray if traced(given) else float
-    # Values decide which ranges there are; derivatives, where wanted, go through the numbers as given.
+    # Values decide which ranges there are; derivatives, where wanted, go through the
+    # numbers as given.
     values, rows = _rows(np, values), _rows(namespace(given), given)
     counted = np.flatnonzero(np.isfinite(values).all(axis=0))
     counted = counted[np.argsort(values[0, counted], kind="stable")]
-    values, (speed, stress, continuous, transient) = values[:, counted], rows[:, counted]
-    excess, share, transient_share = stress - continuous, stress / continuous, stress / transient
+    values, (speed, stress, continuous, transient) = (
+        values[:, counted],
+        rows[:, counted],
+    )
+    excess, share, transient_share = (
+        stress - continuous,
+        stress / continuous,
+        stress / transient,
+    )
     last = len(counted) - 1
 
     def bound(inside, outside):
-        """Where the excess, linear between a speed within the range and one beyond, is zero; the former at an end."""
+        """Where the excess, linear between a speed within the range and one beyond, is
+        zero; the former at an end.
+        """
         if not 0 <= outside <= last:
             return speed[inside]
         i, j = sorted((inside, outside))
@@ -227,17 +293,28 @@ def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array
         )
 
     # A zero at either end closes ranges that go on beyond the computed speeds.
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (values[1] > values[2]).astype(int), [0]]))).tolist()
-    return tuple(barred(first, end) for first, end in zip(edges[::2], edges[1::2], strict=True))
+    edges = np.flatnonzero(
+        np.diff(np.concatenate([[0], (values[1] > values[2]).astype(int), [0]]))
+    ).tolist()
+    return tuple(
+        barred(first, end) for first, end in zip(edges[::2], edges[1::2], strict=True)
+    )
 
 
 def _rows(xp, columns):
     """Columns over the speeds as the rows of one array ``(4, n)``."""
-    return xp.stack([xp.broadcast_to(xp.asarray(column, dtype=float), np.shape(columns[0])) for column in columns])
+    return xp.stack(
+        [
+            xp.broadcast_to(xp.asarray(column, dtype=float), np.shape(columns[0]))
+            for column in columns
+        ]
+    )
 
 
 class Stress(NamedTuple):
-    """Amplitude of the nominal torsional stress of a shaft and its limits, ``(...)`` Pa; limits None without."""
+    """Amplitude of the nominal torsional stress of a shaft and its limits, ``(...)``
+    Pa; limits None without.
+    """
 
     stress: np.ndarray
     continuous: np.ndarray | None
@@ -245,7 +322,9 @@ class Stress(NamedTuple):
 
 
 class ToothTorque(NamedTuple):
-    """Torque of a mesh on its first gear, ``(...)`` N m: amplitude, limit, mean; and whether it changes its sign."""
+    """Torque of a mesh on its first gear, ``(...)`` N m: amplitude, limit, mean; and
+    whether it changes its sign.
+    """
 
     vibratory: np.ndarray
     limit: np.ndarray
@@ -261,8 +340,10 @@ class Heat(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """Source of a rule; rpm up to which it has limits, up to which it asks for stresses, and up to which these are
-    known; and whether that is all it asks for, but for 1 %."""
+    """Source of a rule; rpm up to which it has limits, up to which it asks for
+    stresses, and up to which these are known; and whether that is all it asks for, but
+    for 1 %.
+    """
 
     source: str
     limits_to_rpm: float
@@ -283,7 +364,8 @@ class Strength:
     tooth_torques : dict, :class:`ToothTorque` of every mesh with a ``rated_torque``
     heat : dict, :class:`Heat` of every shaft and damper with a ``power_limit``
     rules : dict, name of the rule of every shaft with limits
-    unconfirmed : ``(n,)`` bool or None, speeds whose numbers are those of recorded cycles, as no harmonic solution
+    unconfirmed : ``(n,)`` bool or None, speeds whose numbers are those of recorded
+    cycles, as no harmonic solution
         repeats the motion
     """
 
@@ -301,44 +383,79 @@ class Strength:
 
     @property
     def barred(self) -> dict[str, tuple[BarredRange, ...]]:
-        """Barred speed ranges of every shaft with limits, see :func:`jaxhb.barred_ranges`; of several speeds."""
-        limited = {name: row for name, row in self.stresses.items() if row.continuous is not None}
+        """Barred speed ranges of every shaft with limits, see
+        :func:`jaxhb.barred_ranges`; of several speeds.
+        """
+        limited = {
+            name: row
+            for name, row in self.stresses.items()
+            if row.continuous is not None
+        }
         return {name: barred_ranges(self.rpm, *row) for name, row in limited.items()}
 
     @property
     def judged(self) -> dict[str, Judged]:
-        """Of every rule the speeds that it has limits for and asks for, and those that the stresses reach."""
+        """Of every rule the speeds that it has limits for and asks for, and those that
+        the stresses reach.
+        """
         found = {}
         for name, rule in self.rules.items():
-            known = np.isfinite(np.broadcast_to(self.stresses[name].stress, np.shape(self.rpm)))
+            known = np.isfinite(
+                np.broadcast_to(self.stresses[name].stress, np.shape(self.rpm))
+            )
             reached = float(np.max(np.where(known, self.rpm, 0.0)))
-            limits, asked = (share * (self.rated_rpm or 0.0) for share in (RULE[rule].highest, RULE[rule].asked))
-            found.setdefault(rule, Judged(RULE[rule].source, limits, asked, reached, reached >= (1 - NEAR) * asked))
+            limits, asked = (
+                share * (self.rated_rpm or 0.0)
+                for share in (RULE[rule].highest, RULE[rule].asked)
+            )
+            found.setdefault(
+                rule,
+                Judged(
+                    RULE[rule].source,
+                    limits,
+                    asked,
+                    reached,
+                    reached >= (1 - NEAR) * asked,
+                ),
+            )
         return found
 
 
 def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
-    """Stresses, tooth torques and heat of a motion beside the limits that the scene gives.
+    """Stresses, tooth torques and heat of a motion beside the limits that the scene
+    gives.
 
-    Of a Response or ForcedResponse of one speed or of several, nan where its equations are not solved, or a
-    SteadyState. ``train`` is what is judged, by default that of the response: one that comes out of a jax
-    transformation has none, nor has a motion that never repeats, and ValueError asks for it. Differentiable. Of every
-    shaft with a ``diameter`` (or ``outer``) half of the peak-to-peak torque over W_p, and with a ``tensile_strength``
-    its limits at this speed over ``rated_rpm`` after its ``rule``, see :func:`jaxhb.permissible_stress` (IACS UR M68:
-    not for crankshafts). Of every mesh with a ``rated_torque`` half of the peak-to-peak torque on its first gear, which
-    must not exceed a third of the rated torque, nor may the torque reverse. Of every shaft and damper with a
-    ``power_limit`` its heat. An aid to evaluation, no class approval.
+    Of a Response or ForcedResponse of one speed or of several, nan where its equations
+    are not solved, or a SteadyState. ``train`` is what is judged, by default that of
+    the response: one that comes out of a jax transformation has none, nor has a motion
+    that never repeats, and ValueError asks for it. Differentiable. Of every shaft with
+    a ``diameter`` (or ``outer``) half of the peak-to-peak torque over W_p, and with a
+    ``tensile_strength`` its limits at this speed over ``rated_rpm`` after its ``rule``,
+    see :func:`jaxhb.permissible_stress` (IACS UR M68: not for crankshafts). Of every
+    mesh with a ``rated_torque`` half of the peak-to-peak torque on its first gear,
+    which must not exceed a third of the rated torque, nor may the torque reverse. Of
+    every shaft and damper with a ``power_limit`` its heat. An aid to evaluation, no
+    class approval.
 
     >>> import math
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 10.0, 0.0)])]
-    >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=100.0, diameter=0.01, bore=0.0)]
+    >>> parts += [
+    ...     jaxhb.Shaft(between=("a", "b"), stiffness=100.0, diameter=0.01, bore=0.0)
+    ... ]
     >>> train = jaxhb.build(parts, revolutions_per_cycle=1)
     >>> found = strength(jaxhb.forced_response(train, rpm=2.5 * 30 / math.pi))
-    >>> round(float(found.stresses["a|b"].stress) / 1e6, 4), found.stresses["a|b"].continuous
+    >>> (
+    ...     round(float(found.stresses["a|b"].stress) / 1e6, 4),
+    ...     found.stresses["a|b"].continuous,
+    ... )
     (27.1624, None)
     """
-    motion = with_gaps(response, doubtful=True) if response.solution is response else response
+    motion = (
+        with_gaps(response, doubtful=True)
+        if response.solution is response
+        else response
+    )
     return judged(train_of(response, train), response.rpm, motion)
 
 
@@ -347,30 +464,46 @@ def train_of(response, train=None):
     solution = response.solution
     train = solution.train if train is None and solution is not None else train
     if train is None:
-        raise ValueError("this response comes out of a jax transformation or of a record and has no train: give train=")
+        raise ValueError(
+            "this response comes out of a jax transformation or of a record and has no"
+            " train: give train="
+        )
     return train
 
 
 def judged(train, rpm, motion) -> Strength:
-    """The :class:`Strength` of a train whose ``motion`` tells ``power(name)``, and of ``torque(name)`` and
-    ``force(name)`` the ``mean``, ``min``, ``max`` and ``half_peak_to_peak``."""
+    """The :class:`Strength` of a train whose ``motion`` tells ``power(name)``, and of
+    ``torque(name)`` and ``force(name)`` the ``mean``, ``min``, ``max`` and
+    ``half_peak_to_peak``.
+    """
     topology, stresses, rules = train.topology, {}, {}
     for name in having(topology, "shaft", "outer", "diameter"):
         stress = stress_of(train, name, motion.torque(name).half_peak_to_peak)
         limited = topology.has_key(topology.link_index(name)[0], "tensile_strength")
-        stresses[name] = Stress(stress, *(stress_limits(train, name, rpm) if limited else (None, None)))
-        rules |= {name: topology.shaft_rules[topology.link_index(name)[0]]} if limited else {}
+        stresses[name] = Stress(
+            stress, *(stress_limits(train, name, rpm) if limited else (None, None))
+        )
+        rules |= (
+            {name: topology.shaft_rules[topology.link_index(name)[0]]}
+            if limited
+            else {}
+        )
 
     def tooth_torque(name):
         force, (radius, limit) = motion.force(name), rated_gear(train, name)
         reverses = (force.min < 0) & (force.max > 0)
-        return ToothTorque(radius * force.half_peak_to_peak, limit, radius * force.mean, reverses)
+        return ToothTorque(
+            radius * force.half_peak_to_peak, limit, radius * force.mean, reverses
+        )
 
     return Strength(
         rpm=rpm,
         rated_rpm=topology.rated_rpm,
         stresses=stresses,
-        tooth_torques={name: tooth_torque(name) for name in having(topology, "mesh", "rated_torque")},
+        tooth_torques={
+            name: tooth_torque(name)
+            for name in having(topology, "mesh", "rated_torque")
+        },
         heat={
             name: Heat(motion.power(name), power_limit(train, name))
             for table in ("shaft", "damper")
@@ -384,14 +517,22 @@ def having(topology, table, *keys):
     """Names of the links of a table that were built with one of the keys."""
     names = getattr(topology, f"{table}_names") if topology.link_keys else ()
     links = [link_number(topology, table, i) for i in range(len(names))]
-    return [n for n, link in zip(names, links, strict=True) if any(topology.has_key(link, key) for key in keys)]
+    return [
+        n
+        for n, link in zip(names, links, strict=True)
+        if any(topology.has_key(link, key) for key in keys)
+    ]
 
 
 def section(train, name):
-    """Outer diameter and bore in m at which a shaft is judged: its own, or those of its stiffness."""
+    """Outer diameter and bore in m at which a shaft is judged: its own, or those of its
+    stiffness.
+    """
     i, shafts = train.topology.link_index(name)[0], train.shafts
     own = train.topology.has_key(i, "diameter")
-    outside, hole = (shafts.diameter, shafts.bore) if own else (shafts.outer, shafts.inner)
+    outside, hole = (
+        (shafts.diameter, shafts.bore) if own else (shafts.outer, shafts.inner)
+    )
     # A field that no shaft of the train has is None, not zeros.
     return outside[i], 0.0 if hole is None else hole[i]
 
@@ -403,7 +544,9 @@ def stress_of(train, name, torque):
 
 
 def stress_limits(train, name, rpm):
-    """Continuous and transient limit in Pa of a shaft at speeds of the reference rotor."""
+    """Continuous and transient limit in Pa of a shaft at speeds of the reference
+    rotor.
+    """
     i, shafts = train.topology.link_index(name)[0], train.shafts
     has = train.topology.has_key
     keys = [key for key in ("stress_concentration", "yield_strength") if has(i, key)]
@@ -417,7 +560,9 @@ def stress_limits(train, name, rpm):
 
 
 def rated_gear(train, name):
-    """Pitch radius in m of the first gear of a mesh, and the vibratory torque in N m that it may pass on."""
+    """Pitch radius in m of the first gear of a mesh, and the vibratory torque in N m
+    that it may pass on.
+    """
     mesh = train.topology.mesh_names.index(name)
     first, _ = train.topology.mesh_ends[mesh]
     return train.disks.radius[first], SHARE_OF_RATED * train.meshes.rated_torque[mesh]

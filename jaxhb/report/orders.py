@@ -1,5 +1,6 @@
-"""Orders in words: beside that of the reference rotor the order of the geared rotor that makes it, as 4 of a propeller
-behind a reduction of 5, which is order 0.8."""
+"""Orders in words: beside that of the reference rotor the order of the geared rotor
+that makes it, as 4 of a propeller behind a reduction of 5, which is order 0.8.
+"""
 
 from dataclasses import dataclass
 
@@ -8,18 +9,23 @@ import numpy as np
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.train.drivetrain import DriveTrain
 
-SAME = 1e-9  # difference of a speed ratio from 1 up to which a rotor turns as the reference rotor
+# difference of a speed ratio from 1 up to which a rotor turns as the reference rotor
+SAME = 1e-9
 
 
 @dataclass(frozen=True)
 class OrderNames:
-    """What orders are called: ``makers`` has by harmonic of the cycle the own order of a geared rotor and its disk."""
+    """What orders are called: ``makers`` has by harmonic of the cycle the own order of
+    a geared rotor and its disk.
+    """
 
     revolutions_per_cycle: float
     makers: dict[int, str]
 
     def number(self, order: float) -> str:
-        """The order of the reference rotor, and of whom it is: ``"0.8 (4 of propeller)"``."""
+        """The order of the reference rotor, and of whom it is: ``"0.8 (4 of
+        propeller)"``.
+        """
         maker = self.makers.get(round(order * self.revolutions_per_cycle))
         return f"{order:g} ({maker})" if maker else f"{order:g}"
 
@@ -29,7 +35,9 @@ NUMBERS = OrderNames(1.0, {})
 
 
 def order_names(train: DriveTrain) -> OrderNames:
-    """The names of the orders that excite a train; those that the reference rotor makes as well are its own."""
+    """The names of the orders that excite a train; those that the reference rotor makes
+    as well are its own.
+    """
     topology, cycle = train.topology, train.topology.revolutions_per_cycle
     ratios = np.asarray(speed_ratios(train))[np.array(topology.rotor, dtype=int)]
     by_reference, makers = set(), {}
@@ -38,18 +46,32 @@ def order_names(train: DriveTrain) -> OrderNames:
             by_reference.update(harmonics)
             continue
         for n in harmonics:
-            makers.setdefault(n, {})[f"{n / cycle / ratios[disk]:.6g} of {topology.disk_names[disk]}"] = None
+            makers.setdefault(n, {})[
+                f"{n / cycle / ratios[disk]:.6g} of {topology.disk_names[disk]}"
+            ] = None
     told = {n: ", ".join(found) for n, found in makers.items() if n not in by_reference}
     return OrderNames(cycle, told)
 
 
 def _sources(topology):
-    """Disk, harmonics of the cycle, and whether they are orders of the disk's own rotor, of all that excites."""
-    yield from zip(topology.torque_disk, topology.torque_harmonics, topology.torque_own, strict=True)
+    """Disk, harmonics of the cycle, and whether they are orders of the disk's own
+    rotor, of all that excites.
+    """
+    yield from zip(
+        topology.torque_disk,
+        topology.torque_harmonics,
+        topology.torque_own,
+        strict=True,
+    )
     loads = topology.load_harmonics or [()] * len(topology.load_disk)
-    yield from ((disk, row, True) for disk, row in zip(topology.load_disk, loads, strict=True))
+    yield from (
+        (disk, row, True) for disk, row in zip(topology.load_disk, loads, strict=True)
+    )
     for i, disk in enumerate(topology.cylinder_disk):
-        gas = {topology.cylinder_step[i] * k for k in range(1, topology.cylinder_gas[i] + 1)} - {0}
+        gas = {
+            topology.cylinder_step[i] * k
+            for k in range(1, topology.cylinder_gas[i] + 1)
+        } - {0}
         turn = topology.cylinder_turn[i]
         inertia = {round(turn * k) for k in range(1, topology.cylinder_inertia[i] + 1)}
         yield disk, sorted({*topology.cylinder_harmonics[i], *gas, *inertia}), True

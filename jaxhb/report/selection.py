@@ -11,16 +11,27 @@ ALL_FIRING, AS_GIVEN = "all cylinders firing", "the scene as given"
 
 
 def case_title(train, cylinder=""):
-    """What the train is called as it runs, or as one in which this cylinder does not fire or is cut off."""
+    """What the train is called as it runs, or as one in which this cylinder does not
+    fire or is cut off.
+    """
     if cylinder:
         return f"{cylinder}{CUT_OFF if is_cut_off(train, cylinder) else NOT_FIRING}"
     names = train.topology.cylinder_names
-    return ALL_FIRING if names and train.topology.firing_cylinders == names else AS_GIVEN
+    return (
+        ALL_FIRING if names and train.topology.firing_cylinders == names else AS_GIVEN
+    )
 
 
 def idle_title(topology):
-    """The cylinders that do not fire, "" where all do: ``cylinder 2 not firing, cylinder 4 cut off``."""
-    each = zip(topology.cylinder_names, topology.cylinder_fires, topology.cylinder_cut_off, strict=True)
+    """The cylinders that do not fire, "" where all do: ``cylinder 2 not firing,
+    cylinder 4 cut off``.
+    """
+    each = zip(
+        topology.cylinder_names,
+        topology.cylinder_fires,
+        topology.cylinder_cut_off,
+        strict=True,
+    )
     idle = {NOT_FIRING: [], CUT_OFF: []}
     for name, fires, cut in each:
         if cut or not fires:
@@ -29,7 +40,9 @@ def idle_title(topology):
 
 
 def misfiring(title):
-    """Tell whether a title is that of a case in which some cylinder does not fire or is cut off."""
+    """Tell whether a title is that of a case in which some cylinder does not fire or is
+    cut off.
+    """
     return title.endswith((NOT_FIRING, CUT_OFF))
 
 
@@ -46,49 +59,88 @@ def train_name(topology):
 def meshes_of(topology, gear):
     """Names of the meshes of a gear."""
     disk = topology.disk_index(gear)
-    return tuple(name for name, ends in zip(topology.mesh_names, topology.mesh_ends, strict=True) if disk in ends)
+    return tuple(
+        name
+        for name, ends in zip(topology.mesh_names, topology.mesh_ends, strict=True)
+        if disk in ends
+    )
 
 
 def largest(names, value):
     """The name with the largest value; None where none is a number."""
-    known = {name: number for name in names if not math.isnan(number := float(value(name)))}
+    known = {
+        name: number for name in names if not math.isnan(number := float(value(name)))
+    }
     return max(known, key=known.get, default=None)
 
 
 def most_apart(answer):
-    """The mesh that is apart for the largest share of the time; None where all stay in contact or nothing is known."""
-    name = largest(answer.topology.mesh_names, lambda mesh: answer.contacts[mesh].separated_fraction)
-    return name if name is not None and answer.contacts[name].separated_fraction else None
+    """The mesh that is apart for the largest share of the time; None where all stay in
+    contact or nothing is known.
+    """
+    name = largest(
+        answer.topology.mesh_names,
+        lambda mesh: answer.contacts[mesh].separated_fraction,
+    )
+    return (
+        name if name is not None and answer.contacts[name].separated_fraction else None
+    )
 
 
 def hardest_shaft(answers):
-    """The shaft or damper whose torque has the largest half peak-to-peak in any answer; None without."""
-    certain = [answer for answer in answers if answer.answered] or [answer for answer in answers if answer.known]
+    """The shaft or damper whose torque has the largest half peak-to-peak in any answer;
+    None without.
+    """
+    certain = [answer for answer in answers if answer.answered] or [
+        answer for answer in answers if answer.known
+    ]
     links = answers[0].topology.shaft_and_damper_names
-    return largest(links, lambda name: max((one.torque(name).half_peak_to_peak for one in certain), default=0.0))
+    return largest(
+        links,
+        lambda name: max(
+            (one.torque(name).half_peak_to_peak for one in certain), default=0.0
+        ),
+    )
 
 
 def heaviest(train):
     """The disk of the reference rotor with the largest inertia, its flywheel."""
     topology, inertia = train.topology, np.asarray(train.disks.inertia)
-    own = [i for i in range(topology.n_scene_disks) if topology.rotor[i] == topology.reference_rotor]
+    own = [
+        i
+        for i in range(topology.n_scene_disks)
+        if topology.rotor[i] == topology.reference_rotor
+    ]
     return topology.disk_names[max(own, key=lambda i: inertia[i])]
 
 
 def turning_disks(train):
-    """Disks whose irregularity is told: the heaviest of the reference rotor, the gears, and those with a load."""
+    """Disks whose irregularity is told: the heaviest of the reference rotor, the gears,
+    and those with a load.
+    """
     topology = train.topology
     loaded = [topology.disk_names[disk] for disk in topology.load_disk]
     return tuple(dict.fromkeys([heaviest(train), *topology.gear_names, *loaded]))
 
 
 def subject_of(answer, gear=None):
-    """What is shown over the cycle, and its meshes: a gear, by default of the gears of the reference rotor (of all, if
-    it has none) the one whose torque swings most; without gears the shaft or damper of which that is true, or None."""
-    topology, swinging = answer.topology, answer if answer.known else answer.without_backlash
+    """What is shown over the cycle, and its meshes: a gear, by default of the gears of
+    the reference rotor (of all, if it has none) the one whose torque swings most;
+    without gears the shaft or damper of which that is true, or None.
+    """
+    topology, swinging = (
+        answer.topology,
+        answer if answer.known else answer.without_backlash,
+    )
     near = [
-        gear for gear in topology.gear_names if topology.rotor[topology.disk_index(gear)] == topology.reference_rotor
+        gear
+        for gear in topology.gear_names
+        if topology.rotor[topology.disk_index(gear)] == topology.reference_rotor
     ]
     near = near or topology.gear_names
-    gear = gear or largest(near, lambda name: swinging.gear_torque(name).half_peak_to_peak) or next(iter(near), None)
+    gear = (
+        gear
+        or largest(near, lambda name: swinging.gear_torque(name).half_peak_to_peak)
+        or next(iter(near), None)
+    )
     return (gear, meshes_of(topology, gear)) if gear else (hardest_shaft([answer]), ())

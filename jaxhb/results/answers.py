@@ -1,13 +1,18 @@
-"""One door to the numbers of answers: which may be read, and what becomes of the others.
+"""One door to the numbers of answers: which may be read, and what becomes of the
+others.
 
-A response keeps the last iterate of a solve that failed, whose numbers belong to no motion. Two grades may be read:
+A response keeps the last iterate of a solve that failed, whose numbers belong to no
+motion. Two grades may be read:
 
-- :func:`solved`: the equations are solved, with as many harmonics as there are (CONVERGED and TOLERANCE_NOT_MET);
-- converged: their truncation error is within its limit besides, so that numbers need no mark of doubt.
+- :func:`solved`: the equations are solved, with as many harmonics as there are
+  (CONVERGED and TOLERANCE_NOT_MET);
+- converged: their truncation error is within its limit besides, so that numbers need no
+  mark of doubt.
 
-What reads answers does one of four things with the others: it leaves them out and says so (:func:`left_out`), refuses
-to go on without them (:func:`need_solved`, :func:`jaxhb.check`), puts nan in their place (:func:`with_gaps`), or, where
-derivatives go through them, zeros (:func:`with_zeros`).
+What reads answers does one of four things with the others: it leaves them out and says
+so (:func:`left_out`), refuses to go on without them (:func:`need_solved`,
+:func:`jaxhb.check`), puts nan in their place (:func:`with_gaps`), or, where derivatives
+go through them, zeros (:func:`with_zeros`).
 """
 
 import dataclasses
@@ -20,53 +25,85 @@ from jaxhb._jax import Array, namespace
 from jaxhb._shown import ranges
 from jaxhb.results.status import NotConverged, Status
 
-OF_MOTION: tuple[str, ...] = ("angles", "torques", "elastic_torques", "deflections", "forces", "elastic_forces")
+OF_MOTION: tuple[str, ...] = (
+    "angles",
+    "torques",
+    "elastic_torques",
+    "deflections",
+    "forces",
+    "elastic_forces",
+)
 OF_MOTION += ("disk_power", "link_power", "input_power")
-"""Fields of responses whose numbers belong to no motion where the equations are not solved."""
+"""Fields of responses whose numbers belong to no motion where the equations are not
+solved.
+"""
 
 
 def solved(status: Any) -> Any:
-    """Whether the equations are solved, so that the numbers are those of a motion, of every status ``(...)``."""
+    """Whether the equations are solved, so that the numbers are those of a motion, of
+    every status ``(...)``.
+    """
     return status <= Status.TOLERANCE_NOT_MET
 
 
 def need_solved(response: Any) -> Any:
-    """The response at one speed; :class:`NotConverged` with a sentence where it solves no equations."""
+    """The response at one speed; :class:`NotConverged` with a sentence where it solves
+    no equations.
+    """
     status = Status(int(response.status))
     if not solved(status):
         where = f"{response.topology.title} at {float(response.rpm):g} rpm"
-        raise NotConverged(f"{where} is no periodic motion: {status.name}: {status.sentence}.")
+        raise NotConverged(
+            f"{where} is no periodic motion: {status.name}: {status.sentence}."
+        )
     return response
 
 
 def left_out(
-    rpm: Array, status: Array, title: str, *, kept: Array | None = None, advice: Mapping[Status, str] | None = None
+    rpm: Array,
+    status: Array,
+    title: str,
+    *,
+    kept: Array | None = None,
+    advice: Mapping[Status, str] | None = None,
 ) -> list[str]:
-    """A sentence for each status of the speeds ``(n,)`` that are not ``kept``, by default those not solved; what is to
-    be done is the ``advice`` for a status or its own."""
+    """A sentence for each status of the speeds ``(n,)`` that are not ``kept``, by
+    default those not solved; what is to be done is the ``advice`` for a status or its
+    own.
+    """
     rpm, status = np.atleast_1d(rpm), np.atleast_1d(status)
     lost = ~np.atleast_1d(solved(status) if kept is None else kept)
     told = []
     for found in map(Status, np.unique(status[lost]).tolist()):
         speeds = ranges(rpm.tolist(), rpm[lost & (status == found)].tolist())
-        told.append(f"{title} at {speeds} rpm: {found.name}: {(advice or {}).get(found, found.sentence)}.")
+        told.append(
+            f"{title} at {speeds} rpm: {found.name}:"
+            f" {(advice or {}).get(found, found.sentence)}."
+        )
     return told
 
 
 def with_gaps(response: Any, *, doubtful: bool = False) -> Any:
-    """The response of one or several speeds with nan for the motion where the equations have no answer, and where it
-    is ``doubtful``, of too few harmonics, unless that is asked for."""
-    return _masked(response, solved(response.status) if doubtful else response.converged, np.nan)
+    """The response of one or several speeds with nan for the motion where the equations
+    have no answer, and where it is ``doubtful``, of too few harmonics, unless that is
+    asked for.
+    """
+    return _masked(
+        response, solved(response.status) if doubtful else response.converged, np.nan
+    )
 
 
 def with_zeros(response: Any) -> Any:
-    """The response with zeros where the equations are not solved: masked before it is read, so that no derivative is
-    nan."""
+    """The response with zeros where the equations are not solved: masked before it is
+    read, so that no derivative is nan.
+    """
     return _masked(response, solved(response.status), 0.0)
 
 
 def _masked(response, kept, fill):
-    """The response with ``fill`` for the numbers of motions that are not ``kept`` ``(...)``."""
+    """The response with ``fill`` for the numbers of motions that are not ``kept``
+    ``(...)``.
+    """
     if namespace(kept) is np and np.all(kept):
         return response
 
@@ -76,4 +113,6 @@ def _masked(response, kept, fill):
         return xp.where(xp.asarray(kept).reshape(shape), values, fill)
 
     names = [name for name in OF_MOTION if hasattr(response, name)]
-    return dataclasses.replace(response, **{name: masked(getattr(response, name)) for name in names})
+    return dataclasses.replace(
+        response, **{name: masked(getattr(response, name)) for name in names}
+    )

@@ -1,4 +1,6 @@
-"""A computed bound: within what distance of a computed motion one of the train lies, and what it was computed from."""
+"""A computed bound: within what distance of a computed motion one of the train lies,
+and what it was computed from.
+"""
 
 from dataclasses import dataclass
 
@@ -8,18 +10,23 @@ from jaxhb._equal import by_value
 from jaxhb._shown import brief
 
 NORM_MARGIN, ROW_SUM_MARGIN = 1.1, 1.5
-"""Factors on norms, whose iterations come from below, and on largest row sums: their estimate is seldom off and never
-known to be right."""
+"""Factors on norms, whose iterations come from below, and on largest row sums: their
+estimate is seldom off and never known to be right.
+"""
 
-MARGINS = f"in double precision; margins on iterated norms x{NORM_MARGIN:g}, on estimated row sums x{ROW_SUM_MARGIN:g}"
+MARGINS = (
+    f"in double precision; margins on iterated norms x{NORM_MARGIN:g}, on estimated row"
+    f" sums x{ROW_SUM_MARGIN:g}"
+)
 """What is said beside the numbers of a bound."""
 
 
 @by_value
 @dataclass(frozen=True)
 class Kantorovich:
-    """The theorem of Newton and Kantorovich (Kantorovich & Akilov, XVIII.1; theory A4.3): norm ``H0`` of the inverse
-    derivative, ``delta0`` of the first correction, Lipschitz constant ``K`` of the derivative.
+    """The theorem of Newton and Kantorovich (Kantorovich & Akilov, XVIII.1; theory
+    A4.3): norm ``H0`` of the inverse derivative, ``delta0`` of the first correction,
+    Lipschitz constant ``K`` of the derivative.
 
     >>> case = Kantorovich(H0=2.0, delta0=0.7, K=1 / 14)
     >>> round(case.h0, 12), round(float(case.radius), 6), round(float(case.bound(2)), 8)
@@ -42,13 +49,17 @@ class Kantorovich:
 
     @property
     def radius(self) -> float:
-        """(36): ``(1 - sqrt(1 - 2 h0)) / h0 delta0``, within which a solution exists; nan where the theorem fails."""
+        """(36): ``(1 - sqrt(1 - 2 h0)) / h0 delta0``, within which a solution exists;
+        nan where the theorem fails.
+        """
         # Written without a difference of nearly equal numbers where h0 is small.
         return 2 * self.delta0 / (1 + self._root)
 
     @property
     def uniqueness(self) -> float:
-        """Distance within which it is the only one; inf where the derivative does not change."""
+        """Distance within which it is the only one; inf where the derivative does not
+        change.
+        """
         slope = self.H0 * self.K
         return (1 + self._root) / slope if slope else np.inf
 
@@ -57,8 +68,9 @@ class Kantorovich:
         return np.sqrt(1 - 2 * self.h0) if self.holds else np.nan
 
     def bound(self, steps: int) -> float:
-        """Largest distance from the solution after so many exact Newton steps: (37) corrected, and sharp (Gragg &
-        Tapia, SIAM J. Numer. Anal. 11 (1974) 10)."""
+        """Largest distance from the solution after so many exact Newton steps: (37)
+        corrected, and sharp (Gragg & Tapia, SIAM J. Numer. Anal. 11 (1974) 10).
+        """
         # The derivative does not change, or nothing is left: the first step is exact.
         if not self.h0:
             return 0.0 if steps else self.delta0
@@ -73,21 +85,29 @@ class Kantorovich:
 @brief
 @dataclass(frozen=True)
 class Certificate:
-    """How far a periodic motion of the train is from a computed one, made by :func:`jaxhb.certify`; ``str`` says it.
+    """How far a periodic motion of the train is from a computed one, made by
+    :func:`jaxhb.certify`; ``str`` says it.
 
-    A computed bound and no proof: all of it is in double precision without outward rounding, see :func:`jaxhb.certify`.
+    A computed bound and no proof: all of it is in double precision without outward
+    rounding, see :func:`jaxhb.certify`.
 
     Parameters
     ----------
-    reason : what failed and what to do, empty where a bound holds; meshes : names of those with backlash
+    reason : what failed and what to do, empty where a bound holds; meshes : names of
+    those with backlash
     deflection_bound, elastic_bound, force_bound : ``(G,)`` m, N, N
-        Of each mesh the largest difference over the cycle between the computed motion and that of the train: of the
-        deflection, of the elastic tooth force and of the tooth force with its damping, whether samples are read or
-        ``max``, ``min``, ``peak``, ``half_peak_to_peak``, ``mean`` and ``rms``; inf where no bound holds.
-    Y0, Z1, Z2 : of the theorem, lengths in backlashes, at the motion that Newton's method finds on ``low`` harmonics
-    small_gain : below 1 there is one motion of one cycle whatever the load (docs/theory A4.2)
-    harmonic_balance : Kantorovich, of the truncated equations with exact integrals, weighted norm, backlashes
-    stable : whether the motion of the train attracts; None where the bound does not decide it
+        Of each mesh the largest difference over the cycle between the computed motion
+        and that of the train: of the deflection, of the elastic tooth force and of the
+        tooth force with its damping, whether samples are read or ``max``, ``min``,
+        ``peak``, ``half_peak_to_peak``, ``mean`` and ``rms``; inf where no bound holds.
+    Y0, Z1, Z2 : of the theorem, lengths in backlashes, at the motion that Newton's
+    method finds on ``low`` harmonics
+    small_gain : below 1 there is one motion of one cycle whatever the load (docs/theory
+    A4.2)
+    harmonic_balance : Kantorovich, of the truncated equations with exact integrals,
+    weighted norm, backlashes
+    stable : whether the motion of the train attracts; None where the bound does not
+    decide it
     harmonics, low, high : of the response, of the inverse, of the equation
     """
 
@@ -108,7 +128,9 @@ class Certificate:
 
     @property
     def holds(self) -> bool:
-        """Whether the computed numbers meet the condition of the theorem, so that there is a bound."""
+        """Whether the computed numbers meet the condition of the theorem, so that there
+        is a bound.
+        """
         return not self.reason
 
     @property
@@ -118,12 +140,16 @@ class Certificate:
 
     @property
     def radius(self) -> float:
-        """Distance of the motion of the train from the refined one, in backlashes, all the time and at every mesh."""
+        """Distance of the motion of the train from the refined one, in backlashes, all
+        the time and at every mesh.
+        """
         return Kantorovich(self.Z2, self.Y0, 1.0).radius if self.holds else np.inf
 
     @property
     def unique_within(self) -> float:
-        """Distance from the refined motion within which there is no other of one cycle, in backlashes."""
+        """Distance from the refined motion within which there is no other of one cycle,
+        in backlashes.
+        """
         return 2 * self.Y0 if self.holds else 0.0
 
     def __str__(self):
@@ -133,9 +159,14 @@ class Certificate:
             return "no mesh has backlash: the equations are linear and solved exactly"
         pairs = zip(self.meshes, self.force_bound, strict=True)
         forces = ", ".join(f"{bound:.2g} N ({name})" for name, bound in pairs)
-        return f"computed bound: a periodic motion of the train with tooth forces within {forces} ({MARGINS})"
+        return (
+            "computed bound: a periodic motion of the train with tooth forces within"
+            f" {forces} ({MARGINS})"
+        )
 
 
 _NONE = np.zeros(0)
-LINEAR = Certificate("", (), _NONE, _NONE, _NONE, Y0=0.0, Z1=0.0, Z2=0.0, small_gain=0.0, low=0, high=0)
+LINEAR = Certificate(
+    "", (), _NONE, _NONE, _NONE, Y0=0.0, Z1=0.0, Z2=0.0, small_gain=0.0, low=0, high=0
+)
 """Of equations that are linear and solved exactly."""

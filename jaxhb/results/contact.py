@@ -1,4 +1,6 @@
-"""What the teeth of a mesh do over one cycle: separation, reverse contact, impacts. Host arithmetic on one mesh."""
+"""What the teeth of a mesh do over one cycle: separation, reverse contact, impacts.
+Host arithmetic on one mesh.
+"""
 
 from dataclasses import dataclass
 
@@ -13,12 +15,13 @@ from jaxhb.equations import backlash, fourier
 class Contact:
     """Contact of one mesh over one cycle.
 
-    separated_fraction : share of the cycle in which the teeth are apart: ``|l|`` is below the gap of the law
-    reverse_contact_fraction : share of the cycle in contact on the flank that does not drive
-    impacts : entries into contact, dicts of ``cycle`` (share of the cycle), ``speed`` in m/s, ``side`` +1 or -1
-    drive_side : sign of the mesh's mean force
-    gap_spring_force, knee_force : N, the largest force in the gap; the force above which the tooth is stiff
-    pulling_force : N, largest damping force that holds parting teeth back in the gap: law "always"
+    separated_fraction : share of the cycle in which the teeth are apart: ``|l|`` is
+    below the gap of the law reverse_contact_fraction : share of the cycle in contact on
+    the flank that does not drive impacts : entries into contact, dicts of ``cycle``
+    (share of the cycle), ``speed`` in m/s, ``side`` +1 or -1 drive_side : sign of the
+    mesh's mean force gap_spring_force, knee_force : N, the largest force in the gap;
+    the force above which the tooth is stiff pulling_force : N, largest damping force
+    that holds parting teeth back in the gap: law "always"
     """
 
     separated_fraction: float
@@ -41,15 +44,22 @@ class Contact:
 
 
 def contact_of(law, deflection, force, elastic, frequency, resolution):
-    """:class:`Contact` from the coefficients of a mesh's deflection and force; ``law`` of floats, None: linear."""
+    """:class:`Contact` from the coefficients of a mesh's deflection and force; ``law``
+    of floats, None: linear.
+    """
     if deflection.ndim > 1:
-        raise ValueError("contact is read speed by speed: take one response of the sweep, sweep[i].mesh(...)")
+        raise ValueError(
+            "contact is read speed by speed: take one response of the sweep,"
+            " sweep[i].mesh(...)"
+        )
     # A motion that was not found has nan forces.
     drive = int(np.nan_to_num(np.sign(force[0].real)))
     if law is None:
         return Contact(0.0, 0.0, [], drive, 0.0, 0.0, 0.0)
     samples = max(resolution, 4096)
-    unknown = 0.0 if np.isfinite(deflection).all() else np.nan  # no comparison below sees nan
+    unknown = (
+        0.0 if np.isfinite(deflection).all() else np.nan
+    )  # no comparison below sees nan
     l = fourier.synthesize(deflection, samples)
     speed = fourier.synthesize(fourier.derivative(deflection, frequency), samples)
     gap = law.gap
@@ -58,7 +68,8 @@ def contact_of(law, deflection, force, elastic, frequency, resolution):
     # Without a mean force neither flank drives: the first is taken.
     side = drive if drive else 1
     return Contact(
-        # By two levels of l: between two samples it may pass the whole gap, which |l| would not show.
+        # By two levels of l: between two samples it may pass the whole gap, which |l|
+        # would not show.
         separated_fraction=_fraction_below(l, gap) - _fraction_below(l, -gap) + unknown,
         reverse_contact_fraction=_fraction_below(side * l, -gap) + unknown,
         impacts=_impacts(l, speed, gap),
@@ -83,7 +94,10 @@ def _impacts(l, speed, gap):
     """Entries into contact: |l| rises through ``gap``."""
     distance, ahead = np.abs(l), np.abs(np.roll(l, -1))
     entries = np.flatnonzero((distance < gap) & (ahead >= gap))
-    after, share = (entries + 1) % len(l), (gap - distance[entries]) / (ahead - distance)[entries]
+    after, share = (
+        (entries + 1) % len(l),
+        (gap - distance[entries]) / (ahead - distance)[entries],
+    )
     approach = np.abs((1 - share) * speed[entries] + share * speed[after])
     columns = (entries + share) / len(l), approach, np.sign(l[after])
     rows = zip(*(column.tolist() for column in columns), strict=True)

@@ -1,4 +1,6 @@
-"""Readers by name of any motion: of a response, of recorded cycles, and of a steady state, which is one of both."""
+"""Readers by name of any motion: of a response, of recorded cycles, and of a steady
+state, which is one of both.
+"""
 
 from typing import Any, Generic, TypeVar, cast
 
@@ -15,63 +17,89 @@ ROUNDING = 1e-9  # share of the peak below which a mean is none
 
 
 def drive_sense(motion: Any, name: str) -> int:
-    """Sign by which people read the force or torque of a mesh, shaft or damper, so that it does not depend on which of
-    its ends the scene names first: that of the mean; without a mean positive where the disk drives that stands first
-    in the scene."""
+    """Sign by which people read the force or torque of a mesh, shaft or damper, so that
+    it does not depend on which of its ends the scene names first: that of the mean;
+    without a mean positive where the disk drives that stands first in the scene.
+    """
     topology = motion.topology
     signal = motion.force(name) if name in topology.mesh_names else motion.torque(name)
-    mean, (first, second) = float(signal.mean), topology.link_ends[topology.link_index(name)[0]]
+    mean, (first, second) = (
+        float(signal.mean),
+        topology.link_ends[topology.link_index(name)[0]],
+    )
     if abs(mean) > ROUNDING * float(signal.peak):
         return 1 if mean > 0 else -1
     return 1 if first < second else -1
 
 
 class Motion(Generic[SignalOf, ContactOf, NumberOf]):
-    """Readers by name; what extends it says in ``_read`` what a quantity of the disk, gear, link or mesh ``index`` is,
-    of a twist of two disks, times ``sense``."""
+    """Readers by name; what extends it says in ``_read`` what a quantity of the disk,
+    gear, link or mesh ``index`` is, of a twist of two disks, times ``sense``.
+    """
 
     topology: Topology
     solution: Any
-    """The :class:`jaxhb.Response` that the numbers are read from; None of recorded cycles."""
+    """The :class:`jaxhb.Response` that the numbers are read from; None of recorded
+    cycles.
+    """
     _read: Any
 
     def disk(self, name: str) -> SignalOf:
-        """Vibratory angle of a disk or damper ring, rad; its own sense of rotation positive."""
+        """Vibratory angle of a disk or damper ring, rad; its own sense of rotation
+        positive.
+        """
         return self._read("angle", self.topology.disk_index(name))
 
     def speed(self, name: str) -> SignalOf:
-        """Speed of rotation of a disk or damper ring, rad/s: the mean speed of its rotor and the vibration."""
+        """Speed of rotation of a disk or damper ring, rad/s: the mean speed of its
+        rotor and the vibration.
+        """
         return self._read("speed", self.topology.disk_index(name))
 
     def acceleration(self, name: str) -> SignalOf:
-        """Angular acceleration of a disk or damper ring, rad/s2; recorded cycles have none."""
+        """Angular acceleration of a disk or damper ring, rad/s2; recorded cycles have
+        none.
+        """
         return self._read("acceleration", self.topology.disk_index(name))
 
     def irregularity(self, name: str) -> NumberOf:
-        """Cyclic irregularity of a disk: (largest - smallest speed) / mean speed; of a record over all its cycles."""
+        """Cyclic irregularity of a disk: (largest - smallest speed) / mean speed; of a
+        record over all its cycles.
+        """
         speed: Any = self.speed(name)
         return 2 * speed.half_peak_to_peak / speed.mean
 
     def twist(self, a: str, b: str) -> SignalOf:
-        """Angle of disk a less angle of disk b, rad; of a record only where a shaft or damper joins them."""
-        return self._read("twist", (self.topology.disk_index(a), self.topology.disk_index(b)))
+        """Angle of disk a less angle of disk b, rad; of a record only where a shaft or
+        damper joins them.
+        """
+        return self._read(
+            "twist", (self.topology.disk_index(a), self.topology.disk_index(b))
+        )
 
     def torque(self, a: str, b: str | None = None) -> SignalOf:
-        """Torque transmitted by a shaft or damper in N m, positive when a is ahead of b.
+        """Torque transmitted by a shaft or damper in N m, positive when a is ahead of
+        b.
 
-        ``a, b`` : the two disks (a damper's ring goes by the damper's name); or the link's name alone, as in all
-        readers of links. Elastic, viscous and loss-factor part together; ``.elastic`` for the stiffness alone.
+        ``a, b`` : the two disks (a damper's ring goes by the damper's name); or the
+        link's name alone, as in all readers of links. Elastic, viscous and loss-factor
+        part together; ``.elastic`` for the stiffness alone.
         """
         index, sense = self.topology.link_index(a, b)
         if index >= self._shafts:
             mesh = self.topology.link_names[index]
-            raise ValueError(f"{mesh!r} is a mesh, not a shaft: use force(...) for its tooth force in N")
+            raise ValueError(
+                f"{mesh!r} is a mesh, not a shaft: use force(...) for its tooth force"
+                " in N"
+            )
         return self._read("torque", index, sense)
 
     def force(self, a: str, b: str | None = None) -> SignalOf:
-        """Tooth force transmitted by the mesh between gears a and b in N, positive when a drives b.
+        """Tooth force transmitted by the mesh between gears a and b in N, positive when
+        a drives b.
 
-        Elastic and damping part together; ``.elastic`` for f(l) alone. ``force(b, a)`` is the negative.
+        Elastic and damping part together; ``.elastic`` for f(l) alone. ``force(b, a)``
+        is the negative.
         """
         return self._read("force", *self._mesh_index(a, b))
 
@@ -80,46 +108,66 @@ class Motion(Generic[SignalOf, ContactOf, NumberOf]):
         return self._read("deflection", *self._mesh_index(a, b))
 
     def transmission_error(self, a: str, b: str | None = None) -> SignalOf:
-        """Loaded transmission error of a mesh in m, how far its gears approach each other along the pitch circle:
-        deflection and transmission error of the teeth; recorded cycles have none."""
+        """Loaded transmission error of a mesh in m, how far its gears approach each
+        other along the pitch circle: deflection and transmission error of the teeth;
+        recorded cycles have none.
+        """
         return self._read("transmission_error", *self._mesh_index(a, b))
 
     def mesh_order(self, a: str, b: str | None = None) -> float:
-        """Mesh periods in a revolution of the reference rotor: the order at which a mesh with ``stiffness_orders`` or
-        ``transmission_error`` whines; ValueError of others."""
+        """Mesh periods in a revolution of the reference rotor: the order at which a
+        mesh with ``stiffness_orders`` or ``transmission_error`` whines; ValueError of
+        others.
+        """
         index, _ = self._mesh_index(a, b)
         if not self.topology.mesh_periods[index]:
             name = self.topology.mesh_names[index]
-            raise ValueError(f"{name!r} has neither stiffness_orders nor transmission_error: nothing makes it whine")
+            raise ValueError(
+                f"{name!r} has neither stiffness_orders nor transmission_error: nothing"
+                " makes it whine"
+            )
         return self.topology.mesh_periods[index] / self.topology.revolutions_per_cycle
 
     def whine(self, a: str, b: str | None = None, *, orders: int = 3) -> Any:
-        """Amplitudes ``(orders,)`` in N of the tooth force at the orders 1, 2, .. of the mesh period, which is known of
-        a mesh with ``stiffness_orders`` or ``transmission_error``; nan of those that are not recorded."""
+        """Amplitudes ``(orders,)`` in N of the tooth force at the orders 1, 2, .. of
+        the mesh period, which is known of a mesh with ``stiffness_orders`` or
+        ``transmission_error``; nan of those that are not recorded.
+        """
         period, force = self.mesh_order(a, b), cast(Any, self.force(a, b))
         known = max(force.orders, default=0.0)
-        return np.array([force.order(k * period) if k * period <= known else np.nan for k in range(1, orders + 1)])
+        return np.array(
+            [
+                force.order(k * period) if k * period <= known else np.nan
+                for k in range(1, orders + 1)
+            ]
+        )
 
     def gear_torque(self, name: str) -> SignalOf:
-        """Torque that a gear passes to its mates, the sum of its mesh forces x radius, N m."""
+        """Torque that a gear passes to its mates, the sum of its mesh forces x radius,
+        N m.
+        """
         disk = self.topology.disk_index(name)
         if not any(disk in ends for ends in self.topology.mesh_ends):
             raise ValueError(f"{name!r} carries no mesh: gear_torque needs a gear")
         return self._read("gear_torque", disk)
 
     def power(self, a: str, b: str | None = None) -> NumberOf:
-        """Mean power in W that a shaft, damper or mesh turns into heat; nan of a mesh of recorded cycles.
+        """Mean power in W that a shaft, damper or mesh turns into heat; nan of a mesh
+        of recorded cycles.
 
         Exact from the harmonics of a response,
 
             P = sum_{n >= 1} 2 Re(T^n conj(i n Omega theta^n)),
 
-        T the transmitted torque and theta the twist, or tooth force and deflection; the elastic part does no work.
+        T the transmitted torque and theta the twist, or tooth force and deflection; the
+        elastic part does no work.
         """
         return self._read("power", self.topology.link_index(a, b)[0])
 
     def mesh(self, a: str, b: str | None = None) -> ContactOf:
-        """Contact of a mesh over the cycle; its drive side is that of the scene's order of gears."""
+        """Contact of a mesh over the cycle; its drive side is that of the scene's order
+        of gears.
+        """
         return self._read("contact", self._mesh_index(a, b)[0])
 
     @property
@@ -131,5 +179,8 @@ class Motion(Generic[SignalOf, ContactOf, NumberOf]):
         index, sense = self.topology.link_index(a, b)
         if index < self._shafts:
             name = self.topology.link_names[index]
-            raise ValueError(f"{name!r} is a shaft or damper, not a mesh: use torque(...) for its torque in N m")
+            raise ValueError(
+                f"{name!r} is a shaft or damper, not a mesh: use torque(...) for its"
+                " torque in N m"
+            )
         return index - self._shafts, sense

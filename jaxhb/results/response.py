@@ -1,4 +1,6 @@
-"""The periodic response of a drive train: disks, shafts, gears and meshes, read by name."""
+"""The periodic response of a drive train: disks, shafts, gears and meshes, read by
+name.
+"""
 
 import dataclasses
 from dataclasses import dataclass, field
@@ -33,7 +35,9 @@ class Fields:
     torques: Array  # (..., K, N+1) N m, of the shafts and then the dampers
     elastic_torques: Array
     deflections: Array  # (..., M, N+1) m, of the meshes
-    forces: Array  # (..., M, F+1) N, of the meshes; F is more harmonics than the motion has
+    forces: (
+        Array  # (..., M, F+1) N, of the meshes; F is more harmonics than the motion has
+    )
     elastic_forces: Array
 
 
@@ -44,11 +48,13 @@ FIELDS = tuple(field.name for field in dataclasses.fields(Fields))
 
 @dataclass(frozen=True)
 class Response(Fields, Motion[Signal, Contact, Array]):
-    """Steady periodic motion at one speed, or at several (every array then has a leading axis).
+    """Steady periodic motion at one speed, or at several (every array then has a
+    leading axis).
 
-    Made by :func:`jaxhb.solve`, :func:`jaxhb.solve_speeds` and :func:`jaxhb.linear_response`; read by name with
-    :meth:`force`, :meth:`torque`, :meth:`disk` and the like. A pytree of its arrays; a response that comes
-    out of a transformation has no ``train``, ``path`` and ``certificate``, which are no arrays.
+    Made by :func:`jaxhb.solve`, :func:`jaxhb.solve_speeds` and
+    :func:`jaxhb.linear_response`; read by name with :meth:`force`, :meth:`torque`,
+    :meth:`disk` and the like. A pytree of its arrays; a response that comes out of a
+    transformation has no ``train``, ``path`` and ``certificate``, which are no arrays.
 
     Parameters
     ----------
@@ -56,20 +62,23 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     load_torque : ``(..., n)`` N m, of every load, negative where it takes power
     load_power : ``(...)`` W, taken by the loads
     ground_reaction : ``(..., n)`` N m
-        Mean torque that each ground takes. Mean angles are those that the soft grounds set; without a ground their
-        inertia-weighted mean is zero.
+        Mean torque that each ground takes. Mean angles are those that the soft grounds
+        set; without a ground their inertia-weighted mean is zero.
     radius : ``(..., S)`` m, of the gears
     law : Law ``(..., M)`` of the meshes
     status : ``(...)`` int, :class:`jaxhb.Status` of the solve
     residual, truncation_error : ``(...)``
-        What is left of the equations, and the estimated change of the tooth force by omitted harmonics, over the
-        largest tooth force.
+        What is left of the equations, and the estimated change of the tooth force by
+        omitted harmonics, over the largest tooth force.
     power_defect : ``(...)``
-        Power of the torques less what is turned into heat, over the power that they exchange with the train.
-    steps : ``(...)`` int, of Newton's method; sweeps, and marches of that method on them
+        Power of the torques less what is turned into heat, over the power that they
+        exchange with the train.
+    steps : ``(...)`` int, of Newton's method; sweeps, and marches of that method on
+    them
     topology : Topology, names and connections
     resolution : int, time samples per cycle at which extremes are looked for
-    sharp : bool, whether the contact of teeth was an unknown of the solve, at one of the speeds at least; see
+    sharp : bool, whether the contact of teeth was an unknown of the solve, at one of
+    the speeds at least; see
         :class:`Signal`
     train : DriveTrain or None
     path : tuple of events, how the solve went; of a sweep one tuple per speed
@@ -102,26 +111,36 @@ class Response(Fields, Motion[Signal, Contact, Array]):
 
     @property
     def highest_harmonic(self) -> Array:
-        """Highest harmonic that moves a disk, per speed: of a sweep :attr:`harmonics` is the largest among them."""
-        refuse_tracers("highest_harmonic", self.angles, instead="read .harmonics there", host=True)
+        """Highest harmonic that moves a disk, per speed: of a sweep :attr:`harmonics`
+        is the largest among them.
+        """
+        refuse_tracers(
+            "highest_harmonic", self.angles, instead="read .harmonics there", host=True
+        )
         moves = np.any(np.asarray(self.angles) != 0, axis=-2)
         return np.max(np.where(moves, np.arange(moves.shape[-1]), 0), axis=-1)
 
     @property
     def solved(self) -> Array:
-        """True where the equations are solved, so that the numbers are those of a motion: CONVERGED, or
-        TOLERANCE_NOT_MET, with too few harmonics for the tolerance. Elsewhere they are those of the last iterate."""
+        """True where the equations are solved, so that the numbers are those of a
+        motion: CONVERGED, or TOLERANCE_NOT_MET, with too few harmonics for the
+        tolerance. Elsewhere they are those of the last iterate.
+        """
         return solved(self.status)
 
     @property
     def converged(self) -> Array:
-        """True where the equations are solved and the truncation error is within its limit."""
+        """True where the equations are solved and the truncation error is within its
+        limit.
+        """
         return self.status == Status.CONVERGED
 
     @property
     def status_name(self) -> str | np.ndarray:
         """Name of :attr:`status`, "CONVERGED"; of several speeds an array of names."""
-        refuse_tracers("status_name", self.status, instead="read .status there", host=True)
+        refuse_tracers(
+            "status_name", self.status, instead="read .status there", host=True
+        )
         names = np.array([status.name for status in Status])[np.asarray(self.status)]
         return names if np.ndim(names) else str(names)
 
@@ -134,8 +153,16 @@ class Response(Fields, Motion[Signal, Contact, Array]):
 
     def __bool__(self) -> bool:
         if np.ndim(self.rpm):
-            raise TypeError("a sweep is neither true nor false: read .converged, which has each of its speeds")
-        refuse_tracers("if response", self.status, instead="read .converged or .solved there", host=True)
+            raise TypeError(
+                "a sweep is neither true nor false: read .converged, which has each of"
+                " its speeds"
+            )
+        refuse_tracers(
+            "if response",
+            self.status,
+            instead="read .converged or .solved there",
+            host=True,
+        )
         return bool(self.converged)
 
     def __len__(self) -> int:
@@ -144,9 +171,13 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     def __getitem__(self, index: Any) -> Self:
         """Response number ``index`` (or a slice) of a batch."""
         if not np.ndim(self.rpm):
-            raise TypeError("this is the response at one speed, not a sweep: it cannot be indexed")
+            raise TypeError(
+                "this is the response at one speed, not a sweep: it cannot be indexed"
+            )
         rows = jax.tree.map(lambda leaf: leaf[index], self)
-        return dataclasses.replace(rows, train=self.train, path=self.path[index] if self.path else ())
+        return dataclasses.replace(
+            rows, train=self.train, path=self.path[index] if self.path else ()
+        )
 
     @property
     def solution(self) -> Self:
@@ -154,7 +185,13 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         return self
 
     def _signal(self, coefficients, elastic=None):
-        return Signal(coefficients, elastic, self.topology.revolutions_per_cycle, self.resolution, self.sharp)
+        return Signal(
+            coefficients,
+            elastic,
+            self.topology.revolutions_per_cycle,
+            self.resolution,
+            self.sharp,
+        )
 
     def _read(self, quantity, index, sense=1):
         match quantity:
@@ -164,38 +201,73 @@ class Response(Fields, Motion[Signal, Contact, Array]):
                 rate = fourier.derivative(self.angles[..., index, :], self._frequency)
                 if quantity == "acceleration":
                     return self._signal(fourier.derivative(rate, self._frequency))
-                ratio = rotor_ratios(self.topology, self.radius)[..., self.topology.rotor[index]]
+                ratio = rotor_ratios(self.topology, self.radius)[
+                    ..., self.topology.rotor[index]
+                ]
                 mean = (2 * np.pi / 60 * self.rpm * ratio)[..., None] + 0j
                 # The derivative has no mean: that of the speed is the rotation.
-                return self._signal(namespace(rate, mean).concatenate([mean, rate[..., 1:]], axis=-1))
+                return self._signal(
+                    namespace(rate, mean).concatenate([mean, rate[..., 1:]], axis=-1)
+                )
             case "twist":
                 first, second = index
-                return self._signal(self.angles[..., first, :] - self.angles[..., second, :])
+                return self._signal(
+                    self.angles[..., first, :] - self.angles[..., second, :]
+                )
             case "torque":
-                return self._signal(sense * self.torques[..., index, :], sense * self.elastic_torques[..., index, :])
+                return self._signal(
+                    sense * self.torques[..., index, :],
+                    sense * self.elastic_torques[..., index, :],
+                )
             case "force":
-                return self._signal(sense * self.forces[..., index, :], sense * self.elastic_forces[..., index, :])
+                return self._signal(
+                    sense * self.forces[..., index, :],
+                    sense * self.elastic_forces[..., index, :],
+                )
             case "deflection":
                 return self._signal(sense * self.deflections[..., index, :])
             case "transmission_error":
-                approach, error = self.deflections[..., index, :], backlash.all_meshes(self._solved).error
+                approach, error = (
+                    self.deflections[..., index, :],
+                    backlash.all_meshes(self._solved).error,
+                )
                 if error is not None:
                     most = max(approach.shape[-1], error.shape[-1]) - 1
-                    approach = fourier.resize(approach, most) + fourier.resize(error[index], most)
+                    approach = fourier.resize(approach, most) + fourier.resize(
+                        error[index], most
+                    )
                 return self._signal(sense * approach)
             case "gear_torque":
-                senses = np.array([(a == index) - (b == index) for a, b in self.topology.mesh_ends], dtype=float)
-                both, radius = (self.forces, self.elastic_forces), self.radius[..., index, None]
-                return self._signal(*(radius * namespace(f).einsum("g,...gk->...k", senses, f) for f in both))
+                senses = np.array(
+                    [(a == index) - (b == index) for a, b in self.topology.mesh_ends],
+                    dtype=float,
+                )
+                both, radius = (
+                    (self.forces, self.elastic_forces),
+                    self.radius[..., index, None],
+                )
+                return self._signal(
+                    *(
+                        radius * namespace(f).einsum("g,...gk->...k", senses, f)
+                        for f in both
+                    )
+                )
             case "power":
                 return self._power(index)
             case "contact":
-                refuse_tracers("mesh", self.deflections, instead=f"read {SMOOTH} there", host=True)
-                law = jax.tree.map(lambda values: np.asarray(values)[..., index], self.law)
+                refuse_tracers(
+                    "mesh", self.deflections, instead=f"read {SMOOTH} there", host=True
+                )
+                law = jax.tree.map(
+                    lambda values: np.asarray(values)[..., index], self.law
+                )
                 signals = self.deflections, self.forces, self.elastic_forces
                 return contact_of(
                     law if self.topology.mesh_backlash[index] else None,
-                    *(np.asarray(coefficients[..., index, :]) for coefficients in signals),
+                    *(
+                        np.asarray(coefficients[..., index, :])
+                        for coefficients in signals
+                    ),
                     self.topology.cycle_frequency(np.asarray(self.rpm)),
                     self.resolution,
                 )
@@ -203,13 +275,18 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     @property
     def _frequency(self):
         """Omega of the cycle in rad/s, with an axis for the harmonics."""
-        return self.topology.cycle_frequency(namespace(self.rpm).asarray(self.rpm))[..., None]
+        return self.topology.cycle_frequency(namespace(self.rpm).asarray(self.rpm))[
+            ..., None
+        ]
 
     @property
     def _solved(self):
         """The train, where there is one."""
         if self.train is None:
-            raise ValueError("the response comes out of a transformation without its train: solve outside of it")
+            raise ValueError(
+                "the response comes out of a transformation without its train: solve"
+                " outside of it"
+            )
         return self.train
 
     def _power(self, index):
@@ -221,18 +298,26 @@ class Response(Fields, Motion[Signal, Contact, Array]):
             bent = self.deflections[..., index - shafts, :]
             # Harmonics of the force beyond those of the motion do no work.
             passed = self.forces[..., index - shafts, : bent.shape[-1]]
-            if self.topology.mesh_varies[index - shafts]:  # its elastic force does work, which is no heat
-                passed = passed - self.elastic_forces[..., index - shafts, : bent.shape[-1]]
+            if self.topology.mesh_varies[
+                index - shafts
+            ]:  # its elastic force does work, which is no heat
+                passed = (
+                    passed - self.elastic_forces[..., index - shafts, : bent.shape[-1]]
+                )
         xp, rate = namespace(passed, bent), fourier.derivative(bent, self._frequency)
         return 2 * xp.sum((passed * xp.conj(rate)).real, axis=-1)
 
     def deflection_samples(self, count: int) -> Array:
-        """Deflections of all meshes at ``count`` time samples of the cycle, ``(..., M, count)`` m."""
+        """Deflections of all meshes at ``count`` time samples of the cycle, ``(..., M,
+        count)`` m.
+        """
         return fourier.sample(self.deflections, count)
 
     def impact_energy(self, a: str, b: str | None = None) -> float:
-        """Energy in J that the impacts of a mesh bring in a cycle, ``sum of m v^2 / 2`` over them: v the approach
-        speed, m of the two gears alone, ``m_a m_b / (m_a + m_b)``, J / r^2 each. ValueError without a train."""
+        """Energy in J that the impacts of a mesh bring in a cycle, ``sum of m v^2 / 2``
+        over them: v the approach speed, m of the two gears alone, ``m_a m_b / (m_a +
+        m_b)``, J / r^2 each. ValueError without a train.
+        """
         disks = self._solved.disks
         ends = list(self.topology.mesh_ends[self._mesh_index(a, b)[0]])
         mass = np.asarray(disks.inertia)[ends] / np.asarray(disks.radius)[ends] ** 2
@@ -244,18 +329,26 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         return {name: self.mesh(name) for name in self.topology.mesh_names}
 
     def to_xarray(self, *, orders: float | None = None) -> Dataset:
-        """The response as a data set of xarray (extra ``data``), with names as labels and units as attributes.
+        """The response as a data set of xarray (extra ``data``), with names as labels
+        and units as attributes.
 
-        ``orders`` : highest order whose amplitudes and phases are given; default: all of the motion.
+        ``orders`` : highest order whose amplitudes and phases are given; default: all
+        of the motion.
 
-        Dimensions ``rpm`` (of a sweep), ``disk``, ``shaft`` (dampers behind them), ``gear``, ``mesh``, ``load``,
-        ``ground`` and ``order``. Of ``angle``, ``speed``, ``acceleration``, ``torque``, ``gear_torque`` and
-        ``tooth_force`` the variables ``_mean``, ``_min``, ``_max``, ``_half_peak_to_peak``, ``_sum_of_amplitudes``,
-        and but for the second and third ``_amplitude`` and ``_phase``; ``irregularity``, ``heat``, contact, loads.
-        Numbers of speeds that did not converge are nan, and ``status`` says why. ImportError without xarray.
+        Dimensions ``rpm`` (of a sweep), ``disk``, ``shaft`` (dampers behind them),
+        ``gear``, ``mesh``, ``load``, ``ground`` and ``order``. Of ``angle``, ``speed``,
+        ``acceleration``, ``torque``, ``gear_torque`` and ``tooth_force`` the variables
+        ``_mean``, ``_min``, ``_max``, ``_half_peak_to_peak``, ``_sum_of_amplitudes``,
+        and but for the second and third ``_amplitude`` and ``_phase``;
+        ``irregularity``, ``heat``, contact, loads. Numbers of speeds that did not
+        converge are nan, and ``status`` says why. ImportError without xarray.
 
-        >>> sweep = jaxhb.solve_speeds(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1500.0])
-        >>> swing = sweep.to_xarray(orders=12).torque_half_peak_to_peak.sel(shaft="cyl6|flywheel")
+        >>> sweep = jaxhb.solve_speeds(
+        ...     jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1500.0]
+        ... )
+        >>> swing = sweep.to_xarray(orders=12).torque_half_peak_to_peak.sel(
+        ...     shaft="cyl6|flywheel"
+        ... )
         >>> swing.sel(rpm=1500).item().__round__(1), swing.attrs["units"]
         (2900.6, 'N m')
         """
@@ -267,18 +360,27 @@ class Response(Fields, Motion[Signal, Contact, Array]):
 def register(cls):
     """Make :class:`Response`, or a class that extends it, a pytree.
 
-    Leaves are what depends on the speed: ``train`` would copy pressure tables, ``path`` make programs retrace.
+    Leaves are what depends on the speed: ``train`` would copy pressure tables, ``path``
+    make programs retrace.
     """
     # Not by register_dataclass, whose drop_fields fail on jax 0.9.
-    static, aside = ("topology", "resolution", "sharp"), ("train", "path", "certificate")
+    static, aside = (
+        ("topology", "resolution", "sharp"),
+        ("train", "path", "certificate"),
+    )
     names = [f.name for f in dataclasses.fields(cls) if f.name not in (*static, *aside)]
 
     def flatten(response):
-        leaves = [(jax.tree_util.GetAttrKey(name), getattr(response, name)) for name in names]
+        leaves = [
+            (jax.tree_util.GetAttrKey(name), getattr(response, name)) for name in names
+        ]
         return leaves, tuple(getattr(response, name) for name in static)
 
     def unflatten(told, leaves):
-        return cls(**dict(zip(names, leaves, strict=True)), **dict(zip(static, told, strict=True)))
+        return cls(
+            **dict(zip(names, leaves, strict=True)),
+            **dict(zip(static, told, strict=True)),
+        )
 
     jax.tree_util.register_pytree_with_keys(cls, flatten, unflatten)
     return by_value(cls)
@@ -288,16 +390,26 @@ register(Response)
 
 
 def stack(responses):
-    """Responses of one train at several speeds as one with a leading axis; all get the most harmonics among them."""
-    most = {name: max(getattr(response, name).shape[-1] for response in responses) - 1 for name in FIELDS}
+    """Responses of one train at several speeds as one with a leading axis; all get the
+    most harmonics among them.
+    """
+    most = {
+        name: max(getattr(response, name).shape[-1] for response in responses) - 1
+        for name in FIELDS
+    }
     same = {
         "resolution": max(response.resolution for response in responses),
         "sharp": any(response.sharp for response in responses),
     }
 
     def padded(response):
-        wider = {name: fourier.resize(np.asarray(getattr(response, name)), count) for name, count in most.items()}
+        wider = {
+            name: fourier.resize(np.asarray(getattr(response, name)), count)
+            for name, count in most.items()
+        }
         return dataclasses.replace(response, **same, **wider)
 
     joined = jax.tree.map(lambda *leaves: np.stack(leaves), *map(padded, responses))
-    return dataclasses.replace(joined, train=responses[0].train, path=tuple(r.path for r in responses))
+    return dataclasses.replace(
+        joined, train=responses[0].train, path=tuple(r.path for r in responses)
+    )

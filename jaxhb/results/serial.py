@@ -1,4 +1,6 @@
-"""Results of the package as plain values and arrays, to be written to files that run nothing when they are read."""
+"""Results of the package as plain values and arrays, to be written to files that run
+nothing when they are read.
+"""
 
 import dataclasses
 import enum
@@ -11,10 +13,12 @@ PACKAGE = __name__.split(".")[0]
 
 
 def pack(value):
-    """A value as ``(index, arrays)``: what JSON can hold, and numpy arrays that it refers to by number.
+    """A value as ``(index, arrays)``: what JSON can hold, and numpy arrays that it
+    refers to by number.
 
-    Holds None, bool, int, float, str, arrays, tuples, lists, dicts, and dataclasses and enumerations of this package.
-    Equal parts are stored once, so that equal values are stored alike.
+    Holds None, bool, int, float, str, arrays, tuples, lists, dicts, and dataclasses and
+    enumerations of this package. Equal parts are stored once, so that equal values are
+    stored alike.
     """
     arrays, shared, places, known = [], [], {}, {}
 
@@ -39,7 +43,11 @@ def pack(value):
 
     def plain(value):
         # By type: a float of numpy is a float as well, and has to come back as it was.
-        if value is None or isinstance(value, bool | str) or type(value) in (int, float):
+        if (
+            value is None
+            or isinstance(value, bool | str)
+            or type(value) in (int, float)
+        ):
             return value
         if isinstance(value, enum.IntEnum):
             return {"enum": _name(type(value)), "of": int(value)}
@@ -53,9 +61,14 @@ def pack(value):
         if not dataclasses.is_dataclass(value):
             return array_of(value)
         if id(value) not in known:
-            own = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+            own = {
+                f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)
+            }
             made = {"class": _name(type(value)), "of": own}
-            known[id(value)] = once(json.dumps(made), lambda: made), value  # held: its number stays its own
+            known[id(value)] = (
+                once(json.dumps(made), lambda: made),
+                value,
+            )  # held: its number stays its own
         return known[id(value)][0]
 
     return {"value": plain(value), "shared": shared}, arrays
@@ -79,7 +92,9 @@ def unpack(index, arrays):
             return arrays[content][()] if plain["scalar"] else arrays[content]
         if kind == "enum":
             return _class(content)(plain["of"])
-        return _class(content)(**{name: value(item) for name, item in plain["of"].items()})
+        return _class(content)(
+            **{name: value(item) for name, item in plain["of"].items()}
+        )
 
     for made in index["shared"]:
         shared.append(value(made))
@@ -98,6 +113,9 @@ def _class(name):
     if module.split(".")[0] != PACKAGE:
         raise TypeError(f"{name!r} is no class of {PACKAGE}")
     found = getattr(importlib.import_module(module), qualname)
-    if not (isinstance(found, type) and (dataclasses.is_dataclass(found) or issubclass(found, enum.IntEnum))):
+    if not (
+        isinstance(found, type)
+        and (dataclasses.is_dataclass(found) or issubclass(found, enum.IntEnum))
+    ):
         raise TypeError(f"{name!r} is no class of {PACKAGE} that holds values")
     return found

@@ -19,7 +19,9 @@ MISSED = 0.01  # share of the peak by which samples may miss it unsaid
 
 
 class Summarized:
-    """What follows from the extremes and amplitudes of a signal, whether it repeats or was recorded."""
+    """What follows from the extremes and amplitudes of a signal, whether it repeats or
+    was recorded.
+    """
 
     @property
     def orders(self: Any) -> np.ndarray:
@@ -28,20 +30,39 @@ class Summarized:
 
     @property
     def sum_of_amplitudes(self: Any) -> Any:
-        """Sum of the A_k: what published torque curves of crankshafts often show; never below half peak-to-peak."""
+        """Sum of the A_k: what published torque curves of crankshafts often show; never
+        below half peak-to-peak.
+        """
         return self.amplitudes.sum(axis=-1)
 
     def summary(self: Any) -> dict[str, Any]:
-        """Plain numbers for programs: mean, min, max, rms, half_peak_to_peak, sum_of_amplitudes, amplitudes."""
-        refuse_tracers("summary", self, instead="read .max, .min, .mean, .rms and .amplitudes there", host=True)
-        numbers = {"rms": float(self.rms), "sum_of_amplitudes": float(self.sum_of_amplitudes)}
+        """Plain numbers for programs: mean, min, max, rms, half_peak_to_peak,
+        sum_of_amplitudes, amplitudes.
+        """
+        refuse_tracers(
+            "summary",
+            self,
+            instead="read .max, .min, .mean, .rms and .amplitudes there",
+            host=True,
+        )
+        numbers = {
+            "rms": float(self.rms),
+            "sum_of_amplitudes": float(self.sum_of_amplitudes),
+        }
         return self.extremes() | numbers | {"amplitudes": self.spectrum()}
 
     def extremes(self: Any) -> dict[str, float]:
         """Plain numbers for programs: mean, min, max and half_peak_to_peak."""
-        refuse_tracers("extremes", self, instead="read .max, .min and .mean there", host=True)
+        refuse_tracers(
+            "extremes", self, instead="read .max, .min and .mean there", host=True
+        )
         low, high = float(self.min), float(self.max)
-        return {"mean": float(self.mean), "min": low, "max": high, "half_peak_to_peak": (high - low) / 2}
+        return {
+            "mean": float(self.mean),
+            "min": low,
+            "max": high,
+            "half_peak_to_peak": (high - low) / 2,
+        }
 
 
 @jax.tree_util.register_dataclass
@@ -50,21 +71,28 @@ class Summarized:
 class Signal(Summarized):
     """A periodic quantity, or a batch of them.
 
-    The signal is ``mean + sum_k A_k cos(order_k theta + phase_k)``, theta the angle of the reference rotor, zero at
-    firing top dead centre of a cylinder with firing angle 0.
+    The signal is ``mean + sum_k A_k cos(order_k theta + phase_k)``, theta the angle of
+    the reference rotor, zero at firing top dead centre of a cylinder with firing angle
+    0.
 
     Parameters
     ----------
-    coefficients : complex ``(..., K+1)``, two-sided, x^0 .. x^K, in the unit of the quantity
-    elastic_coefficients : the same or None, elastic part (stiffness only) of a transmitted force or torque
-    revolutions_per_cycle : float, of the reference rotor; harmonic n is order n / revolutions_per_cycle
+    coefficients : complex ``(..., K+1)``, two-sided, x^0 .. x^K, in the unit of the
+    quantity
+    elastic_coefficients : the same or None, elastic part (stiffness only) of a
+    transmitted force or torque
+    revolutions_per_cycle : float, of the reference rotor; harmonic n is order n /
+    revolutions_per_cycle
     resolution : int, time samples per cycle at which extremes are looked for
-    sharp : bool, whether the contact of teeth was an unknown of the solve, as where they hammer: extremes may then be
+    sharp : bool, whether the contact of teeth was an unknown of the solve, as where
+    they hammer: extremes may then be
         narrow peaks, and their derivatives, of one time sample, come with a warning
 
     Examples
     --------
-    >>> torque = Signal(np.array([[3.0, 5.0, 0.0]]) + 0j, None, 2.0, 64)      # 3 + 10 cos(theta / 2)
+    >>> torque = Signal(
+    ...     np.array([[3.0, 5.0, 0.0]]) + 0j, None, 2.0, 64
+    ... )  # 3 + 10 cos(theta / 2)
     >>> float(torque.max[0]), float(torque.half_peak_to_peak[0]), torque.orders.tolist()
     (13.0, 10.0, [0.5, 1.0])
     """
@@ -81,13 +109,19 @@ class Signal(Summarized):
     def elastic(self) -> Self:
         """The elastic part alone, a signal of the same kind."""
         if self.elastic_coefficients is None:
-            raise AttributeError("this signal is not a force or torque: it has no elastic part")
-        return dataclasses.replace(self, coefficients=self.elastic_coefficients, elastic_coefficients=None)
+            raise AttributeError(
+                "this signal is not a force or torque: it has no elastic part"
+            )
+        return dataclasses.replace(
+            self, coefficients=self.elastic_coefficients, elastic_coefficients=None
+        )
 
     def reversed(self) -> Self:
         """The quantity with the other sign."""
         part = None if self.elastic_coefficients is None else -self.elastic_coefficients
-        return dataclasses.replace(self, coefficients=-self.coefficients, elastic_coefficients=part)
+        return dataclasses.replace(
+            self, coefficients=-self.coefficients, elastic_coefficients=part
+        )
 
     @property
     def amplitudes(self) -> Array:
@@ -104,20 +138,27 @@ class Signal(Summarized):
     def order(self, order: float) -> Array:
         """Amplitude of one order."""
         harmonic = round(order * self.revolutions_per_cycle)
-        if abs(harmonic - order * self.revolutions_per_cycle) > 1e-9 or not harmonic > 0:
+        if (
+            abs(harmonic - order * self.revolutions_per_cycle) > 1e-9
+            or not harmonic > 0
+        ):
             raise ValueError(
-                f"order {order:g} is no harmonic of a cycle of {self.revolutions_per_cycle:g} revolutions: "
-                f"use a positive multiple of {1 / self.revolutions_per_cycle:g}"
+                f"order {order:g} is no harmonic of a cycle of"
+                f" {self.revolutions_per_cycle:g} revolutions: use a positive multiple"
+                f" of {1 / self.revolutions_per_cycle:g}"
             )
-        # A signal holds all that it has: a harmonic beyond is 0, not unknown; but nan of a signal that is nan.
+        # A signal holds all that it has: a harmonic beyond is 0, not unknown; but nan
+        # of a signal that is nan.
         if harmonic >= self.coefficients.shape[-1]:
             return 0 * self.rms
         return self.amplitudes[..., harmonic - 1]
 
     def samples(self, count: int) -> Array:
-        """Values at ``count`` equidistant time samples of one cycle, from theta = 0; shape ``(..., count)``.
+        """Values at ``count`` equidistant time samples of one cycle, from theta = 0;
+        shape ``(..., count)``.
 
-        Warns where the samples miss the peak by more than 1 % of it, and names a count that does not.
+        Warns where the samples miss the peak by more than 1 % of it, and names a count
+        that does not.
         """
         values = self._sampled(count)
         if count >= self.resolution or traced(values):
@@ -126,14 +167,22 @@ class Signal(Summarized):
 
         def missed(values):
             lost = peak - np.abs(np.asarray(values)).max(axis=-1)
-            return np.max(np.where(peak > 0, lost / np.where(peak > 0, peak, 1.0), 0.0), initial=0.0)
+            return np.max(
+                np.where(peak > 0, lost / np.where(peak > 0, peak, 1.0), 0.0),
+                initial=0.0,
+            )
 
         if missed(values) > MISSED:
             more = (count << k for k in range(1, 32))
-            enough = next(n for n in more if n >= self.resolution or missed(self._sampled(n)) <= MISSED)
+            enough = next(
+                n
+                for n in more
+                if n >= self.resolution or missed(self._sampled(n)) <= MISSED
+            )
             warnings.warn(
-                f"{count} samples miss the peak of the signal by {100 * missed(values):.2g} %: take {enough}, or read "
-                ".max, .min and .half_peak_to_peak, which have the whole signal",
+                f"{count} samples miss the peak of the signal by"
+                f" {100 * missed(values):.2g} %: take {enough}, or read .max, .min and"
+                " .half_peak_to_peak, which have the whole signal",
                 stacklevel=2,
             )
         return values
@@ -142,7 +191,9 @@ class Signal(Summarized):
         return fourier.sample(self.coefficients, count)
 
     def angles_deg(self, count: int) -> np.ndarray:
-        """Angles theta of :meth:`samples` in deg of the reference rotor ``(count,)``."""
+        """Angles theta of :meth:`samples` in deg of the reference rotor
+        ``(count,)``.
+        """
         return np.arange(count) * (360.0 * self.revolutions_per_cycle / count)
 
     @property
@@ -152,7 +203,9 @@ class Signal(Summarized):
 
     @property
     def max(self) -> Array:
-        """Largest value over the cycle; its derivative is of one time sample, and warns where teeth may hammer."""
+        """Largest value over the cycle; its derivative is of one time sample, and warns
+        where teeth may hammer.
+        """
         return self._over("max", lambda values: values.max(axis=-1))
 
     @property
@@ -163,18 +216,24 @@ class Signal(Summarized):
     @property
     def peak(self) -> Array:
         """Largest absolute value over the cycle; derivatives as of :attr:`max`."""
-        return self._over("peak", lambda values: namespace(values).abs(values).max(axis=-1))
+        return self._over(
+            "peak", lambda values: namespace(values).abs(values).max(axis=-1)
+        )
 
     @property
     def half_peak_to_peak(self) -> Array:
         """(max - min) / 2 of the synthesised signal; derivatives as of :attr:`max`."""
-        return self._over("half_peak_to_peak", lambda values: (values.max(axis=-1) - values.min(axis=-1)) / 2)
+        return self._over(
+            "half_peak_to_peak",
+            lambda values: (values.max(axis=-1) - values.min(axis=-1)) / 2,
+        )
 
     def _over(self, name, function):
         values = self._sampled(self.resolution)
         if self.sharp and traced(values):
             values = _warned_of_when_differentiated(name, values)
-        # 0, or nan of a signal that is nan: jax 0.12 gives -inf on a processor for the largest of many nan.
+        # 0, or nan of a signal that is nan: jax 0.12 gives -inf on a processor for the
+        # largest of many nan.
         return function(values) + 0 * values[..., 0]
 
     @property
@@ -185,21 +244,34 @@ class Signal(Summarized):
         return _power(power[..., 0] + 2 * power[..., 1:].sum(axis=-1), 0.5)
 
     def smooth_peak(self, p: float = 64) -> Array:
-        """Differentiable peak, the p-norm over the cycle, ``(mean |x|^p)^(1/p)``: with M time samples between
-        ``peak M^(-1/p)`` and ``peak``. Where teeth hammer differentiate this: :attr:`max` and the like are
-        differentiated at one time sample, whose slope truncation spoils, and warn."""
+        """Differentiable peak, the p-norm over the cycle, ``(mean |x|^p)^(1/p)``: with
+        M time samples between ``peak M^(-1/p)`` and ``peak``. Where teeth hammer
+        differentiate this: :attr:`max` and the like are differentiated at one time
+        sample, whose slope truncation spoils, and warn.
+        """
         return p_norm(abs(self._sampled(self.resolution)), p)
 
     def spectrum(self) -> list[list[float]]:
         """``[[order, A, phase_deg], ...]`` of one signal."""
-        refuse_tracers("spectrum", self, instead="read .orders, .amplitudes and .phases_deg there", host=True)
-        columns = (self.orders, np.asarray(self.amplitudes), np.asarray(self.phases_deg))
+        refuse_tracers(
+            "spectrum",
+            self,
+            instead="read .orders, .amplitudes and .phases_deg there",
+            host=True,
+        )
+        columns = (
+            self.orders,
+            np.asarray(self.amplitudes),
+            np.asarray(self.phases_deg),
+        )
         return [[float(v) for v in row] for row in zip(*columns, strict=True)]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _warned_of_when_differentiated(name, values):
-    """The samples from which the extreme ``name`` is taken, as they are: only their derivative comes with a warning."""
+    """The samples from which the extreme ``name`` is taken, as they are: only their
+    derivative comes with a warning.
+    """
     return values
 
 
@@ -207,8 +279,9 @@ def _warned_of_when_differentiated(name, values):
 def _with_warning(name, primals, tangents):
     (values,), (changes,) = primals, tangents
     warnings.warn(
-        f".{name} is differentiated at one time sample, and where teeth hammer such a derivative may have the wrong "
-        "sign: differentiate .smooth_peak() or jaxhb.design.objectives.half_peak_to_peak(signal)",
+        f".{name} is differentiated at one time sample, and where teeth hammer such a"
+        " derivative may have the wrong sign: differentiate .smooth_peak() or"
+        " jaxhb.design.objectives.half_peak_to_peak(signal)",
         stacklevel=2,
     )
     return values, changes
@@ -230,5 +303,11 @@ def _power(values, exponent):
 
 
 def _absolute(values):
-    """|z| with a zero derivative at 0 (half orders that nothing excites are exactly zero)."""
-    return np.abs(values) if namespace(values) is np else _power(values.real**2 + values.imag**2, 0.5)
+    """|z| with a zero derivative at 0 (half orders that nothing excites are exactly
+    zero).
+    """
+    return (
+        np.abs(values)
+        if namespace(values) is np
+        else _power(values.real**2 + values.imag**2, 0.5)
+    )

@@ -1,4 +1,6 @@
-"""How a solve went: one number inside programs, a sentence for people outside, and what was tried in order."""
+"""How a solve went: one number inside programs, a sentence for people outside, and what
+was tried in order.
+"""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -16,8 +18,8 @@ class Status(IntEnum):
 
     >>> print(Status(3))
     MAX_STEPS
-    >>> Status.NEAR_SINGULAR.sentence
-    'the equations are singular here (an undamped resonance): add damping or move the speed'
+    >>> Status.NEAR_SINGULAR.sentence.split(": ")[1]
+    'add damping or move the speed'
     """
 
     CONVERGED = 0
@@ -48,25 +50,46 @@ class Status(IntEnum):
 
 
 _REMEDY = (
-    "ask for the steady state, use more harmonics (above the mesh modes), start from the response at a neighbouring "
-    "speed, or search longer with jaxhb.solve_all"
+    "ask for the steady state, use more harmonics (above the mesh modes), start from"
+    " the response at a neighbouring speed, or search longer with jaxhb.solve_all"
 )
 _SENTENCES = {
     Status.CONVERGED: "converged",
-    Status.TOLERANCE_NOT_MET: "the equations are solved, but with too few harmonics for the tolerance: use more "
-    "harmonics",
-    Status.PLAN_VIOLATED: "a mesh that the plan holds on one flank leaves it, or passes the knots of its law more "
-    "often than exact integrals allow: plan again, solve without a plan, or use sampled integrals",
-    Status.MAX_STEPS: "Newton's method needed more steps than allowed: " + _REMEDY + "; of a linear response: the "
-    "amplitude of a link was not found: make its table over_amplitude smoother or add damping",
-    Status.STALLED: "Newton's method found no step that improves the solution: " + _REMEDY,
-    Status.UNBALANCED: "the mean torques do not balance and no load or ground takes the difference: add a [[load]] or "
-    "correct the mean torques; a damper ring that dry friction drives and no stiffness holds creeps: give it a small "
-    "stiffness",
-    Status.NEAR_SINGULAR: "the equations are singular here (an undamped resonance): add damping or move the speed",
-    Status.NONFINITE: "the solution is not finite: check the scene for huge or tiny numbers",
-    Status.INVALID_INPUT: "the speed is not between 0 and 1000000 rpm, or a number of the train lies outside its range "
-    "(an inertia, stiffness, damping or backlash below 0, epsilon or transition not within 0 and 1): correct it",
+    Status.TOLERANCE_NOT_MET: (
+        "the equations are solved, but with too few harmonics for the tolerance: use"
+        " more harmonics"
+    ),
+    Status.PLAN_VIOLATED: (
+        "a mesh that the plan holds on one flank leaves it, or passes the knots of its"
+        " law more often than exact integrals allow: plan again, solve without a plan,"
+        " or use sampled integrals"
+    ),
+    Status.MAX_STEPS: (
+        "Newton's method needed more steps than allowed: "
+        + _REMEDY
+        + "; of a linear response: the amplitude of a link was not found: make its"
+        " table over_amplitude smoother or add damping"
+    ),
+    Status.STALLED: (
+        "Newton's method found no step that improves the solution: " + _REMEDY
+    ),
+    Status.UNBALANCED: (
+        "the mean torques do not balance and no load or ground takes the difference:"
+        " add a [[load]] or correct the mean torques; a damper ring that dry friction"
+        " drives and no stiffness holds creeps: give it a small stiffness"
+    ),
+    Status.NEAR_SINGULAR: (
+        "the equations are singular here (an undamped resonance): add damping or move"
+        " the speed"
+    ),
+    Status.NONFINITE: (
+        "the solution is not finite: check the scene for huge or tiny numbers"
+    ),
+    Status.INVALID_INPUT: (
+        "the speed is not between 0 and 1000000 rpm, or a number of the train lies"
+        " outside its range (an inertia, stiffness, damping or backlash below 0,"
+        " epsilon or transition not within 0 and 1): correct it"
+    ),
 }
 
 
@@ -75,12 +98,24 @@ class NotConverged(RuntimeError):
 
 
 def check(response: AnyResponse) -> AnyResponse:
-    """Raise :class:`NotConverged` with a sentence per speed that did not converge; return the response otherwise."""
-    refuse_tracers("check", response, instead="read response.solved or response.status there", host=True)
-    columns = response.rpm, response.status, response.residual, response.truncation_error
+    """Raise :class:`NotConverged` with a sentence per speed that did not converge;
+    return the response otherwise.
+    """
+    refuse_tracers(
+        "check",
+        response,
+        instead="read response.solved or response.status there",
+        host=True,
+    )
+    columns = (
+        response.rpm,
+        response.status,
+        response.residual,
+        response.truncation_error,
+    )
     sentences = [
-        f"{response.topology.title} at {rpm:g} rpm: {Status(int(s)).name}, residual {r:.1e}, truncation error "
-        f"{100 * e:.3g} %: {Status(int(s)).sentence}."
+        f"{response.topology.title} at {rpm:g} rpm: {Status(int(s)).name}, residual"
+        f" {r:.1e}, truncation error {100 * e:.3g} %: {Status(int(s)).sentence}."
         for rpm, s, r, e in zip(*map(np.atleast_1d, columns), strict=True)
         if s
     ]
@@ -100,7 +135,9 @@ class Newton:
     steps: int
 
     def __str__(self):
-        size = f"{self.harmonics} harmonics" + (", exact integrals" if self.integrals == "exact" else "")
+        size = f"{self.harmonics} harmonics" + (
+            ", exact integrals" if self.integrals == "exact" else ""
+        )
         if not self.active_meshes:
             return f"linear solve with {size}: {self.status.name}"
         return f"Newton with {size}: {self.status.name}, {self.steps} steps"
@@ -108,7 +145,9 @@ class Newton:
 
 @dataclass(frozen=True)
 class March:
-    """Time integration over some cycles; the last one misses its beginning by the periodicity error."""
+    """Time integration over some cycles; the last one misses its beginning by the
+    periodicity error.
+    """
 
     cycles: int
     time_steps: int
@@ -121,32 +160,43 @@ class March:
 
 @dataclass(frozen=True)
 class Sweeps:
-    """Sweeps of a cycle, each corrected by what its steps did wrong; ``change`` of the vibration in the last one."""
+    """Sweeps of a cycle, each corrected by what its steps did wrong; ``change`` of the
+    vibration in the last one.
+    """
 
     count: int
     time_steps: int
     change: float
 
     def __str__(self):
-        return f"{self.count} sweeps of {self.time_steps} steps (last change {self.change:.1e})"
+        return (
+            f"{self.count} sweeps of {self.time_steps} steps (last change"
+            f" {self.change:.1e})"
+        )
 
 
 @dataclass(frozen=True)
 class NewtonOnSweeps:
-    """Newton's method on what a sweep changes; ``left`` of the vibration is what the last cycle misses."""
+    """Newton's method on what a sweep changes; ``left`` of the vibration is what the
+    last cycle misses.
+    """
 
     marches: int
     time_steps: int
     left: float
 
     def __str__(self):
-        return f"Newton on sweeps: {self.marches} marches of {self.time_steps} steps (left {self.left:.1e})"
+        return (
+            f"Newton on sweeps: {self.marches} marches of {self.time_steps} steps (left"
+            f" {self.left:.1e})"
+        )
 
 
 @dataclass(frozen=True)
 class Shooting:
-    """Newton's method on the state at the beginning of a cycle and then on those of its segments, from so many states:
-    an orbit that closes."""
+    """Newton's method on the state at the beginning of a cycle and then on those of its
+    segments, from so many states: an orbit that closes.
+    """
 
     tries: int
     time_steps: int
@@ -159,7 +209,9 @@ class Shooting:
 
 @dataclass(frozen=True)
 class Homotopy:
-    """The curve of motions from a linear law to the wanted one, the last of so many ``curves``."""
+    """The curve of motions from a linear law to the wanted one, the last of so many
+    ``curves``.
+    """
 
     curves: int
     steps: int
@@ -167,5 +219,8 @@ class Homotopy:
     time_steps: int
 
     def __str__(self):
-        counts = f"curve no. {self.curves}, {self.steps} steps, {self.turning_points} turning points"
+        counts = (
+            f"curve no. {self.curves}, {self.steps} steps, {self.turning_points}"
+            " turning points"
+        )
         return f"homotopy from a linear law: {counts}, cycle of {self.time_steps} steps"

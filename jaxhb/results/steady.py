@@ -1,4 +1,6 @@
-"""What a train does after it has run long enough: the kind of its motion, and the numbers of that motion."""
+"""What a train does after it has run long enough: the kind of its motion, and the
+numbers of that motion.
+"""
 
 import dataclasses
 from dataclasses import dataclass
@@ -23,30 +25,33 @@ KINDS = "contact", "periodic", "subharmonic", "irregular", "unknown"
 @by_value
 @dataclass(frozen=True)
 class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
-    """What a train does at one speed after it has run long enough; made by :func:`jaxhb.steady_state`.
+    """What a train does at one speed after it has run long enough; made by
+    :func:`jaxhb.steady_state`.
 
     Parameters
     ----------
     kind : str
-        "contact" : a train with teeth none of which part. "periodic" : period one cycle, with teeth that part or
-        without any. "subharmonic" : ``period`` cycles. "irregular" : none
-        of these within the cycles marched. "unknown" : ``notes`` say why.
+        "contact" : a train with teeth none of which part. "periodic" : period one
+        cycle, with teeth that part or without any. "subharmonic" : ``period`` cycles.
+        "irregular" : none of these within the cycles marched. "unknown" : ``notes`` say
+        why.
     period : int, in cycles of the excitation; 0 for irregular and unknown motion
     response : Response or None
-        The harmonic solution over ``period`` cycles, whose orders are multiples of ``1 / (period x
-        revolutions_per_cycle)``.
+        The harmonic solution over ``period`` cycles, whose orders are multiples of ``1
+        / (period x revolutions_per_cycle)``.
     record : Record or None, numbers of the recorded cycles where there is no response
     cycles : int, marched
     notes : tuple of str, what to know about the numbers, and why a kind is unknown
     motion : array ``(2S,)`` or None
-        Displacements in m and velocities in m/s of the disks at the end of the march, at the beginning of a cycle:
-        where a neighbouring speed starts.
+        Displacements in m and velocities in m/s of the disks at the end of the march,
+        at the beginning of a cycle: where a neighbouring speed starts.
     stability : Stability or None
-        Of ``response``, as :func:`jaxhb.stability` gives it; None where contact follows from the linear motion and
-        nothing was marched, and where it is not decided: ``notes`` then say why.
+        Of ``response``, as :func:`jaxhb.stability` gives it; None where contact follows
+        from the linear motion and nothing was marched, and where it is not decided:
+        ``notes`` then say why.
     started_from : float or None
-        Speed in rpm of the motion from which this one was marched, a neighbour's in a sweep or that of ``start``; None
-        from teeth at rest on their drive sides.
+        Speed in rpm of the motion from which this one was marched, a neighbour's in a
+        sweep or that of ``start``; None from teeth at rest on their drive sides.
     """
 
     rpm: float
@@ -70,8 +75,14 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
 
     @property
     def linear(self) -> bool:
-        """Whether it is the one motion of a train that is linear as long as no teeth part, as they do not."""
-        apart = self.kind != "contact" if self.topology.mesh_names else self.kind != "periodic"
+        """Whether it is the one motion of a train that is linear as long as no teeth
+        part, as they do not.
+        """
+        apart = (
+            self.kind != "contact"
+            if self.topology.mesh_names
+            else self.kind != "periodic"
+        )
         return self.topology.linear_in_contact and not apart
 
     @property
@@ -82,7 +93,9 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
     def _read(self, quantity, index, sense=1):
         source = self.record if self.response is None else self.response
         if source is None:
-            raise ValueError(f"the motion at {self.rpm:g} rpm is unknown: {' '.join(self.notes)}")
+            raise ValueError(
+                f"the motion at {self.rpm:g} rpm is unknown: {' '.join(self.notes)}"
+            )
         found = source._read(quantity, index, sense)
         # Period 0 stands for a response that did not converge, which has one cycle.
         cycles = max(self.period, 1)
@@ -91,39 +104,66 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
         if isinstance(found, Contact):
             # The response goes over a whole period: its impacts are told for one cycle.
             hits = found.impacts_per_cycle / cycles, found.hardest_impact
-            return SteadyContact(found.separated_fraction, found.reverse_contact_fraction, *hits, found.drive_side)
+            return SteadyContact(
+                found.separated_fraction,
+                found.reverse_contact_fraction,
+                *hits,
+                found.drive_side,
+            )
         return float(found) if quantity == "power" else found
 
     def to_xarray(self, *, orders: float | None = None) -> Dataset:
-        """The motion as a data set of xarray, as :meth:`SteadySweep.to_xarray`, without the dimension ``rpm``."""
+        """The motion as a data set of xarray, as :meth:`SteadySweep.to_xarray`, without
+        the dimension ``rpm``.
+        """
         return to_xarray([self], self.topology, self.rpm, orders=orders)
 
     def __str__(self):
-        what = f"{self.kind}, period {self.period} cycles" if self.kind == "subharmonic" else self.kind
+        what = (
+            f"{self.kind}, period {self.period} cycles"
+            if self.kind == "subharmonic"
+            else self.kind
+        )
         return f"{self.rpm:g} rpm: {what}" + "".join(f"; {note}" for note in self.notes)
 
 
 def kind_of_one_cycle(topology, contacts):
-    """Kind of a motion whose period is one cycle: only where there are teeth can they be in contact."""
+    """Kind of a motion whose period is one cycle: only where there are teeth can they
+    be in contact.
+    """
     apart = any(contact.separated_fraction > 0 for contact in contacts)
     return "contact" if topology.mesh_names and not apart else "periodic"
 
 
 def orbit_state(response):
-    """A periodic solution as the steady state that it would be; "unknown" where it solves no equations."""
+    """A periodic solution as the steady state that it would be; "unknown" where it
+    solves no equations.
+    """
     status, notes = Status(int(response.status)), ()
     if not response.solved:
         kind, notes = "unknown", (status.sentence,)
     else:
         kind = kind_of_one_cycle(response.topology, response.contacts().values())
     period = int(kind != "unknown")
-    return SteadyState(float(response.rpm), kind, period, response, None, 0, notes, None, response.topology)
+    return SteadyState(
+        float(response.rpm),
+        kind,
+        period,
+        response,
+        None,
+        0,
+        notes,
+        None,
+        response.topology,
+    )
 
 
 @by_value
 @dataclass(frozen=True)
 class SteadySweep:
-    """Steady states at several speeds, one after another as a sequence; :attr:`kind` and the like as arrays."""
+    """Steady states at several speeds, one after another as a sequence; :attr:`kind`
+    and the like as arrays.
+    """
 
     states: tuple
     direction: str
@@ -134,7 +174,11 @@ class SteadySweep:
         return len(self.states)
 
     def __getitem__(self, index: Any) -> Any:
-        return dataclasses.replace(self, states=self.states[index]) if isinstance(index, slice) else self.states[index]
+        return (
+            dataclasses.replace(self, states=self.states[index])
+            if isinstance(index, slice)
+            else self.states[index]
+        )
 
     @property
     def rpm(self) -> np.ndarray:
@@ -152,9 +196,11 @@ class SteadySweep:
         return np.array([state.period for state in self.states])
 
     def to_xarray(self, *, orders: float | None = None) -> Dataset:
-        """The sweep as a data set of xarray, as :meth:`jaxhb.Response.to_xarray`, with kind, period and source.
+        """The sweep as a data set of xarray, as :meth:`jaxhb.Response.to_xarray`, with
+        kind, period and source.
 
-        Numbers of a motion come from its ``harmonics``, from a ``record`` (extremes over the cycles recorded, no phases
-        and accelerations) or from ``nothing``, and are then nan. Orders that a motion does not have are 0.
+        Numbers of a motion come from its ``harmonics``, from a ``record`` (extremes
+        over the cycles recorded, no phases and accelerations) or from ``nothing``, and
+        are then nan. Orders that a motion does not have are 0.
         """
         return to_xarray(self.states, self.states[0].topology, self.rpm, orders=orders)

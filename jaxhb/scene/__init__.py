@@ -1,1 +1,3 @@
-"""Scene files. A file (TOML, or of another program) goes in and a train comes out, and the other way round."""
+"""Scene files. A file (TOML, or of another program) goes in and a train comes out, and
+the other way round.
+"""

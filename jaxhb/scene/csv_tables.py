@@ -1,8 +1,11 @@
-"""CSV files as laboratories and spreadsheets write them: the one reader of all that the program takes.
+"""CSV files as laboratories and spreadsheets write them: the one reader of all that the
+program takes.
 
-Columns are separated by tabs, semicolons, commas or, in tables of numbers, blanks. Decimals take a point or, where
-commas separate nothing, a comma. ``#`` begins a comment; a table of numbers may have heads. A text that a spreadsheet
-would run as a formula has an apostrophe before it (:func:`guarded`), which readers take away again (:func:`unguarded`).
+Columns are separated by tabs, semicolons, commas or, in tables of numbers, blanks.
+Decimals take a point or, where commas separate nothing, a comma. ``#`` begins a
+comment; a table of numbers may have heads. A text that a spreadsheet would run as a
+formula has an apostrophe before it (:func:`guarded`), which readers take away again
+(:func:`unguarded`).
 """
 
 import csv
@@ -28,7 +31,9 @@ _UNIT = {"pressure": "Pa", "angle": "deg", "twist": "deg", "hz": "Hz"}
 
 
 def guarded(text: str) -> str:
-    """The cell of a text: with an apostrophe where a spreadsheet would read a formula."""
+    """The cell of a text: with an apostrophe where a spreadsheet would read a
+    formula.
+    """
     return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
 
 
@@ -47,7 +52,9 @@ class Line:
 
 @dataclass(frozen=True)
 class CsvText:
-    """The lines of a CSV file that are no comment and not blank, and the mark of its decimals."""
+    """The lines of a CSV file that are no comment and not blank, and the mark of its
+    decimals.
+    """
 
     lines: tuple[Line, ...]
     separator: str
@@ -66,31 +73,54 @@ class CsvText:
         return True
 
 
-def read_csv(text: str, source: str, *, columns: int | None = None, quoted: bool = True) -> CsvText:
+def read_csv(
+    text: str, source: str, *, columns: int | None = None, quoted: bool = True
+) -> CsvText:
     """Split a text into cells.
 
-    ``columns`` is the number of columns of a table that has nothing but numbers; without ``quoted`` sentences tell
-    lines and not what stands there. :class:`SceneError` if it cannot be told what a comma means.
+    ``columns`` is the number of columns of a table that has nothing but numbers;
+    without ``quoted`` sentences tell lines and not what stands there.
+    :class:`SceneError` if it cannot be told what a comma means.
     """
-    kept = [(k, line) for k, line in enumerate(text.split("\n"), 1) if line.strip() and line.lstrip()[0] != "#"]
-    declared = re.fullmatch(r"\s*sep=([,;|\t])\s*", kept[0][1]) if kept else None  # so spreadsheets name it
+    kept = [
+        (k, line)
+        for k, line in enumerate(text.split("\n"), 1)
+        if line.strip() and line.lstrip()[0] != "#"
+    ]
+    declared = (
+        re.fullmatch(r"\s*sep=([,;|\t])\s*", kept[0][1]) if kept else None
+    )  # so spreadsheets name it
     kept = kept[1:] if declared else kept
     try:
-        separator = declared[1] if declared else _separator([line for _, line in kept], columns)
+        separator = (
+            declared[1] if declared else _separator([line for _, line in kept], columns)
+        )
         lines = tuple(Line(k, _cells(line, separator)) for k, line in kept)
     except csv.Error as error:
-        raise SceneError(f"{source}: the file is no CSV: {error}. Correct it.") from None
+        raise SceneError(
+            f"{source}: the file is no CSV: {error}. Correct it."
+        ) from None
     return CsvText(lines, separator, _decimal_mark(lines, source, quoted))
 
 
-def number_rows(text: str, columns: Sequence[str], source: str, *, quoted: bool = True) -> tuple:
-    """The rows of a table of numbers, in the order of ``columns``; heads may put them in another one.
+def number_rows(
+    text: str, columns: Sequence[str], source: str, *, quoted: bool = True
+) -> tuple:
+    """The rows of a table of numbers, in the order of ``columns``; heads may put them
+    in another one.
 
-    Arguments as of :func:`read_csv`; :class:`SceneError` on the first line that is no row.
+    Arguments as of :func:`read_csv`; :class:`SceneError` on the first line that is no
+    row.
     """
     table = read_csv(text, source, columns=len(columns), quoted=quoted)
-    lines = [Line(line.number, _without_empty_ends(line.cells, len(columns))) for line in table.lines]
-    first = next((k for k, line in enumerate(lines) if any(map(table.is_number, line.cells))), len(lines))
+    lines = [
+        Line(line.number, _without_empty_ends(line.cells, len(columns)))
+        for line in table.lines
+    ]
+    first = next(
+        (k for k, line in enumerate(lines) if any(map(table.is_number, line.cells))),
+        len(lines),
+    )
     heads = [line for line in lines[:first] if len(line.cells) == len(columns)]
     places = _places(heads, columns, source)
     rows = []
@@ -100,29 +130,41 @@ def number_rows(text: str, columns: Sequence[str], source: str, *, quoted: bool 
         numbers = [table.number(cell) for cell in line.cells]
         rows.append(tuple(numbers[place] for place in places))
     if not rows:
-        raise SceneError(f"{source} holds no rows. Give {', '.join(columns)} on each line.")
+        raise SceneError(
+            f"{source} holds no rows. Give {', '.join(columns)} on each line."
+        )
     return tuple(rows)
 
 
 def _separator(lines: list[str], columns: int | None) -> str:
-    """What separates the columns: of a table of numbers a comma only where neither tab nor semicolon is there."""
+    """What separates the columns: of a table of numbers a comma only where neither tab
+    nor semicolon is there.
+    """
     if columns is None:  # heads come first, and names may hold any mark
         first = lines[0] if lines else ""
         return max(SEPARATORS, key=lambda mark: len(_cells(first, mark)))
-    found = next((mark for mark in reversed(SEPARATORS) if any(mark in line for line in lines)), " ")
+    found = next(
+        (mark for mark in reversed(SEPARATORS) if any(mark in line for line in lines)),
+        " ",
+    )
     # "0 1,0e5" has one number too few between commas.
     apart = found == "," and _are_numbers(lines[-1].split(), columns)
     return " " if apart and not _are_numbers(lines[-1].split(","), columns) else found
 
 
 def _are_numbers(cells: list[str], columns: int) -> bool:
-    return len(cells) == columns and all(_NUMBER.fullmatch(cell.strip()) for cell in cells)
+    return len(cells) == columns and all(
+        _NUMBER.fullmatch(cell.strip()) for cell in cells
+    )
 
 
 def _cells(line: str, separator: str) -> tuple[str, ...]:
     if separator == " ":
         return tuple(line.split())
-    return tuple(unguarded(cell.strip()) for cell in next(csv.reader([line], delimiter=separator)))
+    return tuple(
+        unguarded(cell.strip())
+        for cell in next(csv.reader([line], delimiter=separator))
+    )
 
 
 def _without_empty_ends(cells: tuple[str, ...], count: int) -> tuple[str, ...]:
@@ -134,7 +176,12 @@ def _without_empty_ends(cells: tuple[str, ...], count: int) -> tuple[str, ...]:
 
 def _decimal_mark(lines: tuple[Line, ...], source: str, quoted: bool) -> str:
     """The mark of decimals, of all numbers of a file the same."""
-    numbers = [(line.number, cell) for line in lines for cell in line.cells if _NUMBER.fullmatch(cell)]
+    numbers = [
+        (line.number, cell)
+        for line in lines
+        for cell in line.cells
+        if _NUMBER.fullmatch(cell)
+    ]
     commas = [(number, cell) for number, cell in numbers if "," in cell]
     if not commas:
         return "."
@@ -150,7 +197,10 @@ def _decimal_mark(lines: tuple[Line, ...], source: str, quoted: bool) -> str:
         other = f"in line {points[0][0]} decimals have a point"
         raise SceneError(f"{told(*commas[0])} has a comma, and {other}. {cure}")
     if all(_THOUSANDS.fullmatch(cell) for _, cell in commas):
-        raise SceneError(f"{told(*commas[0])} may have decimals or thousands behind its comma. {cure}")
+        raise SceneError(
+            f"{told(*commas[0])} may have decimals or thousands behind its comma."
+            f" {cure}"
+        )
     return ","
 
 
@@ -159,25 +209,49 @@ def _words(head: str) -> set[str]:
 
 
 def _places(heads: list[Line], columns: Sequence[str], source: str) -> list[int]:
-    """Place of each column in a line: by its name in the heads where all are there, else as ``columns`` have it."""
+    """Place of each column in a line: by its name in the heads where all are there,
+    else as ``columns`` have it.
+    """
     places = list(range(len(columns)))
     for line in heads:
-        named = [[k for k, head in enumerate(line.cells) if _words(column) <= _words(head)] for column in columns]
-        if all(len(found) == 1 for found in named) and len({found[0] for found in named}) == len(columns):
+        named = [
+            [k for k, head in enumerate(line.cells) if _words(column) <= _words(head)]
+            for column in columns
+        ]
+        if all(len(found) == 1 for found in named) and len(
+            {found[0] for found in named}
+        ) == len(columns):
             places = [found[0] for found in named]
     for line in heads:
         for column, place in zip(columns, places, strict=True):
             wrong = sorted(_words(line.cells[place]) & set(_FOREIGN.get(column, ())))
             if wrong:
-                said = f"the head of {column} names {wrong[0]}, must be in {_UNIT[column]}"
-                raise SceneError(f"{source}, line {line.number}: {said}. Convert the numbers and correct the head.")
+                said = (
+                    f"the head of {column} names {wrong[0]}, must be in {_UNIT[column]}"
+                )
+                raise SceneError(
+                    f"{source}, line {line.number}: {said}. Convert the numbers and"
+                    " correct the head."
+                )
     return places
 
 
-def _no_row(table: CsvText, line: Line, columns: Sequence[str], source: str, quoted: bool) -> str:
+def _no_row(
+    table: CsvText, line: Line, columns: Sequence[str], source: str, quoted: bool
+) -> str:
     mark = {"\t": "\t", " ": " "}.get(table.separator, f"{table.separator} ")
     found = shown(mark.join(line.cells)) if quoted else "no such row"
     words = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}
-    wanted = f"{len(columns)} numbers {', '.join(columns)}, separated by {words.get(table.separator, 'one mark')}"
-    both = ", or by semicolons where decimals have commas" if table.separator == "," else ""
-    return f"{source}, line {line.number} is {found}, must be {wanted}{both}. Correct it or put # before it."
+    wanted = (
+        f"{len(columns)} numbers {', '.join(columns)}, separated by"
+        f" {words.get(table.separator, 'one mark')}"
+    )
+    both = (
+        ", or by semicolons where decimals have commas"
+        if table.separator == ","
+        else ""
+    )
+    return (
+        f"{source}, line {line.number} is {found}, must be {wanted}{both}. Correct it"
+        " or put # before it."
+    )

@@ -1,7 +1,9 @@
-"""Scene files: TOML and CSV to a drive train. Everything wrong with a file is raised at once, in sentences.
+"""Scene files: TOML and CSV to a drive train. Everything wrong with a file is raised at
+once, in sentences.
 
-Files of other programs are read by their endings, see :mod:`jaxhb.scene.exchange`. Any list of rows may be the name of
-a CSV file beside the scene, one row a line, see :mod:`jaxhb.scene.csv_tables`.
+Files of other programs are read by their endings, see :mod:`jaxhb.scene.exchange`. Any
+list of rows may be the name of a CSV file beside the scene, one row a line, see
+:mod:`jaxhb.scene.csv_tables`.
 """
 
 import dataclasses
@@ -13,7 +15,15 @@ from functools import cache
 from importlib import resources
 from pathlib import Path
 
-from jaxhb.elements.elements import TABLES, Head, SceneError, Unread, cut, shown, suggestion
+from jaxhb.elements.elements import (
+    TABLES,
+    Head,
+    SceneError,
+    Unread,
+    cut,
+    shown,
+    suggestion,
+)
 from jaxhb.elements.engine import Engine
 from jaxhb.scene.csv_tables import number_rows
 from jaxhb.scene.exchange import csv_content, tors_content
@@ -23,8 +33,11 @@ from jaxhb.train.drivetrain import DriveTrain
 
 _READERS = {".json": tors_content, ".csv": csv_content}
 _UNREADABLE = {
-    ValueError: "an integer has too many digits to be read. Write it as 1e9.",  # Python reads no more than 4300
-    RecursionError: "lists or tables are nested too deeply to be read. Write them flat.",
+    # Python reads no more than 4300
+    ValueError: "an integer has too many digits to be read. Write it as 1e9.",
+    RecursionError: (
+        "lists or tables are nested too deeply to be read. Write them flat."
+    ),
 }
 BESIDE = "scene", "scenario", "tune", "tolerance"  # tables that are no elements
 MOST_ELEMENTS = 100_000
@@ -41,7 +54,9 @@ def scene_names() -> list[str]:
 
 
 def scene_description(name) -> str:
-    """Read ``description`` of the ``[scene]`` of a packaged scene or a file, empty if it has none."""
+    """Read ``description`` of the ``[scene]`` of a packaged scene or a file, empty if
+    it has none.
+    """
     head = _parse(_find(name), []).get("scene", {})
     return str(head.get("description", "")) if isinstance(head, dict) else ""
 
@@ -49,9 +64,11 @@ def scene_description(name) -> str:
 def load_scene(name: str | Path) -> DriveTrain:
     """Read a scene.
 
-    ``name`` is a packaged scene (:func:`scene_names`), or the path of a ``.toml`` in the scene format, SI units, a
-    ``.json`` in the TORS format of openTorsion, or a ``.csv`` with a table of inertias and one of links. The train is
-    as :func:`jaxhb.build` makes it; :class:`SceneError` tells everything that is wrong, one sentence a line.
+    ``name`` is a packaged scene (:func:`scene_names`), or the path of a ``.toml`` in
+    the scene format, SI units, a ``.json`` in the TORS format of openTorsion, or a
+    ``.csv`` with a table of inertias and one of links. The train is as
+    :func:`jaxhb.build` makes it; :class:`SceneError` tells everything that is wrong,
+    one sentence a line.
 
     >>> load_scene("gear_train_30").topology.mesh_names[0]
     'crank gear|idler'
@@ -61,10 +78,15 @@ def load_scene(name: str | Path) -> DriveTrain:
     content = _parse(path, errors)
     whole, head = not errors, content.get("scene", {})
     if not isinstance(head, dict):
-        errors.append(f"{path.name}: 'scene' is {shown(head)}, must be a table. Write [scene].")
+        errors.append(
+            f"{path.name}: 'scene' is {shown(head)}, must be a table. Write [scene]."
+        )
         head = {}
     unknown = [key for key in head if key not in _SCENE_KEYS]
-    errors += [f"{path.name}, [scene]: unknown key {shown(key)}.{suggestion(key, _SCENE_KEYS)}" for key in unknown]
+    errors += [
+        f"{path.name}, [scene]: unknown key {shown(key)}.{suggestion(key, _SCENE_KEYS)}"
+        for key in unknown
+    ]
     elements, lost = _read_elements(path, content, errors)
     return checked(
         elements,
@@ -88,7 +110,10 @@ def _notes(head: dict, source: str, errors: list[str]) -> tuple[str, ...]:
     notes = head.get("notes", [])
     if isinstance(notes, list) and all(isinstance(note, str) for note in notes):
         return tuple(notes)
-    errors.append(f"{source}, [scene]: notes is {shown(notes)}, must be a list of texts. Correct it.")
+    errors.append(
+        f"{source}, [scene]: notes is {shown(notes)}, must be a list of texts."
+        " Correct it."
+    )
     return ()
 
 
@@ -100,13 +125,21 @@ def _folder():
 def _find(name) -> Path:
     """Path of a packaged scene or of a file."""
     text = str(name)
-    if isinstance(name, Path) or text.endswith((".toml", *_READERS)) or "/" in text or "\\" in text:
+    if (
+        isinstance(name, Path)
+        or text.endswith((".toml", *_READERS))
+        or "/" in text
+        or "\\" in text
+    ):
         # Where "~somebody" has no folder the text is the path.
         return Path(os.path.expanduser(text))
     if text not in scene_names():
         if os.path.lexists(text):  # what it is, or holds, is told when it is read
             return Path(text)
-        raise SceneError(f"there is no packaged scene {shown(text)}.{suggestion(text, scene_names())}")
+        raise SceneError(
+            "there is no packaged scene"
+            f" {shown(text)}.{suggestion(text, scene_names())}"
+        )
     return _folder() / f"{text}.toml"
 
 
@@ -114,36 +147,66 @@ def _correct(text: str, error: tomllib.TOMLDecodeError) -> str:
     """What to do about the line of a syntax error, in a sentence."""
     found = re.search(r"at line (\d+)", str(error))
     line = text.splitlines()[int(found[1]) - 1].strip() if found else ""
-    comma = re.search(r"\d,\d", line.partition("=")[2].partition("#")[0]) and "[" not in line
-    return f"Correct the line{f' {line[:60]!r}' if line else ''}{': decimals take a point, not a comma' * bool(comma)}."
+    comma = (
+        re.search(r"\d,\d", line.partition("=")[2].partition("#")[0])
+        and "[" not in line
+    )
+    quoted = f" {line[:60]!r}" if line else ""
+    decimals = ": decimals take a point, not a comma" if comma else ""
+    return f"Correct the line{quoted}{decimals}."
 
 
 def _parse(path: Path, errors: list[str]) -> dict:
-    """Read a file; a syntax error becomes one sentence, what else cannot be read goes to ``errors``."""
+    """Read a file; a syntax error becomes one sentence, what else cannot be read goes
+    to ``errors``.
+    """
     try:
         text = read_text(path)
     except Missing:
-        missing = "there is no such file. Give the path of a .toml, or a packaged scene."
+        missing = (
+            "there is no such file. Give the path of a .toml, or a packaged scene."
+        )
         raise SceneError(f"{cut(str(path))}: {missing}") from None
     except Unreadable as error:
         raise SceneError(f"{cut(str(path))}: {error}") from None
     try:
-        return _READERS[path.suffix](text, path.name, errors) if path.suffix in _READERS else tomllib.loads(text)
+        return (
+            _READERS[path.suffix](text, path.name, errors)
+            if path.suffix in _READERS
+            else tomllib.loads(text)
+        )
     except SceneError:
         raise
     except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{path.name}: invalid TOML: {cut(str(error))}. {_correct(text, error)}") from None
+        raise SceneError(
+            f"{path.name}: invalid TOML: {cut(str(error))}. {_correct(text, error)}"
+        ) from None
     except (ValueError, RecursionError) as error:
-        why = next(sentence for kind, sentence in _UNREADABLE.items() if isinstance(error, kind))
+        why = next(
+            sentence
+            for kind, sentence in _UNREADABLE.items()
+            if isinstance(error, kind)
+        )
         raise SceneError(f"{path.name}: {why}") from None
 
 
-def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, set[str]]:
-    """Make the elements, and name the tables that are not read, or not whole; sentences go to ``errors``."""
+def _read_elements(
+    path: Path, content: dict, errors: list[str]
+) -> tuple[list, set[str]]:
+    """Make the elements, and name the tables that are not read, or not whole; sentences
+    go to ``errors``.
+    """
     elements, read, lost = [], {}, set()
-    count = sum(len(rows) for table, rows in content.items() if isinstance(rows, list) and table not in BESIDE)
+    count = sum(
+        len(rows)
+        for table, rows in content.items()
+        if isinstance(rows, list) and table not in BESIDE
+    )
     if count > MOST_ELEMENTS:
-        raise SceneError(f"{path.name}: there are {count} elements, must be at most {MOST_ELEMENTS}. Leave some out.")
+        raise SceneError(
+            f"{path.name}: there are {count} elements, must be at most {MOST_ELEMENTS}."
+            " Leave some out."
+        )
     for table, rows in content.items():
         engine = table == "engine"
         if table in BESIDE:
@@ -151,35 +214,65 @@ def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, 
         rows = [rows] if engine and isinstance(rows, dict) else rows
         if table not in TABLES and not engine:
             known = [*BESIDE, *TABLES, "engine"]
-            errors.append(f"{path.name}: unknown table {shown(table)}.{suggestion(table, known)}")
+            errors.append(
+                f"{path.name}: unknown table {shown(table)}.{suggestion(table, known)}"
+            )
             lost |= {table, *difflib.get_close_matches(table, known, n=1)}
             continue
         if not isinstance(rows, list):
-            errors.append(f"{path.name}: {table!r} must be a list of tables. Write [[{table}]].")
+            errors.append(
+                f"{path.name}: {table!r} must be a list of tables. Write [[{table}]]."
+            )
             lost.add(table)
             continue
         for i, row in enumerate(rows):
-            where = f"{path.name}, " + ("[engine]" if engine else f"[[{table}]] no. {i + 1}")
+            where = f"{path.name}, " + (
+                "[engine]" if engine else f"[[{table}]] no. {i + 1}"
+            )
             if not isinstance(row, dict):
-                errors.append(f"{where} is {shown(row)}, must be a table. Write [[{table}]].")
+                errors.append(
+                    f"{where} is {shown(row)}, must be a table. Write [[{table}]]."
+                )
                 lost.add(table)
                 continue
-            where += f" {shown(row['name'])}" if isinstance(row.get("name"), str) else ""
-            elements.append(_read_element(Engine if engine else TABLES[table], row, where, path.parent, read, errors))
+            where += (
+                f" {shown(row['name'])}" if isinstance(row.get("name"), str) else ""
+            )
+            elements.append(
+                _read_element(
+                    Engine if engine else TABLES[table],
+                    row,
+                    where,
+                    path.parent,
+                    read,
+                    errors,
+                )
+            )
     return elements, lost
 
 
-def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: list[str]):
-    """Make one element; a key that is not there becomes None and is found by the checks."""
+def _read_element(
+    cls, row: dict, where: str, folder: Path, read: dict, errors: list[str]
+):
+    """Make one element; a key that is not there becomes None and is found by the
+    checks.
+    """
     fields = _fields(cls)
-    values = {key: None for key, f in fields.items() if f.default is dataclasses.MISSING}
+    values = {
+        key: None for key, f in fields.items() if f.default is dataclasses.MISSING
+    }
     for key, found in row.items():
         if key in fields:
             values[key] = _read_value(fields[key], found, where, folder, read, errors)
         else:
-            errors.append(f"{where}: unknown key {shown(key)}.{suggestion(key, fields)}")
-            # A misspelt key is read as what it means, so that no second sentence says that this is missing.
-            meant = [k for k in difflib.get_close_matches(key, fields, n=1) if k not in row]
+            errors.append(
+                f"{where}: unknown key {shown(key)}.{suggestion(key, fields)}"
+            )
+            # A misspelt key is read as what it means, so that no second sentence says
+            # that this is missing.
+            meant = [
+                k for k in difflib.get_close_matches(key, fields, n=1) if k not in row
+            ]
             values |= dict.fromkeys(meant, found)
     return cls(**values)
 
@@ -190,13 +283,28 @@ def _fields(cls) -> dict[str, dataclasses.Field]:
 
 
 def _read_value(f, found, where: str, folder: Path, read: dict, errors: list[str]):
-    """The value of a key: what is no table, or no list of tables, is found by the checks."""
+    """The value of a key: what is no table, or no list of tables, is found by the
+    checks.
+    """
     kind, key = f.metadata["kind"], f.name
     if kind == "table" and isinstance(found, dict):
-        return _read_element(f.metadata["of"], found, f"{where}, {key}", folder, read, errors)
-    if kind == "tables" and isinstance(found, list) and all(isinstance(v, dict) for v in found):
+        return _read_element(
+            f.metadata["of"], found, f"{where}, {key}", folder, read, errors
+        )
+    if (
+        kind == "tables"
+        and isinstance(found, list)
+        and all(isinstance(v, dict) for v in found)
+    ):
         return tuple(
-            _read_element(f.metadata["of"], inner, f"{where}, {key} no. {k + 1}", folder, read, errors)
+            _read_element(
+                f.metadata["of"],
+                inner,
+                f"{where}, {key} no. {k + 1}",
+                folder,
+                read,
+                errors,
+            )
             for k, inner in enumerate(found)
         )
     if kind == "rows" and isinstance(found, str):
@@ -208,8 +316,12 @@ def _read_value(f, found, where: str, folder: Path, read: dict, errors: list[str
     return found
 
 
-def _read_rows(name: str, folder: Path, columns: tuple[str, ...], read: dict) -> tuple | Unread:
-    """Read a table of numbers once for all elements that name it; :class:`SceneError` the first time it is faulty."""
+def _read_rows(
+    name: str, folder: Path, columns: tuple[str, ...], read: dict
+) -> tuple | Unread:
+    """Read a table of numbers once for all elements that name it; :class:`SceneError`
+    the first time it is faulty.
+    """
     if name in read:
         return read[name]
     read[name] = Unread()
@@ -217,7 +329,9 @@ def _read_rows(name: str, folder: Path, columns: tuple[str, ...], read: dict) ->
     try:
         text = read_text(path)
     except Missing:
-        raise SceneError(f"there is no file {shown(name)} beside the scene. Correct the name.") from None
+        raise SceneError(
+            f"there is no file {shown(name)} beside the scene. Correct the name."
+        ) from None
     except Unreadable as error:
         raise SceneError(f"{shown(name)}: {error}") from None
     read[name] = number_rows(text, columns, path.name, quoted=is_beside(path, folder))

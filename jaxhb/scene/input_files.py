@@ -1,11 +1,15 @@
-"""Files that people and scenes name: opened without waiting, regular, up to a size; what cannot be read is told."""
+"""Files that people and scenes name: opened without waiting, regular, up to a size;
+what cannot be read is told.
+"""
 
 import os
 import stat
 from pathlib import Path
 
 MOST_BYTES = 8 * 2**20
-"""Size of the largest file that is read: a table of some 400,000 rows, a scene of 50,000 elements."""
+"""Size of the largest file that is read: a table of some 400,000 rows, a scene of
+50,000 elements.
+"""
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -20,7 +24,9 @@ _MISSING = "there is no such file. Correct the name."
 
 
 class Unreadable(ValueError):
-    """Why a file cannot be read, and what to do: a sentence that does not name the file."""
+    """Why a file cannot be read, and what to do: a sentence that does not name the
+    file.
+    """
 
 
 class Missing(Unreadable):
@@ -28,11 +34,18 @@ class Missing(Unreadable):
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a regular file of at most :data:`MOST_BYTES`, else :class:`Unreadable`."""
+    """The content of a regular file of at most :data:`MOST_BYTES`, else
+    :class:`Unreadable`.
+    """
     try:
-        _refuse(os.stat(path))  # before it is opened: opening alone acts on some devices
+        _refuse(
+            os.stat(path)
+        )  # before it is opened: opening alone acts on some devices
         # A pipe that took the place of the file would wait for its writer.
-        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        handle = os.open(
+            path,
+            os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0),
+        )
         with open(handle, "rb") as file:
             _refuse(os.fstat(handle))
             # Files of the system tell no size.
@@ -51,7 +64,9 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file as of :func:`read_bytes`, line ends as ``\\n``; UTF-8, with or without the mark of Windows."""
+    """The text of a file as of :func:`read_bytes`, line ends as ``\\n``; UTF-8, with or
+    without the mark of Windows.
+    """
     try:
         text = read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -60,7 +75,9 @@ def read_text(path: Path) -> str:
 
 
 def is_beside(path: Path, folder: Path) -> bool:
-    """Whether a file lies in a folder or below it, links followed: what is elsewhere is not quoted in sentences."""
+    """Whether a file lies in a folder or below it, links followed: what is elsewhere is
+    not quoted in sentences.
+    """
     try:
         return path.resolve().is_relative_to(folder.resolve())
     except (OSError, ValueError, RuntimeError):
@@ -70,10 +87,16 @@ def is_beside(path: Path, folder: Path) -> bool:
 def _refuse(status: os.stat_result):
     kind = stat.S_IFMT(status.st_mode)
     if kind != stat.S_IFREG:
-        raise Unreadable(f"the file is {_KINDS.get(kind, 'none on a disk')}, must be a regular file. Correct the name.")
+        raise Unreadable(
+            f"the file is {_KINDS.get(kind, 'none on a disk')}, must be a regular file."
+            " Correct the name."
+        )
     if status.st_size > MOST_BYTES:
         raise Unreadable(_too_large(f"{status.st_size / 2**20:.0f} MiB"))
 
 
 def _too_large(size: str) -> str:
-    return f"the file has {size}, must have at most {MOST_BYTES // 2**20} MiB. Leave out what is not needed."
+    return (
+        f"the file has {size}, must have at most {MOST_BYTES // 2**20} MiB. Leave out"
+        " what is not needed."
+    )

@@ -1,11 +1,14 @@
-"""Pseudo-arclength continuation: along a curve of solutions through its folds and corners.
+"""Pseudo-arclength continuation: along a curve of solutions through its folds and
+corners.
 
-A curve ``H(y) = 0`` with one unknown more than equations, the last of ``y`` a parameter p, is followed by steps along
-its tangent, each corrected by Newton's method in the plane across the tangent (Keller 1977; Allgower and Georg,
-Introduction to Numerical Continuation Methods, SIAM 2003, chs. 2, 6 and 10), until p leaves its range. At a fold p
-turns back; at a corner, where a knot of the law is grazed, the tangent jumps.
+A curve ``H(y) = 0`` with one unknown more than equations, the last of ``y`` a parameter
+p, is followed by steps along its tangent, each corrected by Newton's method in the
+plane across the tangent (Keller 1977; Allgower and Georg, Introduction to Numerical
+Continuation Methods, SIAM 2003, chs. 2, 6 and 10), until p leaves its range. At a fold
+p turns back; at a corner, where a knot of the law is grazed, the tangent jumps.
 
-The loop runs on the host, around compiled functions: beside a Jacobian, milliseconds, its decisions cost nothing.
+The loop runs on the host, around compiled functions: beside a Jacobian, milliseconds,
+its decisions cost nothing.
 """
 
 from dataclasses import dataclass
@@ -20,22 +23,32 @@ class StepControl:
 
     first: float = 0.02  # length of the first step
     longest: float = 0.5  # length of a step at most
-    corner: float = 1e-3  # length below which a step that fails has met a corner, and one that turns has passed it
+    # length below which a step that fails has met a corner, and one that turns has
+    # passed it
+    corner: float = 1e-3
     near: float = 1e-4  # error on the way, where points need only lead on
     closed: float = 1e-9  # error at both ends of the curve, and of p there
-    bent: float = 0.5  # cosine of the angle by which the tangent may turn in a step: beyond it may be another curve
+    # cosine of the angle by which the tangent may turn in a step: beyond it may be
+    # another curve
+    bent: float = 0.5
     straight: float = 0.9  # cosine of the angle up to which the next step is longer
 
 
 STEP_CONTROL = StepControl()
 
-SHORTER = 0.4  # length after a failure: the predicted point is six times nearer to a smooth curve
-LONGER = 1.6  # after a straight step with one Jacobian: two such steps make up for one failure
+# length after a failure: the predicted point is six times nearer to a smooth curve
+SHORTER = 0.4
+# after a straight step with one Jacobian: two such steps make up for one failure
+LONGER = 1.6
 EASED = 0.7  # after a step with all its Jacobians: the next prediction is twice as near
 LOST = 1e-8  # below which the curve is given up
-JACOBIANS = 3  # of a step at most: where Newton's method wants more, a shorter step is cheaper
+JACOBIANS = (
+    3  # of a step at most: where Newton's method wants more, a shorter step is cheaper
+)
 END_JACOBIANS = 9  # at an end of the curve at most: the error falls to ``closed``
-SIMPLIFIED = 5  # corrections at most with one Jacobian, which costs many times as much as each
+SIMPLIFIED = (
+    5  # corrections at most with one Jacobian, which costs many times as much as each
+)
 TURNS = 12  # tangents tried at a corner
 
 
@@ -51,7 +64,9 @@ class CurveEnd(NamedTuple):
 
 
 class _Trial(NamedTuple):
-    """A step as far as it was corrected. tangent : at its last Jacobian; side : at its first one."""
+    """A step as far as it was corrected. tangent : at its last Jacobian; side : at its
+    first one.
+    """
 
     y: np.ndarray
     error: float
@@ -60,27 +75,44 @@ class _Trial(NamedTuple):
     jacobians: int
 
 
-@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what is not finite fails the tests of a trial
+@np.errstate(
+    over="ignore", invalid="ignore", divide="ignore"
+)  # what is not finite fails the tests of a trial
 def follow_curve(
-    linearize, simplify, start, *, most, within=(-np.inf, 1.0), onward=None, visit=None, control=STEP_CONTROL
+    linearize,
+    simplify,
+    start,
+    *,
+    most,
+    within=(-np.inf, 1.0),
+    onward=None,
+    visit=None,
+    control=STEP_CONTROL,
 ):
-    """Follow the curve from ``start``, to which p belongs, until p leaves its range: the CurveEnd.
+    """Follow the curve from ``start``, to which p belongs, until p leaves its range:
+    the CurveEnd.
 
-    ``linearize(y, normal)`` gives H, the change that makes it zero to first order, a tangent of any length, oriented by
-    the sign of the determinant of the Jacobian with the tangent below it or by a positive product with ``normal``, the
-    tangent before, and the slopes with which ``simplify(y, slopes)`` gives H and a change at another y. ``most``:
-    Jacobians; ``onward``: the tangent on from a start on the curve, without it p rises; ``visit(y, tangent)`` is called
-    at the start, after every step and at the end.
+    ``linearize(y, normal)`` gives H, the change that makes it zero to first order, a
+    tangent of any length, oriented by the sign of the determinant of the Jacobian with
+    the tangent below it or by a positive product with ``normal``, the tangent before,
+    and the slopes with which ``simplify(y, slopes)`` gives H and a change at another y.
+    ``most``: Jacobians; ``onward``: the tangent on from a start on the curve, without
+    it p rises; ``visit(y, tangent)`` is called at the start, after every step and at
+    the end.
     """
-    curve, visit = _Curve(linearize, simplify, most, control), visit or (lambda y, tangent: None)
+    curve, visit = (
+        _Curve(linearize, simplify, most, control),
+        visit or (lambda y, tangent: None),
+    )
     y, tangent = np.asarray(start), onward
     if onward is None:
         y, tangent = curve.reach(y, y[-1], np.inf)
         if tangent is None:
             return CurveEnd(y, None, False, 0, curve.jacobians, 0)
-        # Folds and corners leave the sign of the determinant as it is, so that a tangent with the orientation of the
-        # first one never leads back. The angle to the tangent before would not tell: at a corner it may be more than a
-        # right one.
+        # Folds and corners leave the sign of the determinant as it is, so that a
+        # tangent with the orientation of the first one never leads back. The angle to
+        # the tangent before would not tell: at a corner it may be more than a right
+        # one.
         curve.orientation = np.sign(tangent[-1])
         tangent = curve.orientation * tangent
     visit(y, tangent)
@@ -94,14 +126,20 @@ def follow_curve(
         if not on_curve:
             length *= SHORTER
             if length < control.corner and np.isfinite(trial.error):
-                # No shorter step helps where the curve bends back from the plane across the tangent. The point fell on
-                # the far side of the knot, whose tangent leads on along the curve; where knots meet, several in turn.
-                # Steps stay long enough to fall on a far side at all.
-                tangent, length, turns = trial.side, max(length, control.corner / 20), turns + 1
+                # No shorter step helps where the curve bends back from the plane across
+                # the tangent. The point fell on the far side of the knot, whose tangent
+                # leads on along the curve; where knots meet, several in turn. Steps
+                # stay long enough to fall on a far side at all.
+                tangent, length, turns = (
+                    trial.side,
+                    max(length, control.corner / 20),
+                    turns + 1,
+                )
         elif not (straight > control.bent or short):
             length *= SHORTER
         elif crossing:
-            # The end is between both points. If the curve turned back between them, a shorter step tells.
+            # The end is between both points. If the curve turned back between them, a
+            # shorter step tells.
             between = y + (end - y[-1]) / (trial.y[-1] - y[-1]) * (trial.y - y)
             last, found = curve.reach(between, end, 4 * length)
             if found is not None:
@@ -115,22 +153,41 @@ def follow_curve(
             elif trial.jacobians == 1 and straight > control.straight:
                 length = min(LONGER * length, control.longest)
             folds += int(trial.tangent[-1] * rise < 0)
-            y, tangent, rise, steps, turns = trial.y, trial.tangent, np.sign(trial.tangent[-1]), steps + 1, 0
+            y, tangent, rise, steps, turns = (
+                trial.y,
+                trial.tangent,
+                np.sign(trial.tangent[-1]),
+                steps + 1,
+                0,
+            )
             visit(y, tangent)
     return CurveEnd(y, tangent, False, steps, curve.jacobians, folds)
 
 
-def locate_zero(linearize, simplify, before, after, test, *, closed=1e-9, most=30, control=STEP_CONTROL):
-    """The point ``(y, tangent)`` between two others of a curve where ``test(y, tangent)`` changes its sign.
+def locate_zero(
+    linearize,
+    simplify,
+    before,
+    after,
+    test,
+    *,
+    closed=1e-9,
+    most=30,
+    control=STEP_CONTROL,
+):
+    """The point ``(y, tangent)`` between two others of a curve where ``test(y,
+    tangent)`` changes its sign.
 
-    By the method of false position (Illinois) in the distance along the first tangent, until p moves by less than
-    ``closed``: the distance moved times the slope of p, the larger one at both ends, as p itself hardly moves at a
-    fold. The test of a fold is that slope, the last entry of the tangent.
+    By the method of false position (Illinois) in the distance along the first tangent,
+    until p moves by less than ``closed``: the distance moved times the slope of p, the
+    larger one at both ends, as p itself hardly moves at a fold. The test of a fold is
+    that slope, the last entry of the tangent.
     """
     curve = _Curve(linearize, simplify, np.inf, control)
     y, tangent = before
     near, far = 0.0, (after[0] - y) @ tangent
-    # A step leaves the tangent of its last Jacobian, not of its end: the change of sign may lie beside the two points.
+    # A step leaves the tangent of its last Jacobian, not of its end: the change of sign
+    # may lie beside the two points.
     start, found = ((at, curve.linearize(at, tangent)[2]) for at in (y, after[0]))
     low, high, whole = test(*start), test(*found), abs(far)
     for _ in range(most):
@@ -138,7 +195,10 @@ def locate_zero(linearize, simplify, before, after, test, *, closed=1e-9, most=3
         trial = curve.correct(y + length * tangent, tangent, whole)
         found = trial.y, curve.linearize(trial.y, tangent)[2]
         value = test(*found)
-        if value == 0 or abs(length - far) * max(abs(found[1][-1]), abs(last[-1])) < closed:
+        if (
+            value == 0
+            or abs(length - far) * max(abs(found[1][-1]), abs(last[-1])) < closed
+        ):
             break
         near, low = (far, high) if value * high < 0 else (near, low / 2)
         far, high = length, value
@@ -154,7 +214,12 @@ class _Curve:
     """Newton's method on the equations of a curve; its Jacobians are counted."""
 
     def __init__(self, linearize, simplify, most, control):
-        self.equations, self.simplify, self.most, self.control = linearize, simplify, most, control
+        self.equations, self.simplify, self.most, self.control = (
+            linearize,
+            simplify,
+            most,
+            control,
+        )
         self.orientation, self.jacobians = 1.0, 0
 
     @property
@@ -166,11 +231,17 @@ class _Curve:
         self.jacobians += 1
         value, change, tangent, slopes = self.equations(y, normal)
         tangent = self.orientation * np.asarray(tangent)
-        return np.linalg.norm(value), np.asarray(change), tangent / np.linalg.norm(tangent), slopes
+        return (
+            np.linalg.norm(value),
+            np.asarray(change),
+            tangent / np.linalg.norm(tangent),
+            slopes,
+        )
 
     def reach(self, y, p, farthest):
-        """The point of the curve with that p and its tangent; None for the tangent where Newton's method fails, at
-        the latest by a change as long as ``farthest``."""
+        """The point of the curve with that p and its tangent; None for the tangent
+        where Newton's method fails, at the latest by a change as long as ``farthest``.
+        """
         upwards = np.zeros_like(y)
         upwards[-1] = 1.0
         for _ in range(END_JACOBIANS):
@@ -186,23 +257,31 @@ class _Curve:
         return y, None
 
     def correct(self, y, normal, length):
-        """The :class:`_Trial` at ``y``, corrected across ``normal`` while it stays within two lengths of the step."""
+        """The :class:`_Trial` at ``y``, corrected across ``normal`` while it stays
+        within two lengths of the step.
+        """
         trial = None
         for jacobians in range(1, JACOBIANS + 1):
             error, change, tangent, slopes = self.linearize(y, normal)
             side = tangent if trial is None else trial.side
             change = _across(change, tangent, normal)
             if np.linalg.norm(change) < 2 * length:
-                y, error, change = self.polish(y, error, change, slopes, (tangent, normal))
+                y, error, change = self.polish(
+                    y, error, change, slopes, (tangent, normal)
+                )
             trial = _Trial(y, error, tangent, side, jacobians)
-            leads_away = not (np.isfinite(error) and np.linalg.norm(change) < 2 * length)
+            leads_away = not (
+                np.isfinite(error) and np.linalg.norm(change) < 2 * length
+            )
             if error < self.control.near or leads_away or self.exhausted:
                 break
             y = y + change
         return trial
 
     def polish(self, y, error, change, slopes, plane):
-        """Corrections with the same Jacobian as long as each is less than half of the last."""
+        """Corrections with the same Jacobian as long as each is less than half of the
+        last.
+        """
         for _ in range(SIMPLIFIED):
             if not error > self.control.near:
                 break

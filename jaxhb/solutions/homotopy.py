@@ -1,15 +1,18 @@
-"""From a linear law with strong tooth damping to the wanted teeth, along the curve of periodic motions.
+"""From a linear law with strong tooth damping to the wanted teeth, along the curve of
+periodic motions.
 
-Where teeth hammer with little damping, sweeps may wander for ever though periodic motions exist. With a gap as stiff as
-the contact the law is linear and its motion unique. On the way to the wanted law,
+Where teeth hammer with little damping, sweeps may wander for ever though periodic
+motions exist. With a gap as stiff as the contact the law is linear and its motion
+unique. On the way to the wanted law,
 
     epsilon^p,     damping r + D (1 - p),     transition tau v^(1 - p),     p = 0 .. 1,
 
-the motion stays bounded, so that the curve of motions that begins at p = 0 has nowhere to end but at p = 1, however
-often it turns back (homotopies of this kind succeed for almost all their parameters: Chow, Mallet-Paret and Yorke,
-Math. Comp. 32 (1978) 887). It is followed by arclength (:mod:`jaxhb.solutions.continuation`) in the point at which a
-sweep begins: law and damping are numbers that the program of a sweep is given. How long it is nobody knows beforehand:
-the work is bounded.
+the motion stays bounded, so that the curve of motions that begins at p = 0 has nowhere
+to end but at p = 1, however often it turns back (homotopies of this kind succeed for
+almost all their parameters: Chow, Mallet-Paret and Yorke, Math. Comp. 32 (1978) 887).
+It is followed by arclength (:mod:`jaxhb.solutions.continuation`) in the point at which
+a sweep begins: law and damping are numbers that the program of a sweep is given. How
+long it is nobody knows beforehand: the work is bounded.
 """
 
 import dataclasses
@@ -24,8 +27,10 @@ from jaxhb.equations.iterations import gcr_on_host
 
 
 class Beginning(NamedTuple):
-    """The law at p = 0: damping ratio of the fastest motion of teeth that is added; transition over the wanted one, at
-    most, as far as the backlash holds it; whether epsilon falls linearly in p instead of geometrically."""
+    """The law at p = 0: damping ratio of the fastest motion of teeth that is added;
+    transition over the wanted one, at most, as far as the backlash holds it; whether
+    epsilon falls linearly in p instead of geometrically.
+    """
 
     damping: float
     transition: float
@@ -33,33 +38,63 @@ class Beginning(NamedTuple):
 
 
 # Of one curve after another: which is short nobody knows beforehand.
-BEGINNINGS = Beginning(0.3, 20.0, False), Beginning(0.1, 4.5, True), Beginning(0.3, 7.0, False)
-LEAST_EPSILON = 1e-4  # below which epsilon changes linearly in p: too soft to matter, and zero has no logarithm
+BEGINNINGS = (
+    Beginning(0.3, 20.0, False),
+    Beginning(0.1, 4.5, True),
+    Beginning(0.3, 7.0, False),
+)
+# below which epsilon changes linearly in p: too soft to matter, and zero has no
+# logarithm
+LEAST_EPSILON = 1e-4
 LEAST_DAMPING = 0.01  # share of what is added from which it falls geometrically in p
-# Rate of deflection m/s up to which a friction is in proportion to it: damping that the law of each mesh is given.
+# Rate of deflection m/s up to which a friction is in proportion to it: damping that the
+# law of each mesh is given.
 SLIP = 1e6
 FORCING, KRYLOV_STEPS = 0.03, 40
 
 
 class MapCurve:
-    """The points that sweeps leave as they are, over p; ``marches`` were taken, and at ``most`` so many will be."""
+    """The points that sweeps leave as they are, over p; ``marches`` were taken, and at
+    ``most`` so many will be.
+    """
 
-    def __init__(self, equation: SweepEquation, flank: SweepPoint, plan: SweepPlan, beginning: Beginning, most: float):
-        self.equation, self.plan, self.beginning, self.most = equation, plan, beginning, most
+    def __init__(
+        self,
+        equation: SweepEquation,
+        flank: SweepPoint,
+        plan: SweepPlan,
+        beginning: Beginning,
+        most: float,
+    ):
+        self.equation, self.plan, self.beginning, self.most = (
+            equation,
+            plan,
+            beginning,
+            most,
+        )
         self.packing = PackedPoint(equation, flank)
         # What makes changes of a point comparable with those of p.
         self.scale = np.linalg.norm(self.packing.pack(flank)) + 1e-300
         self.marches = 0
         law = equation.equation.law
         stiffness = np.abs(np.asarray(law.stiffness))
-        self.added = 2 * beginning.damping * stiffness / max(sweeps.fastest_rate(equation.modes), 1e-300)
-        self.least = np.maximum(np.asarray(equation.equation.viscous), LEAST_DAMPING * self.added)
+        self.added = (
+            2
+            * beginning.damping
+            * stiffness
+            / max(sweeps.fastest_rate(equation.modes), 1e-300)
+        )
+        self.least = np.maximum(
+            np.asarray(equation.equation.viscous), LEAST_DAMPING * self.added
+        )
 
     def start(self) -> np.ndarray:
         """y of p = 0: the linear motion."""
         linear = np.asarray(self.equation.equation.linear)
         modes, law = self.equation.modes, self.equation.equation.law
-        nothing = SweepPoint(linear, np.zeros(2 * len(modes.rates)), np.zeros(np.shape(law.stiffness)))
+        nothing = SweepPoint(
+            linear, np.zeros(2 * len(modes.rates)), np.zeros(np.shape(law.stiffness))
+        )
         return np.append(self.packing.pack(nothing) / self.scale, 0.0)
 
     def point(self, y: np.ndarray) -> SweepPoint:
@@ -73,38 +108,61 @@ class MapCurve:
         epsilon, transition = np.asarray(law.epsilon), np.asarray(law.transition)
         least = np.maximum(epsilon, LEAST_EPSILON)
         geometric = least**p - p * (least - epsilon)
-        widest = np.minimum(transition * self.beginning.transition, np.maximum(transition, 1.0))
-        added = self.least * ((1 + self.added / np.maximum(self.least, 1e-300)) ** left - 1)
+        widest = np.minimum(
+            transition * self.beginning.transition, np.maximum(transition, 1.0)
+        )
+        added = self.least * (
+            (1 + self.added / np.maximum(self.least, 1e-300)) ** left - 1
+        )
         softened = 1 - p * (1 - epsilon) if self.beginning.linear else geometric
         # Friction that a shaft has stays.
-        own = np.zeros(np.shape(epsilon)) if law.friction is None else np.asarray(law.friction)
+        own = (
+            np.zeros(np.shape(epsilon))
+            if law.friction is None
+            else np.asarray(law.friction)
+        )
         numbers: dict[str, Any] = {
             "epsilon": softened,
             "transition": transition * (widest / transition) ** left,
             "friction": np.where(own > 0, own, SLIP * added),
-            "slip": np.where(own > 0, 0.0 if law.slip is None else np.asarray(law.slip), SLIP),
+            "slip": np.where(
+                own > 0, 0.0 if law.slip is None else np.asarray(law.slip), SLIP
+            ),
         }
         changed = dataclasses.replace(law, **numbers)
         # What damping in contact lacks in the gap, as far as there is one.
-        viscous = np.asarray(equation.viscous) * (1 - softened) / np.maximum(1 - epsilon, 1e-300)
+        viscous = (
+            np.asarray(equation.viscous)
+            * (1 - softened)
+            / np.maximum(1 - epsilon, 1e-300)
+        )
         equation = dataclasses.replace(equation, law=changed, viscous=viscous)
         teeth = dataclasses.replace(self.equation.teeth, law=changed, viscous=viscous)
         return dataclasses.replace(self.equation, equation=equation, teeth=teeth)
 
     def unclosed(self, y: np.ndarray) -> np.ndarray:
-        """H ``(n,)``, what a sweep changes, over the scale; nan where no march is left."""
+        """H ``(n,)``, what a sweep changes, over the scale; nan where no march is
+        left.
+        """
         if self.marches >= self.most:
             return np.full(len(y) - 1, np.nan)
         self.marches += 1
-        following, _ = sweeps.sweep_program(self.at(float(y[-1])), self.point(y), plan=self.plan)
+        following, _ = sweeps.sweep_program(
+            self.at(float(y[-1])), self.point(y), plan=self.plan
+        )
         return y[:-1] - self.packing.pack(following) / self.scale
 
     def _by(self, y, value, normal):
-        """The product with the Jacobian at y, of which H is the ``value``, bordered with ``normal``."""
+        """The product with the Jacobian at y, of which H is the ``value``, bordered
+        with ``normal``.
+        """
 
         def apply(direction):
             short = DIFFERENCE * max(np.linalg.norm(y), 1.0) / np.linalg.norm(direction)
-            return np.append((self.unclosed(y + short * direction) - value) / short, normal @ direction)
+            return np.append(
+                (self.unclosed(y + short * direction) - value) / short,
+                normal @ direction,
+            )
 
         return apply
 
@@ -114,15 +172,24 @@ class MapCurve:
         apply = self._by(y, value, normal)
         change = _solve(apply, np.append(-value, 0.0), FORCING * np.linalg.norm(value))
         # From the tangent before, to an error in H that is a share of a step.
-        tangent = normal + _solve(apply, np.append(0 * value, 1.0) - apply(normal), FORCING)
+        tangent = normal + _solve(
+            apply, np.append(0 * value, 1.0) - apply(normal), FORCING
+        )
         return value, change, tangent, apply
 
     def simplify(self, y, slopes):
         """What ``simplify`` of :func:`continuation.follow_curve` returns."""
         value = self.unclosed(y)
-        return value, _solve(slopes, np.append(-value, 0.0), FORCING * np.linalg.norm(value))
+        return value, _solve(
+            slopes, np.append(-value, 0.0), FORCING * np.linalg.norm(value)
+        )
 
 
 def _solve(apply, right, left):
     """x with at most ``left`` of ``right - apply(x)``."""
-    return gcr_on_host(apply, right, tolerance=left / max(np.linalg.norm(right), 1e-300), steps=KRYLOV_STEPS)
+    return gcr_on_host(
+        apply,
+        right,
+        tolerance=left / max(np.linalg.norm(right), 1e-300),
+        steps=KRYLOV_STEPS,
+    )

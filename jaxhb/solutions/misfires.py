@@ -1,4 +1,6 @@
-"""Every cylinder in turn not firing: the responses of all these trains over speed, and the worst of them."""
+"""Every cylinder in turn not firing: the responses of all these trains over speed, and
+the worst of them.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,9 @@ from jaxhb.train.drivetrain import DriveTrain
 
 @dataclass(frozen=True)
 class Worst:
-    """The largest value of a quantity with a misfire: the cylinder, the speed, and the value with all firing there, nan
-    where that has no answer."""
+    """The largest value of a quantity with a misfire: the cylinder, the speed, and the
+    value with all firing there, nan where that has no answer.
+    """
 
     cylinder: str
     rpm: float
@@ -29,24 +32,37 @@ class Worst:
 @brief
 @dataclass(frozen=True)
 class Misfires:
-    """Responses over speed: ``firing`` as the scene has it, ``responses`` by the cylinder that does not fire."""
+    """Responses over speed: ``firing`` as the scene has it, ``responses`` by the
+    cylinder that does not fire.
+    """
 
     firing: Response
     responses: dict[str, Response]
 
     def worst(self, read: Callable) -> Worst:
-        """The misfire and the speed, of those that converged, at which a quantity is largest.
+        """The misfire and the speed, of those that converged, at which a quantity is
+        largest.
 
-        ``read`` : quantity of a response over speed, ``(n,)``, as ``lambda r: r.torque("a", "b").half_peak_to_peak``.
-        ValueError if no speed converged.
+        ``read`` : quantity of a response over speed, ``(n,)``, as ``lambda r:
+        r.torque("a", "b").half_peak_to_peak``. ValueError if no speed converged.
         """
         names = list(self.responses)
-        rows = [np.where(r.converged, np.asarray(read(r)), -np.inf) for r in self.responses.values()]
+        rows = [
+            np.where(r.converged, np.asarray(read(r)), -np.inf)
+            for r in self.responses.values()
+        ]
         cylinder, speed = np.unravel_index(np.argmax(rows), np.shape(rows))
         if not np.isfinite(rows[cylinder][speed]):
             raise ValueError("no speed has converged with a misfire")
-        firing = np.where(self.firing.converged, np.asarray(read(self.firing)), np.nan)[speed]
-        return Worst(names[cylinder], float(self.firing.rpm[speed]), float(rows[cylinder][speed]), float(firing))
+        firing = np.where(self.firing.converged, np.asarray(read(self.firing)), np.nan)[
+            speed
+        ]
+        return Worst(
+            names[cylinder],
+            float(self.firing.rpm[speed]),
+            float(rows[cylinder][speed]),
+            float(firing),
+        )
 
 
 def misfire_each(
@@ -57,7 +73,8 @@ def misfire_each(
     tolerance: float | None = None,
     solve: Callable[..., Response] = solve_speeds,
 ) -> Misfires:
-    """Solve at many speeds with all cylinders firing, and with each in turn that does not: :meth:`DriveTrain.misfires`.
+    """Solve at many speeds with all cylinders firing, and with each in turn that does
+    not: :meth:`DriveTrain.misfires`.
 
     Parameters
     ----------
@@ -65,7 +82,8 @@ def misfire_each(
     rpm, harmonics, tolerance
         As for ``solve``.
     solve : callable
-        :func:`jaxhb.solve_speeds`, or :func:`jaxhb.forced_response` for the linear train, which has no ``tolerance``.
+        :func:`jaxhb.solve_speeds`, or :func:`jaxhb.forced_response` for the linear
+        train, which has no ``tolerance``.
 
     Raises
     ------
@@ -75,12 +93,16 @@ def misfire_each(
     Examples
     --------
     >>> import jaxhb
-    >>> found = jaxhb.misfire_each(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1200.0, 1800.0])
+    >>> found = jaxhb.misfire_each(
+    ...     jaxhb.load_scene("six_cylinder_diesel"), rpm=[1200.0, 1800.0]
+    ... )
     >>> worst = found.worst(lambda r: r.torque("cyl6", "flywheel").half_peak_to_peak)
     >>> worst.cylinder, worst.rpm, round(worst.value / worst.firing, 1)
     ('cylinder 2', 1800.0, 1.2)
     """
-    return _each(train, train.misfires(), rpm, harmonics, tolerance, solve, cut_off=False)
+    return _each(
+        train, train.misfires(), rpm, harmonics, tolerance, solve, cut_off=False
+    )
 
 
 def cut_off_each(
@@ -91,28 +113,43 @@ def cut_off_each(
     tolerance: float | None = None,
     solve: Callable[..., Response] = solve_speeds,
 ) -> Misfires:
-    """Solve with each cylinder in turn cut off, without compression too: :meth:`DriveTrain.cut_offs`.
+    """Solve with each cylinder in turn cut off, without compression too:
+    :meth:`DriveTrain.cut_offs`.
 
     Arguments, errors and result are those of :func:`misfire_each`.
 
     >>> import jaxhb
-    >>> found = jaxhb.cut_off_each(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1800.0], solve=jaxhb.forced_response)
+    >>> found = jaxhb.cut_off_each(
+    ...     jaxhb.load_scene("six_cylinder_diesel"),
+    ...     rpm=[1800.0],
+    ...     solve=jaxhb.forced_response,
+    ... )
     >>> found.worst(lambda r: r.torque("cyl6", "flywheel").half_peak_to_peak).cylinder
     'cylinder 4'
     """
-    return _each(train, train.cut_offs(), rpm, harmonics, tolerance, solve, cut_off=True)
+    return _each(
+        train, train.cut_offs(), rpm, harmonics, tolerance, solve, cut_off=True
+    )
 
 
 def _each(train, trains, rpm, harmonics, tolerance, solve, *, cut_off):
     if not trains:
-        raise SceneError(f"{train.topology.title}: no cylinder fires, so that none can misfire.")
+        raise SceneError(
+            f"{train.topology.title}: no cylinder fires, so that none can misfire."
+        )
     accuracy = {"harmonics": harmonics, "tolerance": tolerance}
-    asked = {"rpm": rpm} | {name: value for name, value in accuracy.items() if value is not None}
+    asked = {"rpm": rpm} | {
+        name: value for name, value in accuracy.items() if value is not None
+    }
     responses = {name: solve(each, **asked) for name, each in trains.items()}
     return Misfires(solve(alike(train, cut_off=cut_off), **asked), responses)
 
 
 def alike(train: DriveTrain, *, cut_off: bool) -> DriveTrain:
-    """The same train with the injections, or gas factors, that those of its misfires, or cut-offs, have."""
-    key = f"{train.topology.cylinder_names[0]}.{'gas_factor' if cut_off else 'injection'}"
+    """The same train with the injections, or gas factors, that those of its misfires,
+    or cut-offs, have.
+    """
+    key = (
+        f"{train.topology.cylinder_names[0]}.{'gas_factor' if cut_off else 'injection'}"
+    )
     return train.replace({key: train.value(key)})

@@ -1,9 +1,11 @@
-"""Periodic motions of one cycle of a train at one speed: Newton's method on the map of a sweep, from many starts.
+"""Periodic motions of one cycle of a train at one speed: Newton's method on the map of
+a sweep, from many starts.
 
-Sweeps lead to one of the motions that attract. Cycles of long marches that nearly close pass near others, stable or
-not; states at random are near some that no march passes; and at the end of the curve from a linear law
-(:mod:`jaxhb.solutions.homotopy`) there is one where neither leads anywhere. A march costs a thousandth of a second, so
-that hundreds of starts are tried.
+Sweeps lead to one of the motions that attract. Cycles of long marches that nearly close
+pass near others, stable or not; states at random are near some that no march passes;
+and at the end of the curve from a linear law (:mod:`jaxhb.solutions.homotopy`) there is
+one where neither leads anywhere. A march costs a thousandth of a second, so that
+hundreds of starts are tried.
 """
 
 from __future__ import annotations
@@ -27,31 +29,61 @@ from jaxhb.solutions import continuation, homotopy
 from jaxhb.solutions.sweeping import SweptTrain
 
 CYCLES = 128  # marched from each start
-PLACES = 1.0, -1.0, 0.0  # of the teeth where the first marches start: on drive sides, on the others, in their gaps
-SCATTERED, REACH = 8, 2.0  # states at random where others do, how far off at most over those that the first visit
-FIRST_CYCLE = 2  # of a march from which Newton's method starts since the cycle nearly closes
-EARLY = 6  # cycles of a march from a state at random from which it starts whatever they do
+PLACES = (
+    1.0,
+    -1.0,
+    0.0,
+    # of the teeth where the first marches start: on drive sides, on the others, in
+    # their gaps
+)
+SCATTERED, REACH = (
+    8,
+    2.0,
+    # states at random where others do, how far off at most over those that the first
+    # visit
+)
+FIRST_CYCLE = (
+    2  # of a march from which Newton's method starts since the cycle nearly closes
+)
+EARLY = (
+    6  # cycles of a march from a state at random from which it starts whatever they do
+)
 RANDOM = 32  # states at random from which it does
-NEAR = 0.02  # difference of states, as a share of one, up to which they lead to the same motion
-SAME = 0.01  # difference of the deflections, as a share of the largest, up to which two solutions are one motion
-MARCHES = 80  # of Newton's method from one start at most: of those that arrive one in ten takes more
-IDLE = 16  # starts of a kind one after another that lead to no new motion, after which there are no more of it
-# Marches of a search at most, all steps of these, and the share of both after which nothing begins but curves.
+# difference of states, as a share of one, up to which they lead to the same motion
+NEAR = 0.02
+# difference of the deflections, as a share of the largest, up to which two solutions
+# are one motion
+SAME = 0.01
+# of Newton's method from one start at most: of those that arrive one in ten takes more
+MARCHES = 80
+# starts of a kind one after another that lead to no new motion, after which there are
+# no more of it
+IDLE = 16
+# Marches of a search at most, all steps of these, and the share of both after which
+# nothing begins but curves.
 MOST, WORK, STARTED = 10000, 4e7, 0.75
-FEWEST, JACOBIANS = 150, 150  # marches without which no curve begins; points of a curve at most
-# Share of state and force by which a cycle may miss its beginning, aimed at, and from which a motion is near.
+FEWEST, JACOBIANS = (
+    150,
+    150,
+)  # marches without which no curve begins; points of a curve at most
+# Share of state and force by which a cycle may miss its beginning, aimed at, and from
+# which a motion is near.
 CLOSED, NEARLY = 1e-6, 1e-3
 CURVE = continuation.StepControl(closed=1e-6, longest=0.2)
 LEAST_P = -0.1  # where a curve that turned back is given up
 
 
 class _Map:
-    """A train at one speed with so many steps of a cycle, ready for Newton's method on the map."""
+    """A train at one speed with so many steps of a cycle, ready for Newton's method on
+    the map.
+    """
 
     def __init__(self, train: SweptTrain, rpm: float, plan: SweepPlan):
         self.train, self.rpm, self.plan = train, rpm, plan
         self.problem = problem_at(train.train, rpm, train.plan.excited)
-        self.swept, self.condensed = swept.ready(self.problem, train.plan.active_meshes, train.modes, plan)
+        self.swept, self.condensed = swept.ready(
+            self.problem, train.plan.active_meshes, train.modes, plan
+        )
         self.goal = SETTLED * train.plan.tolerance
 
     def flank(self) -> SweepPoint:
@@ -60,16 +92,22 @@ class _Map:
 
     def point_of(self, deflection) -> SweepPoint:
         """The point at which deflections ``(G, n+1)`` m are marched."""
-        return sweeps.point_of(on_host(self.swept.sweeps), np.asarray(deflection), self.plan)
+        return sweeps.point_of(
+            on_host(self.swept.sweeps), np.asarray(deflection), self.plan
+        )
 
     def settle(self) -> Settled:
         """Sweeps from the drive sides."""
         given = self.swept.sweeps, self.swept.flank
-        return sweeps.settle_program(*given, goal=self.goal, most=MOST_SWEEPS, plan=self.plan)
+        return sweeps.settle_program(
+            *given, goal=self.goal, most=MOST_SWEEPS, plan=self.plan
+        )
 
     def newton(self, point: SweepPoint) -> Settled:
         """Newton's method from a point."""
-        return map_newton.solve_map(self.swept.sweeps, point, self.plan, goal=self.goal, most_marches=MARCHES)
+        return map_newton.solve_map(
+            self.swept.sweeps, point, self.plan, goal=self.goal, most_marches=MARCHES
+        )
 
     def arrived(self, ended: Settled) -> bool:
         """Whether an iteration ended at a motion."""
@@ -79,7 +117,16 @@ class _Map:
         """The Response of where an iteration ended."""
         found, ended = jax.tree.map(np.asarray, (self.swept, ended))
         train, active_meshes = self.train, self.train.plan.active_meshes
-        given = self.problem, active_meshes, self.condensed, found, ended, train.plan.tolerance, self.goal, self.plan
+        given = (
+            self.problem,
+            active_meshes,
+            self.condensed,
+            found,
+            ended,
+            train.plan.tolerance,
+            self.goal,
+            self.plan,
+        )
         with np.errstate(all="ignore"):  # a status tells of numbers that are not finite
             outcome = jax.tree.map(np.asarray, swept.conclude_sweeps(*given))
         reached = train.plan_of(outcome.deflection.shape[-1] - 1)
@@ -88,8 +135,10 @@ class _Map:
 
 @dataclasses.dataclass(frozen=True)
 class _Visited:
-    """Points at the beginnings of cycles of marches: states ``(n, 2m)``, forces ``(n, G)`` and by how much each cycle
-    misses its beginning, inf where none begins; number of its cycle."""
+    """Points at the beginnings of cycles of marches: states ``(n, 2m)``, forces ``(n,
+    G)`` and by how much each cycle misses its beginning, inf where none begins; number
+    of its cycle.
+    """
 
     states: np.ndarray
     forces: np.ndarray
@@ -98,7 +147,9 @@ class _Visited:
 
 
 class OrbitSearch:
-    """The motions of one cycle of a train at a speed that are found with a bounded number of marches."""
+    """The motions of one cycle of a train at a speed that are found with a bounded
+    number of marches.
+    """
 
     def __init__(self, train: SweptTrain, rpm: float):
         self.train, self.rpm = train, rpm
@@ -106,8 +157,13 @@ class OrbitSearch:
         self.maps: dict[SweepPlan, _Map] = {}
         self.map = self._map_of(self.plans[0])
         self.found: list[np.ndarray] = []  # deflections of the motions so far
-        self.sweep_change = np.inf  # of the vibration, by the last sweep from the drive sides
-        self.marches, self.idle = 0, 0  # marches taken, starts since the last motion that was new
+        self.sweep_change = (
+            np.inf
+        )  # of the vibration, by the last sweep from the drive sides
+        self.marches, self.idle = (
+            0,
+            0,
+        )  # marches taken, starts since the last motion that was new
         self.most = min(MOST, WORK / self.plans[0].steps)
         self.random = np.random.default_rng(0)
 
@@ -125,7 +181,11 @@ class OrbitSearch:
         flank = self.map.flank()
         yield from self._from(self.map, flank, [])
         visited = self._visited(flank)
-        for starts in (self._nearly_closed(visited), self._early(visited), self._at_random(visited)):
+        for starts in (
+            self._nearly_closed(visited),
+            self._early(visited),
+            self._at_random(visited),
+        ):
             self.idle = 0
             for start, path in starts:
                 yield from self._near(start, path)
@@ -140,9 +200,14 @@ class OrbitSearch:
 
     def _visited(self, flank):
         """The points that marches from several starts visit."""
-        starts = [SweepPoint(flank.linear, share * flank.state, share * flank.force) for share in PLACES]
+        starts = [
+            SweepPoint(flank.linear, share * flank.state, share * flank.force)
+            for share in PLACES
+        ]
         visits = [self._march(start) for start in starts]
-        starts = self._scattered(flank, np.concatenate([states for states, *_ in visits]), SCATTERED)
+        starts = self._scattered(
+            flank, np.concatenate([states for states, *_ in visits]), SCATTERED
+        )
         visits += [self._march(start) for start in starts]
         return _Visited(*(np.concatenate(rows) for rows in zip(*visits, strict=True)))
 
@@ -153,33 +218,56 @@ class OrbitSearch:
         states, forces, missed = jax.tree.map(np.asarray, visited)
         self.marches += CYCLES
         cycle = np.arange(CYCLES)
-        begins = np.isfinite(missed) & np.isfinite(states).all(axis=1) & (cycle >= FIRST_CYCLE)
+        begins = (
+            np.isfinite(missed)
+            & np.isfinite(states).all(axis=1)
+            & (cycle >= FIRST_CYCLE)
+        )
         return states, forces, np.where(begins, missed, np.inf), cycle
 
     def _scattered(self, flank, states, count):
-        """Points at random within REACH of the largest of some states ``(n, 2m)``, nearer and farther off by turns."""
+        """Points at random within REACH of the largest of some states ``(n, 2m)``,
+        nearer and farther off by turns.
+        """
         size = np.abs(np.where(np.isfinite(states), states, 0.0)).max(axis=0)
         reach = REACH / 2.0 ** (np.arange(count) % 3)
         shares = reach[:, None] * self.random.uniform(-1, 1, (count, len(size)))
-        return [SweepPoint(flank.linear, share * size, 0 * flank.force) for share in shares]
+        return [
+            SweepPoint(flank.linear, share * size, 0 * flank.force) for share in shares
+        ]
 
     def _nearly_closed(self, visited):
-        """Starts from cycles of the marches, those first that miss their beginning least, with their paths."""
+        """Starts from cycles of the marches, those first that miss their beginning
+        least, with their paths.
+        """
         visibility = PackedPoint(self.map.swept.sweeps, self.map.flank()).visibility
         largest = np.max(visited.missed[np.isfinite(visited.missed)], initial=1e-300)
         tried: list[np.ndarray] = []
         for k in np.argsort(visited.missed).tolist():
             seen = visited.states[k] * visibility
-            apart = all(np.linalg.norm(seen - other) > NEAR * np.linalg.norm(seen) for other in tried)
+            apart = all(
+                np.linalg.norm(seen - other) > NEAR * np.linalg.norm(seen)
+                for other in tried
+            )
             if np.isfinite(visited.missed[k]) and apart:
                 tried.append(seen)
-                cycle, missed = int(visited.cycle[k]) + 1, float(visited.missed[k] / largest)
-                yield self._start(visited, k), [March(cycle, self.map.plan.steps, missed)]
+                cycle, missed = (
+                    int(visited.cycle[k]) + 1,
+                    float(visited.missed[k] / largest),
+                )
+                yield (
+                    self._start(visited, k),
+                    [March(cycle, self.map.plan.steps, missed)],
+                )
 
     def _early(self, visited):
         """Starts from the first cycles of the marches from states at random."""
         scattered = np.arange(len(visited.cycle)) >= len(PLACES) * CYCLES
-        early = scattered & (visited.cycle < EARLY) & np.isfinite(visited.states).all(axis=1)
+        early = (
+            scattered
+            & (visited.cycle < EARLY)
+            & np.isfinite(visited.states).all(axis=1)
+        )
         for k in self.random.permutation(np.flatnonzero(early)).tolist():
             yield self._start(visited, k), []
 
@@ -192,15 +280,30 @@ class OrbitSearch:
         return SweepPoint(self.map.flank().linear, visited.states[k], visited.forces[k])
 
     def _from_linear_law(self, once):
-        """From the ends of curves from linear laws; no other than the first ``once`` one has arrived."""
-        plan = dataclasses.replace(self.map.plan, by_rate=True)  # of the damping that is added
+        """From the ends of curves from linear laws; no other than the first ``once``
+        one has arrived.
+        """
+        plan = dataclasses.replace(
+            self.map.plan, by_rate=True
+        )  # of the damping that is added
         along = self._map_of(plan)
         for curves, beginning in enumerate(homotopy.BEGINNINGS, 1):
             if self.most - self.marches < FEWEST:
                 return
-            curve = homotopy.MapCurve(along.swept.sweeps, along.flank(), plan, beginning, self.most - self.marches)
+            curve = homotopy.MapCurve(
+                along.swept.sweeps,
+                along.flank(),
+                plan,
+                beginning,
+                self.most - self.marches,
+            )
             end = continuation.follow_curve(
-                curve.linearize, curve.simplify, curve.start(), most=JACOBIANS, within=(LEAST_P, 1.0), control=CURVE
+                curve.linearize,
+                curve.simplify,
+                curve.start(),
+                most=JACOBIANS,
+                within=(LEAST_P, 1.0),
+                control=CURVE,
             )
             self.marches += curve.marches
             arrived = end.arrived and end.y[-1] > 0
@@ -214,24 +317,34 @@ class OrbitSearch:
         """The Response of a motion near a start, if it is new."""
         equation, plan = self.map.swept.sweeps, self.map.plan
         point = swept.corrected(self.map.swept, start, plan)
-        point, missed, marches = map_newton.close_cycle(equation, point, plan, tolerance=CLOSED)
+        point, missed, marches = map_newton.close_cycle(
+            equation, point, plan, tolerance=CLOSED
+        )
         self.marches += 1 + marches
         if not missed <= NEARLY:
             self.idle += 1
             return
         self.marches += 1
-        yield from self._from(self.map, swept.corrected(self.map.swept, point, plan), path)
+        yield from self._from(
+            self.map, swept.corrected(self.map.swept, point, plan), path
+        )
 
     def _from(self, train_map, point, path):
-        """The Response of the motion to which Newton's method leads from a point, if it is new."""
+        """The Response of the motion to which Newton's method leads from a point, if it
+        is new.
+        """
         ended = train_map.newton(point)
         self.marches += int(ended.marches)
-        event = NewtonOnSweeps(int(ended.marches), train_map.plan.steps, float(ended.change))
+        event = NewtonOnSweeps(
+            int(ended.marches), train_map.plan.steps, float(ended.change)
+        )
         return self._taken(train_map, ended, [*path, event])
 
     def _taken(self, train_map, ended, path):
         deflection = np.asarray(ended.deflection)
-        new = train_map.arrived(ended) and all(difference(deflection, other) > SAME for other in self.found)
+        new = train_map.arrived(ended) and all(
+            difference(deflection, other) > SAME for other in self.found
+        )
         self.idle = 0 if new else self.idle + 1
         if new:
             self.found.append(deflection)
@@ -248,7 +361,10 @@ class OrbitSearch:
             finer = self._map_of(plan)
             ended = finer.newton(finer.point_of(ended.deflection))
             self.marches += int(ended.marches)
-            path = [*path, NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change))]
+            path = [
+                *path,
+                NewtonOnSweeps(int(ended.marches), plan.steps, float(ended.change)),
+            ]
             response = finer.response(ended, path)
             if response.status > best.status:
                 break

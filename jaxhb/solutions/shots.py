@@ -1,9 +1,11 @@
-"""Closed orbits by shooting, as starts of Newton's method on the harmonics where it leads nowhere on the map of sweeps.
+"""Closed orbits by shooting, as starts of Newton's method on the harmonics where it
+leads nowhere on the map of sweeps.
 
-Where teeth hammer so hard that a disturbance grows a thousand times in a cycle, Newton's method on the map goes astray
-from a cycle that nearly closes. Newton's method on the state at the beginning of the cycle, then on the states of all
-its segments, arrives from one or another of the cycles that a march went through and of states at random. Motions found
-here are those of the steps taken; the harmonics correct them.
+Where teeth hammer so hard that a disturbance grows a thousand times in a cycle,
+Newton's method on the map goes astray from a cycle that nearly closes. Newton's method
+on the state at the beginning of the cycle, then on the states of all its segments,
+arrives from one or another of the cycles that a march went through and of states at
+random. Motions found here are those of the steps taken; the harmonics correct them.
 """
 
 import math
@@ -20,30 +22,47 @@ from jaxhb.balance.problem import model_of, problem_at, reduced_equation
 from jaxhb.equations import fourier
 from jaxhb.equations.reduced_model import states_of
 from jaxhb.integration import shooting
-from jaxhb.integration.step import cycle_error, force_on_flank, rows_of, stepper_of, with_rate
+from jaxhb.integration.step import (
+    cycle_error,
+    force_on_flank,
+    rows_of,
+    stepper_of,
+    with_rate,
+)
 
 CYCLES = 64  # marched; those that close best are shot from
 WORK = 6e7  # of the cycles shot from, in units of ``work_of_cycle``
-# Of one shooting, in one piece and then in segments: of those that succeed in one piece within 40, nine out of ten take
-# no more than 12.
+# Of one shooting, in one piece and then in segments: of those that succeed in one piece
+# within 40, nine out of ten take no more than 12.
 NEWTON_STEPS = 15
-PERIODIC = 1e-6  # periodicity error that counts as none, far below what the steps themselves leave
+# periodicity error that counts as none, far below what the steps themselves leave
+PERIODIC = 1e-6
 CLOSED = 1e-8  # the same of the segments of a cycle, aimed at
-SAME = 1e-4  # difference of the deflections, as a share of the largest, below which two orbits are one, found twice
-CAPACITY = 32768  # steps of a cycle at most. Arrays have room for them: programs are not compiled for each number.
-FLEXIBLE = 1e-6  # share of the compliance of a mesh below which modes too fast for the steps are left out
+# difference of the deflections, as a share of the largest, below which two orbits are
+# one, found twice
+SAME = 1e-4
+# steps of a cycle at most. Arrays have room for them: programs are not compiled for
+# each number.
+CAPACITY = 32768
+# share of the compliance of a mesh below which modes too fast for the steps are left
+# out
+FLEXIBLE = 1e-6
 
 
 @Program
 def _equations(problem, active_meshes, time_steps):
-    """A Stepper without samples of its linear response, the coefficients ``(2G, N+1)`` of these, and those of
-    the variation of the meshes."""
+    """A Stepper without samples of its linear response, the coefficients ``(2G, N+1)``
+    of these, and those of the variation of the meshes.
+    """
     harmonics = problem.load.shape[-1] - 1
     reduced, _ = reduced_equation(problem, harmonics, active_meshes)
     model = model_of(problem, active_meshes, time_steps)
     response = with_rate(reduced.linear, reduced.frequency)
     empty = jnp.zeros((0, len(response)))
-    states = jnp.zeros(len(model.at_rest)), model.at_rest @ force_on_flank(reduced.law, reduced.linear)
+    states = (
+        jnp.zeros(len(model.at_rest)),
+        model.at_rest @ force_on_flank(reduced.law, reduced.linear),
+    )
     given = reduced.frequency, time_steps, *states, model.residual_flexibility
     stepper = stepper_of(model.space, reduced, empty, None, *given)
     return stepper, response, reduced.variation
@@ -57,22 +76,37 @@ def work_of_cycle(train, time_steps):
 def reduced_stepper(train, rpm, plan):
     """The Stepper of a train with the meshes and time steps of a Plan."""
     problem = problem_at(train, rpm, plan.static.excited)
-    stepper, response, variation = _equations(problem, plan.active_meshes, plan.time_steps)
-    # Room for the most steps, the number in use traced: one program for all numbers of steps that follow the modes of
-    # the teeth, and one for all that do not: the static response of the rest doubles the time of a step.
+    stepper, response, variation = _equations(
+        problem, plan.active_meshes, plan.time_steps
+    )
+    # Room for the most steps, the number in use traced: one program for all numbers of
+    # steps that follow the modes of the teeth, and one for all that do not: the static
+    # response of the rest doubles the time of a step.
     rows = []
     for coefficients in (response, variation):
-        rows.append(coefficients if coefficients is None else np.zeros((2 * CAPACITY, len(coefficients))))
+        rows.append(
+            coefficients
+            if coefficients is None
+            else np.zeros((2 * CAPACITY, len(coefficients)))
+        )
         if coefficients is not None:
             rows[-1][: 2 * plan.time_steps] = rows_of(coefficients, plan.time_steps)
-    stepper = replace(stepper, linear=rows[0], variation=rows[1], count=np.array(plan.time_steps))
-    flexible = np.abs(np.diag(stepper.residual_flexibility)) * np.asarray(stepper.law.stiffness) > FLEXIBLE
+    stepper = replace(
+        stepper, linear=rows[0], variation=rows[1], count=np.array(plan.time_steps)
+    )
+    flexible = (
+        np.abs(np.diag(stepper.residual_flexibility))
+        * np.asarray(stepper.law.stiffness)
+        > FLEXIBLE
+    )
     return stepper if flexible.any() else replace(stepper, residual_flexibility=None)
 
 
 @Program
 def _visited(stepper):
-    """States ``(CYCLES, n)`` at the beginning of cycles from the flanks on, and their periodicity errors."""
+    """States ``(CYCLES, n)`` at the beginning of cycles from the flanks on, and their
+    periodicity errors.
+    """
 
     def visit(state, _):
         after, periodicity_error = cycle_error(stepper, state)
@@ -83,10 +117,16 @@ def _visited(stepper):
 
 @Program
 def _shot(stepper, state):
-    """Deflections ``(G, capacity)`` of the cycle that shooting reaches from a state ``(n,)``, and their periodicity
-    error."""
+    """Deflections ``(G, capacity)`` of the cycle that shooting reaches from a state
+    ``(n,)``, and their periodicity error.
+    """
     found = shooting.shoot(stepper, state, most=NEWTON_STEPS, tolerance=PERIODIC)[0]
-    _, trace, _ = shooting.close(stepper, shooting.beginnings(stepper, found), tolerance=CLOSED, most=NEWTON_STEPS)
+    _, trace, _ = shooting.close(
+        stepper,
+        shooting.beginnings(stepper, found),
+        tolerance=CLOSED,
+        most=NEWTON_STEPS,
+    )
     return trace.deflection, trace.periodicity_error
 
 
@@ -104,13 +144,19 @@ def _same_orbit(deflection, other):
 
 
 def coefficients(deflection, time_steps):
-    """Coefficients ``(G, n+1)`` of deflections ``(G, capacity)`` over a cycle, all that the time steps tell apart."""
-    return np.asarray(fourier.analyze(deflection[:, :time_steps], (time_steps - 1) // 2))
+    """Coefficients ``(G, n+1)`` of deflections ``(G, capacity)`` over a cycle, all that
+    the time steps tell apart.
+    """
+    return np.asarray(
+        fourier.analyze(deflection[:, :time_steps], (time_steps - 1) // 2)
+    )
 
 
 def shoot(train, rpm, plan, *, work=WORK, deadline=math.inf):
-    """Yield a FoundOrbit for each orbit that Newton's method closes with the meshes and time steps of a Plan, each
-    once, with as many shots as ``work`` pays; none begins after ``deadline`` on the monotonic clock."""
+    """Yield a FoundOrbit for each orbit that Newton's method closes with the meshes and
+    time steps of a Plan, each once, with as many shots as ``work`` pays; none begins
+    after ``deadline`` on the monotonic clock.
+    """
     stepper = reduced_stepper(train, rpm, plan)
     most = int(np.clip(work / work_of_cycle(train, plan.time_steps), 1, CYCLES))
     known: list[np.ndarray] = []
@@ -118,16 +164,25 @@ def shoot(train, rpm, plan, *, work=WORK, deadline=math.inf):
         if time.monotonic() > deadline:
             return
         deflection, periodicity_error = jax.tree.map(np.asarray, _shot(stepper, state))
-        if periodicity_error <= PERIODIC and not any(_same_orbit(deflection, other) for other in known):
+        if periodicity_error <= PERIODIC and not any(
+            _same_orbit(deflection, other) for other in known
+        ):
             known.append(deflection)
-            yield FoundOrbit(coefficients(deflection, plan.time_steps), float(periodicity_error), tries)
+            yield FoundOrbit(
+                coefficients(deflection, plan.time_steps),
+                float(periodicity_error),
+                tries,
+            )
 
 
 def _states(stepper, most):
-    """States ``(tries, n)`` from which is shot: the beginnings of at most so many cycles of a march, those that
-    close best, and as many anywhere within twice its reach."""
+    """States ``(tries, n)`` from which is shot: the beginnings of at most so many
+    cycles of a march, those that close best, and as many anywhere within twice its
+    reach.
+    """
     states, periodicity_errors = jax.tree.map(np.asarray, _visited(stepper))
-    # Of a march that does not settle, the cycles that nearly close pass near a periodic motion, stable or not.
+    # Of a march that does not settle, the cycles that nearly close pass near a periodic
+    # motion, stable or not.
     best = np.argsort(np.nan_to_num(periodicity_errors, nan=np.inf))[:most]
     states = states[best[np.isfinite(periodicity_errors[best])]]
     size = np.abs(states).max(axis=0, initial=0.0)

@@ -1,7 +1,8 @@
 """From a drive train and a speed to its periodic response.
 
-Without a plan, the host decides: which meshes can leave contact (from the linear motion), where Newton starts, how many
-harmonics the asked tolerance needs. With a plan nothing is decided, and ``solve`` is valid under ``jit`` and ``vmap``.
+Without a plan, the host decides: which meshes can leave contact (from the linear
+motion), where Newton starts, how many harmonics the asked tolerance needs. With a plan
+nothing is decided, and ``solve`` is valid under ``jit`` and ``vmap``.
 """
 
 from __future__ import annotations
@@ -14,7 +15,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxhb._jax import Number, concrete, refuse_tracers, staged, traced
-from jaxhb.balance.plan import MOST_HARMONICS, Plan, Request, check_harmonics, excited_harmonic, time_steps_of
+from jaxhb.balance.plan import (
+    MOST_HARMONICS,
+    Plan,
+    Request,
+    check_harmonics,
+    excited_harmonic,
+    time_steps_of,
+)
 from jaxhb.balance.program import solve_batches, solve_planned
 from jaxhb.certificate import certificate
 from jaxhb.excitation.torques import listed_harmonic
@@ -41,7 +49,8 @@ def solve(
 ) -> Response:
     """Periodic response of a drive train at one speed.
 
-    Solves A(x) = 0 (Fridman 2009, (19)-(32)) for the harmonics of the motion over one cycle.
+    Solves A(x) = 0 (Fridman 2009, (19)-(32)) for the harmonics of the motion over one
+    cycle.
 
     Parameters
     ----------
@@ -49,50 +58,63 @@ def solve(
     rpm : float
         Speed of the reference rotor.
     plan : Plan, optional
-        From :func:`plan`: nothing is decided by value, the call is valid under ``jit``, ``vmap`` and ``grad``. What the
-        plan assumed is verified; if it does not hold the status is PLAN_VIOLATED.
+        From :func:`plan`: nothing is decided by value, the call is valid under ``jit``,
+        ``vmap`` and ``grad``. What the plan assumed is verified; if it does not hold
+        the status is PLAN_VIOLATED.
     harmonics : int, optional
-        Harmonics of the cycle, fixed; default: as many as ``tolerance`` needs, up to 4096.
+        Harmonics of the cycle, fixed; default: as many as ``tolerance`` needs, up to
+        4096.
     tolerance : float, optional
-        Largest truncation error of the elastic tooth force over the largest tooth force; default 1 %.
+        Largest truncation error of the elastic tooth force over the largest tooth
+        force; default 1 %.
     method : str, optional
-        "reduced" (default; unknowns at the meshes that can leave contact) or "chain" (all disks; a check up to 128
-        harmonics, no closed loops).
+        "reduced" (default; unknowns at the meshes that can leave contact) or "chain"
+        (all disks; a check up to 128 harmonics, no closed loops).
     integrals : str, optional
-        Of the tooth law over the cycle: "sampled" (default) at 16 time samples per harmonic, or "exact" between the
-        times at which teeth pass the knots of their law, which only "reduced" has. Sampling leaves the solution an
-        error of the order of 1e-6; under a plan and where it is differentiated the law is averaged between the samples,
-        which leaves a gradient an error of 1e-5 to 1e-4, and second derivatives some percent: those need "exact".
+        Of the tooth law over the cycle: "sampled" (default) at 16 time samples per
+        harmonic, or "exact" between the times at which teeth pass the knots of their
+        law, which only "reduced" has. Sampling leaves the solution an error of the
+        order of 1e-6; under a plan and where it is differentiated the law is averaged
+        between the samples, which leaves a gradient an error of 1e-5 to 1e-4, and
+        second derivatives some percent: those need "exact".
     start : Response, "linear" or "march", optional
-        Where Newton starts: another response, on whose branch the solution then usually lies, the motion with all teeth
-        in contact ("linear"), or what sweeps of the cycle lead to from there ("march"). By default teeth that part are
-        solved by sweeps (docs/theory/harmonic_balance.md), where these lead nowhere by Newton's method on them, and at
-        last by shooting. Several motions may exist at one speed: :func:`jaxhb.solve_all` searches for them.
+        Where Newton starts: another response, on whose branch the solution then usually
+        lies, the motion with all teeth in contact ("linear"), or what sweeps of the
+        cycle lead to from there ("march"). By default teeth that part are solved by
+        sweeps (docs/theory/harmonic_balance.md), where these lead nowhere by Newton's
+        method on them, and at last by shooting. Several motions may exist at one speed:
+        :func:`jaxhb.solve_all` searches for them.
     certify : bool, optional
-        Add a computed bound, ``response.certificate`` (:func:`jaxhb.certify`); harmonics that are not fixed are raised
-        until it holds, as far as they go. Not beside a plan.
+        Add a computed bound, ``response.certificate`` (:func:`jaxhb.certify`);
+        harmonics that are not fixed are raised until it holds, as far as they go. Not
+        beside a plan.
     seconds : float, optional
-        After which no further attempt begins; one is made in any case. Not beside a plan.
+        After which no further attempt begins; one is made in any case. Not beside a
+        plan.
 
     Returns
     -------
     Response
-        ``status``, ``residual``, ``truncation_error`` and ``path`` say how it went; :func:`check` raises if it failed.
+        ``status``, ``residual``, ``truncation_error`` and ``path`` say how it went;
+        :func:`check` raises if it failed.
 
     Raises
     ------
     SceneError
-        Speed not greater than 0 or above 1e6 rpm, harmonics that cannot work, or a plan made for another train.
+        Speed not greater than 0 or above 1e6 rpm, harmonics that cannot work, or a plan
+        made for another train.
     ValueError
-        What belongs to a plan given beside it; no ``start`` beside a plan whose ``start`` is "response".
+        What belongs to a plan given beside it; no ``start`` beside a plan whose
+        ``start`` is "response".
 
     Notes
     -----
-    The response is differentiable with respect to every number of the train and to the speed, forwards and backwards,
-    at the cost of about one linear solve (:mod:`jaxhb.balance.derivative`); without a plan outside ``jit`` and ``vmap``
-    only. Under a transformation a response whose status is above TOLERANCE_NOT_MET is nan in every number but those
-    given, and has zero derivatives backwards, so that it leaves the others of a batch theirs, or nan if the plan says
-    so.
+    The response is differentiable with respect to every number of the train and to the
+    speed, forwards and backwards, at the cost of about one linear solve
+    (:mod:`jaxhb.balance.derivative`); without a plan outside ``jit`` and ``vmap`` only.
+    Under a transformation a response whose status is above TOLERANCE_NOT_MET is nan in
+    every number but those given, and has zero derivatives backwards, so that it leaves
+    the others of a batch theirs, or nan if the plan says so.
 
     Examples
     --------
@@ -101,36 +123,80 @@ def solve(
     >>> r.converged.item(), round(float(r.load_kW), 1)
     (True, 48.9)
     """
-    if not (start is None or isinstance(start, Response) or start in ("linear", "march")):
+    if not (
+        start is None or isinstance(start, Response) or start in ("linear", "march")
+    ):
         raise ValueError(f"start is {start!r}: give 'linear', 'march' or a response")
     if plan is not None:
-        if not (harmonics is None and tolerance is None and method is None and integrals is None):
-            raise ValueError("harmonics, tolerance, method and integrals belong to the plan: give them to jaxhb.plan")
+        if not (
+            harmonics is None
+            and tolerance is None
+            and method is None
+            and integrals is None
+        ):
+            raise ValueError(
+                "harmonics, tolerance, method and integrals belong to the plan: give"
+                " them to jaxhb.plan"
+            )
         if seconds is not None:
             raise ValueError("a plan makes one attempt: leave out seconds")
         if certify:
-            raise ValueError("certify depends on values, which a plan rules out: pass the response to jaxhb.certify")
+            raise ValueError(
+                "certify depends on values, which a plan rules out: pass the response"
+                " to jaxhb.certify"
+            )
         return solve_planned(train, rpm, plan, start)
     if certify and traced(train, rpm):
-        raise ValueError("a computed bound has no derivative: leave out certify where you differentiate solve")
+        raise ValueError(
+            "a computed bound has no derivative: leave out certify where you"
+            " differentiate solve"
+        )
     now = concrete(train, rpm)
     if traced(now) or staged():
-        raise TypeError("jit or vmap traces solve: pass plan=jaxhb.plan(train, rpm=...), made outside")
-    found = _decide(now[0], now[1], Request.of(train, harmonics, tolerance, method, integrals), start, seconds)
-    if traced(train, rpm):  # by differentiation alone: solved already, the program only adds the derivative
+        raise TypeError(
+            "jit or vmap traces solve: pass plan=jaxhb.plan(train, rpm=...), made"
+            " outside"
+        )
+    found = _decide(
+        now[0],
+        now[1],
+        Request.of(train, harmonics, tolerance, method, integrals),
+        start,
+        seconds,
+    )
+    if traced(
+        train, rpm
+    ):  # by differentiation alone: solved already, the program only adds the derivative
         response = solve_planned(train, rpm, _exact(found.reached), found.response)
         return dataclasses.replace(response, path=found.response.path)
-    return _certified(found.response, harmonics, method, integrals) if certify else found.response
+    return (
+        _certified(found.response, harmonics, method, integrals)
+        if certify
+        else found.response
+    )
 
 
 def _certified(response, fixed, method, integrals):
-    """The response with its certificate; with more harmonics where that needs them and they are to be had."""
+    """The response with its certificate; with more harmonics where that needs them and
+    they are to be had.
+    """
     while response.solved:
-        response = dataclasses.replace(response, certificate=certificate.certify(response))
-        more = None if fixed else planning.next_level(response.harmonics, method or "reduced")
+        response = dataclasses.replace(
+            response, certificate=certificate.certify(response)
+        )
+        more = (
+            None
+            if fixed
+            else planning.next_level(response.harmonics, method or "reduced")
+        )
         if response.certificate.holds or not more:
             break
-        asked = {"harmonics": more, "method": method, "integrals": integrals, "start": response}
+        asked = {
+            "harmonics": more,
+            "method": method,
+            "integrals": integrals,
+            "start": response,
+        }
         finer = solve(response.train, rpm=float(response.rpm), **asked)
         if not finer.solved:
             break
@@ -149,7 +215,8 @@ def plan(
     active: str | None = None,
     failed_gradient: str = "zero",
 ) -> Plan:
-    """Decide how to solve a train at a speed or over a range, by solving it: harmonics, active meshes, start.
+    """Decide how to solve a train at a speed or over a range, by solving it: harmonics,
+    active meshes, start.
 
     Parameters
     ----------
@@ -158,19 +225,22 @@ def plan(
     rpm : float or sequence of float
         A speed, or several: one plan then serves them all, and those between.
     active : "all", optional
-        Makes the motion at every mesh with backlash an unknown, also where it stays loaded at these speeds: designs and
-        speeds at which it parts are then served, too. By default such a mesh is held on its flank, which is cheaper,
-        and a solve in which it parts has status PLAN_VIOLATED.
+        Makes the motion at every mesh with backlash an unknown, also where it stays
+        loaded at these speeds: designs and speeds at which it parts are then served,
+        too. By default such a mesh is held on its flank, which is cheaper, and a solve
+        in which it parts has status PLAN_VIOLATED.
     failed_gradient : "zero" (default) or "nan"
-        Derivative, under a transformation, of a response whose status is above TOLERANCE_NOT_MET. Zero leaves the
-        others of a batch theirs; nan cannot be taken for a derivative.
+        Derivative, under a transformation, of a response whose status is above
+        TOLERANCE_NOT_MET. Zero leaves the others of a batch theirs; nan cannot be taken
+        for a derivative.
 
     Returns
     -------
     Plan
-        Small and hashable: :func:`solve` under it solves nearby trains and speeds without decisions. It holds no
-        motion: where none of its starts leads there, its ``start`` is "response", and :func:`solve` asks for
-        ``start=jaxhb.solve(train, rpm=rpm)`` beside it.
+        Small and hashable: :func:`solve` under it solves nearby trains and speeds
+        without decisions. It holds no motion: where none of its starts leads there, its
+        ``start`` is "response", and :func:`solve` asks for ``start=jaxhb.solve(train,
+        rpm=rpm)`` beside it.
 
     Raises
     ------
@@ -181,8 +251,9 @@ def plan(
 
     Notes
     -----
-    A plan of several speeds has the harmonics that the most demanding of them needs. At some of them no motion of one
-    cycle may be found (:func:`jaxhb.steady_state` tells what the train does there): every solve says so by its status.
+    A plan of several speeds has the harmonics that the most demanding of them needs. At
+    some of them no motion of one cycle may be found (:func:`jaxhb.steady_state` tells
+    what the train does there): every solve says so by its status.
 
     Examples
     --------
@@ -195,9 +266,13 @@ def plan(
     if active not in (None, "all"):
         raise ValueError(f"active is {active!r}: give 'all', or leave it out")
     if failed_gradient not in ("zero", "nan"):
-        raise ValueError(f"failed_gradient is {failed_gradient!r}: give 'zero' or 'nan'")
+        raise ValueError(
+            f"failed_gradient is {failed_gradient!r}: give 'zero' or 'nan'"
+        )
     check_speed(train, rpm, many=True)
-    request = dataclasses.replace(Request.of(train, harmonics, tolerance, method, integrals), averaged=True)
+    request = dataclasses.replace(
+        Request.of(train, harmonics, tolerance, method, integrals), averaged=True
+    )
     speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
     if np.ndim(rpm) or active == "all" and train.topology.has_law.any():
         made = _plan_of_several(train, speeds, request, active)
@@ -209,8 +284,9 @@ def plan(
 def _plan_of_one(train, rpm, request):
     """The plan of one speed, from whatever start led to its motion."""
     found = _decide(train, rpm, request, None, by_sweeps=False)
-    # Where a mesh left its flank, refine has planned again. What can still be violated is the number of crossings that
-    # exact integrals have room for, at this speed: every solve under the plan verifies it and says so by its status.
+    # Where a mesh left its flank, refine has planned again. What can still be violated
+    # is the number of crossings that exact integrals have room for, at this speed:
+    # every solve under the plan verifies it and says so by its status.
     if found.status > Status.PLAN_VIOLATED:
         check(found.response)
     plan = _exact(found.reached)
@@ -220,19 +296,37 @@ def _plan_of_one(train, rpm, request):
 
 
 def _plan_of_several(train, speeds, request, active):
-    """The plan that serves several speeds, with the harmonics that the most demanding of them needs."""
-    plan = _exact(planning.plan_range(train, speeds, request, every_mesh=active == "all"))
+    """The plan that serves several speeds, with the harmonics that the most demanding
+    of them needs.
+    """
+    plan = _exact(
+        planning.plan_range(train, speeds, request, every_mesh=active == "all")
+    )
     wanted = speeds
     solved = False
     while True:
-        responses = [response for batch in solve_batches(train, wanted, plan) for response in batch]
+        responses = [
+            response
+            for batch in solve_batches(train, wanted, plan)
+            for response in batch
+        ]
         solved = solved or any(response.solved for response in responses)
-        needs_more = [bool(response.solved and not response.converged) for response in responses]
-        higher = None if request.harmonics else planning.next_level(plan.harmonics, plan.method)
+        needs_more = [
+            bool(response.solved and not response.converged) for response in responses
+        ]
+        higher = (
+            None
+            if request.harmonics
+            else planning.next_level(plan.harmonics, plan.method)
+        )
         if not any(needs_more) or not higher:
             break
         wanted = wanted[needs_more]
-        plan = dataclasses.replace(plan, harmonics=higher, time_steps=max(plan.time_steps, time_steps_of(higher)))
+        plan = dataclasses.replace(
+            plan,
+            harmonics=higher,
+            time_steps=max(plan.time_steps, time_steps_of(higher)),
+        )
     if not solved:
         check(responses[0])
     return plan
@@ -243,14 +337,18 @@ def _exact(plan):
     return dataclasses.replace(plan, step_tolerance=0.0, averaged=True)
 
 
-def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = None) -> Response:
-    """Response with every mesh in contact all cycle, as if there were no backlash: tooth forces may pull.
+def linear_response(
+    train: DriveTrain, *, rpm: Number, harmonics: int | None = None
+) -> Response:
+    """Response with every mesh in contact all cycle, as if there were no backlash:
+    tooth forces may pull.
 
-    The gaps of meshes are closed and all else stays as it is. Where that is not linear (a mesh stiffness that varies,
-    stages, stops, clearance or friction of a shaft) it is solved as by :func:`solve`, else in one linear solve.
+    The gaps of meshes are closed and all else stays as it is. Where that is not linear
+    (a mesh stiffness that varies, stages, stops, clearance or friction of a shaft) it
+    is solved as by :func:`solve`, else in one linear solve.
 
-    ``harmonics`` : default those of the excitation; arguments and errors otherwise as of :func:`solve`. Valid under
-    ``jit``, ``vmap`` and ``grad`` where it is linear.
+    ``harmonics`` : default those of the excitation; arguments and errors otherwise as
+    of :func:`solve`. Valid under ``jit``, ``vmap`` and ``grad`` where it is linear.
     """
     train = in_contact(train)
     if not train.topology.linear_in_contact:
@@ -260,25 +358,34 @@ def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = N
         check_harmonics(train, harmonics, "reduced")
     # Which of the harmonics listed are excited, values tell.
     listed = min(listed_harmonic(train.topology), MOST_HARMONICS["reduced"])
-    most = harmonics or (listed if traced(train) else excited_harmonic(train, "reduced"))
+    most = harmonics or (
+        listed if traced(train) else excited_harmonic(train, "reduced")
+    )
     plan = Plan(harmonics=most, active=(), flank=(0,) * len(train.topology.mesh_names))
     return solve_planned(train, rpm, plan)
 
 
 def solve_again(train, rpm, request, plan, start=None, *, marched=True, swept=False):
-    """Response where the first attempt under a plan has failed: from another motion, then by the other start
-    strategies; ``marched`` : whether that attempt began with a march, where the plan has one; ``swept`` : whether it
-    was a solve by sweeps."""
+    """Response where the first attempt under a plan has failed: from another motion,
+    then by the other start strategies; ``marched`` : whether that attempt began with a
+    march, where the plan has one; ``swept`` : whether it was a solve by sweeps.
+    """
     failed = starts.from_sweeps if plan.marches and marched else starts.contact
-    above = starts.BESIDE_SWEEPS if swept else starts.STRATEGIES[starts.STRATEGIES.index(failed) + 1 :]
+    above = (
+        starts.BESIDE_SWEEPS
+        if swept
+        else starts.STRATEGIES[starts.STRATEGIES.index(failed) + 1 :]
+    )
     wanted = above if start is None else (starts.from_response(start), *above)
     return starts.first_solved(starts.Case(train, rpm, request, plan), wanted).response
 
 
 def _decide(train, rpm, request, start, seconds=None, by_sweeps=True):
-    """The Case after all start strategies for one speed, or of those that ``start`` leaves.
+    """The Case after all start strategies for one speed, or of those that ``start``
+    leaves.
 
-    by_sweeps : whether sweeps come first, where they serve; a plan wants a start of Newton's method.
+    by_sweeps : whether sweeps come first, where they serve; a plan wants a start of
+    Newton's method.
     """
     check_speed(train, rpm)
     (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)

@@ -1,4 +1,6 @@
-"""Many speeds in one call: planned on the host, solved in compiled batches, the few that fail from other starts."""
+"""Many speeds in one call: planned on the host, solved in compiled batches, the few
+that fail from other starts.
+"""
 
 from __future__ import annotations
 
@@ -33,10 +35,11 @@ def solve_speeds(
 ) -> Response:
     """Periodic responses at many speeds.
 
-    The linear motion shows at which speeds teeth leave contact or separate; speeds with the same needs share a plan
-    and compiled programs, side by side in threads, or in batches where that is faster: many speeds with teeth in
-    contact, all speeds on accelerators. A speed that fails is solved again by itself, from the nearest speed that
-    converged, with more harmonics or by shooting.
+    The linear motion shows at which speeds teeth leave contact or separate; speeds with
+    the same needs share a plan and compiled programs, side by side in threads, or in
+    batches where that is faster: many speeds with teeth in contact, all speeds on
+    accelerators. A speed that fails is solved again by itself, from the nearest speed
+    that converged, with more harmonics or by shooting.
 
     Parameters
     ----------
@@ -44,24 +47,29 @@ def solve_speeds(
     rpm : array ``(n,)``
         Speeds of the reference rotor.
     plan : Plan, optional
-        From :func:`jaxhb.plan`: all speeds are solved under it, and nothing is solved twice.
+        From :func:`jaxhb.plan`: all speeds are solved under it, and nothing is solved
+        twice.
     harmonics, tolerance, integrals : optional
-        As in :func:`jaxhb.solve`; speeds that do not reach the tolerance have status TOLERANCE_NOT_MET.
+        As in :func:`jaxhb.solve`; speeds that do not reach the tolerance have status
+        TOLERANCE_NOT_MET.
     progress : callable, optional
         Called with the number of speeds done since the last call.
     devices : sequence of jax devices
-        Across which batches are shared, as ``jax.devices()``; by default one does it all.
+        Across which batches are shared, as ``jax.devices()``; by default one does it
+        all.
 
     Returns
     -------
     Response
-        With a leading axis: ``sweep[17]`` is the response at speed 17, ``sweep.status`` the status of each. Responses
-        with fewer harmonics than others are padded with zeros.
+        With a leading axis: ``sweep[17]`` is the response at speed 17, ``sweep.status``
+        the status of each. Responses with fewer harmonics than others are padded with
+        zeros.
 
     Raises
     ------
     SceneError
-        A speed that is not greater than 0 or above 1e6 rpm, or harmonics below the excitation.
+        A speed that is not greater than 0 or above 1e6 rpm, or harmonics below the
+        excitation.
 
     Examples
     --------
@@ -71,12 +79,22 @@ def solve_speeds(
     >>> sweep.torque("cyl6", "flywheel").half_peak_to_peak.shape
     (4,)
     """
-    refuse_tracers("solve_speeds", train, rpm, instead="jax.vmap over jaxhb.solve(train, rpm=..., plan=...) instead")
+    refuse_tracers(
+        "solve_speeds",
+        train,
+        rpm,
+        instead="jax.vmap over jaxhb.solve(train, rpm=..., plan=...) instead",
+    )
     check_speed(train, rpm, many=True)
     rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
     if plan and not (harmonics is None and tolerance is None and integrals is None):
-        raise ValueError("harmonics, tolerance and integrals belong to the plan: give them to jaxhb.plan")
-    request = Request.of(train, harmonics, tolerance, "reduced", integrals, few_levels=True)
+        raise ValueError(
+            "harmonics, tolerance and integrals belong to the plan: give them to"
+            " jaxhb.plan"
+        )
+    request = Request.of(
+        train, harmonics, tolerance, "reduced", integrals, few_levels=True
+    )
     if plan:
         check_plan(train, plan)
     plans = [plan] * len(rpm) if plan else plan_speeds(train, rpm, request)
@@ -89,7 +107,10 @@ def solve_speeds(
         if swept is None:
             batches = solve_batches(train, rpm[indices], shared, tuple(devices))
         else:
-            batches = ([response] for response in side_by_side(swept.solve, rpm[indices].tolist()))
+            batches = (
+                [response]
+                for response in side_by_side(swept.solve, rpm[indices].tolist())
+            )
         for batch in batches:
             for response in batch:
                 found[next(free)] = response
@@ -112,8 +133,9 @@ def worth_another_try(response, request):
 
 
 def try_again(train, index, found, request, plan):
-    """The best response at one speed: from its own motion or the nearest that converged, then by the other start
-    strategies."""
+    """The best response at one speed: from its own motion or the nearest that
+    converged, then by the other start strategies.
+    """
     response = found[index]
     start = response
     if int(response.status) != Status.TOLERANCE_NOT_MET:
@@ -121,5 +143,7 @@ def try_again(train, index, found, request, plan):
         start = min(near, key=lambda other: abs(other.rpm - response.rpm), default=None)
     marched = not isinstance(response.path[0], Sweeps)
     swept = not any(isinstance(event, Newton) for event in response.path)
-    again = solve_again(train, float(response.rpm), request, plan, start, marched=marched, swept=swept)
+    again = solve_again(
+        train, float(response.rpm), request, plan, start, marched=marched, swept=swept
+    )
     return response if again is None or again.status > response.status else again

@@ -1,11 +1,14 @@
-"""Start strategies: ways to a start of Newton's method, tried one after another until the equations are solved.
+"""Start strategies: ways to a start of Newton's method, tried one after another until
+the equations are solved.
 
-A start strategy is a function ``strategy(case)`` that yields attempts ``(plan, given, event)``: deflections ``(G,
-n+1)`` from which Newton's method is to start under a plan, None for the start that the plan has, and how they were
-found. The next one is asked for where Newton's method did not solve the last. The cheap strategies come first: from
-teeth in contact Newton's method succeeds where no tooth separates, from sweeps where the motion becomes periodic within
-a few cycles, and from the motion that a solve by sweeps alone finds, whatever harmonics and integrals it is asked for.
-Shooting finds more than all of them, and takes longest.
+A start strategy is a function ``strategy(case)`` that yields attempts ``(plan, given,
+event)``: deflections ``(G, n+1)`` from which Newton's method is to start under a plan,
+None for the start that the plan has, and how they were found. The next one is asked for
+where Newton's method did not solve the last. The cheap strategies come first: from
+teeth in contact Newton's method succeeds where no tooth separates, from sweeps where
+the motion becomes periodic within a few cycles, and from the motion that a solve by
+sweeps alone finds, whatever harmonics and integrals it is asked for. Shooting finds
+more than all of them, and takes longest.
 """
 
 import dataclasses
@@ -16,43 +19,69 @@ from functools import cached_property
 
 import numpy as np
 
-from jaxhb.balance.plan import MOST_HARMONICS, TIME_STEPS, Plan, Request, time_steps_for, time_steps_of
+from jaxhb.balance.plan import (
+    MOST_HARMONICS,
+    TIME_STEPS,
+    Plan,
+    Request,
+    time_steps_for,
+    time_steps_of,
+)
 from jaxhb.balance.problem import problem_at
-from jaxhb.balance.program import START_SETTLED, active_deflections, first_start, solve_once, solve_problem
+from jaxhb.balance.program import (
+    START_SETTLED,
+    active_deflections,
+    first_start,
+    solve_once,
+    solve_problem,
+)
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.response import Response
 from jaxhb.results.status import Shooting, Status
 from jaxhb.solutions import planning, shots, sweeping
 from jaxhb.train.drivetrain import DriveTrain
 
-# Of shooting, orbits at most: some have no harmonics near them, or lie beyond a turning point that the steps displaced;
-# and shots with the finest steps that the work has to pay for: of larger trains fewer closed none.
+# Of shooting, orbits at most: some have no harmonics near them, or lie beyond a turning
+# point that the steps displaced; and shots with the finest steps that the work has to
+# pay for: of larger trains fewer closed none.
 ORBITS, FINEST_SHOTS = 16, 4
-# Work of the shots of each number of steps where one motion is asked for: some seconds. Of eleven random trains that
-# shooting solved, all but one took five shots or fewer.
+# Work of the shots of each number of steps where one motion is asked for: some seconds.
+# Of eleven random trains that shooting solved, all but one took five shots or fewer.
 BRIEF = 1e7
 
 
 @dataclass
 class Case:
-    """One train at one speed, asked for once: what its attempts share, and what became of the last of them."""
+    """One train at one speed, asked for once: what its attempts share, and what became
+    of the last of them.
+    """
 
     train: DriveTrain
     rpm: float
     request: Request
     plan: Plan  # from the linear motion; strategies change copies of it
     deadline: float = math.inf  # on the monotonic clock, when no further attempt begins
-    path: list = field(default_factory=list)  # events so far; strategies and ``refine`` add theirs
+    path: list = field(
+        default_factory=list
+    )  # events so far; strategies and ``refine`` add theirs
     response: Response | None = None  # of the last attempt
     reached: Plan | None = None  # its plan in the end
-    solved: bool = False  # whether no further attempt is wanted: it was solved, or cannot be
-    sweep_change: float = math.inf  # by the last of the sweeps; inf where there was none, or it was not finite
+    solved: bool = (
+        False  # whether no further attempt is wanted: it was solved, or cannot be
+    )
+    sweep_change: float = (
+        math.inf
+    )  # by the last of the sweeps; inf where there was none, or it was not finite
     harmonics: int = 0  # fewest that the tolerance is known to need
 
     @cached_property
     def modes(self):
-        """Harmonics of the cycle at the highest mesh modes, and at those that strain meshes weakly."""
-        return mesh_mode_harmonics(self.train, self.train.topology.cycle_frequency(float(self.rpm)))
+        """Harmonics of the cycle at the highest mesh modes, and at those that strain
+        meshes weakly.
+        """
+        return mesh_mode_harmonics(
+            self.train, self.train.topology.cycle_frequency(float(self.rpm))
+        )
 
     @cached_property
     def problem(self):
@@ -61,7 +90,9 @@ class Case:
 
     @property
     def settled(self):
-        """Whether sweeps settled: what Newton's method then lacks are shorter steps or more harmonics."""
+        """Whether sweeps settled: what Newton's method then lacks are shorter steps or
+        more harmonics.
+        """
         return self.sweep_change <= START_SETTLED
 
     @property
@@ -74,10 +105,16 @@ class Case:
         return planning.next_level(harmonics, self.plan.method, self.request.few_levels)
 
     def resolved(self, plan):
-        """The plan with the time steps and the share of the tolerance that its harmonics want."""
+        """The plan with the time steps and the share of the tolerance that its
+        harmonics want.
+        """
         if not plan.active:
             return plan
-        steps = max(time_steps_of(plan.harmonics), self.resolving if plan.marches else 0, plan.time_steps)
+        steps = max(
+            time_steps_of(plan.harmonics),
+            self.resolving if plan.marches else 0,
+            plan.time_steps,
+        )
         share = planning.tolerance_share(plan.harmonics, self.modes[1])
         return dataclasses.replace(plan, tolerance_share=share, time_steps=steps)
 
@@ -87,17 +124,27 @@ class Case:
         return time_steps_for(max(self.modes[0], 2 * self.plan.excited))
 
     def march_plan(self):
-        """The plan of a march: above the mesh modes, below which the harmonics often have no solution nearby."""
+        """The plan of a march: above the mesh modes, below which the harmonics often
+        have no solution nearby.
+        """
         known, plan = self.reached or self.plan, self.plan
         harmonics, steps = plan.harmonics, max(plan.time_steps, self.resolving)
         if self.request.harmonics is None:
-            harmonics = max(harmonics, min(planning.first_level(0, self.modes[0]), MOST_HARMONICS[plan.method]))
+            harmonics = max(
+                harmonics,
+                min(
+                    planning.first_level(0, self.modes[0]), MOST_HARMONICS[plan.method]
+                ),
+            )
         changes = {"harmonics": harmonics, "start": "march", "time_steps": steps}
-        return dataclasses.replace(plan, active=known.active, flank=known.flank, **changes)
+        return dataclasses.replace(
+            plan, active=known.active, flank=known.flank, **changes
+        )
 
 
 def first_solved(case, strategies):
-    """The case after the first attempt that is solved, else after the last one, whose path has them all.
+    """The case after the first attempt that is solved, else after the last one, whose
+    path has them all.
 
     However overdue, one attempt is made, if a strategy yields one.
     """
@@ -106,7 +153,8 @@ def first_solved(case, strategies):
             break
         for attempt in strategy(case):
             refine(case, *attempt)
-            # Solved, or not to be solved from anywhere: a resonance without damping, torques that do not balance.
+            # Solved, or not to be solved from anywhere: a resonance without damping,
+            # torques that do not balance.
             if case.solved:
                 return case
             if time.monotonic() > case.deadline:
@@ -117,9 +165,11 @@ def first_solved(case, strategies):
 
 
 def refine(case, plan, given=None, event=None):
-    """Make an attempt: Newton's method with more and more harmonics until the tolerance is met.
+    """Make an attempt: Newton's method with more and more harmonics until the tolerance
+    is met.
 
-    Where a mesh leaves the flank that the plan held it on, it begins again with all meshes unknown.
+    Where a mesh leaves the flank that the plan held it on, it begins again with all
+    meshes unknown.
     """
     harmonics = 0
     if event is not None:
@@ -133,21 +183,36 @@ def refine(case, plan, given=None, event=None):
             case.sweep_change = error if math.isfinite(error) else math.inf
         case.path += response.path
         status = Status(int(response.status))
-        higher = case.next_level(plan.harmonics) if case.request.harmonics is None else None
+        higher = (
+            case.next_level(plan.harmonics) if case.request.harmonics is None else None
+        )
         if status == Status.PLAN_VIOLATED and any(plan.flank):
             given, plan = None, planning.all_active(case.train, plan, case.request)
         elif status == Status.TOLERANCE_NOT_MET and higher:
-            # The motion with too few harmonics is the start with more: the low ones change little.
-            given, harmonics, plan = outcome.deflection, higher, dataclasses.replace(plan, harmonics=higher)
+            # The motion with too few harmonics is the start with more: the low ones
+            # change little.
+            given, harmonics, plan = (
+                outcome.deflection,
+                higher,
+                dataclasses.replace(plan, harmonics=higher),
+            )
         else:
             case.response = dataclasses.replace(response, path=tuple(case.path))
-            case.reached, case.harmonics, case.solved = plan, harmonics, not status.another_start_may_help
+            case.reached, case.harmonics, case.solved = (
+                plan,
+                harmonics,
+                not status.another_start_may_help,
+            )
             return
 
 
 def sweep(case):
     """Make the attempt by sweeps, where teeth part and they serve; whether they do."""
-    swept = sweeping.swept_train(case.train, case.plan, case.request) if case.plan.marches else None
+    swept = (
+        sweeping.swept_train(case.train, case.plan, case.request)
+        if case.plan.marches
+        else None
+    )
     if swept is None:
         return False
     case.response = swept.solve(float(case.rpm))
@@ -158,10 +223,16 @@ def sweep(case):
 
 
 def compile_ahead(case):
-    """Begin to make the program that :func:`refine` runs first from deflections: the Future, None where it is there."""
+    """Begin to make the program that :func:`refine` runs first from deflections: the
+    Future, None where it is there.
+    """
     plan = case.resolved(case.plan)
-    begin = first_start(plan, given=np.zeros((len(plan.active_meshes.mask), 1), dtype=complex))
-    return solve_problem.compile_ahead(case.problem, plan.active_meshes, begin, plan.goals, plan.static)
+    begin = first_start(
+        plan, given=np.zeros((len(plan.active_meshes.mask), 1), dtype=complex)
+    )
+    return solve_problem.compile_ahead(
+        case.problem, plan.active_meshes, begin, plan.goals, plan.static
+    )
 
 
 def contact(case):
@@ -179,9 +250,13 @@ def from_response(response):
     """The strategy that starts from a motion at hand."""
 
     def strategy(case):
-        # What the linear motion holds on a flank, a motion at hand may separate: it is known at all meshes.
+        # What the linear motion holds on a flank, a motion at hand may separate: it is
+        # known at all meshes.
         plan = planning.all_active(case.train, case.plan, case.request)
-        if case.request.harmonics is None and int(response.status) == Status.TOLERANCE_NOT_MET:
+        if (
+            case.request.harmonics is None
+            and int(response.status) == Status.TOLERANCE_NOT_MET
+        ):
             above = case.next_level(response.harmonics) or MOST_HARMONICS[plan.method]
             plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))
         yield plan, np.asarray(active_deflections(plan, response.deflections)), None
@@ -192,12 +267,20 @@ def from_response(response):
 def from_sweeps(case):
     """From sweeps of the cycle, as time integration goes on."""
     plan = case.march_plan()
-    yield dataclasses.replace(plan, harmonics=max(plan.harmonics, case.harmonics)), None, None
+    yield (
+        dataclasses.replace(plan, harmonics=max(plan.harmonics, case.harmonics)),
+        None,
+        None,
+    )
 
 
 def from_swept_motion(case):
-    """From the motion that a solve by sweeps finds, with as many harmonics as it needs and a law that is sampled."""
-    free = dataclasses.replace(case.request, harmonics=None, method="reduced", integrals="sampled")
+    """From the motion that a solve by sweeps finds, with as many harmonics as it needs
+    and a law that is sampled.
+    """
+    free = dataclasses.replace(
+        case.request, harmonics=None, method="reduced", integrals="sampled"
+    )
     swept = sweeping.SweptTrain.of(case.train, case.plan, free)
     if swept is not None:
         response = swept.solve(float(case.rpm))
@@ -207,11 +290,19 @@ def from_swept_motion(case):
 
 
 def shooting(case, work=shots.WORK):
-    """From closed orbits (:mod:`jaxhb.solutions.shots`), of one number of time steps after the other by turns."""
+    """From closed orbits (:mod:`jaxhb.solutions.shots`), of one number of time steps
+    after the other by turns.
+    """
     plan = case.march_plan()
-    plans = {steps: dataclasses.replace(plan, time_steps=steps) for steps in _steps(case, plan, work)}
+    plans = {
+        steps: dataclasses.replace(plan, time_steps=steps)
+        for steps in _steps(case, plan, work)
+    }
     limits = {"work": work, "deadline": case.deadline}
-    found = {steps: shots.shoot(case.train, case.rpm, own, **limits) for steps, own in plans.items()}
+    found = {
+        steps: shots.shoot(case.train, case.rpm, own, **limits)
+        for steps, own in plans.items()
+    }
     left = ORBITS
     while found and left:
         for steps, orbits in list(found.items())[:left]:
@@ -229,28 +320,46 @@ def brief_shooting(case):
 
 
 def _steps(case, plan, work):
-    """Time steps a cycle with which orbits are searched, as coarse ones bend them: those of the plan, not where sweeps
-    settled, and twice and four times as many, as far as there is room for them and the work pays for a shot."""
+    """Time steps a cycle with which orbits are searched, as coarse ones bend them:
+    those of the plan, not where sweeps settled, and twice and four times as many, as
+    far as there is room for them and the work pays for a shot.
+    """
     wanted = [n * plan.time_steps for n in (1, 2, 4)]
     finest = wanted[-1]
     paid = {n: work / shots.work_of_cycle(case.train, n) for n in wanted}
-    kept = [n for n in wanted if n <= shots.CAPACITY and paid[n] >= (FINEST_SHOTS if n == finest else 1)]
+    kept = [
+        n
+        for n in wanted
+        if n <= shots.CAPACITY and paid[n] >= (FINEST_SHOTS if n == finest else 1)
+    ]
     return [n for n in kept if n > plan.time_steps or not case.settled]
 
 
 def _from_orbit(case, plan, orbit, steps):
-    """Newton's method from an orbit of so many time steps, with as many more harmonics where these are free.
+    """Newton's method from an orbit of so many time steps, with as many more harmonics
+    where these are free.
 
     Below the reach of the steps there may be no solution near the orbit.
     """
     harmonics = plan.harmonics
     if case.request.harmonics is None:
-        harmonics = planning.level_at_least(min(harmonics * steps // plan.time_steps, MOST_HARMONICS[plan.method]))
-    plan = dataclasses.replace(plan, harmonics=max(harmonics, case.harmonics), time_steps=min(steps, TIME_STEPS[-1]))
-    return plan, orbit.coefficients, Shooting(orbit.tries, steps, orbit.periodicity_error)
+        harmonics = planning.level_at_least(
+            min(harmonics * steps // plan.time_steps, MOST_HARMONICS[plan.method])
+        )
+    plan = dataclasses.replace(
+        plan,
+        harmonics=max(harmonics, case.harmonics),
+        time_steps=min(steps, TIME_STEPS[-1]),
+    )
+    return (
+        plan,
+        orbit.coefficients,
+        Shooting(orbit.tries, steps, orbit.periodicity_error),
+    )
 
 
-# Of a solve under a plan, the cheap ones first: the first attempt that is solved is the answer. Where the start of one
-# of them has failed already, or is not wanted, those after it are tried: the order counts.
+# Of a solve under a plan, the cheap ones first: the first attempt that is solved is the
+# answer. Where the start of one of them has failed already, or is not wanted, those
+# after it are tried: the order counts.
 STRATEGIES = (contact, from_sweeps, from_swept_motion, brief_shooting)
 BESIDE_SWEEPS = STRATEGIES[-1:]  # where a solve by sweeps found nothing

@@ -1,4 +1,6 @@
-"""Motions of hammering teeth by sweeps of the cycle: which trains they serve, with how many steps, at any speed."""
+"""Motions of hammering teeth by sweeps of the cycle: which trains they serve, with how
+many steps, at any speed.
+"""
 
 from __future__ import annotations
 
@@ -24,17 +26,28 @@ from jaxhb.solutions import planning
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
-MODES_RPM = 1000.0  # at which modes are made: only the slowest depend on it, by a soft hold, and so no bit on the speed
+# at which modes are made: only the slowest depend on it, by a soft hold, and so no bit
+# on the speed
+MODES_RPM = 1000.0
 
 
 def swept_train(train: DriveTrain, plan: Plan, request: Request) -> SweptTrain | None:
-    """The train ready to be solved by sweeps, with the tolerance of a plan made for it; None where they do not serve.
+    """The train ready to be solved by sweeps, with the tolerance of a plan made for it;
+    None where they do not serve.
 
-    They serve where as many harmonics are taken as it needs and the law is sampled; and not on accelerators, which want
-    lanes side by side.
+    They serve where as many harmonics are taken as it needs and the law is sampled; and
+    not on accelerators, which want lanes side by side.
     """
-    free = request.harmonics is None and request.method == "reduced" and request.integrals == "sampled"
-    return SweptTrain.of(train, plan, request) if free and jax.default_backend() == "cpu" else None
+    free = (
+        request.harmonics is None
+        and request.method == "reduced"
+        and request.integrals == "sampled"
+    )
+    return (
+        SweptTrain.of(train, plan, request)
+        if free and jax.default_backend() == "cpu"
+        else None
+    )
 
 
 @kept
@@ -48,8 +61,8 @@ def _modes_of(given: tuple[DriveTrain, ActiveMeshes]) -> MarchModes:
 class SweptTrain:
     """A train ready to be solved by sweeps at any speed.
 
-    plan : with every mesh that has a law as an unknown; excited : the highest harmonic that torques have; modes : those
-    that the meshes notice.
+    plan : with every mesh that has a law as an unknown; excited : the highest harmonic
+    that torques have; modes : those that the meshes notice.
     """
 
     train: DriveTrain
@@ -59,7 +72,9 @@ class SweptTrain:
 
     @classmethod
     def of(cls, train: DriveTrain, plan: Plan, request: Request) -> SweptTrain | None:
-        """With the tolerance of a plan; None for disks without inertia that leave no equation in time."""
+        """With the tolerance of a plan; None for disks without inertia that leave no
+        equation in time.
+        """
         plan = planning.all_active(train, plan, request)
         try:
             modes = _modes_of((train, plan.active_meshes))
@@ -78,20 +93,27 @@ class SweptTrain:
         at_hand: Response | None = None,
         steps: int = 0,
     ) -> Response:
-        """The response at a speed: the first that meets the tolerance, with twice and more times the steps, twice where
-        it finds nothing.
+        """The response at a speed: the first that meets the tolerance, with twice and
+        more times the steps, twice where it finds nothing.
 
-        motion : ``(2S,)``, displacements and velocities of the disks at the beginning of a cycle, in m and m/s, from
-        which it starts; deflection : ``(G, n+1)`` m of the meshes that have a law, of a motion at that speed from which
-        it starts; by default teeth are on their drive sides. settled : share of the tolerance that may be left of the
-        vibration; newton : whether its method may find what sweeps do not settle at, which may be unstable, or not
-        where a train from there would go; at_hand : a motion at that speed, which is the answer where sweeps settle at
-        it; steps : of a cycle at least. A status above TOLERANCE_NOT_MET says that no periodic motion was found.
+        motion : ``(2S,)``, displacements and velocities of the disks at the beginning
+        of a cycle, in m and m/s, from which it starts; deflection : ``(G, n+1)`` m of
+        the meshes that have a law, of a motion at that speed from which it starts; by
+        default teeth are on their drive sides. settled : share of the tolerance that
+        may be left of the vibration; newton : whether its method may find what sweeps
+        do not settle at, which may be unstable, or not where a train from there would
+        go; at_hand : a motion at that speed, which is the answer where sweeps settle at
+        it; steps : of a cycle at least. A status above TOLERANCE_NOT_MET says that no
+        periodic motion was found.
         """
         problem = problem_at(self.train, rpm, self.plan.excited)
         deviation = None if motion is None else motion - self._linear_start(rpm)
         deflection = None if deflection is None else self._padded(deflection)
-        known = None if at_hand is None else self._padded(at_hand.deflections[list(self.plan.active)])
+        known = (
+            None
+            if at_hand is None
+            else self._padded(at_hand.deflections[list(self.plan.active)])
+        )
         path, outcomes, failures = [], [], 0
         plans = self.sweep_plans(rpm, steps)
         for plan in plans:
@@ -115,20 +137,29 @@ class SweptTrain:
             if status == Status.TOLERANCE_NOT_MET:
                 deflection = np.asarray(ended.deflection)
             elif newton and status.another_start_may_help and not failures:
-                failures += 1  # sweeps that go astray with long steps may settle with shorter ones
+                # sweeps that go astray with long steps may settle with shorter ones
+                failures += 1
             else:
                 break
-        best = min(reversed(outcomes), key=lambda outcome: int(outcome.status))  # the finest of the best
+        best = min(
+            reversed(outcomes), key=lambda outcome: int(outcome.status)
+        )  # the finest of the best
         reached = self.plan_of(best.deflection.shape[-1] - 1)
         return response_of(self.train, rpm, problem, best, reached, path)
 
     def sweep_plans(self, rpm: float, steps: int = 0) -> list[SweepPlan]:
-        """The plans with more and more steps, so many at least, that are tried at a speed."""
+        """The plans with more and more steps, so many at least, that are tried at a
+        speed.
+        """
         topology = self.train.topology
         frequency = float(topology.cycle_frequency(rpm))
         instant = InstantSolve.of(len(topology.springs))
         by_rate = bool(topology.springs) or "contact" in topology.mesh_damping_law
-        least = max(steps, steps_for(self.modes, frequency), 4 * planning.ABOVE_EXCITATION * self.excited)
+        least = max(
+            steps,
+            steps_for(self.modes, frequency),
+            4 * planning.ABOVE_EXCITATION * self.excited,
+        )
         enough = [steps for steps in STEPS if steps >= least] or STEPS[-1:]
         return [SweepPlan(steps, instant, by_rate) for steps in enough]
 
@@ -141,7 +172,9 @@ class SweptTrain:
         """(x, x') ``(2S,)`` of the linear train at the beginning of a cycle."""
         system, meshes = chain.assemble(self.train), law_meshes(self.train)
         highest = listed_harmonic(self.train.topology)
-        return linear_start(linear_motions(self.train, [rpm], system, meshes, highest))[0]
+        return linear_start(linear_motions(self.train, [rpm], system, meshes, highest))[
+            0
+        ]
 
     def plan_of(self, harmonics: int) -> Plan:
         """The plan under which Newton's method has so many harmonics."""

@@ -1,4 +1,6 @@
-"""When a march ends: the period that its motion has, approaches, or does not have. Host arithmetic."""
+"""When a march ends: the period that its motion has, approaches, or does not have. Host
+arithmetic.
+"""
 
 from __future__ import annotations
 
@@ -6,38 +8,47 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# Closure errors are shares of the largest deflection and the gap. Soft springs to ground and heavy disks on soft shafts
-# settle over hundreds of cycles, of which the teeth see little: what is left is solved by harmonic balance, whatever
-# the rate of decay.
+# Closure errors are shares of the largest deflection and the gap. Soft springs to
+# ground and heavy disks on soft shafts settle over hundreds of cycles, of which the
+# teeth see little: what is left is solved by harmonic balance, whatever the rate of
+# decay.
 
 PERIODIC = 5e-5  # closure error at which a motion that does not leave it has a period
 NEAR = 3e-4  # closure error below which it has a period that it approaches
-# Closure error that keeps falling below which, where a march ends, it may be near a motion to which it goes on: worth
-# the question of whether there is one that attracts.
+# Closure error that keeps falling below which, where a march ends, it may be near a
+# motion to which it goes on: worth the question of whether there is one that attracts.
 CLOSE = 0.02
 SMALL = 0.3  # closure error above which a decay shows nothing
 ROUNDED = 1e-9  # closure error that rounding leaves
-# Share to which the closure error falls from one window of cycles to the next, twice, where a motion approaches a
-# period; past a motion that repels in one direction the fall slows down.
+# Share to which the closure error falls from one window of cycles to the next, twice,
+# where a motion approaches a period; past a motion that repels in one direction the
+# fall slows down.
 FALLING = 0.8
 DECAYING = 0.95  # the same where it may still do so
-LEAVING = 1.05  # growth of the closure error from one window to the next that still is none
-# Cycles in a window at least (as many as the period has), and cycles after which one is looked for, at most.
+LEAVING = (
+    1.05  # growth of the closure error from one window to the next that still is none
+)
+# Cycles in a window at least (as many as the period has), and cycles after which one is
+# looked for, at most.
 WINDOW, LONGEST_PERIOD = 3, 8
 
 PERIODS = range(1, LONGEST_PERIOD + 1)
 
 # Latest cycles that closure errors are read from: three windows and the longest period.
 READ = 3 * max(WINDOW, LONGEST_PERIOD) + LONGEST_PERIOD
-# Cycles before a record, fewest and most, and steps times modes that these may take beyond the fewest.
+# Cycles before a record, fewest and most, and steps times modes that these may take
+# beyond the fewest.
 TRANSIENT, WORK = (64, 1024), 4e6
-DECAYS = 16.0  # times the decay of the slowest mode that teeth notice, that a transient is given
-# Cycles of a transient for the sake of such modes, at most: where cycles take long, and where they do not; steps times
-# modes that these may take beyond the fewer, some seconds.
+# times the decay of the slowest mode that teeth notice, that a transient is given
+DECAYS = 16.0
+# Cycles of a transient for the sake of such modes, at most: where cycles take long, and
+# where they do not; steps times modes that these may take beyond the fewer, some
+# seconds.
 SLOWEST, SLOW_WORK = (512, 10_000), 4e7
 
 
-# Cycles of a record by default, and of one whose extremes vary: by two standard deviations of more than this share.
+# Cycles of a record by default, and of one whose extremes vary: by two standard
+# deviations of more than this share.
 RECORDED, LONGER, SPREAD = 64, 256, 0.05
 
 
@@ -45,11 +56,13 @@ RECORDED, LONGER, SPREAD = 64, 256, 0.05
 class Cycles:
     """How long a march is at most.
 
-    transient : cycles before the record, by default 64 to 1024, more of them for trains whose cycles are cheap; where a
-    mode that teeth notice decays slowly, sixteen times its decay, up to 512 if cycles take long and 10,000 if not;
-    recorded : cycles of the record of a motion that does not return, at least; by default 64, and 256 where the largest
-    tooth forces of parts of them tell that those of another record would differ by more than 5 %; most : cycles while
-    closure errors still fall, with each length of steps.
+    transient : cycles before the record, by default 64 to 1024, more of them for trains
+    whose cycles are cheap; where a mode that teeth notice decays slowly, sixteen times
+    its decay, up to 512 if cycles take long and 10,000 if not; recorded : cycles of the
+    record of a motion that does not return, at least; by default 64, and 256 where the
+    largest tooth forces of parts of them tell that those of another record would differ
+    by more than 5 %; most : cycles while closure errors still fall, with each length of
+    steps.
     """
 
     transient: int | None = None
@@ -57,8 +70,10 @@ class Cycles:
     most: int = 256
 
     def before_record(self, work: float, decay: float) -> int:
-        """Cycles before the record, for ``work`` steps times modes a cycle and ``decay`` cycles in which the slowest
-        mode that teeth notice falls by the factor e."""
+        """Cycles before the record, for ``work`` steps times modes a cycle and
+        ``decay`` cycles in which the slowest mode that teeth notice falls by the factor
+        e.
+        """
         if self.transient is not None:
             return self.transient
         most = np.clip(SLOW_WORK / work, *SLOWEST)
@@ -68,10 +83,11 @@ class Cycles:
 class Closure:
     """How nearly the cycles of a march close, cycle by cycle.
 
-    A cycle is known by (l, l') ``(I, 2G)`` of its meshes at I equidistant time samples, a reconstruction of the state
-    by delays: motion that no mesh sees, free rotation above all, does not count. The closure error of period k is the
-    largest difference from the cycle k before, relative to the largest of that quantity and the gap (``floor``,
-    ``(2G,)`` in m and m/s).
+    A cycle is known by (l, l') ``(I, 2G)`` of its meshes at I equidistant time samples,
+    a reconstruction of the state by delays: motion that no mesh sees, free rotation
+    above all, does not count. The closure error of period k is the largest difference
+    from the cycle k before, relative to the largest of that quantity and the gap
+    (``floor``, ``(2G,)`` in m and m/s).
     """
 
     def __init__(self, floor):
@@ -79,7 +95,9 @@ class Closure:
         self.cycles = []
 
     def add(self, samples):
-        """Take in cycles ``(cycles, I, 2G)``; those that no closure error reads any more are dropped."""
+        """Take in cycles ``(cycles, I, 2G)``; those that no closure error reads any
+        more are dropped.
+        """
         self.cycles = (self.cycles + list(samples))[-READ:]
 
     @property
@@ -90,21 +108,30 @@ class Closure:
     @property
     def scale(self):
         """Size ``(2G,)`` of deflections and rates."""
-        return np.abs(np.array(self.cycles[-2 * LONGEST_PERIOD :])).max(axis=(0, 1)) + self.floor
+        return (
+            np.abs(np.array(self.cycles[-2 * LONGEST_PERIOD :])).max(axis=(0, 1))
+            + self.floor
+        )
 
     def errors(self, k, scale=None):
-        """Largest closure error of period k in each of the last three windows, the latest first; else inf."""
+        """Largest closure error of period k in each of the last three windows, the
+        latest first; else inf.
+        """
         window, scale = max(WINDOW, k), self.scale if scale is None else scale
         last = np.array(self.cycles[-3 * window - k :])
         change = (np.abs(last[k:] - last[:-k]) / scale).max(axis=(1, 2))[::-1]
         windows = (change[i * window : (i + 1) * window] for i in range(3))
-        return [float(part.max()) if len(part) == window else np.inf for part in windows]
+        return [
+            float(part.max()) if len(part) == window else np.inf for part in windows
+        ]
 
     def period(self):
-        """The smallest period in cycles that the motion has or approaches; 0 where there is none yet.
+        """The smallest period in cycles that the motion has or approaches; 0 where
+        there is none yet.
 
-        Where the motion still approaches a divisor of a period it may well have that one: beside a period doubling it
-        nearly returns after two cycles while it settles on the period of one.
+        Where the motion still approaches a divisor of a period it may well have that
+        one: beside a period doubling it nearly returns after two cycles while it
+        settles on the period of one.
         """
         errors = self._errors_by_period()
         for k in PERIODS:
@@ -115,13 +142,24 @@ class Closure:
         return 0
 
     def period_at_end(self, close=NEAR):
-        """The smallest period that the motion has or approaches, however slowly, from a closure error of ``close`` on;
-        0 where there is none: the march goes on no longer."""
+        """The smallest period that the motion has or approaches, however slowly, from a
+        closure error of ``close`` on; 0 where there is none: the march goes on no
+        longer.
+        """
         errors = self._errors_by_period()
-        return next((k for k in PERIODS if periodic(errors[k]) or falling(errors[k], close, 1.0)), 0)
+        return next(
+            (
+                k
+                for k in PERIODS
+                if periodic(errors[k]) or falling(errors[k], close, 1.0)
+            ),
+            0,
+        )
 
     def undecided(self):
-        """Whether the motion may still settle on a period: a closure error is small and keeps falling."""
+        """Whether the motion may still settle on a period: a closure error is small and
+        keeps falling.
+        """
         return any(map(decaying, self._errors_by_period().values()))
 
     def _errors_by_period(self):
@@ -130,13 +168,17 @@ class Closure:
 
 
 def periodic(errors):
-    """Whether the latest closure error, of those of successive windows, is small and not on its way out."""
+    """Whether the latest closure error, of those of successive windows, is small and
+    not on its way out.
+    """
     now, before, _ = errors
     return now <= PERIODIC and now <= LEAVING * before < np.inf or now <= ROUNDED
 
 
 def falling(errors, close, share):
-    """Whether closure errors of successive windows, the latest first and below ``close``, fall to a share each."""
+    """Whether closure errors of successive windows, the latest first and below
+    ``close``, fall to a share each.
+    """
     now, before, first = errors
     return now <= close and now <= share * before and before <= share * first < np.inf
 
@@ -147,11 +189,11 @@ def decaying(errors):
 
 
 def ended(batch, running, cycles, exact=False):
-    """Let marches go on until one of them or more end: these, as ``(march, period)``, with period 0 where a march ends
-    without one.
+    """Let marches go on until one of them or more end: these, as ``(march, period)``,
+    with period 0 where a march ends without one.
 
-    ``cycles``: Cycles with a number of them before the record; ``exact``: whether harmonic balance is asked to confirm
-    periods.
+    ``cycles``: Cycles with a number of them before the record; ``exact``: whether
+    harmonic balance is asked to confirm periods.
     """
     while running:
         first = [march for march in running if march.cycles < cycles.transient]
@@ -172,11 +214,15 @@ def _period(march, cycles, exact):
         return 0
     if march.cycles < march.not_before:
         return None
-    # Where harmonic balance confirms a motion or refuses it, being near one is worth the question as soon as the cycles
-    # are done, whether or not the march goes on.
+    # Where harmonic balance confirms a motion or refuses it, being near one is worth
+    # the question as soon as the cycles are done, whether or not the march goes on.
     close = CLOSE if exact else NEAR
     complete = march.cycles >= cycles.transient and march.recorded >= cycles.recorded
-    period = march.closure.period_at_end(close) if complete and exact else march.closure.period()
+    period = (
+        march.closure.period_at_end(close)
+        if complete and exact
+        else march.closure.period()
+    )
     if period:
         return period
     over = complete and (march.cycles >= cycles.most or not march.closure.undecided())

@@ -1,4 +1,6 @@
-"""Harmonic balance of a motion to which a march came: of one cycle, or of several as one long cycle."""
+"""Harmonic balance of a motion to which a march came: of one cycle, or of several as
+one long cycle.
+"""
 
 import dataclasses
 
@@ -13,48 +15,66 @@ from jaxhb.results.status import March
 from jaxhb.solutions import planning, starts
 from jaxhb.steady.closure import LONGEST_PERIOD
 
-MARGIN = 0.05  # share of the backlash beyond the knee that a mesh keeps which is taken to stay on its flank (verified)
-# Difference of deflections, relative to the largest and the gap, up to which a solution is the motion marched.
+# share of the backlash beyond the knee that a mesh keeps which is taken to stay on its
+# flank (verified)
+MARGIN = 0.05
+# Difference of deflections, relative to the largest and the gap, up to which a solution
+# is the motion marched.
 SAME = 0.05
-# Share of the sum of all amplitudes below which those of longer periods are none: so many times the truncation error,
-# which is of one force and not of a sum, between these; and up to which they may be what Newton's method has left of a
-# start.
+# Share of the sum of all amplitudes below which those of longer periods are none: so
+# many times the truncation error, which is of one force and not of a sum, between
+# these; and up to which they may be what Newton's method has left of a start.
 TRUNCATED, REPEATS, WEAK, DOUBTED = 10.0, 1e-4, 5e-3, 0.1
-# Numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there may be no
-# solution near the motion.
+# Numbers of harmonics, one higher than the other, from which Newton's method is
+# started: with too few there may be no solution near the motion.
 LEVELS = 3
-NO_SUBHARMONIC = 1e-5  # share of the tolerance that sweeps may leave where the rest would look like a weak subharmonic
+# share of the tolerance that sweeps may leave where the rest would look like a weak
+# subharmonic
+NO_SUBHARMONIC = 1e-5
 
 
 def settle_marched(swept, march, trace, period, *, steps, meshes):
-    """The Response of a motion with a period of some cycles, by sweeps from one marched period; None where they lead to
-    no motion, or to another one.
+    """The Response of a motion with a period of some cycles, by sweeps from one marched
+    period; None where they lead to no motion, or to another one.
 
-    swept : SweptTrain with that period as its cycle; others as of :func:`solve_marched`.
+    swept : SweptTrain with that period as its cycle; others as of
+    :func:`solve_marched`.
     """
     deflection = np.split(trace, 2)[0]
     deflection = fourier.analyze(deflection, (deflection.shape[1] - 1) // 2)
     response = swept.solve(march.rpm, deflection=deflection)
     if response.solved and may_repeat(response, period):
         known = response.deflections[list(swept.plan.active)]
-        exact = swept.solve(march.rpm, deflection=known, settled=NO_SUBHARMONIC, steps=response.path[-1].time_steps)
+        exact = swept.solve(
+            march.rpm,
+            deflection=known,
+            settled=NO_SUBHARMONIC,
+            steps=response.path[-1].time_steps,
+        )
         response = exact if exact.solved else response
-    if not response.solved or not same_motion(response, trace, meshes, swept.train, period):
+    if not response.solved or not same_motion(
+        response, trace, meshes, swept.train, period
+    ):
         return None
     event = March(march.cycles, steps, max(march.closure.errors(period)[0], 1e-300))
     return dataclasses.replace(response, path=(event, *response.path))
 
 
-def solve_marched(train, march, trace, period, request, *, steps, meshes, levels=LEVELS):
-    """The Response of a motion with a period of some cycles, from one marched period; None where no harmonics close to
-    the motion solve the equations.
+def solve_marched(
+    train, march, trace, period, request, *, steps, meshes, levels=LEVELS
+):
+    """The Response of a motion with a period of some cycles, from one marched period;
+    None where no harmonics close to the motion solve the equations.
 
-    train : of one cycle, with its loss factors; trace ``(2G, period x steps)``: (l, l') of the backlash meshes, of
-    which ``meshes`` are the MeshParameters; levels : numbers of harmonics that are tried at most.
+    train : of one cycle, with its loss factors; trace ``(2G, period x steps)``: (l, l')
+    of the backlash meshes, of which ``meshes`` are the MeshParameters; levels : numbers
+    of harmonics that are tried at most.
     """
     if period > 1:
         train = train.repeated(period)
-        request = dataclasses.replace(request, harmonics=request.harmonics and period * request.harmonics)
+        request = dataclasses.replace(
+            request, harmonics=request.harmonics and period * request.harmonics
+        )
     # Not 0, which says of an Outcome that nothing was marched.
     event = March(march.cycles, steps, max(march.closure.errors(period)[0], 1e-300))
     deflection = np.split(trace, 2)[0]
@@ -62,7 +82,10 @@ def solve_marched(train, march, trace, period, request, *, steps, meshes, levels
     reach = (deflection.shape[1] - 1) // 2
     given = np.zeros((len(train.topology.has_law), reach + 1), dtype=complex)
     given[train.topology.law_index] = fourier.analyze(deflection, reach)
-    given, case = active_deflections(plan, given), starts.Case(train, march.rpm, request, plan)
+    given, case = (
+        active_deflections(plan, given),
+        starts.Case(train, march.rpm, request, plan),
+    )
     for _ in range(levels):
         starts.refine(case, plan, given, event)
         higher = case.next_level(plan.harmonics)
@@ -70,7 +93,11 @@ def solve_marched(train, march, trace, period, request, *, steps, meshes, levels
             response = case.response
             if may_repeat(response, period):
                 response = _exact(case)
-            return response if same_motion(response, trace, meshes, train, period) else None
+            return (
+                response
+                if same_motion(response, trace, meshes, train, period)
+                else None
+            )
         if request.harmonics or not higher:
             break
         plan, event = dataclasses.replace(plan, harmonics=higher), None
@@ -78,13 +105,19 @@ def solve_marched(train, march, trace, period, request, *, steps, meshes, levels
 
 
 def _exact(case):
-    """The response of a case solved on until its residual is exact: what the last step of Newton's method leaves is not
-    told from a weak subharmonic, which a march that still decays seems to have."""
+    """The response of a case solved on until its residual is exact: what the last step
+    of Newton's method leaves is not told from a weak subharmonic, which a march that
+    still decays seems to have.
+    """
     plan = dataclasses.replace(case.reached, step_tolerance=0.0)
     begin = first_start(plan, given=active_deflections(plan, case.response.deflections))
     response, _ = solve_once(case.train, case.rpm, case.problem, plan, begin)
     good = response.solved
-    return dataclasses.replace(response, path=case.response.path) if good else case.response
+    return (
+        dataclasses.replace(response, path=case.response.path)
+        if good
+        else case.response
+    )
 
 
 def _plan(train, rpm, request, deflection, meshes, period):
@@ -92,15 +125,18 @@ def _plan(train, rpm, request, deflection, meshes, period):
     law = meshes.law
     side = np.where(deflection.mean(axis=1) < 0, -1, 1)
     least = (side[:, None] * deflection).min(axis=1)
-    held = np.append(~train.topology.mesh_varies, np.zeros(len(train.topology.springs), bool))
+    held = np.append(
+        ~train.topology.mesh_varies, np.zeros(len(train.topology.springs), bool)
+    )
     stays = (least > law.knee + MARGIN * law.backlash) & held[train.topology.law_index]
     apart = (np.abs(deflection) < law.gap[:, None]).any()
     return _plan_of(train, rpm, request, np.where(stays, side, 0), apart, period)
 
 
 def _plan_of(train, rpm, request, side, apart, period):
-    """The plan for backlash meshes of which some stay on a side ``(G,)``, +1 or -1, and those of side 0 are unknowns;
-    ``apart``: whether any separates."""
+    """The plan for backlash meshes of which some stay on a side ``(G,)``, +1 or -1, and
+    those of side 0 are unknowns; ``apart``: whether any separates.
+    """
     own = train.topology.law_index
     if not side.all():
         side = np.zeros_like(side)  # one program whatever meshes leave contact
@@ -109,16 +145,22 @@ def _plan_of(train, rpm, request, side, apart, period):
     contact = planning.contact_plan(train, request)
     modes = mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     active = tuple(int(i) for i in own[side == 0])
-    wanted = planning.first_level(contact.excited, modes[0] if apart else 0.0) if active else contact.harmonics
+    wanted = (
+        planning.first_level(contact.excited, modes[0] if apart else 0.0)
+        if active
+        else contact.harmonics
+    )
     wanted = planning.level_at_least(wanted, planning.FEW_LEVELS) if active else wanted
-    # With fewer harmonics a cycle than one cycle has, a motion of one cycle is solved as a subharmonic one.
+    # With fewer harmonics a cycle than one cycle has, a motion of one cycle is solved
+    # as a subharmonic one.
     wanted = max(wanted, planning.level_at_least(period * planning.LEVELS[0]))
     return dataclasses.replace(
         contact,
         harmonics=request.harmonics or min(wanted, MOST_HARMONICS[request.method]),
         active=active,
         flank=tuple(flank.tolist()),
-        # Read only where a flank that the plan held did not hold: what was given is no start then.
+        # Read only where a flank that the plan held did not hold: what was given is no
+        # start then.
         start="march" if active and flank.any() else "linear",
         # Room for the longest period whatever the period: equal shapes, one program.
         excited=contact.excited // period * LONGEST_PERIOD,
@@ -126,52 +168,77 @@ def _plan_of(train, rpm, request, side, apart, period):
 
 
 def compile_ahead(train, separates, request):
-    """Begin to make the programs that :func:`solve_marched` will run at speeds ``{rpm: whether the linear motion
-    separates teeth}``, in other threads, while these are marched: Futures to be cancelled when these speeds are done.
+    """Begin to make the programs that :func:`solve_marched` will run at speeds ``{rpm:
+    whether the linear motion separates teeth}``, in other threads, while these are
+    marched: Futures to be cancelled when these speeds are done.
     """
     unknown = np.zeros(len(train.topology.law_index), dtype=int)
-    plans = {_plan_of(train, rpm, request, unknown, apart, period=1): rpm for rpm, apart in separates.items()}
+    plans = {
+        _plan_of(train, rpm, request, unknown, apart, period=1): rpm
+        for rpm, apart in separates.items()
+    }
     cases = (starts.Case(train, rpm, request, plan) for plan, rpm in plans.items())
     return [made for made in map(starts.compile_ahead, cases) if made is not None]
 
 
 def same_motion(response, trace, meshes, train, period=1, most=SAME):
-    """Whether a response is the motion of a marched period ``(2G, steps)`` of some cycles, from whichever of its cycles
-    on."""
+    """Whether a response is the motion of a marched period ``(2G, steps)`` of some
+    cycles, from whichever of its cycles on.
+    """
     own = train.topology.law_index
     deflection = np.split(trace, 2)[0]
     steps = deflection.shape[1]
     found = response.deflection_samples(steps)[own]
     gap = (1 - meshes.law.epsilon) * meshes.law.backlash
     size = most * (np.abs(deflection).max(axis=1) + gap)
-    shifted = (np.roll(found, cycle * (steps // period), axis=1) for cycle in range(period))
-    return any((np.abs(moved - deflection).max(axis=1) <= size).all() for moved in shifted)
+    shifted = (
+        np.roll(found, cycle * (steps // period), axis=1) for cycle in range(period)
+    )
+    return any(
+        (np.abs(moved - deflection).max(axis=1) <= size).all() for moved in shifted
+    )
 
 
 def shortest_period(response, period):
-    """The smallest divisor of a number of cycles after which the motion over so many cycles repeats, as far as its
-    truncation error shows: whether a weaker subharmonic is there, the stability of the shorter motion tells."""
+    """The smallest divisor of a number of cycles after which the motion over so many
+    cycles repeats, as far as its truncation error shows: whether a weaker subharmonic
+    is there, the stability of the shorter motion tells.
+    """
     most = np.clip(TRUNCATED * float(response.truncation_error), REPEATS, WEAK)
-    return next((d for d in proper_divisors(period) if repetition(response, period, d) <= most), period)
+    return next(
+        (d for d in proper_divisors(period) if repetition(response, period, d) <= most),
+        period,
+    )
 
 
 def may_repeat(response, period):
-    """Whether a motion over ``period`` cycles may be one of fewer, once it is solved to the end."""
-    return any(repetition(response, period, divisor) <= DOUBTED for divisor in proper_divisors(period))
+    """Whether a motion over ``period`` cycles may be one of fewer, once it is solved to
+    the end.
+    """
+    return any(
+        repetition(response, period, divisor) <= DOUBTED
+        for divisor in proper_divisors(period)
+    )
 
 
 def proper_divisors(period):
-    """Numbers of cycles, shortest first, after which a motion over ``period`` cycles may repeat before its end."""
+    """Numbers of cycles, shortest first, after which a motion over ``period`` cycles
+    may repeat before its end.
+    """
     return [divisor for divisor in range(1, period) if period % divisor == 0]
 
 
 def repetition(response, period, divisor):
-    """Share of the amplitudes of a motion over ``period`` cycles that do not repeat after ``divisor`` of them."""
+    """Share of the amplitudes of a motion over ``period`` cycles that do not repeat
+    after ``divisor`` of them.
+    """
     deflections = np.abs(np.asarray(response.deflections))
     others = np.arange(deflections.shape[-1]) % (period // divisor) != 0
     return deflections[:, others].sum() / max(deflections[:, 1:].sum(), 1e-300)
 
 
 def difference(one, other, period):
-    """The :func:`~jaxhb.balance.swept.difference` of the deflections of two responses over ``period`` cycles."""
+    """The :func:`~jaxhb.balance.swept.difference` of the deflections of two responses
+    over ``period`` cycles.
+    """
     return deflection_difference(one.deflections, other.deflections, period)

@@ -1,4 +1,6 @@
-"""Marches of one train at several speeds: its equations in modal form, batches that run side by side, and records."""
+"""Marches of one train at several speeds: its equations in modal form, batches that run
+side by side, and records.
+"""
 
 import dataclasses
 from dataclasses import dataclass
@@ -20,32 +22,45 @@ from jaxhb.results.record import Record, RecordedSignal, SteadyContact
 from jaxhb.steady.closure import Closure
 from jaxhb.train import chain
 
-# Steps per period of the highest mesh mode, and of a cycle, at least. On ``gear_train_30``, five speeds from 1422 to
-# 2039 rpm, extremes of the elastic tooth forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with 3.5 to 1.8 %,
-# with 8 to 0.2 %.
+# Steps per period of the highest mesh mode, and of a cycle, at least. On
+# ``gear_train_30``, five speeds from 1422 to 2039 rpm, extremes of the elastic tooth
+# forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with 3.5 to 1.8 %, with 8
+# to 0.2 %.
 STEPS_PER_MODE_PERIOD, STEPS = 5, 256
-# Steps of a cycle at most, with which a cycle of a small train takes a second or two; and memory that they may take, B.
+# Steps of a cycle at most, with which a cycle of a small train takes a second or two;
+# and memory that they may take, B.
 MOST_STEPS, MEMORY = 2**18, 3 * 2**28
-# Speeds of a batch, each a program, and how many speeds at least it is faster for than smaller ones; on each device.
+# Speeds of a batch, each a program, and how many speeds at least it is faster for than
+# smaller ones; on each device.
 BATCHES = (64, 41), (16, 8), (1, 1)
 RECORDED_SPEEDS = 16  # of a recorded batch at most, for the sake of memory
 MODAL_DISKS = 300  # disks up to which all modes are marched
-# Of larger trains those modes are kept, as far as meshes see them, which so many steps per period of the highest mesh
-# mode resolve, with four steps per period of their own: up to 1.5 times its frequency.
+# Of larger trains those modes are kept, as far as meshes see them, which so many steps
+# per period of the highest mesh mode resolve, with four steps per period of their own:
+# up to 1.5 times its frequency.
 KEPT_MODES = 6
 OBSERVABLE = 1e-4  # share of a mesh's own compliance from which teeth notice a mode
 
 
 class Equations:
-    """A train as a march takes it; loss factors damp each mode at its own frequency. A ValueError names massless disks
-    that leave no equation to integrate."""
+    """A train as a march takes it; loss factors damp each mode at its own frequency. A
+    ValueError names massless disks that leave no equation to integrate.
+    """
 
     def __init__(self, train):
         self.train, topology = train, train.topology
         self.system, self.meshes = chain.assemble(train), law_meshes(train)
-        self.parts = partition(self.system, self.meshes, topology.disk_names, topology.link_names, lossy=True)
+        self.parts = partition(
+            self.system,
+            self.meshes,
+            topology.disk_names,
+            topology.link_names,
+            lossy=True,
+        )
         self.own, self.linear = topology.law_index, np.flatnonzero(~topology.has_law)
-        self.teeth = self.own[self.own < len(topology.mesh_names)]  # what follows acts beside shafts
+        self.teeth = self.own[
+            self.own < len(topology.mesh_names)
+        ]  # what follows acts beside shafts
         self.shafts = len(topology.link_names) - len(topology.mesh_names)
         self.gears = sorted({disk for ends in topology.mesh_ends for disk in ends})
 
@@ -56,28 +71,48 @@ class Equations:
 
     @cached_property
     def modes_and_missing(self):
-        """All modes, or of a finely divided train the slow ones that its meshes see most; and the share of a mesh's own
-        compliance that those have which a march leaves out, the largest."""
+        """All modes, or of a finely divided train the slow ones that its meshes see
+        most; and the share of a mesh's own compliance that those have which a march
+        leaves out, the largest.
+        """
         frequency = self.train.topology.cycle_frequency(1000.0)
         if self.train.topology.n_disks <= MODAL_DISKS:
             return march_modes(self.system, self.meshes, frequency, self.parts), 0.0
         wanted = KEPT_MODES * self.highest_hz * 2 * np.pi / frequency
         steps = next(n for n in TIME_STEPS if n >= min(wanted, TIME_STEPS[-1]))
-        model = reduced_model(self.system, np.asarray(self.meshes.link), np.ones(len(self.own)), frequency, steps)
-        # What is left out is the residual flexibility of a mesh times its stiffness: a share of its own compliance.
-        stiff = np.abs(np.diag(np.asarray(model.residual_flexibility))) * np.asarray(self.meshes.law.stiffness)
-        return modes_of(model.space, np.asarray(model.motion)), float(stiff.max(initial=0.0))
+        model = reduced_model(
+            self.system,
+            np.asarray(self.meshes.link),
+            np.ones(len(self.own)),
+            frequency,
+            steps,
+        )
+        # What is left out is the residual flexibility of a mesh times its stiffness: a
+        # share of its own compliance.
+        stiff = np.abs(np.diag(np.asarray(model.residual_flexibility))) * np.asarray(
+            self.meshes.law.stiffness
+        )
+        return modes_of(model.space, np.asarray(model.motion)), float(
+            stiff.max(initial=0.0)
+        )
 
     @cached_property
     def decay(self):
         """Seconds in which the slowest mode that teeth notice falls by the factor e.
 
-        Impacts keep exciting such a mode, and it needs many times as long until its motion is the one that they keep
-        up; rotation of the train and rings without spring, that decay over hours, bend no tooth.
+        Impacts keep exciting such a mode, and it needs many times as long until its
+        motion is the one that they keep up; rotation of the train and rings without
+        spring, that decay over hours, bend no tooth.
         """
         modes, meshes = self.modes, len(self.own)
-        static = modes.observation[:meshes].T[:, :, None] * modes.forcing[:, None, :] / modes.rates[:, None, None]
-        share = (np.abs(static) * np.asarray(self.meshes.law.stiffness)).max(axis=(1, 2))
+        static = (
+            modes.observation[:meshes].T[:, :, None]
+            * modes.forcing[:, None, :]
+            / modes.rates[:, None, None]
+        )
+        share = (np.abs(static) * np.asarray(self.meshes.law.stiffness)).max(
+            axis=(1, 2)
+        )
         slowest = np.max(modes.rates.real[share > OBSERVABLE], initial=-np.inf)
         return -1 / slowest if slowest < 0 else np.inf
 
@@ -94,48 +129,87 @@ class Equations:
         """Steps of a cycle at a speed."""
         topology = self.train.topology
         highest = 2 * np.pi * self.highest_hz / topology.cycle_frequency(rpm)
-        least = max(STEPS_PER_MODE_PERIOD * highest, 4 * listed_harmonic(topology), STEPS)
+        least = max(
+            STEPS_PER_MODE_PERIOD * highest, 4 * listed_harmonic(topology), STEPS
+        )
         more = TIME_STEPS[-1] << int(np.ceil(np.log2(max(least / TIME_STEPS[-1], 1))))
         return next((n for n in TIME_STEPS if n >= least), more)
 
     def too_long(self, rpm, refinement=1):
-        """Why a speed is not marched with so many times its steps, a sentence; empty where it is."""
+        """Why a speed is not marched with so many times its steps, a sentence; empty
+        where it is.
+        """
         steps = refinement * self.steps(rpm)
         most = min(MOST_STEPS, int(MEMORY / self._bytes_of_step))
         if steps <= most:
             return ""
-        times = f", {refinement} times those of the first march" if refinement > 1 else ""
+        times = (
+            f", {refinement} times those of the first march" if refinement > 1 else ""
+        )
         return (
-            f"time integration would take {steps:.3g} steps a cycle{times}, as teeth vibrate at up to "
-            f"{self.highest_hz:.4g} Hz, and takes at most {most:.3g}"
+            f"time integration would take {steps:.3g} steps a cycle{times}, as teeth"
+            f" vibrate at up to {self.highest_hz:.4g} Hz, and takes at most {most:.3g}"
         )
 
     @property
     def _bytes_of_step(self):
-        """Memory in B that a recorded march takes for each of its steps: the rows of the linear motion, the states, and
-        of every quantity its values and their Fourier coefficients."""
+        """Memory in B that a recorded march takes for each of its steps: the rows of
+        the linear motion, the states, and of every quantity its values and their
+        Fourier coefficients.
+        """
         links, disks = len(self.train.topology.link_names), self.train.topology.n_disks
-        slow, fast = 2 * disks + 3 * links, 3 * len(self.own) + 2 * len(self.linear) + 2 * len(self.gears)
-        return 8 * (16 * len(self.own) + 2 * len(self.modes.rates) + 4 * slow / cycles.STRIDE + 4 * fast)
+        slow, fast = (
+            2 * disks + 3 * links,
+            3 * len(self.own) + 2 * len(self.linear) + 2 * len(self.gears),
+        )
+        return 8 * (
+            16 * len(self.own)
+            + 2 * len(self.modes.rates)
+            + 4 * slow / cycles.STRIDE
+            + 4 * fast
+        )
 
     def linear_motion(self, rpm):
         """The :class:`~jaxhb.integration.batch.LinearMotion` of speeds."""
-        return batch.linear_motions(self.train, rpm, self.system, self.meshes, listed_harmonic(self.train.topology))
+        return batch.linear_motions(
+            self.train,
+            rpm,
+            self.system,
+            self.meshes,
+            listed_harmonic(self.train.topology),
+        )
 
     @cached_property
     def gear_sums(self):
-        """Radius and sense ``(P, R)`` with which the forces of linear meshes, then of the others, act on gears."""
+        """Radius and sense ``(P, R)`` with which the forces of linear meshes, then of
+        the others, act on gears.
+        """
         ends = [self.train.topology.mesh_ends[i] for i in (*self.linear, *self.teeth)]
-        sense = np.array([[float(a == gear) - float(b == gear) for a, b in ends] for gear in self.gears])
-        sums = sense * np.asarray(self.train.disks.radius)[self.gears][:, None] if self.gears else np.zeros((0, 0))
+        sense = np.array(
+            [
+                [float(a == gear) - float(b == gear) for a, b in ends]
+                for gear in self.gears
+            ]
+        )
+        sums = (
+            sense * np.asarray(self.train.disks.radius)[self.gears][:, None]
+            if self.gears
+            else np.zeros((0, 0))
+        )
         return np.pad(sums, [(0, 0), (0, len(self.own) - len(self.teeth))])
 
     @cached_property
     def beside(self):
-        """Torque ``(shafts, G)`` of a shaft or damper per force that acts beside it; None where none does."""
+        """Torque ``(shafts, G)`` of a shaft or damper per force that acts beside it;
+        None where none does.
+        """
         if not self.train.topology.springs:
             return None
-        links = np.where(self.own < len(self.train.topology.mesh_names), -1, np.asarray(self.meshes.link))
+        links = np.where(
+            self.own < len(self.train.topology.mesh_names),
+            -1,
+            np.asarray(self.meshes.link),
+        )
         radius = np.asarray(self.system.radius)[self.system.tree.end_a]
         return (np.arange(self.shafts)[:, None] == links) * radius[: self.shafts, None]
 
@@ -143,7 +217,9 @@ class Equations:
         """The :class:`~jaxhb.integration.cycles.Outputs` of speeds."""
         linear = self.shafts + self.linear
         sums = self.gear_sums, self.beside
-        return cycles.outputs_of(self.modes, self.system, self.shafts, linear, sums, linear_motion, steps)
+        return cycles.outputs_of(
+            self.modes, self.system, self.shafts, linear, sums, linear_motion, steps
+        )
 
 
 @dataclass
@@ -155,7 +231,9 @@ class SpeedMarch:
     state: np.ndarray  # (2m,)
     closure: Closure
     cycles: int = 0  # done
-    not_before: int = 0  # cycles from which a period counts again, after one that was not found, or that repels
+    # cycles from which a period counts again, after one that was not found, or that
+    # repels
+    not_before: int = 0
     done: bool = False
     trace: np.ndarray | None = None  # of the last cycle
     numbers: list = dataclasses.field(default_factory=list)  # recorded, part by part
@@ -167,18 +245,37 @@ class SpeedMarch:
 
 
 class Batch:
-    """Marches of some speeds with equal numbers of steps, on one device or side by side on several."""
+    """Marches of some speeds with equal numbers of steps, on one device or side by side
+    on several.
+    """
 
     def __init__(self, equations, rpm, steps, devices=()):
         self.equations, self.steps, self.devices = equations, steps, devices
         self.linear_motion = equations.linear_motion(rpm)
-        self.steppers = batch.steppers(equations.modes, equations.system, equations.meshes, self.linear_motion, steps)
+        self.steppers = batch.steppers(
+            equations.modes,
+            equations.system,
+            equations.meshes,
+            self.linear_motion,
+            steps,
+        )
         # As in the periodicity error of a Trace: with epsilon 1 there is no gap.
         floor = (1 - equations.meshes.law.epsilon) * equations.meshes.law.backlash
-        begun = batch.state_of(equations.modes, batch.motions_on_flank(self.linear_motion), self.linear_motion)
+        begun = batch.state_of(
+            equations.modes,
+            batch.motions_on_flank(self.linear_motion),
+            self.linear_motion,
+        )
         self.marches = [
-            SpeedMarch(i, float(speed), begun[i], Closure(np.concatenate([floor, omega * floor])))
-            for i, (speed, omega) in enumerate(zip(rpm, self.linear_motion.frequency, strict=True))
+            SpeedMarch(
+                i,
+                float(speed),
+                begun[i],
+                Closure(np.concatenate([floor, omega * floor])),
+            )
+            for i, (speed, omega) in enumerate(
+                zip(rpm, self.linear_motion.frequency, strict=True)
+            )
         ]
 
     @property
@@ -189,27 +286,53 @@ class Batch:
     def begin(self, index, motion):
         """Let a march begin at a motion (x, x') ``(2S,)``."""
         one = _of(self.linear_motion, [index])
-        self.marches[index].state = batch.state_of(self.equations.modes, motion[None], one)[0]
+        self.marches[index].state = batch.state_of(
+            self.equations.modes, motion[None], one
+        )[0]
 
     def motion(self, march):
         """(x, x') ``(2S,)`` where a march stands, at the beginning of a cycle."""
-        return batch.motion_of(self.equations.modes, march.state[None], _of(self.linear_motion, [march.place]))[0]
+        return batch.motion_of(
+            self.equations.modes,
+            march.state[None],
+            _of(self.linear_motion, [march.place]),
+        )[0]
 
     def run(self, marches, record=False, count=cycles.CYCLES):
         """Some more cycles of some marches, recorded or not."""
-        devices, left, most = max(len(self.devices), 1), list(marches), RECORDED_SPEEDS if record else BATCHES[0][0]
+        devices, left, most = (
+            max(len(self.devices), 1),
+            list(marches),
+            RECORDED_SPEEDS if record else BATCHES[0][0],
+        )
         while left:
-            fits = (size for size, least in BATCHES if size <= most and len(left) >= least * devices)
+            fits = (
+                size
+                for size, least in BATCHES
+                if size <= most and len(left) >= least * devices
+            )
             size = next(fits, BATCHES[-1][0]) * devices
             self._run(left[:size], size, record, count)
             left = left[size:]
 
     def _run(self, marches, size, record, count):
-        indices = [march.place for march in marches] + [marches[-1].place] * (size - len(marches))
-        given = _of(self.steppers, indices), np.stack([self.marches[index].state for index in indices]), np.array(count)
-        outputs = self.equations.outputs(_of(self.linear_motion, indices), self.steps) if record else None
+        indices = [march.place for march in marches] + [marches[-1].place] * (
+            size - len(marches)
+        )
+        given = (
+            _of(self.steppers, indices),
+            np.stack([self.marches[index].state for index in indices]),
+            np.array(count),
+        )
+        outputs = (
+            self.equations.outputs(_of(self.linear_motion, indices), self.steps)
+            if record
+            else None
+        )
         if size == 1:  # by itself, without the axis of the speeds
-            found = [cycles.march(*_of(given[:2], 0), given[2], cycles.of_speed(outputs, 0))]
+            found = [
+                cycles.march(*_of(given[:2], 0), given[2], cycles.of_speed(outputs, 0))
+            ]
         else:
             program = cycles.march_side_by_side
             if len(self.devices) > 1:
@@ -218,14 +341,20 @@ class Batch:
             together = jax.tree.map(np.asarray, program(*given, outputs))
             found = [_of(together, i) for i in range(len(marches))]
         for march, one in zip(marches, found, strict=True):
-            march.state, samples, march.trace, numbers, power = jax.tree.map(np.asarray, one)
+            march.state, samples, march.trace, numbers, power = jax.tree.map(
+                np.asarray, one
+            )
             march.closure.add(samples[:count])
             march.cycles += count
             if record:
-                march.numbers.append({name: a[:count] for name, a in numbers.items()} | {"power": power})
+                march.numbers.append(
+                    {name: a[:count] for name, a in numbers.items()} | {"power": power}
+                )
 
     def traced(self, march, count):
-        """(l, l') ``(2G, count x steps)`` of the next cycles, which the march goes through; of the last one if 1."""
+        """(l, l') ``(2G, count x steps)`` of the next cycles, which the march goes
+        through; of the last one if 1.
+        """
         if count == 1:
             return march.trace[:-1].T
         parts = []
@@ -248,48 +377,98 @@ def _of(tree, indices):
 
 def record_of(equations, march):
     """The :class:`~jaxhb.results.record.Record` of a march's recorded cycles."""
-    topology, signals = equations.train.topology, _signals(march, equations.train.topology.revolutions_per_cycle)
+    topology, signals = (
+        equations.train.topology,
+        _signals(march, equations.train.topology.revolutions_per_cycle),
+    )
     shafts, gears = equations.shafts, equations.gears
-    stiffness, radius = np.asarray(equations.system.stiffness), np.asarray(equations.system.radius)
+    stiffness, radius = (
+        np.asarray(equations.system.stiffness),
+        np.asarray(equations.system.radius),
+    )
 
     def take(of):
         """The signals of a quantity, one of each shaft, mesh or the like."""
         return tuple(next(signals) for _ in of)
 
     def transmitted(totals, elastic):
-        return tuple(dataclasses.replace(t, elastic_part=e) for t, e in zip(totals, elastic, strict=True))
+        return tuple(
+            dataclasses.replace(t, elastic_part=e)
+            for t, e in zip(totals, elastic, strict=True)
+        )
 
     # In the order of the outputs (jaxhb.integration.cycles).
     disks, rates = take(topology.disk_names), take(topology.disk_names)
-    twists, twist_rates, torques = take(range(shafts)), take(range(shafts)), take(range(shafts))
+    twists, twist_rates, torques = (
+        take(range(shafts)),
+        take(range(shafts)),
+        take(range(shafts)),
+    )
     bent, forces = take(equations.linear), take(equations.linear)
-    deflections, elastic, total = take(equations.own), take(equations.own), take(equations.own)
+    deflections, elastic, total = (
+        take(equations.own),
+        take(equations.own),
+        take(equations.own),
+    )
     of_gears = dict(zip(gears, transmitted(take(gears), take(gears)), strict=True))
     assert next(signals, None) is None, "another order of the outputs"
 
     ends = radius[equations.system.tree.end_a][:shafts]
-    factors, springs = zip(twists, stiffness[:shafts], ends, strict=True), {link for link, *_ in topology.springs}
+    factors, springs = (
+        zip(twists, stiffness[:shafts], ends, strict=True),
+        {link for link, *_ in topology.springs},
+    )
     # Of what acts beside a shaft the elastic part is not recorded by itself.
-    bent_shafts = [None if i in springs else twist.scaled(k * r**2) for i, (twist, k, r) in enumerate(factors)]
+    bent_shafts = [
+        None if i in springs else twist.scaled(k * r**2)
+        for i, (twist, k, r) in enumerate(factors)
+    ]
     torques = transmitted(torques, bent_shafts)
     factors = zip(bent, stiffness[shafts + equations.linear], strict=True)
-    forces = transmitted(forces, [deflection.scaled(k) for deflection, k in factors]) + transmitted(total, elastic)
-    order = np.argsort(np.concatenate([equations.linear, equations.own]))[: len(topology.mesh_names)]
-    deflections, forces = (tuple(found[i] for i in order) for found in (bent + deflections, forces))
+    forces = transmitted(
+        forces, [deflection.scaled(k) for deflection, k in factors]
+    ) + transmitted(total, elastic)
+    order = np.argsort(np.concatenate([equations.linear, equations.own]))[
+        : len(topology.mesh_names)
+    ]
+    deflections, forces = (
+        tuple(found[i] for i in order) for found in (bent + deflections, forces)
+    )
     contacts = _contacts(equations, march, forces)
-    turning = 2 * np.pi / 60 * march.rpm * speed_ratios(equations.train)[np.array(topology.rotor, dtype=int)]
-    speeds = tuple(rate.shifted(mean) for rate, mean in zip(rates, turning, strict=True))
-    heat = _heat(equations, topology.cycle_frequency(march.rpm), ends, twists, twist_rates)
+    turning = (
+        2
+        * np.pi
+        / 60
+        * march.rpm
+        * speed_ratios(equations.train)[np.array(topology.rotor, dtype=int)]
+    )
+    speeds = tuple(
+        rate.shifted(mean) for rate, mean in zip(rates, turning, strict=True)
+    )
+    heat = _heat(
+        equations, topology.cycle_frequency(march.rpm), ends, twists, twist_rates
+    )
     found = deflections, forces, of_gears, contacts
-    return Record(topology, march.recorded, disks, speeds, twists, torques, *found, heat)
+    return Record(
+        topology, march.recorded, disks, speeds, twists, torques, *found, heat
+    )
 
 
 def _heat(equations, frequency, ends, twists, rates):
-    """Mean power in W that shafts and dampers turn into heat: viscous from the rates, loss factors from the orders."""
-    viscous, loss = np.asarray(equations.system.viscous), np.asarray(equations.system.loss * equations.system.stiffness)
+    """Mean power in W that shafts and dampers turn into heat: viscous from the rates,
+    loss factors from the orders.
+    """
+    viscous, loss = (
+        np.asarray(equations.system.viscous),
+        np.asarray(equations.system.loss * equations.system.stiffness),
+    )
     found = []
     for k, (radius, twist, rate) in enumerate(zip(ends, twists, rates, strict=True)):
-        lossy = frequency * np.sum(np.arange(1, len(twist.amplitudes) + 1) * twist.amplitudes**2) / 2
+        lossy = (
+            frequency
+            * np.sum(np.arange(1, len(twist.amplitudes) + 1) * twist.amplitudes**2)
+            / 2
+        )
         found.append(float(radius**2 * (viscous[k] * rate.rms**2 + loss[k] * lossy)))
     return tuple(found)
 
@@ -298,9 +477,17 @@ def _signals(march, revolutions):
     """The quantities of a record, one after another."""
     highest, lowest, mean, square = _together(march, "max", "min", "mean", "square")
     mean, rms = mean.mean(axis=0), np.sqrt(square.mean(axis=0))
-    amplitudes = 2 * np.sqrt(sum(part["power"] for part in march.numbers)[:, 1:] / march.recorded)
+    amplitudes = 2 * np.sqrt(
+        sum(part["power"] for part in march.numbers)[:, 1:] / march.recorded
+    )
     for i in range(len(mean)):
-        numbers = highest[:, i], lowest[:, i], float(mean[i]), float(rms[i]), amplitudes[i]
+        numbers = (
+            highest[:, i],
+            lowest[:, i],
+            float(mean[i]),
+            float(rms[i]),
+            amplitudes[i],
+        )
         yield RecordedSignal(*numbers, revolutions)
 
 
@@ -311,13 +498,21 @@ def _together(march, *names):
 
 def _contacts(equations, march, forces):
     """:class:`SteadyContact` of every mesh."""
-    above, below, impacts, hardest = _together(march, "above", "below", "impacts", "hardest")
-    found = [SteadyContact(0.0, 0.0, 0.0, 0.0, int(np.sign(force.mean))) for force in forces]
+    above, below, impacts, hardest = _together(
+        march, "above", "below", "impacts", "hardest"
+    )
+    found = [
+        SteadyContact(0.0, 0.0, 0.0, 0.0, int(np.sign(force.mean))) for force in forces
+    ]
     for g, index in enumerate(equations.teeth):
         shares = above[:, g].mean(), below[:, g].mean()
         drive = int(np.sign(forces[index].mean))
         reverse = shares[0] if drive < 0 else shares[1]
         found[index] = SteadyContact(
-            float(1 - sum(shares)), float(reverse), float(impacts[:, g].mean()), float(hardest[:, g].max()), drive
+            float(1 - sum(shares)),
+            float(reverse),
+            float(impacts[:, g].mean()),
+            float(hardest[:, g].max()),
+            drive,
         )
     return tuple(found)

@@ -1,4 +1,6 @@
-"""Periodic solutions as the steady states that they would be, stable or not, at many speeds."""
+"""Periodic solutions as the steady states that they would be, stable or not, at many
+speeds.
+"""
 
 from functools import partial
 
@@ -7,9 +9,21 @@ from jaxhb.results.steady import orbit_state
 from jaxhb.solutions.speeds import solve_speeds
 
 
-def orbit_states(train, rpm, *, harmonics=None, tolerance=None, out=None, chunk=None, progress=None, on_states=None):
-    """A SteadyState for each of the speeds, each planned and started by itself: a speed has the same bits alone and in
-    a sweep. Arguments are as of :func:`jaxhb.steady_state`; ``on_states`` is told all states so far."""
+def orbit_states(
+    train,
+    rpm,
+    *,
+    harmonics=None,
+    tolerance=None,
+    out=None,
+    chunk=None,
+    progress=None,
+    on_states=None,
+):
+    """A SteadyState for each of the speeds, each planned and started by itself: a speed
+    has the same bits alone and in a sweep. Arguments are as of
+    :func:`jaxhb.steady_state`; ``on_states`` is told all states so far.
+    """
     progress, size, states = progress or (lambda count: None), chunk or CHUNK, []
     accuracy = {"harmonics": harmonics, "tolerance": tolerance}
     keep = keeper(out, train, {"answers": "periodic solutions", **accuracy}, size)

@@ -1,4 +1,6 @@
-"""What a train does after it has run long enough: contact, a period of one or several cycles, or none."""
+"""What a train does after it has run long enough: contact, a period of one or several
+cycles, or none.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,14 @@ from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, SteadySweep, kind_of_one_cycle
 from jaxhb.solutions.planning import plan_speeds
-from jaxhb.steady.classification import APART, ARRIVED, Classifier, motion_of, state_of, unknown
+from jaxhb.steady.classification import (
+    APART,
+    ARRIVED,
+    Classifier,
+    motion_of,
+    state_of,
+    unknown,
+)
 from jaxhb.steady.closure import Cycles
 from jaxhb.steady.confirmation import difference
 from jaxhb.train.drivetrain import DriveTrain
@@ -28,7 +37,9 @@ from jaxhb.train.speeds import check_speed
 DIRECTIONS = "up", "down", "both"
 
 OnStates = Callable[[dict[int, SteadyState], str], object]
-"""Told of steady states by the number of their speed, and of the direction in which they were found."""
+"""Told of steady states by the number of their speed, and of the direction in which
+they were found.
+"""
 
 
 class _Options(TypedDict, total=False):
@@ -46,7 +57,11 @@ class _Options(TypedDict, total=False):
 
 @overload
 def steady_state(
-    train: DriveTrain, *, rpm: float, direction: Literal["up", "down"] = ..., **options: Unpack[_Options]
+    train: DriveTrain,
+    *,
+    rpm: float,
+    direction: Literal["up", "down"] = ...,
+    **options: Unpack[_Options],
 ) -> SteadyState: ...
 @overload
 def steady_state(
@@ -58,7 +73,11 @@ def steady_state(
 ) -> SteadySweep: ...
 @overload
 def steady_state(
-    train: DriveTrain, *, rpm: Sequence[float] | Array, direction: Literal["both"], **options: Unpack[_Options]
+    train: DriveTrain,
+    *,
+    rpm: Sequence[float] | Array,
+    direction: Literal["both"],
+    **options: Unpack[_Options],
 ) -> tuple[SteadySweep, SteadySweep]: ...
 
 
@@ -80,64 +99,75 @@ def steady_state(
 ) -> SteadyState | SteadySweep | tuple[SteadySweep, SteadySweep]:
     """What a drive train does at each speed after it has run long enough.
 
-    Teeth that stay in contact are known from the linear motion. Where teeth part, sweeps that settle at a motion in
-    which disturbances die away give the exact motion. Otherwise the train is marched through cycles of the excitation
-    until its motion closes after 1 to 8 of them; harmonic balance of so many cycles, from there, gives the
-    exact motion. Where it does not close, the numbers are those of a record of 64 cycles, or of 256 where the
-    extremes of parts of it vary by more than 5 % (:class:`jaxhb.Cycles`).
+    Teeth that stay in contact are known from the linear motion. Where teeth part,
+    sweeps that settle at a motion in which disturbances die away give the exact motion.
+    Otherwise the train is marched through cycles of the excitation until its motion
+    closes after 1 to 8 of them; harmonic balance of so many cycles, from there, gives
+    the exact motion. Where it does not close, the numbers are those of a record of 64
+    cycles, or of 256 where the extremes of parts of it vary by more than 5 %
+    (:class:`jaxhb.Cycles`).
 
     Parameters
     ----------
     train : DriveTrain
-        The march damps each mode at its own frequency for loss factors, and a note says so; the solution has them as
-        they are.
+        The march damps each mode at its own frequency for loss factors, and a note says
+        so; the solution has them as they are.
     rpm : float or array ``(n,)``
         Speeds of the reference rotor.
     direction : "up", "down" or "both"
-        Each of several speeds is reached from its neighbour below, or above: of several motions that decides which.
+        Each of several speeds is reached from its neighbour below, or above: of several
+        motions that decides which.
     start : SteadyState or Response, optional
-        Motion from which the first speed starts; by default teeth rest on their drive sides.
+        Motion from which the first speed starts; by default teeth rest on their drive
+        sides.
     harmonics, tolerance : optional
         Of periodic motions, per cycle of the excitation, as in :func:`jaxhb.solve`.
     exact : bool
-        Whether periodic and subharmonic motions are solved by harmonic balance. Without, they too are read from
-        recorded cycles, good to about 1 %, in a fraction of the time.
+        Whether periodic and subharmonic motions are solved by harmonic balance.
+        Without, they too are read from recorded cycles, good to about 1 %, in a
+        fraction of the time.
     cycles : Cycles, optional
         How long a march is at most.
     progress, devices : optional
         As in :func:`jaxhb.solve_speeds`.
     out : path, optional
-        A folder to which steady states of marched speeds are written as they are found: the same call goes on where it
-        was stopped, with the same numbers to the last bit.
+        A folder to which steady states of marched speeds are written as they are found:
+        the same call goes on where it was stopped, with the same numbers to the last
+        bit.
     chunk : int, optional
-        How many speeds are marched, reported and written together; default: 64 with ``out``, all without. Fewer take
-        longer.
+        How many speeds are marched, reported and written together; default: 64 with
+        ``out``, all without. Fewer take longer.
     on_states : callable, optional
-        Called with ``{number of the speed: SteadyState}`` of what was found since the last call, and "up" or "down". A
-        speed may be reported again when it takes over the motion of its neighbour: the last report counts.
+        Called with ``{number of the speed: SteadyState}`` of what was found since the
+        last call, and "up" or "down". A speed may be reported again when it takes over
+        the motion of its neighbour: the last report counts.
 
     Returns
     -------
-    SteadyState, or SteadySweep for an array of speeds, or for "both" a pair of them, upwards and downwards
+    SteadyState, or SteadySweep for an array of speeds, or for "both" a pair of them,
+    upwards and downwards
 
     Raises
     ------
     SceneError
         A speed that is not greater than 0 or above 1e6 rpm.
     ValueError
-        An unknown direction; :class:`jaxhb.CheckpointError`: ``out`` holds other answers, or cannot be written.
+        An unknown direction; :class:`jaxhb.CheckpointError`: ``out`` holds other
+        answers, or cannot be written.
     TypeError
         Under ``jit``, ``vmap`` or ``grad``.
 
     Notes
     -----
-    A march takes five steps per period of the highest mesh mode or more. Where harmonic balance does not confirm what
-    it shows, or disturbances of the solution grow, or the march does not become periodic, it goes on with twice and
-    four times as many: beside a bifurcation the kind of motion is that of the steps. A transient that outlasts the
-    march counts as irregular; where a mode that teeth notice had not decayed when the record began, a note says so. In
-    a sweep all speeds first start from teeth on their drive sides, and those whose neighbour has another motion then
-    from that one, too. Motions of neighbours that never differ by more than a tenth of the largest deflection count as
-    one.
+    A march takes five steps per period of the highest mesh mode or more. Where harmonic
+    balance does not confirm what it shows, or disturbances of the solution grow, or the
+    march does not become periodic, it goes on with twice and four times as many: beside
+    a bifurcation the kind of motion is that of the steps. A transient that outlasts the
+    march counts as irregular; where a mode that teeth notice had not decayed when the
+    record began, a note says so. In a sweep all speeds first start from teeth on their
+    drive sides, and those whose neighbour has another motion then from that one, too.
+    Motions of neighbours that never differ by more than a tenth of the largest
+    deflection count as one.
 
     Examples
     --------
@@ -158,7 +188,12 @@ def steady_state(
     march = classifier.march_to_the_end
     if out is not None:
         chunk = CHUNK if chunk is None else chunk
-        asked = {"answers": "steady states", **vars(request), "exact": exact, **vars(cycles)}
+        asked = {
+            "answers": "steady states",
+            **vars(request),
+            "exact": exact,
+            **vars(cycles),
+        }
         march = partial(Checkpoint(out, train, asked, chunk).keep_or_march, classifier)
     search = _SpeedSweep(classifier, march, start, progress, chunk, on_states)
     if not np.ndim(rpm):
@@ -168,25 +203,48 @@ def steady_state(
     for way in ("up", "down") if direction == "both" else (direction,):
         search.way = way
         states = search.along(order if way == "up" else order[::-1])
-        found[way] = SteadySweep(tuple(states[index] for index in range(len(speeds))), way)
+        found[way] = SteadySweep(
+            tuple(states[index] for index in range(len(speeds))), way
+        )
     return (found["up"], found["down"]) if direction == "both" else found[direction]
 
 
 class _SpeedSweep:
-    """One call: a train, its speeds, what is known; ``march`` finds the rest (:meth:`Classifier.march_to_the_end`)."""
+    """One call: a train, its speeds, what is known; ``march`` finds the rest
+    (:meth:`Classifier.march_to_the_end`).
+    """
 
     def __init__(self, classifier, march, start, progress, chunk, on_states):
         self.classifier, self._march, self.chunk = classifier, march, chunk
-        self.train, self.speeds, request = classifier.train, classifier.speeds, classifier.request
+        self.train, self.speeds, request = (
+            classifier.train,
+            classifier.speeds,
+            classifier.request,
+        )
         self.progress = progress or (lambda count: None)
-        self._on_states, self._told, self.way = on_states or (lambda states, way: None), {}, "up"
-        self.start = None if start is None else (motion_of(self.train, start), float(start.rpm))
+        self._on_states, self._told, self.way = (
+            on_states or (lambda states, way: None),
+            {},
+            "up",
+        )
+        self.start = (
+            None if start is None else (motion_of(self.train, start), float(start.rpm))
+        )
         plans = plan_speeds(self.train, self.speeds, request)
-        classifier.apart = {index for index, plan in enumerate(plans) if plan.active and plan.marches}
-        self.contact = {}  # responses of the speeds at which the linear motion holds the teeth in contact, by index
+        classifier.apart = {
+            index for index, plan in enumerate(plans) if plan.active and plan.marches
+        }
+        # responses of the speeds at which the linear motion holds the teeth in contact,
+        # by index
+        self.contact = {}
         for shared in {plan for plan in plans if not plan.active}:
             indices = [i for i, plan in enumerate(plans) if plan == shared]
-            batches = solve_batches(self.train, self.speeds[indices], shared, devices=self.classifier.devices)
+            batches = solve_batches(
+                self.train,
+                self.speeds[indices],
+                shared,
+                devices=self.classifier.devices,
+            )
             responses = (response for batch in batches for response in batch)
             for index, response in zip(indices, responses, strict=True):
                 if int(response.status) != Status.PLAN_VIOLATED:
@@ -199,23 +257,33 @@ class _SpeedSweep:
         self._told |= {(self.way, index): state for index, state in states.items()}
 
     def chunk_by_chunk(self, indices, starts, progress):
-        """Steady states of some speeds by index, marched in chunks, from ``{index: (motion, its speed in rpm)}`` or
-        from teeth in contact."""
+        """Steady states of some speeds by index, marched in chunks, from ``{index:
+        (motion, its speed in rpm)}`` or from teeth in contact.
+        """
         size, found = self.chunk or max(len(indices), 1), {}
         for first in range(0, len(indices), size):
             chunk = indices[first : first + size]
             given = {index: starts[index] for index in chunk if index in starts}
-            states = self._march(chunk, {index: motion for index, (motion, _) in given.items()}, progress)
-            states |= {i: replace(states[i], started_from=rpm) for i, (_, rpm) in given.items()}
+            states = self._march(
+                chunk, {index: motion for index, (motion, _) in given.items()}, progress
+            )
+            states |= {
+                i: replace(states[i], started_from=rpm) for i, (_, rpm) in given.items()
+            }
             self.tell(states)
             found |= states
         return found
 
     def alone(self, index):
-        """The steady state of one speed, from the start that was given or from teeth in contact."""
-        # A train of constant links has one motion, wherever it starts from, and nothing to march.
+        """The steady state of one speed, from the start that was given or from teeth in
+        contact.
+        """
+        # A train of constant links has one motion, wherever it starts from, and nothing
+        # to march.
         if self.start is not None and self.classifier.train.topology.has_law.any():
-            return self.chunk_by_chunk([index], {index: self.start}, self.progress)[index]
+            return self.chunk_by_chunk([index], {index: self.start}, self.progress)[
+                index
+            ]
         self._from_contact([index])
         return self.classifier.known[index]
 
@@ -234,13 +302,18 @@ class _SpeedSweep:
     def along(self, order):
         """Steady states by index, each reached from the one before it in ``order``.
 
-        Speeds that may have another motion from there are marched side by side, again where the one before changed.
+        Speeds that may have another motion from there are marched side by side, again
+        where the one before changed.
         """
         known = self.classifier.known
-        self._from_contact([index for index in range(len(self.speeds)) if index not in known])
+        self._from_contact(
+            [index for index in range(len(self.speeds)) if index not in known]
+        )
         found, reached_from = dict(known), {}
         if self.start is not None:
-            found |= self.chunk_by_chunk(order[:1], {order[0]: self.start}, lambda count: None)
+            found |= self.chunk_by_chunk(
+                order[:1], {order[0]: self.start}, lambda count: None
+            )
         while True:
             starts = {}
             for last, index in itertools.pairwise(order):
@@ -253,11 +326,24 @@ class _SpeedSweep:
                 else:
                     found[index] = known[index]
             if not starts:
-                # Marched from its neighbour a speed was reported before it was compared with what is at hand.
-                self.tell({i: state for i, state in found.items() if self._told.get((self.way, i)) is not state})
+                # Marched from its neighbour a speed was reported before it was compared
+                # with what is at hand.
+                self.tell(
+                    {
+                        i: state
+                        for i, state in found.items()
+                        if self._told.get((self.way, i)) is not state
+                    }
+                )
                 return found
-            for index, state in self.chunk_by_chunk(list(starts), starts, lambda count: None).items():
-                same = (other for other in (known[index], found[index]) if _alike(state, other))
+            for index, state in self.chunk_by_chunk(
+                list(starts), starts, lambda count: None
+            ).items():
+                same = (
+                    other
+                    for other in (known[index], found[index])
+                    if _alike(state, other)
+                )
                 found[index] = next(same, None) or _beside(known[index], state)
 
     def _contact(self, index):
@@ -266,7 +352,14 @@ class _SpeedSweep:
         if not response.solved:
             return unknown(self.train, rpm, Status(int(response.status)).sentence)
         kind = kind_of_one_cycle(self.train.topology, ())
-        return state_of(self.train, rpm, kind, 1, response=response, motion=motion_of(self.train, response))
+        return state_of(
+            self.train,
+            rpm,
+            kind,
+            1,
+            response=response,
+            motion=motion_of(self.train, response),
+        )
 
 
 def _kind(state):
@@ -274,20 +367,33 @@ def _kind(state):
 
 
 def _beside(other, state):
-    """A steady state with a note that it is not the one to which teeth on their drive sides come."""
-    what = "another motion" if _kind(other) == _kind(state) else f"a motion that is {other.kind}"
-    note = (
-        f"several motions are possible: this one was reached from that at {state.started_from:g} rpm, and from rest on "
-        f"their drive sides the teeth come to {what}"
+    """A steady state with a note that it is not the one to which teeth on their drive
+    sides come.
+    """
+    what = (
+        "another motion"
+        if _kind(other) == _kind(state)
+        else f"a motion that is {other.kind}"
     )
-    return replace(state, notes=(*state.notes, note)) if other.known and state.known else state
+    note = (
+        "several motions are possible: this one was reached from that at"
+        f" {state.started_from:g} rpm, and from rest on their drive sides the teeth"
+        f" come to {what}"
+    )
+    return (
+        replace(state, notes=(*state.notes, note))
+        if other.known and state.known
+        else state
+    )
 
 
 def _differs(before, state):
     """Whether a speed may have another motion when it starts from the one before."""
     if not state.topology.has_law.any():  # constant links have one motion, or none
         return False
-    return _kind(before) != _kind(state) or (not state.linear and _distance(before, state) > APART)
+    return _kind(before) != _kind(state) or (
+        not state.linear and _distance(before, state) > APART
+    )
 
 
 def _alike(one, other):
@@ -297,13 +403,21 @@ def _alike(one, other):
 
 
 def _distance(one, other):
-    """Difference of two steady states of one kind, relative: of their motions over a period, or of the largest
-    deflections of records."""
+    """Difference of two steady states of one kind, relative: of their motions over a
+    period, or of the largest deflections of records.
+    """
     if not one.known:
         return 0.0
     if one.response is not None and other.response is not None:
         return difference(one.response, other.response, max(one.period, 1))
     one, other = (
-        np.array([float(state.deflection(name).peak) for name in state.topology.mesh_names]) for state in (one, other)
+        np.array(
+            [float(state.deflection(name).peak) for name in state.topology.mesh_names]
+        )
+        for state in (one, other)
     )
-    return float((np.abs(one - other) / np.maximum(np.maximum(one, other), 1e-300)).max(initial=0.0))
+    return float(
+        (np.abs(one - other) / np.maximum(np.maximum(one, other), 1e-300)).max(
+            initial=0.0
+        )
+    )

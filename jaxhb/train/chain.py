@@ -1,12 +1,14 @@
 """From the drive train to a tree of links in circumferential displacements, and back.
 
-Displacements are measured on one pitch circle per rotor, ``x = R phi`` with R the radius of the rotor's first gear
-(1 m on a rotor without gears): ``m = J/R^2``, ``b = beta/R^2``, ``c = k/R^2``, ``q = T/R`` (Fridman 2009, chapter 1). A
-link deflects by ``l = a x_a - b x_b``; the arms a, b are 1 for shafts and ``r/R`` for a gear on a rotor with several.
-Every rotor counts its own sense of rotation positive.
+Displacements are measured on one pitch circle per rotor, ``x = R phi`` with R the
+radius of the rotor's first gear (1 m on a rotor without gears): ``m = J/R^2``, ``b =
+beta/R^2``, ``c = k/R^2``, ``q = T/R`` (Fridman 2009, chapter 1). A link deflects by ``l
+= a x_a - b x_b``; the arms a, b are 1 for shafts and ``r/R`` for a gear on a rotor with
+several. Every rotor counts its own sense of rotation positive.
 
-The elimination order is a list of nodes, each before its parent: Fridman's numbering (main chain, side branches, a
-fictitious node wherever the main chain jumps over a branch) is another way to write the same tree.
+The elimination order is a list of nodes, each before its parent: Fridman's numbering
+(main chain, side branches, a fictitious node wherever the main chain jumps over a
+branch) is another way to write the same tree.
 """
 
 import dataclasses
@@ -28,13 +30,15 @@ ALL = slice(None)  # every link
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Condensation:
-    """Chains of disks without teeth and without branches, condensed to one link each; integer arrays, no names.
+    """Chains of disks without teeth and without branches, condensed to one link each;
+    integer arrays, no names.
 
-    Of the n disks condensed, chain after chain: disk, chain, after (the link onwards) and before (the link by which the
-    chain begins, if it lies between two disks). Of the c chains: begin and end, the disks that they lie between, first
-    the t that do, and end of those with one free end: ``(t,)`` and ``(c,)``. kept ``(K,)``: the other disks; begin, end
-    and ``tree`` count these. The links of ``tree`` are the t chains and after them ``plain``, links between disks that
-    are kept.
+    Of the n disks condensed, chain after chain: disk, chain, after (the link onwards)
+    and before (the link by which the chain begins, if it lies between two disks). Of
+    the c chains: begin and end, the disks that they lie between, first the t that do,
+    and end of those with one free end: ``(t,)`` and ``(c,)``. kept ``(K,)``: the other
+    disks; begin, end and ``tree`` count these. The links of ``tree`` are the t chains
+    and after them ``plain``, links between disks that are kept.
     """
 
     disk: np.ndarray
@@ -51,13 +55,16 @@ class Condensation:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Tree:
-    """Elimination order of S nodes joined by tree links, leaves first, root last; integer arrays, no names.
+    """Elimination order of S nodes joined by tree links, leaves first, root last;
+    integer arrays, no names.
 
-    node : ``(S,)`` disk of each position; parent : ``(S,)`` position of the parent, S at the root;
-    slots : of the sweep; link : ``(S,)`` link to the parent, 0 at the root; from_a : ``(S,)`` whether the node is the
-    link's first end; loops : ``(n,)`` links outside the tree; end_a, end_b : ``(L,)`` disks that each link joins;
-    condensation : what is left of it between the teeth, if that is known; pinned : bool ``(L,)``, the links that hold
-    the mean of what hangs on them where they have no stiffness, if that is known.
+    node : ``(S,)`` disk of each position; parent : ``(S,)`` position of the parent, S
+    at the root; slots : of the sweep; link : ``(S,)`` link to the parent, 0 at the
+    root; from_a : ``(S,)`` whether the node is the link's first end; loops : ``(n,)``
+    links outside the tree; end_a, end_b : ``(L,)`` disks that each link joins;
+    condensation : what is left of it between the teeth, if that is known; pinned : bool
+    ``(L,)``, the links that hold the mean of what hangs on them where they have no
+    stiffness, if that is known.
     """
 
     node: np.ndarray
@@ -75,14 +82,17 @@ class Tree:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class System:
-    """Arrays of the linear train in circumferential displacements (meshes taken in contact).
+    """Arrays of the linear train in circumferential displacements (meshes taken in
+    contact).
 
-    radius : ``(S,)`` m, displacement / angle; mass kg, damping N s/m of disks to ground, ground N/m : ``(S,)``;
-    stiffness N/m, viscous N s/m, loss, arm_a, arm_b : ``(L,)``, the first three ``(L, H)`` where links have their own
-    numbers at each of H frequencies, viscous the ``damping`` of shafts, dampers and meshes; floating : True where
-    nothing holds the mean angle.
+    radius : ``(S,)`` m, displacement / angle; mass kg, damping N s/m of disks to
+    ground, ground N/m : ``(S,)``; stiffness N/m, viscous N s/m, loss, arm_a, arm_b :
+    ``(L,)``, the first three ``(L, H)`` where links have their own numbers at each of H
+    frequencies, viscous the ``damping`` of shafts, dampers and meshes; floating : True
+    where nothing holds the mean angle.
 
-    The incidence of links is here alone: methods take the ``links`` that are meant, by default all L.
+    The incidence of links is here alone: methods take the ``links`` that are meant, by
+    default all L.
     """
 
     tree: Tree
@@ -102,39 +112,59 @@ class System:
         return self.arm_a[links].reshape(shape), self.arm_b[links].reshape(shape)
 
     def _at_ends(self, links, at_a, at_b):
-        """Sums ``(S, ...)`` on the disks of what the links put at their two ends, ``(n, ...)`` each."""
+        """Sums ``(S, ...)`` on the disks of what the links put at their two ends, ``(n,
+        ...)`` each.
+        """
         xp = namespace(self, at_a)
         sums = xp.zeros((len(self.mass), *at_a.shape[1:]), at_a.dtype)
-        return added(added(sums, self.tree.end_a[links], at_a), self.tree.end_b[links], at_b)
+        return added(
+            added(sums, self.tree.end_a[links], at_a), self.tree.end_b[links], at_b
+        )
 
     def deflections(self, displacement, links=ALL):
-        """Deflections D x ``(n, ...)``, ``a x_a - b x_b`` of each link, from displacements ``(S, ...)``."""
+        """Deflections D x ``(n, ...)``, ``a x_a - b x_b`` of each link, from
+        displacements ``(S, ...)``.
+        """
         arm_a, arm_b = self._arms(links, displacement.ndim)
-        return arm_a * displacement[self.tree.end_a[links]] - arm_b * displacement[self.tree.end_b[links]]
+        return (
+            arm_a * displacement[self.tree.end_a[links]]
+            - arm_b * displacement[self.tree.end_b[links]]
+        )
 
     def spread(self, force, links=ALL):
-        """Forces D^T f ``(S, ...)`` on the disks, a f and -b f at the ends of each link, from forces ``(n, ...)``."""
+        """Forces D^T f ``(S, ...)`` on the disks, a f and -b f at the ends of each
+        link, from forces ``(n, ...)``.
+        """
         arm_a, arm_b = self._arms(links, force.ndim)
         return self._at_ends(links, arm_a * force, -arm_b * force)
 
     def incidence(self, links=ALL):
-        """Columns of D^T ``(S, n)``: a at the first end of each link and -b at the second."""
+        """Columns of D^T ``(S, n)``: a at the first end of each link and -b at the
+        second.
+        """
         return self.spread(np.eye(len(self.arm_a[links])), links)
 
     def springs(self):
-        """Links and grounds as rows ``(L + S, S)`` of what they resist, with their stiffness ``(L + S,)`` in N/m."""
+        """Links and grounds as rows ``(L + S, S)`` of what they resist, with their
+        stiffness ``(L + S,)`` in N/m.
+        """
         xp = namespace(self)
         rows = xp.concatenate([xp.asarray(self.incidence()).T, xp.eye(len(self.mass))])
-        return rows, xp.concatenate([xp.asarray(self.stiffness), xp.asarray(self.ground)])
+        return rows, xp.concatenate(
+            [xp.asarray(self.stiffness), xp.asarray(self.ground)]
+        )
 
     def held_stiffness(self):
         """``(S,)`` N/m of every disk with all others held: the diagonal of K."""
-        return self.ground + self._at_ends(ALL, self.arm_a**2 * self.stiffness, self.arm_b**2 * self.stiffness)
+        return self.ground + self._at_ends(
+            ALL, self.arm_a**2 * self.stiffness, self.arm_b**2 * self.stiffness
+        )
 
 
 @functools.lru_cache(maxsize=256)
 def span(topology):
-    """The elimination :class:`Tree` of a topology: rooted at the first grounded disk, stiff links first.
+    """The elimination :class:`Tree` of a topology: rooted at the first grounded disk,
+    stiff links first.
 
     Links that close a loop (shafts before meshes in the tree) are listed in ``loops``.
     """
@@ -142,27 +172,45 @@ def span(topology):
     disks = len(topology.disk_names)
     root = topology.ground_disk[0] if topology.ground_disk else 0
     tree = span_links(ends, disks, root)
-    teeth = {disk for pair in (*topology.mesh_ends, *(ends[link] for link, *_ in topology.springs)) for disk in pair}
+    teeth = {
+        disk
+        for pair in (
+            *topology.mesh_ends,
+            *(ends[link] for link, *_ in topology.springs),
+        )
+        for disk in pair
+    }
     condensation = condense_chains(tree, root, teeth)
-    return dataclasses.replace(tree, condensation=condensation, pinned=_pinned(topology, tree))
+    return dataclasses.replace(
+        tree, condensation=condensation, pinned=_pinned(topology, tree)
+    )
 
 
 def _pinned(topology, tree):
-    """Whether each link ``(L,)`` is that of a damper whose ring hangs on it alone, with no spring beside it."""
+    """Whether each link ``(L,)`` is that of a damper whose ring hangs on it alone, with
+    no spring beside it.
+    """
     ends, first = topology.link_ends, len(topology.shaft_names)
     sprung = {link for link, kind, _ in topology.springs if kind != "friction"}
 
     def hangs(link):
         hub, ring = ends[link]
         others = neighbours(ends, topology.n_disks, [link]) if len(tree.loops) else None
-        return others is None or ring not in {disk for disk, *_ in breadth_first(others, hub)}
+        return others is None or ring not in {
+            disk for disk, *_ in breadth_first(others, hub)
+        }
 
     dampers = range(first, first + len(topology.damper_names))
-    return np.isin(np.arange(len(ends)), [link for link in dampers if link not in sprung and hangs(link)])
+    return np.isin(
+        np.arange(len(ends)),
+        [link for link in dampers if link not in sprung and hangs(link)],
+    )
 
 
 def condense_chains(tree, root, teeth):
-    """The :class:`Condensation` of a tree in which the disks ``teeth`` and ``root`` are kept, and all that branch."""
+    """The :class:`Condensation` of a tree in which the disks ``teeth`` and ``root`` are
+    kept, and all that branch.
+    """
     ends = list(zip(tree.end_a.tolist(), tree.end_b.tolist(), strict=True))
     disks = len(tree.node)
     at = [[link for _, link in joined] for joined in neighbours(ends, disks)]
@@ -171,7 +219,9 @@ def condense_chains(tree, root, teeth):
     number = {disk: i for i, disk in enumerate(kept)}
 
     def walk(disk, link):
-        """Disks and links from ``disk`` over ``link`` to a free end or, last of the disks, one that is kept."""
+        """Disks and links from ``disk`` over ``link`` to a free end or, last of the
+        disks, one that is kept.
+        """
         passed, links = [], [link]
         while True:
             disk = sum(ends[links[-1]]) - disk
@@ -194,17 +244,27 @@ def condense_chains(tree, root, teeth):
                     plain.append(link)
     rows, plain = [], sorted(plain)
     for chain, (passed, before, links, *_) in enumerate(through + hanging):
-        rows += [(disk, chain, before, after) for disk, after in zip(passed, links, strict=True)]
+        rows += [
+            (disk, chain, before, after)
+            for disk, after in zip(passed, links, strict=True)
+        ]
     begin = [number[begin] for *_, begin, _ in through]
     end = [number[end] for *_, end in through + hanging]
-    joints = [*zip(begin, end, strict=False), *(tuple(number[d] for d in ends[i]) for i in plain)]
+    joints = [
+        *zip(begin, end, strict=False),
+        *(tuple(number[d] for d in ends[i]) for i in plain),
+    ]
     small = span_links(joints, len(kept), number[root])
     columns = np.array(rows, dtype=np.int32).reshape(-1, 4).T
-    return Condensation(*columns, _index(begin), _index(end), _index(kept), _index(plain), small)
+    return Condensation(
+        *columns, _index(begin), _index(end), _index(kept), _index(plain), small
+    )
 
 
 def span_links(ends, disks, root):
-    """Spanning tree of links ``ends`` over ``disks`` nodes as a :class:`Tree`; earlier links are preferred."""
+    """Spanning tree of links ``ends`` over ``disks`` nodes as a :class:`Tree`; earlier
+    links are preferred.
+    """
     group = list(range(disks))
 
     def find(disk):
@@ -215,15 +275,18 @@ def span_links(ends, disks, root):
 
     loops = []
     for index, (a, b) in enumerate(ends):
-        # Kruskal's algorithm: links come in the order of the topology, shafts before meshes, so that meshes close the
-        # loops.
+        # Kruskal's algorithm: links come in the order of the topology, shafts before
+        # meshes, so that meshes close the loops.
         if find(a) == find(b):
             loops.append(index)
         else:
             group[find(a)] = find(b)
     reached = breadth_first(neighbours(ends, disks, loops), root)
     outward = [disk for disk, *_ in reached]
-    above, via = {disk: before for disk, before, _ in reached}, {disk: link for disk, _, link in reached}
+    above, via = (
+        {disk: before for disk, before, _ in reached},
+        {disk: link for disk, _, link in reached},
+    )
     branches = {disk: [] for disk in outward}
     for disk in outward[1:]:
         branches[above[disk]].append(disk)
@@ -231,7 +294,8 @@ def span_links(ends, disks, root):
     for disk in reversed(outward[1:]):
         weight[above[disk]] += weight[disk]
     order, stack = [], [root]
-    while stack:  # the heaviest branch is eliminated first: the sweep then needs the fewest places
+    # the heaviest branch is eliminated first: the sweep then needs the fewest places
+    while stack:
         disk = stack.pop()
         order.append(disk)
         stack += sorted(branches[disk], key=weight.get, reverse=True)
@@ -239,20 +303,28 @@ def span_links(ends, disks, root):
     position = {disk: s for s, disk in enumerate(order)}
     parent = _index([position[above[d]] if above[d] >= 0 else disks for d in order])
     link = _index([via[d] for d in order])
-    end_a, end_b, node = _index([a for a, _ in ends]), _index([b for _, b in ends]), _index(order)
+    end_a, end_b, node = (
+        _index([a for a, _ in ends]),
+        _index([b for _, b in ends]),
+        _index(order),
+    )
     from_a = end_a[link] == node if len(ends) else np.ones(disks, bool)
     return Tree(node, parent, slots(parent), link, from_a, _index(loops), end_a, end_b)
 
 
 def assemble(train):
-    """The :class:`System` of a drive train without links that vary; every number stays differentiable."""
+    """The :class:`System` of a drive train without links that vary; every number stays
+    differentiable.
+    """
     refuse_varying(train.topology)
     xp = namespace(train)
     topology, tree = train.topology, span(train.topology)
     radius = displacement_radii(train)
     square = radius**2
     zeros = xp.zeros(len(topology.damper_names))
-    ground = added(xp.zeros(len(radius)), _index(topology.ground_disk), train.grounds.stiffness)
+    ground = added(
+        xp.zeros(len(radius)), _index(topology.ground_disk), train.grounds.stiffness
+    )
     shaft_at = square[_index([a for a, _ in topology.shaft_ends])]
     ring_at = square[_index(topology.damper_disk)]
     gear_radius = xp.concatenate([xp.asarray(train.disks.radius), zeros])
@@ -265,9 +337,19 @@ def assemble(train):
         mass=xp.concatenate([train.disks.inertia, dampers.inertia]) / square,
         damping=xp.concatenate([train.disks.damping, zeros]) / square,
         ground=ground / square,
-        stiffness=xp.concatenate([shafts.stiffness / shaft_at, dampers.stiffness / ring_at, meshes.stiffness]),
-        viscous=xp.concatenate([shafts.damping / shaft_at, dampers.damping / ring_at, meshes.damping]),
-        loss=xp.concatenate([shafts.loss_factor, dampers.loss_factor, xp.zeros(len(topology.mesh_names))]),
+        stiffness=xp.concatenate(
+            [shafts.stiffness / shaft_at, dampers.stiffness / ring_at, meshes.stiffness]
+        ),
+        viscous=xp.concatenate(
+            [shafts.damping / shaft_at, dampers.damping / ring_at, meshes.damping]
+        ),
+        loss=xp.concatenate(
+            [
+                shafts.loss_factor,
+                dampers.loss_factor,
+                xp.zeros(len(topology.mesh_names)),
+            ]
+        ),
         arm_a=xp.concatenate([unit, gear_radius[mesh_a] / radius[mesh_a]]),
         arm_b=xp.concatenate([unit, gear_radius[mesh_b] / radius[mesh_b]]),
         floating=np.array(not topology.ground_disk),
@@ -279,16 +361,22 @@ def _index(values):
 
 
 def rigid_shape(train, radius):
-    """``(S,)`` displacements of the motion in which no link deflects: speed ratio x R of each disk's rotor."""
+    """``(S,)`` displacements of the motion in which no link deflects: speed ratio x R
+    of each disk's rotor.
+    """
     return speed_ratios(train)[_index(train.topology.rotor)] * radius
 
 
 def drift(system, rigid, mean):
-    """What mean displacements ``(S, ...)`` of a floating train hold of its rigid rotation, weighted by inertia."""
+    """What mean displacements ``(S, ...)`` of a floating train hold of its rigid
+    rotation, weighted by inertia.
+    """
     xp = namespace(mean)
     mass, rigid = xp.asarray(system.mass), xp.asarray(rigid)
     share = (mass * rigid) @ mean / (mass @ rigid**2)
-    return xp.where(system.floating, rigid.reshape((-1,) + (1,) * (mean.ndim - 1)) * share, 0.0)
+    return xp.where(
+        system.floating, rigid.reshape((-1,) + (1,) * (mean.ndim - 1)) * share, 0.0
+    )
 
 
 def to_angles(system, displacement):

@@ -1,4 +1,6 @@
-"""Reading and changing single numbers, laws and teeth of a train by ``"NAME.FIELD"``, on the host or under tracing."""
+"""Reading and changing single numbers, laws and teeth of a train by ``"NAME.FIELD"``,
+on the host or under tracing.
+"""
 
 import contextlib
 import dataclasses
@@ -7,7 +9,16 @@ import numpy as np
 
 from jaxhb._jax import load, traced
 from jaxhb.elements import derived, value_checks
-from jaxhb.elements.elements import LARGEST, TABLES, Combustion, Mesh, SceneError, Trace, shown, suggestion
+from jaxhb.elements.elements import (
+    LARGEST,
+    TABLES,
+    Combustion,
+    Mesh,
+    SceneError,
+    Trace,
+    shown,
+    suggestion,
+)
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, rotor_ratios
 from jaxhb.excitation import gas
 from jaxhb.train import connections
@@ -15,15 +26,24 @@ from jaxhb.train.connections import RATIO_TOLERANCE
 from jaxhb.train.tables import LAW_OF_FRIDMAN
 from jaxhb.train.varying import NEEDS
 
-_WORDS = {f.name: f.metadata["words"] for f in dataclasses.fields(Mesh) if f.metadata["kind"] == "choice"}
-_NO_BACKLASH = "the mesh has no backlash, it is always in contact. Build the scene with a backlash."
+_WORDS = {
+    f.name: f.metadata["words"]
+    for f in dataclasses.fields(Mesh)
+    if f.metadata["kind"] == "choice"
+}
+_NO_BACKLASH = (
+    "the mesh has no backlash, it is always in contact. Build the scene with a"
+    " backlash."
+)
 
 
 def _choose(train, values):
-    """Take laws and numbers of teeth, which are no numbers of the train, from ``{"NAME.FIELD": value}``.
+    """Take laws and numbers of teeth, which are no numbers of the train, from
+    ``{"NAME.FIELD": value}``.
 
-    Returns the train with these, the other values with those that follow (``law`` sets ``epsilon`` and ``transition``,
-    ``teeth`` the ``radius`` at the tooth pitch that the gear has), and sentences.
+    Returns the train with these, the other values with those that follow (``law`` sets
+    ``epsilon`` and ``transition``, ``teeth`` the ``radius`` at the tooth pitch that the
+    gear has), and sentences.
     """
     numbers, faults, topology = {}, [], train.topology
     laws, teeth = list(topology.mesh_damping_law), list(topology.teeth)
@@ -43,34 +63,60 @@ def _choose(train, values):
                 laws[index] = value
         elif table == "disk" and field == "teeth":
             if not topology.teeth[index]:
-                fault = "the gear has no teeth in the scene, its ratio is that of the radii. Build it with teeth."
-            elif not (isinstance(value, int | float | np.number) and value >= 1 and float(value).is_integer()):
-                fault = f"teeth is {shown(value)}, must be a whole number of at least 1."
+                fault = (
+                    "the gear has no teeth in the scene, its ratio is that of the"
+                    " radii. Build it with teeth."
+                )
+            elif not (
+                isinstance(value, int | float | np.number)
+                and value >= 1
+                and float(value).is_integer()
+            ):
+                fault = (
+                    f"teeth is {shown(value)}, must be a whole number of at least 1."
+                )
             else:
-                follow = {"radius": np.asarray(train.disks.radius)[index] * int(value) / teeth[index]}
+                follow = {
+                    "radius": (
+                        np.asarray(train.disks.radius)[index]
+                        * int(value)
+                        / teeth[index]
+                    )
+                }
                 teeth[index] = int(value)
         else:
             numbers.setdefault(key, value)
         for own, number in follow.items():
             other = f"{key.removesuffix(field)}{own}"
             numbers[other] = given = values.get(other, number)
-            if value_checks.number_like(given) and abs(float(given) - number) > RATIO_TOLERANCE * number:
-                fault = f"it makes {own} {number:.6g}, but {other!r} is given as {given:.6g}. Keep one of them."
+            if (
+                value_checks.number_like(given)
+                and abs(float(given) - number) > RATIO_TOLERANCE * number
+            ):
+                fault = (
+                    f"it makes {own} {number:.6g}, but {other!r} is given as"
+                    f" {given:.6g}. Keep one of them."
+                )
         faults += [f"{topology.title}, replace {shown(key)}: {fault}"] if fault else []
     chosen = {"mesh_damping_law": tuple(laws), "teeth": tuple(teeth)}
     if any(getattr(topology, name) != new for name, new in chosen.items()):
-        train = dataclasses.replace(train, topology=dataclasses.replace(topology, **chosen))
+        train = dataclasses.replace(
+            train, topology=dataclasses.replace(topology, **chosen)
+        )
     return train, numbers, faults
 
 
 def scene_values(train, settings):
-    """What a scene file has to say of the settings ``{"NAME.FIELD": value}`` of a train that they made, by table, row
-    and field."""
+    """What a scene file has to say of the settings ``{"NAME.FIELD": value}`` of a train
+    that they made, by table, row and field.
+    """
     found = {}
     for key, value in settings.items():
         table, field, index = locate(train.topology, key)
         if (table, field) == ("mesh", "law"):
-            found |= {(table, index, own): number for own, number in LAW_OF_FRIDMAN.items()}
+            found |= {
+                (table, index, own): number for own, number in LAW_OF_FRIDMAN.items()
+            }
             continue
         found[table, index, field] = int(value) if field == "teeth" else value
         if field == "teeth":
@@ -84,27 +130,37 @@ _INNER = {"traces": Trace, "combustion": Combustion}
 
 
 def locate(topology, key: str):
-    """Find table, field and index of ``"NAME.FIELD"``; a field may be ``"combustion.start"``."""
+    """Find table, field and index of ``"NAME.FIELD"``; a field may be
+    ``"combustion.start"``.
+    """
     where = topology.title
     name, dot, field = key.rpartition(".")
     if not dot:
-        raise SceneError(f"{where}: {shown(key)} names no field. Write 'NAME.FIELD', as 'hub.inertia'.")
+        raise SceneError(
+            f"{where}: {shown(key)} names no field. Write 'NAME.FIELD', as"
+            " 'hub.inertia'."
+        )
     outer, _, inner = name.rpartition(".")
     # A name may hold dots: an element called so goes before a table inside an element.
     if name not in topology.elements and inner in _INNER and outer in topology.elements:
         name, field = outer, f"{inner}.{field}"
     if name not in topology.elements:
         raise SceneError(
-            f"{where}: there is no element {shown(name)} in {shown(key)}.{suggestion(name, topology.elements)}"
+            f"{where}: there is no element {shown(name)} in"
+            f" {shown(key)}.{suggestion(name, topology.elements)}"
         )
     table, index = topology.elements[name]
     return table, field, index
 
 
 def declared_field(table: str, field: str):
-    """The field of an element, with its unit and range, of a field of a table; None where there is none."""
+    """The field of an element, with its unit and range, of a field of a table; None
+    where there is none.
+    """
     outer, _, inner = field.rpartition(".")
-    return {f.name: f for f in dataclasses.fields(_INNER.get(outer, TABLES[table]))}.get(inner)
+    return {
+        f.name: f for f in dataclasses.fields(_INNER.get(outer, TABLES[table]))
+    }.get(inner)
 
 
 def _locate(train, key: str):
@@ -117,16 +173,26 @@ def _locate(train, key: str):
         numbers = getattr(numbers, outer, None)
         if numbers is None or index not in numbers.seats:
             raise SceneError(f"{where}: it has no {outer}. Build the scene with one.")
-    fields = [f.name for f in dataclasses.fields(numbers) if f.name not in _INNER and not f.metadata.get("static")]
+    fields = [
+        f.name
+        for f in dataclasses.fields(numbers)
+        if f.name not in _INNER and not f.metadata.get("static")
+    ]
     if inner not in fields:
-        raise SceneError(f"{where}: there is no field {shown(inner)}.{suggestion(inner, fields)}")
+        raise SceneError(
+            f"{where}: there is no field {shown(inner)}.{suggestion(inner, fields)}"
+        )
     if _vector(train, table, field) is None:
-        raise SceneError(f"{where}: nothing in the scene has {inner}. Build the scene with it.")
+        raise SceneError(
+            f"{where}: nothing in the scene has {inner}. Build the scene with it."
+        )
     return table, field, index
 
 
 def _vector(train, table, field):
-    """A field of a table over its elements; gas factors and injections that nobody gave are 1."""
+    """A field of a table over its elements; gas factors and injections that nobody gave
+    are 1.
+    """
     numbers = getattr(train, TABLE_OF[table])
     outer, _, inner = field.rpartition(".")
     vector = getattr(getattr(numbers, outer) if outer else numbers, inner)
@@ -146,14 +212,27 @@ def _row(train, table, field, index):
     row = _vector(train, table, field)[place]
     if field in ("stages", "stops"):
         link = derived.link_number(train.topology, table, index)
-        return row[: sum((link, field) == spring[:2] for spring in train.topology.springs)]
+        return row[
+            : sum((link, field) == spring[:2] for spring in train.topology.springs)
+        ]
     if field in ("harmonics", "gas_torque", *OF_PERIOD, *OF_GEARS):
-        return row[: len(getattr(train.topology, f"mesh_{field}" if table == "mesh" else f"{table}_harmonics")[index])]
+        return row[
+            : len(
+                getattr(
+                    train.topology,
+                    f"mesh_{field}" if table == "mesh" else f"{table}_harmonics",
+                )[index]
+            )
+        ]
     if field == "combustion.exhaust_pressure":
         return gas.full_exhaust_pressure(train.cylinders.combustion)[place]
     if field.startswith("traces."):
         speeds, loads = train.cylinders.traces.sizes[place]
-        parts = {"traces.rpm": np.s_[:speeds], "traces.load": np.s_[:loads], "traces.pressure": np.s_[:speeds, :loads]}
+        parts = {
+            "traces.rpm": np.s_[:speeds],
+            "traces.load": np.s_[:loads],
+            "traces.pressure": np.s_[:speeds, :loads],
+        }
         return row[parts[field]]
     return row
 
@@ -173,7 +252,9 @@ def replace(train, values):
         except SceneError as error:
             errors += error.sentences
             continue
-        if isinstance(value, list | tuple) and traced(value):  # rows with traced numbers: numpy cannot join them
+        if isinstance(value, list | tuple) and traced(
+            value
+        ):  # rows with traced numbers: numpy cannot join them
             value = load().numpy.asarray(value)
         errors += _value_errors(train, key, table, field, index, value)
         changes.setdefault((table, field), {})[_place(train, field, index)] = value
@@ -186,7 +267,8 @@ def replace(train, values):
         changed = _with(changed, table, field, new)
     if ("disk", "radius") in changes:
         _check_ratios(before, changed)
-    # Mean torques take integrals over a cycle: only where they, or what holds them, may have changed.
+    # Mean torques take integrals over a cycle: only where they, or what holds them, may
+    # have changed.
     errors = connections.train_errors(changed) if connections.touches(changes) else []
     if errors:
         raise SceneError(errors)
@@ -198,33 +280,48 @@ def _with(train, table, field, new):
     attribute, (outer, _, inner) = TABLE_OF[table], field.rpartition(".")
     numbers, vector = getattr(train, attribute), _set(_vector(train, table, field), new)
     if outer:
-        inner, vector = outer, dataclasses.replace(getattr(numbers, outer), **{inner: vector})
-    return dataclasses.replace(train, **{attribute: dataclasses.replace(numbers, **{inner: vector})})
+        inner, vector = (
+            outer,
+            dataclasses.replace(getattr(numbers, outer), **{inner: vector}),
+        )
+    return dataclasses.replace(
+        train, **{attribute: dataclasses.replace(numbers, **{inner: vector})}
+    )
 
 
 def in_contact(train):
-    """The same train with the gaps of all meshes closed and all else as it is: "without backlash"."""
+    """The same train with the gaps of all meshes closed and all else as it is: "without
+    backlash".
+    """
     topology, meshes = train.topology, train.meshes
     return dataclasses.replace(
         train,
-        topology=dataclasses.replace(topology, mesh_backlash=(False,) * len(topology.mesh_names)),
+        topology=dataclasses.replace(
+            topology, mesh_backlash=(False,) * len(topology.mesh_names)
+        ),
         meshes=dataclasses.replace(meshes, backlash=0.0 * meshes.backlash),
     )
 
 
 def linearised(train):
-    """The same in contact, and beyond that with teeth of their mean stiffness, shafts and dampers of one: linear."""
+    """The same in contact, and beyond that with teeth of their mean stiffness, shafts
+    and dampers of one: linear.
+    """
     train = in_contact(train)
     constant = ((),) * len(train.topology.mesh_names)
     return dataclasses.replace(
         train,
-        topology=dataclasses.replace(train.topology, mesh_stiffness_orders=constant, springs=()),
+        topology=dataclasses.replace(
+            train.topology, mesh_stiffness_orders=constant, springs=()
+        ),
         meshes=dataclasses.replace(train.meshes, stiffness_orders=None),
     )
 
 
 def _set(vector, new):
-    """Put values at their indices: on the host by a copy, under tracing in one scatter."""
+    """Put values at their indices: on the host by a copy, under tracing in one
+    scatter.
+    """
     if isinstance(vector, np.ndarray) and not traced(new):
         vector = vector.copy()
         for index, value in new.items():
@@ -235,7 +332,9 @@ def _set(vector, new):
 
     vector = jnp.asarray(vector)
     if vector.ndim == 1:
-        return vector.at[np.array(list(new))].set(jnp.stack([jnp.asarray(v, dtype=jnp.float64) for v in new.values()]))
+        return vector.at[np.array(list(new))].set(
+            jnp.stack([jnp.asarray(v, dtype=jnp.float64) for v in new.values()])
+        )
     for index, value in new.items():
         value = jnp.asarray(value, dtype=jnp.float64)
         vector = vector.at[(index, *(slice(n) for n in value.shape))].set(value)
@@ -243,39 +342,64 @@ def _set(vector, new):
 
 
 def within_range(train):
-    """Whether every number lies in the range of its field, a bool that may be traced; nan does not count as outside."""
+    """Whether every number lies in the range of its field, a bool that may be traced;
+    nan does not count as outside.
+    """
     import jax.numpy as jnp
 
     inside = [jnp.array(True)]
-    given = [(TABLES[table], getattr(train, attribute)) for table, attribute in TABLE_OF.items()]
+    given = [
+        (TABLES[table], getattr(train, attribute))
+        for table, attribute in TABLE_OF.items()
+    ]
     for cls, numbers in [*given, (Combustion, train.cylinders.combustion)]:
         for declared in dataclasses.fields(cls):
-            limits, values = declared.metadata.get("range"), getattr(numbers, declared.name, None)
+            limits, values = (
+                declared.metadata.get("range"),
+                getattr(numbers, declared.name, None),
+            )
             if limits is None or values is None:
                 continue
-            # What is wrong is looked for, not what is right: nan is neither, and has its own status.
+            # What is wrong is looked for, not what is right: nan is neither, and has
+            # its own status.
             values = jnp.asarray(values)
             outside = limits.excludes(values)
-            # 0 stands for a key that is not given, but for those that the reader fills in.
-            zero_if_absent = declared.default is None and declared.name not in ("epsilon", "transition", "stiffness")
-            inside.append(~jnp.any(outside & (values != 0.0) if zero_if_absent else outside))
+            # 0 stands for a key that is not given, but for those that the reader fills
+            # in.
+            zero_if_absent = declared.default is None and declared.name not in (
+                "epsilon",
+                "transition",
+                "stiffness",
+            )
+            inside.append(
+                ~jnp.any(outside & (values != 0.0) if zero_if_absent else outside)
+            )
     return jnp.all(jnp.stack(inside))
 
 
 def _value_errors(train, key, table, field, index, value) -> list[str]:
     """Check shape and, where it is concrete, range of a new value."""
-    where, row = f"{train.topology.title}, replace {shown(key)}", _row(train, table, field, index)
+    where, row = (
+        f"{train.topology.title}, replace {shown(key)}",
+        _row(train, table, field, index),
+    )
     wanted, found = np.shape(row), None
     with contextlib.suppress(ValueError):  # rows of different lengths have no shape
         found = np.shape(value)
     if found != wanted:
-        return [f"{where}: the value has shape {found}, must have {wanted}. Map over a batch with jax.vmap."]
+        return [
+            f"{where}: the value has shape {found}, must have {wanted}. Map over a"
+            " batch with jax.vmap."
+        ]
     missing = _has_no_effect(train, table, field, index)
     if traced(value):
         return [f"{where}: {missing}"] if missing else []
     number = np.asarray(value)
     if number.dtype.kind not in "fiu" or not np.all(np.abs(number) <= LARGEST):
-        return [f"{where}: the value is {shown(value)}, must be finite and real, at most {LARGEST:g} in size."]
+        return [
+            f"{where}: the value is {shown(value)}, must be finite and real, at most"
+            f" {LARGEST:g} in size."
+        ]
     # A value that is there already changes nothing, and is no fault.
     if missing and (traced(row) or not np.all(np.asarray(row) == number)):
         return [f"{where}: {missing}"]
@@ -284,104 +408,189 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
         return []
     if declared.default is None and number == 0.0 and not traced(row) and row == 0.0:
         return []  # the scene gave none, which stands as 0
-    return [f"{where}: {text}" for text in value_checks.value_errors(declared, float(number))]
+    return [
+        f"{where}: {text}"
+        for text in value_checks.value_errors(declared, float(number))
+    ]
 
 
 def _has_no_effect(train, table, field, index) -> str:
-    """Say why a number has no effect in a train of this topology; empty where it has one."""
+    """Say why a number has no effect in a train of this topology; empty where it has
+    one.
+    """
     topology = train.topology
     if table == "cylinder":
         return _has_no_effect_on_cylinder(train, field, index)
     if table not in derived.LINKS:
         return ""
-    if table == "mesh" and field in ("backlash", "epsilon", "transition") and not topology.mesh_backlash[index]:
+    if (
+        table == "mesh"
+        and field in ("backlash", "epsilon", "transition")
+        and not topology.mesh_backlash[index]
+    ):
         return _NO_BACKLASH
     if table == "mesh" and field == "phase" and not topology.mesh_periods[index]:
-        return "it has no effect, as the mesh has neither stiffness_orders nor transmission_error."
-    link, key = derived.link_number(topology, table, index), derived.WITH.get(field, field)
+        return (
+            "it has no effect, as the mesh has neither stiffness_orders nor"
+            " transmission_error."
+        )
+    link, key = (
+        derived.link_number(topology, table, index),
+        derived.WITH.get(field, field),
+    )
     if field == "stiffness" and topology.has_key(link, "outer"):
-        return "the stiffness comes from length, outer, inner and shear_modulus. Change these."
+        return (
+            "the stiffness comes from length, outer, inner and shear_modulus. Change"
+            " these."
+        )
     if field == "damping" and topology.has_key(link, "damping_hz"):
         way = "magnifier" if topology.has_key(link, "magnifier") else "damping_ratio"
         return f"the damping comes from {way} and damping_hz. Change these."
-    given = link in getattr(topology, _VARYING[field]) if field in _VARYING else topology.has_key(link, key)
+    given = (
+        link in getattr(topology, _VARYING[field])
+        if field in _VARYING
+        else topology.has_key(link, key)
+    )
     if (field in _VARYING or key in derived.OPTIONAL) and not given:
-        return f"it has no effect, as the {table} was built without {key}. Build the scene with it."
+        return (
+            f"it has no effect, as the {table} was built without {key}. Build the scene"
+            " with it."
+        )
     return ""
 
 
 def _has_no_effect_on_cylinder(train, field, index) -> str:
-    source, moves = train.topology.cylinder_source[index], train.topology.cylinder_inertia[index] > 0
+    source, moves = (
+        train.topology.cylinder_source[index],
+        train.topology.cylinder_inertia[index] > 0,
+    )
     computed = source in gas.COMPUTED
-    if (field in ("bore", "ambient_pressure") and not computed) or (field == "pressure" and source != "pressure"):
-        return "it has no effect, as the cylinder has no pressure table. Build the scene with a pressure."
+    if (field in ("bore", "ambient_pressure") and not computed) or (
+        field == "pressure" and source != "pressure"
+    ):
+        return (
+            "it has no effect, as the cylinder has no pressure table. Build the scene"
+            " with a pressure."
+        )
     if field in ("load_rpm", "load_share") and source not in ("traces", "combustion"):
-        return "it has no effect, as the cylinder has neither traces nor combustion. Build the scene with one of them."
+        return (
+            "it has no effect, as the cylinder has neither traces nor combustion. Build"
+            " the scene with one of them."
+        )
     if field in ("combustion.heat", "combustion.imep"):
         by_work = train.cylinders.combustion.by_work[_place(train, field, index)]
         if by_work != (field == "combustion.imep"):
-            return f"it has no effect, as the scene gives {'imep' if by_work else 'heat'} instead. Change that."
+            return (
+                f"it has no effect, as the scene gives {'imep' if by_work else 'heat'}"
+                " instead. Change that."
+            )
     if field in ("gas_torque_mean", "gas_torque") and computed:
         name = "pressure table" if source == "pressure" else source
-        return f"the gas torque comes from the {name}. Change {source}, or build the scene without it."
-    if (field == "reciprocating_mass" and not moves) or (field in ("stroke", "rod") and not (moves or computed)):
         return (
-            "it has no effect, as the cylinder was built without inertia torque. Build the scene with stroke, rod"
-            " and reciprocating_mass (orders at least 1, whole harmonics of the cycle)."
+            f"the gas torque comes from the {name}. Change {source}, or build the scene"
+            " without it."
+        )
+    if (field == "reciprocating_mass" and not moves) or (
+        field in ("stroke", "rod") and not (moves or computed)
+    ):
+        return (
+            "it has no effect, as the cylinder was built without inertia torque. Build"
+            " the scene with stroke, rod and reciprocating_mass (orders at least 1,"
+            " whole harmonics of the cycle)."
         )
     return ""
 
 
 def _periods(topology, ratios, index):
-    """Mesh periods of a mesh in a revolution of the reference rotor; 1 where no gear has teeth."""
-    gears = [disk for disk in topology.mesh_ends[index] if disk < len(topology.teeth) and topology.teeth[disk]]
-    return next((topology.teeth[disk] * ratios[topology.rotor[disk]] for disk in gears), 1.0)
+    """Mesh periods of a mesh in a revolution of the reference rotor; 1 where no gear
+    has teeth.
+    """
+    gears = [
+        disk
+        for disk in topology.mesh_ends[index]
+        if disk < len(topology.teeth) and topology.teeth[disk]
+    ]
+    return next(
+        (topology.teeth[disk] * ratios[topology.rotor[disk]] for disk in gears), 1.0
+    )
 
 
 def _check_ratios(before, after):
-    """Refuse concrete radii that lock a loop or change the speed of a rotor with orders of its own."""
+    """Refuse concrete radii that lock a loop or change the speed of a rotor with orders
+    of its own.
+    """
     topology, radius = after.topology, after.disks.radius
     if traced(radius):
         return
     radius = np.asarray(radius)
-    old, new = rotor_ratios(topology, np.asarray(before.disks.radius)), rotor_ratios(topology, radius)
+    old, new = (
+        rotor_ratios(topology, np.asarray(before.disks.radius)),
+        rotor_ratios(topology, radius),
+    )
     errors, where = [], topology.title
-    given = zip(topology.torque_names, topology.torque_disk, topology.torque_own, strict=True)
+    given = zip(
+        topology.torque_names, topology.torque_disk, topology.torque_own, strict=True
+    )
     own = [*zip(topology.cylinder_names, topology.cylinder_disk, strict=True)]
     # A phase counts on the rotor, whatever the orders of a torque count on.
     turned = {k for row in topology.phase_torques for k in row}
-    own += [(name, disk) for k, (name, disk, is_own) in enumerate(given) if is_own or k in turned]
-    pulsating = zip(topology.load_names, topology.load_disk, topology.load_harmonics, strict=True)
+    own += [
+        (name, disk)
+        for k, (name, disk, is_own) in enumerate(given)
+        if is_own or k in turned
+    ]
+    pulsating = zip(
+        topology.load_names, topology.load_disk, topology.load_harmonics, strict=True
+    )
     own += [(name, disk) for name, disk, orders in pulsating if orders]
     for place, field in enumerate(OF_GEARS):
-        listed = zip(topology.mesh_names, topology.mesh_ends, getattr(topology, f"mesh_{field}"), strict=True)
+        listed = zip(
+            topology.mesh_names,
+            topology.mesh_ends,
+            getattr(topology, f"mesh_{field}"),
+            strict=True,
+        )
         own += [(name, ends[place]) for name, ends, orders in listed if orders]
     for name, disk in own:
         rotor = topology.rotor[disk]
         if abs(new[rotor] / old[rotor] - 1.0) > RATIO_TOLERANCE:
             errors.append(
-                f"{where}: the new radii change the speed of {name!r} from {old[rotor]:.6g} to {new[rotor]:.6g} times"
-                " the reference, so that its orders fit the cycle no more. Build the scene anew with these radii."
+                f"{where}: the new radii change the speed of {name!r} from"
+                f" {old[rotor]:.6g} to {new[rotor]:.6g} times the reference, so that"
+                " its orders fit the cycle no more. Build the scene anew with these"
+                " radii."
             )
     for index, name in enumerate(topology.mesh_names):
-        periods = [_periods(train.topology, ratios, index) for train, ratios in ((before, old), (after, new))]
-        if topology.mesh_periods[index] and abs(periods[1] / periods[0] - 1.0) > RATIO_TOLERANCE:
+        periods = [
+            _periods(train.topology, ratios, index)
+            for train, ratios in ((before, old), (after, new))
+        ]
+        if (
+            topology.mesh_periods[index]
+            and abs(periods[1] / periods[0] - 1.0) > RATIO_TOLERANCE
+        ):
             errors.append(
-                f"{where}: the new gears of mesh {name!r} have {periods[1]:.6g} mesh periods in a revolution of the"
-                f" reference, not {periods[0]:.6g}, so that its orders fit no more. Build the scene anew with them."
+                f"{where}: the new gears of mesh {name!r} have {periods[1]:.6g} mesh"
+                f" periods in a revolution of the reference, not {periods[0]:.6g}, so"
+                " that its orders fit no more. Build the scene anew with them."
             )
     for name, (a, b) in zip(topology.mesh_names, topology.mesh_ends, strict=True):
         slip = new[topology.rotor[a]] * radius[a] / (new[topology.rotor[b]] * radius[b])
         if abs(slip - 1.0) > RATIO_TOLERANCE:
             errors.append(
-                f"{where}: the new radii lock the closed loop through mesh {name!r}: its ratios multiply to"
-                f" {slip:.6g}, must be 1. Change all radii of the loop together."
+                f"{where}: the new radii lock the closed loop through mesh {name!r}:"
+                f" its ratios multiply to {slip:.6g}, must be 1. Change all radii of"
+                " the loop together."
             )
         teeth = [topology.teeth[disk] for disk in (a, b)]
-        if all(teeth) and abs(teeth[0] / teeth[1] * radius[b] / radius[a] - 1.0) > RATIO_TOLERANCE:
+        if (
+            all(teeth)
+            and abs(teeth[0] / teeth[1] * radius[b] / radius[a] - 1.0) > RATIO_TOLERANCE
+        ):
             errors.append(
-                f"{where}: the new radii of mesh {name!r} are {radius[a]:g}:{radius[b]:g} m, but its teeth"
-                f" {teeth[0]}:{teeth[1]}. Change both radii alike, or build the scene with other teeth."
+                f"{where}: the new radii of mesh {name!r} are"
+                f" {radius[a]:g}:{radius[b]:g} m, but its teeth {teeth[0]}:{teeth[1]}."
+                " Change both radii alike, or build the scene with other teeth."
             )
     if errors:
         raise SceneError(errors)

@@ -1,8 +1,11 @@
-"""Width of the transition, and stiffness left in the gap, of meshes whose scene gives none: from their mean loads.
+"""Width of the transition, and stiffness left in the gap, of meshes whose scene gives
+none: from their mean loads.
 
-Teeth have their full stiffness above the force ``c (epsilon + transition) h / 2``, and the spring in the gap carries up
-to ``epsilon c h / 2``. Both are chosen small beside the smallest mean force that the mesh has at the speeds at which
-the scene gives torques. They are numbers of the train from then on: what changes a mean torque later leaves them.
+Teeth have their full stiffness above the force ``c (epsilon + transition) h / 2``, and
+the spring in the gap carries up to ``epsilon c h / 2``. Both are chosen small beside
+the smallest mean force that the mesh has at the speeds at which the scene gives
+torques. They are numbers of the train from then on: what changes a mean torque later
+leaves them.
 """
 
 import dataclasses
@@ -14,21 +17,35 @@ from jaxhb.excitation.mean_torques import mean_torques
 from jaxhb.train import connections
 from jaxhb.train.varying import without_tables
 
-KNEE_SHARE, GAP_SPRING_SHARE = 0.2, 0.04  # of the mean force, at which stiffness is full, and that the gap carries
+KNEE_SHARE, GAP_SPRING_SHARE = (
+    0.2,
+    0.04,
+)  # of the mean force, at which stiffness is full, and that the gap carries
 TRANSITION, EPSILON = (0.004, 0.04), (1e-4, 1e-3)
-"""Smallest and largest that are chosen. Smaller ones cost steps in time and harmonics; teeth with hardly a mean load
-are moved by their impacts, whatever the width."""
+"""Smallest and largest that are chosen. Smaller ones cost steps in time and harmonics;
+teeth with hardly a mean load are moved by their impacts, whatever the width.
+"""
 
 ANY_SPEED = 1000.0  # rpm, where no torque depends on the speed
 IDLE = 1 / 3  # of a rated speed, from which on a train runs
-DENSE_DISKS = 1000  # up to which loads that several ways share are found with dense matrices
+DENSE_DISKS = (
+    1000  # up to which loads that several ways share are found with dense matrices
+)
 
 
 def with_contact_law(train, meshes):
-    """The train with the laws of its ``meshes``, elements as given, where these leave numbers open."""
+    """The train with the laws of its ``meshes``, elements as given, where these leave
+    numbers open.
+    """
     gaps = np.array(train.topology.mesh_backlash, dtype=bool)
     opened = {
-        key: gaps & np.array([not mesh.law and getattr(mesh, key) is None for mesh in meshes], dtype=bool)
+        key: (
+            gaps
+            & np.array(
+                [not mesh.law and getattr(mesh, key) is None for mesh in meshes],
+                dtype=bool,
+            )
+        )
         for key in ("epsilon", "transition")
     }
     if not any(rows.any() for rows in opened.values()):
@@ -37,17 +54,24 @@ def with_contact_law(train, meshes):
     # Force at the flank of a gap that is filled with the full stiffness.
     whole = table.stiffness * table.backlash / 2
     share = _least_mean_forces(train) / np.where(gaps & (whole > 0), whole, 1.0)
-    epsilon = np.where(opened["epsilon"], np.clip(GAP_SPRING_SHARE * share, *EPSILON), table.epsilon)
+    epsilon = np.where(
+        opened["epsilon"], np.clip(GAP_SPRING_SHARE * share, *EPSILON), table.epsilon
+    )
     width = np.clip(KNEE_SHARE * share - epsilon, *TRANSITION)
     transition = np.where(opened["transition"], width, table.transition)
-    return dataclasses.replace(train, meshes=dataclasses.replace(table, epsilon=epsilon, transition=transition))
+    return dataclasses.replace(
+        train, meshes=dataclasses.replace(table, epsilon=epsilon, transition=transition)
+    )
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def _least_mean_forces(train):
-    """Smallest mean tooth force ``(M,)`` N of every mesh over the speeds at which the scene gives torques, all teeth in
-    contact."""
-    from jaxhb.train import chain  # here: it takes jax, which what has no mesh to decide on does without
+    """Smallest mean tooth force ``(M,)`` N of every mesh over the speeds at which the
+    scene gives torques, all teeth in contact.
+    """
+    from jaxhb.train import (
+        chain,
+    )  # here: it takes jax, which what has no mesh to decide on does without
 
     speeds, rated = connections.speeds(train), train.torques.rated_rpm
     # A torque that follows a power of the speed has a point at its rated speed alone.
@@ -74,15 +98,25 @@ def _mean_torques(train, speeds):
     torque = connections.on_disks(disks, seats, means)
     if not topology.load_disk:
         return torque
-    ratio, share = speed_ratios(train)[np.array(topology.rotor, dtype=int)], train.loads.share
+    ratio, share = (
+        speed_ratios(train)[np.array(topology.rotor, dtype=int)],
+        train.loads.share,
+    )
     taken = share / (share @ ratio[np.array(topology.load_disk, dtype=int)])
-    return torque + connections.on_disks(disks, topology.load_disk, -np.outer(torque @ ratio, taken))
+    return torque + connections.on_disks(
+        disks, topology.load_disk, -np.outer(torque @ ratio, taken)
+    )
 
 
 def _passed_on(system, load):
-    """Forces ``(L, n)`` N of the links of a tree, each that of the loads ``(S, n)`` N beyond it; 0 of links that close
-    loops."""
-    tree, left, force = system.tree, load.copy(), np.zeros((len(system.stiffness), load.shape[-1]))
+    """Forces ``(L, n)`` N of the links of a tree, each that of the loads ``(S, n)`` N
+    beyond it; 0 of links that close loops.
+    """
+    tree, left, force = (
+        system.tree,
+        load.copy(),
+        np.zeros((len(system.stiffness), load.shape[-1])),
+    )
     for place, up in enumerate(tree.parent[:-1].tolist()):
         link, disk = tree.link[place], tree.node[place]
         near, far = system.arm_a[link], -system.arm_b[link]

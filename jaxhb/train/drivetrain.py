@@ -1,4 +1,6 @@
-"""The drive train: arrays of numbers over a fixed topology; :func:`jaxhb.train.assembly.build` makes it."""
+"""The drive train: arrays of numbers over a fixed topology;
+:func:`jaxhb.train.assembly.build` makes it.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,17 @@ from jaxhb.elements.elements import SceneError, shown, suggestion
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation import gas
 from jaxhb.train import changes, firing, omission, varying
-from jaxhb.train.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Phases, Shafts, Torques
+from jaxhb.train.tables import (
+    Cylinders,
+    Dampers,
+    Disks,
+    Grounds,
+    Loads,
+    Meshes,
+    Phases,
+    Shafts,
+    Torques,
+)
 from jaxhb.train.topology import Topology
 
 
@@ -24,10 +36,12 @@ from jaxhb.train.topology import Topology
 @by_value
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DriveTrain:
-    """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static topology.
+    """A drive train: a pytree of float64 vectors (one for each field of each kind of
+    element) and static topology.
 
-    Make one with :func:`jaxhb.build` or :func:`jaxhb.load_scene`. Its arrays are read-only: change numbers with
-    :meth:`replace`, which returns another train. The fields are described in :mod:`jaxhb.train.tables`, the topology in
+    Make one with :func:`jaxhb.build` or :func:`jaxhb.load_scene`. Its arrays are
+    read-only: change numbers with :meth:`replace`, which returns another train. The
+    fields are described in :mod:`jaxhb.train.tables`, the topology in
     :mod:`jaxhb.train.topology`.
     """
 
@@ -43,10 +57,15 @@ class DriveTrain:
     phases: Phases | None = None
 
     def __repr__(self):
-        return f"<DriveTrain {self.topology.name or 'without a name'}: {self.topology.parts_text}>"
+        return (
+            f"<DriveTrain {self.topology.name or 'without a name'}:"
+            f" {self.topology.parts_text}>"
+        )
 
     def _repr_html_(self):
-        return html_table(repr(self)[1:-1], ["elements", "number", "names"], self.topology.parts_rows)
+        return html_table(
+            repr(self)[1:-1], ["elements", "number", "names"], self.topology.parts_rows
+        )
 
     @property
     def tune(self) -> dict[str, Any]:
@@ -59,117 +78,178 @@ class DriveTrain:
         return json.loads(self.topology.tolerance)
 
     def value(self, key: str) -> Any:
-        """Read one number ``"NAME.FIELD"`` in the unit of the scene format, a float or an array.
+        """Read one number ``"NAME.FIELD"`` in the unit of the scene format, a float or
+        an array.
 
-        A damper's ring has the damper's fields; those of a table inside an element are ``"NAME.combustion.start"``.
-        ``harmonics`` and ``gas_torque`` are [n, 2] (Re, Im), ``traces.rpm`` [R], ``traces.load`` [S],
-        ``traces.pressure`` [R, S, 7200] from firing top dead centre on. :class:`SceneError` if no element has the name,
+        A damper's ring has the damper's fields; those of a table inside an element are
+        ``"NAME.combustion.start"``. ``harmonics`` and ``gas_torque`` are [n, 2] (Re,
+        Im), ``traces.rpm`` [R], ``traces.load`` [S], ``traces.pressure`` [R, S, 7200]
+        from firing top dead centre on. :class:`SceneError` if no element has the name,
         or its kind no such field.
         """
         return changes.read(self, key)
 
     def replace(self, values: dict[str, Any]) -> DriveTrain:
-        """Return the train with some numbers changed; the topology stays, so that nothing is compiled anew.
+        """Return the train with some numbers changed; the topology stays, so that
+        nothing is compiled anew.
 
-        Three changes go beyond numbers: ``damping_law`` and ``law`` of a mesh take the words of the scene format, and
-        ``teeth`` of a gear with teeth changes its radius, at the same pitch, and the ratios. ``gas_factor`` can be
-        changed in any train: where the scene gives none, the train gets a vector of ones first.
+        Three changes go beyond numbers: ``damping_law`` and ``law`` of a mesh take the
+        words of the scene format, and ``teeth`` of a gear with teeth changes its
+        radius, at the same pitch, and the ratios. ``gas_factor`` can be changed in any
+        train: where the scene gives none, the train gets a vector of ones first.
 
-        ``{"NAME.FIELD": value}`` in the units of the scene format; values may be traced. :class:`SceneError` tells all
-        unknown names and fields, wrong shapes, values that contradict each other and numbers that have no effect
-        because the train was built without them, one sentence each; of concrete values also those out of range, and
-        stiffnesses that leave a mean torque unheld.
+        ``{"NAME.FIELD": value}`` in the units of the scene format; values may be
+        traced. :class:`SceneError` tells all unknown names and fields, wrong shapes,
+        values that contradict each other and numbers that have no effect because the
+        train was built without them, one sentence each; of concrete values also those
+        out of range, and stiffnesses that leave a mean torque unheld.
 
-        >>> jaxhb.load_scene("gear_train_30").replace({"crank damper.damping": 300.0}).value("crank damper.damping")
+        >>> jaxhb.load_scene("gear_train_30").replace(
+        ...     {"crank damper.damping": 300.0}
+        ... ).value("crank damper.damping")
         300.0
         """
         return changes.replace(self, values)
 
     def with_viscous_damping(self, *, hz: Number) -> DriveTrain:
-        """Return the train with every loss factor turned into viscous damping: r += eta k / omega, omega = 2 pi hz.
+        """Return the train with every loss factor turned into viscous damping: r += eta
+        k / omega, omega = 2 pi hz.
 
-        At ``hz`` > 0, in Hz, both dissipate the same. :class:`SceneError` if it is not, or a link varies.
+        At ``hz`` > 0, in Hz, both dissipate the same. :class:`SceneError` if it is not,
+        or a link varies.
 
-        >>> train = jaxhb.load_scene("six_cylinder_diesel").with_viscous_damping(hz=100.0)
+        >>> train = jaxhb.load_scene("six_cylinder_diesel").with_viscous_damping(
+        ...     hz=100.0
+        ... )
         >>> round(float(train.value("cyl6|flywheel.damping")), 2)
         110.07
         """
         varying.refuse_varying(self.topology)
         if not traced(hz) and not np.all(np.asarray(hz) > 0.0):
-            raise SceneError(f"with_viscous_damping: hz is {hz}, must be greater than 0 Hz. Give the main frequency.")
+            raise SceneError(
+                f"with_viscous_damping: hz is {hz}, must be greater than 0 Hz. Give the"
+                " main frequency."
+            )
         omega = 2.0 * np.pi * hz
 
         def viscous(table):
             damping = table.damping + table.loss_factor * table.stiffness / omega
-            return dataclasses.replace(table, damping=damping, loss_factor=0.0 * table.loss_factor)
+            return dataclasses.replace(
+                table, damping=damping, loss_factor=0.0 * table.loss_factor
+            )
 
-        return dataclasses.replace(self, shafts=viscous(self.shafts), dampers=viscous(self.dampers))
+        return dataclasses.replace(
+            self, shafts=viscous(self.shafts), dampers=viscous(self.dampers)
+        )
 
     def with_constant_links(
-        self, *, hz: Number | None = None, amplitude: Number | None = None, rpm: Number | None = None
+        self,
+        *,
+        hz: Number | None = None,
+        amplitude: Number | None = None,
+        rpm: Number | None = None,
     ) -> DriveTrain:
-        """Return the train with its varying links as they are at one frequency, amplitude and speed.
+        """Return the train with its varying links as they are at one frequency,
+        amplitude and speed.
 
-        Needed for everything but the linear forced response, such as natural frequencies and motions with backlash.
-        Stiffness ``(k + J (order Omega)^2) s``, damping ``r d``, loss factor ``eta d``, with the factors s and d of the
-        tables; nothing varies any more.
+        Needed for everything but the linear forced response, such as natural
+        frequencies and motions with backlash. Stiffness ``(k + J (order Omega)^2) s``,
+        damping ``r d``, loss factor ``eta d``, with the factors s and d of the tables;
+        nothing varies any more.
 
-        ``hz`` (Hz) is for links with ``over_hz``, ``amplitude`` (rad, of the vibratory twist) for those with
-        ``over_amplitude``, ``rpm`` of the reference rotor for dampers with ``order``. :class:`SceneError` names the
-        links that need one that is not given; none may be below 0.
+        ``hz`` (Hz) is for links with ``over_hz``, ``amplitude`` (rad, of the vibratory
+        twist) for those with ``over_amplitude``, ``rpm`` of the reference rotor for
+        dampers with ``order``. :class:`SceneError` names the links that need one that
+        is not given; none may be below 0.
 
         >>> rows = [(0.0, 1.0, 1.0), (100.0, 1.5, 0.5)]
-        >>> coupling = jaxhb.Shaft(between=("a", "b"), stiffness=1e4, loss_factor=0.2, over_hz=rows)
-        >>> train = jaxhb.build([jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=2.0), coupling])
+        >>> coupling = jaxhb.Shaft(
+        ...     between=("a", "b"), stiffness=1e4, loss_factor=0.2, over_hz=rows
+        ... )
+        >>> train = jaxhb.build(
+        ...     [
+        ...         jaxhb.Disk(name="a", inertia=1.0),
+        ...         jaxhb.Disk(name="b", inertia=2.0),
+        ...         coupling,
+        ...     ]
+        ... )
         >>> stiffer = train.with_constant_links(hz=50.0)
         >>> stiffer.value("a|b.stiffness"), round(stiffer.value("a|b.loss_factor"), 12)
         (12500.0, 0.15)
         """
-        return varying.with_constant_links(self, speed_ratios(self), hz=hz, amplitude=amplitude, rpm=rpm)
+        return varying.with_constant_links(
+            self, speed_ratios(self), hz=hz, amplitude=amplitude, rpm=rpm
+        )
 
     def repeated(self, cycles: int) -> DriveTrain:
-        """Return the same train with a cycle ``cycles`` times as long, for motions with a period of several cycles.
+        """Return the same train with a cycle ``cycles`` times as long, for motions with
+        a period of several cycles.
 
-        The excitation over time is the same; responses have orders that are multiples of ``1 / (cycles x
-        revolutions_per_cycle)``. :class:`SceneError` if ``cycles`` is not a whole number of at least 1.
+        The excitation over time is the same; responses have orders that are multiples
+        of ``1 / (cycles x revolutions_per_cycle)``. :class:`SceneError` if ``cycles``
+        is not a whole number of at least 1.
         """
         if not (isinstance(cycles, int) and cycles >= 1):
-            raise SceneError(f"repeated: cycles is {cycles}, must be a whole number of at least 1.")
+            raise SceneError(
+                f"repeated: cycles is {cycles}, must be a whole number of at least 1."
+            )
         return dataclasses.replace(self, topology=self.topology.repeated(cycles))
 
     @property
     def scenarios(self) -> dict[str, dict[str, Any]]:
-        """Values of every ``[scenario.NAME]`` of the scene, and what it leaves out (``without``)."""
+        """Values of every ``[scenario.NAME]`` of the scene, and what it leaves out
+        (``without``).
+        """
         return json.loads(self.topology.scenarios)
 
     def scenario(self, name: str) -> DriveTrain:
-        """Return the train of its ``[scenario.NAME]``: :meth:`without` what it leaves out, with the cylinders that fire
-        there, and its values by :meth:`replace`, with the errors of both.
+        """Return the train of its ``[scenario.NAME]``: :meth:`without` what it leaves
+        out, with the cylinders that fire there, and its values by :meth:`replace`, with
+        the errors of both.
 
-        >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=2.0)]
+        >>> parts = [
+        ...     jaxhb.Disk(name="a", inertia=1.0),
+        ...     jaxhb.Disk(name="b", inertia=2.0),
+        ... ]
         >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e4)]
-        >>> jaxhb.build(parts, scenarios={"hot": {"a|b.stiffness": 8e3}}).scenario("hot").value("a|b.stiffness")
+        >>> jaxhb.build(parts, scenarios={"hot": {"a|b.stiffness": 8e3}}).scenario(
+        ...     "hot"
+        ... ).value("a|b.stiffness")
         8000.0
         """
         if name not in self.scenarios:
-            others = suggestion(name, self.scenarios) if self.scenarios else " The scene has none."
-            raise SceneError(f"{self.topology.title}: there is no scenario {shown(name)}.{others}")
+            others = (
+                suggestion(name, self.scenarios)
+                if self.scenarios
+                else " The scene has none."
+            )
+            raise SceneError(
+                f"{self.topology.title}: there is no scenario {shown(name)}.{others}"
+            )
         values = dict(self.scenarios[name])
         train = self.without(*values.pop("without", ()))
         names = train.topology.cylinder_names
         both = zip(names, train.topology.cylinder_fires, strict=True)
-        fires = tuple(values.pop(f"{cylinder}.fires", fires) for cylinder, fires in both)
+        fires = tuple(
+            values.pop(f"{cylinder}.fires", fires) for cylinder, fires in both
+        )
         topology = dataclasses.replace(train.topology, cylinder_fires=fires)
         # Rows are (order, Re, Im), of the orders that the train has.
-        numbers = {key: np.array(v)[:, 1:] if isinstance(v, list) else v for key, v in values.items()}
+        numbers = {
+            key: np.array(v)[:, 1:] if isinstance(v, list) else v
+            for key, v in values.items()
+        }
         return dataclasses.replace(train, topology=topology).replace(numbers)
 
     def without(self, *names: str) -> DriveTrain:
-        """Return the train without elements, as with a clutch open (its shaft left out) or a pump taken off.
+        """Return the train without elements, as with a clutch open (its shaft left out)
+        or a pump taken off.
 
-        With a disk goes all that sits on it, and whatever no link joins to the reference disk any more goes as well,
-        such as an engine behind an open clutch: it stands still, or turns by itself. :class:`SceneError` if there is no
-        such element, if the reference disk goes, or if a mean torque is left that nothing holds.
+        With a disk goes all that sits on it, and whatever no link joins to the
+        reference disk any more goes as well, such as an engine behind an open clutch:
+        it stands still, or turns by itself. :class:`SceneError` if there is no such
+        element, if the reference disk goes, or if a mean torque is left that nothing
+        holds.
 
         >>> train = jaxhb.load_scene("gear_train_30").without("crank damper")
         >>> "crank damper" in train.topology.elements
@@ -178,30 +258,40 @@ class DriveTrain:
         return omission.without(self, names) if names else self
 
     def misfire(self, *cylinders: str) -> DriveTrain:
-        """Return the train with cylinders, by their names, that do not fire: no injection, compression and the inertia
-        torque stay. This is the misfire that classification rules ask for.
+        """Return the train with cylinders, by their names, that do not fire: no
+        injection, compression and the inertia torque stay. This is the misfire that
+        classification rules ask for.
 
         The pressure of compression alone is told from a pressure table
-        (``jaxhb.excitation.compression``), traces or the combustion model without heat. From a given
-        ``gas_torque`` it cannot be told: all of that goes, as by :meth:`cut_off`; :meth:`not_firing` says what holds.
-        :class:`SceneError` if there is no such cylinder.
+        (``jaxhb.excitation.compression``), traces or the combustion model without heat.
+        From a given ``gas_torque`` it cannot be told: all of that goes, as by
+        :meth:`cut_off`; :meth:`not_firing` says what holds. :class:`SceneError` if
+        there is no such cylinder.
 
         >>> train = jaxhb.load_scene("six_cylinder_diesel").misfire("cylinder 3")
         >>> train.topology.cylinder_fires
         (True, True, False, True, True, True)
         """
         asked = [name not in cylinders for name in self._known_cylinders(cylinders)]
-        fires = tuple(stays and before for stays, before in zip(asked, self.topology.cylinder_fires, strict=True))
-        return dataclasses.replace(self, topology=dataclasses.replace(self.topology, cylinder_fires=fires))
+        fires = tuple(
+            stays and before
+            for stays, before in zip(asked, self.topology.cylinder_fires, strict=True)
+        )
+        return dataclasses.replace(
+            self, topology=dataclasses.replace(self.topology, cylinder_fires=fires)
+        )
 
     def cut_off(self, *cylinders: str) -> DriveTrain:
-        """Return the train with cylinders, by their names, that have no gas torque at all, neither of combustion nor of
-        compression, as with valves that stay open; the inertia torque stays. :class:`SceneError` as :meth:`misfire`.
+        """Return the train with cylinders, by their names, that have no gas torque at
+        all, neither of combustion nor of compression, as with valves that stay open;
+        the inertia torque stays. :class:`SceneError` as :meth:`misfire`.
         """
         cut = [name in cylinders for name in self._known_cylinders(cylinders)]
         both = zip(cut, self.topology.cylinder_cut_off, strict=True)
         cut_off = tuple(cut or before for cut, before in both)
-        return dataclasses.replace(self, topology=dataclasses.replace(self.topology, cylinder_cut_off=cut_off))
+        return dataclasses.replace(
+            self, topology=dataclasses.replace(self.topology, cylinder_cut_off=cut_off)
+        )
 
     def _known_cylinders(self, cylinders) -> tuple[str, ...]:
         """Names of all cylinders; refuses ``cylinders`` that are none of them."""
@@ -209,31 +299,48 @@ class DriveTrain:
         unknown = [name for name in cylinders if name not in names]
         if unknown:
             where = self.topology.title
-            raise SceneError([f"{where}: there is no cylinder {shown(n)}.{suggestion(n, names)}" for n in unknown])
+            raise SceneError(
+                [
+                    f"{where}: there is no cylinder {shown(n)}.{suggestion(n, names)}"
+                    for n in unknown
+                ]
+            )
         return names
 
     def misfires(self) -> dict[str, DriveTrain]:
-        """Return the trains in which each cylinder that fires in turn does not, by the name of this cylinder.
+        """Return the trains in which each cylinder that fires in turn does not, by the
+        name of this cylinder.
 
-        As by :meth:`misfire`, but their injections alone differ: they share all that is compiled, and can be stacked.
+        As by :meth:`misfire`, but their injections alone differ: they share all that is
+        compiled, and can be stacked.
 
         >>> trains = jaxhb.load_scene("six_cylinder_diesel").misfires()
         >>> list(trains)[2], trains["cylinder 3"].cylinders.injection
         ('cylinder 3', array([1., 1., 0., 1., 1., 1.]))
         """
-        return {name: self.replace({f"{name}.injection": 0.0}) for name in self.topology.firing_cylinders}
+        return {
+            name: self.replace({f"{name}.injection": 0.0})
+            for name in self.topology.firing_cylinders
+        }
 
     def cut_offs(self) -> dict[str, DriveTrain]:
-        """Return the trains in which each cylinder that fires in turn is cut off, by the name of this cylinder.
+        """Return the trains in which each cylinder that fires in turn is cut off, by
+        the name of this cylinder.
 
-        As by :meth:`cut_off`, but their gas factors alone differ: they share all that is compiled, and can be stacked.
+        As by :meth:`cut_off`, but their gas factors alone differ: they share all that
+        is compiled, and can be stacked.
         """
-        return {name: self.replace({f"{name}.gas_factor": 0.0}) for name in self.topology.firing_cylinders}
+        return {
+            name: self.replace({f"{name}.gas_factor": 0.0})
+            for name in self.topology.firing_cylinders
+        }
 
     def not_firing(self) -> list[str]:
-        """Say what is computed of cylinders without injection or gas torque, a sentence for those alike.
+        """Say what is computed of cylinders without injection or gas torque, a sentence
+        for those alike.
 
-        Injections and gas factors that are traced count as there. Empty where every cylinder fires.
+        Injections and gas factors that are traced count as there. Empty where every
+        cylinder fires.
 
         >>> jaxhb.load_scene("first_scene").misfire("cylinder 1").not_firing()
         ['cylinder 1: no injection, compression stays']
@@ -241,8 +348,10 @@ class DriveTrain:
         return firing.not_firing(self)
 
     def outside_traces(self, rpm: float) -> list[str]:
-        """Say where the pressure traces of cylinders do not cover a speed or its load, so that the nearest is used.
+        """Say where the pressure traces of cylinders do not cover a speed or its load,
+        so that the nearest is used.
 
-        ``rpm`` of the reference rotor. One sentence for all cylinders with the same traces; empty where all is covered.
+        ``rpm`` of the reference rotor. One sentence for all cylinders with the same
+        traces; empty where all is covered.
         """
         return gas.outside_traces(self, rpm)

@@ -23,7 +23,9 @@ NAMED = 6  # cylinders in a sentence; of more the first and the last
 
 
 def not_firing(*trains: DriveTrain) -> list[str]:
-    """See :meth:`DriveTrain.not_firing`; of several trains what holds in any of them."""
+    """See :meth:`DriveTrain.not_firing`; of several trains what holds in any of
+    them.
+    """
     alike: dict[str, dict[str, None]] = {}
     for train in trains:
         for number, name in enumerate(train.topology.cylinder_names):
@@ -33,13 +35,19 @@ def not_firing(*trains: DriveTrain) -> list[str]:
 
 
 def _listed(names):
-    return ", ".join(names) if len(names) <= NAMED else f"{names[0]}, … {names[-1]} ({len(names)} cylinders)"
+    return (
+        ", ".join(names)
+        if len(names) <= NAMED
+        else f"{names[0]}, … {names[-1]} ({len(names)} cylinders)"
+    )
 
 
 def is_cut_off(train: DriveTrain, cylinder: str) -> bool:
     """Tell whether a cylinder has no gas torque at all, whatever it is made of."""
     number = train.topology.cylinder_names.index(cylinder)
-    return train.topology.cylinder_cut_off[number] or _is_zero(train.cylinders.gas_factor, number)
+    return train.topology.cylinder_cut_off[number] or _is_zero(
+        train.cylinders.gas_factor, number
+    )
 
 
 def _computed(train, number) -> str:
@@ -55,4 +63,8 @@ def _computed(train, number) -> str:
 
 
 def _is_zero(values, number) -> bool:
-    return values is not None and not traced(values) and float(np.asarray(values)[number]) == 0.0
+    return (
+        values is not None
+        and not traced(values)
+        and float(np.asarray(values)[number]) == 0.0
+    )

@@ -1,5 +1,6 @@
-"""A train without some of its elements, as with a clutch open: what they carried, and what no link joins to the
-reference disk any more, goes with them."""
+"""A train without some of its elements, as with a clutch open: what they carried, and
+what no link joins to the reference disk any more, goes with them.
+"""
 
 import dataclasses
 
@@ -14,45 +15,83 @@ SEATED = "ground", "load", "torque", "cylinder"  # tables of what sits on one di
 def without(train, names):
     """See :meth:`DriveTrain.without`."""
     topology, title = train.topology, train.topology.title
-    elements, reference = topology.elements, topology.disk_names[topology.reference_disk]
+    elements, reference = (
+        topology.elements,
+        topology.disk_names[topology.reference_disk],
+    )
     unknown = [name for name in names if name not in elements]
     if unknown:
-        near = (f"{title}, without: there is no element {shown(n)}.{suggestion(n, elements)}" for n in unknown)
+        near = (
+            f"{title}, without: there is no element"
+            f" {shown(n)}.{suggestion(n, elements)}"
+            for n in unknown
+        )
         raise SceneError(list(near))
     if reference in names:
         raise SceneError(
-            f"{title}, without: {reference!r} is the reference disk, to which the speed belongs. Make a disk that stays"
-            " the reference."
+            f"{title}, without: {reference!r} is the reference disk, to which the speed"
+            " belongs. Make a disk that stays the reference."
         )
     keep, disks = _kept(topology, {elements[name] for name in names})
     given = {table: (own, getattr(train, own)) for table, own in TABLE_OF.items()}
-    tables = {own: rows if rows is None else _rows(rows, keep[table]) for table, (own, rows) in given.items()}
-    changed = dataclasses.replace(train, topology=_topology(topology, keep, disks), **tables)
+    tables = {
+        own: rows if rows is None else _rows(rows, keep[table])
+        for table, (own, rows) in given.items()
+    }
+    changed = dataclasses.replace(
+        train, topology=_topology(topology, keep, disks), **tables
+    )
     if errors := connections.train_errors(changed):
         raise SceneError(errors)
     return changed
 
 
 def _kept(topology, out):
-    """Numbers of the elements that stay by table, and of the disks, where (table, number) are left ``out``."""
+    """Numbers of the elements that stay by table, and of the disks, where (table,
+    number) are left ``out``.
+    """
     scene = topology.n_scene_disks
-    links = [(table, i) for table in LINKS for i in range(len(getattr(topology, f"{table}_names")))]
-    closed = [ends for link, ends in zip(links, topology.link_ends, strict=True) if link not in out]
-    lost = {i for table, i in out if table == "disk"} | {scene + i for table, i in out if table == "damper"}
+    links = [
+        (table, i)
+        for table in LINKS
+        for i in range(len(getattr(topology, f"{table}_names")))
+    ]
+    closed = [
+        ends
+        for link, ends in zip(links, topology.link_ends, strict=True)
+        if link not in out
+    ]
+    lost = {i for table, i in out if table == "disk"} | {
+        scene + i for table, i in out if table == "damper"
+    }
     # A disk that is left out joins nothing: what hung on it alone goes with it.
-    piece = connections.pieces(topology.n_disks, [ends for ends in closed if not lost.intersection(ends)])
+    piece = connections.pieces(
+        topology.n_disks, [ends for ends in closed if not lost.intersection(ends)]
+    )
     disks = [d for d, p in enumerate(piece) if p == piece[topology.reference_disk]]
     keep, there = {"disk": [d for d in disks if d < scene]}, set(disks)
     seats = dict(zip(links, topology.link_ends, strict=True))
     for table in SEATED:
-        seats |= {(table, i): (disk,) for i, disk in enumerate(getattr(topology, f"{table}_disk"))}
+        seats |= {
+            (table, i): (disk,)
+            for i, disk in enumerate(getattr(topology, f"{table}_disk"))
+        }
     for table in (*LINKS, *SEATED):
-        own = [i for (kind, i), on in seats.items() if kind == table and there.issuperset(on)]
+        own = [
+            i
+            for (kind, i), on in seats.items()
+            if kind == table and there.issuperset(on)
+        ]
         keep[table] = [i for i in own if (table, i) not in out]
     phased = zip(topology.phase_cylinders, topology.phase_torques, strict=True)
     both = {*keep["cylinder"]}, {*keep["torque"]}
-    stays = [any(own.intersection(row) for own, row in zip(both, rows, strict=True)) for rows in phased]
-    keep["phase"] = [i for i, there in enumerate(stays) if there and ("phase", i) not in out]
+    stays = [
+        any(own.intersection(row) for own, row in zip(both, rows, strict=True))
+        for rows in phased
+    ]
+    keep["phase"] = [
+        i for i, there in enumerate(stays) if there and ("phase", i) not in out
+    ]
     return keep, disks
 
 
@@ -64,7 +103,9 @@ def _rows(table, keep):
         if dataclasses.is_dataclass(values):
             rows = [k for k, seat in enumerate(values.seats) if seat in keep]
             seats = tuple(keep.index(values.seats[k]) for k in rows)
-            values = dataclasses.replace(_rows(values, rows), seats=seats) if rows else None
+            values = (
+                dataclasses.replace(_rows(values, rows), seats=seats) if rows else None
+            )
         elif isinstance(values, tuple):
             values = tuple(values[i] for i in keep)
         elif values is not None:
@@ -92,12 +133,23 @@ def _topology(topology, keep, disks):
             own = keep[what.removesuffix("s")]
             rows = [tuple(own.index(i) for i in row if i in own) for row in rows]
         found[field.name] = tuple(rows)
-    varying = {name: getattr(topology, name) for name in ("hz_links", "amplitude_links", "order_links")}
-    found |= {name: tuple(number[i] for i in own if i in number) for name, own in varying.items()}
-    elastic = [*found["shaft_ends"], *((on, len(keep["disk"]) + k) for k, on in enumerate(found["damper_disk"]))]
+    varying = {
+        name: getattr(topology, name)
+        for name in ("hz_links", "amplitude_links", "order_links")
+    }
+    found |= {
+        name: tuple(number[i] for i in own if i in number)
+        for name, own in varying.items()
+    }
+    elastic = [
+        *found["shaft_ends"],
+        *((on, len(keep["disk"]) + k) for k, on in enumerate(found["damper_disk"])),
+    ]
     # Speeds follow from the radii of the train: here they are not looked at.
     radii, reference = [float("nan")] * len(disks), place[topology.reference_disk]
-    gearing = connections.Gearing(len(disks), elastic, found["mesh_ends"], found["mesh_internal"], radii)
+    gearing = connections.Gearing(
+        len(disks), elastic, found["mesh_ends"], found["mesh_internal"], radii
+    )
     rotors = gearing.rotors(gearing.lead(reference))
     return dataclasses.replace(
         topology,
@@ -110,6 +162,14 @@ def _topology(topology, keep, disks):
         reference_disk=reference,
         reference_rotor=rotors.rotor[reference],
         rotor_path=rotors.path,
-        springs=tuple((number[link], kind, row) for link, kind, row in topology.springs if link in number),
-        link_keys=tuple(keys[link] for link in links) if any(keys[link] for link in links if keys) else (),
+        springs=tuple(
+            (number[link], kind, row)
+            for link, kind, row in topology.springs
+            if link in number
+        ),
+        link_keys=(
+            tuple(keys[link] for link in links)
+            if any(keys[link] for link in links if keys)
+            else ()
+        ),
     )

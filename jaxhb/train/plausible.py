@@ -1,7 +1,9 @@
-"""Numbers that the format allows and an engineer would look at twice: each note names element, value and usual range.
+"""Numbers that the format allows and an engineer would look at twice: each note names
+element, value and usual range.
 
-A number far outside of what engines and gears have is nearly always in another unit, has the other sign, or is counted
-from another angle. The ranges are wide: they hold from model engines to ship diesels.
+A number far outside of what engines and gears have is nearly always in another unit,
+has the other sign, or is counted from another angle. The ranges are wide: they hold
+from model engines to ship diesels.
 """
 
 from __future__ import annotations
@@ -34,10 +36,16 @@ USUAL = {
     # Of a cycle: from an engine that is turned without firing to the strongest diesels.
     "the largest pressure": (5e5, 4e7, "Pa", "is it in Pa, not in bar or MPa?"),
     # Overload is 1.1.
-    "load": (0.0, 2.0, "", "it is a share of the mean effective pressure at full load, not percent"),
+    "load": (
+        0.0,
+        2.0,
+        "",
+        "it is a share of the mean effective pressure at full load, not percent",
+    ),
     # A soft rubber has 0.3.
     "loss_factor": (0.0, 1.0, "", "is it in percent?"),
-    # Of gears, from instruments to the bull gears of ships, and of their teeth, from precision to module 20 mm.
+    # Of gears, from instruments to the bull gears of ships, and of their teeth, from
+    # precision to module 20 mm.
     "radius": (2e-3, 2.0, "m", _NOT_MM),
     # From the couplings of instruments to a line of ship shafts.
     "length": (1e-3, 60.0, "m", _NOT_MM),
@@ -48,68 +56,96 @@ USUAL = {
 """Least and most of numbers, with their unit and what to ask."""
 
 PEAK_ANGLE = -15.0, 45.0
-"""deg after firing top dead centre: the pressure of compression alone is largest just before, late firing after."""
+"""deg after firing top dead centre: the pressure of compression alone is largest just
+before, late firing after.
+"""
 ATMOSPHERE = 3e4, 2.2e5
-"""Pa, least pressure of a cycle that tells absolute pressures: overpressures fall to 0, and those of a charged engine
-that stay above may be either."""
-FOLLOWS = 0.05  # share by which a charge pressure may change with the power without a note
+"""Pa, least pressure of a cycle that tells absolute pressures: overpressures fall to 0,
+and those of a charged engine that stay above may be either.
+"""
+FOLLOWS = (
+    0.05  # share by which a charge pressure may change with the power without a note
+)
 TOGETHER = 1.0  # deg between two firings that count as one
 INERTIA_OF_MEDIAN = 500.0
-"""Inertia over the median of the disks of the rotor: 400 for a car behind its gearbox on a crankshaft."""
+"""Inertia over the median of the disks of the rotor: 400 for a car behind its gearbox
+on a crankshaft.
+"""
 MEDIAN_OF_STIFFNESS = 1000.0
-"""The median of the shafts of a rotor over a stiffness: 560 for a dual-mass flywheel beside crank throws."""
+"""The median of the shafts of a rotor over a stiffness: 560 for a dual-mass flywheel
+beside crank throws.
+"""
 MASS_PER_CUBE = 200.0, 2e4
-"""kg/m3, reciprocating mass over the cube of the bore: about 500 in racing engines, 1500 in cars, 1e4 in crossheads of
-strokes as long as the bore; the most is over bore x bore x stroke where the stroke is that of a crosshead engine."""
+"""kg/m3, reciprocating mass over the cube of the bore: about 500 in racing engines,
+1500 in cars, 1e4 in crossheads of strokes as long as the bore; the most is over bore x
+bore x stroke where the stroke is that of a crosshead engine.
+"""
 LONG_STROKE = 1.5
 """Stroke over bore from which on an engine has crossheads."""
 COMPRESSOR_ANGLE = -90.0, 5.0
-"""deg after top dead centre: a compressor discharges at its largest pressure before it."""
+"""deg after top dead centre: a compressor discharges at its largest pressure before
+it.
+"""
 LEAST_OF_COMPRESSOR = 1.1e5
 """Pa, the largest pressure of a cycle of a blower."""
 SLENDERNESS = 300.0
 """Length over outer diameter of a shaft between two disks: 100 for a quill shaft."""
 INERTIA_OF_SIZE = 300.0
-"""Inertia over that of a steel cylinder as long as its radius, of a throw as large as bore or stroke or of all gears of
-a train as large as their pitch circles: 0.1 to 30, more where engines are lumped into one disk."""
+"""Inertia over that of a steel cylinder as long as its radius, of a throw as large as
+bore or stroke or of all gears of a train as large as their pitch circles: 0.1 to 30,
+more where engines are lumped into one disk.
+"""
 STEEL = 7850.0  # kg/m3
 STIFF = 1e10, 5e12
-"""N m/rad per m3, the stiffer half of the shafts of a rotor in line over the cube of the radius of a steel cylinder, as
-long as its radius, that has all inertia of the rotor: 4e9 is a steel shaft of half its diameter and length;
-engines have 1e7 to 1e8, cams 2e9; what is above the second number is stiff on purpose."""
+"""N m/rad per m3, the stiffer half of the shafts of a rotor in line over the cube of
+the radius of a steel cylinder, as long as its radius, that has all inertia of the
+rotor: 4e9 is a steel shaft of half its diameter and length; engines have 1e7 to 1e8,
+cams 2e9; what is above the second number is stiff on purpose.
+"""
 STIFFNESS_OF_MEDIAN = 300.0
 """A stiffness over the median of the shafts of its rotor."""
 INTERNAL_RATIO = 1.02
 """Radius of a ring gear over that of the gear inside it, at least."""
 STIFFNESS_OF_WIDTH = 2e10
-"""N/m per m of face width: c_gamma = 20 N/(mm um), the mean stiffness of steel teeth in ISO 6336-1, method C."""
+"""N/m per m of face width: c_gamma = 20 N/(mm um), the mean stiffness of steel teeth in
+ISO 6336-1, method C.
+"""
 WIDTH_OF_DIAMETER = 0.01, 2.0
-"""Face width over the pitch diameter of the smaller gear: 0.05 to 1.5 as built, less where gear bodies yield."""
+"""Face width over the pitch diameter of the smaller gear: 0.05 to 1.5 as built, less
+where gear bodies yield.
+"""
 TOOTH_DAMPING = 0.005, 0.3
-"""Damping ratio of the two gears alone: 0.03 to 0.17 as measured (Kasuba and Evans 1981; Lin, Huston and Coy 1988)."""
+"""Damping ratio of the two gears alone: 0.03 to 0.17 as measured (Kasuba and Evans
+1981; Lin, Huston and Coy 1988).
+"""
 # To write 2e-5 and 1e6 as an engineer does, not 2e-05 and 1e+06.
 _EXPONENT = re.compile(r"(?<=\d)e\+?(-?)0*(?=\d)")
 
 
 def plausibility(train: DriveTrain) -> list[str]:
-    """Find numbers of a train, not traced, that are allowed but far from usual: a note for each, empty where none is.
+    """Find numbers of a train, not traced, that are allowed but far from usual: a note
+    for each, empty where none is.
 
-    The notes of the scene come first, as on what of a file of another program was not read. Notes on numbers name the
-    elements, the value and the usual range: of sizes, pressures and their angles, firings, masses, loads, torques
-    that drive, disks and shafts far from the others of their rotor, loss factors, gears and their teeth.
+    The notes of the scene come first, as on what of a file of another program was not
+    read. Notes on numbers name the elements, the value and the usual range: of sizes,
+    pressures and their angles, firings, masses, loads, torques that drive, disks and
+    shafts far from the others of their rotor, loss factors, gears and their teeth.
 
     >>> train = jaxhb.load_scene("gear_train_30")
     >>> plausibility(train)
     []
-    >>> print(plausibility(train.replace({"crank gear|idler.backlash": 0.15}))[0])
-    [[mesh]] 'crank gear|idler': backlash is 0.15 m, usual 2e-5 to 0.001 m: is it in m, not in mm?
+    >>> wide = train.replace({"crank gear|idler.backlash": 0.15})
+    >>> plausibility(wide)[0].split(": ", 1)[1]
+    'backlash is 0.15 m, usual 2e-5 to 0.001 m: is it in m, not in mm?'
     """
     refuse_tracers("plausibility", train, host=True)
     train = on_host(train)
     of_cylinders = _sizes, _masses, _pressures, _charges, _firings, _drives
     of_links = _disks, _inertias, _shafts, _links, _meshes, _internal
     alike = {}
-    for table, name, text in (note for rule in (*of_cylinders, *of_links) for note in rule(train)):
+    for table, name, text in (
+        note for rule in (*of_cylinders, *of_links) for note in rule(train)
+    ):
         alike.setdefault((table, text), []).append(name)
     found = [
         f"[[{table}]] {connections.names_of(names, range(len(names)))}: {text}"
@@ -123,7 +159,9 @@ def _far(value, limits):
 
 
 def _unusual(table, name, what, value, usual=None):
-    """The note, or none, on a number of an element that is out of its range (:data:`USUAL`)."""
+    """The note, or none, on a number of an element that is out of its range
+    (:data:`USUAL`).
+    """
     low, high, unit, ask = usual or USUAL[what]
     if _far(value, (low, high)):
         unit = f" {unit}" if unit else ""
@@ -134,7 +172,14 @@ def _unusual(table, name, what, value, usual=None):
 def _sizes(train):
     """Fields of cylinders in other units; a field that is 0 is absent."""
     cylinders, names = train.cylinders, train.topology.cylinder_names
-    for field in ("bore", "stroke", "rod", "ambient_pressure", "combustion.charge_pressure", "combustion.imep"):
+    for field in (
+        "bore",
+        "stroke",
+        "rod",
+        "ambient_pressure",
+        "combustion.charge_pressure",
+        "combustion.imep",
+    ):
         outer, _, inner = field.rpartition(".")
         table = getattr(cylinders, outer) if outer else cylinders
         seats = () if table is None else table.seats if outer else range(len(names))
@@ -150,35 +195,67 @@ def _masses(train):
         mass, size = cylinders.reciprocating_mass[i], cylinders.bore[i]
         if not 0 < size < 2 * USUAL["bore"][1] or not cylinders.stroke[i]:
             continue  # what is said of a bore in mm says enough
-        ask = "is it in kg, of one cylinder?" if mass else "without it there is no inertia torque"
-        longer = cylinders.stroke[i] / size if cylinders.stroke[i] > LONG_STROKE * size else 1.0
-        usual = (MASS_PER_CUBE[0] * size**3, MASS_PER_CUBE[1] * size**3 * longer, "kg", ask)
-        for *element, said in _unusual("cylinder", name, "reciprocating_mass", mass, usual):
-            yield *element, said.replace(" kg:", f" kg for a bore of {1e3 * size:.4g} mm:")
+        ask = (
+            "is it in kg, of one cylinder?"
+            if mass
+            else "without it there is no inertia torque"
+        )
+        longer = (
+            cylinders.stroke[i] / size
+            if cylinders.stroke[i] > LONG_STROKE * size
+            else 1.0
+        )
+        usual = (
+            MASS_PER_CUBE[0] * size**3,
+            MASS_PER_CUBE[1] * size**3 * longer,
+            "kg",
+            ask,
+        )
+        for *element, said in _unusual(
+            "cylinder", name, "reciprocating_mass", mass, usual
+        ):
+            yield (
+                *element,
+                said.replace(" kg:", f" kg for a bore of {1e3 * size:.4g} mm:"),
+            )
 
 
 def _pressures(train):
-    """Load, size and angle of the largest pressure, and what is on the other side of the piston, over the speeds."""
+    """Load, size and angle of the largest pressure, and what is on the other side of
+    the piston, over the speeds.
+    """
     topology, cylinders, percent = train.topology, train.cylinders, _in_percent(train)
     for i, value in percent.items():
         yield from _unusual("cylinder", topology.cylinder_names[i], "load", value)
-    # [speed, cylinder, angle] Pa from firing top dead centre on, at the speeds at which torques have a point.
+    # [speed, cylinder, angle] Pa from firing top dead centre on, at the speeds at which
+    # torques have a point.
     cycles = gas_pressures(cylinders, topology.gas_cycles, connections.speeds(train))
     if not cycles.shape[-1]:
         return
     peaks, least = cycles.max(axis=(0, 2)), cycles.min(axis=2).max(axis=0)
     period = 360.0 * np.array(topology.cylinder_gas_revolutions)
     angles = cycles.argmax(axis=2) * period / cycles.shape[-1]
-    # In the second half of the cycle the next firing is nearer: angles before it are negative.
+    # In the second half of the cycle the next firing is nearer: angles before it are
+    # negative.
     angles -= period * (angles > period / 2)
-    farthest, compressing = np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0), compressors(train)
+    farthest, compressing = (
+        np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0),
+        compressors(train),
+    )
     for i, name in enumerate(topology.cylinder_names):
-        peak, angle, source = peaks[i], angles[farthest[i], i], topology.cylinder_source[i]
+        peak, angle, source = (
+            peaks[i],
+            angles[farthest[i], i],
+            topology.cylinder_source[i],
+        )
         if source not in gas.COMPUTED:
             continue
         if i not in percent and peak > 0:
             least_of_peak, *others = USUAL["the largest pressure"]
-            usual = (LEAST_OF_COMPRESSOR if i in compressing else least_of_peak, *others)
+            usual = (
+                LEAST_OF_COMPRESSOR if i in compressing else least_of_peak,
+                *others,
+            )
             yield from _unusual("cylinder", name, "the largest pressure", peak, usual)
         if peak > 0 and i not in compressing and _far(angle, PEAK_ANGLE):
             where = f"{abs(angle):.4g} deg {'after' if angle > 0 else 'before'}"
@@ -186,10 +263,22 @@ def _pressures(train):
             ask = "is table_firing_tdc the angle at which the table fires?"
             if source == "combustion":
                 ask = "do start and duration count from there?"
-            yield "cylinder", name, f"the pressure is largest {where} firing top dead centre, usual {usual}: {ask}"
+            yield (
+                "cylinder",
+                name,
+                (
+                    f"the pressure is largest {where} firing top dead centre, usual"
+                    f" {usual}: {ask}"
+                ),
+            )
         # Models give absolute pressures, tables may give overpressures.
-        if not cylinders.ambient_pressure[i] and (source == "combustion" or not _far(least[i], ATMOSPHERE)):
-            ask = "the pressure in the cylinder is absolute, and the crankcase has about 1e5 Pa"
+        if not cylinders.ambient_pressure[i] and (
+            source == "combustion" or not _far(least[i], ATMOSPHERE)
+        ):
+            ask = (
+                "the pressure in the cylinder is absolute, and the crankcase has about"
+                " 1e5 Pa"
+            )
             usual = (*USUAL["ambient_pressure"][:3], ask)
             yield from _unusual("cylinder", name, "ambient_pressure", 0.0, usual)
 
@@ -206,7 +295,10 @@ def _charges(train):
         place, full = int(charge[:, k].argmin()), float(burning.charge_pressure[k])
         if burning.charge_by[k] or abs(charge[place, k] / full - 1.0) < FOLLOWS:
             continue
-        said = f"the charge pressure follows the power: {charge[place, k]:.4g} Pa at {speeds[place]:g} rpm"
+        said = (
+            f"the charge pressure follows the power: {charge[place, k]:.4g} Pa at"
+            f" {speeds[place]:g} rpm"
+        )
         said += f" (load {loads[place, i]:.3g}), {full:.4g} Pa at full load"
         said = _EXPONENT.sub(r"e\1", said)
         ask = "give charge_over_load or charge_over_rpm where it is known"
@@ -214,16 +306,22 @@ def _charges(train):
 
 
 def compressors(train: DriveTrain) -> set[int]:
-    """Cylinders that take power and have their largest pressure before every top dead centre."""
+    """Cylinders that take power and have their largest pressure before every top dead
+    centre.
+    """
     topology, speeds = train.topology, connections.speeds(train)
     one_revolution = np.array(topology.cylinder_gas_revolutions, dtype=int) == 1
-    computed = np.array([source in gas.COMPUTED for source in topology.cylinder_source], dtype=bool)
+    computed = np.array(
+        [source in gas.COMPUTED for source in topology.cylinder_source], dtype=bool
+    )
     if not (one_revolution & computed).any():
         return set()
     cycles = gas_pressures(train.cylinders, topology.gas_cycles, speeds)
     angles = cycles.argmax(axis=2) * 360.0 / cycles.shape[-1]
     angles -= 360.0 * (angles > 180.0)
-    before = ((angles >= COMPRESSOR_ANGLE[0]) & (angles <= COMPRESSOR_ANGLE[1])).all(axis=0)
+    before = ((angles >= COMPRESSOR_ANGLE[0]) & (angles <= COMPRESSOR_ANGLE[1])).all(
+        axis=0
+    )
     means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, speeds)
     takes = (means[:, len(topology.torque_names) :] < 0.0).all(axis=0)
     return set(np.flatnonzero(one_revolution & computed & before & takes).tolist())
@@ -235,18 +333,32 @@ def _firings(train):
     for i, name in enumerate(topology.cylinder_names):
         if topology.cylinder_fires[i] and (factor is None or factor[i] > 0):
             computed = topology.cylinder_source[i] in gas.COMPUTED
-            own_cycle = topology.cylinder_gas_revolutions[i] * topology.cylinder_every[i]
+            own_cycle = (
+                topology.cylinder_gas_revolutions[i] * topology.cylinder_every[i]
+            )
             turns = own_cycle if computed else topology.cylinder_turn[i]
-            crank = cranks.setdefault((topology.rotor[topology.cylinder_disk[i]], 360.0 * turns), [])
+            crank = cranks.setdefault(
+                (topology.rotor[topology.cylinder_disk[i]], 360.0 * turns), []
+            )
             crank.append((train.cylinders.firing_angle[i] % (360.0 * turns), name))
     for (_, cycle), firings in cranks.items():
         together = {}
         for angle, _ in firings:
-            near = [name for other, name in firings if abs((other - angle + cycle / 2) % cycle - cycle / 2) < TOGETHER]
+            near = [
+                name
+                for other, name in firings
+                if abs((other - angle + cycle / 2) % cycle - cycle / 2) < TOGETHER
+            ]
             together.setdefault(tuple(near), angle)
         for names, angle in together.items():
-            even = f"usual one every {cycle:g} / {len(firings)} = {cycle / len(firings):.4g} deg"
-            said = f"they fire together, at {angle:g} deg, {even}: has each its own firing_angle?"
+            even = (
+                f"usual one every {cycle:g} / {len(firings)} ="
+                f" {cycle / len(firings):.4g} deg"
+            )
+            said = (
+                f"they fire together, at {angle:g} deg, {even}: has each its own"
+                " firing_angle?"
+            )
             yield from (("cylinder", name, said) for name in names if len(names) > 1)
 
 
@@ -255,19 +367,32 @@ def _drives(train):
     topology = train.topology
     if not any(topology.cylinder_fires):
         return
-    means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, connections.speeds(train))
+    means = mean_torques(
+        train.torques, train.cylinders, topology.gas_cycles, connections.speeds(train)
+    )
     count = len(topology.torque_names)
     # Cylinders that take power are those of a compressor, which a torque drives.
     if not means[:, count:].sum(axis=1).max() > 0:
         return
-    for name, mean in zip(topology.torque_names, means[:, :count].max(axis=0, initial=0.0), strict=True):
+    for name, mean in zip(
+        topology.torque_names, means[:, :count].max(axis=0, initial=0.0), strict=True
+    ):
         if mean > 0:
             ask = "what takes power has a negative mean"
-            yield "torque", name, f"it drives with a mean of {mean:.4g} N m, usual below 0 beside cylinders: {ask}"
+            yield (
+                "torque",
+                name,
+                (
+                    f"it drives with a mean of {mean:.4g} N m, usual below 0 beside"
+                    f" cylinders: {ask}"
+                ),
+            )
 
 
 def _in_percent(train):
-    """Largest load of the cylinders that have it in percent, by their number; traces may count in percent as well."""
+    """Largest load of the cylinders that have it in percent, by their number; traces
+    may count in percent as well.
+    """
     cylinders, traces, most = train.cylinders, train.cylinders.traces, USUAL["load"][1]
     if cylinders.load_share is None:
         return {}
@@ -281,7 +406,10 @@ def _in_percent(train):
 
 def _by_rotor(rotor, values):
     """Of each rotor its elements with values above 0, and the median of these."""
-    for own in (np.flatnonzero((np.array(rotor) == r) & (values > 0)) for r in sorted(set(rotor))):
+    for own in (
+        np.flatnonzero((np.array(rotor) == r) & (values > 0))
+        for r in sorted(set(rotor))
+    ):
         if own.size:
             yield own, np.median(values[own])
 
@@ -290,15 +418,22 @@ def _above_median(train):
     """Disks whose inertia is far above the median of their rotor, and this median."""
     topology, inertia = train.topology, train.disks.inertia
     for own, middle in _by_rotor(topology.rotor[: topology.n_scene_disks], inertia):
-        yield from ((int(i), middle) for i in own[inertia[own] > INERTIA_OF_MEDIAN * middle])
+        yield from (
+            (int(i), middle) for i in own[inertia[own] > INERTIA_OF_MEDIAN * middle]
+        )
 
 
 def _disks(train):
     """Inertias far above the others of their rotor, and the radii of gears."""
     topology, disks = train.topology, train.disks
     for i, middle in _above_median(train):
-        usual = f"{INERTIA_OF_MEDIAN:g} times the median of its rotor, {middle:.4g} kg m2"
-        said = f"inertia is {disks.inertia[i]:.4g} kg m2, usual up to {usual}: is it in kg m2, not in kg cm2?"
+        usual = (
+            f"{INERTIA_OF_MEDIAN:g} times the median of its rotor, {middle:.4g} kg m2"
+        )
+        said = (
+            f"inertia is {disks.inertia[i]:.4g} kg m2, usual up to {usual}: is it in kg"
+            " m2, not in kg cm2?"
+        )
         yield "disk", topology.disk_names[i], said
     for i in sorted({disk for ends in topology.mesh_ends for disk in ends}):
         yield from _unusual("disk", topology.disk_names[i], "radius", disks.radius[i])
@@ -310,20 +445,36 @@ def _size(inertia):
 
 
 def _inertias(train):
-    """Throws far too heavy for their bore, and gears that are all far too heavy for their radius: whole trains in other
-    units, which medians do not tell."""
+    """Throws far too heavy for their bore, and gears that are all far too heavy for
+    their radius: whole trains in other units, which medians do not tell.
+    """
     topology, inertia = train.topology, train.disks.inertia
     ask = "is it in kg m2, not in kg cm2?"
     sizes = np.maximum(train.cylinders.bore, train.cylinders.stroke) / 2.0
-    throws = {disk: size for disk, size in zip(topology.cylinder_disk, sizes, strict=True) if size > 0.0}
-    gears = {disk: train.disks.radius[disk] for ends in topology.mesh_ends for disk in ends}
+    throws = {
+        disk: size
+        for disk, size in zip(topology.cylinder_disk, sizes, strict=True)
+        if size > 0.0
+    }
+    gears = {
+        disk: train.disks.radius[disk] for ends in topology.mesh_ends for disk in ends
+    }
     told = {i for i, _ in _above_median(train)}
     for what, radii in {"bore and stroke": throws, "pitch circle": gears}.items():
-        usual = {d: INERTIA_OF_SIZE * np.pi / 2.0 * STEEL * r**5 for d, r in radii.items()}
-        heavy = [d for d, most in usual.items() if d < topology.n_scene_disks and inertia[d] > most]
+        usual = {
+            d: INERTIA_OF_SIZE * np.pi / 2.0 * STEEL * r**5 for d, r in radii.items()
+        }
+        heavy = [
+            d
+            for d, most in usual.items()
+            if d < topology.n_scene_disks and inertia[d] > most
+        ]
         if len(heavy) == len(radii):
             for d in heavy if told.isdisjoint(heavy) else ():
-                said = f"inertia is {inertia[d]:.4g} kg m2, usual up to {usual[d]:.2g} kg m2 for its {what}: {ask}"
+                said = (
+                    f"inertia is {inertia[d]:.4g} kg m2, usual up to {usual[d]:.2g} kg"
+                    f" m2 for its {what}: {ask}"
+                )
                 yield "disk", topology.disk_names[d], _EXPONENT.sub(r"e\1", said)
 
 
@@ -335,41 +486,81 @@ def _shafts(train):
         low, high, *others = USUAL["length"]
         if length > 0.0:
             most = min(high, SLENDERNESS * outer)
-            yield from _unusual("shaft", name, "length", length, (min(low, most), most, *others))
+            yield from _unusual(
+                "shaft", name, "length", length, (min(low, most), most, *others)
+            )
     inertia = np.concatenate([train.disks.inertia, train.dampers.inertia])
-    rotor = np.array([topology.rotor[first] for first, _ in topology.shaft_ends], dtype=int)
+    rotor = np.array(
+        [topology.rotor[first] for first, _ in topology.shaft_ends], dtype=int
+    )
     for own, middle in _by_rotor(rotor, shafts.stiffness):
         cube = _size(inertia[np.array(topology.rotor) == rotor[own[0]]].sum()) ** 3
         least, most = STIFF[0] * cube, STIFF[1] * cube
         stiffer = shafts.stiffness[own]
         in_line = 1.0 / (1.0 / stiffer[stiffer >= middle]).sum()
-        single = (shafts.stiffness[own] > max(least, STIFFNESS_OF_MEDIAN * middle)) & (shafts.stiffness[own] < most)
+        single = (shafts.stiffness[own] > max(least, STIFFNESS_OF_MEDIAN * middle)) & (
+            shafts.stiffness[own] < most
+        )
         for i in own if least < in_line < most else own[single]:
             said = (
-                f"stiffness is {shafts.stiffness[i]:.4g} N m/rad, usual up to {least:.2g} N m/rad beside these inertias"
+                f"stiffness is {shafts.stiffness[i]:.4g} N m/rad, usual up to"
+                f" {least:.2g} N m/rad beside these inertias"
             )
-            yield "shaft", topology.shaft_names[i], _EXPONENT.sub(r"e\1", f"{said}: is it in N m/rad, not in N mm/rad?")
+            yield (
+                "shaft",
+                topology.shaft_names[i],
+                _EXPONENT.sub(r"e\1", f"{said}: is it in N m/rad, not in N mm/rad?"),
+            )
 
 
 def _links(train):
-    """Shafts far softer than the others of their rotor or with limits of others than cranks, and loss factors."""
-    topology, stiffness, strengths = train.topology, train.shafts.stiffness, train.shafts.tensile_strength
-    for own, middle in _by_rotor([topology.rotor[first] for first, _ in topology.shaft_ends], stiffness):
+    """Shafts far softer than the others of their rotor or with limits of others than
+    cranks, and loss factors.
+    """
+    topology, stiffness, strengths = (
+        train.topology,
+        train.shafts.stiffness,
+        train.shafts.tensile_strength,
+    )
+    for own, middle in _by_rotor(
+        [topology.rotor[first] for first, _ in topology.shaft_ends], stiffness
+    ):
         for i in own[MEDIAN_OF_STIFFNESS * stiffness[own] < middle]:
-            usual = f"at least 1/{MEDIAN_OF_STIFFNESS:g} of the median of its rotor, {middle:.4g} N m/rad"
-            said = f"stiffness is {stiffness[i]:.4g} N m/rad, usual {usual}: is it in N m/rad, not in kN m/rad?"
+            usual = (
+                f"at least 1/{MEDIAN_OF_STIFFNESS:g} of the median of its rotor,"
+                f" {middle:.4g} N m/rad"
+            )
+            said = (
+                f"stiffness is {stiffness[i]:.4g} N m/rad, usual {usual}: is it in N"
+                " m/rad, not in kN m/rad?"
+            )
             yield "shaft", topology.shaft_names[i], _EXPONENT.sub(r"e\1", said)
     for table, links in (("shaft", train.shafts), ("damper", train.dampers)):
-        for name, value in zip(getattr(topology, f"{table}_names"), links.loss_factor, strict=True):
+        for name, value in zip(
+            getattr(topology, f"{table}_names"), links.loss_factor, strict=True
+        ):
             yield from _unusual(table, name, "loss_factor", value)
-        for name, value in zip(getattr(topology, f"{table}_names"), _given(links.power_limit), strict=False):
+        for name, value in zip(
+            getattr(topology, f"{table}_names"), _given(links.power_limit), strict=False
+        ):
             if value > 0.0:
                 yield from _unusual(table, name, "power_limit", value)
     throws = set(topology.cylinder_disk)
     for i, ends in enumerate(topology.shaft_ends if strengths is not None else ()):
-        if strengths[i] and throws.issuperset(ends) and topology.shaft_rules[i] == RULES[0]:
-            said = "tensile_strength sets the limits of IACS UR M68, which do not hold for crankshafts: UR M53 does,"
-            yield "shaft", topology.shaft_names[i], f"{said} and it lies between two disks with cylinders"
+        if (
+            strengths[i]
+            and throws.issuperset(ends)
+            and topology.shaft_rules[i] == RULES[0]
+        ):
+            said = (
+                "tensile_strength sets the limits of IACS UR M68, which do not hold for"
+                " crankshafts: UR M53 does,"
+            )
+            yield (
+                "shaft",
+                topology.shaft_names[i],
+                f"{said} and it lies between two disks with cylinders",
+            )
 
 
 def _given(vector):
@@ -380,29 +571,62 @@ def _given(vector):
 def _internal(train):
     """Ring gears that are no larger than the gears inside them."""
     topology = train.topology
-    for name, ends, internal in zip(topology.mesh_names, topology.mesh_ends, topology.mesh_internal, strict=True):
+    for name, ends, internal in zip(
+        topology.mesh_names, topology.mesh_ends, topology.mesh_internal, strict=True
+    ):
         small, large = sorted(float(train.disks.radius[disk]) for disk in ends)
         if internal and large < INTERNAL_RATIO * small:
-            said = f"its gears have radii of {small:.4g} and {large:.4g} m, and kind is 'internal'"
-            yield "mesh", name, f"{said}: a ring is larger than the gear inside it; is it external?"
+            said = (
+                f"its gears have radii of {small:.4g} and {large:.4g} m, and kind is"
+                " 'internal'"
+            )
+            yield (
+                "mesh",
+                name,
+                f"{said}: a ring is larger than the gear inside it; is it external?",
+            )
 
 
 def _meshes(train):
     topology, meshes, ratios = train.topology, train.meshes, tooth_damping_ratios(train)
     for name in (OF_PERIOD[1], *OF_GEARS):
-        for i, rows in enumerate(getattr(meshes, name) if getattr(meshes, name) is not None else ()):
-            size, ask = np.hypot(*rows.T).max(initial=0.0), (0.0, MOST_ERROR, "m", "is it in m, not in um?")
-            yield from _unusual("mesh", topology.mesh_names[i], f"the largest amplitude of {name}", size, ask)
+        for i, rows in enumerate(
+            getattr(meshes, name) if getattr(meshes, name) is not None else ()
+        ):
+            size, ask = (
+                np.hypot(*rows.T).max(initial=0.0),
+                (0.0, MOST_ERROR, "m", "is it in m, not in um?"),
+            )
+            yield from _unusual(
+                "mesh",
+                topology.mesh_names[i],
+                f"the largest amplitude of {name}",
+                size,
+                ask,
+            )
     for i in np.flatnonzero(topology.mesh_backlash):
-        radii, mesh = train.disks.radius[list(topology.mesh_ends[i])], ("mesh", topology.mesh_names[i])
+        radii, mesh = (
+            train.disks.radius[list(topology.mesh_ends[i])],
+            ("mesh", topology.mesh_names[i]),
+        )
         yield from _unusual(*mesh, "backlash", meshes.backlash[i])
         if any(_far(radius, USUAL["radius"]) for radius in radii):
             continue  # what is said of the radius says enough
         size = 2 * radii.min()
-        ask = f"steel teeth on a gear of {1e3 * size:.4g} mm have 20 N/(mm um) of their face width; is it in N/m?"
-        usual = (*(STIFFNESS_OF_WIDTH * share * size for share in WIDTH_OF_DIAMETER), "N/m", ask)
+        ask = (
+            f"steel teeth on a gear of {1e3 * size:.4g} mm have 20 N/(mm um) of their"
+            " face width; is it in N/m?"
+        )
+        usual = (
+            *(STIFFNESS_OF_WIDTH * share * size for share in WIDTH_OF_DIAMETER),
+            "N/m",
+            ask,
+        )
         stiff = list(_unusual(*mesh, "stiffness", meshes.stiffness[i], usual))
         yield from stiff
         if np.isfinite(ratios[i]) and not stiff:
-            what = f"damping is {meshes.damping[i]:.4g} N s/m: the damping ratio of the two gears alone"
+            what = (
+                f"damping is {meshes.damping[i]:.4g} N s/m: the damping ratio of the"
+                " two gears alone"
+            )
             yield from _unusual(*mesh, what, ratios[i], (*TOOTH_DAMPING, "", ""))

@@ -1,16 +1,22 @@
-"""Speeds as text, the same on the command line and in scene files; and as numbers that are refused."""
+"""Speeds as text, the same on the command line and in scene files; and as numbers that
+are refused.
+"""
 
 import math
 
 from jaxhb.elements.elements import SceneError, shown
 
-HIGHEST_RPM = 1e6  # speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles stay below
+# speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles
+# stay below
+HIGHEST_RPM = 1e6
 MOST_SPEEDS = 100_000  # of a range: answers of so many small trains fill a gigabyte
 _TOO_FAST = f"must be at most {HIGHEST_RPM:.0f} rpm: give revolutions per minute"
 
 
 def read_speed(text):
-    """A speed in rpm; :class:`ValueError` with a sentence if it is no number greater than 0 and at most 1e6."""
+    """A speed in rpm; :class:`ValueError` with a sentence if it is no number greater
+    than 0 and at most 1e6.
+    """
     try:
         value = float(text)
     except ValueError:
@@ -23,28 +29,37 @@ def read_speed(text):
 
 
 def read_speeds(text):
-    """Speeds in rpm from ``A:B:COUNT``, equally spaced, or ``R1,R2,...``; :class:`ValueError` if it is neither."""
+    """Speeds in rpm from ``A:B:COUNT``, equally spaced, or ``R1,R2,...``;
+    :class:`ValueError` if it is neither.
+    """
     if ":" not in text:
         return [read_speed(word) for word in text.split(",")]
     words = text.split(":")
     if len(words) != 3:
-        raise ValueError(f"{text!r} is not A:B:COUNT, as 600:2450:20 (rpm, rpm, number of speeds)")
+        raise ValueError(
+            f"{text!r} is not A:B:COUNT, as 600:2450:20 (rpm, rpm, number of speeds)"
+        )
     first, last = read_speed(words[0]), read_speed(words[1])
     if not words[2].isdecimal() or int(words[2]) < 1:
         raise ValueError(f"{words[2]!r} must be a whole number of at least 1")
     count = int(words[2])
     if count > MOST_SPEEDS:
-        raise ValueError(f"{text!r} asks for {count} speeds: give at most {MOST_SPEEDS}")
+        raise ValueError(
+            f"{text!r} asks for {count} speeds: give at most {MOST_SPEEDS}"
+        )
     if count == 1 and first != last:
-        raise ValueError(f"{text!r} asks for one speed between two: give a COUNT of at least 2")
+        raise ValueError(
+            f"{text!r} asks for one speed between two: give a COUNT of at least 2"
+        )
     return [first + (last - first) * i / max(count - 1, 1) for i in range(count)]
 
 
 def check_speed(train, rpm, *, many=False):
-    """Refuse a speed that is not a positive number or beyond any train, and several speeds where one is wanted.
+    """Refuse a speed that is not a positive number or beyond any train, and several
+    speeds where one is wanted.
 
-    One that is traced is not known yet: where it is no speed, a status says so. In a process forked after a solve
-    nothing can be computed, whatever the speed.
+    One that is traced is not known yet: where it is no speed, a status says so. In a
+    process forked after a solve nothing can be computed, whatever the speed.
     """
     import numpy as np  # the command line reads speeds before it imports anything heavy
 
@@ -59,18 +74,27 @@ def check_speed(train, rpm, *, many=False):
     except ValueError:  # rows of different lengths
         given = np.array(None)
     if given.size and given.dtype.kind not in "iuf":
-        raise SceneError(f"{name}: the speed is {shown(rpm)}, must be a number greater than 0 rpm.")
+        raise SceneError(
+            f"{name}: the speed is {shown(rpm)}, must be a number greater than 0 rpm."
+        )
     values = np.atleast_1d(given)
     if values.ndim > 1:
         raise SceneError(
-            f"{name}: the speeds are an array of {' x '.join(map(str, values.shape))}, must be numbers in one row."
+            f"{name}: the speeds are an array of {' x '.join(map(str, values.shape))},"
+            " must be numbers in one row."
         )
     if given.ndim and not many:
-        raise SceneError(f"{name}: {values.size} speeds were given where one is solved: use jaxhb.solve_speeds.")
+        raise SceneError(
+            f"{name}: {values.size} speeds were given where one is solved: use"
+            " jaxhb.solve_speeds."
+        )
     if not values.size:
         raise SceneError(f"{name}: no speed is given: name at least one, in rpm.")
     for value in values:
         if not (np.isfinite(value) and value > 0):
-            raise SceneError(f"{name}: the speed is {value:g} rpm, must be greater than 0 rpm: a running engine.")
+            raise SceneError(
+                f"{name}: the speed is {value:g} rpm, must be greater than 0 rpm: a"
+                " running engine."
+            )
         if value > HIGHEST_RPM:
             raise SceneError(f"{name}: the speed is {value:g} rpm, {_TOO_FAST}.")

@@ -1,4 +1,6 @@
-"""The numbers of a drive train as arrays, each field one vector over its elements, made from elements."""
+"""The numbers of a drive train as arrays, each field one vector over its elements, made
+from elements.
+"""
 
 import dataclasses
 from typing import TYPE_CHECKING, Any
@@ -14,7 +16,9 @@ from jaxhb.excitation.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle, ta
 Array = Any
 
 LAW = {"epsilon": 1e-3, "transition": 0.04}
-"""Stiffness in the gap over that in contact, width of the smooth zone over the backlash, where a scene gives none."""
+"""Stiffness in the gap over that in contact, width of the smooth zone over the
+backlash, where a scene gives none.
+"""
 
 LAW_OF_FRIDMAN = {"epsilon": 0.03, "transition": 0.2}
 """The same of the law (18) of Fridman 2009, ``law = "fridman2009"``."""
@@ -24,14 +28,24 @@ ROWS = "over_hz", "over_amplitude", "stages", "stops", *OF_PERIOD, *OF_GEARS  # 
 
 
 def vectors_of(element):
-    """Give a class one vector for each number of an element, and for its rows over frequency, amplitude or orders.
+    """Give a class one vector for each number of an element, and for its rows over
+    frequency, amplitude or orders.
 
-    0 stands for a number that is absent. Those that not all links have, and most rows, are None where none has them.
+    0 stands for a number that is absent. Those that not all links have, and most rows,
+    are None where none has them.
     """
 
     def declare(cls):
-        kept = [f for f in dataclasses.fields(element) if f.metadata["kind"] == "number" or f.name in ROWS]
-        absent = *derived.OPTIONAL, *derived.WITH, *(name for name in ROWS if not name.startswith("over_"))
+        kept = [
+            f
+            for f in dataclasses.fields(element)
+            if f.metadata["kind"] == "number" or f.name in ROWS
+        ]
+        absent = (
+            *derived.OPTIONAL,
+            *derived.WITH,
+            *(name for name in ROWS if not name.startswith("over_")),
+        )
         optional = {f.name: None for f in kept if f.name in absent}
         needed = [f.name for f in kept if f.name not in optional]
         cls.__annotations__ = dict.fromkeys([*needed, *optional], Array)
@@ -59,19 +73,24 @@ class Disks(Vectors):
 class Shafts(Vectors):
     """The numbers of a :class:`~jaxhb.Shaft`, each [n_shafts].
 
-    ``over_hz`` and ``over_amplitude`` [n_shafts, K, 3]: Hz or rad, factor of stiffness, factor of damping; K is 0
-    where no shaft has such rows. ``stages`` and ``stops`` [n_shafts, K, 2]: deg, N m/rad.
+    ``over_hz`` and ``over_amplitude`` [n_shafts, K, 3]: Hz or rad, factor of stiffness,
+    factor of damping; K is 0 where no shaft has such rows. ``stages`` and ``stops``
+    [n_shafts, K, 2]: deg, N m/rad.
     """
 
 
 @vectors_of(Mesh)
 class Meshes(Vectors):
-    """The numbers of a :class:`~jaxhb.Mesh`, each [n_mesh]; rows of orders (Re, Im) [n_mesh, K, 2]."""
+    """The numbers of a :class:`~jaxhb.Mesh`, each [n_mesh]; rows of orders (Re, Im)
+    [n_mesh, K, 2].
+    """
 
 
 @vectors_of(Damper)
 class Dampers(Vectors):
-    """The numbers of a :class:`~jaxhb.Damper`, each [n_dampers]; rows as of :class:`Shafts`."""
+    """The numbers of a :class:`~jaxhb.Damper`, each [n_dampers]; rows as of
+    :class:`Shafts`.
+    """
 
 
 @vectors_of(Ground)
@@ -81,9 +100,11 @@ class Grounds(Vectors):
 
 @table
 class Loads:
-    """Shares of the balancing torque, each on its own shaft, relative to each other, [n_loads].
+    """Shares of the balancing torque, each on its own shaft, relative to each other,
+    [n_loads].
 
-    ``harmonics`` [n_loads, K, 2]: Re, Im of its pulsation over its mean; None where no load pulsates.
+    ``harmonics`` [n_loads, K, 2]: Re, Im of its pulsation over its mean; None where no
+    load pulsates.
     """
 
     share: Array
@@ -92,16 +113,20 @@ class Loads:
 
 @table
 class Phases:
-    """Angles by which what each phase names comes later, deg of its rotor, [n_phases]."""
+    """Angles by which what each phase names comes later, deg of its rotor,
+    [n_phases].
+    """
 
     angle: Array
 
 
 @table
 class Torques:
-    """Mean [nt] (N m), harmonics [nt, K, 2] (Re, Im of the peak amplitude, N m), scale over rpm [nt, L].
+    """Mean [nt] (N m), harmonics [nt, K, 2] (Re, Im of the peak amplitude, N m), scale
+    over rpm [nt, L].
 
-    ``rated_rpm`` [nt], 0 for torques without, and ``speed_exponent`` [nt]; None where no torque has a rated speed.
+    ``rated_rpm`` [nt], 0 for torques without, and ``speed_exponent`` [nt]; None where
+    no torque has a rated speed.
     """
 
     mean: Array
@@ -114,13 +139,15 @@ class Torques:
 
 @table
 class Cylinders:
-    """Geometry (m), mass (kg), firing angle (deg), ambient pressure (Pa), each [nc]; gas torque and scale.
+    """Geometry (m), mass (kg), firing angle (deg), ambient pressure (Pa), each [nc];
+    gas torque and scale.
 
-    ``gas_torque_mean`` [nc] and ``gas_torque`` [nc, K, 2] (N m, for firing at 0); ``pressure`` [nc, M] (Pa)
-    on the uniform grid of the gas cycle counted from firing top dead centre, zeros where none is given;
-    ``scale_rpm`` and ``scale_factor`` [nc, L]. A rod that is not given is 1 m, a bore or stroke 0 m.
-    None where no cylinder has them: ``traces``, ``combustion``, ``load_rpm`` and ``load_share`` [nc, L] of either, and
-    ``gas_factor`` and ``injection`` [nc], 1 for a cylinder without.
+    ``gas_torque_mean`` [nc] and ``gas_torque`` [nc, K, 2] (N m, for firing at 0);
+    ``pressure`` [nc, M] (Pa) on the uniform grid of the gas cycle counted from firing
+    top dead centre, zeros where none is given; ``scale_rpm`` and ``scale_factor`` [nc,
+    L]. A rod that is not given is 1 m, a bore or stroke 0 m. None where no cylinder has
+    them: ``traces``, ``combustion``, ``load_rpm`` and ``load_share`` [nc, L] of either,
+    and ``gas_factor`` and ``injection`` [nc], 1 for a cylinder without.
     """
 
     bore: Array
@@ -164,8 +191,9 @@ def _scales(elements) -> dict[str, np.ndarray]:
 
 
 def _padded(rows, absent, least: int = 1) -> np.ndarray:
-    """Stack lists of rows [n, K, columns], those without any of the row ``absent``, the shorter ones padded by their
-    last row; K is ``least`` at least."""
+    """Stack lists of rows [n, K, columns], those without any of the row ``absent``, the
+    shorter ones padded by their last row; K is ``least`` at least.
+    """
     rows = [row or (absent,) for row in rows]
     longest = max([least, *map(len, rows)])
     padded = [[*row, *([row[-1]] * longest)][:longest] for row in rows]
@@ -173,7 +201,9 @@ def _padded(rows, absent, least: int = 1) -> np.ndarray:
 
 
 def _collected(cls, elements, own=()):
-    """A table: what is its ``own``, and fields of its elements; None for one that may be absent and that none has."""
+    """A table: what is its ``own``, and fields of its elements; None for one that may
+    be absent and that none has.
+    """
     found = dict(own)
     for f in (f for f in dataclasses.fields(cls) if f.name not in found):
         given = [getattr(e, f.name) for e in elements]
@@ -209,7 +239,9 @@ def of_elements(elements: dict) -> dict:
 def _with_law(mesh):
     """A mesh with the numbers of its law."""
     law = LAW_OF_FRIDMAN if mesh.law else LAW
-    return dataclasses.replace(mesh, **{key: value for key, value in law.items() if getattr(mesh, key) is None})
+    return dataclasses.replace(
+        mesh, **{key: value for key, value in law.items() if getattr(mesh, key) is None}
+    )
 
 
 def torque_table(torques) -> Torques:
@@ -236,7 +268,9 @@ def cylinder_table(cylinders) -> Cylinders:
     for name in ("gas_factor", "injection"):
         scattered = any(getattr(c, name) is not None for c in cylinders)
         own[name] = column(cylinders, name, absent=1.0) if scattered else None
-    return _collected(Cylinders, cylinders, own | _scales(cylinders) | _shares(cylinders))
+    return _collected(
+        Cylinders, cylinders, own | _scales(cylinders) | _shares(cylinders)
+    )
 
 
 def _trace_table(cylinders) -> Traces | None:
@@ -245,7 +279,10 @@ def _trace_table(cylinders) -> Traces | None:
     if not seats:
         return None
     own = [cylinders[i].traces for i in seats]
-    speeds, loads = ([sorted({float(getattr(t, key)) for t in row}) for row in own] for key in ("rpm", "load"))
+    speeds, loads = (
+        [sorted({float(getattr(t, key)) for t in row}) for row in own]
+        for key in ("rpm", "load")
+    )
     rpm, load = gas.padded(speeds), gas.padded(loads)
     pressure = np.zeros((len(seats), rpm.shape[1], load.shape[1], GAS_SAMPLES))
     for k, row in enumerate(own):
@@ -262,17 +299,29 @@ def _combustion_table(cylinders) -> Combustions | None:
     if not seats:
         return None
     own = [cylinders[i].combustion for i in seats]
-    names = [f.name for f in dataclasses.fields(Combustion) if f.metadata["kind"] == "number"]
+    names = [
+        f.name for f in dataclasses.fields(Combustion) if f.metadata["kind"] == "number"
+    ]
     tables = [c.charge_over_load or c.charge_over_rpm for c in own]
     tabled = any(tables)
     return Combustions(
         seats=seats,
         revolutions=tuple(gas.gas_revolutions(cylinders[i]) for i in seats),
         by_work=tuple(c.imep is not None for c in own),
-        charge_by=tuple("load" if c.charge_over_load else "rpm" if c.charge_over_rpm else "" for c in own),
-        charge_at=gas.padded([[at for at, _ in rows or ((0.0, 1.0),)] for rows in tables]) if tabled else None,
+        charge_by=tuple(
+            "load" if c.charge_over_load else "rpm" if c.charge_over_rpm else ""
+            for c in own
+        ),
+        charge_at=(
+            gas.padded([[at for at, _ in rows or ((0.0, 1.0),)] for rows in tables])
+            if tabled
+            else None
+        ),
         charge_factor=_padded(tables, (0.0, 1.0))[..., 1].copy() if tabled else None,
-        **{name: np.array([float(getattr(c, name) or 0.0) for c in own]) for name in names},
+        **{
+            name: np.array([float(getattr(c, name) or 0.0) for c in own])
+            for name in names
+        },
     )
 
 

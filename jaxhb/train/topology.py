@@ -1,6 +1,8 @@
-"""What of a drive train is fixed when a program is compiled: names, connections, rotors, orders.
+"""What of a drive train is fixed when a program is compiled: names, connections,
+rotors, orders.
 
-Everything here is text, integers, floats and tuples of them, so that a :class:`Topology` can be hashed and compared.
+Everything here is text, integers, floats and tuples of them, so that a
+:class:`Topology` can be hashed and compared.
 """
 
 from __future__ import annotations
@@ -22,23 +24,29 @@ from jaxhb.excitation.gas import GasCycles
 class Topology:
     """The static half of a :class:`~jaxhb.train.drivetrain.DriveTrain`.
 
-    Disk indices run over the disks of the scene and then over the rings of the dampers. Links are the shafts,
-    then the dampers (from the disk they sit on to the ring), then the meshes. ``torque_harmonics``,
-    ``load_harmonics`` and ``cylinder_harmonics`` hold the harmonics n of the cycle of each given order, as do
-    ``mesh_stiffness_orders``, .. ``mesh_second_gear_error``; ``mesh_periods`` of each cycle, 0 where none are needed;
-    ``cylinder_source`` what the gas torque of each cylinder comes from; ``cylinder_step`` the
-    harmonics of the cycle per harmonic of the gas cycle (0 where no pressure is given) and ``cylinder_turn``
-    per order of the own rotor; ``cylinder_gas`` and ``cylinder_inertia`` how many harmonics of the gas cycle
-    and how many orders of the own rotor are computed; ``cylinder_fires`` whether each is injected, ``cylinder_cut_off``
-    whether it has no gas torque at all, ``cylinder_every`` in every how many of its gas cycles it is injected, of which
-    all together ``cylinder_step`` and ``cylinder_gas`` count. ``rotor_path`` holds for each rotor the pairs (driving
-    disk, driven disk) that lead to it from the reference rotor. ``hz_links``, ``amplitude_links`` and
-    ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed. ``springs`` are
-    what acts beside the stiffness of shafts and dampers: (link, "clearance", "stages", "stops" or "friction", row).
-    ``shaft_rules`` name the limits of each shaft. ``phase_cylinders`` and ``phase_torques`` are what each phase turns,
-    ``phase_turn`` the harmonics of the cycle per order of their rotor. ``link_keys`` names for each link which of the
-    keys that may be absent it has; empty where no link has any.
-    ``rated_rpm`` is the rated speed of the reference rotor, with ``reference_disk``; ``notes`` are those of the scene.
+    Disk indices run over the disks of the scene and then over the rings of the dampers.
+    Links are the shafts, then the dampers (from the disk they sit on to the ring), then
+    the meshes. ``torque_harmonics``, ``load_harmonics`` and ``cylinder_harmonics`` hold
+    the harmonics n of the cycle of each given order, as do ``mesh_stiffness_orders``,
+    .. ``mesh_second_gear_error``; ``mesh_periods`` of each cycle, 0 where none are
+    needed; ``cylinder_source`` what the gas torque of each cylinder comes from;
+    ``cylinder_step`` the harmonics of the cycle per harmonic of the gas cycle (0 where
+    no pressure is given) and ``cylinder_turn`` per order of the own rotor;
+    ``cylinder_gas`` and ``cylinder_inertia`` how many harmonics of the gas cycle and
+    how many orders of the own rotor are computed; ``cylinder_fires`` whether each is
+    injected, ``cylinder_cut_off`` whether it has no gas torque at all,
+    ``cylinder_every`` in every how many of its gas cycles it is injected, of which all
+    together ``cylinder_step`` and ``cylinder_gas`` count. ``rotor_path`` holds for each
+    rotor the pairs (driving disk, driven disk) that lead to it from the reference
+    rotor. ``hz_links``, ``amplitude_links`` and ``order_links`` are the links that vary
+    over the frequency, over their amplitude and with the speed. ``springs`` are what
+    acts beside the stiffness of shafts and dampers: (link, "clearance", "stages",
+    "stops" or "friction", row). ``shaft_rules`` name the limits of each shaft.
+    ``phase_cylinders`` and ``phase_torques`` are what each phase turns, ``phase_turn``
+    the harmonics of the cycle per order of their rotor. ``link_keys`` names for each
+    link which of the keys that may be absent it has; empty where no link has any.
+    ``rated_rpm`` is the rated speed of the reference rotor, with ``reference_disk``;
+    ``notes`` are those of the scene.
 
     Its ``repr`` is whole: keys of compiled programs and of kept sweeps are made of it.
     """
@@ -142,32 +150,56 @@ class Topology:
     @cached_property
     def firing_cylinders(self) -> tuple[str, ...]:
         """Names of the cylinders that are injected and not cut off."""
-        each = zip(self.cylinder_names, self.cylinder_fires, self.cylinder_cut_off, strict=True)
+        each = zip(
+            self.cylinder_names, self.cylinder_fires, self.cylinder_cut_off, strict=True
+        )
         return tuple(name for name, fires, cut in each if fires and not cut)
 
     @property
     def parts_text(self):
         """``26 disks, 4 meshes``: how many elements of each kind there are."""
-        found = [(kind if n == 1 else "meshes" if kind == "mesh" else f"{kind}s", n) for kind, n, _ in self.parts_rows]
+        found = [
+            (kind if n == 1 else "meshes" if kind == "mesh" else f"{kind}s", n)
+            for kind, n, _ in self.parts_rows
+        ]
         return ", ".join(f"{n} {kind}" for kind, n in found)
 
     @property
     def parts_rows(self):
-        """Kind, number and first names of the elements, a row for each kind that there is."""
-        return [[k, len(n), ", ".join(n[:12]) + ", …" * (len(n) > 12)] for k, n in self._names.items() if n]
+        """Kind, number and first names of the elements, a row for each kind that there
+        is.
+        """
+        return [
+            [k, len(n), ", ".join(n[:12]) + ", …" * (len(n) > 12)]
+            for k, n in self._names.items()
+            if n
+        ]
 
     def cycle_frequency(self, rpm):
-        """Omega = 2 pi rpm / (60 revolutions_per_cycle) in rad/s, of the cycle at ``rpm`` of the reference rotor."""
+        """Omega = 2 pi rpm / (60 revolutions_per_cycle) in rad/s, of the cycle at
+        ``rpm`` of the reference rotor.
+        """
         return 2 * math.pi * rpm / 60 / self.revolutions_per_cycle
 
     def repeated(self, cycles: int) -> Topology:
-        """The same with a cycle ``cycles`` times as long; harmonic n of the cycle becomes harmonic ``cycles n``."""
-        numbers: dict[str, Any] = {"revolutions_per_cycle": cycles * self.revolutions_per_cycle}
+        """The same with a cycle ``cycles`` times as long; harmonic n of the cycle
+        becomes harmonic ``cycles n``.
+        """
+        numbers: dict[str, Any] = {
+            "revolutions_per_cycle": cycles * self.revolutions_per_cycle
+        }
         for name in ("cylinder_step", "cylinder_turn", "mesh_periods", "phase_turn"):
             numbers[name] = tuple(cycles * number for number in getattr(self, name))
         of_meshes = (f"mesh_{name}" for name in (*OF_PERIOD, *OF_GEARS))
-        for name in ("torque_harmonics", "cylinder_harmonics", "load_harmonics", *of_meshes):
-            numbers[name] = tuple(tuple(cycles * n for n in row) for row in getattr(self, name))
+        for name in (
+            "torque_harmonics",
+            "cylinder_harmonics",
+            "load_harmonics",
+            *of_meshes,
+        ):
+            numbers[name] = tuple(
+                tuple(cycles * n for n in row) for row in getattr(self, name)
+            )
         return dataclasses.replace(self, **numbers)
 
     @property
@@ -182,25 +214,34 @@ class Topology:
 
     @property
     def meshing(self) -> list[str]:
-        """Names of the meshes whose stiffness varies or that have transmission errors."""
+        """Names of the meshes whose stiffness varies or that have transmission
+        errors.
+        """
         rows = [getattr(self, f"mesh_{name}") for name in (*OF_PERIOD, *OF_GEARS)]
-        return [name for name, *own in zip(self.mesh_names, *rows, strict=True) if any(own)]
+        return [
+            name for name, *own in zip(self.mesh_names, *rows, strict=True) if any(own)
+        ]
 
     @property
     def has_law(self) -> np.ndarray:
-        """Whether a mesh is no constant spring, as it has backlash or its stiffness varies; then the ``springs``, which
-        all are none: ``(E,)``."""
+        """Whether a mesh is no constant spring, as it has backlash or its stiffness
+        varies; then the ``springs``, which all are none: ``(E,)``.
+        """
         meshes = np.array(self.mesh_backlash, dtype=bool) | self.mesh_varies
         return np.concatenate([meshes, np.ones(len(self.springs), dtype=bool)])
 
     @property
     def linear_in_contact(self) -> bool:
-        """Whether the train is linear and constant as long as all teeth are in contact."""
+        """Whether the train is linear and constant as long as all teeth are in
+        contact.
+        """
         return not (self.springs or self.mesh_varies.any())
 
     @property
     def law_index(self) -> np.ndarray:
-        """Meshes and ``springs`` ``(G,)`` that are no constant springs, in the order of :attr:`has_law`."""
+        """Meshes and ``springs`` ``(G,)`` that are no constant springs, in the order of
+        :attr:`has_law`.
+        """
         return np.flatnonzero(self.has_law)
 
     @property
@@ -215,8 +256,16 @@ class Topology:
 
     @cached_property
     def gear_names(self) -> tuple[str, ...]:
-        """Names of the disks that carry a mesh, in the order of the meshes, the two of a mesh in that of the disks."""
-        return tuple(dict.fromkeys(self.disk_names[disk] for ends in self.mesh_ends for disk in sorted(ends)))
+        """Names of the disks that carry a mesh, in the order of the meshes, the two of
+        a mesh in that of the disks.
+        """
+        return tuple(
+            dict.fromkeys(
+                self.disk_names[disk]
+                for ends in self.mesh_ends
+                for disk in sorted(ends)
+            )
+        )
 
     @property
     def shaft_and_damper_names(self) -> tuple[str, ...]:
@@ -248,33 +297,66 @@ class Topology:
 
     @cached_property
     def elements(self) -> dict[str, tuple[str, int]]:
-        """Table and index of every element by its name; a ring stands under ``damper``."""
-        order = (*(table for table in self._names if table not in ("damper", "disk")), "damper", "disk")
-        return {name: (table, i) for table in order for i, name in enumerate(self._names[table])}
+        """Table and index of every element by its name; a ring stands under
+        ``damper``.
+        """
+        order = (
+            *(table for table in self._names if table not in ("damper", "disk")),
+            "damper",
+            "disk",
+        )
+        return {
+            name: (table, i)
+            for table in order
+            for i, name in enumerate(self._names[table])
+        }
 
     def disk_index(self, name: str) -> int:
-        """Index of a disk or a damper's ring among the disks, rings last; else :class:`SceneError` with the nearest."""
+        """Index of a disk or a damper's ring among the disks, rings last; else
+        :class:`SceneError` with the nearest.
+        """
         if name not in self._disk_of:
-            raise SceneError(f"{self.title}: there is no disk {shown(name)}.{suggestion(name, self.disk_names)}")
+            raise SceneError(
+                f"{self.title}: there is no disk"
+                f" {shown(name)}.{suggestion(name, self.disk_names)}"
+            )
         return self._disk_of[name]
 
     def link_index(self, name: str, other: str | None = None) -> tuple[int, int]:
-        """Index and sense of a link given by its name, or by the two disks it joins; else :class:`SceneError`.
+        """Index and sense of a link given by its name, or by the two disks it joins;
+        else :class:`SceneError`.
 
-        The sense is -1 where the disks are given against the order of ``between``. Where several links join them one is
-        asked for by its name.
+        The sense is -1 where the disks are given against the order of ``between``.
+        Where several links join them one is asked for by its name.
         """
         where = self.title
         if other is None:
             if name not in self._link_of:
-                raise SceneError(f"{where}: there is no link {shown(name)}.{suggestion(name, self.link_names)}")
+                raise SceneError(
+                    f"{where}: there is no link"
+                    f" {shown(name)}.{suggestion(name, self.link_names)}"
+                )
             return self._link_of[name], 1
         a, b = self.disk_index(name), self.disk_index(other)
-        hits = [(i, 1 if ends == (a, b) else -1) for i, ends in enumerate(self.link_ends) if set(ends) == {a, b}]
+        hits = [
+            (i, 1 if ends == (a, b) else -1)
+            for i, ends in enumerate(self.link_ends)
+            if set(ends) == {a, b}
+        ]
         if not hits:
-            near = [n for n, ends in zip(self.link_names, self.link_ends, strict=True) if a in ends or b in ends]
-            raise SceneError(f"{where}: no link joins {name!r} and {other!r}. Links there: {', '.join(near)}.")
+            near = [
+                n
+                for n, ends in zip(self.link_names, self.link_ends, strict=True)
+                if a in ends or b in ends
+            ]
+            raise SceneError(
+                f"{where}: no link joins {name!r} and {other!r}. Links there:"
+                f" {', '.join(near)}."
+            )
         if len(hits) > 1:
             names = ", ".join(repr(self.link_names[i]) for i, _ in hits)
-            raise SceneError(f"{where}: several links join {name!r} and {other!r}: {names}. Ask for one by its name.")
+            raise SceneError(
+                f"{where}: several links join {name!r} and {other!r}: {names}. Ask for"
+                " one by its name."
+            )
         return hits[0]

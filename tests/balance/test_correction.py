@@ -1,4 +1,6 @@
-"""The linear solve of a Newton step: exact Jacobian, on the linearised map of a sweep."""
+"""The linear solve of a Newton step: exact Jacobian, on the linearised map of a
+sweep.
+"""
 
 import dataclasses
 import itertools
@@ -29,36 +31,65 @@ approximate = jax.jit(reduced_model, static_argnames="time_steps")
 def prepare(reduced, model, l, samples, time_steps):
     """The linearised march and the slopes at a motion."""
     slopes = correction.slopes_at(reduced, l, samples)
-    return correction.march_at(correction.train_of(reduced, model, time_steps), slopes), slopes
+    return (
+        correction.march_at(correction.train_of(reduced, model, time_steps), slopes),
+        slopes,
+    )
 
 
 @pytest.fixture(scope="module")
 def case():
-    """Problem, condensed equation on both meshes, and random deflections that cross the gap."""
+    """Problem, condensed equation on both meshes, and random deflections that cross the
+    gap.
+    """
     problem = problem_at(build(branched_parts(), reference="flywheel"), RPM, HARMONICS)
-    reduced, _ = reduce(problem, HARMONICS, ActiveMeshes(np.ones(2), np.arange(2), np.zeros(2)))
+    reduced, _ = reduce(
+        problem, HARMONICS, ActiveMeshes(np.ones(2), np.arange(2), np.zeros(2))
+    )
     draw = np.random.default_rng(14)
-    l = 1e-4 * (draw.normal(size=(2, HARMONICS + 1)) + 1j * draw.normal(size=(2, HARMONICS + 1)))
+    l = 1e-4 * (
+        draw.normal(size=(2, HARMONICS + 1)) + 1j * draw.normal(size=(2, HARMONICS + 1))
+    )
     l[:, 0] = l[:, 0].real
     return problem, reduced, l / (1 + np.arange(HARMONICS + 1)) ** 1.5
 
 
 def surrogate_of(problem, time_steps):
-    return approximate(problem.system, problem.meshes.link, np.ones(2), problem.frequency, time_steps=time_steps)
+    return approximate(
+        problem.system,
+        problem.meshes.link,
+        np.ones(2),
+        problem.frequency,
+        time_steps=time_steps,
+    )
 
 
 def test_a_long_train_without_any_damping_has_a_basis():
     """Its receptances are real: the imaginary columns of the basis are zero."""
     count = reduced_models.DISKS + 6
     parts = [Disk(name=str(k), inertia=0.01, radius=0.1) for k in range(count)]
-    parts += [Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(count - 1) if k != count // 2]
+    parts += [
+        Shaft(between=(str(k), str(k + 1)), stiffness=1e5)
+        for k in range(count - 1)
+        if k != count // 2
+    ]
     parts.append(
         Mesh(
-            between=(str(count // 2), str(count // 2 + 1)), stiffness=1e8, backlash=1e-4, epsilon=1e-3, transition=0.04
+            between=(str(count // 2), str(count // 2 + 1)),
+            stiffness=1e8,
+            backlash=1e-4,
+            epsilon=1e-3,
+            transition=0.04,
         )
     )
     problem = problem_at(build(parts, reference="0"), RPM, HARMONICS)
-    found = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512)
+    found = approximate(
+        problem.system,
+        problem.meshes.link,
+        np.ones(1),
+        problem.frequency,
+        time_steps=512,
+    )
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
 
 
@@ -85,14 +116,22 @@ def test_correction_solves_the_jacobian_of_autodiff(case):
     at = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
     found, left, used = correct(reduced, *at, coefficients(value), 1e-11, 60)
     found = np.asarray(fourier.pack(found)).reshape(-1)
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max())
+    np.testing.assert_allclose(
+        found, wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max()
+    )
     assert left <= 1e-11 and 0 < used <= 30
 
 
 def test_steps_of_the_march_change_the_way_and_not_the_correction(case):
     problem, reduced, l = case
     found = [
-        correct(reduced, *prepare(reduced, surrogate_of(problem, K), l, SAMPLES, K), reduced.linear, 1e-12, 60)
+        correct(
+            reduced,
+            *prepare(reduced, surrogate_of(problem, K), l, SAMPLES, K),
+            reduced.linear,
+            1e-12,
+            60,
+        )
         for K in (128, 1024)
     ]
     (coarse, *_), (fine, *_) = found
@@ -108,12 +147,19 @@ def test_the_transposed_solve_is_that_of_the_transposed_jacobian(case):
     @jax.jit
     def solve(march, slopes, value):
         product = correction.tangent(reduced, correction.force_change(reduced, slopes))
-        return correction.correct_product(march, product, value, transposed=True, tolerance=1e-12, steps=60)
+        return correction.correct_product(
+            march, product, value, transposed=True, tolerance=1e-12, steps=60
+        )
 
-    found, left = solve(*prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512), coefficients(value))
+    found, left = solve(
+        *prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512),
+        coefficients(value),
+    )
     found = np.asarray(fourier.pack(found)).reshape(-1)
     assert left <= 1e-12
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max())
+    np.testing.assert_allclose(
+        found, wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max()
+    )
 
 
 def test_a_bordered_solve_is_that_of_the_bordered_jacobian(case):
@@ -124,22 +170,38 @@ def test_a_bordered_solve_is_that_of_the_bordered_jacobian(case):
     whole = np.block([[np.asarray(matrix), column[:, None]], [row]])
     right = np.append(value, 0.3 * np.abs(value).max())
     at = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
-    solve = jax.jit(lambda at, right: correction.correct_bordered(reduced, *at, (column, row), (right,), 60)[0])
+    solve = jax.jit(
+        lambda at, right: correction.correct_bordered(
+            reduced, *at, (column, row), (right,), 60
+        )[0]
+    )
     wanted = np.linalg.solve(whole, right)
-    np.testing.assert_allclose(solve(at, right), wanted, rtol=0, atol=1e-7 * np.abs(wanted).max())
+    np.testing.assert_allclose(
+        solve(at, right), wanted, rtol=0, atol=1e-7 * np.abs(wanted).max()
+    )
 
 
-def test_a_bordered_solve_has_an_answer_where_the_right_side_is_at_the_border_alone(case):
-    """As where the direction of a branch is looked for: the image of such a side has nothing at the border."""
+def test_a_bordered_solve_has_an_answer_where_the_right_side_is_at_the_border_alone(
+    case,
+):
+    """As where the direction of a branch is looked for: the image of such a side has
+    nothing at the border.
+    """
     problem, reduced, l = case
     matrix, value = dense_jacobian(reduced, l)
     column = np.random.default_rng(6).normal(size=len(value))
     row, right = np.append(column, 0.0), np.append(np.zeros(len(value)), 1.0)
     whole = np.block([[np.asarray(matrix), column[:, None]], [row]])
     at = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
-    solve = jax.jit(lambda at, right: correction.correct_bordered(reduced, *at, (column, row), (right,), 60)[0])
+    solve = jax.jit(
+        lambda at, right: correction.correct_bordered(
+            reduced, *at, (column, row), (right,), 60
+        )[0]
+    )
     wanted = np.linalg.solve(whole, right)
-    np.testing.assert_allclose(solve(at, right), wanted, rtol=0, atol=1e-7 * np.abs(wanted).max())
+    np.testing.assert_allclose(
+        solve(at, right), wanted, rtol=0, atol=1e-7 * np.abs(wanted).max()
+    )
 
 
 def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
@@ -149,7 +211,9 @@ def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
     def both(steps):
         monkeypatch.setattr(correction, "DERIVATIVE", (1e-12, steps))
         product = correction.tangent(reduced, correction.force_change(reduced, slopes))
-        solver = jax.jit(lambda value: correction.invert(march, product, product, value))
+        solver = jax.jit(
+            lambda value: correction.invert(march, product, product, value)
+        )
         found, pull = jax.vjp(solver, reduced.linear)
         return np.concatenate([found, pull(jnp.conj(reduced.linear))[0]])
 
@@ -163,62 +227,123 @@ def test_product_on_few_instants_is_the_jacobian_at_all_samples(case):
 
     @jax.jit
     def product(at, d):
-        forces = correction.force_change(reduced, correction.slopes_at(reduced, at, SAMPLES))
+        forces = correction.force_change(
+            reduced, correction.slopes_at(reduced, at, SAMPLES)
+        )
         return correction.tangent(reduced, forces)(d)
 
     wanted = np.asarray(matrix @ direction.reshape(-1))
-    error = np.abs(np.asarray(fourier.pack(product(l, fourier.unpack(direction)))).reshape(-1) - wanted).max()
+    error = np.abs(
+        np.asarray(fourier.pack(product(l, fourier.unpack(direction)))).reshape(-1)
+        - wanted
+    ).max()
     assert error <= ALGEBRAIC * np.abs(wanted).max()
 
 
 def test_modes_that_outlast_the_cycle_take_a_krylov_step_each_at_most():
     """14 disks of which no motion decays within a cycle."""
     gears = {6: 0.05, 7: 0.05}
-    parts = [Disk(name=str(k), inertia=0.01, damping=0.001, radius=gears.get(k)) for k in range(14)]
-    parts += [Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(13) if k != 6]
-    parts += [Mesh(between=("6", "7"), stiffness=2e8, damping=200.0, backlash=1e-4, epsilon=0.02, transition=0.04)]
+    parts = [
+        Disk(name=str(k), inertia=0.01, damping=0.001, radius=gears.get(k))
+        for k in range(14)
+    ]
+    parts += [
+        Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(13) if k != 6
+    ]
+    parts += [
+        Mesh(
+            between=("6", "7"),
+            stiffness=2e8,
+            damping=200.0,
+            backlash=1e-4,
+            epsilon=0.02,
+            transition=0.04,
+        )
+    ]
     problem = problem_at(build(parts, reference="0"), RPM, 1)
-    reduced, _ = reduce(problem, HARMONICS, ActiveMeshes(np.ones(1), np.arange(1), np.zeros(1)))
-    model = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512)
+    reduced, _ = reduce(
+        problem, HARMONICS, ActiveMeshes(np.ones(1), np.arange(1), np.zeros(1))
+    )
+    model = approximate(
+        problem.system,
+        problem.meshes.link,
+        np.ones(1),
+        problem.frequency,
+        time_steps=512,
+    )
     draw = np.random.default_rng(14)
-    l = 1e-4 * draw.normal(size=(1, HARMONICS + 1)) / (1 + np.arange(HARMONICS + 1)) ** 1.5 + 0j
+    l = (
+        1e-4
+        * draw.normal(size=(1, HARMONICS + 1))
+        / (1 + np.arange(HARMONICS + 1)) ** 1.5
+        + 0j
+    )
     value = draw.normal(size=(1, HARMONICS + 1)) + 0j
-    _, left, used = correct(reduced, *prepare(reduced, model, l, SAMPLES, 512), value, 1e-8, 60)
+    _, left, used = correct(
+        reduced, *prepare(reduced, model, l, SAMPLES, 512), value, 1e-8, 60
+    )
     assert left <= 1e-8 and used <= 28
 
 
 def test_a_train_of_inertial_disks_is_its_own_surrogate(case):
     problem, _, _ = case
-    problem = dataclasses.replace(problem, system=dataclasses.replace(problem.system, loss=0.0 * problem.system.loss))
+    problem = dataclasses.replace(
+        problem,
+        system=dataclasses.replace(problem.system, loss=0.0 * problem.system.loss),
+    )
     parts = partition(problem.system, problem.meshes)
-    exact = jax.jit(state_space, static_argnums=3)(problem.system, problem.meshes, problem.frequency, parts)
+    exact = jax.jit(state_space, static_argnums=3)(
+        problem.system, problem.meshes, problem.frequency, parts
+    )
     time_steps = 2**16
     space = surrogate_of(problem, time_steps).space
 
     def receptance(space, n):
-        A, E, L = (np.asarray(a) for a in (space.transition, space.forcing, space.observation))
-        return L @ np.linalg.solve(1j * n * float(problem.frequency) * np.eye(len(A)) - A, E)
+        A, E, L = (
+            np.asarray(a) for a in (space.transition, space.forcing, space.observation)
+        )
+        return L @ np.linalg.solve(
+            1j * n * float(problem.frequency) * np.eye(len(A)) - A, E
+        )
 
     for n in (1, 7, 40):
         wanted = receptance(exact, n)
-        np.testing.assert_allclose(receptance(space, n), wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+        np.testing.assert_allclose(
+            receptance(space, n), wanted, rtol=0, atol=1e-9 * np.abs(wanted).max()
+        )
 
 
 def sliced(pieces):
-    """The first shaft of the train in ``pieces``, its problem and its true receptances."""
+    """The first shaft of the train in ``pieces``, its problem and its true
+    receptances.
+    """
     parts = branched_parts()
     shaft = next(p for p in parts if isinstance(p, Shaft))
-    names = [shaft.between[0], *(f"slice {i}" for i in range(pieces - 1)), shaft.between[1]]
-    fine = [p for p in parts if p is not shaft] + [Disk(name=name, inertia=1e-4) for name in names[1:-1]]
-    fine += [Shaft(between=pair, stiffness=pieces * shaft.stiffness, damping=1.0) for pair in itertools.pairwise(names)]
+    names = [
+        shaft.between[0],
+        *(f"slice {i}" for i in range(pieces - 1)),
+        shaft.between[1],
+    ]
+    fine = [p for p in parts if p is not shaft] + [
+        Disk(name=name, inertia=1e-4) for name in names[1:-1]
+    ]
+    fine += [
+        Shaft(between=pair, stiffness=pieces * shaft.stiffness, damping=1.0)
+        for pair in itertools.pairwise(names)
+    ]
     problem = problem_at(build(fine, reference="flywheel"), RPM, HARMONICS)
-    reduced, _ = reduce(problem, HARMONICS, ActiveMeshes(np.ones(2), np.arange(2), np.zeros(2)))
+    reduced, _ = reduce(
+        problem, HARMONICS, ActiveMeshes(np.ones(2), np.arange(2), np.zeros(2))
+    )
     return problem, np.asarray(reduced.receptance)
 
 
 def receptance_of(train, frequency, harmonic):
     """Of a ReducedOrderModel, ``(2, 2)``."""
-    A, E, L = (np.asarray(a) for a in (train.space.transition, train.space.forcing, train.space.observation))
+    A, E, L = (
+        np.asarray(a)
+        for a in (train.space.transition, train.space.forcing, train.space.observation)
+    )
     turned = 1j * harmonic * float(frequency) * np.eye(len(A))
     return train.residual_flexibility - L[:2] @ np.linalg.solve(turned - A, E)
 
@@ -227,9 +352,12 @@ def test_few_modes_stand_for_a_shaft_of_many_disks():
     problem, wanted = sliced(150)
     train = surrogate_of(problem, 256)
     assert len(train.space.transition) == 96
-    # a loss factor of this train is viscous damping in time: a few percent at the resonances
+    # a loss factor of this train is viscous damping in time: a few percent at the
+    # resonances
     for harmonic in (3, 9, 15):
-        error = np.abs(receptance_of(train, problem.frequency, harmonic) - wanted[harmonic]).max()
+        error = np.abs(
+            receptance_of(train, problem.frequency, harmonic) - wanted[harmonic]
+        ).max()
         assert error < 0.05 * np.abs(wanted[harmonic]).max()
 
 
@@ -237,8 +365,14 @@ def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
     # slices of 0.2 kg m^2: the mode of the meshes, at harmonic 12, is only the 36th
     problem, _ = sliced(150)
     slice_mass = np.median(problem.system.mass)
-    heavy = np.where(np.isclose(problem.system.mass, slice_mass), 2000 * slice_mass, problem.system.mass)
-    problem = dataclasses.replace(problem, system=dataclasses.replace(problem.system, mass=heavy))
+    heavy = np.where(
+        np.isclose(problem.system.mass, slice_mass),
+        2000 * slice_mass,
+        problem.system.mass,
+    )
+    problem = dataclasses.replace(
+        problem, system=dataclasses.replace(problem.system, mass=heavy)
+    )
     every = surrogate_of(problem, 256)
     monkeypatch.setattr(reduced_models, "MODES", 24)
     few = jax.jit(lambda *a: reduced_model(*a, 256))
@@ -247,19 +381,31 @@ def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
     for harmonic in (11, 12, 13):
         wanted = receptance_of(every, problem.frequency, harmonic)
         found = receptance_of(train, problem.frequency, harmonic)
-        np.testing.assert_allclose(found, wanted, rtol=0, atol=0.02 * np.abs(wanted).max())
+        np.testing.assert_allclose(
+            found, wanted, rtol=0, atol=0.02 * np.abs(wanted).max()
+        )
 
 
 def test_what_takes_longest_to_decay_comes_first_and_what_does_not_move_last(case):
-    """Of a floating train with modes too fast for the steps: what a cycle closes on are the first."""
+    """Of a floating train with modes too fast for the steps: what a cycle closes on are
+    the first.
+    """
     problem, _, _ = case
     system = dataclasses.replace(problem.system, ground=0.0 * problem.system.ground)
     model = surrogate_of(dataclasses.replace(problem, system=system), 32)
     rates = np.asarray(paired(model.space.transition))
     decay = -np.maximum(rates[0, 0], rates[1, 1])
-    observed = np.abs(np.asarray(model.space.observation)).max(axis=0).reshape(2, -1).max(axis=0)
+    observed = (
+        np.abs(np.asarray(model.space.observation))
+        .max(axis=0)
+        .reshape(2, -1)
+        .max(axis=0)
+    )
     count = (observed > ALGEBRAIC * observed.max()).sum()
-    assert 0 < count < len(decay) and (observed[count:] <= ALGEBRAIC * observed.max()).all()
+    assert (
+        0 < count < len(decay)
+        and (observed[count:] <= ALGEBRAIC * observed.max()).all()
+    )
     assert (np.diff(decay[:count]) > 0).all()
 
 

@@ -1,4 +1,6 @@
-"""The derivative of a solve: the table of the benchmark; contact, cylinders, second order, knots of the law."""
+"""The derivative of a solve: the table of the benchmark; contact, cylinders, second
+order, knots of the law.
+"""
 
 from functools import cache, partial
 
@@ -18,7 +20,10 @@ pytestmark = pytest.mark.oracle
 
 @cache
 def one_mass():
-    return build(one_mass_parts(m=1.0, b=0.3, c=4.0, eps=0.05, h=0.5, q0=0.3, q1=1.0), reference="a")
+    return build(
+        one_mass_parts(m=1.0, b=0.3, c=4.0, eps=0.05, h=0.5, q0=0.3, q1=1.0),
+        reference="a",
+    )
 
 
 ONE_MASS = np.array([4.0, 0.6, 0.5, 0.3, 1.0])
@@ -30,19 +35,33 @@ def one_mass_peak(values, integrals="sampled", max_steps=12):
     rows = [jnp.stack([sense * order, 0.0 * order])[None] for sense in (1, -1)]
     train = one_mass().replace(
         {"a|b.stiffness": stiffness, "a.damping": damping, "a|b.backlash": backlash}
-        | {"a:torque.mean": mean, "b:torque.mean": -mean, "a:torque.harmonics": rows[0], "b:torque.harmonics": rows[1]}
+        | {
+            "a:torque.mean": mean,
+            "b:torque.mean": -mean,
+            "a:torque.harmonics": rows[0],
+            "b:torque.harmonics": rows[1],
+        }
     )
-    how = {"integrals": integrals, "start": "march", "max_steps": max_steps, "tolerance": 0.5}
+    how = {
+        "integrals": integrals,
+        "start": "march",
+        "max_steps": max_steps,
+        "tolerance": 0.5,
+    }
     plan = tight_plan(harmonics=8, active=(0,), flank=(0,), excited=1, **how)
     response = jaxhb.solve(train, rpm=ONE_RADIAN_PER_SECOND, plan=plan)
-    return response.force("a", "b").smooth_peak(8) + response.twist("a", "b").rms, response.status
+    return (
+        response.force("a", "b").smooth_peak(8) + response.twist("a", "b").rms,
+        response.status,
+    )
 
 
 @pytest.fixture(scope="module")
 def second():
     """Of one mass: values, along -> (Hessian times along, gradient, status).
 
-    One direction at a time: all of them at once are a program that takes half as long again to trace.
+    One direction at a time: all of them at once are a program that takes half as long
+    again to trace.
     """
 
     def gradient(values):
@@ -55,24 +74,39 @@ def second():
     return jax.jit(along)
 
 
-def test_second_derivatives_with_exact_integrals_are_those_of_differences_of_gradients(second):
+def test_second_derivatives_with_exact_integrals_are_those_of_differences_of_gradients(
+    second,
+):
     every = np.eye(len(ONE_MASS))
     found = np.array([second(ONE_MASS, one)[0] for one in every])
     steps = 1e-3 * ONE_MASS
     rows = [
-        (second(ONE_MASS + step, step)[1] - second(ONE_MASS - step, step)[1]) / (2 * step.max())
+        (second(ONE_MASS + step, step)[1] - second(ONE_MASS - step, step)[1])
+        / (2 * step.max())
         for step in np.diag(steps)
     ]
-    np.testing.assert_allclose(found, found.T, rtol=0, atol=TANGENT * np.abs(found).max())
-    np.testing.assert_allclose(found, rows, rtol=0, atol=1e-5 * np.abs(found).max())  # steps squared, times a few
+    np.testing.assert_allclose(
+        found, found.T, rtol=0, atol=TANGENT * np.abs(found).max()
+    )
+    np.testing.assert_allclose(
+        found, rows, rtol=0, atol=1e-5 * np.abs(found).max()
+    )  # steps squared, times a few
 
 
 def sizes_of(jaxpr):
     """Numbers in all arrays that a program makes."""
     inner = [
-        v for e in jaxpr.eqns for v in jax.tree.leaves(list(e.params.values()), is_leaf=lambda v: hasattr(v, "eqns"))
+        v
+        for e in jaxpr.eqns
+        for v in jax.tree.leaves(
+            list(e.params.values()), is_leaf=lambda v: hasattr(v, "eqns")
+        )
     ]
-    inner = [getattr(v, "jaxpr", v) for v in inner if hasattr(v, "jaxpr") or hasattr(v, "eqns")]
+    inner = [
+        getattr(v, "jaxpr", v)
+        for v in inner
+        if hasattr(v, "jaxpr") or hasattr(v, "eqns")
+    ]
     own = sum(np.prod(v.aval.shape, dtype=int) for e in jaxpr.eqns for v in e.outvars)
     return own + sum(sizes_of(part) for part in inner)
 
@@ -89,8 +123,9 @@ def test_the_memory_of_a_gradient_does_not_grow_with_the_newton_steps():
 
 @pytest.mark.parametrize("deflection", [0.0, 0.2, 0.3])
 def test_derivatives_on_the_knots_of_the_law_are_finite_and_right(second, deflection):
-    """At rest on a knot at every time sample of the cycle: slope 0.2 at l = 0 and 0.2, 4 at l = 0.3; and no
-    amplitude."""
+    """At rest on a knot at every time sample of the cycle: slope 0.2 at l = 0 and 0.2,
+    4 at l = 0.3; and no amplitude.
+    """
     force = 0.2 * deflection + (3.8 * 0.05 if deflection == 0.3 else 0.0)
     at = np.array([4.0, 0.6, 0.5, force, 0.0])
     for one in np.eye(len(at)):
@@ -98,7 +133,9 @@ def test_derivatives_on_the_knots_of_the_law_are_finite_and_right(second, deflec
         assert status == jaxhb.Status.CONVERGED
         assert np.isfinite(change).all() and np.isfinite(gradient).all()
     if deflection:
-        np.testing.assert_allclose(gradient[3], 1 + 1 / (4.0 if deflection == 0.3 else 0.2), rtol=PATHS)
+        np.testing.assert_allclose(
+            gradient[3], 1 + 1 / (4.0 if deflection == 0.3 else 0.2), rtol=PATHS
+        )
 
 
 ENGINE_KEYS = ("stroke", "rod", "bore", "reciprocating_mass", "firing_angle")
@@ -111,12 +148,22 @@ def test_cylinder_data_differentiate():
     at = np.array([engine.value(f"cylinder 3.{key}") for key in ENGINE_KEYS])
 
     def value(numbers):
-        changes = {f"cylinder 3.{key}": number for key, number in zip(ENGINE_KEYS, numbers, strict=True)}
+        changes = {
+            f"cylinder 3.{key}": number
+            for key, number in zip(ENGINE_KEYS, numbers, strict=True)
+        }
         response = jaxhb.solve(engine.replace(changes), rpm=1500.0, plan=plan)
-        return response.torque("cyl6", "flywheel").smooth_peak(16) + response.torque("cyl1", "cyl2").rms
+        return (
+            response.torque("cyl6", "flywheel").smooth_peak(16)
+            + response.torque("cyl1", "cyl2").rms
+        )
 
     gradient = jax.jit(jax.grad(value))(at)
-    compare(gradient * at, differences(jax.jit(jax.vmap(value)), at, 1e-4 * at) * at, GRADIENT)
+    compare(
+        gradient * at,
+        differences(jax.jit(jax.vmap(value)), at, 1e-4 * at) * at,
+        GRADIENT,
+    )
 
 
 def test_without_a_plan_differentiation_outside_jit_works():
@@ -131,7 +178,9 @@ def test_without_a_plan_differentiation_outside_jit_works():
     wanted = [(peak(2e8 + 2e3, 3e3) - peak(2e8 - 2e3, 3e3)) / 4e3]
     wanted.append((peak(2e8, 3e3 + 0.03) - peak(2e8, 3e3 - 0.03)) / 0.06)
     compare(np.array(gradient), wanted, GRADIENT)
-    assert jax.jvp(peak, at, (1.0, 0.0))[1] == pytest.approx(float(gradient[0]), rel=TANGENT)
+    assert jax.jvp(peak, at, (1.0, 0.0))[1] == pytest.approx(
+        float(gradient[0]), rel=TANGENT
+    )
 
 
 CASES = [(path, kind) for path in PLANS if path != "exact" for kind in parameters(path)]

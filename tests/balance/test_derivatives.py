@@ -1,4 +1,6 @@
-"""The derivative of a solve with two meshes separating, in a batch some lanes of which fail."""
+"""The derivative of a solve with two meshes separating, in a batch some lanes of which
+fail.
+"""
 
 import dataclasses
 from functools import cache
@@ -11,8 +13,18 @@ from trains import branched_parts, build
 
 import jaxhb
 
-KEYS = ["flywheel.inertia", "crank gear|idler.stiffness", "flywheel|crank gear.stiffness", "crank gear|idler.damping"]
-KEYS += ["pump gear|pump.loss_factor", "pump gear|idler.backlash", "pump gear.radius", "flywheel:torque.harmonics"]
+KEYS = [
+    "flywheel.inertia",
+    "crank gear|idler.stiffness",
+    "flywheel|crank gear.stiffness",
+    "crank gear|idler.damping",
+]
+KEYS += [
+    "pump gear|pump.loss_factor",
+    "pump gear|idler.backlash",
+    "pump gear.radius",
+    "flywheel:torque.harmonics",
+]
 KEYS += ["crank gear|idler.epsilon", "pump gear|idler.transition", "ring.damping"]
 RPM = len(KEYS)
 ONES = np.ones(RPM + 1)
@@ -36,13 +48,17 @@ def read(response):
 
 
 def changed(factors, rpm, plan):
-    values = {key: train().value(key) * factor for key, factor in zip(KEYS, factors[:-1], strict=True)}
+    values = {
+        key: train().value(key) * factor
+        for key, factor in zip(KEYS, factors[:-1], strict=True)
+    }
     return jaxhb.solve(train().replace(values), rpm=rpm * factors[RPM], plan=plan)
 
 
 @pytest.fixture(scope="module")
 def batch():
-    """A batch linearised: plain, without convergence, not finite, plain, backwards; and plain ones alone.
+    """A batch linearised: plain, without convergence, not finite, plain, backwards; and
+    plain ones alone.
 
     Each (value, aux), gradient, change along ALONG.
     """
@@ -59,7 +75,9 @@ def batch():
     lanes = plain.copy()
     lanes[1:, RPM] = 0.6, 1.0, 1.001, -1.0
     lanes[2, KEYS.index("flywheel.inertia")] = np.nan
-    with pytest.warns(UserWarning, match="half_peak_to_peak is differentiated at one time sample"):
+    with pytest.warns(
+        UserWarning, match="half_peak_to_peak is differentiated at one time sample"
+    ):
         found = linearised(lanes), linearised(plain)
     return jax.tree.map(np.asarray, found)
 
@@ -67,40 +85,61 @@ def batch():
 def test_a_failed_lane_has_zero_gradient_and_spoils_no_other(batch):
     ((_, (status, deflection)), gradient, along), (_, alone, _) = batch
     gap = 0.5 * (1 - 0.3) * 1e-4
-    assert np.all(np.mean(np.abs(deflection[0]) < gap, axis=-1) > 0.05)  # both meshes separate
+    assert np.all(
+        np.mean(np.abs(deflection[0]) < gap, axis=-1) > 0.05
+    )  # both meshes separate
     assert status[0] == status[3] == jaxhb.Status.CONVERGED
     assert status[1] == jaxhb.Status.MAX_STEPS and status[2] == jaxhb.Status.NONFINITE
     assert status[4] == jaxhb.Status.INVALID_INPUT
     assert not gradient[[1, 2, 4]].any() and np.isnan(along[1])
     assert np.isfinite(gradient).all() and np.all(gradient[0] != 0)
     np.testing.assert_allclose(gradient[0], alone[0], rtol=1e-9)
-    assert np.abs(gradient[3] / gradient[0] - 1).max() < 1  # a neighbour, in speed 0.1 % away
+    assert (
+        np.abs(gradient[3] / gradient[0] - 1).max() < 1
+    )  # a neighbour, in speed 0.1 % away
 
 
 def test_the_error_of_a_gradient_is_its_change_with_twice_the_harmonics_and_nan_where_nothing_is_solved():
     """By a function whose derivative is known for every number of harmonics."""
 
     def parabola(x, plan):
-        return jax.numpy.where(x["a"] > 0, (1 + 1 / plan.harmonics) * x["a"] ** 2 - x["b"] / plan.harmonics, np.nan)
+        return jax.numpy.where(
+            x["a"] > 0,
+            (1 + 1 / plan.harmonics) * x["a"] ** 2 - x["b"] / plan.harmonics,
+            np.nan,
+        )
 
-    value, gradient, error = jaxhb.gradient_and_error(parabola, {"a": 3.0, "b": 64.0}, plan=SEPARATING)
-    assert (value, gradient["a"], gradient["b"]) == pytest.approx((9 * (1 + 1 / 64) - 1, 6 * (1 + 1 / 64), -1 / 64))
+    value, gradient, error = jaxhb.gradient_and_error(
+        parabola, {"a": 3.0, "b": 64.0}, plan=SEPARATING
+    )
+    assert (value, gradient["a"], gradient["b"]) == pytest.approx(
+        (9 * (1 + 1 / 64) - 1, 6 * (1 + 1 / 64), -1 / 64)
+    )
     assert (error["a"], error["b"]) == pytest.approx((6 / 64, 1 / 64))
-    unknown = jax.jit(lambda x: jaxhb.gradient_and_error(parabola, x, plan=SEPARATING))({"a": -3.0, "b": 64.0})
+    unknown = jax.jit(lambda x: jaxhb.gradient_and_error(parabola, x, plan=SEPARATING))(
+        {"a": -3.0, "b": 64.0}
+    )
     assert np.isnan(jax.tree.leaves(unknown)).all()
 
 
 def test_differences_of_values_under_a_plan_are_its_derivative_where_teeth_hammer():
-    """Their law has kinks: derivatives are those of the forces that the equations balance, not of samples of slopes."""
+    """Their law has kinks: derivatives are those of the forces that the equations
+    balance, not of samples of slopes.
+    """
     plan = dataclasses.replace(SEPARATING, averaged=True)
 
     @jax.jit
     def value_and_derivative(share):
-        return jax.jvp(lambda x: read(changed(1 + x * 0.1 * ALONG, 1500.0, plan)), (share,), (1.0,))
+        return jax.jvp(
+            lambda x: read(changed(1 + x * 0.1 * ALONG, 1500.0, plan)), (share,), (1.0,)
+        )
 
     step = 1e-5
-    with pytest.warns(UserWarning, match="half_peak_to_peak is differentiated at one time sample"):
+    with pytest.warns(
+        UserWarning, match="half_peak_to_peak is differentiated at one time sample"
+    ):
         _, derivative = value_and_derivative(0.0)
     above, below = (float(value_and_derivative(share)[0]) for share in (step, -step))
-    # Differences err by the square of the step, and by rounding and what is left of the equations over the step.
+    # Differences err by the square of the step, and by rounding and what is left of the
+    # equations over the step.
     assert float(derivative) == pytest.approx((above - below) / (2 * step), rel=1e-6)

@@ -13,7 +13,11 @@ import jaxhb
 
 pytestmark = pytest.mark.oracle
 
-KEYS = ["crank gear|idler.stiffness", "crank gear|idler.damping", "pump gear|idler.backlash"]
+KEYS = [
+    "crank gear|idler.stiffness",
+    "crank gear|idler.damping",
+    "pump gear|idler.backlash",
+]
 KEYS += ["pump gear|idler.damping", "ring.damping"]
 ONES = np.ones(len(KEYS))
 SAMPLED = tight_plan(**BOTH_SEPARATE, averaged=True)
@@ -27,10 +31,15 @@ def train():
 
 def value(factors, plan):
     """One number that both meshes enter, and how the solve went."""
-    changed = train().replace({key: train().value(key) * x for key, x in zip(KEYS, factors, strict=True)})
+    changed = train().replace(
+        {key: train().value(key) * x for key, x in zip(KEYS, factors, strict=True)}
+    )
     r = jaxhb.solve(changed, rpm=1500.0, plan=plan)
     tooth = r.force("crank gear", "idler").smooth_peak(8) / 700
-    return tooth + r.torque("pump gear", "pump").order(1.0) / 10, (r.status, r.deflections)
+    return tooth + r.torque("pump gear", "pump").order(1.0) / 10, (
+        r.status,
+        r.deflections,
+    )
 
 
 @partial(jax.jit, static_argnums=1)
@@ -43,14 +52,20 @@ def test_the_gradient_of_sampled_integrals_is_that_of_exact_ones():
     exact, sampled = (gradient(ONES, plan) for plan in (EXACT, SAMPLED))
     assert exact[0][1][0] == sampled[0][1][0] == jaxhb.Status.CONVERGED
     apart = np.abs(sampled[1] - exact[1]).max() / np.abs(exact[1]).max()
-    # Order 2 in the samples, with a constant that depends on where the knots fall: 8e-4 at the 16 of the solve.
+    # Order 2 in the samples, with a constant that depends on where the knots fall: 8e-4
+    # at the 16 of the solve.
     assert apart < 3e-5
 
 
 def test_where_the_teeth_stay_in_contact_exact_integrals_change_nothing():
-    pressed = build(one_mass_parts(m=1.0, b=0.2, c=1.0, eps=0.05, h=0.1, q0=2.0, q1=0.1), reference="a")
+    pressed = build(
+        one_mass_parts(m=1.0, b=0.2, c=1.0, eps=0.05, h=0.1, q0=2.0, q1=0.1),
+        reference="a",
+    )
     rpm = 0.5 * ONE_RADIAN_PER_SECOND
     found = jaxhb.solve(pressed, rpm=rpm, integrals="exact")
     assert found.converged and found.path[0].active_meshes == 0
     linear = jaxhb.linear_response(pressed, rpm=rpm, harmonics=found.harmonics)
-    np.testing.assert_allclose(found.deflections[:, 1:], linear.deflections[:, 1:], rtol=0, atol=1e-14)  # rounding
+    np.testing.assert_allclose(
+        found.deflections[:, 1:], linear.deflections[:, 1:], rtol=0, atol=1e-14
+    )  # rounding

@@ -1,5 +1,7 @@
-"""The public residual A(x) against the equations of motion written out here in time, its Jacobian against autodiff, the
-block sweep against a dense solve, and what solves give against zero."""
+"""The public residual A(x) against the equations of motion written out here in time,
+its Jacobian against autodiff, the block sweep against a dense solve, and what solves
+give against zero.
+"""
 
 import dataclasses
 from functools import cache
@@ -17,29 +19,61 @@ from trains import branched_parts, gearbox_parts
 import jaxhb
 from jaxhb import Damper, Disk, Ground, Load, Mesh, Shaft, Status, Torque
 
-LAW = {"stiffness": 2e8, "damping": 2e3, "backlash": 2e-4, "epsilon": 1e-2, "transition": 0.2}
-SPRINGS = {"clearance": 1.0, "stages": [(3.0, 1000.0)], "stops": [(-5.0, 3000.0), (6.0, 5000.0)]}
+LAW = {
+    "stiffness": 2e8,
+    "damping": 2e3,
+    "backlash": 2e-4,
+    "epsilon": 1e-2,
+    "transition": 0.2,
+}
+SPRINGS = {
+    "clearance": 1.0,
+    "stages": [(3.0, 1000.0)],
+    "stops": [(-5.0, 3000.0), (6.0, 5000.0)],
+}
 SPRINGS |= {"friction": 3.0, "slip_speed": 2.0}
 SMOOTH = 0.04  # half the width of a stage over its twist
 
 
 def loop_parts():
-    """Two meshes between two shafts, one of them with backlash; nothing holds the train, nor its viscous ring."""
+    """Two meshes between two shafts, one of them with backlash; nothing holds the
+    train, nor its viscous ring.
+    """
     return [
-        dataclasses.replace(p, **LAW) if isinstance(p, Mesh) and p.between[0] == "lay 2" else p
+        (
+            dataclasses.replace(p, **LAW)
+            if isinstance(p, Mesh) and p.between[0] == "lay 2"
+            else p
+        )
         for p in gearbox_parts(grounded=False)
     ]
 
 
 def meshing_parts():
-    """An idler between two gears: varying stiffness and errors, one mesh with backlash and one without."""
-    varying = {"stiffness_orders": [(1, 0.2, 0.1), (2, 0.0, -0.05)], "transmission_error": [(1, 4e-6, 2e-6)]}
+    """An idler between two gears: varying stiffness and errors, one mesh with backlash
+    and one without.
+    """
+    varying = {
+        "stiffness_orders": [(1, 0.2, 0.1), (2, 0.0, -0.05)],
+        "transmission_error": [(1, 4e-6, 2e-6)],
+    }
     return [
         Disk(name="a", inertia=0.02, radius=0.05, teeth=5),
         Disk(name="b", inertia=0.05, radius=0.1, teeth=10),
         Disk(name="c", inertia=0.01, radius=0.05, teeth=5),
-        Mesh(between=("a", "b"), phase=40.0, first_gear_error=[(1, 6e-6, 0.0)], **LAW, **varying),
-        Mesh(between=("c", "b"), stiffness=1e8, damping=500.0, transmission_error=[(2, 0.0, 3e-6)]),
+        Mesh(
+            between=("a", "b"),
+            phase=40.0,
+            first_gear_error=[(1, 6e-6, 0.0)],
+            **LAW,
+            **varying,
+        ),
+        Mesh(
+            between=("c", "b"),
+            stiffness=1e8,
+            damping=500.0,
+            transmission_error=[(2, 0.0, 3e-6)],
+        ),
         Torque(disk="a", mean=60.0, harmonics=[(1.0, 15.0, 4.0)]),
         Torque(disk="c", mean=-60.0),
         Ground(disk="a", stiffness=100.0),
@@ -47,13 +81,31 @@ def meshing_parts():
 
 
 def clutch_parts(springs=SPRINGS, ring_stiffness=0.0):
-    """An engine and a gear on a clutch disc with all that springs have, and a ring that friction and damping drive."""
+    """An engine and a gear on a clutch disc with all that springs have, and a ring that
+    friction and damping drive.
+    """
     return [
         Disk(name="engine", inertia=0.2, damping=0.3),
         Disk(name="gear", inertia=0.05, damping=0.5),
-        Shaft(between=("engine", "gear"), stiffness=200.0, damping=0.4, loss_factor=0.02, name="disc", **springs),
-        Damper(name="ring", disk="engine", inertia=0.03, stiffness=ring_stiffness, friction=2.0, damping=0.1),
-        Torque(disk="engine", mean=20.0, harmonics=[(2.0, 120.0, 30.0), (4.0, 20.0, 0.0)]),
+        Shaft(
+            between=("engine", "gear"),
+            stiffness=200.0,
+            damping=0.4,
+            loss_factor=0.02,
+            name="disc",
+            **springs,
+        ),
+        Damper(
+            name="ring",
+            disk="engine",
+            inertia=0.03,
+            stiffness=ring_stiffness,
+            friction=2.0,
+            damping=0.1,
+        ),
+        Torque(
+            disk="engine", mean=20.0, harmonics=[(2.0, 120.0, 30.0), (4.0, 20.0, 0.0)]
+        ),
         Load(disk="gear"),
     ]
 
@@ -89,33 +141,62 @@ def posed(case):
     A = jaxhb.harmonic_residual(train, rpm=rpm, harmonics=harmonics)
     draw = np.random.default_rng(12)
     shape = train.topology.n_disks, harmonics + 1
-    angles = size * (draw.normal(size=shape) + 1j * draw.normal(size=shape)) / (1 + np.arange(harmonics + 1))
+    angles = (
+        size
+        * (draw.normal(size=shape) + 1j * draw.normal(size=shape))
+        / (1 + np.arange(harmonics + 1))
+    )
     angles[:, 0] = angles[:, 0].real
     return A, angles, np.asarray(A.pack(A.radius[:, None] * angles))
 
 
 def knee(l, at):
-    """A spring of stiffness 1 that begins at a deflection, its slope rising over 8 % of it."""
-    inside, beyond = np.clip(l - (1 - SMOOTH) * at, 0, 2 * SMOOTH * at), np.maximum(l - (1 + SMOOTH) * at, 0)
+    """A spring of stiffness 1 that begins at a deflection, its slope rising over 8 % of
+    it.
+    """
+    inside, beyond = (
+        np.clip(l - (1 - SMOOTH) * at, 0, 2 * SMOOTH * at),
+        np.maximum(l - (1 + SMOOTH) * at, 0),
+    )
     return inside**2 / (4 * SMOOTH * at) + beyond
 
 
 def spring_torque(part, twist, rate, lossy):
-    """Of a shaft or damper; ``lossy`` is the twist a quarter of a period ahead, harmonic by harmonic."""
+    """Of a shaft or damper; ``lossy`` is the twist a quarter of a period ahead,
+    harmonic by harmonic.
+    """
     play = np.deg2rad(part.clearance or 0.0) / 2
-    free = 1e-3 * twist + 0.999 * np.sign(twist) * knee(np.abs(twist), play) if play else twist
-    torque, before = part.stiffness * (free + part.loss_factor * lossy) + part.damping * rate, part.stiffness
+    free = (
+        1e-3 * twist + 0.999 * np.sign(twist) * knee(np.abs(twist), play)
+        if play
+        else twist
+    )
+    torque, before = (
+        part.stiffness * (free + part.loss_factor * lossy) + part.damping * rate,
+        part.stiffness,
+    )
     for at, stiffness in part.stages:
-        torque = torque + (stiffness - before) * np.sign(twist) * knee(np.abs(twist), np.deg2rad(at))
+        torque = torque + (stiffness - before) * np.sign(twist) * knee(
+            np.abs(twist), np.deg2rad(at)
+        )
         before = stiffness
     for at, stiffness in part.stops:
-        torque = torque + np.sign(at) * stiffness * knee(np.sign(at) * twist, np.deg2rad(abs(at)))
-    return torque + (part.friction or 0.0) * np.clip(rate / (part.slip_speed or 0.1), -1, 1)
+        torque = torque + np.sign(at) * stiffness * knee(
+            np.sign(at) * twist, np.deg2rad(abs(at))
+        )
+    return torque + (part.friction or 0.0) * np.clip(
+        rate / (part.slip_speed or 0.1), -1, 1
+    )
 
 
 def tooth_force(mesh, teeth, approach, approach_rate, t, frequency):
-    """Of a mesh whose first gear, of so many teeth, is on the reference rotor or turns as fast; t = Omega time."""
-    over = [(teeth * k, complex(re, im), np.deg2rad(mesh.phase)) for k, re, im in mesh.transmission_error]
+    """Of a mesh whose first gear, of so many teeth, is on the reference rotor or turns
+    as fast; t = Omega time.
+    """
+    over = [
+        (teeth * k, complex(re, im), np.deg2rad(mesh.phase))
+        for k, re, im in mesh.transmission_error
+    ]
     over = [(n, c * np.exp(1j * n / teeth * phase)) for n, c, phase in over]
     over += [(k, complex(re, im)) for k, re, im in mesh.first_gear_error]
     l = approach - sum((c * np.exp(1j * n * t)).real for n, c in over)
@@ -126,38 +207,64 @@ def tooth_force(mesh, teeth, approach, approach_rate, t, frequency):
     )
     elastic, share = dense.law(mesh, l) if mesh.backlash else (mesh.stiffness * l, 1.0)
     share = share if mesh.damping_law == "contact" else 1.0
-    return (1 + varies) * elastic + mesh.damping * share * (approach_rate - frequency * per_radian)
+    return (1 + varies) * elastic + mesh.damping * share * (
+        approach_rate - frequency * per_radian
+    )
 
 
 def torque_balance(parts, angles, frequency, samples):
-    """What the equations of motion leave ``(S, N+1)`` in N m: evaluated in time, Fourier integrals by plain sums."""
+    """What the equations of motion leave ``(S, N+1)`` in N m: evaluated in time,
+    Fourier integrals by plain sums.
+    """
     names, rows = dense.disk_names(parts), dense.links(parts)
     disks = {name: k for k, name in enumerate(names)}
     n, t = np.arange(angles.shape[1]), 2 * np.pi * np.arange(samples) / samples
     wave = np.exp(1j * np.outer(n, t)) * np.where(n == 0, 1, 2)[:, None]
-    angle, rate, acceleration = (((1j * n * frequency) ** k * angles @ wave).real for k in range(3))
+    angle, rate, acceleration = (
+        ((1j * n * frequency) ** k * angles @ wave).real for k in range(3)
+    )
     left = np.zeros((len(names), samples))
     (ratio,) = null_space(np.array([row for _, row in rows])).T
-    inertia = np.array([p.inertia for kind in (Disk, Damper) for p in dense.of_kind(parts, kind)])
+    inertia = np.array(
+        [p.inertia for kind in (Disk, Damper) for p in dense.of_kind(parts, kind)]
+    )
     held = np.zeros(len(names))
     if not dense.of_kind(parts, Ground):
-        held += frequency**2 * inertia * ratio * (inertia * ratio @ angles[:, 0].real) / (inertia @ ratio**2)
+        held += (
+            frequency**2
+            * inertia
+            * ratio
+            * (inertia * ratio @ angles[:, 0].real)
+            / (inertia @ ratio**2)
+        )
     for p in parts:
         if isinstance(p, Disk | Damper):
             k = disks[p.name]
-            left[k] += p.inertia * acceleration[k] + (p.damping * rate[k] if isinstance(p, Disk) else 0.0)
+            left[k] += p.inertia * acceleration[k] + (
+                p.damping * rate[k] if isinstance(p, Disk) else 0.0
+            )
         if isinstance(p, Ground):
             left[disks[p.disk]] += p.stiffness * angle[disks[p.disk]]
         if isinstance(p, Torque):
-            alternating = sum((complex(re, im) * np.exp(1j * k * t)).real for k, re, im in p.harmonics)
+            alternating = sum(
+                (complex(re, im) * np.exp(1j * k * t)).real for k, re, im in p.harmonics
+            )
             left[disks[p.disk]] -= p.mean + alternating
         if isinstance(p, Load):
-            means = sum(q.mean * ratio[disks[q.disk]] for q in dense.of_kind(parts, Torque))
+            means = sum(
+                q.mean * ratio[disks[q.disk]] for q in dense.of_kind(parts, Torque)
+            )
             left[disks[p.disk]] += means / ratio[disks[p.disk]]
     for p, row in rows:
-        l, l_rate, ahead = row @ angle, row @ rate, (1j * (n > 0) * (row @ angles) @ wave).real
+        l, l_rate, ahead = (
+            row @ angle,
+            row @ rate,
+            (1j * (n > 0) * (row @ angles) @ wave).real,
+        )
         if isinstance(p, Mesh):
-            teeth = next(q.teeth for q in dense.of_kind(parts, Disk) if q.name == p.between[0])
+            teeth = next(
+                q.teeth for q in dense.of_kind(parts, Disk) if q.name == p.between[0]
+            )
             force = tooth_force(p, teeth, l, l_rate, t, frequency)
         else:
             force = spring_torque(p, l, l_rate, ahead)
@@ -170,7 +277,9 @@ def torque_balance(parts, angles, frequency, samples):
 
 
 def close(found, wanted, tolerance):
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=tolerance * np.abs(wanted).max())
+    np.testing.assert_allclose(
+        found, wanted, rtol=0, atol=tolerance * np.abs(wanted).max()
+    )
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -180,7 +289,9 @@ def test_the_residual_is_what_the_equations_of_motion_leave(case):
     wanted = torque_balance(parts, angles, 2 * np.pi * rpm / 60, A.samples)
     assert A.size == x.size and A.disk_names == tuple(dense.disk_names(parts))
     close(A.radius[:, None] * A.unpack(A(x)), wanted, ALGEBRAIC)
-    np.testing.assert_allclose(A.unpack(x) / A.radius[:, None], angles, rtol=ALGEBRAIC, atol=0)
+    np.testing.assert_allclose(
+        A.unpack(x) / A.radius[:, None], angles, rtol=ALGEBRAIC, atol=0
+    )
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -190,7 +301,9 @@ def test_random_motions_pass_through_all_parts_of_the_laws(case):
     deflection = A.balance.system.deflections(A.unpack(x), meshes.link)
     l = np.abs(np.fft.irfft(deflection, A.samples, norm="forward"))
     for k in np.flatnonzero(np.asarray(meshes.law.epsilon) < 1):
-        gap, width = (np.asarray(getattr(meshes.law, name))[k] for name in ("gap", "width"))
+        gap, width = (
+            np.asarray(getattr(meshes.law, name))[k] for name in ("gap", "width")
+        )
         assert (l[k] < gap).any() and (l[k] > gap + width).any()
 
 
@@ -222,10 +335,13 @@ def test_the_block_sweep_is_the_dense_solve_and_so_is_its_derivative(case):
     close(moved, -np.linalg.solve(matrix, np.asarray(bent) @ wanted), PATHS)
 
 
-@pytest.mark.parametrize("case", ["one damping always", "meshing", "springs", "viscous ring"])
+@pytest.mark.parametrize(
+    "case", ["one damping always", "meshing", "springs", "viscous ring"]
+)
 def test_solutions_make_it_zero(case):
     parts, rpm, *_ = CASES[case]
-    # Without a stiffness the mean of its friction would turn the ring on, and no motion repeats.
+    # Without a stiffness the mean of its friction would turn the ring on, and no motion
+    # repeats.
     parts = clutch_parts(ring_stiffness=50.0) if case == "springs" else parts
     train = jaxhb.build(parts, revolutions_per_cycle=1, reference=parts[0].name)
     r = jaxhb.solve(train, rpm=rpm, harmonics=32, tolerance=0.5)
@@ -236,14 +352,18 @@ def test_solutions_make_it_zero(case):
 
 
 def test_a_ring_that_dry_friction_turns_on_is_no_periodic_motion():
-    """A(x) has the mean torque that nothing takes, 5 % of the dry friction, and the status tells it."""
+    """A(x) has the mean torque that nothing takes, 5 % of the dry friction, and the
+    status tells it.
+    """
     train = jaxhb.build(clutch_parts(), revolutions_per_cycle=1, reference="engine")
     r = jaxhb.solve(train, rpm=700.0, harmonics=32, tolerance=0.5)
     A = jaxhb.harmonic_residual(train, rpm=700.0, harmonics=32)
     left = A.unpack(A(A.pack(A.radius[:, None] * r.angles)))
     assert abs(left[train.topology.disk_names.index("ring"), 0]) > 0.05 * 2.0
     assert r.status == Status.UNBALANCED and not r.solved
-    refused(lambda: jaxhb.check(r), "creeps: give it a small stiffness", jaxhb.NotConverged)
+    refused(
+        lambda: jaxhb.check(r), "creeps: give it a small stiffness", jaxhb.NotConverged
+    )
 
 
 def test_newton_by_the_block_sweep_from_the_motion_in_contact_finds_teeth_that_part():
@@ -258,9 +378,18 @@ def test_newton_by_the_block_sweep_from_the_motion_in_contact_finds_teeth_that_p
 
 
 def test_the_method_of_the_chain_solves_a_grounded_train_with_a_viscous_ring():
-    """The mean angle of the ring, which no force decides, is no unknown that a sweep divides by nothing for."""
-    train = jaxhb.build([*ringed_parts(), Ground(disk="b", stiffness=100.0)], revolutions_per_cycle=1, reference="a")
-    found = [jaxhb.solve(train, rpm=900.0, harmonics=16, method=m, tolerance=0.5) for m in ("reduced", "chain")]
+    """The mean angle of the ring, which no force decides, is no unknown that a sweep
+    divides by nothing for.
+    """
+    train = jaxhb.build(
+        [*ringed_parts(), Ground(disk="b", stiffness=100.0)],
+        revolutions_per_cycle=1,
+        reference="a",
+    )
+    found = [
+        jaxhb.solve(train, rpm=900.0, harmonics=16, method=m, tolerance=0.5)
+        for m in ("reduced", "chain")
+    ]
     assert all(r.solved for r in found)
     close(found[1].angles[:, 1:], found[0].angles[:, 1:], PATHS)
 
@@ -283,20 +412,39 @@ def test_numbers_and_speeds_are_traced_batched_and_differentiated():
     close(values[0], A(x), ALGEBRAIC)
     close(values[1], left(2.0, speeds[1])(x), ALGEBRAIC)
     close(jax.vmap(A)(np.stack([x, 2 * x]))[1], jax.jit(A)(2 * x), ALGEBRAIC)
-    # The square of an affine function of the damping: central differences are exact but for their rounding.
+    # The square of an affine function of the damping: central differences are exact but
+    # for their rounding.
     wanted = (size(3.0, rpm) - size(1.0, rpm)) / 2
-    assert float(jax.jit(jax.grad(size))(2.0, rpm)) == pytest.approx(float(wanted), rel=PATHS)
+    assert float(jax.jit(jax.grad(size))(2.0, rpm)) == pytest.approx(
+        float(wanted), rel=PATHS
+    )
     refused(lambda: batch(x), "call them under jax.vmap", ValueError)
 
 
 def test_names_that_change_places_in_between_change_nothing():
-    for case, given in (("one damping always", None), ("springs", {"stages": [(3.0, 1000.0)]})):
+    for case, given in (
+        ("one damping always", None),
+        ("springs", {"stages": [(3.0, 1000.0)]}),
+    ):
         parts = clutch_parts(given) if given else CASES[case][0]
-        turned = [dataclasses.replace(p, between=p.between[::-1]) if isinstance(p, Mesh | Shaft) else p for p in parts]
+        turned = [
+            (
+                dataclasses.replace(p, between=p.between[::-1])
+                if isinstance(p, Mesh | Shaft)
+                else p
+            )
+            for p in parts
+        ]
         _, rpm, harmonics, _ = CASES[case]
         x = posed(case)[2]
-        trains = [jaxhb.build(p, revolutions_per_cycle=1, reference=parts[0].name) for p in (parts, turned)]
-        one, two = (jaxhb.harmonic_residual(train, rpm=rpm, harmonics=harmonics) for train in trains)
+        trains = [
+            jaxhb.build(p, revolutions_per_cycle=1, reference=parts[0].name)
+            for p in (parts, turned)
+        ]
+        one, two = (
+            jaxhb.harmonic_residual(train, rpm=rpm, harmonics=harmonics)
+            for train in trains
+        )
         close(two(x), one(x), ALGEBRAIC)
 
 
@@ -305,8 +453,12 @@ def test_fewer_harmonics_are_padded_and_other_shapes_refused():
     few = A.pack(angles[:, :3])
     np.testing.assert_array_equal(A.unpack(few)[:, 3:], 0.0)
     close(A.unpack(few)[:, :3], angles[:, :3], ALGEBRAIC)
-    refused(lambda: A.pack(angles[1:]), r"must be \(3, n\+1\) with n at most 6", ValueError)
-    refused(lambda: A(x[1:]), r"shape \(38,\), must be real of shape \(39,\)", ValueError)
+    refused(
+        lambda: A.pack(angles[1:]), r"must be \(3, n\+1\) with n at most 6", ValueError
+    )
+    refused(
+        lambda: A(x[1:]), r"shape \(38,\), must be real of shape \(39,\)", ValueError
+    )
     refused(lambda: A.jacobian(x + 1j), "x is complex", ValueError)
     assert "6 harmonics, 39 unknowns" in repr(A) and "springs" not in repr(A)
 
@@ -319,11 +471,29 @@ def test_what_cannot_work_is_refused_with_a_sentence():
 
     refused(lambda: made(rpm=0.0), "must be greater than 0 rpm")
     refused(lambda: made(harmonics=8.0), "harmonics is 8.0, must be a whole number")
-    refused(lambda: made(samples=32), "samples is 32, must be a whole number greater than 32, 4 per harmonic")
-    refused(lambda: jax.jit(lambda n: made(harmonics=n))(8), "sizes of arrays", TypeError)
+    refused(
+        lambda: made(samples=32),
+        "samples is 32, must be a whole number greater than 32, 4 per harmonic",
+    )
+    refused(
+        lambda: jax.jit(lambda n: made(harmonics=n))(8), "sizes of arrays", TypeError
+    )
     A, _, x = posed("loop")
-    refused(lambda: jaxhb.block_sweep(A, x, x), r"closes a loop, and the block sweep needs a tree")
-    large = jaxhb.harmonic_residual(jaxhb.load_scene("gear_train_30"), rpm=1800.0, harmonics=1500)
+    refused(
+        lambda: jaxhb.block_sweep(A, x, x),
+        r"closes a loop, and the block sweep needs a tree",
+    )
+    large = jaxhb.harmonic_residual(
+        jaxhb.load_scene("gear_train_30"), rpm=1800.0, harmonics=1500
+    )
     x = np.zeros(large.size)
-    refused(lambda: large.jacobian(x), r"the Jacobian at 1500 harmonics would take 48\.9 GiB, more than 8", MemoryError)
-    refused(lambda: jaxhb.block_sweep(large, x, x), "blocks of the sweep .* would take 10.9 GiB", MemoryError)
+    refused(
+        lambda: large.jacobian(x),
+        r"the Jacobian at 1500 harmonics would take 48\.9 GiB, more than 8",
+        MemoryError,
+    )
+    refused(
+        lambda: jaxhb.block_sweep(large, x, x),
+        "blocks of the sweep .* would take 10.9 GiB",
+        MemoryError,
+    )

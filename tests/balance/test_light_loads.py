@@ -1,4 +1,6 @@
-"""Loads from far below to far above the forces of the gap: a solution that converged has the forces of the load."""
+"""Loads from far below to far above the forces of the gap: a solution that converged
+has the forces of the load.
+"""
 
 import dataclasses
 
@@ -62,52 +64,105 @@ def pair(tmp_path_factory):
 def test_a_force_that_converged_is_right_however_small_the_load_is_beside_the_gap(
     pair, load, epsilon, transition, method
 ):
-    """Slow motion: the teeth carry the mean torque over the radius, and half of its vibration as both gears are equally
-    heavy along the teeth, whether they lie in the gap or in contact."""
+    """Slow motion: the teeth carry the mean torque over the radius, and half of its
+    vibration as both gears are equally heavy along the teeth, whether they lie in the
+    gap or in contact.
+    """
     stiffness, backlash = 1e11, 0.01
     torque = load * stiffness * backlash / 2 * 0.05
-    numbers = {"a|b.stiffness": stiffness, "a|b.backlash": backlash, "a|b.epsilon": epsilon}
-    numbers |= {"a|b.transition": transition, "drive.mean": torque, "brake.mean": -2 * torque}
+    numbers = {
+        "a|b.stiffness": stiffness,
+        "a|b.backlash": backlash,
+        "a|b.epsilon": epsilon,
+    }
+    numbers |= {
+        "a|b.transition": transition,
+        "drive.mean": torque,
+        "brake.mean": -2 * torque,
+    }
     train = pair.replace({**numbers, "drive.harmonics": [[0.4 * torque, 0.1 * torque]]})
     response = jaxhb.solve(train, rpm=0.05, harmonics=16, method=method)
     status, force = Status(int(response.status)), response.force("a", "b")
     mean, amplitude = torque / 0.05, abs(0.4 + 0.1j) * torque / 0.05 / 2
-    if epsilon and not 1e-4 < load < 1e-1:  # wholly in the gap or wholly in contact: two linear trains
+    if (
+        epsilon and not 1e-4 < load < 1e-1
+    ):  # wholly in the gap or wholly in contact: two linear trains
         assert status == Status.CONVERGED
     if status <= Status.TOLERANCE_NOT_MET:
         found = [force.mean, force.max, force.min]
         most = 1e-4 if status == Status.CONVERGED else 1e-2
-        np.testing.assert_allclose(found, [mean, mean + amplitude, mean - amplitude], atol=most * mean)
+        np.testing.assert_allclose(
+            found, [mean, mean + amplitude, mean - amplitude], atol=most * mean
+        )
 
 
 @pytest.mark.parametrize("method", ["reduced", "chain"])
 @pytest.mark.parametrize(
     ("scene", "rpm", "largest"),
-    [("tiny_load.toml", 54863.54, 4.53552e-5), ("never_leaves_gap.toml", 0.10174, 0.982802)],
+    [
+        ("tiny_load.toml", 54863.54, 4.53552e-5),
+        ("never_leaves_gap.toml", 0.10174, 0.982802),
+    ],
 )
-def test_teeth_that_stay_in_the_gap_carry_the_torque_over_the_radius(scene, rpm, largest, method):
-    """``largest``: of the linear pair with the stiffness of the gap, ``F + |F1| k/(k - m w^2)``."""
+def test_teeth_that_stay_in_the_gap_carry_the_torque_over_the_radius(
+    scene, rpm, largest, method
+):
+    """``largest``: of the linear pair with the stiffness of the gap, ``F + |F1| k/(k -
+    m w^2)``.
+    """
     train = jaxhb.load_scene(DATA / "scenes" / scene)
     response = jaxhb.check(jaxhb.solve(train, rpm=rpm, harmonics=16, method=method))
-    radius, mass = np.asarray(train.disks.radius), np.asarray(train.disks.inertia) / np.asarray(train.disks.radius) ** 2
-    torque, wave = float(train.torques.mean[0]), abs(complex(*np.asarray(train.torques.harmonics)[0, 0]))
+    radius, mass = (
+        np.asarray(train.disks.radius),
+        np.asarray(train.disks.inertia) / np.asarray(train.disks.radius) ** 2,
+    )
+    torque, wave = (
+        float(train.torques.mean[0]),
+        abs(complex(*np.asarray(train.torques.harmonics)[0, 0])),
+    )
     frequency, together = 2 * np.pi * rpm / 60, mass[0] * mass[1] / mass.sum()
     stiffness = 1e-3 * float(train.meshes.stiffness[0])
-    amplitude = wave / radius[0] * mass[1] / mass.sum() * stiffness / (stiffness - together * frequency**2)
+    amplitude = (
+        wave
+        / radius[0]
+        * mass[1]
+        / mass.sum()
+        * stiffness
+        / (stiffness - together * frequency**2)
+    )
     force = response.force("a", "b")
     assert torque / radius[0] + amplitude == pytest.approx(largest, rel=1e-5)
     assert force.mean == pytest.approx(torque / radius[0], rel=1e-6)
     assert force.max == pytest.approx(torque / radius[0] + amplitude, rel=1e-6)
 
 
-@pytest.mark.parametrize(("scene", "rpm"), [("tiny_load.toml", 54863.54), ("never_leaves_gap.toml", 0.10174)])
-def test_plans_and_marches_know_the_forces_of_teeth_in_contact_however_far_the_train_turns(scene, rpm):
-    """Mean torque over the radius, and of the vibration what two masses leave for the spring between them."""
+@pytest.mark.parametrize(
+    ("scene", "rpm"), [("tiny_load.toml", 54863.54), ("never_leaves_gap.toml", 0.10174)]
+)
+def test_plans_and_marches_know_the_forces_of_teeth_in_contact_however_far_the_train_turns(
+    scene, rpm
+):
+    """Mean torque over the radius, and of the vibration what two masses leave for the
+    spring between them.
+    """
     train = jaxhb.load_scene(DATA / "scenes" / scene)
-    radius, mass = np.asarray(train.disks.radius), np.asarray(train.disks.inertia) / np.asarray(train.disks.radius) ** 2
-    stiffness, together = float(train.meshes.stiffness[0]), mass[0] * mass[1] / mass.sum()
-    wave = complex(*np.asarray(train.torques.harmonics)[0, 0]) / radius[0] * mass[1] / mass.sum()
-    vibration = wave * stiffness / (stiffness - together * (2 * np.pi * rpm / 60) ** 2) / 2
+    radius, mass = (
+        np.asarray(train.disks.radius),
+        np.asarray(train.disks.inertia) / np.asarray(train.disks.radius) ** 2,
+    )
+    stiffness, together = (
+        float(train.meshes.stiffness[0]),
+        mass[0] * mass[1] / mass.sum(),
+    )
+    wave = (
+        complex(*np.asarray(train.torques.harmonics)[0, 0])
+        / radius[0]
+        * mass[1]
+        / mass.sum()
+    )
+    vibration = (
+        wave * stiffness / (stiffness - together * (2 * np.pi * rpm / 60) ** 2) / 2
+    )
     wanted = [float(train.torques.mean[0]) / radius[0], vibration]
     planned = _mesh_forces_of_host(on_host(train), np.array([rpm]), 1)[0, 0]
     marched = stiffness * Equations(train).linear_motion([rpm]).deflection[0, 0, :2]
@@ -115,19 +170,34 @@ def test_plans_and_marches_know_the_forces_of_teeth_in_contact_however_far_the_t
 
 
 def light(pair, load):
-    """The pair with a load of so many times the force of the gap, and the mean and the vibration of its tooth force."""
+    """The pair with a load of so many times the force of the gap, and the mean and the
+    vibration of its tooth force.
+    """
     stiffness, backlash = 1e11, 0.01
     torque = load * stiffness * backlash / 2 * 0.05
-    numbers = {"a|b.stiffness": stiffness, "a|b.backlash": backlash, "a|b.epsilon": 1e-3, "a|b.transition": 0.04}
-    numbers |= {"drive.mean": torque, "brake.mean": -2 * torque, "drive.harmonics": [[0.4 * torque, 0.1 * torque]]}
+    numbers = {
+        "a|b.stiffness": stiffness,
+        "a|b.backlash": backlash,
+        "a|b.epsilon": 1e-3,
+        "a|b.transition": 0.04,
+    }
+    numbers |= {
+        "drive.mean": torque,
+        "brake.mean": -2 * torque,
+        "drive.harmonics": [[0.4 * torque, 0.1 * torque]],
+    }
     return pair.replace(numbers), torque / 0.05, abs(0.4 + 0.1j) * torque / 0.05 / 2
 
 
 @pytest.mark.parametrize("load", [1e-12, 1e-7])
 def test_multipliers_of_teeth_that_stay_in_the_gap_are_those_of_its_spring(pair, load):
-    """Turning as one has the multiplier 1 twice; equal masses of 4 kg on the spring of the gap turn by w T."""
+    """Turning as one has the multiplier 1 twice; equal masses of 4 kg on the spring of
+    the gap turn by w T.
+    """
     train, *_ = light(pair, load)
-    multipliers = jaxhb.stability(jaxhb.solve(train, rpm=0.05, harmonics=16)).multipliers
+    multipliers = jaxhb.stability(
+        jaxhb.solve(train, rpm=0.05, harmonics=16)
+    ).multipliers
     swing = np.exp(1j * np.sqrt(1e-3 * 1e11 / 2) * 1200)
     assert len(multipliers) == 4
     for wanted in (1.0, swing, swing.conjugate()):
@@ -139,7 +209,10 @@ def test_solves_of_many_light_loads_side_by_side_have_the_forces_of_each(pair):
     plan, loads = jaxhb.plan(train, rpm=0.05, harmonics=16), 10.0 ** np.arange(-12, -4)
 
     def solved(share):
-        torques = {"drive.mean": train.value("drive.mean") * share, "brake.mean": train.value("brake.mean") * share}
+        torques = {
+            "drive.mean": train.value("drive.mean") * share,
+            "brake.mean": train.value("brake.mean") * share,
+        }
         torques["drive.harmonics"] = train.torques.harmonics[0] * share
         response = jaxhb.solve(train.replace(torques), rpm=0.05, plan=plan)
         force = response.force("a", "b")
@@ -148,12 +221,16 @@ def test_solves_of_many_light_loads_side_by_side_have_the_forces_of_each(pair):
     status, *forces = jax.jit(jax.vmap(solved))(loads / 1e-6)
     means, vibrations = np.transpose([light(pair, load)[1:] for load in loads])
     assert (np.asarray(status) == Status.CONVERGED).all()
-    np.testing.assert_allclose(forces, [means, means + vibrations, means - vibrations], rtol=1e-4)
+    np.testing.assert_allclose(
+        forces, [means, means + vibrations, means - vibrations], rtol=1e-4
+    )
 
 
 @pytest.mark.parametrize("load", [1e-12, 1e-7])
 def test_the_speed_of_lift_off_does_not_depend_on_the_load(pair, load):
-    """Teeth in contact part where the vibration grows to the mean: ``c / (c - m w^2) = 2 / |0.4 + 0.1 i|``."""
+    """Teeth in contact part where the vibration grows to the mean: ``c / (c - m w^2) =
+    2 / |0.4 + 0.1 i|``.
+    """
     softer = {"a|b.stiffness": 1e9, "a|b.backlash": 1.0}
     train, growth = light(pair, load)[0].replace(softer), 2 / abs(0.4 + 0.1j)
     rpm = np.sqrt(1e9 / 2 * (1 - 1 / growth)) * 30 / np.pi
@@ -163,31 +240,56 @@ def test_the_speed_of_lift_off_does_not_depend_on_the_load(pair, load):
 
 @pytest.mark.oracle  # a branch has two programs of its own
 @pytest.mark.parametrize("load", [1e-12, 1e-7])
-def test_a_branch_over_the_stiffness_in_the_gap_keeps_the_forces_of_the_load(pair, load):
+def test_a_branch_over_the_stiffness_in_the_gap_keeps_the_forces_of_the_load(
+    pair, load
+):
     train, mean, vibration = light(pair, load)
-    branch = jaxhb.follow(train, "a|b.epsilon", start=1e-3, to=2e-3, rpm=0.05, harmonics=8)
+    branch = jaxhb.follow(
+        train, "a|b.epsilon", start=1e-3, to=2e-3, rpm=0.05, harmonics=8
+    )
     assert branch.value[-1] == pytest.approx(2e-3, rel=1e-9)
     np.testing.assert_allclose(branch.largest_force[:, 0], mean + vibration, rtol=1e-6)
     np.testing.assert_allclose(branch.smallest_force[:, 0], mean - vibration, rtol=1e-6)
 
 
-def test_a_residual_that_leaves_the_mean_forces_unbalanced_is_not_called_converged(pair):
-    """Newton's method ends at once with so large a residual: on the flank, where the teeth carry more than the load."""
-    train = pair.replace({"drive.mean": 1e-4, "brake.mean": -2e-4, "drive.harmonics": [[0.0, 0.0]]})
-    plan = dataclasses.replace(jaxhb.plan(train, rpm=60.0, harmonics=16), residual_tolerance=1e9)
+def test_a_residual_that_leaves_the_mean_forces_unbalanced_is_not_called_converged(
+    pair,
+):
+    """Newton's method ends at once with so large a residual: on the flank, where the
+    teeth carry more than the load.
+    """
+    train = pair.replace(
+        {"drive.mean": 1e-4, "brake.mean": -2e-4, "drive.harmonics": [[0.0, 0.0]]}
+    )
+    plan = dataclasses.replace(
+        jaxhb.plan(train, rpm=60.0, harmonics=16), residual_tolerance=1e9
+    )
     response = jaxhb.solve(train, rpm=60.0, plan=plan)
     assert abs(response.force("a", "b").mean - 1e-4 / 0.05) > 0.1 * 1e-4 / 0.05
     assert response.status > Status.TOLERANCE_NOT_MET
 
 
 def test_a_steady_state_keeps_no_vibration_of_its_start_where_nothing_damps_it(pair):
-    """A march from rest on the flank of a light load falls through the gap, where damping in contact ends, and swings
-    there for ever."""
+    """A march from rest on the flank of a light load falls through the gap, where
+    damping in contact ends, and swings there for ever.
+    """
     torque = 1e-5
-    numbers = {"drive.mean": torque, "brake.mean": -2 * torque, "drive.harmonics": [[0.4 * torque, 0.1 * torque]]}
-    numbers["a|b.epsilon"] = 1e-3  # which puts the resonance of the gap far above the order, as the closed form has it
-    state = jaxhb.steady_state(pair.replace({"a|b.damping": 2000.0, **numbers}), rpm=20.0)
+    numbers = {
+        "drive.mean": torque,
+        "brake.mean": -2 * torque,
+        "drive.harmonics": [[0.4 * torque, 0.1 * torque]],
+    }
+    numbers["a|b.epsilon"] = (
+        # which puts the resonance of the gap far above the order, as the closed form
+        # has it
+        1e-3
+    )
+    state = jaxhb.steady_state(
+        pair.replace({"a|b.damping": 2000.0, **numbers}), rpm=20.0
+    )
     assert state.kind == "periodic" and "nothing damps" in state.notes[0]
     force, amplitude = state.force("a", "b"), abs(0.4 + 0.1j) * torque / 0.05 / 2
     found = [float(force.mean), float(force.max), float(force.min)]
-    np.testing.assert_allclose(found, torque / 0.05 + amplitude * np.array([0, 1, -1]), rtol=1e-4)
+    np.testing.assert_allclose(
+        found, torque / 0.05 + amplitude * np.array([0, 1, -1]), rtol=1e-4
+    )

@@ -1,4 +1,6 @@
-"""The harmonic-balance cases of docs/theory A4 and A6: one mass on a backlash law, solved as a pair of gears."""
+"""The harmonic-balance cases of docs/theory A4 and A6: one mass on a backlash law,
+solved as a pair of gears.
+"""
 
 from functools import cache, partial
 
@@ -20,11 +22,17 @@ from jaxhb.equations.state_space import StateSpace, modal_basis
 from jaxhb.results.status import Status
 
 SAMPLES = 2**16
-"""The cases are exact Galerkin solutions. Sampling errs by Nt^-3: 16 N time samples give 1e-6, 2^16 give 1e-12."""
+"""The cases are exact Galerkin solutions. Sampling errs by Nt^-3: 16 N time samples
+give 1e-6, 2^16 give 1e-12.
+"""
 
-solver = jax.jit(partial(solve_reduced, tolerance=1e-14, max_steps=30), static_argnames="samples")
+solver = jax.jit(
+    partial(solve_reduced, tolerance=1e-14, max_steps=30), static_argnames="samples"
+)
 train_of = jax.jit(correction.train_of, static_argnums=2)
-nonlinear_force = jax.jit(condensation.CondensedEquation.nonlinear_force, static_argnums=3)
+nonlinear_force = jax.jit(
+    condensation.CondensedEquation.nonlinear_force, static_argnums=3
+)
 evaluate = jax.jit(condensation.CondensedEquation.residual, static_argnums=2)
 reduce = jax.jit(reduced_equation, static_argnums=1)
 
@@ -34,7 +42,9 @@ def parameters(name="A4_hb_one_mass_N4"):
 
 
 def by_hand(harmonics, *, m, b, c, eps, h, q0, q1):
-    """The condensed equation of ``m x'' + b x' + f(x) = q0 + q1 cos t`` written down, contact as the linear part."""
+    """The condensed equation of ``m x'' + b x' + f(x) = q0 + q1 cos t`` written down,
+    contact as the linear part.
+    """
     n = np.arange(harmonics + 1)
     receptance = 1 / (c - m * n**2 + 1j * b * n)
     load = np.zeros(harmonics + 1)
@@ -42,11 +52,15 @@ def by_hand(harmonics, *, m, b, c, eps, h, q0, q1):
     law = backlash.Law(*(np.array([v]) for v in (c, eps, 0.2, h)))
     nothing = np.zeros(1)
     linear = (receptance * load)[None]
-    return condensation.CondensedEquation(linear, receptance[:, None, None], np.array(1.0), law, nothing, nothing > 0)
+    return condensation.CondensedEquation(
+        linear, receptance[:, None, None], np.array(1.0), law, nothing, nothing > 0
+    )
 
 
 def mass_in_time(*, m, b, c, **_):
-    """The same mass as ``y' = A y + E phi`` in its mode, for the preconditioner; Omega = 1."""
+    """The same mass as ``y' = A y + E phi`` in its mode, for the preconditioner; Omega
+    = 1.
+    """
     s = max(np.sqrt(c / m), 1.0)
     space = StateSpace(
         transition=np.array([[0.0, s], [-c / m / s, -b / m]]),
@@ -69,7 +83,9 @@ def mass_in_time(*, m, b, c, **_):
 def solve_by_hand(harmonics, samples):
     """Iterate of the one-mass problem from its linear solution."""
     reduced, mass = by_hand(harmonics, **parameters()), mass_in_time(**parameters())
-    return solver(reduced, train_of(reduced, mass, 256), reduced.linear, samples=samples)
+    return solver(
+        reduced, train_of(reduced, mass, 256), reduced.linear, samples=samples
+    )
 
 
 @cache
@@ -87,7 +103,9 @@ def test_case_a4_harmonics_of_the_exact_galerkin_solution(harmonics):
     _, expected = method_case(f"A4_hb_one_mass_N{harmonics}")
     iterate = solution(harmonics)
     assert iterate.steps < 12
-    np.testing.assert_allclose(iterate.x[0], complex_numbers(expected["x"]), rtol=0, atol=ALGEBRAIC)
+    np.testing.assert_allclose(
+        iterate.x[0], complex_numbers(expected["x"]), rtol=0, atol=ALGEBRAIC
+    )
 
 
 def test_sixteen_samples_a_harmonic_err_less_than_the_truncation():
@@ -96,36 +114,57 @@ def test_sixteen_samples_a_harmonic_err_less_than_the_truncation():
     exact = complex_numbers(method_case(f"A4_hb_one_mass_N{harmonics}")[1]["x"])
     true = method_case("A7_true_periodic_one_mass")[1]
     truncation = abs(exact[0].real + 2 * exact[1:].sum().real - float(true["x0"]))
-    sampling = abs(x[0].real + 2 * x[1:].sum().real - (exact[0].real + 2 * exact[1:].sum().real))
+    sampling = abs(
+        x[0].real + 2 * x[1:].sum().real - (exact[0].real + 2 * exact[1:].sum().real)
+    )
     assert sampling < truncation
 
 
 def test_pair_of_gears_reduces_to_the_one_mass_equation():
     problem = problem_at(one_mass(), ONE_RADIAN_PER_SECOND, 8)
-    reduced, _ = reduce(problem, 8, ActiveMeshes(np.ones(1), np.zeros(1, int), np.zeros(1)))
+    reduced, _ = reduce(
+        problem, 8, ActiveMeshes(np.ones(1), np.zeros(1, int), np.zeros(1))
+    )
     hand = by_hand(8, **parameters())
     np.testing.assert_allclose(reduced.receptance, hand.receptance, rtol=ALGEBRAIC)
-    np.testing.assert_allclose(reduced.linear, hand.linear, rtol=ALGEBRAIC, atol=ALGEBRAIC)
+    np.testing.assert_allclose(
+        reduced.linear, hand.linear, rtol=ALGEBRAIC, atol=ALGEBRAIC
+    )
     np.testing.assert_allclose(reduced.frequency, 1.0, rtol=ALGEBRAIC)
     l = np.linspace(-0.3, 0.3, 32)[None]
     given = l, l, fourier.Equidistant(32)
-    for found, wanted in zip(nonlinear_force(reduced, *given), nonlinear_force(hand, *given), strict=True):
+    for found, wanted in zip(
+        nonlinear_force(reduced, *given), nonlinear_force(hand, *given), strict=True
+    ):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=ALGEBRAIC)
 
 
 @pytest.fixture(scope="module")
 def pair():
     """Response of the one-mass pair with 8 harmonics through the public function."""
-    return jaxhb.solve(one_mass(), rpm=ONE_RADIAN_PER_SECOND, harmonics=8, start="linear", tolerance=0.1)
+    return jaxhb.solve(
+        one_mass(),
+        rpm=ONE_RADIAN_PER_SECOND,
+        harmonics=8,
+        start="linear",
+        tolerance=0.1,
+    )
 
 
 def test_solving_the_pair_of_gears_gives_the_one_mass_solution(pair):
     assert pair.residual < RESIDUAL
     exact = complex_numbers(method_case("A4_hb_one_mass_N8")[1]["x"])
-    # Averages between 128 samples: their error is of the order of 1e-5, as that of the samples (docs/theory A6).
-    np.testing.assert_allclose(pair.deflection("a", "b").coefficients, exact, rtol=0, atol=3e-5)
+    # Averages between 128 samples: their error is of the order of 1e-5, as that of the
+    # samples (docs/theory A6).
+    np.testing.assert_allclose(
+        pair.deflection("a", "b").coefficients, exact, rtol=0, atol=3e-5
+    )
     plan = tight_plan(harmonics=8, active=(0,), flank=(0,), tolerance=0.1)
-    sampled = jaxhb.solve(one_mass(), rpm=ONE_RADIAN_PER_SECOND, plan=plan).deflection("a", "b").coefficients
+    sampled = (
+        jaxhb.solve(one_mass(), rpm=ONE_RADIAN_PER_SECOND, plan=plan)
+        .deflection("a", "b")
+        .coefficients
+    )
     np.testing.assert_allclose(sampled, exact, rtol=0, atol=3e-5)
     np.testing.assert_allclose(sampled, solve_by_hand(8, 128).x[0], rtol=0, atol=PATHS)
 
@@ -138,7 +177,9 @@ def test_case_a6_permanent_contact_is_the_linear_motion_with_an_offset():
     np.testing.assert_allclose(l[0], float(expected["x0"]), rtol=ALGEBRAIC)
     np.testing.assert_allclose(l[1], complex_numbers(expected["x1"]), rtol=ALGEBRAIC)
     np.testing.assert_allclose(l[2:], 0.0, rtol=0, atol=ALGEBRAIC)
-    np.testing.assert_allclose(r.force("a", "b").mean, float(params["q0"]), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(
+        r.force("a", "b").mean, float(params["q0"]), rtol=ALGEBRAIC
+    )
 
 
 def test_case_a6_forcing_of_the_describing_stiffness_gives_its_amplitude():

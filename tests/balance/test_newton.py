@@ -14,15 +14,29 @@ def solve(evaluate, start, max_steps=24):
 
     @jax.jit
     def run(start):
-        return newton(evaluate, lambda x: x, direction, jnp.linalg.norm, start, tolerance=1e-12, max_steps=max_steps)
+        return newton(
+            evaluate,
+            lambda x: x,
+            direction,
+            jnp.linalg.norm,
+            start,
+            tolerance=1e-12,
+            max_steps=max_steps,
+        )
 
     return run(jnp.asarray(start))
 
 
 @pytest.mark.parametrize("scale", [10.0, 1e3, 1e6])
-def test_steps_along_a_curved_valley_do_not_depend_on_how_the_equations_are_scaled(scale):
-    """Rosenbrock's valley: the residual rises on the way, by as much as ``scale`` wants, the natural level does not."""
-    found = solve(lambda x: jnp.array([scale * (x[1] - x[0] ** 2), 1 - x[0]]), [-1.2, 1.0])
+def test_steps_along_a_curved_valley_do_not_depend_on_how_the_equations_are_scaled(
+    scale,
+):
+    """Rosenbrock's valley: the residual rises on the way, by as much as ``scale``
+    wants, the natural level does not.
+    """
+    found = solve(
+        lambda x: jnp.array([scale * (x[1] - x[0] ** 2), 1 - x[0]]), [-1.2, 1.0]
+    )
     np.testing.assert_allclose(found.x, [1.0, 1.0], atol=1e-12)
     assert found.error <= 1e-12 and found.steps <= 12
 

@@ -1,4 +1,6 @@
-"""A plan decides on the host; a planned solve decides nothing and works under transformations."""
+"""A plan decides on the host; a planned solve decides nothing and works under
+transformations.
+"""
 
 import dataclasses
 from functools import partial
@@ -32,50 +34,88 @@ def plan(pair):
     return jaxhb.plan(pair, rpm=HAMMERING_RPM, harmonics=50)
 
 
-NAMES = [f"gear a|gear b.{name}" for name in ("stiffness", "damping", "backlash", "epsilon", "transition")]
+NAMES = [
+    f"gear a|gear b.{name}"
+    for name in ("stiffness", "damping", "backlash", "epsilon", "transition")
+]
 NAMES.append("gear a.inertia")
 SPEEDS = [5500.0, HAMMERING_RPM, 5900.0]
 OUT_OF_RANGE = [0.0, -1500.0, 1.1e6]
-WRONG = [(0, -1e6), (1, -1.0), (2, -1e-5), (3, -0.1), (3, 1.5), (4, 0.0), (4, 1.5), (5, -0.01)]
+WRONG = [
+    (0, -1e6),
+    (1, -1.0),
+    (2, -1e-5),
+    (3, -0.1),
+    (3, 1.5),
+    (4, 0.0),
+    (4, 1.5),
+    (5, -0.01),
+]
 """Of NAMES the number, and a value that is none."""
 
 
 @pytest.fixture(scope="module")
 def lanes(pair, plan):
-    """Responses of one program, jit of vmap: at SPEEDS, OUT_OF_RANGE and with WRONG; not solved; not finite."""
+    """Responses of one program, jit of vmap: at SPEEDS, OUT_OF_RANGE and with WRONG;
+    not solved; not finite.
+    """
     valid = [float(pair.value(name)) for name in NAMES]
     numbers = np.tile(valid, (len(SPEEDS) + len(OUT_OF_RANGE) + len(WRONG) + 2, 1))
-    for row, (place, wrong) in zip(numbers[-2 - len(WRONG) :], [*WRONG, (1, 1.0), (1, np.nan)], strict=True):
+    for row, (place, wrong) in zip(
+        numbers[-2 - len(WRONG) :], [*WRONG, (1, 1.0), (1, np.nan)], strict=True
+    ):
         row[place] = wrong
     rpm = np.array([*SPEEDS, *OUT_OF_RANGE, *[HAMMERING_RPM] * (len(WRONG) + 2)])
 
     @jax.jit
     @jax.vmap
     def solved(rpm, values):
-        response = jaxhb.solve(pair.replace(dict(zip(NAMES, values, strict=True))), rpm=rpm, plan=plan)
+        response = jaxhb.solve(
+            pair.replace(dict(zip(NAMES, values, strict=True))), rpm=rpm, plan=plan
+        )
         return response, response.force("gear a", "gear b").max
 
-    return jax.tree.map(np.asarray, solved(rpm, numbers))  # what is on the host is read without compiling
+    return jax.tree.map(
+        np.asarray, solved(rpm, numbers)
+    )  # what is on the host is read without compiling
 
 
-def test_a_planned_solve_finds_the_same_motion_alone_as_without_a_plan_and_under_jit_of_vmap(pair, plan, lanes):
-    """All converge to a residual of 1e-10 from nearly the same march. A plan averages the law between the samples of
-    the other solve, which leaves an error of 1e-6."""
+def test_a_planned_solve_finds_the_same_motion_alone_as_without_a_plan_and_under_jit_of_vmap(
+    pair, plan, lanes
+):
+    """All converge to a residual of 1e-10 from nearly the same march. A plan averages
+    the law between the samples of the other solve, which leaves an error of 1e-6.
+    """
     free = jaxhb.solve(pair, rpm=HAMMERING_RPM, harmonics=50)
     single = [jaxhb.solve(pair, rpm=speed, plan=plan) for speed in SPEEDS]
-    sampled = jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=dataclasses.replace(plan, averaged=False))
+    sampled = jaxhb.solve(
+        pair, rpm=HAMMERING_RPM, plan=dataclasses.replace(plan, averaged=False)
+    )
     size = np.abs(free.deflections).max()
-    np.testing.assert_allclose(sampled.deflections, free.deflections, rtol=0, atol=1e-9 * size)
-    np.testing.assert_allclose(single[1].deflections, free.deflections, rtol=0, atol=1e-6 * size)
+    np.testing.assert_allclose(
+        sampled.deflections, free.deflections, rtol=0, atol=1e-9 * size
+    )
+    np.testing.assert_allclose(
+        single[1].deflections, free.deflections, rtol=0, atol=1e-6 * size
+    )
     assert np.array_equal(lanes[0].status[:3], [response.status for response in single])
     wanted = [response.force("gear a", "gear b").max for response in single]
     np.testing.assert_allclose(lanes[1][:3], wanted, rtol=1e-9)
 
 
 def test_without_a_plan_a_traced_solve_says_what_to_pass(pair):
-    solves = lambda rpm: jaxhb.solve(pair, rpm=rpm).load_kW, lambda by: by * jaxhb.solve(pair, rpm=1000.0).load_kW
-    for trace, solve in ((jax.jit, solves[0]), (jax.jit, solves[1]), (lambda f: jax.vmap(jax.grad(f)), solves[0])):
-        with pytest.raises(TypeError, match="jit or vmap traces solve: pass plan=jaxhb.plan"):
+    solves = (
+        lambda rpm: jaxhb.solve(pair, rpm=rpm).load_kW,
+        lambda by: by * jaxhb.solve(pair, rpm=1000.0).load_kW,
+    )
+    for trace, solve in (
+        (jax.jit, solves[0]),
+        (jax.jit, solves[1]),
+        (lambda f: jax.vmap(jax.grad(f)), solves[0]),
+    ):
+        with pytest.raises(
+            TypeError, match="jit or vmap traces solve: pass plan=jaxhb.plan"
+        ):
             trace(solve)(np.array([1000.0]) if trace is not jax.jit else 1000.0)
     with pytest.raises(TypeError, match="plan depends on values"):
         jax.jit(lambda by: by * jaxhb.plan(pair, rpm=1000.0).harmonics)(2.0)
@@ -83,9 +123,14 @@ def test_without_a_plan_a_traced_solve_says_what_to_pass(pair):
 
 def test_what_is_constant_is_checked_under_jit_too(pair, plan):
     def solved(damping, **asked):
-        return jaxhb.solve(pair.replace({"gear a|gear b.damping": damping}), **asked).load_kW
+        return jaxhb.solve(
+            pair.replace({"gear a|gear b.damping": damping}), **asked
+        ).load_kW
 
-    refused(lambda: jax.jit(lambda damping: solved(damping, rpm=-3000.0, plan=plan))(1.0), "must be greater than 0 rpm")
+    refused(
+        lambda: jax.jit(lambda damping: solved(damping, rpm=-3000.0, plan=plan))(1.0),
+        "must be greater than 0 rpm",
+    )
     engine = jaxhb.load_scene("six_cylinder_diesel")
     held = jaxhb.plan(engine, rpm=1500.0)
 
@@ -102,7 +147,9 @@ def test_new_numbers_compile_nothing(pair, plan):
     jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=plan)
     before = executables(solve_problem)
     for rpm, damping in ((5700.0, 1100.0), (5650, 1000)):
-        jaxhb.solve(pair.replace({"gear a|gear b.damping": damping}), rpm=rpm, plan=plan)
+        jaxhb.solve(
+            pair.replace({"gear a|gear b.damping": damping}), rpm=rpm, plan=plan
+        )
     assert executables(solve_problem) == before
 
 
@@ -111,10 +158,14 @@ def test_a_mesh_that_leaves_its_flank_violates_the_plan(pair):
     assert contact.active == () and contact.unknowns == 0
     response = jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=contact)
     assert int(response.status) == jaxhb.Status.PLAN_VIOLATED
-    refused(lambda: jaxhb.check(response), "PLAN_VIOLATED.*plan again", jaxhb.NotConverged)
+    refused(
+        lambda: jaxhb.check(response), "PLAN_VIOLATED.*plan again", jaxhb.NotConverged
+    )
 
 
-def test_too_few_harmonics_are_told_as_such_whatever_a_second_try_ends_in(pair, monkeypatch):
+def test_too_few_harmonics_are_told_as_such_whatever_a_second_try_ends_in(
+    pair, monkeypatch
+):
     response = jaxhb.solve(pair, rpm=HAMMERING_RPM, harmonics=50, tolerance=1e-6)
     assert int(response.status) == jaxhb.Status.TOLERANCE_NOT_MET
     assert response.residual < 1e-10
@@ -131,12 +182,18 @@ def test_an_unbalanced_floating_train_has_a_status(pair):
     assert int(response.status) == jaxhb.Status.UNBALANCED
 
 
-def test_teeth_that_push_at_a_resonance_of_the_train_are_told_that_it_is_singular(pair, plan):
-    # Undamped, the pair has its natural frequency at HAMMERING_RPM: order 2 at half of it, where no torque acts.
+def test_teeth_that_push_at_a_resonance_of_the_train_are_told_that_it_is_singular(
+    pair, plan
+):
+    # Undamped, the pair has its natural frequency at HAMMERING_RPM: order 2 at half of
+    # it, where no torque acts.
     undamped = pair.replace({"gear a|gear b.damping": 0.0})
     at = 60 * jaxhb.natural_frequencies(undamped).frequencies_hz[-1] / 32
     assert abs(at - HAMMERING_RPM) < 1
-    assert int(jaxhb.solve(undamped, rpm=at / 2, plan=plan).status) == jaxhb.Status.NEAR_SINGULAR
+    assert (
+        int(jaxhb.solve(undamped, rpm=at / 2, plan=plan).status)
+        == jaxhb.Status.NEAR_SINGULAR
+    )
 
 
 def test_contact_is_looked_for_with_the_harmonics_of_the_excitation(pair):
@@ -153,14 +210,19 @@ def test_a_march_that_blew_up_is_followed_by_all_starts(pair):
     case = case_of(pair, HAMMERING_RPM, harmonics=50)
     starts.refine(case, dataclasses.replace(case.plan, start="march"))
     assert case.sweep_change < np.inf
-    case.rpm, case.problem = np.nan, starts.problem_at(pair, np.nan, case.plan.static.excited)
+    case.rpm, case.problem = (
+        np.nan,
+        starts.problem_at(pair, np.nan, case.plan.static.excited),
+    )
     starts.refine(case, dataclasses.replace(case.plan, start="march"))
     assert case.sweep_change == np.inf
 
 
 def case_of(train, rpm, **asked):
     request = Request(**asked)
-    return starts.Case(train, rpm, request, planning.plan_speeds(train, np.array([rpm]), request)[0])
+    return starts.Case(
+        train, rpm, request, planning.plan_speeds(train, np.array([rpm]), request)[0]
+    )
 
 
 def test_start_strategies_are_asked_for_the_next_attempt_until_one_is_solved(pair):
@@ -177,15 +239,25 @@ def test_start_strategies_are_asked_for_the_next_attempt_until_one_is_solved(pai
 
     found = starts.first_solved(case, (hopeless, starts.from_sweeps, never))
     assert asked == [1, 2] and found.response.converged
-    assert [type(event).__name__ for event in found.response.path] == ["Newton", "Newton", "Sweeps", "Newton"]
+    assert [type(event).__name__ for event in found.response.path] == [
+        "Newton",
+        "Newton",
+        "Sweeps",
+        "Newton",
+    ]
 
 
 def test_a_sweep_tells_the_harmonics_of_every_speed_though_it_pads_them():
     engine = jaxhb.load_scene("six_cylinder_diesel")
-    few, more = (jaxhb.solve(engine, rpm=1500.0, harmonics=harmonics) for harmonics in (24, 48))
+    few, more = (
+        jaxhb.solve(engine, rpm=1500.0, harmonics=harmonics) for harmonics in (24, 48)
+    )
     both = stack([more, few])
     assert both.harmonics == 48 and both.path[1] == few.path
-    assert both.highest_harmonic.tolist() == [more.highest_harmonic, few.highest_harmonic]
+    assert both.highest_harmonic.tolist() == [
+        more.highest_harmonic,
+        few.highest_harmonic,
+    ]
     np.testing.assert_array_equal(both[1].angles[:, :25], few.angles)
 
 
@@ -197,12 +269,19 @@ def test_bad_requests_are_refused_with_a_sentence(arguments, sentence):
 
 def test_a_plan_that_does_not_know_a_backlash_is_refused(pair):
     stranger = jaxhb.Plan(harmonics=16, active=(), flank=(0,))
-    with pytest.raises(jaxhb.SceneError, match="the plan was made for a train without this backlash"):
+    with pytest.raises(
+        jaxhb.SceneError, match="the plan was made for a train without this backlash"
+    ):
         jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=stranger)
 
 
 def test_arguments_that_belong_to_the_plan_are_refused_beside_it(pair, plan):
-    for argument in ({"harmonics": 50}, {"tolerance": 1e-3}, {"method": "chain"}, {"integrals": "exact"}):
+    for argument in (
+        {"harmonics": 50},
+        {"tolerance": 1e-3},
+        {"method": "chain"},
+        {"integrals": "exact"},
+    ):
         with pytest.raises(ValueError, match="belong to the plan"):
             jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=plan, **argument)
     with pytest.raises(ValueError, match="belong to the plan"):
@@ -211,16 +290,27 @@ def test_arguments_that_belong_to_the_plan_are_refused_beside_it(pair, plan):
 
 @pytest.mark.parametrize("rpm", [0.0, -100.0, np.nan, np.inf, 1.1e6])
 def test_every_entry_refuses_a_speed_that_is_none(pair, plan, rpm):
-    sentence = "must be at most 1000000 rpm: give" if rpm == 1.1e6 else "must be greater than 0 rpm"
+    sentence = (
+        "must be at most 1000000 rpm: give"
+        if rpm == 1.1e6
+        else "must be greater than 0 rpm"
+    )
     refused(lambda: jaxhb.solve(pair, rpm=rpm, plan=plan), sentence)
-    for entry in (jaxhb.plan, jaxhb.linear_response, jaxhb.steady_state, jaxhb.integrate):
+    for entry in (
+        jaxhb.plan,
+        jaxhb.linear_response,
+        jaxhb.steady_state,
+        jaxhb.integrate,
+    ):
         refused(partial(entry, pair, rpm=rpm), sentence)
     for entry in (jaxhb.solve_speeds, jaxhb.forced_response):
         refused(partial(entry, pair, rpm=[3000.0, rpm]), sentence)
 
 
 def test_one_plan_serves_speeds_in_contact_and_speeds_that_hammer(pair):
-    """And a speed between; the motions are those of solves that decide for themselves."""
+    """And a speed between; the motions are those of solves that decide for
+    themselves.
+    """
     speeds = [3000.0, 4500.0, HAMMERING_RPM]
     together = jaxhb.plan(pair, rpm=speeds, harmonics=50)
     assert together.active == (0,) and together.flank == (0,)
@@ -228,10 +318,15 @@ def test_one_plan_serves_speeds_in_contact_and_speeds_that_hammer(pair):
     assert jaxhb.plan(pair, rpm=3000.0, harmonics=50, active="all") == together
     parts = []
     for rpm in (*speeds, 5200.0):
-        planned, free = jaxhb.solve(pair, rpm=rpm, plan=together), jaxhb.solve(pair, rpm=rpm, harmonics=50)
+        planned, free = (
+            jaxhb.solve(pair, rpm=rpm, plan=together),
+            jaxhb.solve(pair, rpm=rpm, harmonics=50),
+        )
         assert planned.converged and free.converged
         largest = np.abs(free.deflections).max()
-        np.testing.assert_allclose(planned.deflections[:, :51], free.deflections[:, :51], atol=1e-7 * largest)
+        np.testing.assert_allclose(
+            planned.deflections[:, :51], free.deflections[:, :51], atol=1e-7 * largest
+        )
         parts.append(float(planned.mesh("gear a", "gear b").separated_fraction) > 0)
     assert parts == [False, False, True, True]
 
@@ -241,7 +336,9 @@ def test_a_plan_for_a_range_has_the_harmonics_of_its_most_demanding_speed(pair):
     together = jaxhb.plan(pair, rpm=[3000.0, HAMMERING_RPM])
     assert together.harmonics >= alone.harmonics
     assert jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=together).converged
-    assert jaxhb.plan(pair, rpm=[2000.0, 3000.0]).active == ()  # none parts: one linear solve each
+    assert (
+        jaxhb.plan(pair, rpm=[2000.0, 3000.0]).active == ()
+    )  # none parts: one linear solve each
 
 
 @pytest.mark.parametrize(
@@ -250,27 +347,45 @@ def test_a_plan_for_a_range_has_the_harmonics_of_its_most_demanding_speed(pair):
         ({"rpm": []}, "no speed is given"),
         ({"rpm": [3000.0, -1.0]}, "must be greater than 0 rpm"),
         ({"rpm": 3000.0, "active": "some"}, "active is 'some': give 'all'"),
-        ({"rpm": 3000.0, "failed_gradient": 0}, "failed_gradient is 0: give 'zero' or 'nan'"),
+        (
+            {"rpm": 3000.0, "failed_gradient": 0},
+            "failed_gradient is 0: give 'zero' or 'nan'",
+        ),
     ],
 )
-def test_a_range_that_cannot_be_planned_is_refused_with_a_sentence(pair, asked, sentence):
+def test_a_range_that_cannot_be_planned_is_refused_with_a_sentence(
+    pair, asked, sentence
+):
     refused(lambda: jaxhb.plan(pair, **asked), sentence, ValueError)
 
 
 def test_a_range_without_a_motion_at_any_speed_is_not_planned(pair):
-    """Nothing takes the mean torque, and no tooth parts: the status of a plan in contact counts, too."""
+    """Nothing takes the mean torque, and no tooth parts: the status of a plan in
+    contact counts, too.
+    """
     unbalanced = pair.replace({"drive.mean": 60.0})
-    refused(lambda: jaxhb.plan(unbalanced, rpm=[2000.0, 3000.0]), "UNBALANCED", jaxhb.NotConverged)
+    refused(
+        lambda: jaxhb.plan(unbalanced, rpm=[2000.0, 3000.0]),
+        "UNBALANCED",
+        jaxhb.NotConverged,
+    )
 
 
 @pytest.mark.parametrize("failed", [0.0, np.nan])
 def test_the_derivative_of_a_failed_solve_is_what_its_plan_says(pair, failed):
-    """Of a speed that is none and of one whose Newton's method may take no step, forwards and backwards; that of a
-    neighbour in the batch is left alone."""
+    """Of a speed that is none and of one whose Newton's method may take no step,
+    forwards and backwards; that of a neighbour in the batch is left alone.
+    """
     word = "nan" if np.isnan(failed) else "zero"
     # Its start is the motion at the first speed.
     plan = jaxhb.Plan(
-        harmonics=32, active=(0,), flank=(0,), start="linear", cycles=0, max_steps=0, failed_gradient=word
+        harmonics=32,
+        active=(0,),
+        flank=(0,),
+        start="linear",
+        cycles=0,
+        max_steps=0,
+        failed_gradient=word,
     )
 
     @jax.jit
@@ -287,43 +402,76 @@ def test_the_derivative_of_a_failed_solve_is_what_its_plan_says(pair, failed):
     assert np.isfinite(backwards[0]) and backwards[0] != 0
     assert forwards[0] == pytest.approx(float(backwards[0]), rel=1e-9)
     np.testing.assert_array_equal(backwards[1:], [failed, failed])
-    assert np.isnan(forwards[1:]).all()  # a tangent of nan is nan whatever the derivative
+    assert np.isnan(
+        forwards[1:]
+    ).all()  # a tangent of nan is nan whatever the derivative
 
 
 def test_speeds_that_hammer_share_a_plan_that_resolves_the_mesh_modes_of_all():
-    """Those of few numbers of harmonics, 192, 768, 1536 and 4096: each plan is a program."""
+    """Those of few numbers of harmonics, 192, 768, 1536 and 4096: each plan is a
+    program.
+    """
     train = jaxhb.load_scene("gear_train_30")
-    for rpm, most in ((np.linspace(1300.0, 2450.0, 20), 1), (np.linspace(1300.0, 12000.0, 20), 2)):
+    for rpm, most in (
+        (np.linspace(1300.0, 2450.0, 20), 1),
+        (np.linspace(1300.0, 12000.0, 20), 2),
+    ):
         plans = planning.plan_speeds(train, rpm, Request(few_levels=True))
-        modes = [mesh_modes.mesh_mode_harmonics(train, train.topology.cycle_frequency(speed))[0] for speed in rpm]
+        modes = [
+            mesh_modes.mesh_mode_harmonics(
+                train, train.topology.cycle_frequency(speed)
+            )[0]
+            for speed in rpm
+        ]
         marched = np.array([plan.marches for plan in plans])
-        steps, levels = (np.array([getattr(plan, name) for plan in plans]) for name in ("time_steps", "harmonics"))
-        assert np.all(steps[marched] >= STEPS_PER_MODE_PERIOD * np.array(modes)[marched])
+        steps, levels = (
+            np.array([getattr(plan, name) for plan in plans])
+            for name in ("time_steps", "harmonics")
+        )
+        assert np.all(
+            steps[marched] >= STEPS_PER_MODE_PERIOD * np.array(modes)[marched]
+        )
         assert np.all(levels[marched] >= 1.5 * np.array(modes)[marched])
         assert len({plan for plan in plans if plan.marches}) == most
 
 
 def test_a_sweep_is_its_single_solves_and_has_at_most_four_large_programs(pair):
-    """Whatever its speeds do: those of Newton's method, one for each level of harmonics."""
+    """Whatever its speeds do: those of Newton's method, one for each level of
+    harmonics.
+    """
     rpm = np.linspace(1500.0, 6000.0, 9)
     assert jaxhb.solve_speeds(planning.linearised(pair), rpm=rpm).converged.all()
     before = executables(solve_problem) + executables(program._solve_all)
     sweep = jaxhb.solve_speeds(pair, rpm=rpm)
     assert executables(solve_problem) + executables(program._solve_all) - before <= 4
     assert sweep.converged.all() and len(sweep) == 9
-    hammers = np.flatnonzero([one.mesh("gear a", "gear b").separated_fraction > 0 for one in sweep])
+    hammers = np.flatnonzero(
+        [one.mesh("gear a", "gear b").separated_fraction > 0 for one in sweep]
+    )
     assert 0 < len(hammers) < 9
     for place in (0, hammers[0]):
         alone = jaxhb.solve(pair, rpm=rpm[place])
-        largest, wanted = (one.force("gear a", "gear b").max for one in (sweep[place], alone))
-        assert abs(largest - wanted) <= max(sweep[place].truncation_error, 1e-9) * wanted
+        largest, wanted = (
+            one.force("gear a", "gear b").max for one in (sweep[place], alone)
+        )
+        assert (
+            abs(largest - wanted) <= max(sweep[place].truncation_error, 1e-9) * wanted
+        )
 
 
 def test_a_linear_response_is_the_same_bits_among_few_others_and_the_same_motion_among_many():
-    train, rpm = jaxhb.load_scene("six_cylinder_diesel"), np.linspace(600.0, 2400.0, program.LINEAR_SPEEDS + 3)
-    few, alone = (jaxhb.solve_speeds(train, rpm=rpm[of]) for of in (slice(5), slice(3, 4)))
+    train, rpm = (
+        jaxhb.load_scene("six_cylinder_diesel"),
+        np.linspace(600.0, 2400.0, program.LINEAR_SPEEDS + 3),
+    )
+    few, alone = (
+        jaxhb.solve_speeds(train, rpm=rpm[of]) for of in (slice(5), slice(3, 4))
+    )
     np.testing.assert_array_equal(few[3].angles, alone[0].angles)
-    many, rounding = jaxhb.solve_speeds(train, rpm=rpm), 1e-14 * np.abs(few.angles).max()
+    many, rounding = (
+        jaxhb.solve_speeds(train, rpm=rpm),
+        1e-14 * np.abs(few.angles).max(),
+    )
     assert many.converged.all() and many.rpm.tolist() == rpm.tolist()
     np.testing.assert_allclose(many.angles[:5], few.angles, rtol=1e-10, atol=rounding)
     last = jaxhb.solve_speeds(train, rpm=rpm[-1:])  # in a batch that is padded
@@ -331,15 +479,22 @@ def test_a_linear_response_is_the_same_bits_among_few_others_and_the_same_motion
     # No pressure table is copied.
     plan = jaxhb.plan(train, rpm=600.0, harmonics=few.harmonics)
     batch = jax.vmap(lambda speed: jaxhb.solve(train, rpm=speed, plan=plan))(rpm[:5])
-    assert max(leaf.size for leaf in jax.tree.leaves(batch)) < train.cylinders.pressure.size
+    assert (
+        max(leaf.size for leaf in jax.tree.leaves(batch))
+        < train.cylinders.pressure.size
+    )
 
 
-def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes(pair):
+def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes(
+    pair,
+):
     train, rpm = jaxhb.load_scene("engine_with_damper"), 1900.0
     case = case_of(train, rpm)
     ((first, *_),) = starts.contact(case)
     ((march, *_),) = starts.from_sweeps(case)
-    modes, _ = mesh_modes.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
+    modes, _ = mesh_modes.mesh_mode_harmonics(
+        train, train.topology.cycle_frequency(rpm)
+    )
     assert [first.start, march.start] == ["linear", "march"]
     assert first.harmonics < modes < 1.5 * modes <= march.harmonics
     case = case_of(pair, 7950.0, harmonics=50)
@@ -348,17 +503,25 @@ def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_m
 
 
 def test_an_amplitude_raised_from_zero_is_not_dropped_by_a_plan(pair):
-    silent = pair.replace({"error a.harmonics": [[0.0, 0.0]], "error b.harmonics": [[0.0, 0.0]]})
+    silent = pair.replace(
+        {"error a.harmonics": [[0.0, 0.0]], "error b.harmonics": [[0.0, 0.0]]}
+    )
     contact = jaxhb.plan(silent, rpm=3000.0)
     planned, free = (jaxhb.solve(pair, rpm=3000.0, plan=p) for p in (contact, None))
-    assert planned.force("gear a", "gear b").max == pytest.approx(float(free.force("gear a", "gear b").max), rel=1e-9)
+    assert planned.force("gear a", "gear b").max == pytest.approx(
+        float(free.force("gear a", "gear b").max), rel=1e-9
+    )
 
 
 def test_mean_torque_that_nothing_holds_has_a_status():
-    """A ring behind a viscous link takes no mean torque: found in the program, whatever the host saw."""
+    """A ring behind a viscous link takes no mean torque: found in the program, whatever
+    the host saw.
+    """
     parts = [
         jaxhb.Disk(name="hub", inertia=1.0, damping=1.0),
-        jaxhb.Damper(name="ring", disk="hub", inertia=0.5, damping=2.0, stiffness=100.0),
+        jaxhb.Damper(
+            name="ring", disk="hub", inertia=0.5, damping=2.0, stiffness=100.0
+        ),
         jaxhb.Ground(disk="ring", stiffness=50.0),
         jaxhb.Torque(disk="hub", mean=5.0, harmonics=((1.0, 3.0, 0.0),)),
     ]
@@ -366,7 +529,9 @@ def test_mean_torque_that_nothing_holds_has_a_status():
     plan = jaxhb.plan(train, rpm=60.0)
 
     def solve(stiffness):
-        return jaxhb.solve(train.replace({"ring.stiffness": stiffness}), rpm=60.0, plan=plan).status
+        return jaxhb.solve(
+            train.replace({"ring.stiffness": stiffness}), rpm=60.0, plan=plan
+        ).status
 
     assert int(jax.jit(solve)(100.0)) == jaxhb.Status.CONVERGED
     assert int(jax.jit(solve)(0.0)) == jaxhb.Status.UNBALANCED
@@ -383,46 +548,107 @@ def test_a_mesh_that_stays_loaded_beside_one_that_hammers_is_no_unknown():
     one, both = (jaxhb.solve(train, rpm=1500.0, plan=p) for p in (plan, every))
     assert one.converged and both.converged
     for mesh in (("crank gear", "cam gear"), ("crank gear", "pump gear")):
-        assert one.force(*mesh).max == pytest.approx(float(both.force(*mesh).max), rel=1e-8)
+        assert one.force(*mesh).max == pytest.approx(
+            float(both.force(*mesh).max), rel=1e-8
+        )
 
 
 @pytest.mark.oracle
 def test_a_mesh_thought_loaded_that_leaves_its_flank_is_planned_again():
-    train, mesh = build(pinions_parts(pump=40.0), reference="flywheel"), ("crank gear", "pump gear")
+    train, mesh = (
+        build(pinions_parts(pump=40.0), reference="flywheel"),
+        ("crank gear", "pump gear"),
+    )
     careful = jaxhb.solve(train, rpm=1500.0, harmonics=192)
-    case, held = case_of(train, 1500.0, harmonics=192), train.topology.mesh_names.index("|".join(mesh))
-    flank = tuple(careful.mesh(*mesh).drive_side if i == held else side for i, side in enumerate(case.plan.flank))
-    case.plan = dataclasses.replace(case.plan, active=tuple(i for i in case.plan.active if i != held), flank=flank)
+    case, held = (
+        case_of(train, 1500.0, harmonics=192),
+        train.topology.mesh_names.index("|".join(mesh)),
+    )
+    flank = tuple(
+        careful.mesh(*mesh).drive_side if i == held else side
+        for i, side in enumerate(case.plan.flank)
+    )
+    case.plan = dataclasses.replace(
+        case.plan, active=tuple(i for i in case.plan.active if i != held), flank=flank
+    )
     found = starts.first_solved(case, (starts.from_sweeps,)).response
     assert found.path[1].status == jaxhb.Status.PLAN_VIOLATED and found.converged
     assert found.mesh(*mesh).separated_fraction > 0
-    assert found.force(*mesh).max == pytest.approx(float(careful.force(*mesh).max), rel=1e-8)
+    assert found.force(*mesh).max == pytest.approx(
+        float(careful.force(*mesh).max), rel=1e-8
+    )
 
 
 def test_numbers_that_are_invalid_have_a_status_under_jit(lanes):
-    """Speed, and every kind of number that is checked where it is concrete; absent ones are 0 and valid."""
+    """Speed, and every kind of number that is checked where it is concrete; absent ones
+    are 0 and valid.
+    """
     *status, not_solved, not_finite = lanes[0].status.tolist()
     assert status[:3] == [jaxhb.Status.CONVERGED] * 3
     assert status[3:] == [jaxhb.Status.INVALID_INPUT] * (len(OUT_OF_RANGE) + len(WRONG))
-    assert not_solved in (jaxhb.Status.STALLED, jaxhb.Status.MAX_STEPS) and not_finite == jaxhb.Status.NONFINITE
+    assert (
+        not_solved in (jaxhb.Status.STALLED, jaxhb.Status.MAX_STEPS)
+        and not_finite == jaxhb.Status.NONFINITE
+    )
 
 
 @pytest.mark.parametrize("place", [len(SPEEDS), -2], ids=["out of range", "not solved"])
-def test_nothing_computed_is_told_of_a_speed_that_is_not_solved(place, pair, plan, lanes):
+def test_nothing_computed_is_told_of_a_speed_that_is_not_solved(
+    place, pair, plan, lanes
+):
     """What was given is told; and what is nan is no start."""
-    response = dataclasses.replace(jax.tree.map(lambda leaf: leaf[place], lanes[0]), train=pair)
+    response = dataclasses.replace(
+        jax.tree.map(lambda leaf: leaf[place], lanes[0]), train=pair
+    )
     assert not response
-    given = ("rpm", "radius", "law", "status", "steps", "topology", "resolution", "sharp")
+    given = (
+        "rpm",
+        "radius",
+        "law",
+        "status",
+        "steps",
+        "topology",
+        "resolution",
+        "sharp",
+    )
     given += ("train", "path", "certificate")
     for name in {f.name for f in dataclasses.fields(response)} - set(given):
-        assert all(np.isnan(leaf).all() for leaf in jax.tree.leaves(getattr(response, name))), name
-    force, contact = response.force("gear a", "gear b"), response.mesh("gear a", "gear b")
-    read = [force.max, force.min, force.peak, force.mean, force.rms, force.half_peak_to_peak, force.order(32)]
-    read += [force.order(3.2e6), force.smooth_peak(), force.sum_of_amplitudes, response.power("gear a", "gear b")]
-    read += [contact.separated_fraction, contact.reverse_contact_fraction, contact.pulling_force]
+        assert all(
+            np.isnan(leaf).all() for leaf in jax.tree.leaves(getattr(response, name))
+        ), name
+    force, contact = (
+        response.force("gear a", "gear b"),
+        response.mesh("gear a", "gear b"),
+    )
+    read = [
+        force.max,
+        force.min,
+        force.peak,
+        force.mean,
+        force.rms,
+        force.half_peak_to_peak,
+        force.order(32),
+    ]
+    read += [
+        force.order(3.2e6),
+        force.smooth_peak(),
+        force.sum_of_amplitudes,
+        response.power("gear a", "gear b"),
+    ]
+    read += [
+        contact.separated_fraction,
+        contact.reverse_contact_fraction,
+        contact.pulling_force,
+    ]
     assert np.isnan(read).all() and contact.impacts == []
-    refused(lambda: jaxhb.check(response), jaxhb.Status(int(response.status)).name, jaxhb.NotConverged)
-    assert not np.isnan(jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=plan, start=response).residual)
+    refused(
+        lambda: jaxhb.check(response),
+        jaxhb.Status(int(response.status)).name,
+        jaxhb.NotConverged,
+    )
+    assert not np.isnan(
+        jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=plan, start=response).residual
+    )
 
 
 def test_the_numbers_of_every_packaged_scene_are_within_their_ranges():
@@ -431,8 +657,12 @@ def test_the_numbers_of_every_packaged_scene_are_within_their_ranges():
 
 
 def test_a_response_is_a_clean_tree(pair, plan):
-    """Arrays of the speed and nothing else: two responses of one plan are one structure, and nothing traces again."""
-    responses = [jaxhb.solve(pair, rpm=rpm, plan=plan) for rpm in np.linspace(5500.0, 5900.0, 5)]
+    """Arrays of the speed and nothing else: two responses of one plan are one
+    structure, and nothing traces again.
+    """
+    responses = [
+        jaxhb.solve(pair, rpm=rpm, plan=plan) for rpm in np.linspace(5500.0, 5900.0, 5)
+    ]
     assert len({jax.tree.structure(response) for response in responses}) == 1
     traced = []
 
@@ -445,17 +675,26 @@ def test_a_response_is_a_clean_tree(pair, plan):
     assert len(traced) == 1 and len(set(values)) == 5
     sweep = stack(responses)
     assert all(len(leaf) == 5 for leaf in jax.tree.leaves(sweep))
-    np.testing.assert_allclose(jax.vmap(lambda r: r.force("gear a", "gear b").max)(sweep), values, rtol=1e-12)
+    np.testing.assert_allclose(
+        jax.vmap(lambda r: r.force("gear a", "gear b").max)(sweep), values, rtol=1e-12
+    )
     assert sweep[3].train is pair and jax.tree.map(np.asarray, sweep[3]).train is None
 
 
-def test_mesh_forces_of_the_linear_train_are_those_of_the_program_that_long_trains_take(monkeypatch):
+def test_mesh_forces_of_the_linear_train_are_those_of_the_program_that_long_trains_take(
+    monkeypatch,
+):
     train = jaxhb.load_scene("gear_train_30")
     request = Request.of(train)
     contact, few = planning.contact_plan(train, request), np.array([700.0, 1800.0])
     host = planning._linear_mesh_forces(train, few, contact, 24)
-    one_by_one = [planning._linear_mesh_forces(train, few[i : i + 1], contact, 24)[0] for i in range(2)]
-    np.testing.assert_allclose(host, one_by_one, rtol=0, atol=1e-12 * np.abs(host).max())
+    one_by_one = [
+        planning._linear_mesh_forces(train, few[i : i + 1], contact, 24)[0]
+        for i in range(2)
+    ]
+    np.testing.assert_allclose(
+        host, one_by_one, rtol=0, atol=1e-12 * np.abs(host).max()
+    )
     monkeypatch.setattr(planning, "HOST_DISKS", 0)
     shared = planning._linear_mesh_forces(train, few, contact, 24)
     assert np.abs(host - shared[..., :25]).max() < 1e-12 * np.abs(shared).max()

@@ -1,4 +1,6 @@
-"""One mesh with a sharp gap against event-exact solutions (transition 1e-3, epsilon 1e-6 as packaged)."""
+"""One mesh with a sharp gap against event-exact solutions (transition 1e-3, epsilon
+1e-6 as packaged).
+"""
 
 import numpy as np
 import pytest
@@ -22,18 +24,26 @@ def amplitude(response):
     return response.deflection(MESH).amplitudes[0] / HALF_GAP
 
 
-@pytest.mark.parametrize("row", [r for r in ROWS if r["sweep"] == "up"], ids=lambda r: f"Omega={r['Omega']}")
+@pytest.mark.parametrize(
+    "row", [r for r in ROWS if r["sweep"] == "up"], ids=lambda r: f"Omega={r['Omega']}"
+)
 def test_fundamental_amplitude_at_50_harmonics_is_the_exact_one(pair, row):
     """1e-4: the smooth zone of 1e-3 of the gap moves the amplitude by about 1e-5."""
-    response = jaxhb.check(jaxhb.solve(pair, rpm=RPM_PER_OMEGA * row["Omega"], harmonics=50))
+    response = jaxhb.check(
+        jaxhb.solve(pair, rpm=RPM_PER_OMEGA * row["Omega"], harmonics=50)
+    )
     assert amplitude(response) == pytest.approx(row["amp_h"][0], rel=1e-4)
-    assert response.deflection(MESH).mean / HALF_GAP == pytest.approx(row["mean"], rel=1e-4)
+    assert response.deflection(MESH).mean / HALF_GAP == pytest.approx(
+        row["mean"], rel=1e-4
+    )
     separated = response.mesh(MESH).separated_fraction > 0
     assert separated == (row["regime"] != "linear (always in contact)")
 
 
 def test_a_solution_is_accepted_as_its_own_start(pair):
-    """The two differ by what the residual may leave, 1e-10 of the backlash and the motion."""
+    """The two differ by what the residual may leave, 1e-10 of the backlash and the
+    motion.
+    """
     first = jaxhb.solve(pair, rpm=RPM_PER_OMEGA, harmonics=50)
     again = jaxhb.solve(pair, rpm=RPM_PER_OMEGA, harmonics=50, start=first)
     assert int(again.steps) == 0
@@ -42,12 +52,19 @@ def test_a_solution_is_accepted_as_its_own_start(pair):
 
 
 def test_error_falls_with_the_fourth_power_of_the_harmonics(pair):
-    """A law with Lipschitz slope, crossed at speed: sup-norm error of the motion ~ N^-4 (docs/theory A6)."""
+    """A law with Lipschitz slope, crossed at speed: sup-norm error of the motion ~ N^-4
+    (docs/theory A6).
+    """
     changed = {f"{MESH}.transition": 0.2, f"{MESH}.epsilon": 0.05}
-    smooth = pair.replace(changed | {f"error {x}.harmonics": [[0.0, y]] for x, y in (("a", -100.0), ("b", 100.0))})
+    smooth = pair.replace(
+        changed
+        | {f"error {x}.harmonics": [[0.0, y]] for x, y in (("a", -100.0), ("b", 100.0))}
+    )
 
     def motion(harmonics):
-        response = jaxhb.check(jaxhb.solve(smooth, rpm=RPM_PER_OMEGA, harmonics=harmonics, tolerance=0.1))
+        response = jaxhb.check(
+            jaxhb.solve(smooth, rpm=RPM_PER_OMEGA, harmonics=harmonics, tolerance=0.1)
+        )
         return response.deflection(MESH).samples(4096)
 
     finest = motion(50)  # the program of the other tests; it shifts the exponent by 0.1

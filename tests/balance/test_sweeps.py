@@ -1,6 +1,7 @@
 """Sweeps end at the solution of harmonic balance, whatever their march does wrong.
 
-Second ways: Newton's method on the same equations (``jaxhb.solve``), a march with twice the steps, closed forms.
+Second ways: Newton's method on the same equations (``jaxhb.solve``), a march with twice
+the steps, closed forms.
 """
 
 import dataclasses
@@ -18,7 +19,13 @@ from jaxhb.balance import map_newton
 from jaxhb.balance.map_newton import solve_map
 from jaxhb.balance.march import InstantSolve, modes_for_march, modes_of_model
 from jaxhb.balance.plan import Request
-from jaxhb.balance.problem import ActiveMeshes, Problem, model_of, problem_at, reduced_equation
+from jaxhb.balance.problem import (
+    ActiveMeshes,
+    Problem,
+    model_of,
+    problem_at,
+    reduced_equation,
+)
 from jaxhb.balance.sweeps import (
     SweepPlan,
     SweepPoint,
@@ -45,7 +52,9 @@ GOAL = 1e-7  # change of the motion in the last sweep
 
 
 def pair(*, mesh=(), coupling=(), gear_inertia=0.03, ground=True, brake=-20.0, more=()):
-    """A flywheel with a ring, two gears whose teeth part at RPM, and what they drive."""
+    """A flywheel with a ring, two gears whose teeth part at RPM, and what they
+    drive.
+    """
     teeth = {"stiffness": 1e7, "damping": 1500.0, "backlash": 2e-4}
     teeth |= {"epsilon": 1e-3, "transition": 0.1}
     shaft = {"stiffness": 1e4, "damping": 8.0}
@@ -58,8 +67,14 @@ def pair(*, mesh=(), coupling=(), gear_inertia=0.03, ground=True, brake=-20.0, m
         Shaft(between=("gear b", "driven"), **(shaft | dict(coupling))),
         Mesh(**({"between": ("gear a", "gear b")} | teeth | dict(mesh))),
         Damper(name="ring", disk="flywheel", inertia=0.2, damping=20.0),
-        Torque(disk="flywheel", mean=10.0, harmonics=[(1.0, 50.0, -20.0), (2.0, 10.0, 60.0)]),
-        Torque(disk="driven", mean=brake, harmonics=[(1.0, 30.0, 10.0), (3.0, 20.0, 0.0)]),
+        Torque(
+            disk="flywheel",
+            mean=10.0,
+            harmonics=[(1.0, 50.0, -20.0), (2.0, 10.0, 60.0)],
+        ),
+        Torque(
+            disk="driven", mean=brake, harmonics=[(1.0, 30.0, 10.0), (3.0, 20.0, 0.0)]
+        ),
         *more,
     ]
     if ground:
@@ -107,18 +122,30 @@ def case_of(train, *, steps=STEPS, instant=None):
     (planned,) = planning.plan_speeds(train, np.array([RPM]), request)
     planned = planning.all_active(train, planned, request)
     if instant is None:
-        instant = InstantSolve(2, coupled=True) if train.topology.springs else InstantSolve()
+        instant = (
+            InstantSolve(2, coupled=True) if train.topology.springs else InstantSolve()
+        )
     plan = SweepPlan(steps, instant)
     problem = problem_at(train, RPM, listed_harmonic(train.topology))
     meshes = planned.active_meshes
     equation = condensed(problem, meshes, plan.harmonics)
-    return Case(train, plan, planned.active, problem, meshes, equation, modes_for_march(problem, meshes))
+    return Case(
+        train,
+        plan,
+        planned.active,
+        problem,
+        meshes,
+        equation,
+        modes_for_march(problem, meshes),
+    )
 
 
 def settled(case, goal=GOAL):
     """Where sweeps of the case end."""
     sweeps = equation_program(case.equation, case.modes, plan=case.plan)
-    return settle_program(sweeps, first_point(sweeps), goal=goal, most=40, plan=case.plan)
+    return settle_program(
+        sweeps, first_point(sweeps), goal=goal, most=40, plan=case.plan
+    )
 
 
 def distance(case, motion, other):
@@ -139,7 +166,9 @@ def modes_inside_a_program(problem, meshes, steps):
 
 
 def light_end():
-    """A disk on a short shaft behind a gear, whose mode is far too fast for the steps."""
+    """A disk on a short shaft behind a gear, whose mode is far too fast for the
+    steps.
+    """
     return (
         Disk(name="light end", inertia=1e-4),
         Shaft(between=("gear b", "light end"), stiffness=1e6, damping=1.0),
@@ -147,10 +176,13 @@ def light_end():
 
 
 @pytest.mark.parametrize(
-    ("changes", "at_once"), [({}, False), ({"ground": False}, False), ({"more": light_end()}, True)]
+    ("changes", "at_once"),
+    [({}, False), ({"ground": False}, False), ({"more": light_end()}, True)],
 )
 def test_modes_made_inside_a_program_lead_to_the_same_motion(changes, at_once):
-    """Those of a pair that floats, too, whose rotation has no two eigenvectors, and where one responds at once."""
+    """Those of a pair that floats, too, whose rotation has no two eigenvectors, and
+    where one responds at once.
+    """
     case = case_of(pair(**changes))
     traced = modes_inside_a_program(case.problem, case.meshes, STEPS)
     assert (np.abs(traced.flexibility).max() > 0) == at_once
@@ -159,17 +191,23 @@ def test_modes_made_inside_a_program_lead_to_the_same_motion(changes, at_once):
 
 
 FAST = ("damping in contact", "a gear without inertia", "a stage")
-KINDS = [pytest.param(name, marks=() if name in FAST else pytest.mark.oracle) for name in TRAINS]
+KINDS = [
+    pytest.param(name, marks=() if name in FAST else pytest.mark.oracle)
+    for name in TRAINS
+]
 
 
 @pytest.mark.parametrize("name", KINDS)
 def test_sweeps_settle_at_a_solution_of_harmonic_balance(name):
-    """Within a few cycles, however long the train on its soft ground takes: some 150 of them."""
+    """Within a few cycles, however long the train on its soft ground takes: some 150 of
+    them.
+    """
     case = case_of(pair(**TRAINS[name]))
     motion = settled(case)
     assert float(motion.change) <= GOAL
     assert int(motion.marches) <= 15
-    # F, which knows nothing of the march; sweeps contract, so that what is left is below the last change.
+    # F, which knows nothing of the march; sweeps contract, so that what is left is
+    # below the last change.
     left = case.equation.residual(motion.deflection, case.plan.samples)
     assert distance(case, motion.deflection - left, motion.deflection) <= GOAL
     teeth, _ = case.equation.sampled(motion.deflection, 4096)
@@ -180,7 +218,9 @@ def test_sweeps_settle_at_a_solution_of_harmonic_balance(name):
 
 @pytest.mark.oracle
 def test_newtons_method_finds_the_same_motion(hammering):
-    """It takes the law at 16 samples a harmonic and sweeps at 6: kinks of the law make that 1e-5 here."""
+    """It takes the law at 16 samples a harmonic and sweeps at 6: kinks of the law make
+    that 1e-5 here.
+    """
     response = jaxhb.solve(hammering.train, rpm=RPM, harmonics=hammering.plan.harmonics)
     assert response.solved
     newton = np.asarray(response.deflections)[list(hammering.active)]
@@ -188,10 +228,17 @@ def test_newtons_method_finds_the_same_motion(hammering):
 
 
 def test_the_motion_does_not_depend_on_the_steps_of_the_march(hammering):
-    """As many harmonics and samples, but a march of twice the steps: its own error is another one."""
-    finer = dataclasses.replace(hammering, plan=FinerMarch(2 * STEPS, harmonics_of=STEPS))
+    """As many harmonics and samples, but a march of twice the steps: its own error is
+    another one.
+    """
+    finer = dataclasses.replace(
+        hammering, plan=FinerMarch(2 * STEPS, harmonics_of=STEPS)
+    )
     assert finer.plan.harmonics == hammering.plan.harmonics
-    assert distance(hammering, settled(finer).deflection, settled(hammering).deflection) < 10 * GOAL
+    assert (
+        distance(hammering, settled(finer).deflection, settled(hammering).deflection)
+        < 10 * GOAL
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -211,7 +258,9 @@ class FinerMarch(SweepPlan):
 
 @pytest.mark.oracle
 def test_steps_err_by_their_square():
-    """What b differs from the linear motion by is what steps do wrong; under a law that is smooth in a wide zone."""
+    """What b differs from the linear motion by is what steps do wrong; under a law that
+    is smooth in a wide zone.
+    """
     case = case_of(pair(mesh={"transition": 1.0}))
     errors = []
     for steps in (512, 1024, 2048):
@@ -222,13 +271,21 @@ def test_steps_err_by_their_square():
 
 
 def test_a_cycle_that_does_not_close_is_no_error_of_the_steps():
-    """Teeth in contact all cycle: whatever state a sweep begins with, b stays the linear motion to rounding."""
+    """Teeth in contact all cycle: whatever state a sweep begins with, b stays the
+    linear motion to rounding.
+    """
     case = case_of(
-        pair(mesh={"backlash": 2e-7}, more=[Torque(name="preload", disk="flywheel", mean=400.0)], brake=-800.0)
+        pair(
+            mesh={"backlash": 2e-7},
+            more=[Torque(name="preload", disk="flywheel", mean=400.0)],
+            brake=-800.0,
+        )
     )
     sweeps = equation_program(case.equation, case.modes, plan=case.plan)
     begin = first_point(sweeps)
-    disturbed = dataclasses.replace(begin, state=begin.state + np.linspace(-1e-3, 1e-3, len(begin.state)))
+    disturbed = dataclasses.replace(
+        begin, state=begin.state + np.linspace(-1e-3, 1e-3, len(begin.state))
+    )
     following, marched = sweep_program(sweeps, disturbed, plan=case.plan)
     assert distance(case, marched, case.equation.linear) > 1e-3
     assert distance(case, following.linear, begin.linear) < 1e-9
@@ -236,13 +293,19 @@ def test_a_cycle_that_does_not_close_is_no_error_of_the_steps():
 
 def solved(case, tolerance):
     """The Outcome of a case by sweeps."""
-    outcome, *_ = solve_by_sweeps(case.problem, case.meshes, case.modes, tolerance, case.plan)
+    outcome, *_ = solve_by_sweeps(
+        case.problem, case.meshes, case.modes, tolerance, case.plan
+    )
     return outcome
 
 
 def test_a_solve_by_sweeps_tells_how_it_went(hammering):
-    """A looser tolerance is met; a finer one than 232 harmonics resolve is not; sweeps never settle to nothing."""
-    met, missed, unsettled = (solved(hammering, tolerance) for tolerance in (0.01, 1e-5, 1e-15))
+    """A looser tolerance is met; a finer one than 232 harmonics resolve is not; sweeps
+    never settle to nothing.
+    """
+    met, missed, unsettled = (
+        solved(hammering, tolerance) for tolerance in (0.01, 1e-5, 1e-15)
+    )
     assert met.status == Status.CONVERGED and met.truncation_error <= 0.01
     assert missed.status == Status.TOLERANCE_NOT_MET and missed.truncation_error > 1e-5
     assert unsettled.status == Status.MAX_STEPS
@@ -250,14 +313,19 @@ def test_a_solve_by_sweeps_tells_how_it_went(hammering):
     assert abs(missed.power_defect) < 1e-4
 
 
-def test_the_error_that_a_solve_by_sweeps_tells_covers_that_of_a_march_with_four_times_the_steps(hammering):
+def test_the_error_that_a_solve_by_sweeps_tells_covers_that_of_a_march_with_four_times_the_steps(
+    hammering,
+):
     """An estimate, no bound, as sampling is not in it: a fifth more is allowed."""
     coarse = solved(hammering, 0.01)
     finer = solved(dataclasses.replace(hammering, plan=SweepPlan(4 * STEPS)), 1e-6)
     assert finer.truncation_error < coarse.truncation_error / 4
     # Energy: with so many harmonics hardly anything is left out.
     assert abs(finer.power_defect) < 1e-5
-    coarse_force, force = (fourier.synthesize(outcome.fields.elastic_forces, 2**14) for outcome in (coarse, finer))
+    coarse_force, force = (
+        fourier.synthesize(outcome.fields.elastic_forces, 2**14)
+        for outcome in (coarse, finer)
+    )
     error = np.abs(coarse_force - force).max() / np.abs(force).max()
     assert error < 1.2 * coarse.truncation_error
 
@@ -266,13 +334,17 @@ def test_mean_torques_that_nothing_takes_are_told():
     floating = case_of(pair(ground=False))
     load = np.array(floating.problem.load)
     load[0, 0] *= 1.01
-    pushed = dataclasses.replace(floating, problem=dataclasses.replace(floating.problem, load=load))
+    pushed = dataclasses.replace(
+        floating, problem=dataclasses.replace(floating.problem, load=load)
+    )
     assert solved(floating, 0.01).status == Status.CONVERGED
     assert solved(pushed, 0.01).status == Status.UNBALANCED
 
 
 def test_newtons_method_on_the_map_finds_the_fixed_point(hammering):
-    """From one sweep: products are differences, so that it ends a little above their rounding."""
+    """From one sweep: products are differences, so that it ends a little above their
+    rounding.
+    """
     sweeps = equation_program(hammering.equation, hammering.modes, plan=hammering.plan)
     begun, _ = sweep_program(sweeps, first_point(sweeps), plan=hammering.plan)
     found = solve_map(sweeps, begun, hammering.plan, goal=1e-8)
@@ -280,9 +352,13 @@ def test_newtons_method_on_the_map_finds_the_fixed_point(hammering):
     assert distance(hammering, found.deflection, settled(hammering).deflection) < 1e-6
 
 
-def test_a_cycle_that_does_not_close_is_no_end_however_short_the_last_correction_is(hammering, monkeypatch):
-    """A map that is stiff in the deflections and soft in the states, with too few Krylov steps for both: the first
-    correction halves what is unclosed, and the states have hardly moved."""
+def test_a_cycle_that_does_not_close_is_no_end_however_short_the_last_correction_is(
+    hammering, monkeypatch
+):
+    """A map that is stiff in the deflections and soft in the states, with too few
+    Krylov steps for both: the first correction halves what is unclosed, and the states
+    have hardly moved.
+    """
     sweeps = equation_program(hammering.equation, hammering.modes, plan=hammering.plan)
     begin = jax.tree.map(np.asarray, first_point(sweeps))
     size = np.linalg.norm(fourier.pack(begin.linear))
@@ -292,7 +368,9 @@ def test_a_cycle_that_does_not_close_is_no_end_however_short_the_last_correction
     state = begin.state + away / visible / np.sqrt(len(visible))
 
     def sweep(_, point, plan):
-        left = SweepPoint(1e3 * (point.linear - linear), 0.1 * (point.state - state), 0 * point.force)
+        left = SweepPoint(
+            1e3 * (point.linear - linear), 0.1 * (point.state - state), 0 * point.force
+        )
         return jax.tree.map(np.subtract, point, left), point.linear
 
     monkeypatch.setattr(map_newton, "sweep_program", sweep)
@@ -303,8 +381,10 @@ def test_a_cycle_that_does_not_close_is_no_end_however_short_the_last_correction
 
 
 def test_a_motion_is_where_sweeps_from_it_stay(hammering):
-    """The point of the motion that sweeps end at is nearly their fixed point: harmonics above N, and what one step of
-    Newton's method leaves of the force of an instant, are 2e-5 here."""
+    """The point of the motion that sweeps end at is nearly their fixed point: harmonics
+    above N, and what one step of Newton's method leaves of the force of an instant, are
+    2e-5 here.
+    """
     motion = settled(hammering).deflection
     sweeps = equation_program(hammering.equation, hammering.modes, plan=hammering.plan)
     begin = point_of(on_host(sweeps), motion, hammering.plan)
@@ -317,9 +397,13 @@ def test_padding_by_idle_meshes_changes_nothing(hammering):
     """Arrays have room for 1, 2, 4, ... meshes and 32, 64, ... modes."""
     train, rpm = hammering.train, RPM
     problem = problem_at(train, rpm, listed_harmonic(train.topology))
-    meshes = ActiveMeshes(mask=np.array([1.0, 0.0]), index=np.zeros(2, np.int32), flank=np.zeros(1))
+    meshes = ActiveMeshes(
+        mask=np.array([1.0, 0.0]), index=np.zeros(2, np.int32), flank=np.zeros(1)
+    )
     equation = condensed(problem, meshes, hammering.plan.harmonics)
-    padded = dataclasses.replace(hammering, equation=equation, modes=modes_for_march(problem, meshes))
+    padded = dataclasses.replace(
+        hammering, equation=equation, modes=modes_for_march(problem, meshes)
+    )
     motion = settled(padded).deflection
     assert distance(hammering, motion[:1], settled(hammering).deflection) < 10 * GOAL
     assert not np.any(motion[1])
@@ -328,7 +412,10 @@ def test_padding_by_idle_meshes_changes_nothing(hammering):
 def test_a_gear_pair_turned_round_moves_as_before(hammering):
     """``between`` swapped: deflections have the other sign."""
     turned = case_of(pair(mesh={"between": ("gear b", "gear a")}))
-    assert distance(hammering, -settled(turned).deflection, settled(hammering).deflection) < 10 * GOAL
+    assert (
+        distance(hammering, -settled(turned).deflection, settled(hammering).deflection)
+        < 10 * GOAL
+    )
 
 
 def test_without_rates_sweeps_end_where_they_do_with_them():
@@ -336,13 +423,18 @@ def test_without_rates_sweeps_end_where_they_do_with_them():
     case = case_of(pair(**TRAINS["damping always"]))
     equation = dataclasses.replace(case.equation, by_rate=False)
     plan = dataclasses.replace(case.plan, by_rate=False)
-    motion, short = settled(case), settled(dataclasses.replace(case, equation=equation, plan=plan))
+    motion, short = (
+        settled(case),
+        settled(dataclasses.replace(case, equation=equation, plan=plan)),
+    )
     assert int(short.marches) == int(motion.marches)
     assert distance(case, short.deflection, motion.deflection) < ALGEBRAIC
 
 
 def test_a_sweep_begins_with_the_force_at_the_first_instant(hammering):
-    """That of the linear motion, where the train does not deviate from it: the sum of its harmonics."""
+    """That of the linear motion, where the train does not deviate from it: the sum of
+    its harmonics.
+    """
     sweeps = equation_program(hammering.equation, hammering.modes, plan=hammering.plan)
     point = point_at(on_host(sweeps), np.zeros(2 * hammering.train.topology.n_disks))
     harmonics = np.arange(hammering.plan.harmonics + 1)

@@ -1,4 +1,6 @@
-"""Differences of values and derivatives where teeth hammer, as the page on derivatives tells them."""
+"""Differences of values and derivatives where teeth hammer, as the page on derivatives
+tells them.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -13,18 +15,27 @@ DAMPING, RPM = "viscous damper.damping", 2300.0
 @pytest.mark.oracle
 def test_differences_of_planned_values_tend_to_the_derivative_as_the_page_says():
     train = jaxhb.load_scene("engine_with_damper")
-    own, start, plan = float(train.value(DAMPING)), jaxhb.solve(train, rpm=RPM), jaxhb.plan(train, rpm=RPM)
+    own, start, plan = (
+        float(train.value(DAMPING)),
+        jaxhb.solve(train, rpm=RPM),
+        jaxhb.plan(train, rpm=RPM),
+    )
 
     @jax.jit
     def read(share):
         changed = train.replace({DAMPING: own * share})
-        force = jaxhb.solve(changed, rpm=RPM, plan=plan, start=start).force("crank gear|idler")
+        force = jaxhb.solve(changed, rpm=RPM, plan=plan, start=start).force(
+            "crank gear|idler"
+        )
         return jnp.stack([force.smooth_peak(), force.max])
 
     def difference(step):
         return (np.asarray(read(1 + step)) - np.asarray(read(1 - step))) / (2 * step)
 
-    with pytest.warns(UserWarning, match="is differentiated at one time sample, and where teeth hammer"):
+    with pytest.warns(
+        UserWarning,
+        match="is differentiated at one time sample, and where teeth hammer",
+    ):
         _, slope = jax.jit(lambda share: jax.jvp(read, (share,), (1.0,)))(1.0)
     assert slope[0] == pytest.approx(-1779.1, abs=0.5)
     # Of the largest sample, too, as long as it stays the same one.
@@ -36,14 +47,21 @@ def test_differences_of_planned_values_tend_to_the_derivative_as_the_page_says()
 @pytest.mark.oracle
 def test_the_derivative_of_the_largest_sample_has_another_sign_than_that_of_the_smooth_peak_where_teeth_hammer():
     train, key, rpm = jaxhb.load_scene("gear_train_30"), "crank damper.damping", 1800.0
-    own, start, plan = float(train.value(key)), jaxhb.solve(train, rpm=rpm), jaxhb.plan(train, rpm=rpm)
+    own, start, plan = (
+        float(train.value(key)),
+        jaxhb.solve(train, rpm=rpm),
+        jaxhb.plan(train, rpm=rpm),
+    )
 
     def read(share):
-        force = jaxhb.solve(train.replace({key: own * share}), rpm=rpm, plan=plan, start=start).force(
-            "crank gear|idler"
-        )
+        force = jaxhb.solve(
+            train.replace({key: own * share}), rpm=rpm, plan=plan, start=start
+        ).force("crank gear|idler")
         return jnp.stack([force.smooth_peak(), force.max, force.half_peak_to_peak])
 
-    with pytest.warns(UserWarning, match="is differentiated at one time sample, and where teeth hammer"):
+    with pytest.warns(
+        UserWarning,
+        match="is differentiated at one time sample, and where teeth hammer",
+    ):
         _, slope = jax.jit(lambda share: jax.jvp(read, (share,), (1.0,)))(1.0)
     np.testing.assert_allclose(slope, [-20, 1978, 1380], atol=5.0)

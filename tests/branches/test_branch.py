@@ -1,4 +1,6 @@
-"""Branches through folds: the chain of public harmonic-balance codes against dense equations written down in numpy."""
+"""Branches through folds: the chain of public harmonic-balance codes against dense
+equations written down in numpy.
+"""
 
 import shutil
 from functools import cache
@@ -23,11 +25,15 @@ PUBLISHED = chain_task.published()["main_folds_w_S3"]
 def chain(longest):
     options = BranchOptions(longest=longest)
     ends = {"start": float(rpm_of(1.30)), "to": float(rpm_of(0.70))}
-    return jaxhb.follow(chain_train(3), "rpm", **ends, harmonics=15, tolerance=0.5, options=options)
+    return jaxhb.follow(
+        chain_train(3), "rpm", **ends, harmonics=15, tolerance=0.5, options=options
+    )
 
 
 def dense_residual(x, w):
-    """The equation of the link with 15 harmonics at a frequency, dense, and its Jacobian; [mean, cosines, sines]."""
+    """The equation of the link with 15 harmonics at a frequency, dense, and its
+    Jacobian; [mean, cosines, sines].
+    """
     link, push = np.zeros(3), np.zeros((16, 3))
     link[1:] = 1.0, -1.0
     push[:2, 0] = chain_task.MEAN, chain_task.SWING
@@ -37,12 +43,17 @@ def dense_residual(x, w):
     linear = np.concatenate([answer[:, 1].real, -answer[1:, 1].imag])
     l = chain_task.SYNTHESIS @ x
     force, slope = chain_task.law(l)
-    matrix = np.eye(x.size) + receptance @ (chain_task.ANALYSIS * (slope - 1.0)) @ chain_task.SYNTHESIS
+    matrix = (
+        np.eye(x.size)
+        + receptance @ (chain_task.ANALYSIS * (slope - 1.0)) @ chain_task.SYNTHESIS
+    )
     return x - linear + receptance @ (chain_task.ANALYSIS @ (force - l)), matrix
 
 
 def dense_fold(x, w):
-    """Frequency at which the dense equations are singular near a point ``(x, w)`` of their curve."""
+    """Frequency at which the dense equations are singular near a point ``(x, w)`` of
+    their curve.
+    """
 
     def singular(y):
         x, v, w = y[: len(x0)], y[len(x0) : -1], y[-1]
@@ -57,20 +68,27 @@ def dense_point(branch, number):
     """``(x, w)`` of the dense equations at a point of a branch."""
     deflection = branch.response(number).deflections[0]
     rest = deflection[1:]
-    return np.concatenate([deflection[:1].real, 2 * rest.real, -2 * rest.imag]), branch.value[number] * 2 * np.pi / 60
+    return (
+        np.concatenate([deflection[:1].real, 2 * rest.real, -2 * rest.imag]),
+        branch.value[number] * 2 * np.pi / 60,
+    )
 
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("longest", [0.1, 0.025])
 def test_the_eight_folds_of_the_chain_are_found_at_any_limit_of_the_steps(longest):
-    """Published are extremes of sampled curves: within 1e-3, the last within 1.5e-3 (the dense equations decide)."""
+    """Published are extremes of sampled curves: within 1e-3, the last within 1.5e-3
+    (the dense equations decide).
+    """
     branch = chain(longest)
     folds = branch.folds * 2 * np.pi / 60
     assert len(folds) == 8 and "end of the range" in branch.ended
     np.testing.assert_allclose(folds, PUBLISHED, atol=1.5e-3)
     points = [point for point in branch.special if point.kind == "fold"]
     for point, w in zip(points, folds, strict=True):
-        beside = zip(*(dense_point(branch, point.after + shift) for shift in (0, 1)), strict=True)
+        beside = zip(
+            *(dense_point(branch, point.after + shift) for shift in (0, 1)), strict=True
+        )
         assert abs(dense_fold(*(sum(pair) / 2 for pair in beside)) - w) < 1e-8 * w
 
 
@@ -79,18 +97,25 @@ def test_every_change_of_stability_has_its_name():
     changes = np.flatnonzero(np.diff(branch.stable.astype(int)))
     near = {point.after + shift for point in branch.special for shift in (-1, 0, 1)}
     assert len(changes) >= 6 and set(changes.tolist()) <= near
-    assert {"fold", "period doubling", "Neimark-Sacker"} == {point.kind for point in branch.special}
+    assert {"fold", "period doubling", "Neimark-Sacker"} == {
+        point.kind for point in branch.special
+    }
     assert np.all(branch.stable == (np.abs(branch.multiplier) <= 1 + 1e-8))
 
 
 def test_a_branch_never_turns_back_on_itself():
-    """Distance along the branch only grows: no point comes near one that is more than a few steps before it."""
+    """Distance along the branch only grows: no point comes near one that is more than a
+    few steps before it.
+    """
     branch = chain(0.1)
     y = np.array([point for point, _ in branch._path])
     distance = np.linalg.norm(y[:, None] - y, axis=-1)
     apart = np.abs(np.subtract.outer(np.arange(len(y)), np.arange(len(y)))) > 1
     steps = np.linalg.norm(np.diff(y, axis=0), axis=1)
-    assert np.all(distance[apart] > 0) and distance[1:][:, :-1][apart[1:, :-1]].min() > 0.5 * steps.min()
+    assert (
+        np.all(distance[apart] > 0)
+        and distance[1:][:, :-1][apart[1:, :-1]].min() > 0.5 * steps.min()
+    )
     tangents = np.array([tangent for _, tangent in branch._path])
     assert np.all(np.einsum("ij,ij->i", np.diff(y, axis=0), tangents[:-1]) > 0)
 
@@ -99,8 +124,13 @@ def test_a_branch_is_resumed_from_any_of_its_points_forwards_and_backwards():
     branch = chain(0.1)
     middle = len(branch) // 2
     onward = branch.resume(middle, options=BranchOptions(longest=0.1))
-    assert onward.value[0] == branch.value[middle] and abs(onward.value[-1] - branch.value[-1]) < 1e-6
-    kept = branch.folds[[point.after >= middle for point in branch.special if point.kind == "fold"]]
+    assert (
+        onward.value[0] == branch.value[middle]
+        and abs(onward.value[-1] - branch.value[-1]) < 1e-6
+    )
+    kept = branch.folds[
+        [point.after >= middle for point in branch.special if point.kind == "fold"]
+    ]
     np.testing.assert_allclose(onward.folds, kept, rtol=1e-6)
     back = branch.resume(10, backwards=True, to=1.05 * branch.value[0])
     assert abs(back.value[-1] - 1.05 * branch.value[0]) < 1e-6 and len(back.folds) == 0
@@ -113,18 +143,25 @@ def test_points_are_solutions_of_the_harmonic_equations():
     assert response.residual < 1e-10 and response.steps == 0
     left, _ = dense_residual(*dense_point(branch, number))
     assert np.abs(left).max() < 1e-9
-    assert abs(response.deflection("m1", "m2").max - branch.largest_deflection[number, 0]) < 1e-6
+    assert (
+        abs(response.deflection("m1", "m2").max - branch.largest_deflection[number, 0])
+        < 1e-6
+    )
     assert abs(response.force("m1", "m2").max - branch.largest_force[number, 0]) < 1e-6
 
 
 def test_columns_of_a_branch_do_not_depend_on_which_gear_is_named_first(tmp_path):
-    """A pair that hammers, its driven gear named second and first: forces are of either sign, columns the same."""
+    """A pair that hammers, its driven gear named second and first: forces are of either
+    sign, columns the same.
+    """
     pair, twin = "gear a|gear b", "gear b|gear a"
     packaged = Path(jaxhb.__path__[0], "scene", "scenes")
     shutil.copy(packaged / "spur_pair_omega_squared.csv", tmp_path)
     text = (packaged / "spur_pair.toml").read_text(encoding="utf-8")
     assert 'between = ["gear a", "gear b"]' in text
-    (tmp_path / "twin.toml").write_text(text.replace('["gear a", "gear b"]', '["gear b", "gear a"]'), encoding="utf-8")
+    (tmp_path / "twin.toml").write_text(
+        text.replace('["gear a", "gear b"]', '["gear b", "gear a"]'), encoding="utf-8"
+    )
     loaded = jaxhb.load_scene("spur_pair"), jaxhb.load_scene(tmp_path / "twin.toml")
     response, reversed_response = (jaxhb.solve(train, rpm=5000.0) for train in loaded)
     assert response.force(pair).mean > 0 > reversed_response.force(twin).mean
@@ -138,11 +175,18 @@ def test_a_number_of_the_train_is_followed_at_one_speed():
     """More drive closes the gap: the end of the branch is what a solve finds there."""
     train, rpm = chain_train(3), float(rpm_of(1.2))
     values = {"start": 1.0, "to": 1.3}
-    branch = jaxhb.follow(train, "m1|m2.stiffness", **values, rpm=rpm, harmonics=15, tolerance=0.5)
+    branch = jaxhb.follow(
+        train, "m1|m2.stiffness", **values, rpm=rpm, harmonics=15, tolerance=0.5
+    )
     assert branch.value[-1] == pytest.approx(1.3, abs=1e-8)
     there = train.replace({"m1|m2.stiffness": 1.3})
-    response = jaxhb.solve(there, rpm=rpm, harmonics=15, tolerance=0.5, start=branch.response(-1))
-    assert abs(response.deflection("m1", "m2").max - branch.largest_deflection[-1, 0]) < 1e-7
+    response = jaxhb.solve(
+        there, rpm=rpm, harmonics=15, tolerance=0.5, start=branch.response(-1)
+    )
+    assert (
+        abs(response.deflection("m1", "m2").max - branch.largest_deflection[-1, 0])
+        < 1e-7
+    )
 
 
 def test_a_branch_that_turns_back_leaves_the_range_with_a_sentence():
@@ -150,7 +194,9 @@ def test_a_branch_that_turns_back_leaves_the_range_with_a_sentence():
     number = next(point.after for point in branch.special if point.kind == "fold")
     first = branch.response(number - 3)
     ends = {"start": float(first.rpm), "to": 0.9 * float(first.rpm)}
-    back = jaxhb.follow(chain_train(3), "rpm", **ends, harmonics=15, tolerance=0.5, begin=first)
+    back = jaxhb.follow(
+        chain_train(3), "rpm", **ends, harmonics=15, tolerance=0.5, begin=first
+    )
     assert len(back.folds) == 1 and "turns back and leaves the range" in back.ended
     assert back.value[-1] == pytest.approx(back.value[0])
 
@@ -163,15 +209,21 @@ def test_what_cannot_be_followed_is_refused_with_a_sentence(arguments, sentence)
 def test_what_cannot_be_followed_is_refused_before_the_work():
     refused(lambda: chain(0.1).resume(-1, to=-3.0), "-3 rpm", ValueError)
     massless = jaxhb.load_scene("spur_pair").replace({"gear a.inertia": 0.0})
-    with pytest.raises(ValueError, match="carries a backlash mesh: no equation of motion in time"):
+    with pytest.raises(
+        ValueError, match="carries a backlash mesh: no equation of motion in time"
+    ):
         jaxhb.follow(massless, "rpm", start=500.0, to=600.0)
     with pytest.raises(ValueError, match="solve_speeds"):
-        jaxhb.follow(jaxhb.load_scene("six_cylinder_diesel"), "rpm", start=1000.0, to=1500.0)
+        jaxhb.follow(
+            jaxhb.load_scene("six_cylinder_diesel"), "rpm", start=1000.0, to=1500.0
+        )
 
 
 @pytest.mark.oracle
 def test_a_branch_of_twice_the_period_leaves_at_a_period_doubling():
-    """Of the lightly loaded pair: extremes and multipliers of its stable points are those of event-exact motions."""
+    """Of the lightly loaded pair: extremes and multipliers of its stable points are
+    those of event-exact motions.
+    """
     natural = ONE_RADIAN_PER_SECOND
     train = pair_train(Pair(1.0, epsilon=1e-3), transition=0.01)
     ends = {"start": 1.7 * natural, "to": 1.5 * natural}
@@ -179,19 +231,34 @@ def test_a_branch_of_twice_the_period_leaves_at_a_period_doubling():
     (point,) = (point for point in branch.special if point.kind == "period doubling")
     doubled = branch.doubled()
     assert doubled.value[0] == pytest.approx(point.value, rel=1e-9)
-    assert doubled.train.topology.revolutions_per_cycle == 2 * train.topology.revolutions_per_cycle
+    assert (
+        doubled.train.topology.revolutions_per_cycle
+        == 2 * train.topology.revolutions_per_cycle
+    )
     compared = 0
     for i in range(3, len(doubled), 2):
-        # Beside the doubling the motions move with the root of the distance, and the transition zone shifts that.
+        # Beside the doubling the motions move with the root of the distance, and the
+        # transition zone shifts that.
         if not doubled.stable[i] or abs(doubled.value[i] / point.value - 1) < 0.01:
             continue
-        speed, x = doubled.value[i] / natural, doubled.response(i).deflection("a", "b").samples(4096)
+        speed, x = (
+            doubled.value[i] / natural,
+            doubled.response(i).deflection("a", "b").samples(4096),
+        )
         state = x[0], (x[1] - x[-1]) * 2048 * speed / (4 * np.pi)
         exact = long_run(Pair(speed, epsilon=1e-3), state)
         assert exact.period == 2
         found = doubled.largest_deflection[i, 0], doubled.smallest_deflection[i, 0]
-        np.testing.assert_allclose(found, (exact.maximum, exact.minimum), atol=3e-3)  # the transition zone
-        assert abs(doubled.multiplier[i]) == pytest.approx(abs(multipliers(exact.cycles)[0]), abs=5e-3)
+        np.testing.assert_allclose(
+            found, (exact.maximum, exact.minimum), atol=3e-3
+        )  # the transition zone
+        assert abs(doubled.multiplier[i]) == pytest.approx(
+            abs(multipliers(exact.cycles)[0]), abs=5e-3
+        )
         compared += 1
     assert compared >= 3
-    refused(lambda: branch.doubled(1), "period doubling no. 1 is asked for, and this branch has 1", ValueError)
+    refused(
+        lambda: branch.doubled(1),
+        "period doubling no. 1 is asked for, and this branch has 1",
+        ValueError,
+    )

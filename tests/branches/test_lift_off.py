@@ -1,4 +1,6 @@
-"""The lift-off boundary: against closed forms of a pair, and against what marches do on both sides of it."""
+"""The lift-off boundary: against closed forms of a pair, and against what marches do on
+both sides of it.
+"""
 
 import numpy as np
 import pytest
@@ -9,26 +11,47 @@ HALF, NATURAL = 1e-4, 500.0
 
 
 def pair(mean, amplitude, varying=()):
-    """Two gears on a mesh of damping ratio 0.05, under a mean and an alternating force of order 1, N."""
+    """Two gears on a mesh of damping ratio 0.05, under a mean and an alternating force
+    of order 1, N.
+    """
     inertia, radius, mass = 1.0, 0.5, 2.0
-    gears = [jaxhb.Disk(name=name, inertia=inertia, radius=radius, teeth=20) for name in "ab"]
-    law = {"stiffness": mass * NATURAL**2, "damping": 0.1 * mass * NATURAL, "damping_law": "always"}
-    mesh = jaxhb.Mesh(between=("a", "b"), **law, backlash=2 * HALF, stiffness_orders=varying)
+    gears = [
+        jaxhb.Disk(name=name, inertia=inertia, radius=radius, teeth=20) for name in "ab"
+    ]
+    law = {
+        "stiffness": mass * NATURAL**2,
+        "damping": 0.1 * mass * NATURAL,
+        "damping_law": "always",
+    }
+    mesh = jaxhb.Mesh(
+        between=("a", "b"), **law, backlash=2 * HALF, stiffness_orders=varying
+    )
     # Half of a torque on one gear bends the teeth, the other half turns both.
-    torque = jaxhb.Torque(disk="a", mean=mean * radius, harmonics=[(1.0, 2 * amplitude * radius, 0.0)])
-    return jaxhb.build([*gears, mesh, torque, jaxhb.Load(disk="b")], reference="a", revolutions_per_cycle=1)
+    torque = jaxhb.Torque(
+        disk="a", mean=mean * radius, harmonics=[(1.0, 2 * amplitude * radius, 0.0)]
+    )
+    return jaxhb.build(
+        [*gears, mesh, torque, jaxhb.Load(disk="b")],
+        reference="a",
+        revolutions_per_cycle=1,
+    )
 
 
 def test_boundaries_over_the_mean_torque_are_a_closed_form():
     rpm = np.linspace(0.5, 1.5, 21) * NATURAL * 30 / np.pi
     means = [200.0, 400.0, 3000.0]
-    found = jaxhb.lift_off(pair(200.0, 100.0), rpm=rpm, over="a:torque.mean", values=0.5 * np.array(means))
-    # Teeth part where the alternating elastic force, 100 N / |1 - r^2 + 0.1 i r|, exceeds the mean one.
+    found = jaxhb.lift_off(
+        pair(200.0, 100.0), rpm=rpm, over="a:torque.mean", values=0.5 * np.array(means)
+    )
+    # Teeth part where the alternating elastic force, 100 N / |1 - r^2 + 0.1 i r|,
+    # exceeds the mean one.
     for mean in means[:2]:
         b = 2 * (1 - 0.005)
         roots = np.sqrt(np.roots([1, -b, 1 - (100.0 / mean) ** 2]).real)
         own = found.value == 0.5 * mean
-        np.testing.assert_allclose(np.sort(found.rpm[own]), np.sort(roots) * NATURAL * 30 / np.pi, rtol=1e-5)
+        np.testing.assert_allclose(
+            np.sort(found.rpm[own]), np.sort(roots) * NATURAL * 30 / np.pi, rtol=1e-5
+        )
         assert found.parts[own].tolist() == [True, False] and set(found.mesh) == {"a|b"}
     assert found.never.tolist() == [1500.0] and not len(found.always)
 
@@ -40,7 +63,9 @@ def test_marches_part_on_one_side_of_the_boundary_alone():
     (at,) = found.rpm
     assert found.parts.tolist() == [True]
     below, above = (jaxhb.steady_state(train, rpm=at * share) for share in (0.99, 1.01))
-    assert below.mesh("a|b").separated_fraction == 0 < above.mesh("a|b").separated_fraction
+    assert (
+        below.mesh("a|b").separated_fraction == 0 < above.mesh("a|b").separated_fraction
+    )
 
 
 def test_speeds_that_do_not_rise_are_refused():

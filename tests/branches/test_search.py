@@ -1,4 +1,6 @@
-"""All periodic motions of a train at one speed, against the exact motions of the lightly loaded pair."""
+"""All periodic motions of a train at one speed, against the exact motions of the
+lightly loaded pair.
+"""
 
 import dataclasses
 import math
@@ -12,7 +14,9 @@ import jaxhb
 from jaxhb.solutions import starts
 
 EPSILON = 1e-3
-ROWS = {row["speed"]: row for row in reference("lightly_loaded_pair")["laws"][1]["rows"]}
+ROWS = {
+    row["speed"]: row for row in reference("lightly_loaded_pair")["laws"][1]["rows"]
+}
 
 
 def reaches(motion):
@@ -20,9 +24,13 @@ def reaches(motion):
     return np.array([float(deflection.max), float(deflection.min)])
 
 
-@pytest.fixture(scope="module", params=[pytest.param(0.8, marks=pytest.mark.oracle), 1.0])
+@pytest.fixture(
+    scope="module", params=[pytest.param(0.8, marks=pytest.mark.oracle), 1.0]
+)
 def searched(request):
-    """Speed over the natural frequency, and the motions there: three of one cycle; one of one, two, three cycles."""
+    """Speed over the natural frequency, and the motions there: three of one cycle; one
+    of one, two, three cycles.
+    """
     train = pair_train(Pair(1.0, epsilon=EPSILON), transition=0.01)
     rpm = pair_rpm(Pair(request.param, epsilon=EPSILON))
     return request.param, jaxhb.solve_all(train, rpm=rpm, tolerance=1e-3)
@@ -32,11 +40,21 @@ def test_every_exact_motion_is_found_with_its_stability(searched):
     """0.2 %: the transition zone, and 0.1 % of truncation."""
     speed, found = searched
     row = ROWS[speed]
-    exact = [(1, one, max(abs(complex(*pair)) for pair in one["multipliers"]) < 1) for one in row["orbits"]]
-    exact += [(one["period"], one, True) for one in row["attractors"] if one["period"] > 0]
+    exact = [
+        (1, one, max(abs(complex(*pair)) for pair in one["multipliers"]) < 1)
+        for one in row["orbits"]
+    ]
+    exact += [
+        (one["period"], one, True) for one in row["attractors"] if one["period"] > 0
+    ]
     for period, one, attracts in exact:
         wanted = np.array([one["maximum"], one["minimum"]])
-        near = [m for m in found if m.period == period and np.abs(reaches(m) - wanted).max() < 2e-3 * abs(wanted).max()]
+        near = [
+            m
+            for m in found
+            if m.period == period
+            and np.abs(reaches(m) - wanted).max() < 2e-3 * abs(wanted).max()
+        ]
         assert near and near[0].attracts == attracts, (period, wanted)
 
 
@@ -46,7 +64,9 @@ def test_no_motion_is_told_twice_and_those_that_attract_come_first(searched):
     assert len(set(tops)) == len(tops)
     order = [motion.attracts for motion in found]
     assert order == sorted(order, reverse=True)
-    assert ("attracts" if order[0] else "repels") in str(found[0]) and "kN" in str(found[0])
+    assert ("attracts" if order[0] else "repels") in str(found[0]) and "kN" in str(
+        found[0]
+    )
 
 
 def test_a_train_without_backlash_has_one_motion():
@@ -68,9 +88,15 @@ def test_no_attempt_begins_when_the_time_is_up_but_one_is_made(monkeypatch):
 
     tried = []
     monkeypatch.setattr(starts, "refine", refine)
-    strategies = (lambda case: iter(()), lambda case: iter("ab"), lambda case: iter("c"))
+    strategies = (
+        lambda case: iter(()),
+        lambda case: iter("ab"),
+        lambda case: iter("c"),
+    )
     train = jaxhb.load_scene("spur_pair")
     for until, attempts in ((math.inf, ["a", "b", "c"]), (0.0, ["a"])):
         tried.clear()
-        starts.first_solved(starts.Case(train, 5000.0, None, None, deadline=until), strategies)
+        starts.first_solved(
+            starts.Case(train, 5000.0, None, None, deadline=until), strategies
+        )
         assert tried == attempts

@@ -1,4 +1,6 @@
-"""Computed bounds: against closed forms, dense norms, true motions and motions that do not exist."""
+"""Computed bounds: against closed forms, dense norms, true motions and motions that do
+not exist.
+"""
 
 import dataclasses
 from functools import cache
@@ -26,36 +28,56 @@ from jaxhb.train import chain
 pytestmark = pytest.mark.oracle
 
 WITHIN = 1.6
-"""A bound over the true error where the error is mostly that of the truncation, which the bound adds up exactly."""
+"""A bound over the true error where the error is mostly that of the truncation, which
+the bound adds up exactly.
+"""
 
 
 def parameters():
-    return {key: float(value) for key, value in method_case("A4_hb_one_mass_N4")[0].items()}
+    return {
+        key: float(value) for key, value in method_case("A4_hb_one_mass_N4")[0].items()
+    }
 
 
 def one_mass(transition=0.2, **changes):
-    return build(one_mass_parts(transition=transition, **(parameters() | changes)), reference="a")
+    return build(
+        one_mass_parts(transition=transition, **(parameters() | changes)), reference="a"
+    )
 
 
 @cache
 def solved(harmonics, **changes):
-    return jaxhb.solve(one_mass(**changes), rpm=ONE_RADIAN_PER_SECOND, harmonics=harmonics, integrals="exact")
+    return jaxhb.solve(
+        one_mass(**changes),
+        rpm=ONE_RADIAN_PER_SECOND,
+        harmonics=harmonics,
+        integrals="exact",
+    )
 
 
 def linearisation(response, low, high, scale=1.0):
     """The equation of a response with the sizes that a test asks for."""
     problem = problem_at(response.train, float(response.rpm), 8)
-    sizes = dataclasses.replace(certificate._sizes(low, 2.0, 8, 1), high=high, reach=2 * high)
-    return Linearization(problem, response.train, np.asarray(response.deflections), sizes, scale)
+    sizes = dataclasses.replace(
+        certificate._sizes(low, 2.0, 8, 1), high=high, reach=2 * high
+    )
+    return Linearization(
+        problem, response.train, np.asarray(response.deflections), sizes, scale
+    )
 
 
-@pytest.mark.parametrize("row", method_case("A4_kantorovich_majorant")[1]["rows"], ids=lambda row: row["h0"])
+@pytest.mark.parametrize(
+    "row", method_case("A4_kantorovich_majorant")[1]["rows"], ids=lambda row: row["h0"]
+)
 def test_case_a4_majorant_radii_and_the_sharp_bound(row):
     params = method_case("A4_kantorovich_majorant")[0]
     case = Kantorovich(float(params["H0"]), float(params["delta0"]), float(row["K"]))
     found = [case.h0, case.radius, case.uniqueness, *(case.bound(n) for n in range(4))]
-    wanted = numbers([row["h0"], row["radius"], row["uniqueness"], *row["newton_errors"]])
-    # the last errors are differences of radii of order 1: exact in the formula, 1e-16 of those in the table
+    wanted = numbers(
+        [row["h0"], row["radius"], row["uniqueness"], *row["newton_errors"]]
+    )
+    # the last errors are differences of radii of order 1: exact in the formula, 1e-16
+    # of those in the table
     np.testing.assert_allclose(found, wanted, rtol=10 * ALGEBRAIC)
 
 
@@ -70,7 +92,9 @@ def test_one_mass_the_true_motion_lies_within_the_bound_and_hardly_nearer(harmon
     found, h = certify(response), parameters()["h"]
     fine = solved(384)
     count = 2**13
-    apart = np.abs(response.deflection_samples(count) - fine.deflection_samples(count)).max()
+    apart = np.abs(
+        response.deflection_samples(count) - fine.deflection_samples(count)
+    ).max()
     assert found.holds
     assert found.h0 < 0.5
     assert apart <= found.deflection_bound[0] <= WITHIN * apart
@@ -79,9 +103,14 @@ def test_one_mass_the_true_motion_lies_within_the_bound_and_hardly_nearer(harmon
     assert abs(l[0].real + 2 * l[1:].sum().real - true) <= found.deflection_bound[0]
     assert found.harmonic_balance.h0 < 1e-6
     assert found.radius < 1e-2 * h
-    if harmonics > 8:  # the weighted norm of method.md A4.5, nu = 4, bounds more loosely
+    if (
+        harmonics > 8
+    ):  # the weighted norm of method.md A4.5, nu = 4, bounds more loosely
         radius = float(method_case("A4_certificate_one_mass")[1][f"N{harmonics}"]["r"])
-        assert found.deflection_bound[0] < np.sqrt(4 * np.pi / np.tanh(4 * np.pi)) * radius * h / 5
+        assert (
+            found.deflection_bound[0]
+            < np.sqrt(4 * np.pi / np.tanh(4 * np.pi)) * radius * h / 5
+        )
 
 
 def test_case_a4_small_gain_numbers():
@@ -95,27 +124,42 @@ def test_norms_are_those_of_dense_matrices():
     lin = linearisation(solved(8), 16, 64)
     w = lin.weight[:17]
     columns = fourier.unpack(np.eye(33))[:, None]  # one motion each
-    dense = np.array([fourier.pack(w * lin.inverse(lin.apply_gain(x)))[0] for x in columns]).T
-    np.testing.assert_allclose(theorem._gain_norm(lin, 16), NORM_MARGIN * np.linalg.norm(dense, 2), rtol=0.02)
+    dense = np.array(
+        [fourier.pack(w * lin.inverse(lin.apply_gain(x)))[0] for x in columns]
+    ).T
+    np.testing.assert_allclose(
+        theorem._gain_norm(lin, 16), NORM_MARGIN * np.linalg.norm(dense, 2), rtol=0.02
+    )
     count = 64
     zone = lin.near_transition(0.01, np.arange(count) / count)
     assert 0 < zone.mean() < 0.5
-    from_samples = np.array([fourier.pack(fourier.analyze(row, 16)) for row in np.eye(count) * zone[0]])
-    to_samples = np.array([fourier.synthesize(fourier.unpack(row), count) for row in np.eye(33)])
+    from_samples = np.array(
+        [fourier.pack(fourier.analyze(row, 16)) for row in np.eye(count) * zone[0]]
+    )
+    to_samples = np.array(
+        [fourier.synthesize(fourier.unpack(row), count) for row in np.eye(33)]
+    )
     kernel = to_samples.T @ (dense / np.r_[w, w[1:]][:, None]) @ from_samples.T
     wanted = np.abs(kernel).sum(1).max()
-    np.testing.assert_allclose(theorem._row_sum(lin, zone, count, False), ROW_SUM_MARGIN * wanted, rtol=0.02)
+    np.testing.assert_allclose(
+        theorem._row_sum(lin, zone, count, False), ROW_SUM_MARGIN * wanted, rtol=0.02
+    )
 
 
 def test_what_cannot_be_inverted_is_refused_at_once():
     lin = linearisation(solved(8), 128, 256)
-    # Slopes that the preconditioner does not know, so large that no Krylov space of so few steps holds the solution.
-    lin._share = lin._share + np.random.default_rng(0).normal(size=lin._share.shape) * 1e6
+    # Slopes that the preconditioner does not know, so large that no Krylov space of so
+    # few steps holds the solution.
+    lin._share = (
+        lin._share + np.random.default_rng(0).normal(size=lin._share.shape) * 1e6
+    )
     with pytest.raises(NotInverted):
         theorem.bounds_at(lin, one_mass(), np.array([0]))
     refused = theorem.without_bounds(lin, one_mass(), np.array([0]))
     assert not refused.holds
-    assert refused.reason.startswith("the linearised equation could not be inverted well enough: the motion is near")
+    assert refused.reason.startswith(
+        "the linearised equation could not be inverted well enough: the motion is near"
+    )
 
 
 def test_the_inverse_and_its_adjoint():
@@ -126,7 +170,9 @@ def test_the_inverse_and_its_adjoint():
     def dot(a, b):
         return fourier.pack(a)[0] @ fourier.pack(b)[0]
 
-    np.testing.assert_allclose(dot(y, lin.inverse(x)), dot(lin.inverse_transposed(y), x), rtol=1e-6)
+    np.testing.assert_allclose(
+        dot(y, lin.inverse(x)), dot(lin.inverse_transposed(y), x), rtol=1e-6
+    )
     x[:, 17:] = 0
     again = lin.inverse(x)[:, :17]
     forward = again + lin.apply_gain(lin.times_share(again))[:, :17]
@@ -134,7 +180,9 @@ def test_the_inverse_and_its_adjoint():
 
 
 def test_a_singular_derivative_is_refused():
-    """Method.md A4.2 (i): a motion inside the transition whose slopes 1 + a cos 2t are in parametric resonance."""
+    """Method.md A4.2 (i): a motion inside the transition whose slopes 1 + a cos 2t are
+    in parametric resonance.
+    """
     a, b, slopes, h = 0.200109342148869, 0.1, (0.05 / 0.7, 1 / 0.7), 2.0
     c, eps = slopes[1], 0.05
     kappa = (c - eps * c) / (0.2 * h)
@@ -153,7 +201,9 @@ def test_a_singular_derivative_is_refused():
         parts.append(jaxhb.Torque(disk=name, mean=sign * q[0].real, harmonics=own))
     train = build(parts, reference="a")
     base = jaxhb.solve(train, rpm=ONE_RADIAN_PER_SECOND, harmonics=8)
-    given = dataclasses.replace(base, deflections=fourier.resize(x[None], 8), status=np.array(0))
+    given = dataclasses.replace(
+        base, deflections=fourier.resize(x[None], 8), status=np.array(0)
+    )
     lin = linearisation(given, 32, 256)
     assert np.abs(lin.residual()).max() < 1e-9  # a motion it is
     found = theorem.bounds_at(lin, train, np.array([0]))
@@ -169,9 +219,15 @@ def pair(**changes):
             jaxhb.Disk(name="engine", inertia=0.5),
             jaxhb.Disk(name="a", inertia=0.02, radius=0.05),
             jaxhb.Disk(name="b", inertia=0.06, radius=0.08, damping=0.3),
-            jaxhb.Shaft(between=("engine", "a"), stiffness=4e4, damping=0.5, loss_factor=loss),
+            jaxhb.Shaft(
+                between=("engine", "a"), stiffness=4e4, damping=0.5, loss_factor=loss
+            ),
             jaxhb.Mesh(between=("a", "b"), backlash=1e-4, transition=0.1, **law),
-            jaxhb.Torque(disk="engine", mean=mean, harmonics=[(2.0, 1500.0, 0.0), (4.0, 0.0, 300.0)]),
+            jaxhb.Torque(
+                disk="engine",
+                mean=mean,
+                harmonics=[(2.0, 1500.0, 0.0), (4.0, 0.0, 300.0)],
+            ),
             jaxhb.Load(disk="b"),
         ],
         reference="engine",
@@ -183,23 +239,39 @@ def forces(response, count=2**14):
     train = response.train
     deflection = np.asarray(response.deflections)
     frequency = response.topology.cycle_frequency(float(response.rpm))
-    value, rate = (fourier.synthesize(x, count) for x in (deflection, fourier.derivative(deflection, frequency)))
+    value, rate = (
+        fourier.synthesize(x, count)
+        for x in (deflection, fourier.derivative(deflection, frequency))
+    )
     law = jax.tree.map(np.asarray, backlash.law_of(train.meshes)).expand()
-    gated = np.array([law == "contact" for law in train.topology.mesh_damping_law])[:, None]
-    return value, backlash.mesh_force(law, np.asarray(train.meshes.damping)[:, None], gated, value, rate)
+    gated = np.array([law == "contact" for law in train.topology.mesh_damping_law])[
+        :, None
+    ]
+    return value, backlash.mesh_force(
+        law, np.asarray(train.meshes.damping)[:, None], gated, value, rate
+    )
 
 
-LAWS = {"contact": {}, "always": {"damping_law": "always"}, "loss": {"loss": 0.02}, "strong": {"damping": 3e4}}
+LAWS = {
+    "contact": {},
+    "always": {"damping_law": "always"},
+    "loss": {"loss": 0.02},
+    "strong": {"damping": 3e4},
+}
 
 
 @pytest.mark.parametrize("changes", LAWS.values(), ids=LAWS)
 def test_bounds_hold_for_both_laws_of_damping_and_for_loss_factors(changes):
     train = pair(**changes)
-    response = jaxhb.solve(train, rpm=1500.0, harmonics=192)  # most of its error is that of the truncation
+    response = jaxhb.solve(
+        train, rpm=1500.0, harmonics=192
+    )  # most of its error is that of the truncation
     assert response.mesh("a", "b").separated_fraction > 0
     found = certify(response)
     assert found.holds, found.reason
-    fine = jaxhb.solve(train, rpm=1500.0, harmonics=768, integrals="exact", start=response)
+    fine = jaxhb.solve(
+        train, rpm=1500.0, harmonics=768, integrals="exact", start=response
+    )
     (value, force), (true_value, true_force) = forces(response), forces(fine)
     apart, off = np.abs(value - true_value).max(), np.abs(force - true_force).max()
     assert apart <= found.deflection_bound[0] <= WITHIN * apart
@@ -216,27 +288,46 @@ def test_bounds_hold_for_both_laws_of_damping_and_for_loss_factors(changes):
     ids=["one mass", "pair", "engine"],
 )
 def test_whatever_is_read_of_a_response_lies_within_the_bound(train, rpm, harmonics):
-    """Beside the law along a solution with many more harmonics: forces are read as series, and extremes at samples."""
+    """Beside the law along a solution with many more harmonics: forces are read as
+    series, and extremes at samples.
+    """
     response = jaxhb.solve(train, rpm=rpm, harmonics=harmonics)
     found = certify(response)
     fine = jaxhb.solve(train, rpm=rpm, harmonics=1536, start=response)
     count = 2**16
     law = jax.tree.map(np.asarray, backlash.law_of(train.meshes)).expand()
-    with np.errstate(invalid="ignore"):  # the law has no meaning for meshes without backlash, which have no bound
+    with np.errstate(
+        invalid="ignore"
+    ):  # the law has no meaning for meshes without backlash, which have no bound
         deflections, true_forces = forces(fine, count)
         elastic = backlash.force(law, deflections)
     for place, name in enumerate(found.meshes):
         index = train.topology.mesh_names.index(name)
-        signals = response.deflection(name), response.force(name), response.force(name).elastic
+        signals = (
+            response.deflection(name),
+            response.force(name),
+            response.force(name).elastic,
+        )
         bounds = found.deflection_bound, found.force_bound, found.elastic_bound
-        for signal, values, bound in zip(signals, (deflections, true_forces, elastic), bounds, strict=True):
+        for signal, values, bound in zip(
+            signals, (deflections, true_forces, elastic), bounds, strict=True
+        ):
             true, off = values[index], {}
             low, high = true.min(), true.max()
-            off["extremes"] = max(abs(signal.max - high), abs(signal.min - low), abs(signal.peak - abs(true).max()))
+            off["extremes"] = max(
+                abs(signal.max - high),
+                abs(signal.min - low),
+                abs(signal.peak - abs(true).max()),
+            )
             off["half peak-to-peak"] = abs(signal.half_peak_to_peak - (high - low) / 2)
-            off["mean and rms"] = max(abs(signal.mean - true.mean()), abs(signal.rms - np.sqrt((true**2).mean())))
+            off["mean and rms"] = max(
+                abs(signal.mean - true.mean()),
+                abs(signal.rms - np.sqrt((true**2).mean())),
+            )
             off["samples"] = np.abs(signal.samples(count) - true).max()
-            off["few samples"] = np.abs(signal.samples(4096) - true[:: count // 4096]).max()
+            off["few samples"] = np.abs(
+                signal.samples(4096) - true[:: count // 4096]
+            ).max()
             assert max(off.values()) <= bound[place] * (1 + 1e-6), (name, off)
             assert bound[place] <= 4 * off["samples"] + 1e-9 * abs(true).max()
 
@@ -257,7 +348,9 @@ def test_what_has_no_backlash_needs_no_certificate():
 
 def test_a_disk_without_inertia_is_refused_by_name_and_a_sweep():
     train = one_mass()
-    train = dataclasses.replace(train, disks=dataclasses.replace(train.disks, inertia=np.array([0.0, 2.0])))
+    train = dataclasses.replace(
+        train, disks=dataclasses.replace(train.disks, inertia=np.array([0.0, 2.0]))
+    )
     response = dataclasses.replace(solved(8), train=train)
     with pytest.raises(ValueError, match="disk 'a' has inertia 0"):
         certify(response)
@@ -266,65 +359,105 @@ def test_a_disk_without_inertia_is_refused_by_name_and_a_sweep():
 
 
 def test_what_an_impulse_leaves_is_what_the_linearised_equation_answers():
-    """The answer to a smooth periodic integral of (engagement - 1), in harmonics and from what impulses leave."""
+    """The answer to a smooth periodic integral of (engagement - 1), in harmonics and
+    from what impulses leave.
+    """
     response = solved(16)
     lin = linearisation(response, 64, 256)
-    system, meshes = on_host((chain.assemble(response.train), law_meshes(response.train)))
-    space = state_space(system, meshes, 1.0, partition(system, meshes, ("a", "b"), ("a|b",)))
+    system, meshes = on_host(
+        (chain.assemble(response.train), law_meshes(response.train))
+    )
+    space = state_space(
+        system, meshes, 1.0, partition(system, meshes, ("a", "b"), ("a|b",))
+    )
     deflection = np.asarray(response.deflections)
-    times = np.concatenate([exact_integrals.switching_times(meshes.law, deflection), np.arange(1, 4096) / 4096])
+    times = np.concatenate(
+        [
+            exact_integrals.switching_times(meshes.law, deflection),
+            np.arange(1, 4096) / 4096,
+        ]
+    )
     way = propagation(space, meshes, deflection, 1.0, np.unique(times))
     given = np.zeros((1, 65), complex)
     given[0, 3] = 0.5  # cos 3t
     answer = -lin.inverse(np.pad(lin.apply_gain(given), ((0, 0), (0, 192))))
     u = np.cos(3 * 2 * np.pi * way.share)
-    left = np.trapezoid(way.end_state[..., 0] * u[:, None], 2 * np.pi * way.share, axis=0)
+    left = np.trapezoid(
+        way.end_state[..., 0] * u[:, None], 2 * np.pi * way.share, axis=0
+    )
     begin = np.linalg.lstsq(np.eye(len(left)) - way.matrix, left, rcond=1e-9)[0]
     expected = answer[0, 0].real + 2 * answer[0, 1:].sum().real
     np.testing.assert_allclose((way.deflection[0] @ begin)[0], expected, rtol=1e-5)
 
 
 LEVELS, FINE, SAMPLES = (12, 17, 24, 34, 48, 68, 96), 256, 2**14
-"""What aliases of force and stiffness is what their coefficients are at this harmonic, 1e-8 of the stiffness."""
+"""What aliases of force and stiffness is what their coefficients are at this harmonic,
+1e-8 of the stiffness.
+"""
 
 RATES = {"deflection": 4.5, "law": 4.5, "force": 2.5, "stiffness": 1.5}
-"""``law``: the force of the law at the computed deflection, as wrong as that; ``force``, ``stiffness``: their series of
-N harmonics. Within 0.3 over three octaves: the coefficients of several crossings beat."""
+"""``law``: the force of the law at the computed deflection, as wrong as that;
+``force``, ``stiffness``: their series of N harmonics. Within 0.3 over three octaves:
+the coefficients of several crossings beat.
+"""
 
 
 def truncated(train):
-    """A function that solves the equations truncated to some harmonics, and gives the deflections in m."""
+    """A function that solves the equations truncated to some harmonics, and gives the
+    deflections in m.
+    """
     first = jaxhb.check(jaxhb.solve(train, rpm=ONE_RADIAN_PER_SECOND, harmonics=32))
     problem = problem_at(train, ONE_RADIAN_PER_SECOND, 8)
     sizes = certificate._sizes(FINE, 4.0, 8, 1)
     at = Linearization(problem, train, np.asarray(first.deflections), sizes, 1.0)
 
     def solve(harmonics):
-        lin = at.moved(fourier.resize(fourier.resize(at.deflection, harmonics), FINE) - at.deflection)
+        lin = at.moved(
+            fourier.resize(fourier.resize(at.deflection, harmonics), FINE)
+            - at.deflection
+        )
         for _ in range(8):
             own = lin.galerkin(harmonics)
             left = fourier.resize(fourier.resize(own.residual(), harmonics), FINE)
             change = fourier.resize(fourier.resize(own.inverse(left), harmonics), FINE)
             lin = lin.moved(-change)
             if np.abs(change).max() < 1e-12:
-                return fourier.resize(lin.deflection, harmonics) * lin.law.backlash[:, None]
-        raise AssertionError(f"{harmonics} harmonics: {np.abs(change).max():.1e} in the last step")
+                return (
+                    fourier.resize(lin.deflection, harmonics)
+                    * lin.law.backlash[:, None]
+                )
+        raise AssertionError(
+            f"{harmonics} harmonics: {np.abs(change).max():.1e} in the last step"
+        )
 
     return solve
 
 
 def quantities(train, deflection):
     """Coefficients of what converges, each to its own number of harmonics."""
-    law, kept = jax.tree.map(np.asarray, law_meshes(train).law).expand(), deflection.shape[1]
+    law, kept = (
+        jax.tree.map(np.asarray, law_meshes(train).law).expand(),
+        deflection.shape[1],
+    )
     value = fourier.synthesize(deflection, SAMPLES)
-    force, stiffness = (fourier.analyze(f(law, value), SAMPLES // 2) for f in (backlash.force, backlash.slope))
-    return {"deflection": deflection, "law": force, "force": force[:, :kept], "stiffness": stiffness[:, :kept]}
+    force, stiffness = (
+        fourier.analyze(f(law, value), SAMPLES // 2)
+        for f in (backlash.force, backlash.slope)
+    )
+    return {
+        "deflection": deflection,
+        "law": force,
+        "force": force[:, :kept],
+        "stiffness": stiffness[:, :kept],
+    }
 
 
 def test_galerkins_method_converges_with_the_rates_of_theory():
-    """Where teeth pass the knots of their law the slope of the stiffness jumps, so that coefficients fall (docs/theory
-    A6) as ``c ~ n^-2``, ``f ~ n^-3``, ``x ~ n^-5``. What N harmonics omit of ``n^-p`` has the root mean square
-    ``~ N^-(p - 1/2)``, over the cycle, against FINE harmonics."""
+    """Where teeth pass the knots of their law the slope of the stiffness jumps, so that
+    coefficients fall (docs/theory A6) as ``c ~ n^-2``, ``f ~ n^-3``, ``x ~ n^-5``. What
+    N harmonics omit of ``n^-p`` has the root mean square ``~ N^-(p - 1/2)``, over the
+    cycle, against FINE harmonics.
+    """
     train = one_mass()
     solve = truncated(train)
     true, *levels = (quantities(train, solve(n)) for n in (FINE, *LEVELS))

@@ -11,7 +11,9 @@ def maps(sizes):
     """Square matrices with columns of different sizes."""
     draw = np.random.default_rng(3)
     for size in sizes:
-        yield draw.normal(size=(size, size)) * np.exp(draw.uniform(0, 2) * draw.normal(size=size))
+        yield draw.normal(size=(size, size)) * np.exp(
+            draw.uniform(0, 2) * draw.normal(size=size)
+        )
 
 
 def estimated(matrix):
@@ -19,8 +21,14 @@ def estimated(matrix):
 
 
 def test_the_estimate_is_never_above_the_norm_and_seldom_below():
-    shares = [estimated(m) / np.abs(m).sum(0).max() for m in maps([1, 6, 7, 8, 9, 12, *range(20, 120)])]
-    assert max(shares) < 1 + 1e-12 and shares[:2] == [1.0, 1.0]  # rounding; of small ones the sum itself
+    shares = [
+        estimated(m) / np.abs(m).sum(0).max()
+        for m in maps([1, 6, 7, 8, 9, 12, *range(20, 120)])
+    ]
+    assert max(shares) < 1 + 1e-12 and shares[:2] == [
+        1.0,
+        1.0,
+    ]  # rounding; of small ones the sum itself
     assert np.mean(np.array(shares) > 1 - 1e-12) > 0.8 and np.mean(shares) > 0.98
     assert estimated(np.diag(np.r_[np.ones(9), np.nan])) == np.inf
 

@@ -1,4 +1,6 @@
-"""How tests call the command line in their process, and read what it printed and wrote."""
+"""How tests call the command line in their process, and read what it printed and
+wrote.
+"""
 
 import contextlib
 import csv
@@ -20,7 +22,9 @@ ENDS = {"plot": "png", "netcdf": "nc", "trace": "trace.csv"}
 
 @dataclass(frozen=True)
 class Called:
-    """What came of a call: files that were asked for lie in ``folder`` under the name of their option."""
+    """What came of a call: files that were asked for lie in ``folder`` under the name
+    of their option.
+    """
 
     status: int
     out: str
@@ -37,7 +41,9 @@ class Called:
         def refuse(word):
             raise ValueError(f"{word} is no JSON")
 
-        return json.loads(self.path("json").read_text(encoding="utf-8"), parse_constant=refuse)
+        return json.loads(
+            self.path("json").read_text(encoding="utf-8"), parse_constant=refuse
+        )
 
     @property
     def rows(self):
@@ -57,10 +63,17 @@ class Called:
 def call(folder, line, *files):
     """Run a command as it is typed, with a file for each of these options."""
     called = Called(0, "", "", folder)
-    words = [word for option in files for word in (f"--{option}", str(called.path(option)))]
+    words = [
+        word for option in files for word in (f"--{option}", str(called.path(option)))
+    ]
     out, err = io.TextIOWrapper(io.BytesIO(), "utf-8", newline=""), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.MonkeyPatch.context() as patch:
-        # Lines on the progress depend on how fast the machine is; tests of them ask for them.
+    with (
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        # Lines on the progress depend on how fast the machine is; tests of them ask for
+        # them.
         patch.setattr(progress, "LOGGED", threading.TIMEOUT_MAX)
         status = main([*shlex.split(line), *words])
     out.flush()
@@ -75,7 +88,9 @@ def run(tmp_path):
 
 @pytest.fixture(scope="session")
 def told(tmp_path_factory):
-    """Runs a command on packaged scenes, once for all tests that ask for it with the same files."""
+    """Runs a command on packaged scenes, once for all tests that ask for it with the
+    same files.
+    """
     found = {}
 
     def once(line, *files):

@@ -8,13 +8,20 @@ import jaxhb
 from jaxhb.cli import linear_commands
 
 PLANT = Path(__file__).parents[1] / "data" / "scenes" / "two_engines.toml"
-MODES = {"as written": "", "port alone": " --scenario 'port alone'", "zero pitch": " --scenario 'zero pitch'"}
+MODES = {
+    "as written": "",
+    "port alone": " --scenario 'port alone'",
+    "zero pitch": " --scenario 'zero pitch'",
+}
 
 
 @pytest.fixture(scope="module")
 def forced(told):
     lines = {"all": " --scenario all"} | MODES
-    return {name: told(f"forced {PLANT} --rpm 200:700:6{more}", "json", "csv") for name, more in lines.items()}
+    return {
+        name: told(f"forced {PLANT} --rpm 200:700:6{more}", "json", "csv")
+        for name, more in lines.items()
+    }
 
 
 def test_files_of_all_modes_hold_what_each_alone_gives(forced):
@@ -25,16 +32,26 @@ def test_files_of_all_modes_hold_what_each_alone_gives(forced):
     for name in MODES:
         own = [row for row in found.rows if row["scenario"] == name]
         # A link that is open has no number there.
-        assert [{k: v for k, v in row.items() if v and k != "scenario"} for row in own] == [
-            {k: v for k, v in row.items() if v} for row in forced[name].rows
-        ]
+        assert [
+            {k: v for k, v in row.items() if v and k != "scenario"} for row in own
+        ] == [{k: v for k, v in row.items() if v} for row in forced[name].rows]
 
 
 def test_the_worst_of_every_quantity_is_named_with_its_mode_and_speed(forced):
     worst, head = forced["all"].json["worst"], "port clutch half peak-to-peak N m"
-    rows = [(float(r[head]), name, float(r["rpm"])) for name in MODES for r in forced[name].rows]
+    rows = [
+        (float(r[head]), name, float(r["rpm"]))
+        for name in MODES
+        for r in forced[name].rows
+    ]
     value, mode, rpm = max(rows, key=lambda row: row[0])
-    assert worst[head] == {"value": value, "unit": "N m", "scenario": mode, "case": "", "rpm": rpm}
+    assert worst[head] == {
+        "value": value,
+        "unit": "N m",
+        "scenario": mode,
+        "case": "",
+        "rpm": rpm,
+    }
     assert "line stress Pa" in worst and not any("limit" in name for name in worst)
     table = forced["all"].out.split("Largest over all modes")[1]
     (line,) = (line for line in table.splitlines() if "port clutch half" in line)
@@ -42,9 +59,17 @@ def test_the_worst_of_every_quantity_is_named_with_its_mode_and_speed(forced):
 
 
 def test_chosen_modes_are_those_named_and_other_files_are_theirs(run, tmp_path):
-    found = run(f"modes {PLANT} --scenario 'zero pitch' --scenario 'port alone'", "json", "plot")
-    assert found.status == 0 and list(found.json["scenarios"]) == ["zero pitch", "port alone"]
-    assert sorted(path.name for path in tmp_path.glob("*.png")) == ["plot_port_alone.png", "plot_zero_pitch.png"]
+    found = run(
+        f"modes {PLANT} --scenario 'zero pitch' --scenario 'port alone'", "json", "plot"
+    )
+    assert found.status == 0 and list(found.json["scenarios"]) == [
+        "zero pitch",
+        "port alone",
+    ]
+    assert sorted(path.name for path in tmp_path.glob("*.png")) == [
+        "plot_port_alone.png",
+        "plot_zero_pitch.png",
+    ]
     assert [line for line in found.out.splitlines() if line.startswith("Mode: ")] == [
         "Mode: zero pitch",
         "Mode: port alone",
@@ -57,11 +82,20 @@ def test_chosen_modes_are_those_named_and_other_files_are_theirs(run, tmp_path):
 
 
 def test_a_report_and_its_page_tell_every_mode(run, tmp_path):
-    found = run(f"report {PLANT} --rpm 300,500 --scenario all --html {tmp_path}/page.html", "json", "csv")
+    found = run(
+        f"report {PLANT} --rpm 300,500 --scenario all --html {tmp_path}/page.html",
+        "json",
+        "csv",
+    )
     assert found.status == 0
-    pages = {path.stem: path.read_text(encoding="utf-8") for path in tmp_path.glob("*.html")}
+    pages = {
+        path.stem: path.read_text(encoding="utf-8") for path in tmp_path.glob("*.html")
+    }
     assert set(pages) == {"page_as_written", "page_port_alone", "page_zero_pitch"}
-    assert ">starboard engine<" in pages["page_as_written"] and ">starboard engine<" not in pages["page_port_alone"]
+    assert (
+        ">starboard engine<" in pages["page_as_written"]
+        and ">starboard engine<" not in pages["page_port_alone"]
+    )
     assert {row["scenario"] for row in found.rows} == set(MODES)
     assert found.json["worst"]["line torque half peak-to-peak N m"]["scenario"] in MODES
 
@@ -76,13 +110,21 @@ def test_the_command_of_phases_finds_the_worst_angle_in_every_mode(run):
         rpm=[300.0, 360.0],
         of=[jaxhb.design.Objective(quantity="shaft torque", of="line")],
     )
-    assert [float(row["worst"]) for row in found.rows] == pytest.approx(wanted.worst[:, 0].tolist(), rel=1e-12)
-    assert [row["angle"] for row in found.json["phases"]] == pytest.approx(wanted.angle[:, 0].tolist(), rel=1e-12)
+    assert [float(row["worst"]) for row in found.rows] == pytest.approx(
+        wanted.worst[:, 0].tolist(), rel=1e-12
+    )
+    assert [row["angle"] for row in found.json["phases"]] == pytest.approx(
+        wanted.angle[:, 0].tolist(), rel=1e-12
+    )
     assert "phase turn, turned through 360 deg of its rotor, 2 speeds" in found.words
     every = run(f"{line} --scenario all", "json")
     worst = every.json["worst"]["shaft torque of line N m"]
     assert worst["scenario"] in MODES and worst["unit"] == "N m"
-    (told,) = [line for line in every.out.split("Largest over all modes")[1].splitlines() if "line" in line]
+    (told,) = [
+        line
+        for line in every.out.split("Largest over all modes")[1].splitlines()
+        if "line" in line
+    ]
     assert " ".join(told.split()).endswith(f"N m {worst['rpm']:g} {worst['scenario']}")
     assert float(told.split()[4]) == pytest.approx(worst["value"], rel=1e-3)
 
@@ -93,7 +135,11 @@ def test_a_sweep_goes_over_the_phase_in_every_mode(run, tmp_path):
     assert found.status == 0
     train, head = jaxhb.load_scene(PLANT), "line torque half peak-to-peak N m"
     for row in found.rows:
-        mode = train if row["scenario"] == "as written" else train.scenario(row["scenario"])
+        mode = (
+            train
+            if row["scenario"] == "as written"
+            else train.scenario(row["scenario"])
+        )
         one = mode.replace({"turn.angle": float(row["turn.angle, deg"])})
         wanted = jaxhb.forced_response(one, rpm=350.0).torque("line").half_peak_to_peak
         assert float(row[head]) == pytest.approx(float(wanted), rel=1e-4)
@@ -138,14 +184,26 @@ def fired(tmp_path):
 
 
 def test_a_mode_without_the_cylinder_that_misfires_is_skipped_with_a_note(run, fired):
-    called = run(f"forced {fired} --rpm 300 --scenario all --misfire 'starboard 1'", "json")
-    assert called.status == 0 and list(called.json["scenarios"]) == ["as written", "zero pitch"]
-    assert called.json["skipped"] == {"port alone": "which has no 'starboard 1' that --misfire names."}
-    assert "Skipped: port alone, which has no 'starboard 1' that --misfire names." in called.out
+    called = run(
+        f"forced {fired} --rpm 300 --scenario all --misfire 'starboard 1'", "json"
+    )
+    assert called.status == 0 and list(called.json["scenarios"]) == [
+        "as written",
+        "zero pitch",
+    ]
+    assert called.json["skipped"] == {
+        "port alone": "which has no 'starboard 1' that --misfire names."
+    }
+    assert (
+        "Skipped: port alone, which has no 'starboard 1' that --misfire names."
+        in called.out
+    )
     found = called.json["scenarios"]["as written"]
     alone = run(f"forced {fired} --rpm 300 --misfire 'starboard 1'", "json").json
     assert found["shafts"] == alone["shafts"]
-    alone = run(f"forced {fired} --rpm 300 --scenario 'port alone' --misfire 'starboard 1'")
+    alone = run(
+        f"forced {fired} --rpm 300 --scenario 'port alone' --misfire 'starboard 1'"
+    )
     assert alone.status == 2 and "there is no cylinder 'starboard 1'" in alone.err
 
 
@@ -161,5 +219,7 @@ def test_a_mode_without_the_cylinder_that_misfires_is_skipped_with_a_note(run, f
 def test_every_option_that_names_what_a_mode_lacks_skips_it(run, fired, line):
     command, rest = line.split(" ", 1)
     called = run(f"{command} {fired} {rest} --scenario all", "json")
-    assert (called.status, called.err) == (0, "") and list(called.json["skipped"]) == ["port alone"]
+    assert (called.status, called.err) == (0, "") and list(called.json["skipped"]) == [
+        "port alone"
+    ]
     assert list(called.json["scenarios"]) == ["as written", "zero pitch"]

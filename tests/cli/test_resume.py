@@ -1,4 +1,6 @@
-"""What a command keeps until it is done: alone, as one of several, and where it cannot be kept."""
+"""What a command keeps until it is done: alone, as one of several, and where it cannot
+be kept.
+"""
 
 import os
 
@@ -31,7 +33,9 @@ def test_what_a_command_has_kept_is_there_until_it_is_done(train):
     assert not folder.exists()
 
 
-def test_what_commands_of_several_scenarios_have_kept_is_there_until_all_are_done(train):
+def test_what_commands_of_several_scenarios_have_kept_is_there_until_all_are_done(
+    train,
+):
     def all_of_them(last):
         with as_one():
             folders.append(done(train, "first"))
@@ -51,10 +55,19 @@ def test_what_commands_of_several_scenarios_have_kept_is_there_until_all_are_don
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no modes of files")
-@pytest.mark.parametrize("which", ["the cache", "all that is under way", "that of the command"])
-def test_a_folder_in_which_others_could_write_is_not_used_and_that_is_told_once(train, which, capsys):
+@pytest.mark.parametrize(
+    "which", ["the cache", "all that is under way", "that of the command"]
+)
+def test_a_folder_in_which_others_could_write_is_not_used_and_that_is_told_once(
+    train, which, capsys
+):
     folder = Kept([train], which).folder.folder
-    {"the cache": folder.parents[1], "all that is under way": folder.parent}.get(which, folder).chmod(0o777)
+    {"the cache": folder.parents[1], "all that is under way": folder.parent}.get(
+        which, folder
+    ).chmod(0o777)
     assert Kept([train], which).folder is None and Kept([train], which).folder is None
     told = capsys.readouterr().err
-    assert told.count("is not kept on disk") == 1 and "Remove it with all that is in it" in told
+    assert (
+        told.count("is not kept on disk") == 1
+        and "Remove it with all that is in it" in told
+    )

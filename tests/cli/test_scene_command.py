@@ -16,7 +16,9 @@ ENGINE = "\n" + text_of("traces.toml")
 
 @pytest.fixture
 def scene(tmp_path):
-    (tmp_path / "p.csv").write_text("# deg, Pa\n0, 1e5\n300, 2e6\n370, 9e6\n500, 4e5\n720, 1e5\n")
+    (tmp_path / "p.csv").write_text(
+        "# deg, Pa\n0, 1e5\n300, 2e6\n370, 9e6\n500, 4e5\n720, 1e5\n"
+    )
     path = tmp_path / "engine.toml"
     path.write_text(ENGINE)
     return path
@@ -26,7 +28,9 @@ def test_an_expanded_scene_is_printed_and_loads_to_the_same_train(scene, run):
     text = run(f"scene {scene} --expand").out
     assert "[engine]" not in text and text.count("p.csv") == 4
     scene.with_name("copy.toml").write_text(text)
-    train, copy = (jaxhb.load_scene(scene.with_name(name)) for name in ("engine.toml", "copy.toml"))
+    train, copy = (
+        jaxhb.load_scene(scene.with_name(name)) for name in ("engine.toml", "copy.toml")
+    )
     assert copy.topology.cylinder_names == train.topology.cylinder_names
     jax.tree.map(np.testing.assert_array_equal, copy.cylinders, train.cylinders)
 
@@ -35,9 +39,14 @@ def test_a_scene_is_written_with_its_tables_beside_it(scene, run, tmp_path):
     folder = tmp_path / "out"
     folder.mkdir()
     said = run(f"scene {scene} --out {folder / 'copy.toml'}").out
-    assert said.splitlines() == [f"{folder / name} is written." for name in ("copy.toml", "p.csv")]
+    assert said.splitlines() == [
+        f"{folder / name} is written." for name in ("copy.toml", "p.csv")
+    ]
     text = (folder / "copy.toml").read_text()
-    assert "[engine]" in text and jaxhb.load_scene(folder / "copy.toml").topology.name == "engine"
+    assert (
+        "[engine]" in text
+        and jaxhb.load_scene(folder / "copy.toml").topology.name == "engine"
+    )
 
 
 DRIVEN = """\
@@ -71,12 +80,19 @@ def driven(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("line", ["scene {scene} --out {copy}", "new {copy} --from {scene}"])
-def test_tables_outside_of_the_folder_of_a_scene_are_copied_into_that_of_its_copy(driven, run, tmp_path, line):
+@pytest.mark.parametrize(
+    "line", ["scene {scene} --out {copy}", "new {copy} --from {scene}"]
+)
+def test_tables_outside_of_the_folder_of_a_scene_are_copied_into_that_of_its_copy(
+    driven, run, tmp_path, line
+):
     copy = tmp_path / "out" / "inner" / "copy.toml"
     copy.parent.mkdir(parents=True)
     run(line.format(scene=driven, copy=copy))
-    assert sorted(path.name for path in (tmp_path / "out").rglob("*.csv")) == ["drive 2.csv", "drive.csv"]
+    assert sorted(path.name for path in (tmp_path / "out").rglob("*.csv")) == [
+        "drive 2.csv",
+        "drive.csv",
+    ]
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["inner"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in", "out"]
     assert 'harmonics = "drive.csv"  # of the motor' in copy.read_text()
@@ -99,7 +115,9 @@ def test_every_table_that_a_scene_may_name_is_copied(run, tmp_path):
     scene, copy = tmp_path / "in" / "engine.toml", tmp_path / "copy.toml"
     scene.write_text(text_of("two_strokes.toml").replace("[engine.combustion]", named))
     run(f"scene {scene} --out {copy}")
-    assert (tmp_path / "charge.csv").is_file() and jaxhb.load_scene(copy).cylinders.combustion is not None
+    assert (tmp_path / "charge.csv").is_file() and jaxhb.load_scene(
+        copy
+    ).cylinders.combustion is not None
 
 
 def test_a_csv_file_becomes_a_scene(tmp_path, run):
@@ -110,23 +128,45 @@ def test_a_csv_file_becomes_a_scene(tmp_path, run):
 
 
 def test_the_scene_command_needs_no_jax(scene):
-    code = f"import sys, jaxhb.cli.main as c; c.main(['scene', {str(scene)!r}]); print('jax' in sys.modules)"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    code = (
+        f"import sys, jaxhb.cli.main as c; c.main(['scene', {str(scene)!r}]);"
+        " print('jax' in sys.modules)"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     assert found.splitlines()[-1] == "False"
 
 
 def test_the_worst_of_all_misfires_is_that_of_python(scene, run):
-    called, train = run(f"report {scene} --rpm 1200,1800 --misfire each", "json"), jaxhb.load_scene(scene)
+    called, train = (
+        run(f"report {scene} --rpm 1200,1800 --misfire each", "json"),
+        jaxhb.load_scene(scene),
+    )
     misfires = jaxhb.misfire_each(train, rpm=[1200.0, 1800.0])
     worst = misfires.worst(lambda r: r.torque("one", "two").half_peak_to_peak)
     found = called.json["worst_misfire"]
-    assert (found["cylinder"], found["rpm"], found["of"]) == (worst.cylinder, worst.rpm, "one|two")
-    np.testing.assert_allclose([found["value"], found["firing"]], [worst.value, worst.firing], rtol=1e-9)
-    assert called.out.startswith(f"The worst misfire is that of {worst.cylinder}: torque of ")
+    assert (found["cylinder"], found["rpm"], found["of"]) == (
+        worst.cylinder,
+        worst.rpm,
+        "one|two",
+    )
+    np.testing.assert_allclose(
+        [found["value"], found["firing"]], [worst.value, worst.firing], rtol=1e-9
+    )
+    assert called.out.startswith(
+        f"The worst misfire is that of {worst.cylinder}: torque of "
+    )
     titles = [case["title"] for case in called.json["cases"]]
-    assert titles == ["all cylinders firing", "cylinder 1 not firing", "cylinder 2 not firing"]
+    assert titles == [
+        "all cylinders firing",
+        "cylinder 1 not firing",
+        "cylinder 2 not firing",
+    ]
     assert all(title in called.out for title in titles)
-    torque = called.json["cases"][2]["responses"][0]["shafts"]["one|two"]["half_peak_to_peak"]
+    torque = called.json["cases"][2]["responses"][0]["shafts"]["one|two"][
+        "half_peak_to_peak"
+    ]
     wanted = misfires.responses["cylinder 2"][0].torque("one", "two").half_peak_to_peak
     np.testing.assert_allclose(torque, wanted, rtol=1e-9)
 
@@ -134,5 +174,8 @@ def test_the_worst_of_all_misfires_is_that_of_python(scene, run):
 def test_a_speed_outside_the_traces_is_told_among_the_notes(scene, run):
     said = run(f"sweep {scene} --rpm 900,1500,2500").words
     traces = "the pressure traces of 'cylinder 1', 'cylinder 2' (1000 to 2000 rpm)"
-    assert f"At 900 rpm the speed lies outside {traces}" in said and "(alike at 2500 rpm)" in said
+    assert (
+        f"At 900 rpm the speed lies outside {traces}" in said
+        and "(alike at 2500 rpm)" in said
+    )
     assert "outside" not in run(f"solve {scene} --rpm 1500").out

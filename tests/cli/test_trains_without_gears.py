@@ -1,4 +1,6 @@
-"""Trains without gears, without shafts, without any link: every command, what loads and grounds take."""
+"""Trains without gears, without shafts, without any link: every command, what loads and
+grounds take.
+"""
 
 import numpy as np
 import pytest
@@ -18,7 +20,10 @@ disk = [{ name = "hub", inertia = 0.5, damping = 1.0 }]
 ground = [{ name = "bed", disk = "hub", stiffness = 1000.0 }]
 torque = [{ disk = "hub", mean = 500.0, harmonics = [[0.5, 20.0, 10.0], [1.0, 30.0, -5.0]] }]
 """
-DAMPER = 'damper = [{ name = "ring", disk = "hub", inertia = 0.1, stiffness = 9e4, damping = 30.0 }]\n'
+DAMPER = (
+    'damper = [{ name = "ring", disk = "hub", inertia = 0.1, stiffness = 9e4, damping ='
+    " 30.0 }]\n"
+)
 LOAD = 'load = [{ name = "pump", disk = "hub" }]\n'
 SPEEDS = {"solve": "1000", "sweep": "1000:1500:3", "report": "1000,1500"}
 
@@ -29,7 +34,9 @@ def scene(tmp_path):
 
     def written(*parts):
         file = tmp_path / "scene.toml"
-        file.write_text("".join(parts) + 'scene = { name = "hub", revolutions_per_cycle = 2 }')
+        file.write_text(
+            "".join(parts) + 'scene = { name = "hub", revolutions_per_cycle = 2 }'
+        )
         return file
 
     return written
@@ -37,7 +44,9 @@ def scene(tmp_path):
 
 @pytest.mark.parametrize("command", SPEEDS)
 def test_a_train_of_a_disk_and_a_damper_works_in_every_command(command, scene, run):
-    called = run(f"{command} {scene(DISK, DAMPER)} --rpm {SPEEDS[command]}", "json", "plot")
+    called = run(
+        f"{command} {scene(DISK, DAMPER)} --rpm {SPEEDS[command]}", "json", "plot"
+    )
     assert (called.status, called.err) == (0, "") and "ring" in called.out
     assert called.is_drawn and called.json
     if command != "report":
@@ -48,7 +57,9 @@ def test_a_train_of_a_disk_and_a_damper_works_in_every_command(command, scene, r
 
 
 @pytest.mark.parametrize("command", SPEEDS)
-def test_a_train_of_one_disk_is_told_by_its_angle_and_has_no_picture(command, scene, run, tmp_path):
+def test_a_train_of_one_disk_is_told_by_its_angle_and_has_no_picture(
+    command, scene, run, tmp_path
+):
     call = f"{command} {scene(DISK)} --rpm {SPEEDS[command]}"
     called = run(call, "json", "plot")
     assert called.status == 2 and "no torque to draw" in called.err
@@ -59,14 +70,21 @@ def test_a_train_of_one_disk_is_told_by_its_angle_and_has_no_picture(command, sc
 
 def test_the_hardest_shaft_may_be_a_damper(scene):
     train = jaxhb.load_scene(scene(DISK, DAMPER))
-    answer, sweep = answer_one(train, 1000.0, Asked()), answer_speeds(train, [1000.0, 1500.0], Asked())
+    answer, sweep = (
+        answer_one(train, 1000.0, Asked()),
+        answer_speeds(train, [1000.0, 1500.0], Asked()),
+    )
     name = train.topology.damper_names[0]
     assert hardest_shaft([answer]) == hardest_shaft(sweep["up"]) == name
     torque = plot_cycle(answer).axes[0].get_lines()[0].get_ydata()
-    assert torque.max() == pytest.approx(float(jaxhb.solve(train, rpm=1000.0).torque(name).max), rel=1e-3)
+    assert torque.max() == pytest.approx(
+        float(jaxhb.solve(train, rpm=1000.0).torque(name).max), rel=1e-3
+    )
     swing = plot_sweep(sweep).axes[0].get_lines()[0].get_ydata()
     solved = jaxhb.solve_speeds(train, rpm=[1000.0, 1500.0])
-    assert swing == pytest.approx(np.asarray(solved.torque(name).half_peak_to_peak), rel=0.5 * 10 ** (1 - DIGITS))
+    assert swing == pytest.approx(
+        np.asarray(solved.torque(name).half_peak_to_peak), rel=0.5 * 10 ** (1 - DIGITS)
+    )
 
 
 def test_a_ground_in_place_of_a_load_is_reported_and_noted(scene, run):
@@ -76,9 +94,14 @@ def test_a_ground_in_place_of_a_load_is_reported_and_noted(scene, run):
     assert record["disks"]["hub"]["mean"] == pytest.approx(0.5)
     assert record["load_torque_Nm"] == {}
     assert record["mean_angles"] == "set by the ground 'bed'"
-    assert "ground: bed takes 500 N m; mean angles: set by the ground 'bed'" in called.words
+    assert (
+        "ground: bed takes 500 N m; mean angles: set by the ground 'bed'"
+        in called.words
+    )
     (note,) = record["notes"]
-    assert note.startswith("The ground 'bed' takes 500 N m") and note.endswith("is a [[load]] missing?")
+    assert note.startswith("The ground 'bed' takes 500 N m") and note.endswith(
+        "is a [[load]] missing?"
+    )
     assert note in called.words
 
 
@@ -89,8 +112,12 @@ def test_with_a_load_the_ground_takes_nothing(scene, run):
     assert record["load_torque_Nm"] == {"pump": pytest.approx(-500.0)}
     assert record["load_kW"] == pytest.approx(500.0 * 2 * np.pi * 1000 / 60 / 1e3)
     assert record["notes"] == []
-    assert [float(row["pump load torque N m"]) for row in called.rows] == pytest.approx([-500.0] * 3)
-    assert float(called.rows[0]["bed ground reaction N m"]) == pytest.approx(0.0, abs=1e-6)
+    assert [float(row["pump load torque N m"]) for row in called.rows] == pytest.approx(
+        [-500.0] * 3
+    )
+    assert float(called.rows[0]["bed ground reaction N m"]) == pytest.approx(
+        0.0, abs=1e-6
+    )
 
 
 def test_a_sweep_without_backlash_is_solved_once_and_tells_the_progress_how_many_speeds_are_done(
@@ -104,12 +131,18 @@ def test_a_sweep_without_backlash_is_solved_once_and_tells_the_progress_how_many
             made.append(self)
 
     monkeypatch.setattr(commands, "Progress", Kept)
-    monkeypatch.setattr(compute, "solve_speeds", lambda *a, **k: calls.append(a) or solve_speeds(*a, **k))
+    monkeypatch.setattr(
+        compute,
+        "solve_speeds",
+        lambda *a, **k: calls.append(a) or solve_speeds(*a, **k),
+    )
     assert run(f"sweep {scene(DISK, DAMPER)} --rpm 1000:1500:3").status == 0
     assert len(calls) == 1 and (made[0].done, made[0].total) == (3, 3)
 
 
-def test_a_picture_that_cannot_be_drawn_leaves_no_file(scene, monkeypatch, run, tmp_path):
+def test_a_picture_that_cannot_be_drawn_leaves_no_file(
+    scene, monkeypatch, run, tmp_path
+):
     def refuse(*_):
         raise OutputError("no picture today")
 
@@ -128,13 +161,17 @@ def test_files_are_written_all_or_none(tmp_path):
         write_files({str(tmp_path / "a"): [b"whole"], str(tmp_path / "b"): failing()})
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(OutputError, match="cannot be written"):
-        write_files({str(tmp_path / "a"): [b"whole"], str(tmp_path / "nowhere" / "b"): [b""]})
+        write_files(
+            {str(tmp_path / "a"): [b"whole"], str(tmp_path / "nowhere" / "b"): [b""]}
+        )
     assert list(tmp_path.iterdir()) == []
     write_files({str(tmp_path / "a"): [b"who", b"le"]})
     assert (tmp_path / "a").read_bytes() == b"whole"
 
 
-def test_an_error_of_the_program_is_neither_not_converged_nor_bad_input(scene, monkeypatch, run):
+def test_an_error_of_the_program_is_neither_not_converged_nor_bad_input(
+    scene, monkeypatch, run
+):
     monkeypatch.setattr(compute, "steady_state", lambda *_, **__: {}["gone"])
     called = run(f"solve {scene(DISK)} --rpm 1000")
     assert called.status == 3 and "KeyError: 'gone'" in called.err

@@ -1,4 +1,6 @@
-"""Limits between the speeds of a tuning: peaks against fine sweeps, designs that keep them, what is told of both."""
+"""Limits between the speeds of a tuning: peaks against fine sweeps, designs that keep
+them, what is told of both.
+"""
 
 import dataclasses
 
@@ -10,7 +12,13 @@ from reference_data import DATA
 import jaxhb
 from jaxhb.balance.plan import Request
 from jaxhb.design import Objective, Parameter, Penalty
-from jaxhb.design.between_speeds import Followed, check_between, critical_speeds, exceeded, speeds_of
+from jaxhb.design.between_speeds import (
+    Followed,
+    check_between,
+    critical_speeds,
+    exceeded,
+    speeds_of,
+)
 from jaxhb.design.evaluation import Aim, Evaluator, Task
 from jaxhb.design.quantities import QUANTITIES
 from jaxhb.report.text.tuned import tuned_parts, tuned_record
@@ -27,7 +35,9 @@ TASK = Task((OUTER,), (STRESS,), ())
 def share(train, rpm):
     """Stress over its limit by the linear forced response, which no tuning reads."""
     response = jaxhb.forced_response(train, rpm=rpm)
-    return np.asarray(QUANTITIES[STRESS.quantity].exact_value(response, "shaft", None, train))
+    return np.asarray(
+        QUANTITIES[STRESS.quantity].exact_value(response, "shaft", None, train)
+    )
 
 
 def of_diameter(outer):
@@ -58,7 +68,10 @@ def test_a_followed_speed_is_the_critical_speed_of_every_design_within_the_range
         train = of_diameter(outer)
         (critical,) = jaxhb.campbell(train, rpm=[50.0, 110.0]).critical
         assert speeds_of([one], train, RPM) == pytest.approx(critical.rpm, rel=1e-12)
-    assert speeds_of([one, Followed(77.0)], of_diameter(0.7), RPM).tolist() == [110.0, 77.0]
+    assert speeds_of([one, Followed(77.0)], of_diameter(0.7), RPM).tolist() == [
+        110.0,
+        77.0,
+    ]
 
 
 DIAMETERS = np.linspace(0.45, 0.56, 8)
@@ -66,31 +79,53 @@ DIAMETERS = np.linspace(0.45, 0.56, 8)
 
 def values_at(diameters, task, critical):
     """What a tuning makes small, of designs, from its smooth readings."""
-    evaluator = Evaluator(TRAIN, RPM, task, Request.of(TRAIN, None, 0.01, integrals="sampled"), critical=critical)
+    evaluator = Evaluator(
+        TRAIN,
+        RPM,
+        task,
+        Request.of(TRAIN, None, 0.01, integrals="sampled"),
+        critical=critical,
+    )
     z = np.array([task.unbounded(of_diameter(outer)) for outer in diameters])
     near = evaluator.unsolved(z)
-    aim = Aim(np.ones(near.status.shape, dtype=bool), np.ones(1), np.array([0.01]), 0.01)
+    aim = Aim(
+        np.ones(near.status.shape, dtype=bool), np.ones(1), np.array([0.01]), 0.01
+    )
     return evaluator.at(z, near, aim).value
 
 
 def test_an_objective_that_follows_a_resonance_falls_all_the_way_on_which_its_peak_falls():
-    """Read at the speeds asked for alone it rises and falls as the resonance passes them."""
+    """Read at the speeds asked for alone it rises and falls as the resonance passes
+    them.
+    """
     peaks = np.array([share(of_diameter(outer), FINE).max() for outer in DIAMETERS])
-    assert (np.diff(peaks) < 0).all() and (np.diff(values_at(DIAMETERS, TASK, ())) > 0).any()
+    assert (np.diff(peaks) < 0).all() and (
+        np.diff(values_at(DIAMETERS, TASK, ())) > 0
+    ).any()
     followed = values_at(DIAMETERS, TASK, critical_speeds(TRAIN, RPM))
     assert (np.diff(followed) < 0).all()
-    np.testing.assert_allclose(followed, peaks, rtol=0.02)  # smooth, at the undamped critical speed
+    np.testing.assert_allclose(
+        followed, peaks, rtol=0.02
+    )  # smooth, at the undamped critical speed
 
 
 def test_a_penalty_counts_at_the_critical_speed_too():
     held = Penalty(quantity=STRESS.quantity, of="shaft", most=0.5, weight=100.0)
-    nothing = Objective(quantity="shaft torque order", of="shaft", order=6.0, over="mean", weight=0.0)
-    found = values_at(DIAMETERS, Task((OUTER,), (nothing,), (held,)), critical_speeds(TRAIN, RPM))
+    nothing = Objective(
+        quantity="shaft torque order", of="shaft", order=6.0, over="mean", weight=0.0
+    )
+    found = values_at(
+        DIAMETERS, Task((OUTER,), (nothing,), (held,)), critical_speeds(TRAIN, RPM)
+    )
     for value, outer in zip(found, DIAMETERS, strict=True):
         train = of_diameter(outer)
         (critical,) = jaxhb.campbell(train, rpm=[50.0, 110.0]).critical
-        excess = np.maximum(share(train, np.array([*RPM, critical.rpm])) - 0.5, 0.0) / 0.5
-        assert value == pytest.approx(100.0 * (excess**2).sum(), rel=0.03)  # smooth: 0.8 % below at most
+        excess = (
+            np.maximum(share(train, np.array([*RPM, critical.rpm])) - 0.5, 0.0) / 0.5
+        )
+        assert value == pytest.approx(
+            100.0 * (excess**2).sum(), rel=0.03
+        )  # smooth: 0.8 % below at most
 
 
 @pytest.fixture(scope="module")
@@ -98,27 +133,47 @@ def tuned():
     return jaxhb.tune(TRAIN, parameters=[OUTER], rpm=RPM, objective=STRESS)
 
 
-def test_the_default_search_finds_the_way_to_a_design_that_keeps_its_limit_between_the_speeds(tuned):
-    """At the speeds asked for alone it ends beside the start, at 0.45 m, where the stress is 1.27 of its limit."""
-    best = min(share(of_diameter(outer), FINE).max() for outer in np.linspace(0.53, 0.585, 12))
+def test_the_default_search_finds_the_way_to_a_design_that_keeps_its_limit_between_the_speeds(
+    tuned,
+):
+    """At the speeds asked for alone it ends beside the start, at 0.45 m, where the
+    stress is 1.27 of its limit.
+    """
+    best = min(
+        share(of_diameter(outer), FINE).max() for outer in np.linspace(0.53, 0.585, 12)
+    )
     truth = share(tuned.train, FINE).max()
     assert best < 0.9 and truth < 1.02 * best
     assert tuned.checked["after"].worst(NAME)[0] == pytest.approx(truth, rel=1e-3)
-    assert tuned.checked["before"].worst(NAME)[0] == pytest.approx(share(TRAIN, FINE).max(), rel=1e-3)
+    assert tuned.checked["before"].worst(NAME)[0] == pytest.approx(
+        share(TRAIN, FINE).max(), rel=1e-3
+    )
     (sentence,) = tuned.followed
-    assert "of its limit at 6" in sentence and "between the speeds asked for" in sentence
+    assert (
+        "of its limit at 6" in sentence and "between the speeds asked for" in sentence
+    )
 
 
 def test_what_is_told_of_limits_is_what_holds_between_the_speeds(tuned):
-    asked = {"parameters": (OUTER,), "objective": (STRESS,), "penalties": (), "rpm": RPM}
+    asked = {
+        "parameters": (OUTER,),
+        "objective": (STRESS,),
+        "penalties": (),
+        "rpm": RPM,
+    }
     text = "\n\n".join(tuned_parts(TRAIN, asked, tuned))
     value, speed = tuned.checked["after"].worst(NAME)
-    assert f"{value:.3g} at {speed:.5g} rpm after" in text and "Within its limits, between the speeds too." in text
+    assert (
+        f"{value:.3g} at {speed:.5g} rpm after" in text
+        and "Within its limits, between the speeds too." in text
+    )
     record = tuned_record(TRAIN, asked, tuned)
     assert record["checked"]["after"]["worst"][NAME] == {"value": value, "rpm": speed}
     assert record["followed"] == tuned.followed
     before = tuned.checked["before"]
-    unmended = dataclasses.replace(tuned, after=tuned.before, checked={"before": before, "after": before})
+    unmended = dataclasses.replace(
+        tuned, after=tuned.before, checked={"before": before, "after": before}
+    )
     assert np.nanmax(unmended.after.readings[NAME]) < 0.5
     text = tuned_parts(TRAIN, asked, unmended)[-1]
     assert text == f"NOT within its limits: {NAME} is 1.22 at 66.74 rpm, at most 1."
@@ -135,7 +190,9 @@ PARTING = {"harmonics": 24, "tolerance": 0.01}
 
 def loose_pair(alternating, damping_ratio=0.05):
     """Gears whose teeth part below their natural frequency, where the force jumps."""
-    pair = trains.Pair(frequency=1.0, damping_ratio=damping_ratio, mean=0.25, alternating=alternating)
+    pair = trains.Pair(
+        frequency=1.0, damping_ratio=damping_ratio, mean=0.25, alternating=alternating
+    )
     return trains.pair_train(pair, transition=0.2)
 
 
@@ -147,77 +204,140 @@ def tooth_forces(train, rpm):
 
 
 @pytest.mark.parametrize("alternating", [0.06, 0.1])
-def test_the_peak_of_parting_teeth_between_the_speeds_is_that_of_a_fine_scan_and_of_the_steady_state(alternating):
-    """It lies before a jump, 16 and 24 % below the natural frequency: neither at a speed asked for nor at a critical
-    speed, at which the force is a tenth and a quarter less."""
+def test_the_peak_of_parting_teeth_between_the_speeds_is_that_of_a_fine_scan_and_of_the_steady_state(
+    alternating,
+):
+    """It lies before a jump, 16 and 24 % below the natural frequency: neither at a
+    speed asked for nor at a critical speed, at which the force is a tenth and a quarter
+    less.
+    """
     train = loose_pair(alternating)
     forces = tooth_forces(train, MANY)
     checked = check_between(train, FEW, Task((DAMPING,), (TEETH,), ()), **PARTING)
     value, speed = checked.worst(FORCE)
-    assert value == pytest.approx(forces.max(), rel=5e-3) and value >= forces.max() * (1 - 1e-6)
+    assert value == pytest.approx(forces.max(), rel=5e-3) and value >= forces.max() * (
+        1 - 1e-6
+    )
     assert speed == pytest.approx(MANY[forces.argmax()], rel=5e-3)
-    assert np.abs(FEW - speed).min() > 0.03 * speed and tooth_forces(train, np.array([U]))[0] < 0.92 * value
+    assert (
+        np.abs(FEW - speed).min() > 0.03 * speed
+        and tooth_forces(train, np.array([U]))[0] < 0.92 * value
+    )
     state = jaxhb.steady_state(train, rpm=speed)
-    assert state.kind == "periodic" and float(state.force("a|b").half_peak_to_peak) == pytest.approx(value, rel=2e-3)
+    assert state.kind == "periodic" and float(
+        state.force("a|b").half_peak_to_peak
+    ) == pytest.approx(value, rel=2e-3)
     assert set(FEW) <= set(checked.rpm) and len(checked.rpm) < 90
 
 
 def tuned_pair(most, damping, steps=20):
-    """Nothing is made small: only the limit of the tooth force asks for more damping."""
+    """Nothing is made small: only the limit of the tooth force asks for more
+    damping.
+    """
     nothing = dataclasses.replace(TEETH, over="mean", weight=0.0)
     held = Penalty(quantity=TEETH.quantity, of="a|b", most=most)
-    asked = {"parameters": (damping,), "objective": (nothing,), "penalties": (held,), "rpm": FEW}
+    asked = {
+        "parameters": (damping,),
+        "objective": (nothing,),
+        "penalties": (held,),
+        "rpm": FEW,
+    }
     result = jaxhb.tune(loose_pair(0.06), **asked, steps=steps, **PARTING)
     return result, "\n\n".join(tuned_parts(loose_pair(0.06), asked, result))
 
 
 @pytest.mark.oracle
 def test_a_tuning_of_parting_teeth_goes_on_until_its_limit_is_kept_between_the_speeds():
-    """The start is within the limit at the speeds asked for, where the force is at most 0.34, and 4 % beyond it
-    between: less than what smooth values with p = 64 hide."""
+    """The start is within the limit at the speeds asked for, where the force is at most
+    0.34, and 4 % beyond it between: less than what smooth values with p = 64 hide.
+    """
     result, text = tuned_pair(0.36, DAMPING)
     assert np.nanmax(result.before.readings[FORCE]) < 0.36
-    assert "1.04 of its limit" in result.followed[0] and "between the speeds asked for" in result.followed[0]
+    assert (
+        "1.04 of its limit" in result.followed[0]
+        and "between the speeds asked for" in result.followed[0]
+    )
     forces = tooth_forces(result.train, MANY)
     assert forces.max() < 1.01 * 0.36
-    assert result.checked["after"].worst(FORCE)[0] == pytest.approx(forces.max(), rel=5e-3)
-    assert "Within its limits, between the speeds too." in text and "still exceeded" not in result.stopped
+    assert result.checked["after"].worst(FORCE)[0] == pytest.approx(
+        forces.max(), rel=5e-3
+    )
+    assert (
+        "Within its limits, between the speeds too." in text
+        and "still exceeded" not in result.stopped
+    )
     # A limit that no design within the bounds keeps: so many rounds, and a sentence.
     result, text = tuned_pair(0.3, dataclasses.replace(DAMPING, high=0.21), steps=4)
-    assert "a limit is still exceeded after" in result.stopped and result.stopped in text
+    assert (
+        "a limit is still exceeded after" in result.stopped and result.stopped in text
+    )
     value, speed = result.checked["after"].worst(FORCE)
     assert value == pytest.approx(tooth_forces(result.train, MANY).max(), rel=5e-3)
-    assert f"NOT within its limits: {FORCE} is {1e-3 * value:.3g} kN at {speed:.4g} rpm" in text
+    assert (
+        f"NOT within its limits: {FORCE} is {1e-3 * value:.3g} kN at {speed:.4g} rpm"
+        in text
+    )
 
 
 @pytest.mark.parametrize("loose", [False, pytest.param(True, marks=pytest.mark.oracle)])
-def test_a_tuning_without_limits_tells_the_peak_between_the_speeds_beside_the_values_at_them(loose):
+def test_a_tuning_without_limits_tells_the_peak_between_the_speeds_beside_the_values_at_them(
+    loose,
+):
     train, parameter, read, rpm, accuracy = (
         (loose_pair(0.06), DAMPING, TEETH, FEW, PARTING)
         if loose
         else (TRAIN, OUTER, Objective(quantity="stress", of="shaft"), RPM, {})
     )
-    asked = {"parameters": (parameter,), "objective": (read,), "penalties": (), "rpm": rpm}
+    asked = {
+        "parameters": (parameter,),
+        "objective": (read,),
+        "penalties": (),
+        "rpm": rpm,
+    }
     result = jaxhb.tune(train, **asked, steps=1, **accuracy)
     name = FORCE if loose else "stress of shaft"
     if loose:
         peak = tooth_forces(result.train, MANY).max()
     else:
         response = jaxhb.forced_response(result.train, rpm=FINE)
-        peak = QUANTITIES["stress"].exact_value(response, "shaft", None, result.train).max()
+        peak = (
+            QUANTITIES["stress"]
+            .exact_value(response, "shaft", None, result.train)
+            .max()
+        )
     value, speed = result.checked["after"].worst(name)
-    assert value == pytest.approx(peak, rel=5e-3) and value > 1.02 * np.nanmax(result.after.readings[name])
+    assert value == pytest.approx(peak, rel=5e-3) and value > 1.02 * np.nanmax(
+        result.after.readings[name]
+    )
     text = "\n\n".join(tuned_parts(train, asked, result))
-    assert f"LARGER between the speeds asked for: {name} " in text and f" at {speed:.4g} rpm, not " in text
+    assert (
+        f"LARGER between the speeds asked for: {name} " in text
+        and f" at {speed:.4g} rpm, not " in text
+    )
     assert "limits" not in text and not result.followed
-    assert tuned_record(train, asked, result)["checked"]["after"]["worst"][name] == {"value": value, "rpm": speed}
+    assert tuned_record(train, asked, result)["checked"]["after"]["worst"][name] == {
+        "value": value,
+        "rpm": speed,
+    }
 
 
 def test_speeds_between_without_a_solution_are_told(tuned):
-    asked = {"parameters": (OUTER,), "objective": (STRESS,), "penalties": (), "rpm": RPM}
+    asked = {
+        "parameters": (OUTER,),
+        "objective": (STRESS,),
+        "penalties": (),
+        "rpm": RPM,
+    }
     after = tuned.checked["after"]
     between = int(np.flatnonzero(~np.isin(after.rpm, RPM))[0])
     lost = dataclasses.replace(after, solved=np.arange(len(after.rpm)) != between)
-    text = tuned_parts(TRAIN, asked, dataclasses.replace(tuned, checked=tuned.checked | {"after": lost}))
-    told = f"NOT solved between the speeds, and left out of what is told of them: {after.rpm[between]:.5g} rpm."
+    text = tuned_parts(
+        TRAIN,
+        asked,
+        dataclasses.replace(tuned, checked=tuned.checked | {"after": lost}),
+    )
+    told = (
+        "NOT solved between the speeds, and left out of what is told of them:"
+        f" {after.rpm[between]:.5g} rpm."
+    )
     assert told in text

@@ -1,4 +1,6 @@
-"""Bounds over tolerances: beside closed forms, dense grids and thousands of trains; and where there is none."""
+"""Bounds over tolerances: beside closed forms, dense grids and thousands of trains; and
+where there is none.
+"""
 
 import itertools
 
@@ -18,14 +20,25 @@ from jaxhb.report.text.tolerances import tolerance_parts, tolerance_rows
 
 DRIVE, INERTIA = 5.0, 2.0  # N m on a, kg m2 of b
 TORQUE = Objective(quantity="shaft torque", of="a|b")
-OWN = {"a|b.stiffness": 6.7e3, "a|b.damping": 4.0, "a|b.loss_factor": 0.02, "a.inertia": 1.0, "t.mean": 0.0}
+OWN = {
+    "a|b.stiffness": 6.7e3,
+    "a|b.damping": 4.0,
+    "a|b.loss_factor": 0.02,
+    "a.inertia": 1.0,
+    "t.mean": 0.0,
+}
 
 
 def pair():
     """Two disks on a shaft, driven once a revolution."""
-    shaft = {name.partition(".")[2]: OWN[name] for name in OWN if name.startswith("a|b")}
+    shaft = {
+        name.partition(".")[2]: OWN[name] for name in OWN if name.startswith("a|b")
+    }
     parts = [Disk(name="a", inertia=OWN["a.inertia"]), Disk(name="b", inertia=INERTIA)]
-    parts += [Shaft(between=("a", "b"), **shaft), Torque(name="t", disk="a", harmonics=[(1.0, DRIVE, 0.0)])]
+    parts += [
+        Shaft(between=("a", "b"), **shaft),
+        Torque(name="t", disk="a", harmonics=[(1.0, DRIVE, 0.0)]),
+    ]
     return build(parts, name="pair", revolutions_per_cycle=1)
 
 
@@ -40,7 +53,12 @@ def within(share, *names, together=None):
     """Tolerances of so many numbers of the pair."""
     together = together or {}
     return [
-        Tolerance(name=n, low=(1 - share) * OWN[n], high=(1 + share) * OWN[n], together=together.get(n, ()))
+        Tolerance(
+            name=n,
+            low=(1 - share) * OWN[n],
+            high=(1 + share) * OWN[n],
+            together=together.get(n, ()),
+        )
         for n in names
     ]
 
@@ -48,7 +66,9 @@ def within(share, *names, together=None):
 def bounds(train, rpm, tolerances, of):
     """Bounds and reasons, nothing being known of the responses."""
     box = box_of(train, tuple(tolerances), tuple(of))
-    bound, why, _ = bounds_over_box(train, np.array(rpm), box, np.zeros((len(rpm), len(of))))
+    bound, why, _ = bounds_over_box(
+        train, np.array(rpm), box, np.zeros((len(rpm), len(of)))
+    )
     return bound, why
 
 
@@ -56,56 +76,95 @@ FOUR = "a|b.stiffness", "a|b.damping", "a|b.loss_factor", "a.inertia"
 
 
 def largest_of(rpm, share):
-    """The largest torque of all pairs: the best of a grid, and from there a search of its own."""
-    grid = np.meshgrid(*[np.linspace(1 - share, 1 + share, count) for count in (61, 3, 3, 61)], indexing="ij")
-    values = torque_of(rpm, *[OWN[name] * ratio for name, ratio in zip(FOUR, grid, strict=True)])
+    """The largest torque of all pairs: the best of a grid, and from there a search of
+    its own.
+    """
+    grid = np.meshgrid(
+        *[np.linspace(1 - share, 1 + share, count) for count in (61, 3, 3, 61)],
+        indexing="ij",
+    )
+    values = torque_of(
+        rpm, *[OWN[name] * ratio for name, ratio in zip(FOUR, grid, strict=True)]
+    )
     best = np.unravel_index(values.argmax(), values.shape)
     start = [ratio[best] for ratio in grid]
 
     def lost(ratio):
         return -torque_of(rpm, *(np.array([OWN[name] for name in FOUR]) * ratio))
 
-    found = minimize(lost, start, bounds=[(1 - share, 1 + share)] * 4, method="Nelder-Mead", options={"xatol": 1e-9})
+    found = minimize(
+        lost,
+        start,
+        bounds=[(1 - share, 1 + share)] * 4,
+        method="Nelder-Mead",
+        options={"xatol": 1e-9},
+    )
     return max(values.max(), -found.fun)
 
 
 @pytest.mark.parametrize("share", [0.02, 0.1, 0.3])
 def test_no_pair_of_disks_exceeds_the_bound_which_is_hardly_more_than_the_worst(share):
-    # Below, at and above the resonance, and where the box holds it at some of its trains.
+    # Below, at and above the resonance, and where the box holds it at some of its
+    # trains.
     rpm = np.array([500.0, 800.0, 955.0, 1000.0, 1200.0, 2000.0])
     bound, why = bounds(pair(), rpm, within(share, *FOUR), [TORQUE])
     dense = np.array([largest_of(speed, share) for speed in rpm])
     assert (why == "").all()
     assert (bound[:, 0] >= dense * (1 - 1e-12)).all()
-    np.testing.assert_array_less(bound[:, 0], 1.0205 * dense)  # 2 %, and what the grid misses
+    np.testing.assert_array_less(
+        bound[:, 0], 1.0205 * dense
+    )  # 2 %, and what the grid misses
 
 
 def test_numbers_together_have_one_share():
     # Stiffness, loss factor and inertia in one ratio: k eta goes with its square.
-    one = within(0.1, "a|b.stiffness", together={"a|b.stiffness": ("a|b.loss_factor", "a.inertia")})
+    one = within(
+        0.1,
+        "a|b.stiffness",
+        together={"a|b.stiffness": ("a|b.loss_factor", "a.inertia")},
+    )
     rpm = np.array([800.0, 955.0, 1200.0])
     bound, _ = bounds(pair(), rpm, one, [TORQUE])
     ratio = np.linspace(0.9, 1.1, 20001)
     numbers = [OWN[name] * (1.0 if name == "a|b.damping" else ratio) for name in FOUR]
     dense = np.array([torque_of(speed, *numbers).max() for speed in rpm])
-    assert (bound[:, 0] >= dense * (1 - 1e-12)).all() and (bound[:, 0] < 1.0205 * dense).all()
-    apart, _ = bounds(pair(), rpm, within(0.1, "a|b.stiffness", "a|b.loss_factor", "a.inertia"), [TORQUE])
-    assert (bound[:, 0] < 0.9 * apart[:, 0]).any()  # the frequency stays, where both numbers have one ratio
+    assert (bound[:, 0] >= dense * (1 - 1e-12)).all() and (
+        bound[:, 0] < 1.0205 * dense
+    ).all()
+    apart, _ = bounds(
+        pair(),
+        rpm,
+        within(0.1, "a|b.stiffness", "a|b.loss_factor", "a.inertia"),
+        [TORQUE],
+    )
+    assert (
+        bound[:, 0] < 0.9 * apart[:, 0]
+    ).any()  # the frequency stays, where both numbers have one ratio
 
 
 def test_a_resonance_without_damping_within_the_tolerances_has_no_bound():
     train = pair().replace({"a|b.damping": 0.0, "a|b.loss_factor": 0.0})
     known = [Tolerance(name="a|b.stiffness", low=6e3, high=7.4e3)]
     bound, why = bounds(train, [955.0, 2000.0], known, [TORQUE])
-    assert np.isnan(bound[0, 0]) and why[0, 0] == "no bound was found, as at a resonance without damping"
-    assert bound[1, 0] >= torque_of(2000.0, np.linspace(6e3, 7.4e3, 2001), 0.0, 0.0, 1.0).max()
+    assert (
+        np.isnan(bound[0, 0])
+        and why[0, 0] == "no bound was found, as at a resonance without damping"
+    )
+    assert (
+        bound[1, 0]
+        >= torque_of(2000.0, np.linspace(6e3, 7.4e3, 2001), 0.0, 0.0, 1.0).max()
+    )
 
 
 def test_a_singular_matrix_is_no_error_and_its_box_not_regular():
     matrices = np.array([[[2.0, 0.0], [0.0, 4.0]], [[1.0, 1.0], [1.0, 1.0]]])
     found, good = _solved(matrices, np.ones((2, 2, 1)))
-    assert good.tolist() == [True, False] and found[..., 0].tolist() == [[0.5, 0.25], [0.0, 0.0]]
-    # A stiffness down to nothing: half of its range is as large as its middle, |G| d = 1 where no torque alternates.
+    assert good.tolist() == [True, False] and found[..., 0].tolist() == [
+        [0.5, 0.25],
+        [0.0, 0.0],
+    ]
+    # A stiffness down to nothing: half of its range is as large as its middle, |G| d =
+    # 1 where no torque alternates.
     train = build(
         [
             Disk(name="a", inertia=1.0),
@@ -115,13 +174,17 @@ def test_a_singular_matrix_is_no_error_and_its_box_not_regular():
         ],
         revolutions_per_cycle=1,
     )
-    bound, why = bounds(train, [955.0], [Tolerance(name="a|b.stiffness", low=0.0, high=1e4)], [TORQUE])
+    bound, why = bounds(
+        train, [955.0], [Tolerance(name="a|b.stiffness", low=0.0, high=1e4)], [TORQUE]
+    )
     dense = torque_of(955.0, np.linspace(0.0, 1e4, 100001), 4.0, 0.0, 1.0).max()
     assert why[0, 0] == "" and dense * (1 - 1e-12) <= bound[0, 0] < 1.0205 * dense
 
 
 def sampled(train, rpm, tolerances, of, count, seed=0):
-    """Responses ``(T, Q)`` of the linear train of ``count`` trains within the tolerances, and of corners."""
+    """Responses ``(T, Q)`` of the linear train of ``count`` trains within the
+    tolerances, and of corners.
+    """
     box = box_of(train, tuple(tolerances), tuple(of))
     rng = np.random.default_rng(seed)
     shares = rng.uniform(-1.0, 1.0, (count, len(tolerances)))
@@ -133,9 +196,16 @@ def sampled(train, rpm, tolerances, of, count, seed=0):
     def read(u):
         own = train.replace(box.named(u))
         response = jaxhb.forced_response(own, rpm=rpm)
-        return jnp.stack([QUANTITIES[one.quantity].exact_value(response, one.of, one.order, own) for one in of])
+        return jnp.stack(
+            [
+                QUANTITIES[one.quantity].exact_value(response, one.of, one.order, own)
+                for one in of
+            ]
+        )
 
-    return np.asarray(jax.lax.map(read, jnp.asarray(shares.reshape(-1, 16, len(tolerances))))).reshape(-1, len(of))
+    return np.asarray(
+        jax.lax.map(read, jnp.asarray(shares.reshape(-1, 16, len(tolerances))))
+    ).reshape(-1, len(of))
 
 
 ASKED = {
@@ -149,7 +219,9 @@ ASKED = {
         Objective(quantity="tooth force", of="crank gear|idler"),
         Objective(quantity="tooth force peak", of="crank gear|idler"),
         Objective(quantity="gear torque", of="idler"),
-        Objective(quantity="shaft torque", of="rubber damper"),  # whose numbers have tolerances themselves
+        Objective(
+            quantity="shaft torque", of="rubber damper"
+        ),  # whose numbers have tolerances themselves
         Objective(quantity="damper power", of="rubber damper"),
         Objective(quantity="damper power", of="viscous damper"),
         Objective(quantity="angle order", of="hub", order=3.0),
@@ -157,7 +229,9 @@ ASKED = {
 }
 
 
-@pytest.mark.parametrize(("scene", "rpm"), [("six_cylinder_diesel", 1200.0), ("engine_with_damper", 1000.0)])
+@pytest.mark.parametrize(
+    ("scene", "rpm"), [("six_cylinder_diesel", 1200.0), ("engine_with_damper", 1000.0)]
+)
 def test_no_train_of_thousands_exceeds_the_bounds(scene, rpm):
     train, of = jaxhb.load_scene(scene), ASKED[scene]
     if train.tolerance:
@@ -165,8 +239,16 @@ def test_no_train_of_thousands_exceeds_the_bounds(scene, rpm):
     else:
         first, second, *_ = train.topology.cylinder_names
         names = ["cyl4|cyl5.stiffness", "cyl5|cyl6.stiffness", "pulley.inertia"]
-        names += [f"{first}.gas_factor", f"{second}.reciprocating_mass", "cyl6|flywheel.stiffness"]
-        known = [Tolerance(name=n, low=0.9 * v, high=1.1 * v) for n in names for v in [float(train.value(n))]]
+        names += [
+            f"{first}.gas_factor",
+            f"{second}.reciprocating_mass",
+            "cyl6|flywheel.stiffness",
+        ]
+        known = [
+            Tolerance(name=n, low=0.9 * v, high=1.1 * v)
+            for n in names
+            for v in [float(train.value(n))]
+        ]
     bound, why = bounds(train, [rpm], known, of)
     assert (why == "").all()
     values = sampled(train, rpm, known, of, 2048)
@@ -175,12 +257,19 @@ def test_no_train_of_thousands_exceeds_the_bounds(scene, rpm):
 
 
 def parting():
-    """Two gears whose mean force holds them together, but not where the drive is resonant."""
+    """Two gears whose mean force holds them together, but not where the drive is
+    resonant.
+    """
     parts = [
         Disk(name="a", inertia=0.02, radius=0.05),
         Disk(name="b", inertia=0.03, radius=0.05),
         Mesh(between=("a", "b"), stiffness=1e8, damping=2e3, backlash=1e-4),
-        Torque(name="t", disk="a", mean=200.0, harmonics=[(1.0, 60.0, 0.0), (2.0, 30.0, 10.0)]),
+        Torque(
+            name="t",
+            disk="a",
+            mean=200.0,
+            harmonics=[(1.0, 60.0, 0.0), (2.0, 30.0, 10.0)],
+        ),
         jaxhb.Load(disk="b"),
         jaxhb.Ground(disk="b", stiffness=1.0),
     ]
@@ -195,12 +284,18 @@ def test_teeth_that_part_in_one_corner_leave_no_bound():
 
     def known(share):
         own = {"a|b.stiffness": 1e8, "b.inertia": 0.03}
-        return [Tolerance(name=n, low=(1 - share) * v, high=(1 + share) * v) for n, v in own.items()]
+        return [
+            Tolerance(name=n, low=(1 - share) * v, high=(1 + share) * v)
+            for n, v in own.items()
+        ]
 
     def apart(share):
         ends = itertools.product(*((one.low, one.high) for one in known(share)))
         corners = [train.replace({"a|b.stiffness": k, "b.inertia": j}) for k, j in ends]
-        return [jaxhb.solve(one, rpm=rpm).mesh("a", "b").separated_fraction > 0 for one in corners]
+        return [
+            jaxhb.solve(one, rpm=rpm).mesh("a", "b").separated_fraction > 0
+            for one in corners
+        ]
 
     assert apart(0.05) == [False, True, False, False] and apart(0.02) == [False] * 4
     bound, why = bounds(train, [rpm], known(0.05), [FORCE])
@@ -212,29 +307,64 @@ def test_teeth_that_part_in_one_corner_leave_no_bound():
 
 def test_where_teeth_hammer_there_is_no_bound_and_a_sentence_says_so():
     known = [Tolerance(name="a|b.stiffness", low=0.98e8, high=1.02e8)]
-    found = jaxhb.tolerance(parting(), rpm=[30000.0, 43500.0], of=[FORCE], tolerances=known, harmonics=32)
+    found = jaxhb.tolerance(
+        parting(), rpm=[30000.0, 43500.0], of=[FORCE], tolerances=known, harmonics=32
+    )
     assert found.no_bound[:, 0].tolist() == ["", "teeth of a|b may separate"]
-    assert found.worst[0, 0] <= found.bound[0, 0] < 1.03 * found.worst[0, 0] and np.isnan(found.bound[1, 0])
+    assert found.worst[0, 0] <= found.bound[0, 0] < 1.03 * found.worst[
+        0, 0
+    ] and np.isnan(found.bound[1, 0])
     text = "\n\n".join(tolerance_parts(found, None))
-    assert "more than stands under 'at most', as long as its teeth stay in contact" in text
+    assert (
+        "more than stands under 'at most', as long as its teeth stay in contact" in text
+    )
     assert "No bound at 43500 rpm: teeth of a|b may separate." in text
     assert "There the worst case is the largest response found: another train" in text
-    (row,) = [line.split() for line in text.splitlines() if line.startswith("  43500 ")][:1]
+    (row,) = [
+        line.split() for line in text.splitlines() if line.startswith("  43500 ")
+    ][:1]
     assert row[3] == "-"
     rows = list(tolerance_rows(found, None))
-    assert [row["no bound"] for row in rows] == ["", "teeth of a|b may separate"] and np.isnan(rows[1]["bound"])
+    assert [row["no bound"] for row in rows] == [
+        "",
+        "teeth of a|b may separate",
+    ] and np.isnan(rows[1]["bound"])
 
 
 def test_backlash_in_a_closed_loop_preloads_the_teeth():
-    # Two meshes side by side: what one has more of play, the other carries more of the mean.
+    # Two meshes side by side: what one has more of play, the other carries more of the
+    # mean.
     errors = [(1.0, 2e-6, 0.0), (2.0, 0.0, 1e-6)]
     parts = [Disk(name=n, inertia=0.02, radius=0.05, teeth=20) for n in ("a", "c")]
     parts += [Disk(name=n, inertia=0.03, radius=0.1, teeth=40) for n in ("b", "d")]
-    parts += [Shaft(between=("a", "c"), stiffness=2e5, damping=20.0), Shaft(between=("b", "d"), stiffness=4e5)]
-    parts += [Mesh(between=("a", "b"), stiffness=1e8, damping=2e3, backlash=1e-4, first_gear_error=errors)]
+    parts += [
+        Shaft(between=("a", "c"), stiffness=2e5, damping=20.0),
+        Shaft(between=("b", "d"), stiffness=4e5),
+    ]
+    parts += [
+        Mesh(
+            between=("a", "b"),
+            stiffness=1e8,
+            damping=2e3,
+            backlash=1e-4,
+            first_gear_error=errors,
+        )
+    ]
     parts += [Mesh(between=("c", "d"), stiffness=1e8, damping=2e3, backlash=1e-4)]
-    parts += [Torque(name="t", disk="a", mean=400.0, harmonics=[(1.0, 60.0, 0.0), (2.0, 30.0, 10.0)])]
-    train = build([*parts, jaxhb.Load(disk="b")], name="loop", reference="a", revolutions_per_cycle=1)
+    parts += [
+        Torque(
+            name="t",
+            disk="a",
+            mean=400.0,
+            harmonics=[(1.0, 60.0, 0.0), (2.0, 30.0, 10.0)],
+        )
+    ]
+    train = build(
+        [*parts, jaxhb.Load(disk="b")],
+        name="loop",
+        reference="a",
+        revolutions_per_cycle=1,
+    )
     known = [
         Tolerance(name="a|b.backlash", low=0.9e-4, high=1.2e-4),
         Tolerance(name="c|d.stiffness", low=0.9e8, high=1.1e8),
@@ -245,14 +375,22 @@ def test_backlash_in_a_closed_loop_preloads_the_teeth():
     bound, why = bounds(train, [12000.0], known, of)
     assert (why == "").all()
     box, largest = box_of(train, tuple(known), tuple(of)), np.zeros(2)
-    for u in [*itertools.product((-1.0, 1.0), repeat=4), *np.random.default_rng(1).uniform(-1.0, 1.0, (10, 4))]:
+    for u in [
+        *itertools.product((-1.0, 1.0), repeat=4),
+        *np.random.default_rng(1).uniform(-1.0, 1.0, (10, 4)),
+    ]:
         response = jaxhb.solve(train.replace(box.named(np.array(u))), rpm=12000.0)
         peaks = np.array([float(response.force(one.of).peak) for one in of])
         assert (peaks <= bound[0] * (1 + 1e-9)).all()
         largest = np.maximum(largest, peaks)
     assert (bound[0] < 1.03 * largest).all()
     preloaded = [
-        float(jaxhb.solve(train.replace({"a|b.backlash": h}), rpm=12000.0).force("c|d").mean) for h in (9e-5, 1.2e-4)
+        float(
+            jaxhb.solve(train.replace({"a|b.backlash": h}), rpm=12000.0)
+            .force("c|d")
+            .mean
+        )
+        for h in (9e-5, 1.2e-4)
     ]
     assert preloaded[1] > 1.1 * preloaded[0]
 
@@ -260,9 +398,16 @@ def test_backlash_in_a_closed_loop_preloads_the_teeth():
 def test_what_cannot_be_bounded_says_why():
     train = parting()
     fraction = Objective(quantity="separated fraction", of="a|b")
-    _, why = bounds(train, [30000.0], [Tolerance(name="t.mean", low=190.0, high=210.0)], [FORCE, fraction])
+    _, why = bounds(
+        train,
+        [30000.0],
+        [Tolerance(name="t.mean", low=190.0, high=210.0)],
+        [FORCE, fraction],
+    )
     assert why[0].tolist() == ["", "no bound of separated fraction is known"]
-    _, why = bounds(train, [30000.0], [Tolerance(name="a|b.epsilon", low=1e-3, high=2e-3)], [FORCE])
+    _, why = bounds(
+        train, [30000.0], [Tolerance(name="a|b.epsilon", low=1e-3, high=2e-3)], [FORCE]
+    )
     assert why[0, 0] == "the response is no simple function of a|b.epsilon"
     loose = build(
         [
@@ -272,22 +417,39 @@ def test_what_cannot_be_bounded_says_why():
         ],
         revolutions_per_cycle=1,
     )
-    _, why = bounds(loose, [100.0], [Tolerance(name="a.inertia", low=0.9, high=1.1)], [TORQUE])
+    _, why = bounds(
+        loose, [100.0], [Tolerance(name="a.inertia", low=0.9, high=1.1)], [TORQUE]
+    )
     assert why[0, 0] == "the stiffness of a|b is not constant"
     found = jaxhb.tolerance(
-        train, rpm=30000.0, of=[FORCE], tolerances=[Tolerance(name="t.mean", low=190.0, high=210.0)], bounds=False
+        train,
+        rpm=30000.0,
+        of=[FORCE],
+        tolerances=[Tolerance(name="t.mean", low=190.0, high=210.0)],
+        bounds=False,
     )
-    assert np.isnan(found.bound).all() and found.no_bound[0, 0] == "it was not asked for"
+    assert (
+        np.isnan(found.bound).all() and found.no_bound[0, 0] == "it was not asked for"
+    )
 
 
 def test_what_bounds_find_beyond_the_search_counts_as_found(monkeypatch):
     # Without the search only the scene as it is, corners and a few others are known.
-    monkeypatch.setattr("jaxhb.design.worst_case._Search.explore", lambda self, seed: None)
+    monkeypatch.setattr(
+        "jaxhb.design.worst_case._Search.explore", lambda self, seed: None
+    )
     monkeypatch.setattr("jaxhb.design.worst_case._Search.climb", lambda self: None)
-    asked = {"rpm": [955.0], "of": [TORQUE], "tolerances": within(0.1, "a|b.stiffness", "a.inertia")}
+    asked = {
+        "rpm": [955.0],
+        "of": [TORQUE],
+        "tolerances": within(0.1, "a|b.stiffness", "a.inertia"),
+    }
     alone = jaxhb.tolerance(pair(), **asked, bounds=False)
     found = jaxhb.tolerance(pair(), **asked)
     assert found.worst[0, 0] > alone.worst[0, 0] == alone.nominal[0, 0]
     told = found.values(0, 0)
     own = torque_of(955.0, told["a|b.stiffness"], 4.0, 0.02, told["a.inertia"])
-    assert own == pytest.approx(found.worst[0, 0], rel=1e-5) and found.worst[0, 0] <= found.bound[0, 0]
+    assert (
+        own == pytest.approx(found.worst[0, 0], rel=1e-5)
+        and found.worst[0, 0] <= found.bound[0, 0]
+    )

@@ -1,4 +1,6 @@
-"""Fits to measured orders: a closed form, derivatives, intervals, what data leave open, files, and what is refused."""
+"""Fits to measured orders: a closed form, derivatives, intervals, what data leave open,
+files, and what is refused.
+"""
 
 import numpy as np
 import pytest
@@ -22,7 +24,11 @@ def pair():
     """Two disks on a shaft, driven once a revolution with 5 N m."""
     parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
     parts += [Shaft(between=("a", "b"), stiffness=6.7e3, damping=4.0)]
-    return build([*parts, Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)])], name="pair", revolutions_per_cycle=1)
+    return build(
+        [*parts, Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)])],
+        name="pair",
+        revolutions_per_cycle=1,
+    )
 
 
 def torque_of(rpm, stiffness, damping, inertia):
@@ -35,12 +41,16 @@ def torque_of(rpm, stiffness, damping, inertia):
 def rows(torque, phases=True):
     phase = np.rad2deg(np.angle(torque)) if phases else np.full(len(torque), np.nan)
     names = ("a|b",) * len(torque), ("torque",) * len(torque)
-    return Measured(np.resize(RPM, len(torque)), np.ones(len(torque)), *names, np.abs(torque), phase)
+    return Measured(
+        np.resize(RPM, len(torque)), np.ones(len(torque)), *names, np.abs(torque), phase
+    )
 
 
 @pytest.mark.parametrize("phases", [True, False])
 def test_the_numbers_of_a_closed_form_are_found_again(phases):
-    found = identify(pair(), rows(torque_of(RPM, *TRUE.values()), phases), parameters=PARAMETERS)
+    found = identify(
+        pair(), rows(torque_of(RPM, *TRUE.values()), phases), parameters=PARAMETERS
+    )
     np.testing.assert_allclose(found.values, list(TRUE.values()), rtol=1e-6)
     assert found.misfit < 1e-6 and not found.open and not found.at_bound
     assert found.train.value("b.inertia") == found.values[2]
@@ -55,29 +65,44 @@ def test_derivatives_of_residuals_are_those_of_differences():
     slopes = fit.residuals(u)[1]
     for k in range(3):
         sides = [fit.residuals(u + step * sign * np.eye(3)[k])[0] for sign in (1, -1)]
-        np.testing.assert_allclose(slopes[:, k], (sides[0] - sides[1]) / (2 * step), rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(
+            slopes[:, k], (sides[0] - sides[1]) / (2 * step), rtol=1e-6, atol=1e-6
+        )
 
 
 def test_true_numbers_lie_inside_the_intervals_as_often_as_they_say():
-    # 40 fits of 3 numbers: 114 of 120 inside on average, fewer than 104 once in 10,000 seeds.
+    # 40 fits of 3 numbers: 114 of 120 inside on average, fewer than 104 once in 10,000
+    # seeds.
     inside, rng = [], np.random.default_rng(5)
     torque = np.tile(torque_of(RPM, *TRUE.values()), 4)
     for _ in range(40):
         noisy = torque * (1 + 0.03 * (rng.normal(size=20) + 1j * rng.normal(size=20)))
         measured = rows(noisy)
         measured.rpm[:] = np.tile(RPM, 4)
-        inside.append(identify(pair(), measured, parameters=PARAMETERS).within(list(TRUE.values())))
+        inside.append(
+            identify(pair(), measured, parameters=PARAMETERS).within(
+                list(TRUE.values())
+            )
+        )
     assert np.sum(inside) >= 104
 
 
 def test_a_number_that_no_row_sees_is_told_as_open_and_a_prior_keeps_it():
-    # Far below resonance the amplitude is that of the rigid train: the stiffness has no part in it.
+    # Far below resonance the amplitude is that of the rigid train: the stiffness has no
+    # part in it.
     rpm = np.array([20.0, 30.0, 40.0])
     size = np.abs(torque_of(rpm, 6.2e3, 4.0, 2.3))
-    measured = Measured(rpm, np.ones(3), ("a|b",) * 3, ("torque",) * 3, size, np.full(3, np.nan))
+    measured = Measured(
+        rpm, np.ones(3), ("a|b",) * 3, ("torque",) * 3, size, np.full(3, np.nan)
+    )
     found = identify(pair(), measured, parameters=[PARAMETERS[0], PARAMETERS[2]])
     assert found.open == ("a|b.stiffness",)
-    kept = identify(pair(), measured, parameters=[PARAMETERS[0], PARAMETERS[2]], priors={"a|b.stiffness": 50.0})
+    kept = identify(
+        pair(),
+        measured,
+        parameters=[PARAMETERS[0], PARAMETERS[2]],
+        priors={"a|b.stiffness": 50.0},
+    )
     assert not kept.open and kept.values[0] == pytest.approx(6.7e3, abs=50.0)
     assert kept.std[0] == pytest.approx(50.0, rel=0.01)
 
@@ -86,14 +111,31 @@ def test_a_number_that_no_row_sees_is_told_as_open_and_a_prior_keeps_it():
 def test_the_weak_cylinder_is_found_from_low_orders_of_the_flywheel(phases):
     train, rng = jaxhb.load_scene("six_cylinder_diesel"), np.random.default_rng(7)
     names = train.topology.cylinder_names
-    truth = train.replace({f"{name}.injection": 0.7 if name == names[4] else 1.0 for name in names})
+    truth = train.replace(
+        {f"{name}.injection": 0.7 if name == names[4] else 1.0 for name in names}
+    )
     rpm, orders = np.array([1200.0, 1800.0, 2300.0]), np.arange(0.5, 3.5, 0.5)
-    own = 2 * np.asarray(jaxhb.forced_response(truth, rpm=rpm).speed("flywheel").coefficients)[:, 1:7]
-    seen = (own * (1 + 0.03 * (rng.normal(size=own.shape) + 1j * rng.normal(size=own.shape)))).ravel()
+    own = (
+        2
+        * np.asarray(
+            jaxhb.forced_response(truth, rpm=rpm).speed("flywheel").coefficients
+        )[:, 1:7]
+    )
+    seen = (
+        own
+        * (1 + 0.03 * (rng.normal(size=own.shape) + 1j * rng.normal(size=own.shape)))
+    ).ravel()
     phase = np.rad2deg(np.angle(seen)) if phases else np.full(seen.size, np.nan)
     places = np.repeat(rpm, 6), np.tile(orders, 3)
-    found = weak_cylinder(train, Measured(*places, ("flywheel",) * 18, ("speed",) * 18, np.abs(seen), phase))
-    assert found.names[0] == names[4] and found.likely == (names[4],) and found.all_equal > 100
+    found = weak_cylinder(
+        train,
+        Measured(*places, ("flywheel",) * 18, ("speed",) * 18, np.abs(seen), phase),
+    )
+    assert (
+        found.names[0] == names[4]
+        and found.likely == (names[4],)
+        and found.all_equal > 100
+    )
     assert abs(found.gas_factor[0] - 0.7) < 4 * found.std[0]
 
 
@@ -102,7 +144,11 @@ def test_a_file_is_read_with_comments_and_sums(tmp_path):
     head = "# of a run\nrpm,order,element,quantity,amplitude,phase\n"
     path.write_text(head + "900,1,a|b,torque,20,-30\n900,sum,a|b,torque,21,\n")
     found = read_measured(path, pair())
-    assert found.element == ("a|b", "a|b") and np.isnan(found.order[1]) and np.isnan(found.phase[1])
+    assert (
+        found.element == ("a|b", "a|b")
+        and np.isnan(found.order[1])
+        and np.isnan(found.phase[1])
+    )
     fit = Fit(pair(), found, (PARAMETERS[0],), 0.03, {})
     single, total = fit.computed(np.array([0.5]))[0]
     assert abs(single) == pytest.approx(total.real)  # one order alone is excited
@@ -125,28 +171,46 @@ def test_a_measurement_has_the_same_rows_however_it_is_written(text, tmp_path):
     path = tmp_path / "measured.csv"
     path.write_bytes(text.encode())
     found = read_measured(path, pair())
-    assert found.amplitude.tolist() == [20.5, 21.0] and found.phase[0] == -30.25 and np.isnan(found.phase[1])
+    assert (
+        found.amplitude.tolist() == [20.5, 21.0]
+        and found.phase[0] == -30.25
+        and np.isnan(found.phase[1])
+    )
 
 
 def test_a_fault_that_many_lines_have_is_told_once(tmp_path):
     path = tmp_path / "measured.csv"
     rows = "".join(f"{rpm},1,a|b,torsion,20,\n" for rpm in range(900, 940))
-    path.write_text("rpm,order,element,quantity,amplitude,phase\n" + rows + "950,1,a|b,torque,-1,\n")
+    path.write_text(
+        "rpm,order,element,quantity,amplitude,phase\n" + rows + "950,1,a|b,torque,-1,\n"
+    )
     with pytest.raises(SceneError) as caught:
         read_measured(path, pair())
     first, second = caught.value.sentences
-    assert first.startswith("measured.csv, line 2 and 39 others: there is no quantity 'torsion'.")
+    assert first.startswith(
+        "measured.csv, line 2 and 39 others: there is no quantity 'torsion'."
+    )
     assert second == "measured.csv, line 42: amplitude is '-1', must be at least 0."
 
 
 def test_a_measurement_with_decimal_commas_between_commas_is_refused(tmp_path):
     path = tmp_path / "measured.csv"
-    path.write_text("rpm,order,element,quantity,amplitude\n900,1,a|b,torque,20,5\n910,1,a|b,torque,21,5\n")
-    with pytest.raises(SceneError, match=r"line 2 and 1 other: there are 6 cells under 5 heads\. .*semicolons or tabs"):
+    path.write_text(
+        "rpm,order,element,quantity,amplitude\n900,1,a|b,torque,20,5\n910,1,a|b,torque,21,5\n"
+    )
+    with pytest.raises(
+        SceneError,
+        match=(
+            r"line 2 and 1 other: there are 6 cells under 5 heads\. .*semicolons or"
+            r" tabs"
+        ),
+    ):
         read_measured(path, pair())
 
 
-@pytest.mark.parametrize(("text", "sentence"), reference("cases")["files of measurements"])
+@pytest.mark.parametrize(
+    ("text", "sentence"), reference("cases")["files of measurements"]
+)
 def test_a_file_that_cannot_be_is_refused_in_a_sentence(text, sentence, tmp_path):
     path = tmp_path / "measured.csv"
     path.write_text(text, encoding="utf-8")
@@ -157,7 +221,9 @@ def test_a_file_that_cannot_be_is_refused_in_a_sentence(text, sentence, tmp_path
 
 def test_what_cannot_be_fitted_is_refused_in_sentences():
     one = rows(torque_of(RPM[:1], *TRUE.values()), phases=False)
-    with pytest.raises(SceneError, match="1 measured numbers and 0 priors are fewer than 3 parameters"):
+    with pytest.raises(
+        SceneError, match="1 measured numbers and 0 priors are fewer than 3 parameters"
+    ):
         identify(pair(), one, parameters=PARAMETERS)
     with pytest.raises(SceneError, match="the prior 'x.y' is of no parameter"):
         identify(pair(), one, parameters=PARAMETERS[:1], priors={"x.y": 1.0})

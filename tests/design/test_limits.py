@@ -1,4 +1,6 @@
-"""Limits as quantities of a tuning: against the numbers they smooth, gradients against differences."""
+"""Limits as quantities of a tuning: against the numbers they smooth, gradients against
+differences.
+"""
 
 import jax
 import numpy as np
@@ -15,16 +17,27 @@ SPEEDS, SHAFT, TRAIN = (
     "line shaft",
     jaxhb.load_scene(DATA / "scenes/limited_line.toml"),
 )
-NUMBERS = ("line shaft.outer", "line shaft.stress_concentration", "ring.damping", "pinion|wheel.rated_torque")
+NUMBERS = (
+    "line shaft.outer",
+    "line shaft.stress_concentration",
+    "ring.damping",
+    "pinion|wheel.rated_torque",
+)
 STRESSES = "stress", "stress over continuous limit", "stress over transient limit"
 ELEMENTS = dict.fromkeys(STRESSES, SHAFT) | {"power over limit": "ring"}
-ELEMENTS |= dict.fromkeys(("tooth torque over limit", "tooth torque over mean"), "pinion|wheel")
+ELEMENTS |= dict.fromkeys(
+    ("tooth torque over limit", "tooth torque over mean"), "pinion|wheel"
+)
 
 
 def test_what_is_told_is_what_the_limits_tell():
     r = jaxhb.forced_response(TRAIN, rpm=SPEEDS)
     found = jaxhb.strength(r)
-    stress, tooth, heat = found.stresses[SHAFT], found.tooth_torques["pinion|wheel"], found.heat["ring"]
+    stress, tooth, heat = (
+        found.stresses[SHAFT],
+        found.tooth_torques["pinion|wheel"],
+        found.heat["ring"],
+    )
     wanted = {
         "stress": stress.stress,
         "stress over continuous limit": stress.stress / stress.continuous,
@@ -48,10 +61,21 @@ def test_the_gradient_of_limits_is_that_of_differences():
     def total(step):
         """Of all the limits, as all numbers change by a step of their own."""
         sizes = dict(zip(NUMBERS, (1.0, -0.7, 0.4, 1.3), strict=True))
-        changed = TRAIN.replace({name: TRAIN.value(name) * (1 + size * step) for name, size in sizes.items()})
+        changed = TRAIN.replace(
+            {
+                name: TRAIN.value(name) * (1 + size * step)
+                for name, size in sizes.items()
+            }
+        )
         response = jaxhb.linear_response(changed, rpm=600.0)
-        values = {quantity: QUANTITIES[quantity].read(response, of, None) for quantity, of in ELEMENTS.items()}
-        return sum(value / 1e7 if quantity == "stress" else value for quantity, value in values.items())
+        values = {
+            quantity: QUANTITIES[quantity].read(response, of, None)
+            for quantity, of in ELEMENTS.items()
+        }
+        return sum(
+            value / 1e7 if quantity == "stress" else value
+            for quantity, value in values.items()
+        )
 
     step = 1e-4
     wanted = (total(step)[0] - total(-step)[0]) / (2 * step)
@@ -59,11 +83,19 @@ def test_the_gradient_of_limits_is_that_of_differences():
 
 
 def test_no_share_of_a_limit_is_told_where_the_rule_has_none():
-    """Of a design that is tuned, at and between its speeds: 1000 rpm lies above 1.05 of the rated speed."""
+    """Of a design that is tuned, at and between its speeds: 1000 rpm lies above 1.05 of
+    the rated speed.
+    """
     read = Objective(quantity="stress over continuous limit", of=SHAFT)
     thicker = Parameter(name="line shaft.outer", low=0.1, high=0.12)
-    found = jaxhb.tune(TRAIN, parameters=[thicker], rpm=[600.0, 800.0, 1000.0], objective=read, steps=1)
+    found = jaxhb.tune(
+        TRAIN, parameters=[thicker], rpm=[600.0, 800.0, 1000.0], objective=read, steps=1
+    )
     readings = found.after.readings[f"{read.quantity} of {SHAFT}"]
-    assert found.after.solved.all() and (readings[:2] > 0).all() and np.isnan(readings[2])
+    assert (
+        found.after.solved.all() and (readings[:2] > 0).all() and np.isnan(readings[2])
+    )
     checked = found.checked["after"]
-    np.testing.assert_array_equal(np.isnan(checked.readings[f"{read.quantity} of {SHAFT}"]), checked.rpm > 945.0)
+    np.testing.assert_array_equal(
+        np.isnan(checked.readings[f"{read.quantity} of {SHAFT}"]), checked.rpm > 945.0
+    )

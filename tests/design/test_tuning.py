@@ -1,4 +1,6 @@
-"""Tuning: dampers to their exact optima, gradients against differences, no speed lost, sentences for bad input."""
+"""Tuning: dampers to their exact optima, gradients against differences, no speed lost,
+sentences for bad input.
+"""
 
 import dataclasses
 from functools import cache
@@ -19,36 +21,73 @@ from jaxhb.design.descent import Descent, Rules, best_of
 
 
 def optimum(case):
-    """Mass ratio, exact frequency and damping ratios and peak of a damper of the table, and the speeds to tune at."""
+    """Mass ratio, exact frequency and damping ratios and peak of a damper of the table,
+    and the speeds to tune at.
+    """
     if case == "viscous":
         entry = reference("damper_optima")["viscous_untuned_Houdaille"]["rows"][1]
-        ratios = np.linspace(0.5, 0.9, 41), np.linspace(0.9, 1.0, 401)[1:], np.linspace(1, 1.5, 71)[1:]
-        return entry["mu"], 0.0, entry["zeta_opt_formula"], (2 + entry["mu"]) / entry["mu"], np.concatenate(ratios)
+        ratios = (
+            np.linspace(0.5, 0.9, 41),
+            np.linspace(0.9, 1.0, 401)[1:],
+            np.linspace(1, 1.5, 71)[1:],
+        )
+        return (
+            entry["mu"],
+            0.0,
+            entry["zeta_opt_formula"],
+            (2 + entry["mu"]) / entry["mu"],
+            np.concatenate(ratios),
+        )
     entry = reference("damper_optima")["tuned_damper_Den_Hartog"]["rows"][case]
     exact = entry["exact_Hinf"]
-    return entry["mu"], exact["f"], exact["zeta"], exact["peak"], trains.around_optimum()
+    return (
+        entry["mu"],
+        exact["f"],
+        exact["zeta"],
+        exact["peak"],
+        trains.around_optimum(),
+    )
 
 
 @pytest.mark.oracle
-@pytest.mark.parametrize(("case", "stiffer", "stronger"), [(0, 0.1, 10.0), (1, 10.0, 0.1), ("viscous", 1.0, 0.1)])
-def test_a_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(case, stiffer, stronger):
+@pytest.mark.parametrize(
+    ("case", "stiffer", "stronger"),
+    [(0, 0.1, 10.0), (1, 10.0, 0.1), ("viscous", 1.0, 0.1)],
+)
+def test_a_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(
+    case, stiffer, stronger
+):
     mu, tuned, zeta, peak, ratios = optimum(case)
     ring = mu * trains.INERTIA
-    own = {"damper.stiffness": (tuned * trains.NATURAL) ** 2 * ring, "damper.damping": 2 * zeta * ring * trains.NATURAL}
+    own = {
+        "damper.stiffness": (tuned * trains.NATURAL) ** 2 * ring,
+        "damper.damping": 2 * zeta * ring * trains.NATURAL,
+    }
     if case == "viscous":  # its damping ratio is over that of the main mass
         own = {"damper.damping": 2 * zeta * trains.INERTIA * trains.NATURAL}
-    bounds = [Parameter(name=name, low=value / 100, high=value * 100) for name, value in own.items()]
+    bounds = [
+        Parameter(name=name, low=value / 100, high=value * 100)
+        for name, value in own.items()
+    ]
     start = stiffer * own.get("damper.stiffness", 0.0), stronger * own["damper.damping"]
-    found = trains.tuned_main_mass(trains.main_mass(ring, *start), bounds, ratios).after.parameters
+    found = trains.tuned_main_mass(
+        trains.main_mass(ring, *start), bounds, ratios
+    ).after.parameters
     stiffness, damping = found.get("damper.stiffness", 0.0), found["damper.damping"]
-    assert trains.exact_peak(ring, stiffness, damping) == pytest.approx(peak, abs=5e-4)  # four digits
-    assert zeta * damping / own["damper.damping"] == pytest.approx(zeta, abs=5e-4)  # three digits
+    assert trains.exact_peak(ring, stiffness, damping) == pytest.approx(
+        peak, abs=5e-4
+    )  # four digits
+    assert zeta * damping / own["damper.damping"] == pytest.approx(
+        zeta, abs=5e-4
+    )  # three digits
     assert np.sqrt(stiffness / ring) / trains.NATURAL == pytest.approx(tuned, abs=5e-4)
 
 
 def test_summits_are_where_the_parabola_culminates_and_resolved_by_the_speeds():
     x = np.array([0.0, 1.0, 2.0, 2.0, 4.0, 5.0, 6.0, 7.0])
-    places, at = evaluation.highest_peaks(x, 20.0 - (x - 2.7) ** 2 + 15.0 * (x > 4.5), 3)
+    places, at = evaluation.highest_peaks(
+        x, 20.0 - (x - 2.7) ** 2 + 15.0 * (x > 4.5), 3
+    )
     np.testing.assert_array_equal(places, [5, 2])
     assert at[1] == pytest.approx(2.7, abs=1e-12)
     narrow = np.array([1.0, 1.0, 9.0, 1.0, 1.0])
@@ -56,7 +95,9 @@ def test_summits_are_where_the_parabola_culminates_and_resolved_by_the_speeds():
 
 
 SPEEDS = np.array([1480.0, 1500.0, 1520.0, 1650.0])
-"""Two meshes part at all of them; at 1650 rpm the second design assessed is not solved."""
+"""Two meshes part at all of them; at 1650 rpm the second design assessed is not
+solved.
+"""
 
 PARAMETERS = (
     Parameter(name="ring.damping", low=1.0, high=30.0),
@@ -65,7 +106,14 @@ PARAMETERS = (
 )
 OBJECTIVES = (
     Objective(quantity="tooth force order", of="crank gear|idler", order=1.0),
-    Objective(quantity="angle order", of="pump", order=1.0, over="mean", weights=(1.0, 2.0, 0.5, 1.0), weight=0.3),
+    Objective(
+        quantity="angle order",
+        of="pump",
+        order=1.0,
+        over="mean",
+        weights=(1.0, 2.0, 0.5, 1.0),
+        weight=0.3,
+    ),
 )
 PENALTIES = (
     Penalty(quantity="damper power", of="ring", most=1.0, weight=1e-3),
@@ -91,7 +139,12 @@ def bench():
 
 
 def aim(counted):
-    return evaluation.Aim(counted, scales=np.array([700.0, 1e-3]), widths=np.array([0.05, 0.05]), share=0.05)
+    return evaluation.Aim(
+        counted,
+        scales=np.array([700.0, 1e-3]),
+        widths=np.array([0.05, 0.05]),
+        share=0.05,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +154,9 @@ def assessed():
         patch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
         patch.setattr("jaxhb.design.evaluation.plan_designs", planned)
         made, z = bench(), np.array([[0.1, -0.3, 0.4], [0.8, 0.5, -1.0]])
-        return made, made.at(z, made.unsolved(z), aim(np.ones((2, 4), dtype=bool)), rescues=4)
+        return made, made.at(
+            z, made.unsolved(z), aim(np.ones((2, 4), dtype=bool)), rescues=4
+        )
 
 
 def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assessed):
@@ -110,14 +165,23 @@ def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assesse
 
     def values(steps):
         both = np.stack([along, 0 * along])
-        pairs = [made.at(point.z + step * both, point, aim(point.solved)) for step in steps[:, 0]]
+        pairs = [
+            made.at(point.z + step * both, point, aim(point.solved))
+            for step in steps[:, 0]
+        ]
         return np.array([pair.value[0] for pair in pairs])
 
     wanted = differences(values, np.zeros(1), np.full(1, 3e-4))
     assert point.gradient[0] @ along == pytest.approx(float(wanted[0]), rel=GRADIENT)
-    readings = dict(zip((c.quantity for c in (*OBJECTIVES, *PENALTIES)), point.readings, strict=True))
+    readings = dict(
+        zip(
+            (c.quantity for c in (*OBJECTIVES, *PENALTIES)), point.readings, strict=True
+        )
+    )
     assert (readings["damper power"][0] > 1).any()
-    assert readings["inertia added"][0] > 1e-3 and readings["natural frequency"][0] < 180.0
+    assert (
+        readings["inertia added"][0] > 1e-3 and readings["natural frequency"][0] < 180.0
+    )
 
 
 def test_a_speed_that_fails_is_told_and_neither_counts_nor_spoils_the_others(assessed):
@@ -128,47 +192,74 @@ def test_a_speed_that_fails_is_told_and_neither_counts_nor_spoils_the_others(ass
     assert all(np.isfinite(reading).all() for reading in point.readings)
     forces, angles, power, added, frequency = point.readings
     smooth = 0.05 * np.log(np.where(solved, np.exp(forces / 700.0 / 0.05), 0.0).sum(1))
-    mean = (np.where(solved, angles, 0.0) / 1e-3 * [1.0, 2.0, 0.5, 1.0]).sum(1) / solved.sum(1)
+    mean = (np.where(solved, angles, 0.0) / 1e-3 * [1.0, 2.0, 0.5, 1.0]).sum(
+        1
+    ) / solved.sum(1)
     nonlinear_force = np.where(solved, np.maximum(power - 1.0, 0.0) ** 2, 0.0).sum(1)
-    limits = np.maximum(added / 1e-3 - 1, 0.0) ** 2 + np.maximum(1 - frequency / 180.0, 0.0) ** 2
-    np.testing.assert_allclose(point.value, smooth + 0.3 * mean + 1e-3 * nonlinear_force + limits, rtol=PATHS)
+    limits = (
+        np.maximum(added / 1e-3 - 1, 0.0) ** 2
+        + np.maximum(1 - frequency / 180.0, 0.0) ** 2
+    )
+    np.testing.assert_allclose(
+        point.value, smooth + 0.3 * mean + 1e-3 * nonlinear_force + limits, rtol=PATHS
+    )
 
 
 def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
     made, point = assessed
-    (numbers, _), pull, done = made.numbers_of(point.z, point.speeds), evaluation.pull_lanes, []
+    (numbers, _), pull, done = (
+        made.numbers_of(point.z, point.speeds),
+        evaluation.pull_lanes,
+        [],
+    )
 
     def broken(lanes, *given, **static):
-        """Without a derivative, once, of the second speed of the first design, whatever lanes come with it."""
+        """Without a derivative, once, of the second speed of the first design, whatever
+        lanes come with it.
+        """
         found = pull(lanes, *given, **static)
-        same = [(leaf == own[0, 1]).reshape(len(leaf), -1).all(1) for leaf, own in zip(lanes, numbers, strict=True)]
+        same = [
+            (leaf == own[0, 1]).reshape(len(leaf), -1).all(1)
+            for leaf, own in zip(lanes, numbers, strict=True)
+        ]
         lane = [] if done else np.flatnonzero(np.all(same, axis=0))
         done.extend(lane)
         return [leaf.at[lane].set(np.nan) for leaf in found] if len(lane) else found
 
     monkeypatch.setattr("jaxhb.design.evaluation.pull_lanes", broken)
     again = made.at(point.z, point, aim(point.solved))
-    np.testing.assert_array_equal(again.status[0] == jaxhb.Status.STALLED, [False, True, False, False])
+    np.testing.assert_array_equal(
+        again.status[0] == jaxhb.Status.STALLED, [False, True, False, False]
+    )
     assert np.isfinite(again.gradient).all()
     np.testing.assert_array_equal(again.solved[1], point.solved[1])
 
 
 @pytest.fixture
 def same_plan(monkeypatch):
-    """The plan of the tests above, so that nothing is compiled twice, and starts from which what is lost stays lost."""
+    """The plan of the tests above, so that nothing is compiled twice, and starts from
+    which what is lost stays lost.
+    """
     monkeypatch.setattr("jaxhb.design.evaluation.plan_designs", planned)
     monkeypatch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
 
 
 def tuned(**options):
-    what = {"parameters": PARAMETERS, "objective": OBJECTIVES, "penalties": PENALTIES, "rpm": SPEEDS}
+    what = {
+        "parameters": PARAMETERS,
+        "objective": OBJECTIVES,
+        "penalties": PENALTIES,
+        "rpm": SPEEDS,
+    }
     return jaxhb.tune(hammering(), **what, harmonics=32, starts=2, seed=1, **options)
 
 
 def assert_solves_tell_the_same(found):
-    """Tooth forces of the tuned design are those of solves that know nothing of the tuning.
+    """Tooth forces of the tuned design are those of solves that know nothing of the
+    tuning.
 
-    With 32 harmonics, below the mesh modes, a solve may find another one beside it at one of these close speeds.
+    With 32 harmonics, below the mesh modes, a solve may find another one beside it at
+    one of these close speeds.
     """
     after = found.after.readings["tooth force order 1 of crank gear|idler"]
     speeds = SPEEDS[found.after.solved]
@@ -176,10 +267,16 @@ def assert_solves_tell_the_same(found):
     # Tunings average the law between time samples, as plans do.
     plan = jaxhb.plan(found.train, rpm=float(speeds[0]), harmonics=32)
     starts = zip(speeds, solves, strict=True)
-    solves = [jaxhb.solve(found.train, rpm=speed, plan=plan, start=solve) for speed, solve in starts]
+    solves = [
+        jaxhb.solve(found.train, rpm=speed, plan=plan, start=solve)
+        for speed, solve in starts
+    ]
     forces = [float(solve.force("crank gear", "idler").order(1.0)) for solve in solves]
     assert all(solve.status <= jaxhb.Status.TOLERANCE_NOT_MET for solve in solves)
-    assert np.isclose(after[found.after.solved], forces, rtol=PATHS, atol=0).sum() >= len(solves) - 1
+    assert (
+        np.isclose(after[found.after.solved], forces, rtol=PATHS, atol=0).sum()
+        >= len(solves) - 1
+    )
     near = after[found.after.solved]
     assert np.ptp(near) < 0.02 * near.max()
 
@@ -190,15 +287,22 @@ def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan):
     label = "tooth force order 1 of crank gear|idler"
     before, after = found.before.readings[label], found.after.readings[label]
     assert after.max() < 0.9 * before.max()
-    assert (found.after.solved | ~found.before.solved).all() and found.before.solved.all()
+    assert (
+        found.after.solved | ~found.before.solved
+    ).all() and found.before.solved.all()
     pairs = zip(found.history, found.history[1:], strict=False)
-    assert all(b.valid > a.valid or (b.valid == a.valid and b.objective <= a.objective) for a, b in pairs)
+    assert all(
+        b.valid > a.valid or (b.valid == a.valid and b.objective <= a.objective)
+        for a, b in pairs
+    )
     most = max(solved for *_, solved in found.outcomes)
     best = min(objective for objective, _, solved in found.outcomes if solved == most)
     winner, _, solved = found.outcomes[found.history[-1].start]
     assert len(found.outcomes) == 2 and (winner, solved) == (best, most)
     for parameter in PARAMETERS:
-        assert found.train.value(parameter.name) == found.after.parameters[parameter.name]
+        assert (
+            found.train.value(parameter.name) == found.after.parameters[parameter.name]
+        )
         assert parameter.low < found.after.parameters[parameter.name] < parameter.high
     assert_solves_tell_the_same(found)
 
@@ -208,29 +312,52 @@ def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan):
 def test_a_speed_lost_on_the_way_is_found_from_other_starts_or_the_step_halved_and_the_tuning_goes_on(
     same_plan, monkeypatch, found_again
 ):
-    """Every solve at 1500 rpm fails after the first step, until other starts were asked for it."""
+    """Every solve at 1500 rpm fails after the first step, until other starts were asked
+    for it.
+    """
     armed, asked, read = [], [], evaluation.read_lanes
 
     def other_starts(train, rpm, **options):
         asked.append(rpm)
-        return jaxhb.solve(train, rpm=rpm, **options) if found_again and rpm == SPEEDS[1] else LOST
+        return (
+            jaxhb.solve(train, rpm=rpm, **options)
+            if found_again and rpm == SPEEDS[1]
+            else LOST
+        )
 
     def failing(numbers, held, rpm, *rest, **static):
         smooth, found, (status, *told) = read(numbers, held, rpm, *rest, **static)
         fails = bool(armed) and SPEEDS[1] not in asked
-        return smooth, found, (np.where(fails & (rpm == SPEEDS[1]), jaxhb.Status.STALLED, status), *told)
+        return (
+            smooth,
+            found,
+            (np.where(fails & (rpm == SPEEDS[1]), jaxhb.Status.STALLED, status), *told),
+        )
 
     monkeypatch.setattr("jaxhb.design.evaluation.solve", other_starts)
     monkeypatch.setattr("jaxhb.design.evaluation.read_lanes", failing)
-    found = tuned(steps=3, on_step=lambda step: armed.append(step) if step.number == 1 else None)
-    assert SPEEDS[1] in asked and [step.number for step in found.history] == [0, 1, 2, 3]
-    assert found.history[3].objective < found.history[2].objective < found.history[1].objective
+    found = tuned(
+        steps=3, on_step=lambda step: armed.append(step) if step.number == 1 else None
+    )
+    assert SPEEDS[1] in asked and [step.number for step in found.history] == [
+        0,
+        1,
+        2,
+        3,
+    ]
+    assert (
+        found.history[3].objective
+        < found.history[2].objective
+        < found.history[1].objective
+    )
     assert found.after.solved[:3].all()
     assert_solves_tell_the_same(found)
 
 
 class Bowl:
-    """An evaluator without equations: (z - 3)^2 summed, a speed is lost beyond z = 1 in each component."""
+    """An evaluator without equations: (z - 3)^2 summed, a speed is lost beyond z = 1 in
+    each component.
+    """
 
     rpm, peaks = np.array([1000.0, 1500.0]), 0
     task = SimpleNamespace(objectives=(), named=lambda z: dict(enumerate(z.tolist())))
@@ -238,7 +365,9 @@ class Bowl:
     def unsolved(self, z):
         lost = np.full((len(z), 2), jaxhb.Status.MAX_STEPS)
         none = np.zeros((0, 2, 0))
-        return evaluation.Point(z, np.ones((len(z), 2)), lost, 0 * lost, np.zeros(lost.shape), exact=none)
+        return evaluation.Point(
+            z, np.ones((len(z), 2)), lost, 0 * lost, np.zeros(lost.shape), exact=none
+        )
 
     def at(self, z, near, aim, **_):
         status = np.zeros((len(z), 2), dtype=int)
@@ -269,18 +398,33 @@ def test_no_step_that_loses_a_speed_is_accepted(optimizer):
 
 
 def test_an_optax_transformation_makes_the_steps_that_its_name_makes():
-    """The name stands for a transformation with a rate of its own; here that rate is given."""
+    """The name stands for a transformation with a rate of its own; here that rate is
+    given.
+    """
     _, _, named, *_ = descended("adam")
     _, _, given, *_ = descended(optax.adam(0.4))
     np.testing.assert_allclose(given.z, named.z, rtol=1e-12)
 
 
-def test_a_tuning_goes_on_where_it_was_stopped_with_the_same_numbers(tmp_path, monkeypatch):
-    """Before the first step and after it: no design that was evaluated is evaluated again."""
+def test_a_tuning_goes_on_where_it_was_stopped_with_the_same_numbers(
+    tmp_path, monkeypatch
+):
+    """Before the first step and after it: no design that was evaluated is evaluated
+    again.
+    """
     swing = Objective(quantity="shaft torque", of="cyl6|flywheel")
     pulley = Parameter(name="pulley.inertia", low=0.005, high=0.05)
-    asked = {"parameters": [pulley], "rpm": [1800.0, 2000.0, 2200.0], "objective": swing, "steps": 2}
-    train, at, calls = jaxhb.load_scene("six_cylinder_diesel"), evaluation.Evaluator.at, []
+    asked = {
+        "parameters": [pulley],
+        "rpm": [1800.0, 2000.0, 2200.0],
+        "objective": swing,
+        "steps": 2,
+    }
+    train, at, calls = (
+        jaxhb.load_scene("six_cylinder_diesel"),
+        evaluation.Evaluator.at,
+        [],
+    )
     whole = jaxhb.tune(train, **asked)
 
     def stopped(self, *args, **options):
@@ -312,7 +456,10 @@ def test_ctrl_c_returns_the_best_design_so_far_and_its_history():
 
     descent, _, best, _, interrupted = descended("lbfgs", stop)
     assert interrupted and [step.number for step in descent.history] == [0, 1]
-    assert dict(enumerate(best.z[best_of(best)].tolist())) == descent.history[-1].parameters
+    assert (
+        dict(enumerate(best.z[best_of(best)].tolist()))
+        == descent.history[-1].parameters
+    )
 
 
 KINDS = {"parameters": Parameter, "objective": Objective, "penalties": Penalty}
@@ -320,10 +467,25 @@ KINDS = {"parameters": Parameter, "objective": Objective, "penalties": Penalty}
 
 @pytest.mark.parametrize(("sentence", "given"), reference("cases")["tunings"])
 def test_bad_input_is_one_clear_sentence(sentence, given):
-    asked = {"parameters": PARAMETERS, "objective": OBJECTIVES[0], "penalties": PENALTIES, "rpm": SPEEDS}
+    asked = {
+        "parameters": PARAMETERS,
+        "objective": OBJECTIVES[0],
+        "penalties": PENALTIES,
+        "rpm": SPEEDS,
+    }
     for key, value in given.items():
-        several = [KINDS[key](**one) if key in KINDS else one for one in value] if isinstance(value, list) else None
-        asked[key] = KINDS[key](**value) if isinstance(value, dict) else value if several is None else tuple(several)
+        several = (
+            [KINDS[key](**one) if key in KINDS else one for one in value]
+            if isinstance(value, list)
+            else None
+        )
+        asked[key] = (
+            KINDS[key](**value)
+            if isinstance(value, dict)
+            else value
+            if several is None
+            else tuple(several)
+        )
     with pytest.raises(jaxhb.SceneError) as caught:
         jaxhb.tune(hammering(), **asked)
     assert sentence in str(caught.value) and len(caught.value.sentences) == 1
@@ -332,15 +494,25 @@ def test_bad_input_is_one_clear_sentence(sentence, given):
 def test_contact_of_a_mesh_without_backlash_cannot_be_tuned():
     given = {"parameters": [Parameter(name="viscous ring.damping", low=1.0, high=9.0)]}
     given["objective"] = Objective(quantity="impact severity", of="input 1|lay 1")
-    with pytest.raises(jaxhb.SceneError, match="mesh 'input 1|lay 1' has no backlash, its teeth never part"):
-        jaxhb.tune(trains.build(trains.gearbox_parts(), reference="motor"), rpm=[900.0], **given)
+    with pytest.raises(
+        jaxhb.SceneError,
+        match="mesh 'input 1|lay 1' has no backlash, its teeth never part",
+    ):
+        jaxhb.tune(
+            trains.build(trains.gearbox_parts(), reference="motor"),
+            rpm=[900.0],
+            **given,
+        )
 
 
 @pytest.mark.parametrize("backlash", [None, 1e-4])
 def test_a_range_in_which_no_speed_converges_is_told_with_a_way_on(backlash):
     class Lost(Bowl):
         law = {"eps": backlash and 0.1, "transition": backlash and 0.2, "h": backlash}
-        train = trains.build(trains.one_mass_parts(m=1.0, b=0.1, c=1.0, q0=0.0, q1=1.0, **law), reference="a")
+        train = trains.build(
+            trains.one_mass_parts(m=1.0, b=0.1, c=1.0, q0=0.0, q1=1.0, **law),
+            reference="a",
+        )
 
         def at(self, z, near, aim, **_):
             return near
@@ -348,6 +520,13 @@ def test_a_range_in_which_no_speed_converges_is_told_with_a_way_on(backlash):
     with pytest.raises(jaxhb.SceneError) as caught:
         descended("lbfgs", evaluator=Lost())
     said = str(caught.value)
-    assert "test train: none of the 2 speeds from 1000 to 1500 rpm converges at the start (2 MAX_STEPS)" in said
-    assert ("Tune a copy of the scene without the backlash keys" in said) == bool(backlash)
-    assert said.endswith("by jaxhb sweep." if backlash else "look at them with jaxhb sweep.")
+    assert (
+        "test train: none of the 2 speeds from 1000 to 1500 rpm converges at the start"
+        " (2 MAX_STEPS)" in said
+    )
+    assert ("Tune a copy of the scene without the backlash keys" in said) == bool(
+        backlash
+    )
+    assert said.endswith(
+        "by jaxhb sweep." if backlash else "look at them with jaxhb sweep."
+    )

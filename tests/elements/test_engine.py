@@ -1,4 +1,6 @@
-"""One [engine] table against the cylinders written out, the packaged engines and the published vee-bank factors."""
+"""One [engine] table against the cylinders written out, the packaged engines and the
+published vee-bank factors.
+"""
 
 import re
 from pathlib import Path
@@ -17,21 +19,37 @@ from jaxhb.train.assembly import build
 
 SCENES = Path(__file__).parents[2] / "jaxhb" / "scene" / "scenes"
 SIX = "\n" + text_of("six_cylinders.toml")
-TRAIN = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=1.0), Shaft(between=("a", "b"), stiffness=1e6)]
+TRAIN = [
+    Disk(name="a", inertia=1.0),
+    Disk(name="b", inertia=1.0),
+    Shaft(between=("a", "b"), stiffness=1e6),
+]
 TRAIN.append(Load(disk="b"))
 UNIT = {"gas_torque": [(n / 2, 1.0, 0.0) for n in range(1, 15)]}
-BURNING = {"compression_ratio": 16.0, "charge_pressure": 2e5, "start": -5.0, "duration": 60.0}
+BURNING = {
+    "compression_ratio": 16.0,
+    "charge_pressure": 2e5,
+    "start": -5.0,
+    "duration": 60.0,
+}
 MISPRINTS = ((80, 5), (90, 3), (90, 5))
 """The scan has 0.684 for 1.879, and 1.42 for the square root of 2."""
 SHORT = {(80, 1.5): 0.005}
-"""Half a unit of the last digit where the scan prints two decimals and misses 0.002 by that alone: 1.73 for 1.73205."""
+"""Half a unit of the last digit where the scan prints two decimals and misses 0.002 by
+that alone: 1.73 for 1.73205.
+"""
 
 SIZES = {"bore": 0.1, "stroke": 0.12, "rod": 0.2}
 
 
 def engine(**changes):
     """A vee four with common crank pins."""
-    given = {"cylinders": 4, "disks": ["a", "b"], "firing_order": ["A1", "B2", "A2", "B1"], "bank_angle": 180.0}
+    given = {
+        "cylinders": 4,
+        "disks": ["a", "b"],
+        "firing_order": ["A1", "B2", "A2", "B1"],
+        "bank_angle": 180.0,
+    }
     return Engine(**(given | UNIT | changes))
 
 
@@ -47,7 +65,14 @@ def six(tmp_path):
         table = f"six_cylinder_diesel_{name}.csv"
         (tmp_path / table).write_bytes((SCENES / table).read_bytes())
     path = tmp_path / "six.toml"
-    path.write_text("".join(part for part in re.split(r"(?m)^(?=\[)", text) if "[[cylinder]]" not in part) + SIX)
+    path.write_text(
+        "".join(
+            part
+            for part in re.split(r"(?m)^(?=\[)", text)
+            if "[[cylinder]]" not in part
+        )
+        + SIX
+    )
     return path
 
 
@@ -57,7 +82,9 @@ def test_the_packaged_diesel_is_one_engine(six):
 
 def test_an_expanded_scene_is_the_same_train(six, tmp_path):
     text, beside = scene_text(six, expand=True)
-    assert text.count("[[cylinder]]") == 6 and "[engine]" not in text and len(beside) == 2
+    assert (
+        text.count("[[cylinder]]") == 6 and "[engine]" not in text and len(beside) == 2
+    )
     (tmp_path / "expanded.toml").write_text(text)
     assert same(load_scene(tmp_path / "expanded.toml"), load_scene(six))
     assert 'pressure = "six_cylinder_diesel_pressure.csv"' in text
@@ -67,9 +94,15 @@ def test_a_combustion_in_an_engine_is_expanded_with_a_value_for_each_cylinder(tm
     path, out = tmp_path / "two.toml", tmp_path / "out.toml"
     path.write_text(text_of("two_strokes.toml"))
     train = load_scene(path)
-    assert train.topology.cylinder_names == ("port 1", "port 2") and train.topology.cylinder_fires == (True, False)
+    assert train.topology.cylinder_names == (
+        "port 1",
+        "port 2",
+    ) and train.topology.cylinder_fires == (True, False)
     assert train.topology.cylinder_gas_revolutions == (1, 1)
-    assert (train.value("port 2.combustion.start"), train.value("port 2.rod")) == (-4.5, 0.21)
+    assert (train.value("port 2.combustion.start"), train.value("port 2.rod")) == (
+        -4.5,
+        0.21,
+    )
     assert train.value("port 2.firing_angle") == 181.5
     out.write_text(scene_text(path, expand=True)[0])
     assert same(load_scene(out), train)
@@ -90,16 +123,28 @@ def test_a_vee_ten_fires_as_its_crank_and_bank_angle_say():
 
 @pytest.mark.parametrize("alpha", [30, 45, 60, 80, 90])
 def test_vee_banks_add_up_as_published(alpha):
-    """Z = |1 + exp(i p (360 - alpha))| multiplies the vector sum of one bank at order p."""
-    vee = Engine(cylinders=2, disks=["a"], firing_order=["A1", "B1"], bank_angle=float(alpha), **UNIT)
+    """Z = |1 + exp(i p (360 - alpha))| multiplies the vector sum of one bank at order
+    p.
+    """
+    vee = Engine(
+        cylinders=2,
+        disks=["a"],
+        firing_order=["A1", "B1"],
+        bank_angle=float(alpha),
+        **UNIT,
+    )
     torque = np.abs(2 * excitation(build([*TRAIN, vee]), 1000.0, 14)[0][0])
-    rows = reference("excitation")["vee_bank_phasing"]["rows_alpha_order_published_computed"]
+    rows = reference("excitation")["vee_bank_phasing"][
+        "rows_alpha_order_published_computed"
+    ]
     rows = [row for row in rows if row[0] == alpha]
     assert rows
     for _, order, published, computed in rows:
         assert abs(torque[round(2 * order)] - computed) < 1e-12
         if (alpha, order) not in MISPRINTS:
-            assert abs(torque[round(2 * order)] - published) <= SHORT.get((alpha, order), 0.002)
+            assert abs(torque[round(2 * order)] - published) <= SHORT.get(
+                (alpha, order), 0.002
+            )
 
 
 def test_an_odd_firing_vee_six_fires_at_150_and_90_degrees():
@@ -107,24 +152,48 @@ def test_an_odd_firing_vee_six_fires_at_150_and_90_degrees():
     order = ["A1", "B1", "A2", "B2", "A3", "B3"]
     crank = list(angles(firing_order=order, **given).values())
     assert crank == [0.0, 90.0, 240.0, 330.0, 480.0, 570.0]
-    assert list(angles(firing_order=order, firing="even", **given).values()) == [0.0, 120.0, 240.0, 360.0, 480.0, 600.0]
+    assert list(angles(firing_order=order, firing="even", **given).values()) == [
+        0.0,
+        120.0,
+        240.0,
+        360.0,
+        480.0,
+        600.0,
+    ]
 
 
 def test_firing_intervals_are_those_given():
-    found = angles(bank_angle=None, firing_order=[1, 3, 4, 2], firing_intervals=[180, 200, 160, 180], disks=["a"] * 4)
+    found = angles(
+        bank_angle=None,
+        firing_order=[1, 3, 4, 2],
+        firing_intervals=[180, 200, 160, 180],
+        disks=["a"] * 4,
+    )
     assert found == {"1": 0.0, "3": 180.0, "4": 380.0, "2": 540.0}
 
 
 def test_a_two_stroke_engine_fires_every_cylinder_in_a_revolution():
-    given = {"cylinders": 3, "disks": ["a", "a", "b"], "firing_order": [1, 3, 2], "bank_angle": None}
+    given = {
+        "cylinders": 3,
+        "disks": ["a", "a", "b"],
+        "firing_order": [1, 3, 2],
+        "bank_angle": None,
+    }
     assert angles(stroke_cycle=2, **given) == {"1": 0.0, "3": 120.0, "2": 240.0}
 
 
 def test_an_engine_of_python_makes_cylinders():
     made = cylinders(engine(firing_angle=10.0, gas_factor=[1.0, 0.9, 1.1, 1.0]))
-    assert [c.name for c in made] == ["cylinder A1", "cylinder A2", "cylinder B1", "cylinder B2"]
+    assert [c.name for c in made] == [
+        "cylinder A1",
+        "cylinder A2",
+        "cylinder B1",
+        "cylinder B2",
+    ]
     assert [c.gas_factor for c in made] == [1.0, 0.9, 1.1, 1.0]
-    assert [c.disk for c in made] == ["a", "b", "a", "b"] and made[0].firing_angle == 10.0
+    assert [c.disk for c in made] == ["a", "b", "a", "b"] and made[
+        0
+    ].firing_angle == 10.0
     own = {"cylinders": 1, "disks": ["a"], "firing_order": [1], "bank_angle": None}
     plain = Cylinder(name="cylinder 1", disk="a", **UNIT)
     assert same(build([*TRAIN, engine(**own)]), build([*TRAIN, plain]))
@@ -132,7 +201,12 @@ def test_an_engine_of_python_makes_cylinders():
 
 TWO_SOURCES = SIZES | {"combustion": Combustion(imep=1e6, **BURNING)}
 BAD = reference("cases")["engines"]
-BAD |= {"two sources": [TWO_SOURCES, ["combustion and gas_torque are both given. Keep one of them."]]}
+BAD |= {
+    "two sources": [
+        TWO_SOURCES,
+        ["combustion and gas_torque are both given. Keep one of them."],
+    ]
+}
 
 
 @pytest.mark.parametrize("case", BAD)
@@ -142,13 +216,25 @@ def test_each_fault_of_an_engine_is_said_once(case):
         build([*TRAIN, engine(**changes)])
     assert len(caught.value.sentences) == len(wanted), caught.value
     for text in wanted:
-        assert sum(text in sentence for sentence in caught.value.sentences) == 1, caught.value
-    assert all(sentence.startswith("scene, [engine]") for sentence in caught.value.sentences)
+        assert sum(text in sentence for sentence in caught.value.sentences) == 1, (
+            caught.value
+        )
+    assert all(
+        sentence.startswith("scene, [engine]") for sentence in caught.value.sentences
+    )
 
 
 def test_an_engine_beside_a_cylinder_on_its_disk_is_refused():
     other = Cylinder(name="extra", disk="a", **UNIT)
-    with pytest.raises(SceneError, match=r"\[\[cylinder\]\] no. 1 'extra': it sits on 'a', a disk of an \[engine\]"):
+    with pytest.raises(
+        SceneError,
+        match=(
+            r"\[\[cylinder\]\] no. 1 'extra': it sits on 'a', a disk of an \[engine\]"
+        ),
+    ):
         build([*TRAIN, other, engine()])
     single = {"cylinders": 1, "disks": ["b"], "firing_order": [1], "bank_angle": None}
-    assert build([*TRAIN, other, engine(**single)]).topology.cylinder_names == ("extra", "cylinder 1")
+    assert build([*TRAIN, other, engine(**single)]).topology.cylinder_names == (
+        "extra",
+        "cylinder 1",
+    )

@@ -1,4 +1,6 @@
-"""Sweeps over trees of links against dense solves, and the reference cases of docs/theory A1 and A2."""
+"""Sweeps over trees of links against dense solves, and the reference cases of
+docs/theory A1 and A2.
+"""
 
 import jax
 import numpy as np
@@ -39,7 +41,9 @@ def dense_solution(parent, near, far, link, node, load):
     rows[np.arange(size - 1), parent[:-1]] -= far[:-1]
     x = np.empty_like(load)
     for h in range(harmonics):
-        x[:, h] = np.linalg.solve(np.diag(node[:, h]) + rows.T @ (link[:-1, h, None] * rows), load[:, h])
+        x[:, h] = np.linalg.solve(
+            np.diag(node[:, h]) + rows.T @ (link[:-1, h, None] * rows), load[:, h]
+        )
     force = np.zeros_like(load)
     force[:-1] = link[:-1, :, None] * np.einsum("st,thr->shr", rows, x)
     return x, force
@@ -58,7 +62,9 @@ def test_sweep_equals_dense_solve_on_random_trees_with_any_arms(size, place):
         link, node = random_line(draw, size, 4), random_line(draw, size, 4)
         load = draw.normal(size=(size, 4, 2)) + 1j * draw.normal(size=(size, 4, 2))
         exact = dense_solution(parent, near, far, link, node, load)
-        for found, wanted in zip(sweep(parent, near, far, link, node, load, place), exact, strict=True):
+        for found, wanted in zip(
+            sweep(parent, near, far, link, node, load, place), exact, strict=True
+        ):
             assert relative_error(found, wanted) < ALGEBRAIC
 
 
@@ -67,10 +73,14 @@ def test_matrix_sweep_with_toeplitz_links_equals_dense_solve():
     size, harmonics, width = 7, 3, 7
     for _ in range(15):
         parent, near, far = random_tree(draw, size), *draw.uniform(0.5, 2.0, (2, size))
-        c = 0.1 * (draw.normal(size=(size, width)) + 1j * draw.normal(size=(size, width)))
+        c = 0.1 * (
+            draw.normal(size=(size, width)) + 1j * draw.normal(size=(size, width))
+        )
         c[:, 0] = draw.uniform(2.0, 5.0, size)
         link = np.asarray(fourier.product_matrix(c))
-        node = np.asarray(fourier.packed_diagonal(random_line(draw, size, harmonics + 1)))
+        node = np.asarray(
+            fourier.packed_diagonal(random_line(draw, size, harmonics + 1))
+        )
         load = draw.normal(size=(size, width))
         x, deflection, quality = sweep_blocks(parent, near, far, link, node, load)
         K = np.zeros((size, width, size, width))
@@ -79,24 +89,36 @@ def test_matrix_sweep_with_toeplitz_links_equals_dense_solve():
             row = np.zeros(size)
             row[s], row[parent[s]] = near[s], -far[s]
             K += np.einsum("s,t,ij->sitj", row, row, link[s])
-        exact = np.linalg.solve(K.reshape(size * width, -1), load.reshape(-1)).reshape(size, width)
+        exact = np.linalg.solve(K.reshape(size * width, -1), load.reshape(-1)).reshape(
+            size, width
+        )
         apart = near[:-1, None] * exact[:-1] - far[:-1, None] * exact[parent[:-1]]
         assert relative_error(x, exact) < ALGEBRAIC
-        assert relative_error(deflection[:-1], apart) < ALGEBRAIC and not deflection[-1].any()
+        assert (
+            relative_error(deflection[:-1], apart) < ALGEBRAIC
+            and not deflection[-1].any()
+        )
         assert 0 < quality <= 1
 
 
 def test_matrix_sweep_tells_when_a_pivot_breaks_down_though_the_whole_matrix_is_regular():
-    # docs/theory A2: node 1 with its upper node held is at parametric resonance, m = 1, b = 0.1, c = 1 + a cos 2t
+    # docs/theory A2: node 1 with its upper node held is at parametric resonance, m = 1,
+    # b = 0.1, c = 1 + a cos 2t
     m, b, a = 1.0, 0.1, 0.200109342148869
     harmonics = 8
     n = np.arange(harmonics + 1)
     coefficients = np.zeros(2 * harmonics + 1, complex)
     coefficients[0], coefficients[2] = 1.0, a / 2
     link = np.asarray(fourier.product_matrix(coefficients))[None].repeat(2, 0)
-    node = np.asarray(fourier.packed_diagonal(np.stack([-m * n**2 + 1j * b * n, 0.5 - 2 * n**2 + 0.3j * n])))
+    node = np.asarray(
+        fourier.packed_diagonal(
+            np.stack([-m * n**2 + 1j * b * n, 0.5 - 2 * n**2 + 0.3j * n])
+        )
+    )
     ones = np.ones(2)
-    *_, quality = sweep_blocks(np.array([1, 2]), ones, ones, link, node, np.ones((2, 2 * harmonics + 1)))
+    *_, quality = sweep_blocks(
+        np.array([1, 2]), ones, ones, link, node, np.ones((2, 2 * harmonics + 1))
+    )
     whole = np.block([[node[0] + link[0], -link[0]], [-link[0], node[1] + link[0]]])
     assert np.linalg.cond(whole) < 1e4
     assert quality < 1e-10
@@ -107,7 +129,14 @@ def test_case_a1_soft_ground_costs_no_digits_of_displacements_and_forces():
     c, q = numbers(params["c"]), numbers(params["q"])
     node = np.zeros((4, 1), complex)
     node[-1] = c[-1]
-    x, force = sweep(np.array([1, 2, 3, 4]), np.ones(4), np.ones(4), c[:, None] + 0j, node, q[:, None, None] + 0j)
+    x, force = sweep(
+        np.array([1, 2, 3, 4]),
+        np.ones(4),
+        np.ones(4),
+        c[:, None] + 0j,
+        node,
+        q[:, None, None] + 0j,
+    )
     np.testing.assert_allclose(x[:, 0, 0], numbers(expected["x"]), rtol=ALGEBRAIC)
     tension = numbers(expected["f"])  # of x_{s+1} - x_s: the opposite sign
     np.testing.assert_allclose(force[:3, 0, 0], -tension[:3], rtol=ALGEBRAIC)
@@ -115,16 +144,22 @@ def test_case_a1_soft_ground_costs_no_digits_of_displacements_and_forces():
 
 
 def parents_from_fridman(places, image):
-    """Fridman's numbering of a tree as a chain with fictitious nodes, whose places and images count from 1: place of
-    every physical node in order of elimination, and position of its parent, S at the root."""
+    """Fridman's numbering of a tree as a chain with fictitious nodes, whose places and
+    images count from 1: place of every physical node in order of elimination, and
+    position of its parent, S at the root.
+    """
     physical = [place for place in range(1, places + 1) if place not in image]
     position = {place: s for s, place in enumerate([*physical, places + 1])}
     above = [image.get(place + 1, place + 1) for place in physical]
-    return np.array(physical), np.array([position[place] for place in above], dtype=np.int32)
+    return np.array(physical), np.array(
+        [position[place] for place in above], dtype=np.int32
+    )
 
 
 def tree_case(parent, slots, harmonics):
-    """The dimensionless trees of A2: m_s = 1 + s/10, b = 1/5, c_s = 10 + s, p_s = 1/s, soft ground 1/2 at the root."""
+    """The dimensionless trees of A2: m_s = 1 + s/10, b = 1/5, c_s = 10 + s, p_s = 1/s,
+    soft ground 1/2 at the root.
+    """
     n, s = np.array(harmonics), np.asarray(slots, float)
     node = -np.outer(1 + s / 10, n**2) + 0.2j * n
     node[-1] += 0.5
@@ -141,21 +176,36 @@ def tree_case(parent, slots, harmonics):
         ("A2_fig2_topology", 30, {8: 11, 12: 15, 16: 24}, "parent"),  # figure 2
     ],
 )
-def test_case_a2_trees_in_the_numbering_of_fridman_with_fictitious_nodes(case, places, image, tree):
+def test_case_a2_trees_in_the_numbering_of_fridman_with_fictitious_nodes(
+    case, places, image, tree
+):
     params, expected = method_case(case)
     slots, parent = parents_from_fridman(places, image)
-    assert params[tree] == {str(p): int(slots[q]) if q < len(slots) else 0 for p, q in zip(slots, parent, strict=True)}
+    assert params[tree] == {
+        str(p): int(slots[q]) if q < len(slots) else 0
+        for p, q in zip(slots, parent, strict=True)
+    }
     found = tree_case(parent, slots.tolist(), [int(n) for n in expected["a"]])
     for k, own in enumerate(expected["a"].values()):
         for place, value in own.items():
-            np.testing.assert_allclose(found[int(place)][k], complex_numbers(value), rtol=ALGEBRAIC)
+            np.testing.assert_allclose(
+                found[int(place)][k], complex_numbers(value), rtol=ALGEBRAIC
+            )
 
 
 def test_a_part_that_nothing_holds_rests_on_its_parent():
-    # a ring behind a purely viscous link: at the mean its pivot is 0, at other harmonics it is an ordinary node
+    # a ring behind a purely viscous link: at the mean its pivot is 0, at other
+    # harmonics it is an ordinary node
     node = np.array([[0.0, -4.0], [3.0, 2.0]], complex)
     link = np.array([[0.0, 1j], [0.0, 0.0]])
-    x, force = sweep(np.array([1, 2]), np.ones(2), np.ones(2), link, node, np.array([[[0.0], [1]], [[6.0], [1]]]) + 0j)
+    x, force = sweep(
+        np.array([1, 2]),
+        np.ones(2),
+        np.ones(2),
+        link,
+        node,
+        np.array([[[0.0], [1]], [[6.0], [1]]]) + 0j,
+    )
     np.testing.assert_allclose(x[:, 0, 0], [2.0, 2.0], rtol=ALGEBRAIC)
     assert not np.asarray(force[:, 0]).any()
     exact = np.linalg.solve([[-4 + 1j, -1j], [-1j, 2 + 1j]], [1, 1])
@@ -163,7 +213,8 @@ def test_a_part_that_nothing_holds_rests_on_its_parent():
 
 
 def test_an_undamped_absorber_at_its_frequency_holds_its_parent_still():
-    # the pivot m omega^2 - c of the absorber is exactly 0, the whole matrix is regular: x = (-1/4, 0), link force -1
+    # the pivot m omega^2 - c of the absorber is exactly 0, the whole matrix is regular:
+    # x = (-1/4, 0), link force -1
     node = np.array([[-4.0], [-5.0 + 1j]])
     link = np.array([[4.0], [0.0]], complex)
     load = np.array([[[0.0]], [[1.0]]], complex)

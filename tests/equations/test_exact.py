@@ -1,4 +1,6 @@
-"""Exact integrals of a mesh force: against closed forms and many samples; their derivatives."""
+"""Exact integrals of a mesh force: against closed forms and many samples; their
+derivatives.
+"""
 
 import dataclasses
 from functools import partial
@@ -16,7 +18,9 @@ from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.backlash import Law, all_meshes
 
 EXACT = 1e-13
-"""Degree of the polynomials of a cell, for any spectrum of the deflection; relative to the largest force."""
+"""Degree of the polynomials of a cell, for any spectrum of the deflection; relative to
+the largest force.
+"""
 
 HARMONICS, MESHES = 6, 2
 
@@ -24,7 +28,11 @@ HARMONICS, MESHES = 6, 2
 @partial(jax.jit, static_argnames="samples")
 def coefficients(law, viscous, gated, deflection, samples=None):
     """Coefficients of the mesh force, exact or sampled, at 1.3 rad/s."""
-    rule = fourier.Equidistant(samples) if samples else exact_integrals.quadrature(law, deflection)
+    rule = (
+        fourier.Equidistant(samples)
+        if samples
+        else exact_integrals.quadrature(law, deflection)
+    )
     rate = fourier.derivative(deflection, 1.3)
     l, rate = rule.synthesize(deflection), rule.synthesize(rate)
     values = backlash.mesh_force(law.expand(), viscous[:, None], gated, l, rate)
@@ -35,19 +43,33 @@ locate = jax.jit(exact_integrals.find_crossings)
 
 
 def motion(seed, *, decay=1.0):
-    """Random deflections that pass the gap many times, and a law and damping for each."""
+    """Random deflections that pass the gap many times, and a law and damping for
+    each.
+    """
     draw = np.random.default_rng(seed)
-    l = draw.normal(size=(MESHES, HARMONICS + 1)) + 1j * draw.normal(size=(MESHES, HARMONICS + 1))
+    l = draw.normal(size=(MESHES, HARMONICS + 1)) + 1j * draw.normal(
+        size=(MESHES, HARMONICS + 1)
+    )
     l /= np.maximum(1, np.arange(HARMONICS + 1)) ** decay
     l[:, 0] = 0.3 * l[:, 0].real
     l /= np.abs(l).sum(-1, keepdims=True)
-    law = Law(np.array([1.0, 2.0]), np.array([0.02, 0.1]), np.array([0.3, 0.1]), np.array([0.4, 0.5]))
+    law = Law(
+        np.array([1.0, 2.0]),
+        np.array([0.02, 0.1]),
+        np.array([0.3, 0.1]),
+        np.array([0.4, 0.5]),
+    )
     return law, np.array([0.3, 0.2]), l
 
 
 def test_case_a6_closed_form_of_a_cosine():
     params, expected = method_case("A6_fourier_coefs_Acos")
-    law = Law(*(np.full(MESHES, float(v)) for v in (params["c"], params["eps"], 0.2, params["h"])))
+    law = Law(
+        *(
+            np.full(MESHES, float(v))
+            for v in (params["c"], params["eps"], 0.2, params["h"])
+        )
+    )
     l = np.zeros((MESHES, 12), complex)
     l[:, 1] = float(params["A"]) / 2 * np.exp(1j * np.array([0.0, 0.7]))
     turn = np.exp(-1j * np.arange(12) * np.array([0.0, 0.7])[:, None])
@@ -57,8 +79,13 @@ def test_case_a6_closed_form_of_a_cosine():
 
 
 def test_a_mesh_without_backlash_has_no_knots_to_pass():
-    """However fast its force changes sign: at harmonic 6 of 6 it would take more room than there is."""
-    parts = [dataclasses.replace(e, backlash=None) if isinstance(e, Mesh) else e for e in branched_parts()]
+    """However fast its force changes sign: at harmonic 6 of 6 it would take more room
+    than there is.
+    """
+    parts = [
+        dataclasses.replace(e, backlash=None) if isinstance(e, Mesh) else e
+        for e in branched_parts()
+    ]
     law = all_meshes(build(parts, reference="flywheel")).law
     l = np.zeros((len(law.stiffness), HARMONICS + 1), complex)
     l[:, -1] = 1e-4
@@ -66,13 +93,19 @@ def test_a_mesh_without_backlash_has_no_knots_to_pass():
     assert crossings.complete and not np.any(crossings.inverse_rate)
 
 
-@pytest.mark.parametrize(("gated", "transition"), [(False, 0.2), (True, 0.2), (False, 1e-6)])
-def test_integrals_are_those_of_many_samples_however_short_the_transition(gated, transition):
+@pytest.mark.parametrize(
+    ("gated", "transition"), [(False, 0.2), (True, 0.2), (False, 1e-6)]
+)
+def test_integrals_are_those_of_many_samples_however_short_the_transition(
+    gated, transition
+):
     law, viscous, l = motion(2)
     law = dataclasses.replace(law, transition=np.full(MESHES, transition))
     viscous = viscous if transition > 1e-3 else 0 * viscous
     found = coefficients(law, viscous, gated, l)
-    np.testing.assert_allclose(found, coefficients(law, viscous, gated, l, samples=2**21), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        found, coefficients(law, viscous, gated, l, samples=2**21), rtol=0, atol=1e-10
+    )
 
 
 def test_room_that_is_too_small_is_told():
@@ -84,7 +117,9 @@ def test_room_that_is_too_small_is_told():
 
 
 def objective(theta, gated):
-    """A weighted sum of all coefficients, from packed deflections, law and damping in one vector."""
+    """A weighted sum of all coefficients, from packed deflections, law and damping in
+    one vector.
+    """
     width = 2 * HARMONICS + 1
     l = fourier.unpack(theta[: MESHES * width].reshape(MESHES, width))
     law = Law(*theta[MESHES * width : -MESHES].reshape(4, MESHES))
@@ -99,21 +134,29 @@ def gradient(theta, gated):
 
 
 def test_sampling_comes_near_with_its_order():
-    """Elastic forces have a continuous slope: order 3 in the number of samples; damping in contact: order 2."""
+    """Elastic forces have a continuous slope: order 3 in the number of samples; damping
+    in contact: order 2.
+    """
     counts = np.array([2**8, 2**10, 2**12])
     for gated, order in ((False, 3), (True, 2)):
         apart = np.zeros((6, len(counts)))
-        for seed in range(6):  # one motion's error depends on where its knots fall among the samples
+        for seed in range(
+            6
+        ):  # one motion's error depends on where its knots fall among the samples
             wanted = coefficients(*motion(seed)[:2], gated, motion(seed)[2])
             for i, count in enumerate(counts):
-                sampled = coefficients(*motion(seed)[:2], gated, motion(seed)[2], samples=int(count))
+                sampled = coefficients(
+                    *motion(seed)[:2], gated, motion(seed)[2], samples=int(count)
+                )
                 apart[seed, i] = np.linalg.norm(sampled - wanted)
         slope = np.polyfit(np.log(counts), np.log(np.sqrt((apart**2).mean(0))), 1)[0]
         assert abs(slope + order) < 0.4
 
 
 def one_gradient(theta):
-    """Value and gradient, damped in contact, in a batch as large as that of the differences: one program."""
+    """Value and gradient, damped in contact, in a batch as large as that of the
+    differences: one program.
+    """
     return [found[0] for found in gradient(np.tile(theta, (4 * len(theta), 1)), True)]
 
 
@@ -121,11 +164,15 @@ hessian = jax.jit(jax.hessian(objective), static_argnums=1)
 
 
 def packed(law, viscous, l):
-    return np.concatenate([np.ravel(fourier.pack(jnp.asarray(l))), *jax.tree.leaves(law), viscous])
+    return np.concatenate(
+        [np.ravel(fourier.pack(jnp.asarray(l))), *jax.tree.leaves(law), viscous]
+    )
 
 
 def test_first_and_second_derivatives_are_those_of_differences():
-    """In deflections, stiffness, epsilon, transition, backlash and damping; fourth-order differences: 1e-9 at worst."""
+    """In deflections, stiffness, epsilon, transition, backlash and damping;
+    fourth-order differences: 1e-9 at worst.
+    """
     theta, gradients = packed(*motion(3)), []
 
     def value(at):
@@ -138,7 +185,9 @@ def test_first_and_second_derivatives_are_those_of_differences():
     found = one_gradient(theta)[1]
     np.testing.assert_allclose(found, first, rtol=0, atol=1e-9 * np.abs(first).max())
     second = (8 * (near - back) - (far - farther)) / 12e-4
-    np.testing.assert_allclose(hessian(theta, True), second, rtol=0, atol=1e-8 * np.abs(second).max())
+    np.testing.assert_allclose(
+        hessian(theta, True), second, rtol=0, atol=1e-8 * np.abs(second).max()
+    )
 
 
 def test_derivatives_are_finite_at_rest_on_a_knot_and_at_a_grazing_passage():
@@ -147,8 +196,13 @@ def test_derivatives_are_finite_at_rest_on_a_knot_and_at_a_grazing_passage():
     for mean in (law.gap, 0.14, 0.26):
         for amplitude in (0.0, 0.1):
             resting = np.zeros_like(l)
-            resting[:, 0], resting[:, 1] = mean - amplitude, amplitude / 2  # touches l = mean at t = 0
+            resting[:, 0], resting[:, 1] = (
+                mean - amplitude,
+                amplitude / 2,
+            )  # touches l = mean at t = 0
             thetas.append(packed(law, viscous, resting))
-    value, first = gradient(np.resize(thetas, (4 * len(thetas[0]), len(thetas[0]))), True)
+    value, first = gradient(
+        np.resize(thetas, (4 * len(thetas[0]), len(thetas[0]))), True
+    )
     assert np.isfinite(value).all() and np.isfinite(first).all()
     assert all(np.isfinite(hessian(theta, True)).all() for theta in thetas)

@@ -1,5 +1,6 @@
-"""Charge pressures over load and speed, against cylinders that have the pressure of one load as their own, and those
-that makers publish."""
+"""Charge pressures over load and speed, against cylinders that have the pressure of one
+load as their own, and those that makers publish.
+"""
 
 import jax
 import numpy as np
@@ -15,11 +16,25 @@ from jaxhb.excitation.torques import excitation
 from jaxhb.report.text.scene_check import charges_of
 from jaxhb.train.plausible import plausibility
 
-CRANK = {"disk": "a", "name": "c", "bore": 0.5, "stroke": 2.0, "rod": 2.2, "ambient_pressure": 1e5}
+CRANK = {
+    "disk": "a",
+    "name": "c",
+    "bore": 0.5,
+    "stroke": 2.0,
+    "rod": 2.2,
+    "ambient_pressure": 1e5,
+}
 CRANK |= {"reciprocating_mass": 2000.0}
-BURNING = {"compression_ratio": 16.0, "start": -1.0, "duration": 50.0, "stroke_cycle": 2}
+BURNING = {
+    "compression_ratio": 16.0,
+    "start": -1.0,
+    "duration": 50.0,
+    "stroke_cycle": 2,
+}
 FULL, IMEP, ATMOSPHERE = 3.6e5, 1.8e6, 101325.0
-PROPELLER = tuple((rpm, (rpm / 100.0) ** 2) for rpm in (10.0, 20.0, 40.0, 60.0, 80.0, 100.0))
+PROPELLER = tuple(
+    (rpm, (rpm / 100.0) ** 2) for rpm in (10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
+)
 
 
 def train(charge=FULL, imep=IMEP, load=PROPELLER, **more):
@@ -36,33 +51,52 @@ def torque(one, rpm):
 def test_without_a_table_what_lies_above_the_atmosphere_follows_the_power(rpm, exhaust):
     load = (rpm / 100.0) ** 2
     charging = (load * rpm / 100.0) ** 1.5
-    pressures = [ATMOSPHERE + charging * (full - ATMOSPHERE) for full in (FULL, exhaust or FULL)]
+    pressures = [
+        ATMOSPHERE + charging * (full - ATMOSPHERE) for full in (FULL, exhaust or FULL)
+    ]
     own = train(pressures[0], load * IMEP, load=(), exhaust_pressure=pressures[1])
     found, wanted = torque(train(exhaust_pressure=exhaust), rpm), torque(own, rpm)
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=ALGEBRAIC * abs(wanted).max())
+    np.testing.assert_allclose(
+        found, wanted, rtol=0, atol=ALGEBRAIC * abs(wanted).max()
+    )
 
 
-@pytest.mark.parametrize("measured", reference("charge_pressures"), ids=lambda own: own["engine"].split(",")[0])
+@pytest.mark.parametrize(
+    "measured",
+    reference("charge_pressures"),
+    ids=lambda own: own["engine"].split(",")[0],
+)
 def test_charge_pressures_that_makers_publish_are_met(measured):
-    """Absolute, within 4 % at part load, 8 % where an engine of a vehicle gives its most torque; in proportion to the
-    load alone those of the two-stroke would be up to 62 % too high."""
-    power, rpm, above = (np.array(measured[key]) for key in ("power", "rpm", "above_atmosphere_bar"))
+    """Absolute, within 4 % at part load, 8 % where an engine of a vehicle gives its
+    most torque; in proportion to the load alone those of the two-stroke would be up to
+    62 % too high.
+    """
+    power, rpm, above = (
+        np.array(measured[key]) for key in ("power", "rpm", "above_atmosphere_bar")
+    )
     wanted, loads = 1e5 * above + ATMOSPHERE, power * measured["full_rpm"] / rpm
-    full = wanted[rpm == measured["full_rpm"]][power[rpm == measured["full_rpm"]] == 1.0][0]
+    full = wanted[rpm == measured["full_rpm"]][
+        power[rpm == measured["full_rpm"]] == 1.0
+    ][0]
     rows = tuple(sorted(zip(rpm.tolist(), (loads / loads.max()).tolist(), strict=True)))
     if len(set(rpm)) > 1:
         charge = charge_pressures(train(full, load=rows).cylinders, rpm)[0][:, 0]
     else:  # a speed has one load
         each = [train(full, load=((measured["full_rpm"], load),)) for load in loads]
-        charge = [charge_pressures(one.cylinders, measured["full_rpm"])[0][0] for one in each]
-    assert abs(charge / wanted - 1.0).max() < (0.08 if "most torque" in measured["engine"] else 0.04)
+        charge = [
+            charge_pressures(one.cylinders, measured["full_rpm"])[0][0] for one in each
+        ]
+    assert abs(charge / wanted - 1.0).max() < (
+        0.08 if "most torque" in measured["engine"] else 0.04
+    )
 
 
 def test_at_low_load_the_largest_pressure_is_that_of_the_low_charge():
     """At 20 rpm 1.02 bar are compressed, not 3.6: the pressure is less than half."""
     at_full_charge = train(charge_over_load=((1.0, 1.0),))
     peaks = [
-        float(gas_pressures(one.cylinders, one.topology.gas_cycles, 20.0).max()) for one in (train(), at_full_charge)
+        float(gas_pressures(one.cylinders, one.topology.gas_cycles, 20.0).max())
+        for one in (train(), at_full_charge)
     ]
     charge = ATMOSPHERE + 0.008**1.5 * (FULL - ATMOSPHERE)
     # Without a notable heat it is the compression.
@@ -77,43 +111,79 @@ def test_an_engine_that_is_not_charged_keeps_its_pressure(charge):
 
 
 def test_tables_over_load_and_over_speed_multiply_the_pressures_of_full_load():
-    over_load = train(charge_over_load=((0.1, 0.4), (0.5, 0.8), (1.0, 1.0)), exhaust_pressure=3e5)
+    over_load = train(
+        charge_over_load=((0.1, 0.4), (0.5, 0.8), (1.0, 1.0)), exhaust_pressure=3e5
+    )
     over_rpm = train(charge_over_rpm=((20.0, 0.4), (60.0, 0.6), (100.0, 1.0)))
     both = pair(
         Cylinder(
-            **(CRANK | {"name": "x"}), combustion=Combustion(**BURNING, charge_pressure=2e5, imep=IMEP), load=PROPELLER
+            **(CRANK | {"name": "x"}),
+            combustion=Combustion(**BURNING, charge_pressure=2e5, imep=IMEP),
+            load=PROPELLER,
         ),
         Cylinder(
-            **CRANK, combustion=Combustion(**BURNING, charge_pressure=FULL, imep=IMEP, charge_over_rpm=((20.0, 0.4),))
+            **CRANK,
+            combustion=Combustion(
+                **BURNING,
+                charge_pressure=FULL,
+                imep=IMEP,
+                charge_over_rpm=((20.0, 0.4),),
+            ),
         ),
     )
-    charge, exhaust = charge_pressures(over_load.cylinders, np.array([10.0, 55.0, 100.0]))
+    charge, exhaust = charge_pressures(
+        over_load.cylinders, np.array([10.0, 55.0, 100.0])
+    )
     loads = np.interp([10.0, 55.0, 100.0], *np.transpose(PROPELLER))
     factors = np.interp(loads, [0.1, 0.5, 1.0], [0.4, 0.8, 1.0])
     np.testing.assert_allclose(charge[:, 0], FULL * factors, rtol=ALGEBRAIC)
     np.testing.assert_allclose(exhaust[:, 0], 3e5 * factors, rtol=ALGEBRAIC)
     charge, _ = charge_pressures(over_rpm.cylinders, np.array([5.0, 40.0, 120.0]))
-    np.testing.assert_allclose(charge[:, 0], FULL * np.array([0.4, 0.5, 1.0]), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(
+        charge[:, 0], FULL * np.array([0.4, 0.5, 1.0]), rtol=ALGEBRAIC
+    )
     charge, _ = charge_pressures(both.cylinders, 20.0)
-    np.testing.assert_allclose(charge, [ATMOSPHERE + 0.008**1.5 * (2e5 - ATMOSPHERE), 0.4 * FULL], rtol=ALGEBRAIC)
+    np.testing.assert_allclose(
+        charge,
+        [ATMOSPHERE + 0.008**1.5 * (2e5 - ATMOSPHERE), 0.4 * FULL],
+        rtol=ALGEBRAIC,
+    )
     assert both.without("x").cylinders.combustion.charge_by == ("rpm",)
 
 
 def test_a_charge_that_follows_the_power_is_noted_and_told_over_the_speeds():
     (note,) = [note for note in plausibility(train()) if "charge pressure" in note]
-    assert "follows the power: 1.013e5 Pa at 10 rpm (load 0.01), 3.6e5 Pa at full load: give charge_over_load" in note
-    for silent in (train(load=()), train(1e5), train(charge_over_load=((0.0, 0.4), (1.0, 1.0)))):
+    assert (
+        "follows the power: 1.013e5 Pa at 10 rpm (load 0.01), 3.6e5 Pa at full load:"
+        " give charge_over_load" in note
+    )
+    for silent in (
+        train(load=()),
+        train(1e5),
+        train(charge_over_load=((0.0, 0.4), (1.0, 1.0))),
+    ):
         assert not [note for note in plausibility(silent) if "charge pressure" in note]
     load, charge = charges_of(train(), [20.0, 100.0])["c"]
-    np.testing.assert_allclose([load, charge], [[0.04, 1.0], [1.015101, 3.6]], rtol=1e-6)
+    np.testing.assert_allclose(
+        [load, charge], [[0.04, 1.0], [1.015101, 3.6]], rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize(
     ("tables", "sentence"),
     [
-        ({"charge_over_load": ((0.0, 0.5),), "charge_over_rpm": ((0.0, 0.5),)}, "are both given. Keep one of them."),
-        ({"charge_over_rpm": ((10.0, 0.5), (5.0, 0.6))}, "charge_over_rpm, row 2: rpm 5 after 10; must increase."),
-        ({"charge_over_load": ((0.0, 0.0),)}, "the least factor of charge_over_load is 0, must be greater than 0."),
+        (
+            {"charge_over_load": ((0.0, 0.5),), "charge_over_rpm": ((0.0, 0.5),)},
+            "are both given. Keep one of them.",
+        ),
+        (
+            {"charge_over_rpm": ((10.0, 0.5), (5.0, 0.6))},
+            "charge_over_rpm, row 2: rpm 5 after 10; must increase.",
+        ),
+        (
+            {"charge_over_load": ((0.0, 0.0),)},
+            "the least factor of charge_over_load is 0, must be greater than 0.",
+        ),
     ],
 )
 def test_faulty_tables_are_told(tables, sentence):
@@ -123,14 +193,22 @@ def test_faulty_tables_are_told(tables, sentence):
 
 @pytest.mark.parametrize("rpm", [20.0, 60.0, 100.0, 130.0])
 def test_the_power_counts_from_the_row_that_has_the_most(rpm):
-    """An engine with its most torque at 60 rpm has its most power, and charge, at 100 rpm, and no more above."""
+    """An engine with its most torque at 60 rpm has its most power, and charge, at 100
+    rpm, and no more above.
+    """
     rows = ((20.0, 0.6), (60.0, 1.0), (100.0, 0.9))
     loads = np.interp(rpm, *np.transpose(rows))
     charge = charge_pressures(train(load=rows).cylinders, rpm)[0][0]
     power = loads * min(rpm, 100.0) / 90.0
-    np.testing.assert_allclose(charge, ATMOSPHERE + power**1.5 * (FULL - ATMOSPHERE), rtol=ALGEBRAIC)
-    np.testing.assert_array_equal(charge_pressures(train(load=()).cylinders, rpm)[0], [FULL])
-    np.testing.assert_array_equal(charge_pressures(train(load=((0.0, 1.0),)).cylinders, rpm)[0], [FULL])
+    np.testing.assert_allclose(
+        charge, ATMOSPHERE + power**1.5 * (FULL - ATMOSPHERE), rtol=ALGEBRAIC
+    )
+    np.testing.assert_array_equal(
+        charge_pressures(train(load=()).cylinders, rpm)[0], [FULL]
+    )
+    np.testing.assert_array_equal(
+        charge_pressures(train(load=((0.0, 1.0),)).cylinders, rpm)[0], [FULL]
+    )
 
 
 @pytest.mark.parametrize("way", ["replace", "scenario", "traced"])
@@ -143,12 +221,20 @@ def test_an_exhaust_pressure_that_is_not_given_follows_the_charge_pressure(way):
         "replace": lambda: torque(before.replace(values), rpm),
         "scenario": lambda: torque(before.scenario("low"), rpm),
         "traced": lambda: np.asarray(
-            jax.jit(lambda p: excitation(before.replace({"c.combustion.charge_pressure": p}), rpm, 30)[0])(2.5e5)
+            jax.jit(
+                lambda p: excitation(
+                    before.replace({"c.combustion.charge_pressure": p}), rpm, 30
+                )[0]
+            )(2.5e5)
         )[0],
     }[way]()
-    np.testing.assert_allclose(changed, wanted, rtol=0, atol=ALGEBRAIC * abs(wanted).max())
+    np.testing.assert_allclose(
+        changed, wanted, rtol=0, atol=ALGEBRAIC * abs(wanted).max()
+    )
     assert before.value("c.combustion.exhaust_pressure") == FULL
     given = before.replace({"c.combustion.exhaust_pressure": 3e5}).replace(values)
     assert given.value("c.combustion.exhaust_pressure") == 3e5
     own = torque(train(2.5e5, load=(), exhaust_pressure=3e5), rpm)
-    np.testing.assert_allclose(torque(given, rpm), own, rtol=0, atol=ALGEBRAIC * abs(own).max())
+    np.testing.assert_allclose(
+        torque(given, rpm), own, rtol=0, atol=ALGEBRAIC * abs(own).max()
+    )

@@ -1,4 +1,6 @@
-"""The combustion model against closed forms and an integration of its equation in small steps."""
+"""The combustion model against closed forms and an integration of its equation in small
+steps.
+"""
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -26,12 +28,22 @@ def one(samples=7200, revolutions=2, **changes):
     """Pressures of one cylinder without heat and per joule, [samples] each."""
     given = {key: np.array([value]) for key, value in (NUMBERS | changes).items()}
     size = (np.array([v]) for v in (BORE, STROKE, ROD))
-    charge, exhaust, heat = (p[0] for p in pressures(*size, given, revolutions=revolutions, samples=samples))
-    return NUMBERS["charge_pressure"] * charge + NUMBERS["exhaust_pressure"] * exhaust, heat
+    charge, exhaust, heat = (
+        p[0] for p in pressures(*size, given, revolutions=revolutions, samples=samples)
+    )
+    return (
+        NUMBERS["charge_pressure"] * charge + NUMBERS["exhaust_pressure"] * exhaust,
+        heat,
+    )
 
 
 def volume(degrees):
-    return np.pi / 4 * BORE**2 * (STROKE / 15.0 + slider_crank(np.deg2rad(degrees), STROKE, ROD)[0])
+    return (
+        np.pi
+        / 4
+        * BORE**2
+        * (STROKE / 15.0 + slider_crank(np.deg2rad(degrees), STROKE, ROD)[0])
+    )
 
 
 def test_without_heat_compression_and_expansion_are_one_polytrope():
@@ -57,12 +69,26 @@ def integrated(heat):
     def slope(a, p):
         passed = max(a - n["start"], 0.0) / n["duration"]
         share = 1 - np.exp(np.log(0.001) * passed ** (n["shape"] + 1))
-        burning = -np.log(0.001) * (n["shape"] + 1) * passed ** n["shape"] / n["duration"] * (1 - share)
-        exponent = n["compression_exponent"] + (n["expansion_exponent"] - n["compression_exponent"]) * share
+        burning = (
+            -np.log(0.001)
+            * (n["shape"] + 1)
+            * passed ** n["shape"]
+            / n["duration"]
+            * (1 - share)
+        )
+        exponent = (
+            n["compression_exponent"]
+            + (n["expansion_exponent"] - n["compression_exponent"]) * share
+        )
         grown = area * slider_crank(np.deg2rad(a), STROKE, ROD)[1] * np.pi / 180
         return (-exponent * p * grown + (exponent - 1) * heat * burning) / volume(a)
 
-    given = {"t_eval": np.arange(-180, 181), "rtol": 1e-10, "atol": 1e-3, "max_step": 1.0}
+    given = {
+        "t_eval": np.arange(-180, 181),
+        "rtol": 1e-10,
+        "atol": 1e-3,
+        "max_step": 1.0,
+    }
     return solve_ivp(slope, (-180, 180), [n["charge_pressure"]], **given).y[0]
 
 
@@ -72,7 +98,9 @@ def test_the_pressure_solves_its_equation_and_converges_with_the_square_of_the_s
         motored, per_joule = one(samples)
         pressure = motored + 2500.0 * per_joule
         degree = samples // 720
-        found = np.concatenate([pressure[540 * degree :: degree], pressure[: 180 * degree : degree]])
+        found = np.concatenate(
+            [pressure[540 * degree :: degree], pressure[: 180 * degree : degree]]
+        )
         errors.append(np.max(np.abs(found - wanted[:-1])) / wanted.max())
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert errors[-1] < 1e-5
@@ -80,7 +108,10 @@ def test_the_pressure_solves_its_equation_and_converges_with_the_square_of_the_s
 
 
 def test_a_two_stroke_cycle_has_no_gas_exchange_strokes():
-    two, four = one(revolutions=1, samples=7200)[0], one(revolutions=2, samples=14400)[0]
+    two, four = (
+        one(revolutions=1, samples=7200)[0],
+        one(revolutions=2, samples=14400)[0],
+    )
     np.testing.assert_allclose(two[:3600], four[:3600], rtol=ALGEBRAIC)
     np.testing.assert_allclose(two[3600:], four[10800:], rtol=ALGEBRAIC)
 
@@ -90,5 +121,7 @@ def test_hats_are_linear_interpolation_with_the_nearest_value_outside():
     x = np.array([[0.0, 0.0], [1.25, 3.0], [4.0, 5.0], [9.0, 9.0]])
     values = np.array([[10.0, 20.0, 60.0], [5.0, 0.0, 0.0]])
     found = (gas.hats(x, grid) * values).sum(axis=-1)
-    np.testing.assert_allclose(found[:, 0], np.interp(x[:, 0], [1.0, 2.0, 4.0], values[0]), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(
+        found[:, 0], np.interp(x[:, 0], [1.0, 2.0, 4.0], values[0]), rtol=ALGEBRAIC
+    )
     np.testing.assert_allclose(found[:, 1], 5.0, rtol=ALGEBRAIC)

@@ -1,4 +1,6 @@
-"""Excitation from several traces, from the combustion model, with scatter, misfires, pulsating loads and speed laws."""
+"""Excitation from several traces, from the combustion model, with scatter, misfires,
+pulsating loads and speed laws.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -8,12 +10,27 @@ from built_trains import pair
 from reference_data import reference
 from tolerances import ALGEBRAIC, GRADIENT
 
-from jaxhb.elements.elements import Combustion, Cylinder, Disk, Ground, Load, Mesh, SceneError, Torque, Trace
+from jaxhb.elements.elements import (
+    Combustion,
+    Cylinder,
+    Disk,
+    Ground,
+    Load,
+    Mesh,
+    SceneError,
+    Torque,
+    Trace,
+)
 from jaxhb.excitation.torques import excitation, highest_harmonic, listed_harmonic
 from jaxhb.train.assembly import build
 
 CRANK = {"bore": 0.1, "stroke": 0.12, "rod": 0.2, "reciprocating_mass": 2.0}
-BURNING = {"compression_ratio": 16.0, "charge_pressure": 2e5, "start": -5.3, "duration": 61.0}
+BURNING = {
+    "compression_ratio": 16.0,
+    "charge_pressure": 2e5,
+    "start": -5.3,
+    "duration": 61.0,
+}
 SWEPT = np.pi / 4 * 0.1**2 * 0.12
 
 
@@ -23,7 +40,11 @@ def trace(peak):
 
 
 def traces(*speeds, loads=(1.0,)):
-    return [Trace(rpm=r, load=s, pressure=trace(1e3 * r * (1 + 4 * s))) for r in speeds for s in loads]
+    return [
+        Trace(rpm=r, load=s, pressure=trace(1e3 * r * (1 + 4 * s)))
+        for r in speeds
+        for s in loads
+    ]
 
 
 def cylinder(name="c", **more):
@@ -44,7 +65,9 @@ def close(found, wanted):
 
 
 @pytest.mark.parametrize("rpm", [1000.0, 1500.0, 1800.0, 2400.0])
-def test_between_two_traces_the_pressure_is_linear_in_the_speed_and_at_one_it_alone_holds(rpm):
+def test_between_two_traces_the_pressure_is_linear_in_the_speed_and_at_one_it_alone_holds(
+    rpm,
+):
     train = pair(cylinder(traces=traces(2400.0, 1000.0, 1500.0)))
     close(torque(train, rpm), single(5e3 * rpm, rpm))
 
@@ -53,7 +76,10 @@ def test_between_two_traces_the_pressure_is_linear_in_the_speed_and_at_one_it_al
 def test_outside_the_traces_the_nearest_holds_and_is_told(rpm, nearest):
     train = pair(cylinder(traces=traces(1000.0, 2400.0)))
     close(torque(train, rpm), single(5e3 * nearest, rpm))
-    said = "the speed lies outside the pressure traces of 'c' (1000 to 2400 rpm): the nearest is used"
+    said = (
+        "the speed lies outside the pressure traces of 'c' (1000 to 2400 rpm): the"
+        " nearest is used"
+    )
     assert train.outside_traces(rpm) == [said]
     assert train.outside_traces(1000.0) == train.outside_traces(1700.0) == []
 
@@ -65,20 +91,37 @@ def test_between_loads_the_pressure_is_linear_in_the_load_of_that_speed():
     close(torque(train, 1500.0), single(1e3 * 1500.0 * 3.8, 1500.0))
     low = pair(cylinder(traces=parts, load=[(1000.0, 0.2)]))
     close(torque(low, 1500.0), single(1e3 * 1500.0 * 3.0, 1500.0))
-    assert low.outside_traces(1500.0)[0].startswith("the load lies outside the pressure traces of 'c' (0.5 to 1)")
+    assert low.outside_traces(1500.0)[0].startswith(
+        "the load lies outside the pressure traces of 'c' (0.5 to 1)"
+    )
 
 
 def test_cylinders_with_different_sources_do_not_disturb_each_other():
     sources = {
         "two": {"traces": traces(1000.0, 2000.0)},
-        "three": {"traces": traces(800.0, 1500.0, 2200.0, loads=(0.5, 1.0)), "load": [(0.0, 0.8)]},
-        "burning": {"combustion": Combustion(imep=1e6, **BURNING), "load": [(1000.0, 0.4), (2000.0, 1.0)]},
-        "two-stroke": {"combustion": Combustion(heat=900.0, stroke_cycle=2, **BURNING), "ambient_pressure": 1e5},
+        "three": {
+            "traces": traces(800.0, 1500.0, 2200.0, loads=(0.5, 1.0)),
+            "load": [(0.0, 0.8)],
+        },
+        "burning": {
+            "combustion": Combustion(imep=1e6, **BURNING),
+            "load": [(1000.0, 0.4), (2000.0, 1.0)],
+        },
+        "two-stroke": {
+            "combustion": Combustion(heat=900.0, stroke_cycle=2, **BURNING),
+            "ambient_pressure": 1e5,
+        },
         "table": {"pressure": trace(8e6), "gas_factor": 0.9},
-        "given": {"gas_torque_mean": 20.0, "gas_torque": [(0.5, 3.0, 1.0)], "gas_factor": 1.1},
+        "given": {
+            "gas_torque_mean": 20.0,
+            "gas_torque": [(0.5, 3.0, 1.0)],
+            "gas_factor": 1.1,
+        },
     }
     for rpm in (700.0, 1700.0):
-        alone = [torque(pair(cylinder(key, **more)), rpm) for key, more in sources.items()]
+        alone = [
+            torque(pair(cylinder(key, **more)), rpm) for key, more in sources.items()
+        ]
         together = pair(*(cylinder(key, **more) for key, more in sources.items()))
         close(torque(together, rpm), sum(alone))
 
@@ -87,32 +130,57 @@ def test_the_mean_torque_of_a_combustion_is_that_of_its_imep_times_the_load():
     burning = Combustion(imep=1.2e6, exhaust_pressure=1.5e5, **BURNING)
     train = pair(cylinder(combustion=burning, load=[(600.0, 0.25), (2000.0, 1.0)]))
     for rpm, share in ((600.0, 0.25), (1300.0, 0.625), (2500.0, 1.0)):
-        np.testing.assert_allclose(torque(train, rpm)[0].real, share * 1.2e6 * SWEPT / (4 * np.pi), rtol=ALGEBRAIC)
+        np.testing.assert_allclose(
+            torque(train, rpm)[0].real,
+            share * 1.2e6 * SWEPT / (4 * np.pi),
+            rtol=ALGEBRAIC,
+        )
     two = pair(cylinder(combustion=Combustion(imep=1.2e6, stroke_cycle=2, **BURNING)))
-    np.testing.assert_allclose(torque(two, 900.0)[0].real, 1.2e6 * SWEPT / (2 * np.pi), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(
+        torque(two, 900.0)[0].real, 1.2e6 * SWEPT / (2 * np.pi), rtol=ALGEBRAIC
+    )
 
 
 def test_heat_and_imep_of_the_same_cycle_give_the_same_torque():
     by_heat = pair(cylinder(combustion=Combustion(heat=2500.0, **BURNING)))
     imep = float(torque(by_heat, 1000.0)[0].real) * 4 * np.pi / SWEPT
-    close(torque(pair(cylinder(combustion=Combustion(imep=imep, **BURNING))), 1000.0), torque(by_heat, 1000.0))
-    with pytest.raises(SceneError, match="it has no effect, as the scene gives heat instead"):
+    close(
+        torque(pair(cylinder(combustion=Combustion(imep=imep, **BURNING))), 1000.0),
+        torque(by_heat, 1000.0),
+    )
+    with pytest.raises(
+        SceneError, match="it has no effect, as the scene gives heat instead"
+    ):
         by_heat.replace({"c.combustion.imep": 1e6})
 
 
 def test_a_train_without_the_additions_has_no_more_leaves():
-    plain = pair(cylinder(pressure=trace(8e6)), Torque(disk="a", harmonics=[(1.0, 1.0, 0.0)]))
+    plain = pair(
+        cylinder(pressure=trace(8e6)), Torque(disk="a", harmonics=[(1.0, 1.0, 0.0)])
+    )
     assert len(jax.tree.leaves(plain)) == 38
     cylinders = plain.cylinders
-    absent = (cylinders.traces, cylinders.combustion, cylinders.load_rpm, cylinders.load_share, cylinders.gas_factor)
+    absent = (
+        cylinders.traces,
+        cylinders.combustion,
+        cylinders.load_rpm,
+        cylinders.load_share,
+        cylinders.gas_factor,
+    )
     assert {*absent, plain.loads.harmonics, plain.torques.rated_rpm} == {None}
 
 
 def test_without_heat_a_cylinder_with_equal_exponents_is_that_which_misfires():
-    alike = BURNING | {"expansion_exponent": 1.35, "compression_exponent": 1.35}  # without heat they give no work
+    alike = BURNING | {
+        "expansion_exponent": 1.35,
+        "compression_exponent": 1.35,
+    }  # without heat they give no work
     light = {"reciprocating_mass": 0.0}
     by_work = pair(cylinder(combustion=Combustion(imep=1e6, **alike), **light))
-    assert not torque(by_work.cut_off("c"), 1500.0).any() and by_work.value("c.combustion.imep") == 1e6
+    assert (
+        not torque(by_work.cut_off("c"), 1500.0).any()
+        and by_work.value("c.combustion.imep") == 1e6
+    )
     compressing = torque(by_work.replace({"c.combustion.imep": 0.0}), 1500.0)
     assert abs(compressing[0]) < 1e-9 < 100.0 < abs(compressing).max()
     by_heat = pair(cylinder(combustion=Combustion(heat=2500.0, **alike), **light))
@@ -122,10 +190,18 @@ def test_without_heat_a_cylinder_with_equal_exponents_is_that_which_misfires():
 
 def test_each_misfire_of_the_batch_is_the_misfire_of_that_cylinder():
     given = {"gas_torque_mean": 20.0, "gas_torque": [(0.5, 3.0, 1.0)]}
-    parts = [cylinder("one", pressure=trace(8e6), ambient_pressure=1e5), cylinder("two", firing_angle=360.0, **given)]
+    parts = [
+        cylinder("one", pressure=trace(8e6), ambient_pressure=1e5),
+        cylinder("two", firing_angle=360.0, **given),
+    ]
     train = pair(*parts, cylinder("off", fires=False))
-    for trains, alone in ((train.misfires(), train.misfire), (train.cut_offs(), train.cut_off)):
-        assert list(trains) == ["one", "two"] and {t.topology for t in trains.values()} == {train.topology}
+    for trains, alone in (
+        (train.misfires(), train.misfire),
+        (train.cut_offs(), train.cut_off),
+    ):
+        assert list(trains) == ["one", "two"] and {
+            t.topology for t in trains.values()
+        } == {train.topology}
         batch = jax.tree.map(lambda *leaves: np.stack(leaves), *trains.values())
         mapped = jax.jit(jax.vmap(lambda t: excitation(t, 1500.0, 24)[0][0]))(batch)
         for name, row in zip(trains, mapped, strict=True):
@@ -134,7 +210,9 @@ def test_each_misfire_of_the_batch_is_the_misfire_of_that_cylinder():
 
 
 def test_scatter_can_be_put_on_a_train_without_it():
-    train = pair(cylinder("one", pressure=trace(8e6)), cylinder("two", pressure=trace(8e6)))
+    train = pair(
+        cylinder("one", pressure=trace(8e6)), cylinder("two", pressure=trace(8e6))
+    )
     assert train.value("one.gas_factor") == 1.0
     strong = train.replace({"one.gas_factor": 1.04, "one.firing_angle": 0.5})
     weak = train.replace({"one.gas_factor": 0.0})
@@ -147,23 +225,37 @@ def test_a_load_pulsates_in_proportion_to_the_torque_it_takes():
         Disk(name="a", inertia=1.0, radius=0.1),
         Disk(name="b", inertia=1.0, radius=0.2),
         Mesh(between=("a", "b"), stiffness=1e8),
-        Load(name="propeller", disk="b", harmonics=[(4.0, 0.06, -0.08), (8.0, 0.01, 0.0)]),
+        Load(
+            name="propeller", disk="b", harmonics=[(4.0, 0.06, -0.08), (8.0, 0.01, 0.0)]
+        ),
         Torque(disk="a", mean=100.0, scale=[(600.0, 0.25), (1200.0, 1.0)]),
     ]
     train = build(parts, reference="a")
-    assert train.topology.load_harmonics == ((4, 8),)  # four blades at half the speed: order 2 of the reference
+    assert train.topology.load_harmonics == (
+        (4, 8),
+    )  # four blades at half the speed: order 2 of the reference
     for rpm, mean in ((600.0, -50.0), (1200.0, -200.0)):
         found, load, _ = excitation(train, rpm, 8)
         np.testing.assert_allclose(load, [mean])
-        np.testing.assert_allclose(found[1, [4, 8]], [mean * 0.5 * (0.06 - 0.08j), mean * 0.5 * 0.01])
+        np.testing.assert_allclose(
+            found[1, [4, 8]], [mean * 0.5 * (0.06 - 0.08j), mean * 0.5 * 0.01]
+        )
     assert highest_harmonic(train) == listed_harmonic(train.topology) == 8
     assert train.repeated(2).topology.load_harmonics == ((8, 16),)
     assert train.value("propeller.harmonics").tolist() == [[0.06, -0.08], [0.01, 0.0]]
 
 
 def test_a_torque_with_a_rated_speed_grows_with_a_power_of_the_speed():
-    propeller = Torque(name="p", disk="b", mean=-900.0, harmonics=[(4.0, 30.0, 0.0)], rated_rpm=1500.0)
-    cubic = Torque(name="q", disk="a", harmonics=[(1.0, 8.0, 0.0)], rated_rpm=1000.0, speed_exponent=3.0)
+    propeller = Torque(
+        name="p", disk="b", mean=-900.0, harmonics=[(4.0, 30.0, 0.0)], rated_rpm=1500.0
+    )
+    cubic = Torque(
+        name="q",
+        disk="a",
+        harmonics=[(1.0, 8.0, 0.0)],
+        rated_rpm=1000.0,
+        speed_exponent=3.0,
+    )
     plain = Torque(name="r", disk="a", harmonics=[(2.0, 5.0, 0.0)])
     train = pair(propeller, cubic, plain, Ground(disk="a", stiffness=10.0))
     for rpm in (750.0, 1500.0, 2000.0):
@@ -176,82 +268,164 @@ def test_a_torque_with_a_rated_speed_grows_with_a_power_of_the_speed():
 
 @pytest.mark.parametrize(
     "key, value, sentence",
-    reference("cases")["changes of a train"] + [("one.pressure", np.ones(7200), "the cylinder has no pressure table")],
+    reference("cases")["changes of a train"]
+    + [("one.pressure", np.ones(7200), "the cylinder has no pressure table")],
 )
 def test_what_a_train_lacks_cannot_be_changed(key, value, sentence):
     burning, table = Combustion(heat=1e3, **BURNING), trace(8e6)
-    train = pair(cylinder("one", combustion=burning), cylinder("two", pressure=table), Torque(disk="a", name="t"))
+    train = pair(
+        cylinder("one", combustion=burning),
+        cylinder("two", pressure=table),
+        Torque(disk="a", name="t"),
+    )
     with pytest.raises(SceneError, match="scene") as caught:
         train.replace({key: value})
     assert sentence in str(caught.value)
 
 
 def test_a_wiebe_cycle_comes_near_the_measured_gas_harmonics_of_a_v16():
-    """Tangential pressures of one cylinder of a gas engine at 1500 rpm, read from a picture (+-0.005 MPa), no phases.
+    """Tangential pressures of one cylinder of a gas engine at 1500 rpm, read from a
+    picture (+-0.005 MPa), no phases.
 
-    Its indicated pressure follows from its mean, 2 pi x mean. Charge and combustion are not known: these were fitted to
-    the table, so that what is tested is whether a Wiebe cycle can have such harmonics.
+    Its indicated pressure follows from its mean, 2 pi x mean. Charge and combustion are
+    not known: these were fitted to the table, so that what is tested is whether a Wiebe
+    cycle can have such harmonics.
     """
     row = reference("excitation")["gas_tangential_pressure_harmonics"][0]
     area, throw = np.pi / 4 * row["bore_m"] ** 2, row["crank_throw_m"]
-    mean = row["order0_as_plotted"] / 2 * 1e6  # plotted as harmonics are, twice the coefficient
-    fitted = {"compression_ratio": 14.0, "charge_pressure": 4.6e5, "exhaust_pressure": 3e5}
+    mean = (
+        row["order0_as_plotted"] / 2 * 1e6
+    )  # plotted as harmonics are, twice the coefficient
+    fitted = {
+        "compression_ratio": 14.0,
+        "charge_pressure": 4.6e5,
+        "exhaust_pressure": 3e5,
+    }
     fitted |= {"start": -2.5, "duration": 26.0, "shape": 4.0}
     combustion = Combustion(imep=2 * np.pi * mean, **fitted)
-    sizes = {"bore": row["bore_m"], "stroke": 2 * throw, "rod": throw / row["lambda"], "reciprocating_mass": 0.0}
+    sizes = {
+        "bore": row["bore_m"],
+        "stroke": 2 * throw,
+        "rod": throw / row["lambda"],
+        "reciprocating_mass": 0.0,
+    }
     cylinder = Cylinder(disk="a", firing_angle=0.0, combustion=combustion, **sizes)
-    torque, load, _ = excitation(build([Disk(name="a", inertia=1.0), cylinder, Load(disk="a")]), 1500.0, 19)
+    torque, load, _ = excitation(
+        build([Disk(name="a", inertia=1.0), cylinder, Load(disk="a")]), 1500.0, 19
+    )
     np.testing.assert_allclose(-load[0] / (area * throw), mean, rtol=1e-9)
     found = 2 * np.abs(torque[0]) / (area * throw) / 1e6
     orders, wanted = np.array(row["order_ampMPa"]).T
     left = np.abs(found[np.round(2 * orders).astype(int)] - wanted)
-    assert left.max() < 0.07 * wanted.max() and left[orders >= 2].max() < 0.015 * wanted.max()
+    assert (
+        left.max() < 0.07 * wanted.max()
+        and left[orders >= 2].max() < 0.015 * wanted.max()
+    )
 
 
 def slopes_agree(train, numbers, rpm):
-    """The derivative of a sum over torque harmonics along a random direction of numbers (name: size)."""
+    """The derivative of a sum over torque harmonics along a random direction of numbers
+    (name: size).
+    """
     draw, weight = np.random.default_rng(3), jnp.exp(1j * jnp.arange(17))
-    direction = {name: size * draw.uniform(0.5, 1.5, np.shape(train.value(name))) for name, size in numbers.items()}
+    direction = {
+        name: size * draw.uniform(0.5, 1.5, np.shape(train.value(name)))
+        for name, size in numbers.items()
+    }
 
     @jax.jit
     @jax.value_and_grad
     def size(step):
-        changed = train.replace({name: train.value(name) + step * along for name, along in direction.items()})
+        changed = train.replace(
+            {
+                name: train.value(name) + step * along
+                for name, along in direction.items()
+            }
+        )
         torque, load, _ = excitation(changed, rpm, 16)
-        return jnp.sum((torque * weight).real) + 1e-3 * jnp.sum(jnp.abs(torque) ** 2) + load[0]
+        return (
+            jnp.sum((torque * weight).real)
+            + 1e-3 * jnp.sum(jnp.abs(torque) ** 2)
+            + load[0]
+        )
 
     (below, _), (_, slope), (above, _) = size(-1.0), size(0.0), size(1.0)
     np.testing.assert_allclose(slope, (above - below) / 2, rtol=GRADIENT)
 
 
 def test_derivatives_to_the_numbers_of_a_combustion():
-    steps = {"compression_ratio": 1e-3, "charge_pressure": 20.0, "exhaust_pressure": 20.0, "start": 1e-3}
-    steps |= {"duration": 1e-2, "shape": 1e-4, "compression_exponent": 1e-5, "expansion_exponent": 1e-5}
+    steps = {
+        "compression_ratio": 1e-3,
+        "charge_pressure": 20.0,
+        "exhaust_pressure": 20.0,
+        "start": 1e-3,
+    }
+    steps |= {
+        "duration": 1e-2,
+        "shape": 1e-4,
+        "compression_exponent": 1e-5,
+        "expansion_exponent": 1e-5,
+    }
     steps = {f"combustion.{name}": step for name, step in steps.items()}
-    steps |= {"gas_factor": 1e-4, "load_share": 1e-4, "bore": 1e-5, "stroke": 1e-5, "rod": 1e-5}
+    steps |= {
+        "gas_factor": 1e-4,
+        "load_share": 1e-4,
+        "bore": 1e-5,
+        "stroke": 1e-5,
+        "rod": 1e-5,
+    }
     numbers, parts = {"heat.combustion.heat": 0.2, "imep.combustion.imep": 100.0}, []
     for kind, value in (("heat", 2000.0), ("imep", 1e6)):
         numbers |= {f"{kind}.{name}": step for name, step in steps.items()}
         burning = Combustion(**{kind: value}, **BURNING)
-        parts.append(cylinder(kind, combustion=burning, load=[(600.0, 0.3), (2000.0, 1.0)]))
+        parts.append(
+            cylinder(kind, combustion=burning, load=[(600.0, 0.3), (2000.0, 1.0)])
+        )
     slopes_agree(pair(*parts), numbers, 1330.0)
 
 
 def test_derivatives_to_speeds_and_loads_of_traces():
     load = [(600.0, 0.6), (2000.0, 0.9)]
     train = pair(cylinder(traces=traces(1000.0, 2000.0, loads=(0.5, 1.0)), load=load))
-    numbers = {"c.traces.rpm": 1e-1, "c.traces.load": 1e-4, "c.load_share": 1e-4, "c.load_rpm": 1e-1}
+    numbers = {
+        "c.traces.rpm": 1e-1,
+        "c.traces.load": 1e-4,
+        "c.load_share": 1e-4,
+        "c.load_rpm": 1e-1,
+    }
     numbers["c.traces.pressure"] = 1e2
     slopes_agree(train, numbers, 1330.0)
 
 
 def test_derivatives_to_pulsations_speed_laws_and_given_cylinders():
     load = Load(disk="b", name="l", harmonics=[(2.0, 0.1, 0.2), (4.0, 0.05, 0.0)])
-    law = Torque(disk="a", name="t", mean=300.0, harmonics=[(1.0, 8.0, 2.0)], rated_rpm=1000.0, speed_exponent=2.5)
+    law = Torque(
+        disk="a",
+        name="t",
+        mean=300.0,
+        harmonics=[(1.0, 8.0, 2.0)],
+        rated_rpm=1000.0,
+        speed_exponent=2.5,
+    )
     scale = [(1000.0, 0.5), (2000.0, 1.0)]
-    given = cylinder(gas_torque_mean=100.0, gas_torque=[(0.5, 3.0, 4.0)], scale=scale, firing_angle=20.0)
-    numbers = {"l.harmonics": 1e-4, "t.rated_rpm": 1e-1, "t.speed_exponent": 1e-4, "t.mean": 1e-2}
-    numbers |= {"c.reciprocating_mass": 1e-4, "c.firing_angle": 1e-3, "c.gas_torque": 1e-4, "c.scale_factor": 1e-5}
+    given = cylinder(
+        gas_torque_mean=100.0,
+        gas_torque=[(0.5, 3.0, 4.0)],
+        scale=scale,
+        firing_angle=20.0,
+    )
+    numbers = {
+        "l.harmonics": 1e-4,
+        "t.rated_rpm": 1e-1,
+        "t.speed_exponent": 1e-4,
+        "t.mean": 1e-2,
+    }
+    numbers |= {
+        "c.reciprocating_mass": 1e-4,
+        "c.firing_angle": 1e-3,
+        "c.gas_torque": 1e-4,
+        "c.scale_factor": 1e-5,
+    }
     slopes_agree(pair(load, law, given), numbers, 1330.0)
 
 
@@ -259,8 +433,18 @@ def test_the_program_does_not_grow_with_the_number_of_cylinders():
     def operations(count):
         burning = Combustion(heat=2000.0, **BURNING)
         parts = [cylinder(f"c{k}", traces=traces(1000.0, 2000.0)) for k in range(count)]
-        parts += [cylinder(f"b{k}", combustion=burning, gas_factor=0.9) for k in range(count)]
-        train = pair(*parts, *(cylinder(f"p{k}", pressure=trace(8e6), firing_angle=90.0 * k) for k in range(count)))
-        return str(jax.make_jaxpr(lambda rpm: excitation(train, rpm, 12)[0])(1000.0)).count(" = ")
+        parts += [
+            cylinder(f"b{k}", combustion=burning, gas_factor=0.9) for k in range(count)
+        ]
+        train = pair(
+            *parts,
+            *(
+                cylinder(f"p{k}", pressure=trace(8e6), firing_angle=90.0 * k)
+                for k in range(count)
+            ),
+        )
+        return str(
+            jax.make_jaxpr(lambda rpm: excitation(train, rpm, 12)[0])(1000.0)
+        ).count(" = ")
 
     assert operations(6) == operations(2)

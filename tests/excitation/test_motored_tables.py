@@ -1,7 +1,9 @@
-"""The misfire told from a pressure table, against simulations of the same engine with and without injection.
+"""The misfire told from a pressure table, against simulations of the same engine with
+and without injection.
 
-The simulation with injection is the table; that without is what the misfire ought to be. What a table cannot tell is
-how much denser a charge is that did not burn, and so how much more it takes to push it out: some tenths of a percent.
+The simulation with injection is the table; that without is what the misfire ought to
+be. What a table cannot tell is how much denser a charge is that did not burn, and so
+how much more it takes to push it out: some tenths of a percent.
 """
 
 import numpy as np
@@ -38,15 +40,24 @@ ENGINES = {
         exhaust=Opening(105.0, 255.0, 0.001, 1.05e5, 700.0), inlet=Opening(125.0, 235.0, 0.0008, 1.1e5, 310.0),
     ),
 }  # fmt: skip
-WITHIN = {"two-stroke with ports": 1.5e-2}  # its exhaust opens and closes 20 deg before and after the other ports
+WITHIN = {
+    "two-stroke with ports": 1.5e-2
+}  # its exhaust opens and closes 20 deg before and after the other ports
 EVERY = 9e-3
 
 
 def misfire(engine, angles, pressure, count):
     """Harmonics of the cylinder that misfires, from a table with injection."""
-    sizes = {"bore": engine.bore, "stroke": engine.stroke, "rod": engine.rod, "ambient_pressure": 0.0}
+    sizes = {
+        "bore": engine.bore,
+        "stroke": engine.stroke,
+        "rod": engine.rod,
+        "ambient_pressure": 0.0,
+    }
     rows = tuple(zip(angles.tolist(), pressure.tolist(), strict=True))
-    train = pair(Cylinder(disk="a", name="c", pressure=rows, table_firing_tdc=0.0, **sizes)).misfire("c")
+    train = pair(
+        Cylinder(disk="a", name="c", pressure=rows, table_firing_tdc=0.0, **sizes)
+    ).misfire("c")
     return np.asarray(excitation(train, 0.0, count)[0])[0]
 
 
@@ -56,7 +67,9 @@ def test_the_misfire_of_a_table_is_the_engine_turned_without_injection(name):
     orders = np.arange(1 - (engine.strokes == 4) * 0.5, 6.5, 2.0 / engine.strokes)
     angles, burning = cycle(engine, fires=True)
     _, idle = cycle(engine, fires=False)
-    wanted, fired = (torque_harmonics(engine, angles, p, orders) for p in (idle, burning))
+    wanted, fired = (
+        torque_harmonics(engine, angles, p, orders) for p in (idle, burning)
+    )
     found = misfire(engine, angles, burning, 12)[np.round(2 * orders).astype(int)]
     largest = abs(wanted).max()
     assert abs(found - wanted).max() < WITHIN.get(name, EVERY) * largest

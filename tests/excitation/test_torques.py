@@ -13,7 +13,12 @@ from jaxhb.equations import fourier
 from jaxhb.excitation.crank import gas_torque, inertia_torque, slider_crank
 from jaxhb.excitation.gas import gas_cycle
 from jaxhb.excitation.mean_torques import mean_torques
-from jaxhb.excitation.torques import excitation, highest_harmonic, listed_harmonic, load_power_kW
+from jaxhb.excitation.torques import (
+    excitation,
+    highest_harmonic,
+    listed_harmonic,
+    load_power_kW,
+)
 from jaxhb.scene.files import load_scene
 from jaxhb.train.assembly import build
 
@@ -36,8 +41,13 @@ def test_slider_crank_derivatives_are_those_of_automatic_differentiation():
     angle = np.linspace(0.0, 7.0, 29)
     x, x1, x2 = slider_crank(angle, 0.12, 0.2)
     travel = lambda a: slider_crank(a, 0.12, 0.2)[0]  # noqa: E731
-    slopes = jax.jit(jax.vmap(lambda a: (jax.grad(travel)(a), jax.grad(jax.grad(travel))(a))))(angle)
-    np.testing.assert_allclose(x, 0.06 + 0.2 - 0.06 * np.cos(angle) - np.sqrt(0.04 - (0.06 * np.sin(angle)) ** 2))
+    slopes = jax.jit(
+        jax.vmap(lambda a: (jax.grad(travel)(a), jax.grad(jax.grad(travel))(a)))
+    )(angle)
+    np.testing.assert_allclose(
+        x,
+        0.06 + 0.2 - 0.06 * np.cos(angle) - np.sqrt(0.04 - (0.06 * np.sin(angle)) ** 2),
+    )
     np.testing.assert_allclose(x1, slopes[0], atol=1e-15)
     np.testing.assert_allclose(x2, slopes[1], atol=1e-14)
 
@@ -53,7 +63,9 @@ def test_inertia_torque_has_the_exact_sine_coefficients():
 def test_gas_torque_has_the_tangential_pressure_harmonics_of_the_reference():
     table = reference("six_cylinder_diesel_2008")["pressure_deg_MPa_at_15.2_peak"]
     row = reference("excitation")["gas_tangential_pressure_harmonics"][1]
-    found = harmonics(gas_torque(gas_cycle(table, 0.0), 0.105, 0.137, 0.207, revolutions=2))
+    found = harmonics(
+        gas_torque(gas_cycle(table, 0.0), 0.105, 0.137, 0.207, revolutions=2)
+    )
     found = found / (np.pi / 4 * 0.105**2 * 0.137 / 2)
     np.testing.assert_allclose(found[0].real, row["mean_MPa"], rtol=1e-12)
     wanted = np.array([c[1] + 1j * c[2] for c in row["order_re_im_amp_MPa"]])
@@ -63,7 +75,12 @@ def test_gas_torque_has_the_tangential_pressure_harmonics_of_the_reference():
 @pytest.mark.parametrize("ambient", [0.0, 101325.0])
 def test_cylinder_torque_is_the_direct_sum_of_gas_and_inertia(ambient):
     rpm, alpha, scale = 1500.0, 130.0, [(1000.0, 0.5), (2000.0, 1.0)]
-    more = {"firing_angle": alpha, "ambient_pressure": ambient, "scale": scale, "orders": 400.0}
+    more = {
+        "firing_angle": alpha,
+        "ambient_pressure": ambient,
+        "scale": scale,
+        "orders": 400.0,
+    }
     cylinder = Cylinder(disk="a", **CRANK, pressure=TRACE, **more)
     torque, _, _ = excitation(pair(cylinder), rpm, 800)
     theta = np.linspace(0.0, 4 * np.pi, 97)
@@ -73,13 +90,20 @@ def test_cylinder_torque_is_the_direct_sum_of_gas_and_inertia(ambient):
     _, x1, x2 = slider_crank(own, 0.12, 0.2)
     gas = (0.75 * pressure - ambient) * np.pi / 4 * 0.1**2 * x1
     wanted = gas - 2.0 * x1 * x2 * (2 * np.pi * rpm / 60) ** 2
-    np.testing.assert_allclose(synthesis(torque[0], theta / 2), wanted, atol=5e-4 * np.abs(wanted).max())
+    np.testing.assert_allclose(
+        synthesis(torque[0], theta / 2), wanted, atol=5e-4 * np.abs(wanted).max()
+    )
 
 
 def test_a_cylinder_that_is_cut_off_has_no_gas_torque_but_its_inertia_torque():
     fire = Cylinder(disk="a", name="c", **CRANK, pressure=TRACE)
-    given = Cylinder(disk="a", name="c", **CRANK, gas_torque_mean=100.0, gas_torque=[(0.5, 3.0, 4.0)])
-    for cylinder, silent in ((fire, pair(fire).cut_off("c")), (given, pair(given).misfire("c"))):
+    given = Cylinder(
+        disk="a", name="c", **CRANK, gas_torque_mean=100.0, gas_torque=[(0.5, 3.0, 4.0)]
+    )
+    for cylinder, silent in (
+        (fire, pair(fire).cut_off("c")),
+        (given, pair(given).misfire("c")),
+    ):
         torque = np.asarray(excitation(silent, 3000.0, 8)[0])[0]
         inertia = harmonics(inertia_torque(0.12, 0.2)) * 2.0 * (100 * np.pi) ** 2
         np.testing.assert_allclose(torque[2::2], inertia[1:5], rtol=1e-12)
@@ -91,58 +115,102 @@ def test_a_two_stroke_table_repeats_every_revolution():
     trace = [(-180.0, 1e5), (0.0, 8e6), (20.0, 6e6), (180.0, 1e5)]
     train = pair(Cylinder(disk="a", **CRANK, pressure=trace), revolutions_per_cycle=2)
     torque = np.abs(np.asarray(excitation(train, 0.0, 12)[0])[0])
-    assert torque[0] > 1.0 and np.all(torque[1::2] == 0.0) and np.all(torque[2::2] > 0.0)
+    assert (
+        torque[0] > 1.0 and np.all(torque[1::2] == 0.0) and np.all(torque[2::2] > 0.0)
+    )
     assert train.topology.cylinder_step == (2,)
 
 
 def test_table_firing_tdc_turns_the_trace():
     early = [(angle - 360.0, p) for angle, p in TRACE]
     one = excitation(pair(Cylinder(disk="a", **CRANK, pressure=TRACE)), 1000.0, 24)[0]
-    two = excitation(pair(Cylinder(disk="a", **CRANK, pressure=early, table_firing_tdc=0.0)), 1000.0, 24)[0]
+    two = excitation(
+        pair(Cylinder(disk="a", **CRANK, pressure=early, table_firing_tdc=0.0)),
+        1000.0,
+        24,
+    )[0]
     np.testing.assert_allclose(one, two, atol=1e-9)
 
 
 def test_scale_multiplies_given_torques_linearly_between_speeds():
-    torque = Torque(disk="a", mean=10.0, harmonics=[(1.0, 2.0, -4.0)], scale=[(100.0, 0.0), (200.0, 1.0)])
+    torque = Torque(
+        disk="a",
+        mean=10.0,
+        harmonics=[(1.0, 2.0, -4.0)],
+        scale=[(100.0, 0.0), (200.0, 1.0)],
+    )
     train = pair(torque, revolutions_per_cycle=1)
-    for rpm, factor in ((50.0, 0.0), (100.0, 0.0), (125.0, 0.25), (200.0, 1.0), (900.0, 1.0)):
+    for rpm, factor in (
+        (50.0, 0.0),
+        (100.0, 0.0),
+        (125.0, 0.25),
+        (200.0, 1.0),
+        (900.0, 1.0),
+    ):
         found = np.asarray(excitation(train, rpm, 2)[0])[0]
-        np.testing.assert_allclose(found, factor * np.array([10.0, 1.0 - 2.0j, 0.0]), atol=1e-14)
+        np.testing.assert_allclose(
+            found, factor * np.array([10.0, 1.0 - 2.0j, 0.0]), atol=1e-14
+        )
 
 
 def test_mean_torque_of_the_excitation_is_that_of_the_host():
     scale = [(1000.0, 0.5), (2000.0, 1.0)]
     parts = [
         Torque(disk="a", mean=10.0, scale=[(500.0, 0.0), (1500.0, 1.0)]),
-        Cylinder(disk="a", name="one", **CRANK, pressure=TRACE, ambient_pressure=1e5, scale=scale),
+        Cylinder(
+            disk="a",
+            name="one",
+            **CRANK,
+            pressure=TRACE,
+            ambient_pressure=1e5,
+            scale=scale,
+        ),
         Cylinder(disk="a", name="two", **CRANK, gas_torque_mean=30.0),
         Cylinder(disk="a", name="idle", **CRANK, gas_torque_mean=50.0, fires=False),
     ]
     train, speeds = pair(*parts), np.array([800.0, 1700.0])
-    means = mean_torques(train.torques, train.cylinders, train.topology.gas_cycles, speeds)
+    means = mean_torques(
+        train.torques, train.cylinders, train.topology.gas_cycles, speeds
+    )
     assert isinstance(means, np.ndarray) and means.shape == (2, 4)
-    np.testing.assert_allclose(means[:, [0, 2, 3]], [[3.0, 30.0, 0.0], [10.0, 30.0, 0.0]], rtol=1e-14)
+    np.testing.assert_allclose(
+        means[:, [0, 2, 3]], [[3.0, 30.0, 0.0], [10.0, 30.0, 0.0]], rtol=1e-14
+    )
     np.testing.assert_allclose(means[0, 1] / means[1, 1], 0.5 / 0.85, rtol=1e-14)
     for rpm, mean in zip(speeds, means, strict=True):
-        np.testing.assert_allclose(excitation(train, rpm, 0)[0][0, 0], mean.sum(), rtol=1e-13)
+        np.testing.assert_allclose(
+            excitation(train, rpm, 0)[0][0, 0], mean.sum(), rtol=1e-13
+        )
 
 
-GEARS = [Disk(name="a", inertia=1.0, radius=0.1), Disk(name="b", inertia=1.0, radius=0.2)]
+GEARS = [
+    Disk(name="a", inertia=1.0, radius=0.1),
+    Disk(name="b", inertia=1.0, radius=0.2),
+]
 GEARS += [Mesh(between=("a", "b"), stiffness=1e8)]
 
 
 def test_orders_of_an_own_rotor_are_led_to_the_reference():
     given = Torque(disk="b", mean=8.0, harmonics=[(3.0, 1.0, 0.0)], orders_of="own")
-    train = build([*GEARS, Load(disk="a"), given], reference="a", revolutions_per_cycle=2)
+    train = build(
+        [*GEARS, Load(disk="a"), given], reference="a", revolutions_per_cycle=2
+    )
     assert train.topology.torque_harmonics == ((3,),)
     torque, load, _ = excitation(train, 600.0, 4)
     assert torque[1, 3] == 0.5
     np.testing.assert_allclose(load, [-4.0])
-    np.testing.assert_allclose(load_power_kW(train, 600.0, load), 4.0 * 20 * np.pi / 1000)
+    np.testing.assert_allclose(
+        load_power_kW(train, 600.0, load), 4.0 * 20 * np.pi / 1000
+    )
 
 
 def test_loads_balance_the_mean_power_and_keep_their_shares():
-    parts = [*GEARS, Load(disk="a", share=1.0), Load(disk="b", share=3.0), Torque(disk="a", mean=50.0)]
+    parts = [
+        *GEARS,
+        Load(disk="a", share=1.0),
+        Load(disk="b", share=3.0),
+        Torque(disk="a", mean=50.0),
+    ]
     torque, load, imbalance = excitation(build(parts, reference="a"), 600.0, 0)
     np.testing.assert_allclose(load, [-20.0, -60.0])
     assert abs(imbalance) < 1e-12
@@ -160,17 +228,30 @@ def test_highest_harmonic_leaves_out_what_has_no_amplitude():
     rows = [(1.0, 1.0, 0.0), (3.5, 0.0, 2.0), (6.0, 0.0, 0.0)]
     assert highest_harmonic(pair(Torque(disk="a", harmonics=rows))) == 7
     assert highest_harmonic(pair(Cylinder(disk="a", **CRANK, fires=False))) == 12
-    assert highest_harmonic(pair(Cylinder(disk="a", **CRANK, pressure=TRACE, orders=9.0))) == 18
+    assert (
+        highest_harmonic(pair(Cylinder(disk="a", **CRANK, pressure=TRACE, orders=9.0)))
+        == 18
+    )
 
 
 def test_the_listed_harmonic_holds_for_all_numbers_and_misfires():
     assert listed_harmonic(load_scene("gear_train_30").topology) == 24
-    bare = pair(Torque(disk="a", name="t", harmonics=[(1.0, 1.0, 0.0), (20.0, 0.0, 0.0)]))
+    bare = pair(
+        Torque(disk="a", name="t", harmonics=[(1.0, 1.0, 0.0), (20.0, 0.0, 0.0)])
+    )
     assert (highest_harmonic(bare), listed_harmonic(bare.topology)) == (2, 40)
-    assert highest_harmonic(bare.replace({"t.harmonics": [[0.0, 0.0], [1.0, 0.0]]})) == 40
+    assert (
+        highest_harmonic(bare.replace({"t.harmonics": [[0.0, 0.0], [1.0, 0.0]]})) == 40
+    )
     crank = pair(Cylinder(disk="a", name="c", **CRANK, pressure=TRACE, orders=9.0))
-    assert listed_harmonic(crank.topology) == listed_harmonic(crank.misfire("c").topology) == 18
-    given = pair(Cylinder(disk="a", name="c", gas_torque=[(15.5, 1.0, 0.0)], fires=False))
+    assert (
+        listed_harmonic(crank.topology)
+        == listed_harmonic(crank.misfire("c").topology)
+        == 18
+    )
+    given = pair(
+        Cylinder(disk="a", name="c", gas_torque=[(15.5, 1.0, 0.0)], fires=False)
+    )
     assert listed_harmonic(given.topology) == 31
     assert listed_harmonic(pair().topology) == 1
     torque = excitation(crank, 1000.0, 40)[0]
@@ -183,7 +264,9 @@ def test_what_is_remembered_of_a_train_follows_an_array_that_its_user_writes_to(
     stroke = np.array(train.cylinders.stroke)
 
     def with_stroke(values):
-        held = dataclasses.replace(train, cylinders=dataclasses.replace(train.cylinders, stroke=values))
+        held = dataclasses.replace(
+            train, cylinders=dataclasses.replace(train.cylinders, stroke=values)
+        )
         return held, excitation(held, 1800.0, 24)[0]
 
     held, before = with_stroke(stroke)
@@ -194,15 +277,21 @@ def test_what_is_remembered_of_a_train_follows_an_array_that_its_user_writes_to(
 
 
 def test_an_excitation_is_kept_for_its_numbers_alone():
-    """Also where numbers are written into the arrays of a train; what is kept nobody can write to."""
+    """Also where numbers are written into the arrays of a train; what is kept nobody
+    can write to.
+    """
     train = load_scene("gear_train_30")
     amplitudes = np.array(train.torques.harmonics)
-    own = dataclasses.replace(train, torques=dataclasses.replace(train.torques, harmonics=amplitudes))
+    own = dataclasses.replace(
+        train, torques=dataclasses.replace(train.torques, harmonics=amplitudes)
+    )
     first, load, _ = excitation(own, 1800.0, 24)
     assert excitation(train, 1800, 24)[0] is first
     assert not (first.flags.writeable or load.flags.writeable)
     amplitudes *= 2.0
     changed, *_ = excitation(own, 1800.0, 24)
     doubled = np.asarray(jax.jit(excitation, static_argnums=2)(own, 1800.0, 24)[0])
-    np.testing.assert_allclose(changed, doubled, rtol=1e-12, atol=1e-9 * np.abs(doubled).max())
+    np.testing.assert_allclose(
+        changed, doubled, rtol=1e-12, atol=1e-9 * np.abs(doubled).max()
+    )
     assert np.abs(changed - first).max() > 0.0

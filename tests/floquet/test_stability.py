@@ -17,21 +17,30 @@ from jaxhb.floquet import stability
 
 
 def one_mass(**changes):
-    """The case of docs/theory A7 as a pair of gears: its two multipliers beside the two of the free rotation."""
-    params = {key: float(value) for key, value in method_case("A7_true_periodic_one_mass")[0].items()}
+    """The case of docs/theory A7 as a pair of gears: its two multipliers beside the two
+    of the free rotation.
+    """
+    params = {
+        key: float(value)
+        for key, value in method_case("A7_true_periodic_one_mass")[0].items()
+    }
     return build(one_mass_parts(**(params | changes)), reference="a")
 
 
 def of_teeth(response):
     found = jaxhb.stability(response)
-    assert abs(found.liouville) < 1e-9  # intervals are of high order, not exact: the dense equation leaves 1e-10
+    assert (
+        abs(found.liouville) < 1e-9
+    )  # intervals are of high order, not exact: the dense equation leaves 1e-10
     return found.multipliers[~found.rotation]
 
 
 @cache
 def error_of_trace(harmonics):
     train = one_mass()
-    response = jaxhb.solve(train, rpm=ONE_RADIAN_PER_SECOND, harmonics=harmonics, integrals="exact")
+    response = jaxhb.solve(
+        train, rpm=ONE_RADIAN_PER_SECOND, harmonics=harmonics, integrals="exact"
+    )
     _, expected = method_case("A7_true_periodic_one_mass")
     multipliers = of_teeth(response)
     assert abs(np.prod(multipliers) - float(expected["monodromy_det"])) < 1e-11
@@ -46,22 +55,39 @@ def test_multipliers_converge_to_those_of_the_true_periodic_motion():
 
 
 def test_moduli_and_labels_of_the_sharp_dead_zone_up_and_down():
-    """Each speed from its neighbour, or marched where the branch ends. Moduli are those of a damped mass whatever the
-    transition of the law is; the motion is off by its square, and tells the two branches apart."""
+    """Each speed from its neighbour, or marched where the branch ends. Moduli are those
+    of a damped mass whatever the transition of the law is; the motion is off by its
+    square, and tells the two branches apart.
+    """
     rows = reference("backlash_one_mass_exact")["kahraman_singh_form"]["rows"]
     train = one_mass(m=1.0, b=0.1, c=1.0, eps=0.0, h=2.0, q0=0.1, q1=0.05)
     train = train.replace({"a|b.transition": 0.01})
     response, compared = "march", 0
     for row in rows:
         swing = 0.05 * row["Omega"] ** 2  # a sine: a quarter of a cycle later
-        here = train.replace({"a:torque.harmonics": [[0.0, -swing]], "b:torque.harmonics": [[0.0, swing]]})
+        here = train.replace(
+            {
+                "a:torque.harmonics": [[0.0, -swing]],
+                "b:torque.harmonics": [[0.0, swing]],
+            }
+        )
         for begin in (response, "march"):
-            response = jaxhb.solve(here, rpm=row["Omega"] * ONE_RADIAN_PER_SECOND, harmonics=64, start=begin)
+            response = jaxhb.solve(
+                here,
+                rpm=row["Omega"] * ONE_RADIAN_PER_SECOND,
+                harmonics=64,
+                start=begin,
+            )
             if response.status <= 1:
                 break
-        assert response.status <= 1 and abs(response.deflection("a", "b").max - row["max"]) < 1e-3
+        assert (
+            response.status <= 1
+            and abs(response.deflection("a", "b").max - row["max"]) < 1e-3
+        )
         moduli = np.sort(np.abs(of_teeth(response)))
-        np.testing.assert_allclose(moduli, np.sort(row["floquet_abs"]), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            moduli, np.sort(row["floquet_abs"]), rtol=0, atol=1e-9
+        )
         assert jaxhb.stability(response).stable == row["stable"]
         compared += 1
     assert compared == len(rows) == 26
@@ -73,18 +99,24 @@ def floating():
 
 
 def test_a_train_that_floats_has_a_double_root_of_one():
-    """It keeps half the digits. Liouville's formula on the engine: ``tests/solutions/test_gear_train_30.py``."""
+    """It keeps half the digits. Liouville's formula on the engine:
+    ``tests/solutions/test_gear_train_30.py``.
+    """
     found = jaxhb.stability(floating())
     assert abs(found.liouville) < 1e-10 and found.stable
     np.testing.assert_allclose(found.multipliers[found.rotation], [1.0, 1.0], atol=1e-6)
 
 
 def test_a_pair_that_floats_on_a_varying_stiffness_has_two_roots_of_its_rotation_beside_those_of_its_teeth():
-    """Above a parametric resonance the largest multiplier of the teeth is -1.02, and the product of both is what the
-    damping takes in a cycle."""
+    """Above a parametric resonance the largest multiplier of the teeth is -1.02, and
+    the product of both is what the damping takes in a cycle.
+    """
     damping, natural, omega = 0.05, 500.0, 2.08
     teeth = 20
-    gears = [jaxhb.Disk(name=name, inertia=1.0, radius=0.5, teeth=teeth) for name in ("a", "b")]
+    gears = [
+        jaxhb.Disk(name=name, inertia=1.0, radius=0.5, teeth=teeth)
+        for name in ("a", "b")
+    ]
     mesh = jaxhb.Mesh(
         between=("a", "b"),
         stiffness=2.0 * natural**2,
@@ -93,12 +125,16 @@ def test_a_pair_that_floats_on_a_varying_stiffness_has_two_roots_of_its_rotation
         stiffness_orders=[(1, 0.5, 0.0)],
     )
     load = [jaxhb.Torque(disk="a", mean=1.0), jaxhb.Load(disk="b")]
-    pair = jaxhb.build([*gears, mesh, *load], reference="a", revolutions_per_cycle=1 / teeth)
+    pair = jaxhb.build(
+        [*gears, mesh, *load], reference="a", revolutions_per_cycle=1 / teeth
+    )
     found = jaxhb.stability(jaxhb.solve(pair, rpm=omega * natural * 30 / np.pi / teeth))
     np.testing.assert_allclose(found.multipliers[found.rotation], [1.0, 1.0], atol=1e-6)
     of_teeth = found.multipliers[~found.rotation]
     assert len(of_teeth) == 2
-    assert np.prod(of_teeth) == pytest.approx(np.exp(-2 * damping * 2 * np.pi / omega), rel=1e-6)
+    assert np.prod(of_teeth) == pytest.approx(
+        np.exp(-2 * damping * 2 * np.pi / omega), rel=1e-6
+    )
 
 
 def light_pair():
@@ -114,21 +150,29 @@ def rattling():
 
 
 def test_the_rotation_against_a_soft_ground_is_labelled():
-    """The whole train as one disk: J s^2 + b s + c = 0, gears of half the speed with a quarter of their share."""
+    """The whole train as one disk: J s^2 + b s + c = 0, gears of half the speed with a
+    quarter of their share.
+    """
     found = jaxhb.stability(rattling())
     inertia, damping = 0.03 + 0.05 / 4, 0.5 + 0.4 / 4
     expected = np.exp(60 / 1500 * np.roots([inertia, damping, 0.5]))
-    np.testing.assert_allclose(found.multipliers[found.rotation], np.sort(expected)[::-1], rtol=1e-3)
+    np.testing.assert_allclose(
+        found.multipliers[found.rotation], np.sort(expected)[::-1], rtol=1e-3
+    )
 
 
 def test_a_cycle_of_two_revolutions_has_the_squares_of_the_multipliers_of_one():
     response = rattling()
     deflections = np.zeros((1, 2 * response.harmonics + 1), dtype=complex)
     deflections[:, ::2] = response.deflections
-    repeated = dataclasses.replace(response, deflections=deflections, train=response.train.repeated(2))
+    repeated = dataclasses.replace(
+        response, deflections=deflections, train=response.train.repeated(2)
+    )
     once, twice = of_teeth(response), of_teeth(repeated)
     assert 0.01 < abs(once[0]) < 1
-    np.testing.assert_allclose(np.sort_complex(twice), np.sort_complex(once**2), atol=1e-8)
+    np.testing.assert_allclose(
+        np.sort_complex(twice), np.sort_complex(once**2), atol=1e-8
+    )
 
 
 def with_viscous_damping(part, hz):
@@ -140,8 +184,10 @@ def with_viscous_damping(part, hz):
 
 
 def test_a_train_in_contact_has_the_multipliers_of_its_damped_modes():
-    """Loops, gears without inertia on damped and undamped shafts, a ring without a spring: against the dense pencil
-    ``K + s B + s^2 M``, whose infinite roots are the massless disks'."""
+    """Loops, gears without inertia on damped and undamped shafts, a ring without a
+    spring: against the dense pencil ``K + s B + s^2 M``, whose infinite roots are the
+    massless disks'.
+    """
     parts = [with_viscous_damping(part, 50.0) for part in gearbox_parts()]
     response = jaxhb.solve(build(parts, reference="motor"), rpm=900.0)
     found = jaxhb.stability(response)
@@ -149,17 +195,28 @@ def test_a_train_in_contact_has_the_multipliers_of_its_damped_modes():
     elastic, viscous = dense.dynamic_stiffness(parts, 0.0).real, at_one.imag
     one, none = np.eye(len(elastic)), np.zeros_like(elastic)
     first = np.block([[none, one], [-elastic, -viscous]])
-    roots = scipy.linalg.eigvals(first, np.block([[one, none], [none, elastic - at_one.real]]))
+    roots = scipy.linalg.eigvals(
+        first, np.block([[one, none], [none, elastic - at_one.real]])
+    )
     expected = np.exp(60 / 900 * roots[np.isfinite(roots) & (np.abs(roots) < 1e8)])
-    seen = [multipliers[np.abs(multipliers) > 1e-6] for multipliers in (found.multipliers, expected)]
+    seen = [
+        multipliers[np.abs(multipliers) > 1e-6]
+        for multipliers in (found.multipliers, expected)
+    ]
     assert len(seen[0]) == len(seen[1]) >= 6
-    np.testing.assert_allclose(np.sort_complex(seen[0]), np.sort_complex(seen[1]), atol=1e-7)
-    assert abs(found.liouville) < 1e-9 and found.stable  # rounding of a logarithm of -29,000
+    np.testing.assert_allclose(
+        np.sort_complex(seen[0]), np.sort_complex(seen[1]), atol=1e-7
+    )
+    assert (
+        abs(found.liouville) < 1e-9 and found.stable
+    )  # rounding of a logarithm of -29,000
 
 
 def test_loss_factors_damp_each_mode_as_the_complex_stiffness_does():
-    """Moduli of the multipliers of a train in contact, against the eigenvalues with complex stiffness. Each is off by
-    what loss factors of up to 0.15 do in second order."""
+    """Moduli of the multipliers of a train in contact, against the eigenvalues with
+    complex stiffness. Each is off by what loss factors of up to 0.15 do in second
+    order.
+    """
     train = jaxhb.load_scene("engine_with_damper")
     response = jaxhb.solve(train, rpm=1500.0)
     found, modes = jaxhb.stability(response), jaxhb.damped_modes(train)
@@ -173,9 +230,17 @@ def test_what_takes_too_long_is_refused_and_counts_as_not_decided(monkeypatch):
     monkeypatch.setattr(stability, "MOST_INTERVALS", 10)
     monkeypatch.setattr(stability, "DENSE_DISKS", 2)
     attracting, found, why = stability.attracts(rattling())
-    assert attracting is None and found is None and "stability would take" in why and "intervals a cycle" in why
+    assert (
+        attracting is None
+        and found is None
+        and "stability would take" in why
+        and "intervals a cycle" in why
+    )
     monkeypatch.setattr(stability, "DISKS", 2)
-    assert "has 3 disks, and stability is decided for up to 2" in stability.attracts(rattling())[2]
+    assert (
+        "has 3 disks, and stability is decided for up to 2"
+        in stability.attracts(rattling())[2]
+    )
     assert "stability not decided" in str(PeriodicMotion(rattling(), 1, None, None))
 
 
@@ -190,7 +255,10 @@ def test_a_failure_of_linear_algebra_is_no_refusal(monkeypatch):
 
 LOST = [([0.5], None, "falls to 0.5 of its size"), ([2.0], "fold", "grows 2 times")]
 LOST += [([0.99996], None, "a disturbance falls by 0.004 % in a cycle")]
-LOST += [([-3.0], "period doubling", "two cycles differ"), ([1 + 1j, 1 - 1j], "Neimark-Sacker", "second frequency")]
+LOST += [
+    ([-3.0], "period doubling", "two cycles differ"),
+    ([1 + 1j, 1 - 1j], "Neimark-Sacker", "second frequency"),
+]
 
 
 @pytest.mark.parametrize(("critical", "name", "words"), LOST)
@@ -198,17 +266,33 @@ def test_how_stability_is_lost_is_named(critical, name, words):
     multipliers = np.array([5.0, *critical, 0.1], dtype=complex)
     rotation = np.arange(len(multipliers)) == 0
     found = Stability(multipliers, rotation, 0.0)
-    assert found.loses_by == name and found.stable == (name is None) and words in str(found)
+    assert (
+        found.loses_by == name
+        and found.stable == (name is None)
+        and words in str(found)
+    )
     assert found.largest == abs(critical[0])
 
 
 def test_what_has_no_multipliers_is_refused_with_a_sentence():
     train = jaxhb.load_scene("spur_pair")
-    refused(lambda: jaxhb.stability(jaxhb.solve_speeds(train, rpm=[1000.0, 1100.0])), "sweep of 2 speeds", ValueError)
+    refused(
+        lambda: jaxhb.stability(jaxhb.solve_speeds(train, rpm=[1000.0, 1100.0])),
+        "sweep of 2 speeds",
+        ValueError,
+    )
     response = floating()
-    refused(lambda: jaxhb.stability(dataclasses.replace(response, train=None)), "without its train", ValueError)
+    refused(
+        lambda: jaxhb.stability(dataclasses.replace(response, train=None)),
+        "without its train",
+        ValueError,
+    )
     with pytest.raises(NotConverged, match="3000 rpm is no periodic motion"):
         jaxhb.stability(dataclasses.replace(response, status=np.array(4)))
     massless = jaxhb.solve(train.replace({"gear a.inertia": 0.0}), rpm=500.0)
     assert stability.attracts(massless)[:2] == (None, None)
-    refused(lambda: jaxhb.stability(massless), "carries a backlash mesh: no equation of motion in time", ValueError)
+    refused(
+        lambda: jaxhb.stability(massless),
+        "carries a backlash mesh: no equation of motion in time",
+        ValueError,
+    )

@@ -1,4 +1,6 @@
-"""The variational equation around motions that are given, and around a motion of a train that is integrated in time."""
+"""The variational equation around motions that are given, and around a motion of a
+train that is integrated in time.
+"""
 
 from functools import cache
 
@@ -16,7 +18,9 @@ from jaxhb.integration.reference import reference_orbit
 from jaxhb.integration.step import cycle_error
 
 space_of = jax.jit(state_space, static_argnames="parts")
-after_cycle = jax.jit(jax.vmap(lambda stepper, state: cycle_error(stepper, state)[0], in_axes=(None, 0)))
+after_cycle = jax.jit(
+    jax.vmap(lambda stepper, state: cycle_error(stepper, state)[0], in_axes=(None, 0))
+)
 
 
 def in_displacements(matrix, space):
@@ -26,27 +30,42 @@ def in_displacements(matrix, space):
 
 @cache
 def mathieu(steps):
-    """Error of the monodromy matrix of ``x'' + b x' + (c0 + a cos 2t) x = 0``, slope of a law in its smooth zone."""
+    """Error of the monodromy matrix of ``x'' + b x' + (c0 + a cos 2t) x = 0``, slope of
+    a law in its smooth zone.
+    """
     params, wanted = method_case("A7_damped_mathieu_monodromy")
     b, c0, a = (float(params[k]) for k in ("b", "c0", "a"))
     contact, gap = 3.0, 0.3
-    mass = one_mass(mass=1, damping=b, stiffness=contact, epsilon=gap / contact, transition=0.2, backlash=1.0)
+    mass = one_mass(
+        mass=1,
+        damping=b,
+        stiffness=contact,
+        epsilon=gap / contact,
+        transition=0.2,
+        backlash=1.0,
+    )
     middle, swing = 0.4 + 0.2 * (c0 - gap) / (contact - gap), 0.2 * a / (contact - gap)
     deflection = np.array([[middle, 0.0, swing / 2]], dtype=complex)
     space = jax.tree.map(np.asarray, space_of(*mass, 1.0, parts=partition(*mass)))
-    found = variational.monodromy(space, mass[1], deflection, 1.0, np.arange(steps) / steps)
+    found = variational.monodromy(
+        space, mass[1], deflection, 1.0, np.arange(steps) / steps
+    )
     assert abs(found.log_determinant + 2 * np.pi * b) < 1e-6
     expected = np.array(wanted["Phi"], dtype=float)
     return np.abs(in_displacements(found.matrix, space) - expected).max()
 
 
 def test_the_damped_mathieu_equation_is_solved_to_rounding():
-    assert mathieu(1) < 1e-8  # as many steps as the norm of the matrix asks for, three a cycle
+    assert (
+        mathieu(1) < 1e-8
+    )  # as many steps as the norm of the matrix asks for, three a cycle
     assert mathieu(16) < 1e-12
 
 
 def test_collocation_has_twice_the_order_of_its_nodes(monkeypatch):
-    """Twenty with ten nodes: at steps that are far longer than those taken, as errors are soon lost in rounding."""
+    """Twenty with ten nodes: at steps that are far longer than those taken, as errors
+    are soon lost in rounding.
+    """
     monkeypatch.setattr(variational, "REACH", 1e3)
     mathieu.cache_clear()
     order = np.log(mathieu(3) / mathieu(5)) / np.log(5 / 3)
@@ -57,33 +76,49 @@ def test_collocation_has_twice_the_order_of_its_nodes(monkeypatch):
 def test_more_steps_than_memory_holds_are_a_sentence(monkeypatch):
     mathieu.cache_clear()
     monkeypatch.setattr(variational, "MOST_SLOPES", 10)
-    with pytest.raises(ValueError, match=r"stability would take \S+ steps a cycle, as teeth stay in the smooth zone"):
+    with pytest.raises(
+        ValueError,
+        match=(
+            r"stability would take \S+ steps a cycle, as teeth stay in the smooth zone"
+        ),
+    ):
         mathieu(1)
 
 
 def test_a_motion_is_known_between_its_samples():
     rng = np.random.default_rng(0)
-    deflection = (rng.normal(size=(2, 41)) + 1j * rng.normal(size=(2, 41))) / (1 + np.arange(41)) ** 2
+    deflection = (rng.normal(size=(2, 41)) + 1j * rng.normal(size=(2, 41))) / (
+        1 + np.arange(41)
+    ) ** 2
     deflection[:, 0] = deflection[:, 0].real
     share = rng.uniform(size=30)
-    wave = np.exp(2j * np.pi * np.outer(np.arange(41), share)) * np.append(1.0, np.full(40, 2.0))[:, None]
+    wave = (
+        np.exp(2j * np.pi * np.outer(np.arange(41), share))
+        * np.append(1.0, np.full(40, 2.0))[:, None]
+    )
     rate = fourier.derivative(deflection, 3.0)
     expected = np.stack([(deflection @ wave).real, (rate @ wave).real])
-    np.testing.assert_allclose(variational.motion(deflection, 3.0, share), expected, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        variational.motion(deflection, 3.0, share), expected, rtol=0, atol=1e-10
+    )
 
 
 def three_disks(damping_law):
-    """A lightly loaded pair of gears driven through a shaft: the teeth separate and strike at 900 rpm."""
+    """A lightly loaded pair of gears driven through a shaft: the teeth separate and
+    strike at 900 rpm.
+    """
     train = jaxhb.load_scene(DATA / "scenes" / "driven_pair.toml")
     return train.replace({"pinion|wheel.damping_law": damping_law})
 
 
 @pytest.mark.parametrize("damping_law", ["contact", "always"])
 def test_the_monodromy_matrix_is_the_derivative_of_the_exact_period_map(damping_law):
-    """Central differences over one cycle of the reference integration, from the motion that closes there.
+    """Central differences over one cycle of the reference integration, from the motion
+    that closes there.
 
-    A cycle multiplies a disturbance by about one, and the motion has 1e-5 of error from 384 harmonics and 16384 steps:
-    tooth contact of a few per cent of the cycle makes that 1e-3 in the matrix at most.
+    A cycle multiplies a disturbance by about one, and the motion has 1e-5 of error from
+    384 harmonics and 16384 steps: tooth contact of a few per cent of the cycle makes
+    that 1e-3 in the matrix at most.
     """
     train = three_disks(damping_law)
     response = jaxhb.check(jaxhb.solve(train, rpm=900.0, harmonics=384))
@@ -94,11 +129,16 @@ def test_the_monodromy_matrix_is_the_derivative_of_the_exact_period_map(damping_
     assert orbit.settled
     size = 1e-6 * np.abs(orbit.state).max()
     shifts = size * np.eye(len(orbit.state))
-    ahead, behind = (np.asarray(after_cycle(orbit.stepper, orbit.state + sign * shifts)) for sign in (1, -1))
+    ahead, behind = (
+        np.asarray(after_cycle(orbit.stepper, orbit.state + sign * shifts))
+        for sign in (1, -1)
+    )
     expected = ((ahead - behind) / (2 * size)).T
     space = space_of(system, meshes, frequency, parts=partition(system, meshes))
     deflection = np.asarray(response.deflections)
     times = exact_integrals.switching_times(meshes.law, deflection)
     found = variational.monodromy(space, meshes, deflection, frequency, times)
-    np.testing.assert_allclose(found.matrix, expected, rtol=0, atol=1e-3 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found.matrix, expected, rtol=0, atol=1e-3 * np.abs(expected).max()
+    )
     assert abs(np.expm1(found.log_determinant - found.trace)) < 1e-10

@@ -1,4 +1,6 @@
-"""Batches in modal form against the dense integration of one speed, and records against the cycles that they reduce."""
+"""Batches in modal form against the dense integration of one speed, and records against
+the cycles that they reduce.
+"""
 
 import dataclasses
 
@@ -18,15 +20,27 @@ STEPS = 4096
 
 
 def dense(equations, batch, place, cycles):
-    """Deflections ``(G, steps)`` of the last cycle by the dense stepper, from where its march begins."""
+    """Deflections ``(G, steps)`` of the last cycle by the dense stepper, from where its
+    march begins.
+    """
     linear_motion, train = batch.linear_motion, equations.train
     rpm = float(batch.marches[place].rpm)
     system, meshes = equations.system, equations.meshes
-    load = np.asarray(excitation(train, rpm, listed_harmonic(train.topology))[0]) / np.asarray(system.radius)[:, None]
+    load = (
+        np.asarray(excitation(train, rpm, listed_harmonic(train.topology))[0])
+        / np.asarray(system.radius)[:, None]
+    )
     frequency = float(linear_motion.frequency[place])
-    stepper = _discretize(system, meshes, frequency, load, steps=STEPS, parts=equations.parts)
-    state = stepper.space.coordinates @ batch.motion(batch.marches[place]) - stepper.linear_state
-    return np.asarray(_march(stepper, state, tolerance=-1.0, max_cycles=cycles)[1].deflection)
+    stepper = _discretize(
+        system, meshes, frequency, load, steps=STEPS, parts=equations.parts
+    )
+    state = (
+        stepper.space.coordinates @ batch.motion(batch.marches[place])
+        - stepper.linear_state
+    )
+    return np.asarray(
+        _march(stepper, state, tolerance=-1.0, max_cycles=cycles)[1].deflection
+    )
 
 
 def pushed(equations, rpm):
@@ -36,20 +50,38 @@ def pushed(equations, rpm):
 
 
 def gearbox():
-    """A closed loop, massless disks with and without damping, rings with and without spring, free rotation; a gap."""
+    """A closed loop, massless disks with and without damping, rings with and without
+    spring, free rotation; a gap.
+    """
     parts = trains.gearbox_parts(grounded=False)
-    parts = [part for part in parts if getattr(part, "between", None) != ("lay 3", "output")]
-    parts = [dataclasses.replace(p, loss_factor=0.0) if getattr(p, "loss_factor", 0) else p for p in parts]
-    parts = [dataclasses.replace(p, inertia=0.001) if p.name == "lay 3" else p for p in parts]
+    parts = [
+        part for part in parts if getattr(part, "between", None) != ("lay 3", "output")
+    ]
+    parts = [
+        dataclasses.replace(p, loss_factor=0.0) if getattr(p, "loss_factor", 0) else p
+        for p in parts
+    ]
+    parts = [
+        dataclasses.replace(p, inertia=0.001) if p.name == "lay 3" else p for p in parts
+    ]
     mesh = Mesh(
-        between=("lay 3", "output"), stiffness=1.5e8, damping=300.0, backlash=1e-4, epsilon=1e-3, transition=0.04
+        between=("lay 3", "output"),
+        stiffness=1.5e8,
+        damping=300.0,
+        backlash=1e-4,
+        epsilon=1e-3,
+        transition=0.04,
     )
     return trains.build([*parts, mesh], cycle=1, reference="motor")
 
 
 CASES = {
     "pair": lambda: pair(
-        ground=False, extra=(Disk(name="cap", inertia=0.0), Shaft(between=("cap", "driven"), stiffness=1e4))
+        ground=False,
+        extra=(
+            Disk(name="cap", inertia=0.0),
+            Shaft(between=("cap", "driven"), stiffness=1e4),
+        ),
     ),
     "gearbox": gearbox,
 }
@@ -72,13 +104,16 @@ def test_a_batch_marches_as_the_dense_integration_does(name, count):
         gap = equations.meshes.law.backlash.max()
         seen = np.split(np.array(batch.marches[place].closure.cycles), 2, axis=2)[0]
         assert (np.abs(seen) < equations.meshes.law.gap).any()
-        # the same scheme in other coordinates: rounding, grown by hammering over eight cycles, and the soft spring on a
-        # rotation that the push has carried a thousand gaps away
+        # the same scheme in other coordinates: rounding, grown by hammering over eight
+        # cycles, and the soft spring on a rotation that the push has carried a thousand
+        # gaps away
         np.testing.assert_allclose(found, deflection, atol=1e-7 * gap, rtol=0)
 
 
 def test_any_number_of_cycles_is_one_program_and_the_same_motion():
-    """Bit for bit, recorded or not, as a march that stops between is that of one call."""
+    """Bit for bit, recorded or not, as a march that stops between is that of one
+    call.
+    """
     equations = Equations(CASES["pair"]())
 
     def marched(parts, recorded):
@@ -93,11 +128,20 @@ def test_any_number_of_cycles_is_one_program_and_the_same_motion():
         whole = marched((8,), recorded)
         held = executables(recording.march)
         parted = marched((3, 1, 4), recorded)
-        assert executables(recording.march) == held and parted.cycles == whole.cycles == 8
-        assert np.array_equal(parted.state, whole.state) and np.array_equal(parted.trace, whole.trace)
+        assert (
+            executables(recording.march) == held and parted.cycles == whole.cycles == 8
+        )
+        assert np.array_equal(parted.state, whole.state) and np.array_equal(
+            parted.trace, whole.trace
+        )
         assert np.array_equal(parted.closure.cycles, whole.closure.cycles)
     for name in ("max", "min", "mean", "square", "impacts"):
-        assert np.array_equal(*(np.concatenate([part[name] for part in own.numbers]) for own in (parted, whole)))
+        assert np.array_equal(
+            *(
+                np.concatenate([part[name] for part in own.numbers])
+                for own in (parted, whole)
+            )
+        )
     assert parted.recorded == whole.recorded == 8
     power = sum(part["power"] for part in parted.numbers)
     np.testing.assert_allclose(power, whole.numbers[0]["power"], rtol=1e-12)
@@ -106,7 +150,16 @@ def test_any_number_of_cycles_is_one_program_and_the_same_motion():
 def test_modes_hold_the_motion_of_every_disk():
     equations = Equations(gearbox())
     batch = Batch(equations, np.array([700.0]), STEPS)
-    modes, linear, motion = equations.modes, batch.linear_motion, batch.motion(batch.marches[0])
-    again = marching.motion_of(modes, marching.state_of(modes, motion[None], linear), linear)[0]
-    bend = equations.system.deflections(np.split(motion, 2)[0]), equations.system.deflections(np.split(again, 2)[0])
+    modes, linear, motion = (
+        equations.modes,
+        batch.linear_motion,
+        batch.motion(batch.marches[0]),
+    )
+    again = marching.motion_of(
+        modes, marching.state_of(modes, motion[None], linear), linear
+    )[0]
+    bend = (
+        equations.system.deflections(np.split(motion, 2)[0]),
+        equations.system.deflections(np.split(again, 2)[0]),
+    )
     np.testing.assert_allclose(*bend, atol=1e-9 * np.abs(bend[0]).max())

@@ -1,4 +1,6 @@
-"""The event-exact oracle of a pair of gears: published motions, adaptive integration, and its table."""
+"""The event-exact oracle of a pair of gears: published motions, adaptive integration,
+and its table.
+"""
 
 import math
 
@@ -20,25 +22,42 @@ def published_pair(row):
     return Pair(row["Omega"], mean=0.1, alternating=-0.05j * row["Omega"] ** 2)
 
 
-@pytest.mark.parametrize("row", PUBLISHED, ids=lambda row: f"{row['Omega']} {row['sweep']}")
-def test_published_motions_are_found_with_their_multipliers_extremes_and_amplitudes(row):
+@pytest.mark.parametrize(
+    "row", PUBLISHED, ids=lambda row: f"{row['Omega']} {row['sweep']}"
+)
+def test_published_motions_are_found_with_their_multipliers_extremes_and_amplitudes(
+    row,
+):
     pair = published_pair(row)
     (found,) = orbit(pair, row["y0"])
     np.testing.assert_allclose(found.state, row["y0"], atol=1e-13)
-    np.testing.assert_allclose(np.sort(np.abs(multipliers([found]))), np.sort(row["floquet_abs"]), atol=1e-13)
+    np.testing.assert_allclose(
+        np.sort(np.abs(multipliers([found]))), np.sort(row["floquet_abs"]), atol=1e-13
+    )
     # the published extremes are those of samples: up to 5e-8 inside the true ones
     assert -1e-13 < found.maximum - row["max"] < 5e-8
     assert -1e-13 < row["min"] - found.minimum < 5e-8
     amplitudes = 2 * np.abs(np.fft.rfft(samples(pair, found.state, 512)))[1:7] / 512
-    np.testing.assert_allclose(amplitudes, row["amp_h"], atol=1e-6)  # aliases of 512 samples: a spectrum like n^-3
+    np.testing.assert_allclose(
+        amplitudes, row["amp_h"], atol=1e-6
+    )  # aliases of 512 samples: a spectrum like n^-3
 
 
 def adaptive(pair, state, end):
     """State at ``end`` by an adaptive integration that stops at the knots."""
 
     def field(t, z, piece):
-        force = pair.stiffness(piece) * z[0] - piece * (1 - pair.epsilon) + 2 * pair.damping(piece) * z[1]
-        return [z[1], pair.mean + (pair.alternating * np.exp(1j * pair.frequency * t)).real - force]
+        force = (
+            pair.stiffness(piece) * z[0]
+            - piece * (1 - pair.epsilon)
+            + 2 * pair.damping(piece) * z[1]
+        )
+        return [
+            z[1],
+            pair.mean
+            + (pair.alternating * np.exp(1j * pair.frequency * t)).real
+            - force,
+        ]
 
     def knot(level, towards):
         def event(t, z, piece):
@@ -51,7 +70,12 @@ def adaptive(pair, state, end):
     piece = int(np.sign(state[0])) if abs(state[0]) > 1 else 0
     while t < end:
         events = [knot(piece, -piece)] if piece else [knot(1, 1), knot(-1, -1)]
-        options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13, "max_step": 0.1}  # no two crossings in a step
+        options = {
+            "method": "DOP853",
+            "rtol": 1e-12,
+            "atol": 1e-13,
+            "max_step": 0.1,
+        }  # no two crossings in a step
         run = solve_ivp(field, (t, end), state, args=(piece,), events=events, **options)
         t, state = run.t[-1], run.y[:, -1]
         if run.status == 1:
@@ -59,21 +83,38 @@ def adaptive(pair, state, end):
     return state
 
 
-@pytest.mark.parametrize(("frequency", "damped_gap", "epsilon"), [(0.4, True, 0.0), (1.1, False, 0.3)])
-def test_irregular_motion_follows_an_adaptive_integration(frequency, damped_gap, epsilon):
+@pytest.mark.parametrize(
+    ("frequency", "damped_gap", "epsilon"), [(0.4, True, 0.0), (1.1, False, 0.3)]
+)
+def test_irregular_motion_follows_an_adaptive_integration(
+    frequency, damped_gap, epsilon
+):
     pair = Pair(frequency, epsilon=epsilon, damped_gap=damped_gap)
     found = march(pair, (0.3, -0.2), 5)[-1].state
     # errors of 1e-11 a cycle grow at most tenfold a cycle
-    np.testing.assert_allclose(found, adaptive(pair, (0.3, -0.2), 5 * pair.cycle), atol=1e-7)
+    np.testing.assert_allclose(
+        found, adaptive(pair, (0.3, -0.2), 5 * pair.cycle), atol=1e-7
+    )
 
 
-@pytest.mark.parametrize("epsilon", [0.0, 1e-3, 2.5e-3, 0.3])  # 2.5e-3: critical damping in the gap
+@pytest.mark.parametrize(
+    "epsilon", [0.0, 1e-3, 2.5e-3, 0.3]
+)  # 2.5e-3: critical damping in the gap
 @pytest.mark.parametrize("damped_gap", [True, False])
 def test_the_tangent_map_is_the_derivative_of_the_motion(epsilon, damped_gap):
-    pair, state, step = Pair(0.7, epsilon=epsilon, damped_gap=damped_gap), np.array([0.3, -0.2]), 1e-6
-    ahead = [np.subtract(cycle(pair, state + d).state, cycle(pair, state - d).state) for d in step * np.eye(2)]
+    pair, state, step = (
+        Pair(0.7, epsilon=epsilon, damped_gap=damped_gap),
+        np.array([0.3, -0.2]),
+        1e-6,
+    )
+    ahead = [
+        np.subtract(cycle(pair, state + d).state, cycle(pair, state - d).state)
+        for d in step * np.eye(2)
+    ]
     found = cycle(pair, state)
-    np.testing.assert_allclose(found.tangent, np.transpose(ahead) / (2 * step), atol=1e-6)
+    np.testing.assert_allclose(
+        found.tangent, np.transpose(ahead) / (2 * step), atol=1e-6
+    )
     damped = 1.0 if damped_gap else 1 - found.separated
     expected = math.exp(-2 * pair.damping_ratio * damped * pair.cycle)  # Liouville
     assert np.linalg.det(found.tangent) == pytest.approx(expected, rel=1e-11)
@@ -81,7 +122,9 @@ def test_the_tangent_map_is_the_derivative_of_the_motion(epsilon, damped_gap):
 
 @pytest.mark.parametrize("beyond", [1e-3, 1e-6, 1e-10, 1e-13, -1e-13, -1e-10])
 def test_a_knot_that_is_barely_passed_is_crossed_twice(beyond):
-    """A throw in the gap from x = 0 whose top is just beyond the knot, or just below it."""
+    """A throw in the gap from x = 0 whose top is just beyond the knot, or just below
+    it.
+    """
     pair = Pair(2.0, damping_ratio=0.0, mean=-0.1, alternating=0.0)
     speed = math.sqrt(0.2 * (1 + beyond))
     found = advance(pair, (0.0, speed), 0.0, 8.0)
@@ -92,7 +135,9 @@ def test_a_knot_that_is_barely_passed_is_crossed_twice(beyond):
 
 
 def table():
-    return {law["epsilon"]: law["rows"] for law in reference("lightly_loaded_pair")["laws"]}
+    return {
+        law["epsilon"]: law["rows"] for law in reference("lightly_loaded_pair")["laws"]
+    }
 
 
 def attractors(epsilon):
@@ -107,25 +152,43 @@ def test_periodic_rows_of_the_table_close_and_attract(epsilon):
     assert len(rows) > 15
     for pair, motion in rows:
         cycles = march(pair, motion["state"], motion["period"])
-        closed = [np.abs(np.subtract(one.state, motion["state"])).max() for one in cycles]
+        closed = [
+            np.abs(np.subtract(one.state, motion["state"])).max() for one in cycles
+        ]
         assert closed[-1] < 1e-11
         assert min([*closed[:-1], 1.0]) > 1e-3  # no shorter period
-        np.testing.assert_allclose(pairs(multipliers(cycles)), motion["multipliers"], atol=1e-9)
+        np.testing.assert_allclose(
+            pairs(multipliers(cycles)), motion["multipliers"], atol=1e-9
+        )
         assert abs(complex(*motion["multipliers"][0])) < 1
-        assert max(one.maximum for one in cycles) == pytest.approx(motion["maximum"], abs=1e-10)
-        assert min(one.minimum for one in cycles) == pytest.approx(motion["minimum"], abs=1e-10)
+        assert max(one.maximum for one in cycles) == pytest.approx(
+            motion["maximum"], abs=1e-10
+        )
+        assert min(one.minimum for one in cycles) == pytest.approx(
+            motion["minimum"], abs=1e-10
+        )
 
 
 @pytest.mark.parametrize(
-    ("units", "damped_gap"), [({}, False), ({"stiffness": 2e8, "backlash": 1.2e-4, "natural_frequency": 900.0}, True)]
+    ("units", "damped_gap"),
+    [
+        ({}, False),
+        ({"stiffness": 2e8, "backlash": 1.2e-4, "natural_frequency": 900.0}, True),
+    ],
 )
 def test_the_pair_as_a_train_moves_alike_whatever_its_units(units, damped_gap):
     pair = Pair(0.6, epsilon=1e-3, damped_gap=damped_gap)
     motion = long_run(pair, (1.25, 0.0))
     assert motion.period == 1
     train = pair_train(pair, transition=0.01, **units)
-    response = jaxhb.solve(train, rpm=pair_rpm(pair, units.get("natural_frequency", 1.0)), tolerance=1e-3)
+    response = jaxhb.solve(
+        train, rpm=pair_rpm(pair, units.get("natural_frequency", 1.0)), tolerance=1e-3
+    )
     jaxhb.check(response)
-    x = np.asarray(response.twist("a", "b").samples(4096)) / (units.get("backlash", 2.0) / 2)
+    x = np.asarray(response.twist("a", "b").samples(4096)) / (
+        units.get("backlash", 2.0) / 2
+    )
     found = [x.min(), x.max(), x[0]]
-    np.testing.assert_allclose(found, [motion.minimum, motion.maximum, motion.state[0]], rtol=1e-3)
+    np.testing.assert_allclose(
+        found, [motion.minimum, motion.maximum, motion.state[0]], rtol=1e-3
+    )

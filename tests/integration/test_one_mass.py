@@ -17,7 +17,9 @@ run = jax.jit(cycle)
 
 
 def stepper_of(case, frequency, load, steps):
-    return cut(*case, frequency, np.array([load], complex), steps=steps, parts=partition(*case))
+    return cut(
+        *case, frequency, np.array([load], complex), steps=steps, parts=partition(*case)
+    )
 
 
 def state_of(stepper, x, v):
@@ -25,15 +27,29 @@ def state_of(stepper, x, v):
 
 
 def exact(steps):
-    """Errors of x(0), x'(0), trace and determinant of the monodromy matrix of the case of docs/theory A7."""
-    case = one_mass(mass=1, damping=0.2, stiffness=4, epsilon=0.05, transition=0.2, backlash=0.2)
+    """Errors of x(0), x'(0), trace and determinant of the monodromy matrix of the case
+    of docs/theory A7.
+    """
+    case = one_mass(
+        mass=1, damping=0.2, stiffness=4, epsilon=0.05, transition=0.2, backlash=0.2
+    )
     stepper = stepper_of(case, 1.0, [0.3, 0.5], steps)
-    state, periodicity_error, _ = correct(stepper, jax.jit(march)(stepper, stepper.flank_state)[0])
+    state, periodicity_error, _ = correct(
+        stepper, jax.jit(march)(stepper, stepper.flank_state)[0]
+    )
     assert periodicity_error < 1e-11
     (_, trace), (matrix, _) = run(stepper, state), multiply(stepper, state)
-    found = [trace.deflection[0, 0], trace.rate[0, 0], jnp.trace(matrix), jnp.linalg.det(matrix)]
+    found = [
+        trace.deflection[0, 0],
+        trace.rate[0, 0],
+        jnp.trace(matrix),
+        jnp.linalg.det(matrix),
+    ]
     expected = method_case("A7_true_periodic_one_mass")[1]
-    return np.abs(np.array(found) - [float(expected[k]) for k in ("x0", "v0", "monodromy_trace", "monodromy_det")])
+    return np.abs(
+        np.array(found)
+        - [float(expected[k]) for k in ("x0", "v0", "monodromy_trace", "monodromy_det")]
+    )
 
 
 def test_the_exact_periodic_motion_and_its_multipliers_are_found_with_order_three():
@@ -48,7 +64,14 @@ def test_sharp_dead_zone_solutions_are_approached_quadratically_in_the_transitio
     assert len(rows) >= 8
     errors = {0.01: [], 0.001: []}
     for transition, row in [(transition, row) for transition in errors for row in rows]:
-        case = one_mass(mass=1, damping=0.1, stiffness=1, epsilon=0, transition=transition, backlash=2)
+        case = one_mass(
+            mass=1,
+            damping=0.1,
+            stiffness=1,
+            epsilon=0,
+            transition=transition,
+            backlash=2,
+        )
         load = [0.1, -0.5j * 0.05 * row["Omega"] ** 2]
         stepper = stepper_of(case, row["Omega"], load, 4096)
         x, v = row["y0"]

@@ -27,13 +27,24 @@ def both_ways(stepper, state):
     end, trace = cycle(stepper, state)
     pieces = shooting.linearize(stepper, nodes)
     whole, _ = shooting.monodromy(stepper, state)
-    return nodes, end, trace.deflection, shooting.motion(stepper, nodes).deflection, pieces, whole
+    return (
+        nodes,
+        end,
+        trace.deflection,
+        shooting.motion(stepper, nodes).deflection,
+        pieces,
+        whole,
+    )
 
 
 def test_segments_in_a_row_are_the_cycle():
     train = stepper()
-    nodes, end, deflection, pieced, (gap, slope), whole = both_ways(train, train.flank_state)
-    np.testing.assert_allclose(pieced, deflection, atol=PATHS * np.abs(deflection).max())
+    nodes, end, deflection, pieced, (gap, slope), whole = both_ways(
+        train, train.flank_state
+    )
+    np.testing.assert_allclose(
+        pieced, deflection, atol=PATHS * np.abs(deflection).max()
+    )
     size = np.abs(nodes).max()
     np.testing.assert_allclose(gap[:-1], 0.0, atol=PATHS * size)
     np.testing.assert_allclose(gap[-1], end - train.flank_state, atol=PATHS * size)
@@ -50,7 +61,9 @@ def test_room_for_more_steps_changes_nothing():
     for motion in (shooting.motion, lambda stepper, nodes: cycle(stepper, nodes[0])[1]):
         found, wanted = (jax.jit(motion)(stepper, nodes) for stepper in (roomy, tight))
         np.testing.assert_array_equal(found.deflection[:, steps:], 0.0)
-        np.testing.assert_allclose(found.deflection[:, :steps], wanted.deflection, rtol=PATHS, atol=0.0)
+        np.testing.assert_allclose(
+            found.deflection[:, :steps], wanted.deflection, rtol=PATHS, atol=0.0
+        )
         np.testing.assert_allclose(
             found.periodicity_error, wanted.periodicity_error, rtol=1e-6
         )  # a difference of the motion
@@ -58,11 +71,17 @@ def test_room_for_more_steps_changes_nothing():
 
 def test_what_closes_a_cycle_is_the_same_with_and_without_samples():
     train = stepper()
-    nodes = shooting.beginnings(train, train.flank_state) * (1 + 1e-3 * np.arange(shooting.SEGMENTS)[:, None])
+    nodes = shooting.beginnings(train, train.flank_state) * (
+        1 + 1e-3 * np.arange(shooting.SEGMENTS)[:, None]
+    )
     gap, periodicity_error = shooting.gaps_and_error(train, nodes)
     np.testing.assert_array_equal(gap, shooting.gaps(train, nodes)[0])
-    np.testing.assert_allclose(periodicity_error, shooting.motion(train, nodes).periodicity_error, rtol=PATHS)
-    (end, periodicity_error), (after, trace) = (run(train, train.flank_state) for run in (cycle_error, cycle))
+    np.testing.assert_allclose(
+        periodicity_error, shooting.motion(train, nodes).periodicity_error, rtol=PATHS
+    )
+    (end, periodicity_error), (after, trace) = (
+        run(train, train.flank_state) for run in (cycle_error, cycle)
+    )
     np.testing.assert_array_equal(end, after)
     np.testing.assert_allclose(periodicity_error, trace.periodicity_error, rtol=PATHS)
 
@@ -70,14 +89,19 @@ def test_what_closes_a_cycle_is_the_same_with_and_without_samples():
 def test_a_correction_solves_the_linearised_equations():
     rng = np.random.default_rng(3)
     count, size = 8, 4
-    slope, gap = 0.8 * rng.normal(size=(count, size, size)), rng.normal(size=(count, size))
+    slope, gap = (
+        0.8 * rng.normal(size=(count, size, size)),
+        rng.normal(size=(count, size)),
+    )
     change = np.asarray(shooting.closing(shooting.condense(slope), gap))
     left = np.einsum("kij,kj->ki", slope, change) - np.roll(change, -1, axis=0)
     np.testing.assert_allclose(left, -gap, atol=PATHS * np.abs(change).max())
 
 
 def test_what_moves_nothing_is_left_out():
-    """Free rotation and its undamped rate, and a mode forty times too fast for the steps, which answers statically."""
+    """Free rotation and its undamped rate, and a mode forty times too fast for the
+    steps, which answers statically.
+    """
     held, floating = floating_pair(grounded=True), floating_pair(grounded=False)
     assert np.sum(shooting.moving(held.space) == 0) == 2  # the fast mode and its rate
     still = np.flatnonzero(np.asarray(shooting.moving(floating.space)) == 0)
@@ -99,11 +123,20 @@ def floating_pair(grounded):
         Disk(name="driver", inertia=1.0, radius=1.0),
         Disk(name="gear", inertia=1e-6, radius=1.0),
         Disk(name="driven", inertia=1.0),
-        Mesh(between=("driver", "gear"), stiffness=4.0, damping=0.1, backlash=0.5, epsilon=0.01, transition=0.2),
+        Mesh(
+            between=("driver", "gear"),
+            stiffness=4.0,
+            damping=0.1,
+            backlash=0.5,
+            epsilon=0.01,
+            transition=0.2,
+        ),
         Shaft(between=("gear", "driven"), stiffness=20.0, damping=0.1),
         Torque(disk="driver", mean=0.4, harmonics=[(1.0, 1.5, 0.0)]),
         Torque(disk="driven", mean=-0.4),
         *([Ground(disk="driven", stiffness=0.1)] if grounded else []),
     ]
     plan = Plan(harmonics=32, active=(0,), flank=(0,), time_steps=256, excited=1)
-    return shots.reduced_stepper(build(parts, reference="driver"), 2 * ONE_RADIAN_PER_SECOND, plan)
+    return shots.reduced_stepper(
+        build(parts, reference="driver"), 2 * ONE_RADIAN_PER_SECOND, plan
+    )

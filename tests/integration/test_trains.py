@@ -1,4 +1,6 @@
-"""Time integration of drive trains against independent integrators and dense harmonic solutions."""
+"""Time integration of drive trains against independent integrators and dense harmonic
+solutions.
+"""
 
 import dataclasses
 from types import SimpleNamespace
@@ -39,14 +41,18 @@ def stepper_of(posed_train, steps):
 
 
 def adaptive(system, meshes, frequency, load, x, v, cycles, samples):
-    """Deflections of the last cycle by an adaptive integrator of the plain equations."""
+    """Deflections of the last cycle by an adaptive integrator of the plain
+    equations.
+    """
     B, K = (np.array(m) for m in matrices(system))
     link = np.asarray(meshes.link)
     columns = np.asarray(system.incidence(link))
     mass, load = np.asarray(system.mass), np.asarray(load)
     B -= columns @ np.diag(np.asarray(system.viscous)[link]) @ columns.T
     K -= columns @ np.diag(np.asarray(system.stiffness)[link]) @ columns.T
-    law = SimpleNamespace(**{name: np.asarray(value) for name, value in vars(meshes.law).items()})
+    law = SimpleNamespace(
+        **{name: np.asarray(value) for name, value in vars(meshes.law).items()}
+    )
     gated, r = np.asarray(meshes.contact_damping), np.asarray(meshes.viscous)
     disks, n = mass.size, np.arange(load.shape[1])
 
@@ -56,19 +62,34 @@ def adaptive(system, meshes, frequency, load, x, v, cycles, samples):
         f = f + r * rate * np.where(gated, share, 1.0)
         wave = np.exp(1j * n * frequency * t) * np.where(n == 0, 1, 2)
         q = (load @ wave).real
-        return np.concatenate([y[disks:], (q - columns @ f - B @ y[disks:] - K @ y[:disks]) / mass])
+        return np.concatenate(
+            [y[disks:], (q - columns @ f - B @ y[disks:] - K @ y[:disks]) / mass]
+        )
 
     period = 2 * np.pi / frequency
     times = period * (cycles - 1 + np.arange(samples) / samples)
     start = np.concatenate([x, v])
-    out = solve_ivp(motion, (0, cycles * period), start, "DOP853", times, rtol=1e-11, atol=1e-13, max_step=period / 400)
+    out = solve_ivp(
+        motion,
+        (0, cycles * period),
+        start,
+        "DOP853",
+        times,
+        rtol=1e-11,
+        atol=1e-13,
+        max_step=period / 400,
+    )
     return columns.T @ out.y[:disks]
 
 
 @pytest.mark.parametrize("law", ["contact", "always"])
 def test_a_hammering_train_converges_to_an_adaptive_integrator(law):
-    posed_train = system, meshes, frequency, load = posed(pair(damping_law=law), HAMMERING_RPM)
-    response = dense_linear_motion(jax.tree.map(jnp.asarray, system), frequency, jnp.asarray(load))
+    posed_train = system, meshes, frequency, load = posed(
+        pair(damping_law=law), HAMMERING_RPM
+    )
+    response = dense_linear_motion(
+        jax.tree.map(jnp.asarray, system), frequency, jnp.asarray(load)
+    )
     x = fourier.synthesize(response, 64)[:, 0]
     v = fourier.synthesize(fourier.derivative(response, frequency), 64)[:, 0]
     expected = adaptive(*posed_train, x, v, 2, 2000)
@@ -76,16 +97,21 @@ def test_a_hammering_train_converges_to_an_adaptive_integrator(law):
     errors = []
     for steps in (2000, 16000):
         stepper = stepper_of(posed_train, steps)
-        found = run(stepper, 0.0 * stepper.flank_state, 2)[1].deflection[:, :: steps // 2000]
+        found = run(stepper, 0.0 * stepper.flank_state, 2)[1].deflection[
+            :, :: steps // 2000
+        ]
         errors.append(np.abs(found - expected).max() / np.abs(expected).max())
     assert errors[1] < 1e-6
-    # orders 2 (damping in contact has a kink where engagement begins) and 3, scattered by where steps meet the knots
+    # orders 2 (damping in contact has a kink where engagement begins) and 3, scattered
+    # by where steps meet the knots
     assert np.log2(errors[0] / errors[1]) / 3 > (1.4 if law == "contact" else 2.2)
 
 
 @pytest.mark.parametrize("ground", [True, False])
 def test_teeth_that_stay_on_their_flank_start_on_the_periodic_motion(ground):
-    train = pair(ground=ground, damping_law="always").replace({"gear a|gear b.transition": 0.005})
+    train = pair(ground=ground, damping_law="always").replace(
+        {"gear a|gear b.transition": 0.005}
+    )
     stepper = stepper_of(posed(train, 300.0), 2000)
     law = stepper.law.expand()
     _, trace = run(stepper, stepper.flank_state, 1)
@@ -99,13 +125,17 @@ def test_a_floating_train_is_the_limit_of_a_soft_ground():
         train = pair(ground=ground > 0)
         train = train.replace({"driven:ground.stiffness": ground}) if ground else train
         stepper = stepper_of(posed(train, HAMMERING_RPM), 3000)
-        state, periodicity_error, _ = correct(stepper, run(stepper, stepper.flank_state, 20)[0])
+        state, periodicity_error, _ = correct(
+            stepper, run(stepper, stepper.flank_state, 20)[0]
+        )
         assert periodicity_error < 1e-10
         traces[ground] = np.asarray(jax.jit(cycle)(stepper, state)[1].deflection)
     size = np.abs(traces[0.0]).max()
     assert np.abs(traces[10.0] - traces[0.0]).max() < 1e-2 * size
     assert np.abs(traces[0.1] - traces[0.0]).max() < 1e-4 * size
-    multipliers = np.sort(np.abs(np.linalg.eigvals(jax.jit(monodromy)(stepper, state)[0])))[::-1]
+    multipliers = np.sort(
+        np.abs(np.linalg.eigvals(jax.jit(monodromy)(stepper, state)[0]))
+    )[::-1]
     # the angles of the train and of the ring, which no spring holds
     np.testing.assert_allclose(multipliers[:2], 1, atol=1e-8)
     assert multipliers[2] < 0.999
@@ -128,8 +158,17 @@ def massless_pair(inertia, damping, grounded=True):
         Disk(name="driven", inertia=0.1, damping=1.0),
         Shaft(between=("gear b", "flange"), stiffness=2e4, damping=damping),
         Shaft(between=("flange", "driven"), stiffness=2e4, damping=2 * damping),
-        Mesh(between=("gear a", "gear b"), stiffness=1e8, damping=1500.0, backlash=2e-4, epsilon=1e-3, transition=0.1),
-        Torque(disk="gear a", mean=20.0, harmonics=[(1.0, 40.0, -20.0), (2.0, 10.0, 30.0)]),
+        Mesh(
+            between=("gear a", "gear b"),
+            stiffness=1e8,
+            damping=1500.0,
+            backlash=2e-4,
+            epsilon=1e-3,
+            transition=0.1,
+        ),
+        Torque(
+            disk="gear a", mean=20.0, harmonics=[(1.0, 40.0, -20.0), (2.0, 10.0, 30.0)]
+        ),
         Torque(disk="driven", mean=-40.0, harmonics=[(1.0, 30.0, 10.0)]),
         *([Ground(disk="driven", stiffness=10.0)] if grounded else []),
     ]
@@ -145,7 +184,9 @@ def test_a_massless_disk_is_the_limit_of_a_light_one(damping):
         _, trace = run(stepper, stepper.flank_state, 4)
         traces.append(np.asarray(trace.deflection))
     parts = partition(*posed(massless_pair(0.0, damping), 2000.0)[:2])
-    assert (len(parts.static), len(parts.damped)) == ((1, 0) if damping == 0 else (0, 1))
+    assert (len(parts.static), len(parts.damped)) == (
+        (1, 0) if damping == 0 else (0, 1)
+    )
     assert np.ptp(traces[0]) > 1e-4
     assert np.abs(traces[0] - traces[1]).max() < 1e-4 * np.abs(traces[0]).max()
 
@@ -157,20 +198,39 @@ def floating():
 
 
 def test_a_floating_train_with_a_damped_massless_disk_is_closed(floating):
-    """Its free rotation is no coordinate of its own: the equations that close the cycle are singular.
+    """Its free rotation is no coordinate of its own: the equations that close the cycle
+    are singular.
 
-    An estimate is good to about a tenth. A train turned by 1e10 rad leaves no digits to its backlash.
+    An estimate is good to about a tenth. A train turned by 1e10 rad leaves no digits to
+    its backlash.
     """
     found = shooting_correction(floating)
-    assert floating.residual < 1e-10 and found.orbit.settled and np.all(found.orbit.separated > 0.1)
+    assert (
+        floating.residual < 1e-10
+        and found.orbit.settled
+        and np.all(found.orbit.separated > 0.1)
+    )
     assert abs(found.error - floating.truncation_error) < 0.3 * found.error
-    turned = dataclasses.replace(floating, angles=floating.angles + 1e10 * (np.arange(97) == 0))
-    with pytest.raises(ValueError, match=r"massless: the mean torques turn .* no digits for a backlash of 2.0e-04 m"):
+    turned = dataclasses.replace(
+        floating, angles=floating.angles + 1e10 * (np.arange(97) == 0)
+    )
+    with pytest.raises(
+        ValueError,
+        match=(
+            r"massless: the mean torques turn .* no digits for a backlash of 2.0e-04 m"
+        ),
+    ):
         shooting_correction(turned)
 
 
-SHOTS = [([(0.001, True)], 0.001, [None]), ([(0.2, True), (0.001, True)], 0.001, [None, 400])]
-SHOTS += [([(0.2, True)] * 3, 0.2, [None, 400, 1600]), ([(0.2, True), (0.001, False)], 0.2, [None, 400])]
+SHOTS = [
+    ([(0.001, True)], 0.001, [None]),
+    ([(0.2, True), (0.001, True)], 0.001, [None, 400]),
+]
+SHOTS += [
+    ([(0.2, True)] * 3, 0.2, [None, 400, 1600]),
+    ([(0.2, True), (0.001, False)], 0.2, [None, 400]),
+]
 SHOTS += [([(0.2, False)], 0.2, [None])]
 
 
@@ -184,7 +244,9 @@ def test_only_more_steps_that_close_overrule_a_correction_that_contradicts_the_e
     def shot(*_, steps, tolerance):
         asked.append(steps)
         error, settled = next(left)
-        return SimpleNamespace(settled=settled, deflection=np.zeros((1, steps or 100)), error=error)
+        return SimpleNamespace(
+            settled=settled, deflection=np.zeros((1, steps or 100)), error=error
+        )
 
     monkeypatch.setattr(reference, "reference_orbit", shot)
     same = lambda *given: SimpleNamespace(error=given[-1].error, orbit=given[-1])  # noqa: E731
@@ -196,8 +258,16 @@ def test_only_more_steps_that_close_overrule_a_correction_that_contradicts_the_e
 def test_what_cannot_be_integrated_is_refused_with_its_name():
     light = load_scene("spur_pair")
     for train, asked, sentence in (
-        (load_scene("engine_with_damper"), {}, r"'hub\|crank gear'.*with_viscous_damping"),
-        (light.replace({"gear a.inertia": 0.0}), {}, "'gear a' has no inertia and carries a backlash mesh"),
+        (
+            load_scene("engine_with_damper"),
+            {},
+            r"'hub\|crank gear'.*with_viscous_damping",
+        ),
+        (
+            light.replace({"gear a.inertia": 0.0}),
+            {},
+            "'gear a' has no inertia and carries a backlash mesh",
+        ),
         (light, {"cycles": 0}, "cycles is 0, must be at least 1"),
     ):
         with pytest.raises(ValueError, match=sentence):
@@ -205,16 +275,36 @@ def test_what_cannot_be_integrated_is_refused_with_its_name():
 
 
 def test_the_reference_integration_is_driven_by_all_harmonics_that_are_listed():
-    """Inertia torques beyond order 6 do not count for the harmonics that are wanted, but are there."""
-    piston = Cylinder(disk="a", stroke=0.1, rod=0.2, reciprocating_mass=1.0, gas_torque=[(1.0, 5.0, 0.0)])
-    train = build([Disk(name="a", inertia=1.0), Ground(disk="a", stiffness=1e4), piston], revolutions_per_cycle=1)
+    """Inertia torques beyond order 6 do not count for the harmonics that are wanted,
+    but are there.
+    """
+    piston = Cylinder(
+        disk="a",
+        stroke=0.1,
+        rod=0.2,
+        reciprocating_mass=1.0,
+        gas_torque=[(1.0, 5.0, 0.0)],
+    )
+    train = build(
+        [Disk(name="a", inertia=1.0), Ground(disk="a", stiffness=1e4), piston],
+        revolutions_per_cycle=1,
+    )
     *_, load = reference.equations_of(train, 1500.0)
-    assert load.shape[-1] - 1 == listed_harmonic(train.topology) > highest_harmonic(train)
+    assert (
+        load.shape[-1] - 1 == listed_harmonic(train.topology) > highest_harmonic(train)
+    )
 
 
 def test_a_train_without_backlash_is_integrated():
-    parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=1.0), Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)])]
-    train = build([*parts, Shaft(between=("a", "b"), stiffness=1e4, damping=3.0)], revolutions_per_cycle=1)
+    parts = [
+        Disk(name="a", inertia=1.0),
+        Disk(name="b", inertia=1.0),
+        Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)]),
+    ]
+    train = build(
+        [*parts, Shaft(between=("a", "b"), stiffness=1e4, damping=3.0)],
+        revolutions_per_cycle=1,
+    )
     orbit = integrate(train, rpm=1000.0)
     assert orbit.settled
     assert orbit.deflection.shape[0] == 0
@@ -232,7 +322,13 @@ def test_the_monodromy_matrix_is_the_derivative_of_the_cycle():
     matrix, end = map(np.asarray, jax.jit(monodromy)(stepper, state))
     direction = np.random.default_rng(0).normal(size=state.size)
     step = 1e-6 * np.linalg.norm(state)
-    ends = np.array([jax.jit(cycle)(stepper, state + s * step * direction)[0] for s in (1, -1)])
+    ends = np.array(
+        [jax.jit(cycle)(stepper, state + s * step * direction)[0] for s in (1, -1)]
+    )
     difference = (ends[0] - ends[1]) / (2 * step)
-    assert np.linalg.norm(matrix @ direction - difference) < 1e-5 * np.linalg.norm(difference)
-    np.testing.assert_allclose(end, ends.mean(axis=0), atol=1e-9 * np.abs(end).max())  # the step squared
+    assert np.linalg.norm(matrix @ direction - difference) < 1e-5 * np.linalg.norm(
+        difference
+    )
+    np.testing.assert_allclose(
+        end, ends.mean(axis=0), atol=1e-9 * np.abs(end).max()
+    )  # the step squared

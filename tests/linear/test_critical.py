@@ -13,44 +13,68 @@ PENDULUM = {"crank": 1.0, "load": 3.0, "stiffness": 4e5, "ring": 0.1, "order": 3
 
 def pendulum():
     """An order-tuned ring on the crank of two disks."""
-    parts = [jaxhb.Disk(name=name, inertia=PENDULUM[name]) for name in ("crank", "load")]
+    parts = [
+        jaxhb.Disk(name=name, inertia=PENDULUM[name]) for name in ("crank", "load")
+    ]
     parts += [jaxhb.Shaft(between=("crank", "load"), stiffness=PENDULUM["stiffness"])]
-    parts += [jaxhb.Damper(name="ring", disk="crank", inertia=PENDULUM["ring"], order=PENDULUM["order"])]
-    parts += [jaxhb.Torque(disk="load", harmonics=[(1.5, 30.0, 0.0), (3.0, 0.0, 100.0)])]
+    parts += [
+        jaxhb.Damper(
+            name="ring", disk="crank", inertia=PENDULUM["ring"], order=PENDULUM["order"]
+        )
+    ]
+    parts += [
+        jaxhb.Torque(disk="load", harmonics=[(1.5, 30.0, 0.0), (3.0, 0.0, 100.0)])
+    ]
     return jaxhb.build(parts, revolutions_per_cycle=2)
 
 
 def test_an_order_tuned_ring_holds_its_disk_still_where_the_rest_vibrates_at_its_order():
-    """The crank rests, so the load swings on the shaft as if clamped: sqrt(k / J_load) = 3 x speed."""
+    """The crank rests, so the load swings on the shaft as if clamped: sqrt(k / J_load)
+    = 3 x speed.
+    """
     found = campbell(pendulum(), rpm=np.linspace(600.0, 4000.0, 5).tolist())
     (at,) = [c for c in found.critical if c.order == 3.0]
     hz = math.sqrt(PENDULUM["stiffness"] / PENDULUM["load"]) / (2 * math.pi)
-    assert at.hz == pytest.approx(hz, rel=1e-9) and at.rpm == pytest.approx(20 * hz, rel=1e-9)
+    assert at.hz == pytest.approx(hz, rel=1e-9) and at.rpm == pytest.approx(
+        20 * hz, rel=1e-9
+    )
     modes = jaxhb.natural_frequencies(pendulum().with_constant_links(rpm=at.rpm))
     assert modes.frequencies_hz[at.mode] == pytest.approx(hz, rel=1e-9)
     assert abs(modes.shape(at.mode)["crank"]) < 1e-8
-    assert at.torque == pytest.approx(100.0 * abs(modes.shape(at.mode)["load"]), rel=1e-6)
+    assert at.torque == pytest.approx(
+        100.0 * abs(modes.shape(at.mode)["load"]), rel=1e-6
+    )
 
 
 def test_links_held_at_one_speed_have_horizontal_lines_and_torques_tell_their_orders():
     found = campbell(pendulum(), rpm=[600.0, 4000.0], links_at={"rpm": 1000.0})
     assert np.ptp(found.frequencies_hz, axis=0).max() == 0
-    held = jaxhb.natural_frequencies(pendulum().with_constant_links(rpm=1000.0)).frequencies_hz
+    held = jaxhb.natural_frequencies(
+        pendulum().with_constant_links(rpm=1000.0)
+    ).frequencies_hz
     np.testing.assert_array_equal(found.frequencies_hz[0], held)
-    assert found.orders.tolist() == excited_orders(pendulum(), rpm=[1000.0]) == [1.5, 3.0]
+    assert (
+        found.orders.tolist() == excited_orders(pendulum(), rpm=[1000.0]) == [1.5, 3.0]
+    )
 
 
 def test_rigid_modes_and_rings_alone_have_no_critical_speed():
-    train = jaxhb.load_scene("gear_train_30")  # a soft ground makes its rigid mode one of 0.02 Hz
+    train = jaxhb.load_scene(
+        "gear_train_30"
+    )  # a soft ground makes its rigid mode one of 0.02 Hz
     found = campbell(train, rpm=[1.0, 30.0], orders=[0.1, 1.0])
     assert found.kinds[0] == "rigid" and 0 < found.frequencies_hz[0, 0] < 0.1
     assert all(c.mode > 0 for c in found.critical)
     train = jaxhb.load_scene("engine_with_damper")
     kinds = mode_kinds(jaxhb.natural_frequencies(train), train.topology.damper_names)
-    assert kinds[:3] == ("rigid", "ring only", "elastic") and set(kinds[2:]) == {"elastic"}
+    assert kinds[:3] == ("rigid", "ring only", "elastic") and set(kinds[2:]) == {
+        "elastic"
+    }
 
 
-@pytest.mark.parametrize("rpm, orders", [([1000.0], None), ([1000.0, 900.0], None), ([900.0, 1000.0], [0.0])])
+@pytest.mark.parametrize(
+    "rpm, orders", [([1000.0], None), ([1000.0, 900.0], None), ([900.0, 1000.0], [0.0])]
+)
 def test_ranges_that_do_not_rise_and_orders_of_0_are_refused(rpm, orders):
     with pytest.raises(jaxhb.SceneError, match="rising order|greater than 0"):
         campbell(pendulum(), rpm=rpm, orders=orders)
@@ -58,15 +82,25 @@ def test_ranges_that_do_not_rise_and_orders_of_0_are_refused(rpm, orders):
 
 def two_stroke(**more):
     """Two cylinders on two throws before a heavy flywheel, one cycle a revolution."""
-    burning = jaxhb.Combustion(compression_ratio=14.0, charge_pressure=2e5, start=-4.0, duration=35.0, imep=1e6, **more)
+    burning = jaxhb.Combustion(
+        compression_ratio=14.0,
+        charge_pressure=2e5,
+        start=-4.0,
+        duration=35.0,
+        imep=1e6,
+        **more,
+    )
     gas = {"bore": 0.3, "stroke": 0.6, "rod": 1.2, "combustion": burning}
     yield from (
-        jaxhb.Disk(name=name, inertia=J, damping=10.0) for name, J in (("a", 80.0), ("b", 80.0), ("wheel", 4e3))
+        jaxhb.Disk(name=name, inertia=J, damping=10.0)
+        for name, J in (("a", 80.0), ("b", 80.0), ("wheel", 4e3))
     )
     yield jaxhb.Shaft(between=("a", "b"), stiffness=4e7, damping=4e3)
     yield jaxhb.Shaft(between=("b", "wheel"), stiffness=4e7, damping=4e3)
     for k, disk in enumerate("ab"):
-        yield jaxhb.Cylinder(name=f"cylinder {k + 1}", disk=disk, firing_angle=180.0 * k, **gas)
+        yield jaxhb.Cylinder(
+            name=f"cylinder {k + 1}", disk=disk, firing_angle=180.0 * k, **gas
+        )
     yield jaxhb.Load(disk="wheel")
 
 
@@ -74,7 +108,11 @@ def test_a_two_stroke_has_all_whole_orders_to_15_with_and_without_a_misfire():
     train = jaxhb.build([*two_stroke(stroke_cycle=2)], revolutions_per_cycle=1)
     firing, misfire = train, train.misfires()["cylinder 2"]
     whole = [float(n) for n in range(1, 16)]
-    assert excited_orders(firing, rpm=[300.0]) == excited_orders(misfire, rpm=[300.0]) == whole
+    assert (
+        excited_orders(firing, rpm=[300.0])
+        == excited_orders(misfire, rpm=[300.0])
+        == whole
+    )
     speeds = [100.0, 2000.0]
     for one in (firing, misfire):
         critical = campbell(one, rpm=speeds, count=2).critical
@@ -92,8 +130,16 @@ def test_a_two_stroke_has_all_whole_orders_to_15_with_and_without_a_misfire():
         + [jaxhb.Load(disk="wheel")],
         revolutions_per_cycle=1,
     )
-    wide = jaxhb.forced_response(more.misfire("cylinder 2"), rpm=300.0).torque("b", "wheel").order(15.0)
-    assert float(response.torque("b", "wheel").order(15.0)) == pytest.approx(float(wide), rel=1e-9) and float(wide) > 0
+    wide = (
+        jaxhb.forced_response(more.misfire("cylinder 2"), rpm=300.0)
+        .torque("b", "wheel")
+        .order(15.0)
+    )
+    assert (
+        float(response.torque("b", "wheel").order(15.0))
+        == pytest.approx(float(wide), rel=1e-9)
+        and float(wide) > 0
+    )
 
 
 def test_a_four_stroke_keeps_its_orders_to_12():

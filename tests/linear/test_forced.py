@@ -1,4 +1,6 @@
-"""Forced response of linear trains against dense matrices, periodic solutions, published curves and differences."""
+"""Forced response of linear trains against dense matrices, periodic solutions,
+published curves and differences.
+"""
 
 import dataclasses
 
@@ -16,7 +18,10 @@ import jaxhb
 from jaxhb import Damper, Ground, Mesh, SceneError, Shaft, Status, Torque
 from jaxhb.linear import forced
 
-TRAINS = {"branched": (branched_parts(), "flywheel"), "closed loop, free": (gearbox_parts(grounded=False), "motor")}
+TRAINS = {
+    "branched": (branched_parts(), "flywheel"),
+    "closed loop, free": (gearbox_parts(grounded=False), "motor"),
+}
 SPEEDS = np.array([200.0, 900.0, 1500.0, 3333.0])
 BALANCE = 1e-10
 """Power brought in less power turned into heat, over the first."""
@@ -25,13 +30,20 @@ BALANCE = 1e-10
 def linear_parts(parts):
     """The same parts with meshes that never leave contact."""
     keep = "between", "stiffness", "damping"
-    return [Mesh(**{key: getattr(p, key) for key in keep}) if isinstance(p, Mesh) else p for p in parts]
+    return [
+        Mesh(**{key: getattr(p, key) for key in keep}) if isinstance(p, Mesh) else p
+        for p in parts
+    ]
 
 
 def exact(parts, omega, torque):
     """Angles ``(S,)`` by a dense solve; what no stiffness holds stays where it is."""
     Z = dense.dynamic_stiffness(parts, omega)
-    return np.linalg.solve(Z, torque) if omega else np.linalg.lstsq(Z, torque, rcond=1e-13)[0]
+    return (
+        np.linalg.solve(Z, torque)
+        if omega
+        else np.linalg.lstsq(Z, torque, rcond=1e-13)[0]
+    )
 
 
 @pytest.fixture(scope="module", params=TRAINS)
@@ -56,19 +68,44 @@ def test_amplitudes_are_those_of_dense_matrices(case):
     torques = dense.torques(parts, found.harmonics, 2)
     for row, rpm in enumerate(SPEEDS):
         omega = float(train.topology.cycle_frequency(rpm))
-        wanted = np.array([exact(parts, n * omega, torques[:, n]) for n in range(1, found.harmonics + 1)]).T
+        wanted = np.array(
+            [
+                exact(parts, n * omega, torques[:, n])
+                for n in range(1, found.harmonics + 1)
+            ]
+        ).T
         np.testing.assert_allclose(
-            found.angles[row][:, 1:], wanted, rtol=0, atol=30 * ALGEBRAIC * np.abs(wanted).max()
+            found.angles[row][:, 1:],
+            wanted,
+            rtol=0,
+            atol=30 * ALGEBRAIC * np.abs(wanted).max(),
         )  # condition
-        links = {(p.disk, p.name) if isinstance(p, Damper) else p.between: (p, r) for p, r in dense.links(parts)}
+        links = {
+            (p.disk, p.name) if isinstance(p, Damper) else p.between: (p, r)
+            for p, r in dense.links(parts)
+        }
         for ends, (part, incidence) in links.items():
-            stiffness = np.array([dense.link_stiffness(part, n * omega) for n in range(1, found.harmonics + 1)])
+            stiffness = np.array(
+                [
+                    dense.link_stiffness(part, n * omega)
+                    for n in range(1, found.harmonics + 1)
+                ]
+            )
             force = stiffness * (incidence @ wanted)
             signal = (found.force if isinstance(part, Mesh) else found.torque)(*ends)
-            size = ALGEBRAIC * 30 * np.abs(stiffness).max() * (np.abs(incidence) @ np.abs(wanted)).max()
-            np.testing.assert_allclose(signal.coefficients[row, 1:], force, rtol=0, atol=size)
+            size = (
+                ALGEBRAIC
+                * 30
+                * np.abs(stiffness).max()
+                * (np.abs(incidence) @ np.abs(wanted)).max()
+            )
+            np.testing.assert_allclose(
+                signal.coefficients[row, 1:], force, rtol=0, atol=size
+            )
             elastic = part.stiffness * (incidence @ wanted)
-            np.testing.assert_allclose(signal.elastic.coefficients[row, 1:], elastic, rtol=0, atol=size)
+            np.testing.assert_allclose(
+                signal.elastic.coefficients[row, 1:], elastic, rtol=0, atol=size
+            )
 
 
 def test_power_is_the_mean_of_torque_times_speed_and_what_the_torques_bring_in(case):
@@ -76,7 +113,9 @@ def test_power_is_the_mean_of_torque_times_speed_and_what_the_torques_bring_in(c
     heat = found.disk_power.sum(-1) + found.link_power.sum(-1)
     np.testing.assert_allclose(heat, found.input_power, rtol=BALANCE)
     assert (found.link_power >= 0).all() and (found.disk_power >= 0).all()
-    omega = np.array(train.topology.cycle_frequency(SPEEDS))[:, None] * np.arange(found.harmonics + 1)
+    omega = np.array(train.topology.cycle_frequency(SPEEDS))[:, None] * np.arange(
+        found.harmonics + 1
+    )
     for part, _ in dense.links(parts):
         ends = (part.disk, part.name) if isinstance(part, Damper) else part.between
         if isinstance(part, Mesh):
@@ -86,33 +125,65 @@ def test_power_is_the_mean_of_torque_times_speed_and_what_the_torques_bring_in(c
         rate = 1j * omega * deflection.coefficients
         mean = 2 * (force.coefficients * np.conj(rate)).real[:, 1:].sum(-1)
         apparent = 2 * np.abs(force.coefficients * rate)[:, 1:].sum(-1)
-        np.testing.assert_array_less(np.abs(found.power(*ends) - mean), 1e-8 * apparent + 1e-12)
+        np.testing.assert_array_less(
+            np.abs(found.power(*ends) - mean), 1e-8 * apparent + 1e-12
+        )
 
 
 def test_it_is_the_periodic_response_of_the_same_train():
-    train = build(linear_parts(gearbox_parts(grounded=False)), reference="motor", cycle=2)
-    found, one = jaxhb.forced_response(train, rpm=SPEEDS), jaxhb.linear_response(train, rpm=SPEEDS[2])
-    for name in ("angles", "torques", "elastic_torques", "deflections", "forces", "load_power"):
+    train = build(
+        linear_parts(gearbox_parts(grounded=False)), reference="motor", cycle=2
+    )
+    found, one = (
+        jaxhb.forced_response(train, rpm=SPEEDS),
+        jaxhb.linear_response(train, rpm=SPEEDS[2]),
+    )
+    for name in (
+        "angles",
+        "torques",
+        "elastic_torques",
+        "deflections",
+        "forces",
+        "load_power",
+    ):
         a, b = (np.asarray(getattr(r, name)) for r in (found[2], one))
         b = b[..., : found.harmonics + 1] if b.ndim else b
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-11 * np.abs(b).max(initial=0.0))
+        np.testing.assert_allclose(
+            a, b, rtol=0, atol=1e-11 * np.abs(b).max(initial=0.0)
+        )
     assert found.converged.all() and found.residual.max() < 1e-11
 
 
 def test_speeds_beyond_a_group_are_those_of_one_by_one():
     train = jaxhb.load_scene("six_cylinder_diesel")
-    rpm = np.linspace(600.0, 2600.0, 47)  # 24 half orders: groups of 19, the last one padded
+    rpm = np.linspace(
+        600.0, 2600.0, 47
+    )  # 24 half orders: groups of 19, the last one padded
     sweep = jaxhb.forced_response(train, rpm=rpm)
     for row in (18, 19, 46):
         one = jaxhb.forced_response(train, rpm=rpm[row])
-        np.testing.assert_allclose(sweep.angles[row], one.angles, rtol=0, atol=ALGEBRAIC * np.abs(one.angles).max())
+        np.testing.assert_allclose(
+            sweep.angles[row],
+            one.angles,
+            rtol=0,
+            atol=ALGEBRAIC * np.abs(one.angles).max(),
+        )
 
 
 def test_an_undamped_resonance_is_told_and_its_neighbours_are_not_spoilt():
-    train = build([*chain_parts([2.0, 2.0], [100.0]), Torque(disk="1", harmonics=((1.0, 1.0, 0.0),))])
+    train = build(
+        [
+            *chain_parts([2.0, 2.0], [100.0]),
+            Torque(disk="1", harmonics=((1.0, 1.0, 0.0),)),
+        ]
+    )
     rpm = np.array([5.0, 10.0, 20.0]) * 60 / (2 * np.pi)
     r = jaxhb.forced_response(train, rpm=rpm)
-    assert r.status.tolist() == [Status.CONVERGED, Status.NEAR_SINGULAR, Status.CONVERGED]
+    assert r.status.tolist() == [
+        Status.CONVERGED,
+        Status.NEAR_SINGULAR,
+        Status.CONVERGED,
+    ]
     with pytest.raises(jaxhb.NotConverged, match="undamped resonance"):
         jaxhb.check(r)
 
@@ -125,22 +196,35 @@ TEN = 10 * 30 / np.pi
 """rpm of 10 rad/s, at which every train below is excited."""
 SINGULAR = {
     "all disks move as one and no link is strained": loaded(
-        *chain_parts([1.0, 1.0], [50.0]), Ground(disk="1", stiffness=100.0), Ground(disk="2", stiffness=100.0)
+        *chain_parts([1.0, 1.0], [50.0]),
+        Ground(disk="1", stiffness=100.0),
+        Ground(disk="2", stiffness=100.0),
     ),
-    "closed loop": loaded(*chain_parts([1.0, 1.0, 1.0], [100 / 3] * 2), Shaft(between=("3", "1"), stiffness=100 / 3)),
-    # Regular, but the tree under disk 3 is at resonance where disk 2 rests: elimination leaves no digit of disk 3.
+    "closed loop": loaded(
+        *chain_parts([1.0, 1.0, 1.0], [100 / 3] * 2),
+        Shaft(between=("3", "1"), stiffness=100 / 3),
+    ),
+    # Regular, but the tree under disk 3 is at resonance where disk 2 rests: elimination
+    # leaves no digit of disk 3.
     "no digit left": loaded(*chain_parts([2.0, 3.0, 1.0], [70.0, 100.0]), at="3"),
 }
 
 
 @pytest.mark.parametrize("name", SINGULAR)
-def test_equations_without_an_answer_are_singular_however_their_last_pivot_is_rounded(name):
-    found = jaxhb.forced_response(SINGULAR[name], rpm=np.array([TEN, np.nextafter(TEN, 0), np.nextafter(TEN, 100)]))
+def test_equations_without_an_answer_are_singular_however_their_last_pivot_is_rounded(
+    name,
+):
+    found = jaxhb.forced_response(
+        SINGULAR[name],
+        rpm=np.array([TEN, np.nextafter(TEN, 0), np.nextafter(TEN, 100)]),
+    )
     assert found.status.tolist() == [Status.NEAR_SINGULAR] * 3
 
 
 def test_a_solve_judges_as_the_forced_response_does():
-    assert jaxhb.solve(SINGULAR["no digit left"], rpm=TEN).status == Status.NEAR_SINGULAR
+    assert (
+        jaxhb.solve(SINGULAR["no digit left"], rpm=TEN).status == Status.NEAR_SINGULAR
+    )
 
 
 def test_numbers_that_overflow_are_no_resonance():
@@ -164,20 +248,36 @@ def test_a_resonance_that_no_torque_excites_changes_nothing():
 
 
 def test_mean_torques_that_nothing_takes_are_unbalanced():
-    train = build([*chain_parts([2.0, 2.0], [100.0], damping=1.0), Torque(disk="1"), Torque(disk="2")])
+    train = build(
+        [
+            *chain_parts([2.0, 2.0], [100.0], damping=1.0),
+            Torque(disk="1"),
+            Torque(disk="2"),
+        ]
+    )
     means = {"1:torque.mean": 4.0, "2:torque.mean": -4.0}
-    assert jaxhb.forced_response(train.replace(means), rpm=90.0).status == Status.CONVERGED
+    assert (
+        jaxhb.forced_response(train.replace(means), rpm=90.0).status == Status.CONVERGED
+    )
 
     def status(mean):
-        return jaxhb.forced_response(train.replace({"1:torque.mean": mean}), rpm=90.0).status
+        return jaxhb.forced_response(
+            train.replace({"1:torque.mean": mean}), rpm=90.0
+        ).status
 
     assert jax.jit(status)(4.0) == Status.UNBALANCED
 
 
 def test_teeth_with_backlash_count_as_in_contact():
     parts = gearbox_parts()
-    gaps = [dataclasses.replace(p, backlash=1e-4) if isinstance(p, Mesh) else p for p in parts]
-    found, wanted = (jaxhb.forced_response(build(p, reference="motor"), rpm=900.0) for p in (gaps, parts))
+    gaps = [
+        dataclasses.replace(p, backlash=1e-4) if isinstance(p, Mesh) else p
+        for p in parts
+    ]
+    found, wanted = (
+        jaxhb.forced_response(build(p, reference="motor"), rpm=900.0)
+        for p in (gaps, parts)
+    )
     np.testing.assert_array_equal(found.forces, wanted.forces)
     assert found.mesh("lay 3", "output").separated_fraction == 0.0
 
@@ -185,10 +285,15 @@ def test_teeth_with_backlash_count_as_in_contact():
 def test_a_traced_speed_that_is_none_is_invalid():
     train = jaxhb.load_scene("six_cylinder_diesel")
     status = jax.jit(lambda rpm: jaxhb.forced_response(train, rpm=rpm).status)
-    assert [int(status(rpm)) for rpm in (-100.0, 1.1e6, 900.0)] == [Status.INVALID_INPUT] * 2 + [Status.CONVERGED]
+    assert [int(status(rpm)) for rpm in (-100.0, 1.1e6, 900.0)] == [
+        Status.INVALID_INPUT
+    ] * 2 + [Status.CONVERGED]
 
 
-@pytest.mark.parametrize("given", [{"rpm": 0.0}, {"rpm": [900.0, 2e6]}, {"rpm": []}, {"rpm": 900.0, "harmonics": 0}])
+@pytest.mark.parametrize(
+    "given",
+    [{"rpm": 0.0}, {"rpm": [900.0, 2e6]}, {"rpm": []}, {"rpm": 900.0, "harmonics": 0}],
+)
 def test_bad_requests_are_refused(given):
     with pytest.raises(SceneError, match="speed is|harmonics is 0|rpm"):
         jaxhb.forced_response(jaxhb.load_scene("six_cylinder_diesel"), **given)
@@ -204,8 +309,15 @@ def test_derivatives_of_amplitudes_and_powers_are_those_of_differences():
     def numbers(values):
         changed = train.replace(dict(zip(KEYS, values[:-1], strict=True)))
         r = jaxhb.forced_response(changed, rpm=values[-1] * jnp.array([1.0, 1.3]))
-        own = [r.torque("coupling", "motor").order(1.0), r.force("lay 3", "output").sum_of_amplitudes]
-        own += [r.torque("coupling", "motor").half_peak_to_peak, r.disk("mill").smooth_peak(), r.power("rubber ring")]
+        own = [
+            r.torque("coupling", "motor").order(1.0),
+            r.force("lay 3", "output").sum_of_amplitudes,
+        ]
+        own += [
+            r.torque("coupling", "motor").half_peak_to_peak,
+            r.disk("mill").smooth_peak(),
+            r.power("rubber ring"),
+        ]
         return jnp.concatenate([*own, r.power("output", "mill"), r.input_power])
 
     check_derivative(numbers, [*(train.value(key) for key in KEYS), 900.0])

@@ -1,4 +1,6 @@
-"""Holzer's tables against published ones and against dense solutions of the same motion."""
+"""Holzer's tables against published ones and against dense solutions of the same
+motion.
+"""
 
 import itertools
 
@@ -19,16 +21,24 @@ def test_published_tables_of_three_disks():
     train = build(chain_parts(entry["model"]["J"], entry["model"]["k"]))
     for printed in entry["published_holzer"]:
         table = holzer_table(train, hz=printed["omega"] / (2 * np.pi))
-        np.testing.assert_allclose(table.ordinate, printed["theta"], rtol=0, atol=5.1e-4)  # three digits
+        np.testing.assert_allclose(
+            table.ordinate, printed["theta"], rtol=0, atol=5.1e-4
+        )  # three digits
         np.testing.assert_allclose(table.torque_sum, printed["torque"], rtol=5e-4)
         assert table.names == ("1", "2", "3") and table.links == ("1|2", "2|3", "")
-        np.testing.assert_allclose(table.torque_sum, np.cumsum(table.torque), rtol=1e-11)
-        np.testing.assert_allclose(table.twist[:-1], -np.diff(table.ordinate), rtol=1e-11)
+        np.testing.assert_allclose(
+            table.torque_sum, np.cumsum(table.torque), rtol=1e-11
+        )
+        np.testing.assert_allclose(
+            table.twist[:-1], -np.diff(table.ordinate), rtol=1e-11
+        )
         assert str(table).splitlines()[2].split()[:2] == ["1", "5.0000e+00"]
 
 
 def tooth_tree():
-    """A branched train over two meshes without loop, one of its branches held and one viscous ring at rest."""
+    """A branched train over two meshes without loop, one of its branches held and one
+    viscous ring at rest.
+    """
     return [
         Disk(name="a", inertia=2.0),
         Disk(name="b", inertia=0.3, radius=0.1),
@@ -45,7 +55,9 @@ def tooth_tree():
     ]
 
 
-@pytest.mark.parametrize("parts", [tooth_tree(), chain_parts([1.0, 2.0, 3.0], [50.0, 70.0], ground=20.0)])
+@pytest.mark.parametrize(
+    "parts", [tooth_tree(), chain_parts([1.0, 2.0, 3.0], [50.0, 70.0], ground=20.0)]
+)
 def test_the_residual_is_the_torque_that_makes_the_motion(parts):
     train = build(parts, reference="a" if parts[0].name == "a" else None)
     names = dense.disk_names(parts)
@@ -56,11 +68,18 @@ def test_the_residual_is_the_torque_that_makes_the_motion(parts):
         torque = dense.dynamic_stiffness(parts, 2 * np.pi * hz).real @ motion
         wanted = np.zeros(len(names))
         wanted[names.index(table.names[-1])] = -table.residual
-        np.testing.assert_allclose(torque, wanted, rtol=1e-11, atol=1e-11 * np.abs(table.torque).max())
-        deflection = {getattr(p, "name", None) or "|".join(p.between): row @ motion for p, row in dense.links(parts)}
+        np.testing.assert_allclose(
+            torque, wanted, rtol=1e-11, atol=1e-11 * np.abs(table.torque).max()
+        )
+        deflection = {
+            getattr(p, "name", None) or "|".join(p.between): row @ motion
+            for p, row in dense.links(parts)
+        }
         for link, twist in zip(table.links[:-1], table.twist, strict=False):
             if link != "ring":
-                np.testing.assert_allclose(abs(twist), abs(deflection[link]), rtol=1e-9)  # a difference there
+                np.testing.assert_allclose(
+                    abs(twist), abs(deflection[link]), rtol=1e-9
+                )  # a difference there
         assert table.ordinate[table.names.index(names[0])] == pytest.approx(1.0)
 
 
@@ -75,51 +94,85 @@ def test_residual_vanishes_at_every_natural_frequency_and_is_a_polynomial_withou
 def test_branches_with_a_node_where_they_meet_keep_the_table_finite():
     # two equal branches move against each other, the hub rests
     hub = [Disk(name=name, inertia=1.0) for name in ("left", "hub", "right")]
-    shafts = [Shaft(between=("left", "hub"), stiffness=9.0), Shaft(between=("hub", "right"), stiffness=9.0)]
-    more = [Disk(name="tail", inertia=2.0), Shaft(between=("hub", "tail"), stiffness=5.0)]
+    shafts = [
+        Shaft(between=("left", "hub"), stiffness=9.0),
+        Shaft(between=("hub", "right"), stiffness=9.0),
+    ]
+    more = [
+        Disk(name="tail", inertia=2.0),
+        Shaft(between=("hub", "tail"), stiffness=5.0),
+    ]
     table = holzer_table(build([*hub, *shafts, *more]), hz=3.0 / (2 * np.pi))
     values = dict(zip(table.names, table.ordinate, strict=True))
-    assert np.isfinite(table.ordinate).all() and abs(values["hub"]) < ALGEBRAIC and abs(table.residual) < 1e-11
+    assert (
+        np.isfinite(table.ordinate).all()
+        and abs(values["hub"]) < ALGEBRAIC
+        and abs(table.residual) < 1e-11
+    )
 
 
 def test_a_closed_loop_is_refused_by_name():
-    with pytest.raises(jaxhb.SceneError, match="closes a loop, and Holzer's table is for trains without"):
+    with pytest.raises(
+        jaxhb.SceneError,
+        match="closes a loop, and Holzer's table is for trains without",
+    ):
         holzer_table(build(gearbox_parts(), reference="motor"), hz=10.0)
     assert holzer_table(build(branched_parts(), reference="flywheel"), hz=10.0).names
 
 
-def viscous_chain(order, rings, inertia=(10.0, 20.0, 7.0, 4.0), stiffness=(1e6, 2e6, 5e5)):
-    """A line of disks named by number, listed in some order, with viscous rings on some of them."""
+def viscous_chain(
+    order, rings, inertia=(10.0, 20.0, 7.0, 4.0), stiffness=(1e6, 2e6, 5e5)
+):
+    """A line of disks named by number, listed in some order, with viscous rings on some
+    of them.
+    """
     parts = [Disk(name=str(place), inertia=inertia[place]) for place in order]
-    parts += [Shaft(between=(str(i), str(i + 1)), stiffness=k) for i, k in enumerate(stiffness)]
-    return parts + [jaxhb.Damper(name=f"ring {i}", disk=str(i), inertia=3.0 + i, damping=50.0) for i in rings]
+    parts += [
+        Shaft(between=(str(i), str(i + 1)), stiffness=k)
+        for i, k in enumerate(stiffness)
+    ]
+    return parts + [
+        jaxhb.Damper(name=f"ring {i}", disk=str(i), inertia=3.0 + i, damping=50.0)
+        for i in rings
+    ]
 
 
 def elastic_modes(parts):
-    """Frequencies in Hz and shapes, columns of angles by the names of disks, of the modes that strain links, dense."""
+    """Frequencies in Hz and shapes, columns of angles by the names of disks, of the
+    modes that strain links, dense.
+    """
     stiffness = dense.dynamic_stiffness(parts, 0.0).real
     mass = np.diag(stiffness - dense.dynamic_stiffness(parts, 1.0).real)
     values, vectors = np.linalg.eigh(stiffness / np.sqrt(np.outer(mass, mass)))
     moving = values > 1e-9 * values.max()
-    return np.sqrt(values[moving]) / (2 * np.pi), (vectors / np.sqrt(mass)[:, None])[:, moving]
+    return (
+        np.sqrt(values[moving]) / (2 * np.pi),
+        (vectors / np.sqrt(mass)[:, None])[:, moving],
+    )
 
 
 def check_tables(parts, reference):
-    """Compare Holzer's table at every frequency with the eigenvector of the dense matrices."""
+    """Compare Holzer's table at every frequency with the eigenvector of the dense
+    matrices.
+    """
     train, names = build(parts, reference=reference), dense.disk_names(parts)
     for hz, shape in zip(*(a.T for a in elastic_modes(parts)), strict=True):
         table = holzer_table(train, hz=float(hz))
         found = np.zeros(len(names))
         found[[names.index(name) for name in table.names]] = table.ordinate
         scale = shape @ found / (shape @ shape)
-        np.testing.assert_allclose(found, scale * shape, rtol=0, atol=1e-7 * np.abs(found).max())
+        np.testing.assert_allclose(
+            found, scale * shape, rtol=0, atol=1e-7 * np.abs(found).max()
+        )
         assert np.abs(table.residual) <= 1e-7 * np.abs(table.torque).max()
         first = abs(table.ordinate[table.names.index(names[0])])
         assert first == pytest.approx(1.0) or first < 1e-6
 
 
 @pytest.mark.parametrize("rings", [(0,), (1,), (3,), (0, 3), (1, 2, 2), (0, 1, 2, 3)])
-def test_tables_of_trains_with_rings_at_rest_are_the_dense_modes_in_any_order_of_disks(rings):
+def test_tables_of_trains_with_rings_at_rest_are_the_dense_modes_in_any_order_of_disks(
+    rings,
+):
     rings = list(dict.fromkeys(rings))
     for order in itertools.permutations(range(4)):
         check_tables(viscous_chain(order, rings), None)
@@ -141,15 +194,26 @@ def test_parts_that_a_ring_without_stiffness_joins_each_have_their_tables():
 
 
 def test_equal_branches_with_nodes_where_they_meet_have_their_modes():
-    """Two and three of them: the joint asks for nothing, and the elimination is left with rounding."""
+    """Two and three of them: the joint asks for nothing, and the elimination is left
+    with rounding.
+    """
     for count in (2, 3):
-        parts = [Disk(name="hub", inertia=1.0), *(Disk(name=str(i), inertia=2.0) for i in range(count))]
+        parts = [
+            Disk(name="hub", inertia=1.0),
+            *(Disk(name=str(i), inertia=2.0) for i in range(count)),
+        ]
         parts += [Shaft(between=("hub", str(i)), stiffness=9.0) for i in range(count)]
-        parts += [Disk(name="tail", inertia=2.5), Shaft(between=("hub", "tail"), stiffness=5.0)]
+        parts += [
+            Disk(name="tail", inertia=2.5),
+            Shaft(between=("hub", "tail"), stiffness=5.0),
+        ]
         train, names = build(parts), dense.disk_names(parts)
         table = holzer_table(train, hz=np.sqrt(9.0 / 2.0) / (2 * np.pi))
         motion = np.zeros(len(names))
         motion[[names.index(name) for name in table.names]] = table.ordinate
         left = dense.dynamic_stiffness(parts, np.sqrt(9.0 / 2.0)).real @ motion
-        assert np.abs(left).max() <= 1e-9 * np.abs(table.torque).max() and np.abs(motion).max() >= 1.0
+        assert (
+            np.abs(left).max() <= 1e-9 * np.abs(table.torque).max()
+            and np.abs(motion).max() >= 1.0
+        )
         assert abs(motion[0]) < 1e-9

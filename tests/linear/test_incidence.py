@@ -1,4 +1,6 @@
-"""Singular values of the incidence factor against exact rationals, closed forms and dense eigenproblems."""
+"""Singular values of the incidence factor against exact rationals, closed forms and
+dense eigenproblems.
+"""
 
 from decimal import Decimal, localcontext
 from fractions import Fraction
@@ -16,7 +18,9 @@ from jaxhb.linear.modal import all_frequencies
 
 
 def negative_pivots(parts, square):
-    """Natural frequencies below a rational omega^2, from the exact pivots of K - omega^2 M (Sylvester)."""
+    """Natural frequencies below a rational omega^2, from the exact pivots of K -
+    omega^2 M (Sylvester).
+    """
     names = dense.disk_names(parts)
     matrix = [[Fraction(0)] * len(names) for _ in names]
     for part in parts:
@@ -24,7 +28,10 @@ def negative_pivots(parts, square):
             i = names.index(part.name)
             matrix[i][i] -= square * Fraction(part.inertia)
         else:
-            ends, k = getattr(part, "between", (getattr(part, "disk", None),)), Fraction(part.stiffness)
+            ends, k = (
+                getattr(part, "between", (getattr(part, "disk", None),)),
+                Fraction(part.stiffness),
+            )
             at = [names.index(name) for name in ends]
             for i in at:
                 for j in at:
@@ -43,9 +50,18 @@ SPREAD = [1.0, 1e-3, 20.0, 5.0, 1e-4, 3.0, 0.2]
 CASES = {
     "chain": chain_parts(SPREAD, HARD),
     "held": chain_parts(SPREAD, HARD, ground=1e-6),
-    "tree": [*chain_parts(SPREAD, HARD), Disk(name="side", inertia=0.5), Shaft(between=("side", "3"), stiffness=1e-9)],
-    "massless": [*chain_parts([1.0, 0.0, 2.0, 0.0, 3.0], [1e8, 1e-9, 5.0, 1e7]), Disk(name="side", inertia=0.1)]
-    + [Shaft(between=("2", "side"), stiffness=1e-8)],
+    "tree": [
+        *chain_parts(SPREAD, HARD),
+        Disk(name="side", inertia=0.5),
+        Shaft(between=("side", "3"), stiffness=1e-9),
+    ],
+    "massless": (
+        [
+            *chain_parts([1.0, 0.0, 2.0, 0.0, 3.0], [1e8, 1e-9, 5.0, 1e7]),
+            Disk(name="side", inertia=0.1),
+        ]
+        + [Shaft(between=("2", "side"), stiffness=1e-8)]
+    ),
 }
 
 
@@ -63,43 +79,71 @@ def test_every_frequency_has_its_digits_however_far_stiffnesses_lie_apart(case):
 
 
 def test_soft_mode_of_a_closed_loop_keeps_its_digits():
-    # two stiff pairs joined by two soft shafts; a loop leaves a dependent row, so that only moderate spreads are exact
-    parts = chain_parts([1.0, 2.0, 3.0, 1.5], [1e8, 1e-4, 1e8]) + [Shaft(between=("1", "4"), stiffness=3e-4)]
+    # two stiff pairs joined by two soft shafts; a loop leaves a dependent row, so that
+    # only moderate spreads are exact
+    parts = chain_parts([1.0, 2.0, 3.0, 1.5], [1e8, 1e-4, 1e8]) + [
+        Shaft(between=("1", "4"), stiffness=3e-4)
+    ]
     omega = 2 * np.pi * jaxhb.natural_frequencies(build(parts)).frequencies_hz
     square, near = Fraction(omega[1]) ** 2, Fraction(2e-9)
     assert omega[0] == 0.0
-    assert negative_pivots(parts, square * (1 - near)) == 1 and negative_pivots(parts, square * (1 + near)) == 2
+    assert (
+        negative_pivots(parts, square * (1 - near)) == 1
+        and negative_pivots(parts, square * (1 + near)) == 2
+    )
 
 
-@pytest.mark.parametrize("parts", [branched_parts(), gearbox_parts(), gearbox_parts(grounded=False)])
+@pytest.mark.parametrize(
+    "parts", [branched_parts(), gearbox_parts(), gearbox_parts(grounded=False)]
+)
 def test_energies_are_those_of_the_dense_matrices(parts):
     reference = next(p.name for p in parts if isinstance(p, Disk))
     modes = jaxhb.natural_frequencies(build(parts, reference=reference))
-    J = np.array([getattr(p, "inertia", 0.0) for p in dense.of_kind(parts, Disk) + dense.of_kind(parts, jaxhb.Damper)])
+    J = np.array(
+        [
+            getattr(p, "inertia", 0.0)
+            for p in dense.of_kind(parts, Disk) + dense.of_kind(parts, jaxhb.Damper)
+        ]
+    )
     K = dense.dynamic_stiffness(parts, 0.0).real
     if J.all():
         squares = np.linalg.eigvalsh(K / np.sqrt(np.outer(J, J)))
         # rounding of the dense squares is that of the largest one
         found = (2 * np.pi * modes.frequencies_hz) ** 2
         np.testing.assert_allclose(found, squares, rtol=1e-11, atol=1e-14 * squares[-1])
-    product = (modes.shapes * J) @ modes.shapes.T / np.sqrt(np.outer(*[modes.generalised_mass] * 2))
+    product = (
+        (modes.shapes * J)
+        @ modes.shapes.T
+        / np.sqrt(np.outer(*[modes.generalised_mass] * 2))
+    )
     np.testing.assert_allclose(product, np.eye(len(product)), rtol=0, atol=1e-9)
     np.testing.assert_allclose(np.abs(modes.shapes).max(1), 1.0, rtol=ALGEBRAIC)
-    np.testing.assert_allclose(modes.generalised_mass, (modes.shapes**2) @ J, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(
+        modes.generalised_mass, (modes.shapes**2) @ J, rtol=ALGEBRAIC
+    )
     np.testing.assert_allclose(modes.kinetic_share.sum(1), 1.0, rtol=ALGEBRAIC)
     stored = np.einsum("mi,ij,mj->m", modes.shapes, K, modes.shapes)
     size = np.abs(K).max()
-    np.testing.assert_allclose(modes.generalised_stiffness, stored, rtol=1e-9, atol=ALGEBRAIC * size)
+    np.testing.assert_allclose(
+        modes.generalised_stiffness, stored, rtol=1e-9, atol=ALGEBRAIC * size
+    )
     moving = modes.frequencies_hz > 0
     for link, (part, row) in enumerate(dense.links(parts)):
         share = part.stiffness * (modes.shapes @ row) ** 2
-        assert modes.link_names[link].split("#")[0] in (part.name, "|".join(getattr(part, "between", ("", ""))))
+        assert modes.link_names[link].split("#")[0] in (
+            part.name,
+            "|".join(getattr(part, "between", ("", ""))),
+        )
         found = modes.strain_share[moving, link] * modes.generalised_stiffness[moving]
-        np.testing.assert_allclose(found, share[moving], rtol=1e-9, atol=ALGEBRAIC * size)
+        np.testing.assert_allclose(
+            found, share[moving], rtol=1e-9, atol=ALGEBRAIC * size
+        )
 
 
 def test_part_behind_a_viscous_link_has_a_rigid_mode_of_its_own_that_rests_elsewhere():
-    modes = jaxhb.natural_frequencies(build(gearbox_parts(grounded=False), reference="motor"))
+    modes = jaxhb.natural_frequencies(
+        build(gearbox_parts(grounded=False), reference="motor")
+    )
     ring = modes.names.index("viscous ring")
     assert modes.frequencies_hz[1] == 0.0 < modes.frequencies_hz[2]
     np.testing.assert_array_equal(modes.shapes[1], np.arange(len(modes.names)) == ring)
@@ -112,22 +156,42 @@ def test_part_behind_a_viscous_link_has_a_rigid_mode_of_its_own_that_rests_elsew
 def test_nodes_of_a_chain_count_its_modes_and_a_ring_has_two_more_with_each_pair():
     random = np.random.default_rng(3)
     parts = chain_parts(random.uniform(0.5, 1, 12), random.uniform(5e5, 1e6, 11))
-    np.testing.assert_array_equal(jaxhb.natural_frequencies(build(parts)).node_count, np.arange(12))
+    np.testing.assert_array_equal(
+        jaxhb.natural_frequencies(build(parts)).node_count, np.arange(12)
+    )
     symmetric = jaxhb.natural_frequencies(build(chain_parts([1.0] * 5, [1.0] * 4)))
-    np.testing.assert_array_equal(symmetric.node_count, np.arange(5))  # the middle disk lies in a node
-    ring = [*chain_parts([1.0] * 6, [1.0] * 5), Shaft(between=("1", "6"), stiffness=1.0)]
-    assert jaxhb.natural_frequencies(build(ring)).node_count.tolist() == [0, 2, 2, 4, 4, 6]
+    np.testing.assert_array_equal(
+        symmetric.node_count, np.arange(5)
+    )  # the middle disk lies in a node
+    ring = [
+        *chain_parts([1.0] * 6, [1.0] * 5),
+        Shaft(between=("1", "6"), stiffness=1.0),
+    ]
+    assert jaxhb.natural_frequencies(build(ring)).node_count.tolist() == [
+        0,
+        2,
+        2,
+        4,
+        4,
+        6,
+    ]
 
 
 @pytest.mark.parametrize("ground", [None, 1.0])
-def test_long_chain_with_massless_disks_has_the_frequencies_and_shapes_of_the_closed_form(ground):
+def test_long_chain_with_massless_disks_has_the_frequencies_and_shapes_of_the_closed_form(
+    ground,
+):
     # each link of 1 N m/rad is two of 2 N m/rad with a massless disk between them
     n = 510
     inertia = np.zeros(2 * n - 1)
     inertia[::2] = 1.0
     train = build(chain_parts(inertia.tolist(), [2.0] * (2 * n - 2), ground=ground))
     j = np.arange(n)
-    exact = 2 * np.sin(j * np.pi / (2 * n)) if ground is None else 2 * np.sin((2 * j + 1) * np.pi / (4 * n + 2))
+    exact = (
+        2 * np.sin(j * np.pi / (2 * n))
+        if ground is None
+        else 2 * np.sin((2 * j + 1) * np.pi / (4 * n + 2))
+    )
     omega = 2 * np.pi * all_frequencies(train)
     np.testing.assert_allclose(omega, exact, rtol=1e-12, atol=0.0)
     modes = jaxhb.natural_frequencies(train, count=5)
@@ -136,11 +200,15 @@ def test_long_chain_with_massless_disks_has_the_frequencies_and_shapes_of_the_cl
     shape = np.cos(wave[:5, None] * np.arange(0.5, n))
     found = modes.shapes[:, ::2] / modes.shapes[:, :1]
     np.testing.assert_allclose(found, shape / shape[:, :1], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(modes.shapes[:, 1], modes.shapes[:, [0, 2]].mean(1), rtol=1e-9)
+    np.testing.assert_allclose(
+        modes.shapes[:, 1], modes.shapes[:, [0, 2]].mean(1), rtol=1e-9
+    )
 
 
 def holzer_sum(inertia, stiffness, square):
-    """Sum of all inertia torques of a free chain at a decimal omega^2: its sign changes at natural frequencies."""
+    """Sum of all inertia torques of a free chain at a decimal omega^2: its sign changes
+    at natural frequencies.
+    """
     angle, torque = Decimal(1), Decimal(0)
     for J, k in zip(inertia, [*stiffness, 1.0], strict=True):
         torque += Decimal(J) * square * angle
@@ -150,7 +218,10 @@ def holzer_sum(inertia, stiffness, square):
 
 def test_soft_links_of_a_long_chain_keep_their_digits():
     random, n = np.random.default_rng(7), 600
-    inertia, stiffness = 10 ** random.uniform(-2, 0, n), 10 ** random.uniform(3, 6, n - 1)
+    inertia, stiffness = (
+        10 ** random.uniform(-2, 0, n),
+        10 ** random.uniform(3, 6, n - 1),
+    )
     inertia[5::50], stiffness[[200, 450]] = 0.0, (1e-4, 3e-6)
     train = build(chain_parts(inertia.tolist(), stiffness.tolist()))
     modes = jaxhb.natural_frequencies(train, count=4)
@@ -158,11 +229,19 @@ def test_soft_links_of_a_long_chain_keep_their_digits():
         for found in (all_frequencies(train)[:4], modes.frequencies_hz):
             assert found[0] == 0.0
             for hz in found[1:]:
-                square, near = Decimal(2 * np.pi * hz) ** 2, Decimal("2e-13")  # twice that of omega
-                low, high = (holzer_sum(inertia, stiffness, square * (1 + sign * near)) for sign in (-1, 1))
+                square, near = (
+                    Decimal(2 * np.pi * hz) ** 2,
+                    Decimal("2e-13"),
+                )  # twice that of omega
+                low, high = (
+                    holzer_sum(inertia, stiffness, square * (1 + sign * near))
+                    for sign in (-1, 1)
+                )
                 assert low * high < 0
     soft = modes.strain_share[1:3, [200, 450]].sum(1)
-    np.testing.assert_allclose(soft, 1.0, atol=1e-5)  # the stiff links between have the rest
+    np.testing.assert_allclose(
+        soft, 1.0, atol=1e-5
+    )  # the stiff links between have the rest
 
 
 def test_arrays_of_jax_make_no_difference():

@@ -1,4 +1,6 @@
-"""Values of characteristic polynomials against dense determinants, closed forms, exact rationals and differences."""
+"""Values of characteristic polynomials against dense determinants, closed forms, exact
+rationals and differences.
+"""
 
 from fractions import Fraction
 
@@ -14,16 +16,29 @@ from trains import branched_parts, build, chain_parts, gearbox_parts
 
 import jaxhb
 from jaxhb import Damper, Disk, Shaft
-from jaxhb.linear.polynomial import characteristic, damped_approximation, frequency_response
+from jaxhb.linear.polynomial import (
+    characteristic,
+    damped_approximation,
+    frequency_response,
+)
 
 
 def ring_with_tails():
     """A closed loop of shafts with dampers and branches on it, one of them massless."""
-    parts = [*chain_parts([1.0, 0.4, 2.0, 0.7, 1.5], [50.0, 80.0, 30.0, 20.0], damping=0.3)]
+    parts = [
+        *chain_parts([1.0, 0.4, 2.0, 0.7, 1.5], [50.0, 80.0, 30.0, 20.0], damping=0.3)
+    ]
     parts += [Shaft(between=("1", "5"), stiffness=60.0, damping=0.5, loss_factor=0.05)]
-    parts += [Disk(name="s", inertia=0.0), Disk(name="t", inertia=0.3), Shaft(between=("2", "s"), stiffness=9.0)]
+    parts += [
+        Disk(name="s", inertia=0.0),
+        Disk(name="t", inertia=0.3),
+        Shaft(between=("2", "s"), stiffness=9.0),
+    ]
     parts += [Shaft(between=("s", "t"), stiffness=7.0, damping=0.2)]
-    return [*parts, Damper(name="ring", disk="2", inertia=0.2, stiffness=3.0, damping=0.1)]
+    return [
+        *parts,
+        Damper(name="ring", disk="2", inertia=0.2, stiffness=3.0, damping=0.1),
+    ]
 
 
 CASES = {
@@ -32,7 +47,10 @@ CASES = {
     "held ring": ([*ring_with_tails(), jaxhb.Ground(disk="t", stiffness=4.0)], None),
     "gearbox with its loop": (gearbox_parts(), "motor"),
     "two parallel shafts": (
-        [*chain_parts([1.0, 2.0, 3.0], [5.0, 6.0]), Shaft(between=("2", "1"), stiffness=2.0, damping=0.1, name="twin")],
+        [
+            *chain_parts([1.0, 2.0, 3.0], [5.0, 6.0]),
+            Shaft(between=("2", "1"), stiffness=2.0, damping=0.1, name="twin"),
+        ],
         None,
     ),
 }
@@ -43,12 +61,18 @@ def test_values_are_the_dense_determinants(case):
     parts, reference = CASES[case]
     omega = np.array([0.7, 5.0, 31.0, 400.0, 3e4])
     found = characteristic(build(parts, reference=reference), 1j * omega)
-    inertia = [p.inertia for p in dense.of_kind(parts, Disk) + dense.of_kind(parts, Damper)]
-    sign, logarithm = np.linalg.slogdet(np.stack([dense.dynamic_stiffness(parts, w) for w in omega]))
+    inertia = [
+        p.inertia for p in dense.of_kind(parts, Disk) + dense.of_kind(parts, Damper)
+    ]
+    sign, logarithm = np.linalg.slogdet(
+        np.stack([dense.dynamic_stiffness(parts, w) for w in omega])
+    )
     logarithm -= np.log([J for J in inertia if J > 0]).sum()
     # condition of determinants: K of 1e8 N/m beside inertia terms that it hides
     np.testing.assert_allclose(found.log_modulus, logarithm, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(np.exp(1j * np.asarray(found.phase)), sign, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        np.exp(1j * np.asarray(found.phase)), sign, rtol=0, atol=1e-9
+    )
 
 
 def continuant(J, k, square):
@@ -56,8 +80,13 @@ def continuant(J, k, square):
     left, last = Fraction(1), Fraction(0)
     for s, inertia in enumerate(J):
         held = Fraction(0) if s == 0 else Fraction(k[s - 1])
-        diagonal = held + (Fraction(k[s]) if s < len(k) else 0) - square * Fraction(inertia)
-        left, last = (diagonal * left - held**2 * last) / Fraction(inertia), left / Fraction(inertia)
+        diagonal = (
+            held + (Fraction(k[s]) if s < len(k) else 0) - square * Fraction(inertia)
+        )
+        left, last = (
+            (diagonal * left - held**2 * last) / Fraction(inertia),
+            left / Fraction(inertia),
+        )
     return left
 
 
@@ -73,13 +102,21 @@ def test_values_of_a_hundred_links_keep_twelve_digits_of_exact_rationals_beside_
     for i, one in enumerate(omega):
         exact = continuant(J, k, Fraction(one) ** 2)
         mantissa = exact / Fraction(2) ** int(found.exponent[i])
-        np.testing.assert_allclose(found.mantissa[i], complex(float(mantissa)), rtol=ALGEBRAIC, atol=0)
+        np.testing.assert_allclose(
+            found.mantissa[i], complex(float(mantissa)), rtol=ALGEBRAIC, atol=0
+        )
 
 
 def test_a_closed_loop_keeps_its_digits_beside_a_double_root():
-    # uniform ring of 40: det(K + x) = 2 T_40(1 + x/2) - 2, near a double root the square of the distance
+    # uniform ring of 40: det(K + x) = 2 T_40(1 + x/2) - 2, near a double root the
+    # square of the distance
     size = 40
-    train = build([*chain_parts([1.0] * size, [1.0] * (size - 1)), Shaft(between=("1", str(size)), stiffness=1.0)])
+    train = build(
+        [
+            *chain_parts([1.0] * size, [1.0] * (size - 1)),
+            Shaft(between=("1", str(size)), stiffness=1.0),
+        ]
+    )
     omega = 2 * np.sin(np.pi * 7 / size) * (1 + np.array([1e-3, 1e-5, 1e-7]))
     found = characteristic(train, 1j * omega).value().real
     for one, number in zip(omega, found, strict=True):
@@ -90,11 +127,17 @@ def test_a_closed_loop_keeps_its_digits_beside_a_double_root():
 
 
 def test_a_chain_whose_determinant_overflows_has_a_modulus_and_a_phase():
-    # uniform chain far above its frequencies: |D| = sinh((S) u) / sinh(u) x, 2 cosh u = x - 2
+    # uniform chain far above its frequencies: |D| = sinh((S) u) / sinh(u) x, 2 cosh u =
+    # x - 2
     size, x = 100, 1e6
-    value = characteristic(build(chain_parts([1.0] * size, [1.0] * (size - 1))), np.array([1j * np.sqrt(x)]))
+    value = characteristic(
+        build(chain_parts([1.0] * size, [1.0] * (size - 1))),
+        np.array([1j * np.sqrt(x)]),
+    )
     u = np.arccosh((x - 2) / 2)
-    np.testing.assert_allclose(value.log_modulus, size * u - np.log(2 * np.sinh(u)) + np.log(x), rtol=1e-12)
+    np.testing.assert_allclose(
+        value.log_modulus, size * u - np.log(2 * np.sinh(u)) + np.log(x), rtol=1e-12
+    )
     assert not np.isfinite(value.value()).any()
 
 
@@ -110,8 +153,12 @@ def test_a_chain_whose_determinant_overflows_has_a_modulus_and_a_phase():
 def test_frequency_responses_are_the_dense_inverse(case, a, b):
     parts, reference = CASES[case]
     names, hz = dense.disk_names(parts), np.array([0.11, 3.0, 55.0, 700.0])
-    wanted = np.linalg.inv(np.stack([dense.dynamic_stiffness(parts, 2 * np.pi * f) for f in hz]))[:, a, b]
-    found = frequency_response(build(parts, reference=reference), names[a], names[b], hz)
+    wanted = np.linalg.inv(
+        np.stack([dense.dynamic_stiffness(parts, 2 * np.pi * f) for f in hz])
+    )[:, a, b]
+    found = frequency_response(
+        build(parts, reference=reference), names[a], names[b], hz
+    )
     np.testing.assert_allclose(found, wanted, rtol=1e-9)  # condition of the inverse
 
 
@@ -120,40 +167,70 @@ def test_case_c_damped_approximation_and_its_error():
     inertia = 1 / numbers(params["Delta"])
     parts = chain_parts(inertia, numbers(params["c"]))
     undamped = zip(dense.of_kind(parts, Shaft), numbers(params["r"]), strict=True)
-    shafts = [Shaft(between=p.between, stiffness=p.stiffness, damping=r) for p, r in undamped]
+    shafts = [
+        Shaft(between=p.between, stiffness=p.stiffness, damping=r) for p, r in undamped
+    ]
     train, omega = build(dense.of_kind(parts, Disk) + shafts), float(params["omega"])
     found = damped_approximation(train, np.array([omega]))
-    exact, approximate = (complex_numbers([expected[key]])[0] for key in ("exact", "approx"))
-    np.testing.assert_allclose(found.exact.value()[0] / -(omega**2), exact, rtol=ALGEBRAIC)  # R = D / p^2
-    np.testing.assert_allclose(found.approximate.value()[0] / -(omega**2), approximate, rtol=ALGEBRAIC)
-    np.testing.assert_allclose(found.relative_error, abs(approximate - exact) / abs(exact), rtol=1e-9)
+    exact, approximate = (
+        complex_numbers([expected[key]])[0] for key in ("exact", "approx")
+    )
+    np.testing.assert_allclose(
+        found.exact.value()[0] / -(omega**2), exact, rtol=ALGEBRAIC
+    )  # R = D / p^2
+    np.testing.assert_allclose(
+        found.approximate.value()[0] / -(omega**2), approximate, rtol=ALGEBRAIC
+    )
+    np.testing.assert_allclose(
+        found.relative_error, abs(approximate - exact) / abs(exact), rtol=1e-9
+    )
 
 
 @pytest.mark.oracle
 def test_values_responses_and_the_error_of_the_approximation_have_the_derivatives_of_differences():
-    keys = ["1|5.stiffness", "1|5.loss_factor", "s|t.damping", "3.inertia", "ring.inertia", "ring.stiffness"]
+    keys = [
+        "1|5.stiffness",
+        "1|5.loss_factor",
+        "s|t.damping",
+        "3.inertia",
+        "ring.inertia",
+        "ring.stiffness",
+    ]
     train = build(ring_with_tails())
 
     def value(numbers):
-        changed, omega = train.replace(dict(zip(keys, numbers[:-1], strict=True))), jnp.array([3.0, 1.0]) * numbers[-1]
+        changed, omega = (
+            train.replace(dict(zip(keys, numbers[:-1], strict=True))),
+            jnp.array([3.0, 1.0]) * numbers[-1],
+        )
         found = characteristic(changed, 1j * omega)
         response = jnp.abs(frequency_response(changed, "1", "3", omega / (2 * jnp.pi)))
         error = damped_approximation(changed, omega).relative_error
         return jnp.concatenate([found.log_modulus, found.phase, response, error])
 
-    check_derivative(value, [*(float(train.value(key)) for key in keys), 20.0], step=2e-4)
+    check_derivative(
+        value, [*(float(train.value(key)) for key in keys), 20.0], step=2e-4
+    )
 
 
 def test_derivatives_beside_a_root_are_those_of_two_disks():
-    # D = p^2 (p^2 + k (1/J1 + 1/J2)): linear in k, and D / p^2 has a root at p = i omega
+    # D = p^2 (p^2 + k (1/J1 + 1/J2)): linear in k, and D / p^2 has a root at p = i
+    # omega
     train = build(chain_parts([2.0, 3.0], [120.0]))
     omega = 10.0 * (1 + 1e-9)
 
     def value(k, w):
-        return characteristic(train.replace({"1|2.stiffness": k}), 1j * jnp.array([w])).value().real[0]
+        return (
+            characteristic(train.replace({"1|2.stiffness": k}), 1j * jnp.array([w]))
+            .value()
+            .real[0]
+        )
 
     slopes = jax.jit(jax.grad(value, (0, 1)))(120.0, omega)
-    wanted = (-(omega**2) * 5 / 6, 4 * omega**3 - 2 * omega * 100.0)  # D = omega^4 - omega^2 k 5/6
+    wanted = (
+        -(omega**2) * 5 / 6,
+        4 * omega**3 - 2 * omega * 100.0,
+    )  # D = omega^4 - omega^2 k 5/6
     np.testing.assert_allclose(slopes, wanted, rtol=ALGEBRAIC)
 
 

@@ -1,4 +1,6 @@
-"""Derivatives of natural frequencies against differences, closed forms and sums over clusters."""
+"""Derivatives of natural frequencies against differences, closed forms and sums over
+clusters.
+"""
 
 from functools import partial
 
@@ -20,10 +22,13 @@ GEARBOX = build(gearbox_parts(), reference="motor")
 def test_values_are_the_natural_frequencies():
     for train in (BRANCHED, GEARBOX):
         wanted = jaxhb.natural_frequencies(train).frequencies_hz
-        np.testing.assert_allclose(jax.jit(partial(frequencies_hz, train))(), wanted, rtol=1e-10)
+        np.testing.assert_allclose(
+            jax.jit(partial(frequencies_hz, train))(), wanted, rtol=1e-10
+        )
 
 
-# stiffness and inertia of disks, ring, shaft and mesh, ground, radius; massless disks and a closed loop among them
+# stiffness and inertia of disks, ring, shaft and mesh, ground, radius; massless disks
+# and a closed loop among them
 @pytest.mark.parametrize(
     ("train", "keys"),
     [
@@ -37,7 +42,9 @@ def test_frequencies_have_the_derivatives_of_differences(train, keys):
     moving = np.flatnonzero(jaxhb.natural_frequencies(train).frequencies_hz)
 
     def value(numbers):
-        return frequencies_hz(train.replace(dict(zip(keys, numbers, strict=True))), heavy)[moving]
+        return frequencies_hz(
+            train.replace(dict(zip(keys, numbers, strict=True))), heavy
+        )[moving]
 
     check_derivative(value, [float(train.value(key)) for key in keys], step=1e-3)
 
@@ -51,7 +58,9 @@ def test_second_derivative_is_that_of_two_disks():
 
 
 def test_sums_over_repeated_frequencies_have_the_derivatives_of_differences():
-    train = build([*chain_parts([1.0] * 6, [1.0] * 5), Shaft(between=("1", "6"), stiffness=1.0)])
+    train = build(
+        [*chain_parts([1.0] * 6, [1.0] * 5), Shaft(between=("1", "6"), stiffness=1.0)]
+    )
     clusters = clusters_of(jaxhb.natural_frequencies(train).frequencies_hz)
     assert clusters == ((0,), (1, 2), (3, 4), (5,))
 
@@ -60,16 +69,27 @@ def test_sums_over_repeated_frequencies_have_the_derivatives_of_differences():
         return np.array([found[list(c)].sum() for c in clusters])
 
     heavy, h = np.ones(6, bool), 1e-3
-    sums = jax.jit(jax.jacrev(lambda values: cluster_sums_hz(train.replace(values), clusters, heavy)))
+    sums = jax.jit(
+        jax.jacrev(
+            lambda values: cluster_sums_hz(train.replace(values), clusters, heavy)
+        )
+    )
     slopes = sums({"2.inertia": 1.0, "3|4.stiffness": 1.0})
     for key, slope in slopes.items():
         up, down = of_host({key: 1 + h}), of_host({key: 1 - h})
-        np.testing.assert_allclose(slope, (up - down) / (2 * h), rtol=0, atol=2e-6)  # h^2 of the third derivative
+        np.testing.assert_allclose(
+            slope, (up - down) / (2 * h), rtol=0, atol=2e-6
+        )  # h^2 of the third derivative
 
 
 def test_viscous_link_has_a_derivative_to_its_stiffness_of_zero():
-    # a ring J2 behind stiffness s -> 0 gives its own eigenvalue s (1/J1 + 1/J2); the oscillating pair moves by s phi1^2
+    # a ring J2 behind stiffness s -> 0 gives its own eigenvalue s (1/J1 + 1/J2); the
+    # oscillating pair moves by s phi1^2
     rest = jaxhb.Damper(name="ring", disk="1", inertia=0.1, damping=5.0)
     train = build([*chain_parts([1.0, 1.0], [50.0]), rest])
-    slope = jax.jit(jax.grad(lambda s: frequencies_hz(train.replace({"ring.stiffness": s}))[2]))(0.0)
-    np.testing.assert_allclose(slope, 0.5 / (2 * 10.0) / (2 * np.pi), rtol=1e-11)  # phi1^2 = 1/2, d omega = / (2 omega)
+    slope = jax.jit(
+        jax.grad(lambda s: frequencies_hz(train.replace({"ring.stiffness": s}))[2])
+    )(0.0)
+    np.testing.assert_allclose(
+        slope, 0.5 / (2 * 10.0) / (2 * np.pi), rtol=1e-11
+    )  # phi1^2 = 1/2, d omega = / (2 omega)

@@ -28,9 +28,16 @@ def sweep(train):
 
 @pytest.fixture(scope="module")
 def mirrored(train):
-    """The same engine with the firing angles of the reference's table, which counts them the other way round."""
-    angles = {f"{name}.firing_angle": -train.value(f"{name}.firing_angle") for name in train.topology.cylinder_names}
-    return jaxhb.forced_response(train.replace(angles), rpm=np.array(DATA["rpm"], float))
+    """The same engine with the firing angles of the reference's table, which counts
+    them the other way round.
+    """
+    angles = {
+        f"{name}.firing_angle": -train.value(f"{name}.firing_angle")
+        for name in train.topology.cylinder_names
+    }
+    return jaxhb.forced_response(
+        train.replace(angles), rpm=np.array(DATA["rpm"], float)
+    )
 
 
 def shafts(sweep):
@@ -39,11 +46,15 @@ def shafts(sweep):
 
 
 def deviation(sweep, curve, quantity):
-    """Relative difference to a published curve at the speeds of the reference, as there, and that of the peaks."""
+    """Relative difference to a published curve at the speeds of the reference, as
+    there, and that of the peaks.
+    """
     rpm, published = np.array(sorted(DATA[curve])).T
     found = getattr(sweep.torque(*CURVES[curve]).elastic, quantity)
     inside = np.array(DATA["rpm"]) <= HIGHEST_RPM
-    relative = found[inside] / np.interp(np.array(DATA["rpm"])[inside], rpm, published) - 1
+    relative = (
+        found[inside] / np.interp(np.array(DATA["rpm"])[inside], rpm, published) - 1
+    )
     return relative, found[inside].max() / published.max() - 1
 
 
@@ -57,7 +68,9 @@ def test_published_torque_curves_are_sums_of_harmonic_amplitudes(sweep, curve):
 
 
 @pytest.mark.parametrize("curve", CURVES)
-def test_synthesised_half_peak_to_peak_lies_a_third_below_the_published_curves(sweep, curve):
+def test_synthesised_half_peak_to_peak_lies_a_third_below_the_published_curves(
+    sweep, curve
+):
     relative, _ = deviation(sweep, curve, "half_peak_to_peak")
     assert -0.40 < np.median(relative) < -0.25
     assert (relative < 0).mean() > 0.95
@@ -66,7 +79,9 @@ def test_synthesised_half_peak_to_peak_lies_a_third_below_the_published_curves(s
 def test_recomputed_curves_of_all_shafts_to_their_digits(mirrored):
     table = DATA["computed_exact_orders"]
     for k, shaft in enumerate(shafts(mirrored)):
-        np.testing.assert_allclose(shaft.sum_of_amplitudes, table["sum_abs_Nm_by_shaft"][k], rtol=PATHS)
+        np.testing.assert_allclose(
+            shaft.sum_of_amplitudes, table["sum_abs_Nm_by_shaft"][k], rtol=PATHS
+        )
         # the table looks for extremes on its own grid
         half = table["half_peak_to_peak_Nm_by_shaft"][k]
         np.testing.assert_allclose(shaft.half_peak_to_peak, half, rtol=5e-3)

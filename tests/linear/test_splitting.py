@@ -1,7 +1,9 @@
-"""Exact coefficients against the reference's rationals and the source's rule for branches, as corrected.
+"""Exact coefficients against the reference's rationals and the source's rule for
+branches, as corrected.
 
-``k_i = c_i + r_i p``; the polynomial R of a piece is ``det / prod I``, of a free tree over p^2. Row 2 of table 1 of the
-source's chapter 3, a branch 5-6 at mass 3 of a chain 1-4, must read (docs/theory C2)
+``k_i = c_i + r_i p``; the polynomial R of a piece is ``det / prod I``, of a free tree
+over p^2. Row 2 of table 1 of the source's chapter 3, a branch 5-6 at mass 3 of a chain
+1-4, must read (docs/theory C2)
 
     R_12 R_36 - gamma_23 R_1 R_4 R_56(3) - gamma_25 R_1 R_6 R_34(3),    gamma_ij = k_i k_j / I_3^2;  printed: gamma_35.
 """
@@ -27,7 +29,9 @@ REFERENCE = {
     "C_ring_R14": (RING, "coeffs_damped"),
 }
 POINTS = [Fraction(n, 2) for n in range(1, 16)]
-"""Polynomials of degree 14 and less that are equal at these p are equal; K + p B + p^2 M is positive definite."""
+"""Polynomials of degree 14 and less that are equal at these p are equal; K + p B + p^2
+M is positive definite.
+"""
 
 
 def inertia(mass):
@@ -41,10 +45,14 @@ def spring(link, p):
 
 
 def piece(ends, p, held=()):
-    """R of a piece of some links at p, by elimination; 1 of none. Masses ``held`` do not move."""
+    """R of a piece of some links at p, by elimination; 1 of none. Masses ``held`` do
+    not move.
+    """
     masses = {mass for pair in ends.values() for mass in pair}
     free = sorted(masses - set(held))
-    rows = {a: {b: p**2 * inertia(a) if a == b else Fraction(0) for b in free} for a in free}
+    rows = {
+        a: {b: p**2 * inertia(a) if a == b else Fraction(0) for b in free} for a in free
+    }
     for link, pair in ends.items():
         for a in pair:
             for b in pair:
@@ -73,7 +81,9 @@ def of_train(ends):
     masses = sorted({mass for pair in ends.values() for mass in pair})
     parts = [Disk(name=str(mass), inertia=float(inertia(mass))) for mass in masses]
     for link, (a, b) in ends.items():
-        parts.append(Shaft(between=(str(a), str(b)), stiffness=2.0 * link + 1, damping=link / 10))
+        parts.append(
+            Shaft(between=(str(a), str(b)), stiffness=2.0 * link + 1, damping=link / 10)
+        )
     found = characteristic_coefficients(build(parts), exact=True)
     return found[:-2] if len(ends) < len(masses) else found
 
@@ -97,24 +107,43 @@ def test_a_branch_needs_gamma_25_where_gamma_35_is_printed():
     def split(i, j, p):
         """Row 2 with gamma_ij in the last term."""
         first = gamma(3, 2, 3, p) * R(p, 1) * R(p, 4) * R(p, 5, 6, held=[3])
-        return R(p, 1, 2) * R(p, 3, 4, 5, 6) - first - gamma(3, i, j, p) * R(p, 1) * R(p, 6) * R(p, 3, 4, held=[3])
+        return (
+            R(p, 1, 2) * R(p, 3, 4, 5, 6)
+            - first
+            - gamma(3, i, j, p) * R(p, 1) * R(p, 6) * R(p, 3, 4, held=[3])
+        )
 
     for key, i, j in (("coeffs", 2, 5), ("coeffs_as_printed", 3, 5)):
-        assert [split(i, j, p) for p in POINTS] == values(list(map(Fraction, expected[key])))
+        assert [split(i, j, p) for p in POINTS] == values(
+            list(map(Fraction, expected[key]))
+        )
 
 
 def test_coefficients_are_the_determinant_with_meshes_grounds_and_damping_of_disks():
     parts = chain_parts([1.0, 2.0, 0.5], [50.0, 80.0], ground=7.0, damping=0.3)
-    parts += [Disk(name="b", inertia=0.2, radius=0.1), Disk(name="c", inertia=0.3, radius=0.04)]
-    parts += [Shaft(between=("3", "b"), stiffness=20.0, damping=0.5), jaxhb.Mesh(between=("c", "b"), stiffness=9e3)]
+    parts += [
+        Disk(name="b", inertia=0.2, radius=0.1),
+        Disk(name="c", inertia=0.3, radius=0.04),
+    ]
+    parts += [
+        Shaft(between=("3", "b"), stiffness=20.0, damping=0.5),
+        jaxhb.Mesh(between=("c", "b"), stiffness=9e3),
+    ]
     train, p = build(parts, reference="1"), np.array([0.3 + 2j, 1j * 7.0])
     found = characteristic_coefficients(train)
-    np.testing.assert_allclose(np.polyval(found, p), characteristic(train, p).value(), rtol=1e-11)
-    np.testing.assert_allclose(found, np.array(characteristic_coefficients(train, exact=True), float), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(
+        np.polyval(found, p), characteristic(train, p).value(), rtol=1e-11
+    )
+    np.testing.assert_allclose(
+        found,
+        np.array(characteristic_coefficients(train, exact=True), float),
+        rtol=ALGEBRAIC,
+    )
 
 
 def test_values_by_coefficients_in_double_precision_are_useless_where_the_recursion_is_exact():
-    # docs/theory C5: uniform chain of 30 disks, Horner's rule on rounded coefficients against the closed form
+    # docs/theory C5: uniform chain of 30 disks, Horner's rule on rounded coefficients
+    # against the closed form
     _, expected = method_case("C_large_chain_recurrence")
     train = build(chain_parts([1.0] * 30, [1.0] * 29))
     coefficients = np.array(characteristic_coefficients(train, exact=True), float)
@@ -125,8 +154,13 @@ def test_values_by_coefficients_in_double_precision_are_useless_where_the_recurs
 
 
 def test_what_has_no_coefficients_is_refused_all_at_once():
-    with pytest.raises(jaxhb.SceneError, match=r"'coupling\|input 1' has a loss factor, which is no polynomial"):
+    with pytest.raises(
+        jaxhb.SceneError,
+        match=r"'coupling\|input 1' has a loss factor, which is no polynomial",
+    ):
         characteristic_coefficients(build(gearbox_parts(), reference="motor"))
     with pytest.raises(jaxhb.SceneError) as error:
         characteristic_coefficients(build(chain_parts([0.0, *[1.0] * 13], [1.0] * 13)))
-    assert "disk '1' has no inertia" in str(error.value) and "14 disks in double precision" in str(error.value)
+    assert "disk '1' has no inertia" in str(
+        error.value
+    ) and "14 disks in double precision" in str(error.value)

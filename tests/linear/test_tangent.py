@@ -12,61 +12,102 @@ EPSILON, TRANSITION = 1e-3, 0.04
 
 
 def mesh(a, b, backlash=GAP, epsilon=EPSILON):
-    numbers = {"stiffness": STIFFNESS, "backlash": backlash, "epsilon": epsilon, "transition": TRANSITION}
+    numbers = {
+        "stiffness": STIFFNESS,
+        "backlash": backlash,
+        "epsilon": epsilon,
+        "transition": TRANSITION,
+    }
     return jaxhb.Mesh(between=(a, b), **numbers)
 
 
 def pair(force, **law):
     """A gear of 0.1 m that drives another with ``force`` in N."""
     parts = [jaxhb.Disk(name=name, inertia=0.1, radius=0.1) for name in "ab"]
-    parts += [jaxhb.Torque(disk="a", mean=0.1 * force), jaxhb.Load(disk="b"), mesh("a", "b", **law)]
+    parts += [
+        jaxhb.Torque(disk="a", mean=0.1 * force),
+        jaxhb.Load(disk="b"),
+        mesh("a", "b", **law),
+    ]
     return jaxhb.build(parts, reference="a")
 
 
 def test_a_loaded_mesh_has_its_full_stiffness_an_idle_one_that_of_the_gap():
-    half, width, drop = (1 - TRANSITION) * GAP / 2, TRANSITION * GAP, STIFFNESS * (1 - EPSILON)
-    loaded, idle = at_mean_load(pair(1000.0), rpm=1000.0), at_mean_load(pair(2.0), rpm=1000.0)
-    assert loaded.force == pytest.approx([1000.0], rel=1e-9) and loaded.stiffness.tolist() == [STIFFNESS]
+    half, width, drop = (
+        (1 - TRANSITION) * GAP / 2,
+        TRANSITION * GAP,
+        STIFFNESS * (1 - EPSILON),
+    )
+    loaded, idle = (
+        at_mean_load(pair(1000.0), rpm=1000.0),
+        at_mean_load(pair(2.0), rpm=1000.0),
+    )
+    assert loaded.force == pytest.approx(
+        [1000.0], rel=1e-9
+    ) and loaded.stiffness.tolist() == [STIFFNESS]
     assert idle.force == pytest.approx([2.0], rel=1e-9)
-    assert idle.stiffness.tolist() == [EPSILON * STIFFNESS] and idle.engagement.tolist() == [0.0]
+    assert idle.stiffness.tolist() == [
+        EPSILON * STIFFNESS
+    ] and idle.engagement.tolist() == [0.0]
     u = 0.3 * width
     force = EPSILON * STIFFNESS * (half + u) + drop * u**2 / (2 * width)
     between = at_mean_load(pair(force), rpm=1000.0)
     assert between.engagement == pytest.approx([0.3], rel=1e-6)
-    assert between.stiffness == pytest.approx([EPSILON * STIFFNESS + drop * u / width], rel=1e-6)
+    assert between.stiffness == pytest.approx(
+        [EPSILON * STIFFNESS + drop * u / width], rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("force", [0.0, 1e-3, 5.0, -300.0, 1e5])
 def test_a_gap_without_stiffness_carries_nothing_and_its_flank_the_load(force):
     found = at_mean_load(pair(force, epsilon=0.0), rpm=1000.0)
-    u = min(math.sqrt(2 * TRANSITION * GAP * abs(force) / STIFFNESS), TRANSITION * GAP)  # F = c u^2 / (2 tau h)
+    u = min(
+        math.sqrt(2 * TRANSITION * GAP * abs(force) / STIFFNESS), TRANSITION * GAP
+    )  # F = c u^2 / (2 tau h)
     assert found.force == pytest.approx([force], rel=1e-9)
-    assert found.stiffness == pytest.approx([STIFFNESS * u / (TRANSITION * GAP)], rel=1e-6)
+    assert found.stiffness == pytest.approx(
+        [STIFFNESS * u / (TRANSITION * GAP)], rel=1e-6
+    )
 
 
 def test_the_natural_frequency_at_mean_load_is_that_of_the_slope():
     found = at_mean_load(pair(2.0), rpm=1000.0)
     hz = jaxhb.natural_frequencies(found.train).frequencies_hz[1]
-    assert hz == pytest.approx(math.sqrt(2 * EPSILON * STIFFNESS * 0.1**2 / 0.1) / (2 * math.pi), rel=1e-9)
+    assert hz == pytest.approx(
+        math.sqrt(2 * EPSILON * STIFFNESS * 0.1**2 / 0.1) / (2 * math.pi), rel=1e-9
+    )
 
 
 def test_mean_tooth_forces_of_a_train_without_loops_do_not_depend_on_the_law():
     train = jaxhb.load_scene("engine_with_damper")
-    found, linear = at_mean_load(train, rpm=1200.0), jaxhb.forced_response(train, rpm=1200.0)
-    assert found.force == pytest.approx([float(linear.force(mesh).mean) for mesh in found.names], rel=1e-6)
+    found, linear = (
+        at_mean_load(train, rpm=1200.0),
+        jaxhb.forced_response(train, rpm=1200.0),
+    )
+    assert found.force == pytest.approx(
+        [float(linear.force(mesh).mean) for mesh in found.names], rel=1e-6
+    )
 
 
 def test_mean_torques_that_do_not_balance_have_no_mean_load():
     parts = [jaxhb.Disk(name="a", inertia=0.1)]
-    parts += [jaxhb.Torque(name=name, disk="a", mean=mean) for name, mean in (("drive", 5.0), ("brake", -5.0))]
+    parts += [
+        jaxhb.Torque(name=name, disk="a", mean=mean)
+        for name, mean in (("drive", 5.0), ("brake", -5.0))
+    ]
     train = jaxhb.build(parts).replace({"drive.mean": 6.0})
     with pytest.raises(jaxhb.SceneError, match="do not balance"):
         at_mean_load(train, rpm=1000.0)
 
 
 def test_in_a_closed_loop_the_mesh_with_less_backlash_carries_more():
-    """Two gears on each of two shafts; the forces together carry the torque, and shafts and teeth fit together."""
-    parts = [jaxhb.Disk(name=name, inertia=0.1, radius=0.1) for name in ("a1", "a2", "b1", "b2")]
+    """Two gears on each of two shafts; the forces together carry the torque, and shafts
+    and teeth fit together.
+    """
+    parts = [
+        jaxhb.Disk(name=name, inertia=0.1, radius=0.1)
+        for name in ("a1", "a2", "b1", "b2")
+    ]
     parts += [jaxhb.Shaft(between=(f"{x}1", f"{x}2"), stiffness=1e5) for x in "ab"]
     parts += [mesh("a1", "b1"), mesh("a2", "b2", 3 * GAP)]
     parts += [jaxhb.Torque(disk="a1", mean=1000.0), jaxhb.Load(disk="b2")]
@@ -74,5 +115,10 @@ def test_in_a_closed_loop_the_mesh_with_less_backlash_carries_more():
     tight, slack = found.force
     assert tight + slack == pytest.approx(1000.0 / 0.1, rel=1e-9) and tight > slack > 0
     through = (1000.0 - 0.1 * tight) / 1e5, 0.1 * tight / 1e5  # twists of the shafts
-    deflection = [force / STIFFNESS + (1 - EPSILON) * h / 2 for force, h in ((tight, GAP), (slack, 3 * GAP))]
-    assert deflection[0] - deflection[1] == pytest.approx(0.1 * (through[0] - through[1]), abs=1e-12)
+    deflection = [
+        force / STIFFNESS + (1 - EPSILON) * h / 2
+        for force, h in ((tight, GAP), (slack, 3 * GAP))
+    ]
+    assert deflection[0] - deflection[1] == pytest.approx(
+        0.1 * (through[0] - through[1]), abs=1e-12
+    )

@@ -1,4 +1,6 @@
-"""Derivatives of what engineers tune on beside amplitudes and frequencies, against differences."""
+"""Derivatives of what engineers tune on beside amplitudes and frequencies, against
+differences.
+"""
 
 from functools import partial
 
@@ -30,7 +32,9 @@ def build(*, order=None):
         Shaft(between=("c", "d"), stiffness=2e4),
         Shaft(between=("c", "e"), stiffness=5e4),
         Mesh(between=("b", "c"), stiffness=4e6, backlash=1e-4, transition=0.5),
-        Damper(name="ring", disk="a", inertia=0.5, stiffness=8e3, damping=3.0, order=order),
+        Damper(
+            name="ring", disk="a", inertia=0.5, stiffness=8e3, damping=3.0, order=order
+        ),
         Ground(disk="e", stiffness=200.0),
         Torque(disk="a", mean=4.0, harmonics=[(3.0, 30.0, 10.0)], rated_rpm=900.0),
         Load(disk="d"),
@@ -54,35 +58,60 @@ def changed(values, train=TRAIN, keys=KEYS):
 
 def holzer_table(values):
     found = jaxhb.holzer_table(changed(values), hz=HZ)
-    columns = found.ordinate, found.torque_sum, found.twist, found.kinetic_energy, found.strain_energy
+    columns = (
+        found.ordinate,
+        found.torque_sum,
+        found.twist,
+        found.kinetic_energy,
+        found.strain_energy,
+    )
     return jnp.concatenate([*columns, found.residual[None]])
 
 
 def holzer_residual(values):
-    return jaxhb.holzer_residual(changed(values), hz=jnp.array([0.5, 1.0]) * values[-1] / 20.0)
+    return jaxhb.holzer_residual(
+        changed(values), hz=jnp.array([0.5, 1.0]) * values[-1] / 20.0
+    )
 
 
 def energies_of_modes(values):
-    return jnp.concatenate([jnp.ravel(a[1:]) for a in jaxhb.mode_shares(changed(values), HEAVY)])
+    return jnp.concatenate(
+        [jnp.ravel(a[1:]) for a in jaxhb.mode_shares(changed(values), HEAVY)]
+    )
 
 
 def coefficients(values):
     return jnp.stack(jaxhb.characteristic_coefficients(changed(values))[1:-2])
 
 
-@pytest.mark.parametrize("quantity", [holzer_table, holzer_residual, energies_of_modes, coefficients])
+@pytest.mark.parametrize(
+    "quantity", [holzer_table, holzer_residual, energies_of_modes, coefficients]
+)
 def test_quantities_have_the_derivatives_of_differences(quantity):
     check_derivative(quantity, numbers_of(TRAIN, KEYS, RPM))
 
 
 @pytest.mark.parametrize("order", [None, ORDER + 1.0])
-def test_critical_speeds_and_their_modal_torques_have_the_derivatives_of_differences(order):
-    train, keys = build(order=order), ["a.inertia", "a|b.stiffness", "ring.inertia", "c.radius", "a:torque.rated_rpm"]
+def test_critical_speeds_and_their_modal_torques_have_the_derivatives_of_differences(
+    order,
+):
+    train, keys = (
+        build(order=order),
+        [
+            "a.inertia",
+            "a|b.stiffness",
+            "ring.inertia",
+            "c.radius",
+            "a:torque.rated_rpm",
+        ],
+    )
     keys += ["ring.order"] * bool(order)
     at, rpm = numbers_of(train, keys), np.linspace(100.0, 1500.0, 20)
 
     def found(values):
-        return jaxhb.campbell(changed(values, train, keys), rpm=rpm, orders=[ORDER], count=3).critical
+        return jaxhb.campbell(
+            changed(values, train, keys), rpm=rpm, orders=[ORDER], count=3
+        ).critical
 
     def refined(near, values):
         c = jaxhb.critical_speed(changed(values, train, keys), near, heavy=HEAVY)
@@ -91,14 +120,23 @@ def test_critical_speeds_and_their_modal_torques_have_the_derivatives_of_differe
     for number, near in enumerate(found(at)):
 
         def searched(several, number=number):
-            return np.array([[(c := found(v)[number]).rpm, c.hz, c.torque] for v in several])
+            return np.array(
+                [[(c := found(v)[number]).rpm, c.hz, c.torque] for v in several]
+            )
 
         value = partial(refined, near)
-        slopes, values = map(np.asarray, jax.jit(jax.jacfwd(lambda v, f=value: (f(v),) * 2, has_aux=True))(at))
+        slopes, values = map(
+            np.asarray,
+            jax.jit(jax.jacfwd(lambda v, f=value: (f(v),) * 2, has_aux=True))(at),
+        )
         np.testing.assert_allclose(values, [near.rpm, near.hz, near.torque], rtol=1e-9)
-        for slope, expected in zip(slopes, differences(searched, at, 1e-3 * at).T, strict=True):
+        for slope, expected in zip(
+            slopes, differences(searched, at, 1e-3 * at).T, strict=True
+        ):
             compare(slope * at, expected * at, GRADIENT)
-    check_derivative(lambda v: jax.jacfwd(value)(v)[::2].ravel() * jnp.tile(at, 2), at)  # second ones, of the last
+    check_derivative(
+        lambda v: jax.jacfwd(value)(v)[::2].ravel() * jnp.tile(at, 2), at
+    )  # second ones, of the last
 
 
 def at_mean_load(keys, values):
@@ -108,11 +146,23 @@ def at_mean_load(keys, values):
 
 
 def test_the_stiffness_of_teeth_at_their_mean_load_has_the_derivatives_of_differences():
-    keys = ["a:torque.mean", "b|c.backlash", "b|c.stiffness", "e:ground.stiffness", "c.radius", "a|b.stiffness"]
+    keys = [
+        "a:torque.mean",
+        "b|c.backlash",
+        "b|c.stiffness",
+        "e:ground.stiffness",
+        "c.radius",
+        "a|b.stiffness",
+    ]
     at, value = numbers_of(TRAIN, keys, 1000.0), partial(at_mean_load, keys)
     assert 0.1 < value(at)[-1] < 0.9  # in the transition zone
     check_derivative(value, at, staged=False)
-    second = partial(check_derivative, at=at, staged=False, scale=np.repeat(np.abs(value(at)[2:]), len(at)))
+    second = partial(
+        check_derivative,
+        at=at,
+        staged=False,
+        scale=np.repeat(np.abs(value(at)[2:]), len(at)),
+    )
     second(lambda v: jax.jacrev(lambda x: value(x)[2:])(v).ravel() * jnp.tile(at, 3))
 
 
@@ -124,24 +174,46 @@ def test_barred_ranges_have_the_derivatives_of_differences():
     def stress(values):
         rpm = jnp.linspace(1500.0, 3000.0, 16) + values[2]
         response = jaxhb.forced_response(changed(values, train, keys), rpm=rpm)
-        return rpm, jaxhb.torsional_stress(response.torque(shaft).half_peak_to_peak, diameter=values[3])
+        return rpm, jaxhb.torsional_stress(
+            response.torque(shaft).half_peak_to_peak, diameter=values[3]
+        )
 
     at = numbers_of(train, keys, 0.5, 0.08, 0.0)
     at[-1] = np.mean(stress(at)[1])  # a lower limit than the rule has
 
     def numbers(values):
         found = jaxhb.barred_ranges(*stress(values), values[-1], 1.5 * values[-1])
-        return jnp.stack([getattr(one, f) for one in found for f in ("low", "high", "at", "share", "transient_share")])
+        return jnp.stack(
+            [
+                getattr(one, f)
+                for one in found
+                for f in ("low", "high", "at", "share", "transient_share")
+            ]
+        )
 
     found = jaxhb.barred_ranges(*stress(at), at[-1], 1.5 * at[-1])
-    assert found and not found[0].open_below and not found[0].open_above and isinstance(found[0].low, float)
+    assert (
+        found
+        and not found[0].open_below
+        and not found[0].open_above
+        and isinstance(found[0].low, float)
+    )
     check_derivative(numbers, at, step=1e-6, staged=False)
 
 
 def test_damping_ratios_have_the_derivatives_of_differences():
-    train = TRAIN.replace({"a.damping": 9.0, "b.damping": 4.0, "d.damping": 7.0, "e.damping": 5.0})
+    train = TRAIN.replace(
+        {"a.damping": 9.0, "b.damping": 4.0, "d.damping": 7.0, "e.damping": 5.0}
+    )
     modes = jaxhb.natural_frequencies(train)
-    keys = ["a.inertia", "a|b.stiffness", "ring.damping", "ring.stiffness", "c.radius", "e:ground.stiffness"]
+    keys = [
+        "a.inertia",
+        "a|b.stiffness",
+        "ring.damping",
+        "ring.stiffness",
+        "c.radius",
+        "e:ground.stiffness",
+    ]
     at = numbers_of(train, keys)
     paired = np.isfinite(jaxhb.damping_ratios(train, modes))
     assert paired.sum() >= 3
@@ -152,14 +224,18 @@ def test_damping_ratios_have_the_derivatives_of_differences():
 @pytest.mark.parametrize(
     "quantity",
     [
-        lambda train: jaxhb.barred_ranges([1.0, 2.0], train.disks.inertia[:2], 1.0, 2.0)[0].low,
+        lambda train: (
+            jaxhb.barred_ranges([1.0, 2.0], train.disks.inertia[:2], 1.0, 2.0)[0].low
+        ),
         lambda train: jaxhb.damping_ratios(train, jaxhb.natural_frequencies(TRAIN)),
         lambda train: jaxhb.characteristic_coefficients(train)[1],
         lambda train: jaxhb.at_mean_load(train, rpm=RPM).force,
     ],
 )
 def test_what_needs_values_on_the_host_is_refused_inside_jit_and_vmap(quantity):
-    with pytest.raises(ValueError, match=r"jit or vmap traces .*\. (Call it|Close over)"):
+    with pytest.raises(
+        ValueError, match=r"jit or vmap traces .*\. (Call it|Close over)"
+    ):
         jax.jit(quantity)(TRAIN)
     with pytest.raises(ValueError, match="jit or vmap traces"):
         jax.vmap(quantity)(jax.tree.map(lambda leaf: np.stack([leaf, leaf]), TRAIN))

@@ -1,8 +1,11 @@
-"""A propulsion plant with a slow two-stroke: misfire, cut-off and part load against a twin in NumPy and SciPy alone.
+"""A propulsion plant with a slow two-stroke: misfire, cut-off and part load against a
+twin in NumPy and SciPy alone.
 
-The twin has dense receptances, cycles integrated over the angle, kinematics from the triangle of crank and rod, and the
-limits of IACS UR M68, written anew. What the classification rules ask for, one cylinder without injection but with
-compression, is far from what it is without any gas, and compression at low speed from that of full load.
+The twin has dense receptances, cycles integrated over the angle, kinematics from the
+triangle of crank and rod, and the limits of IACS UR M68, written anew. What the
+classification rules ask for, one cylinder without injection but with compression, is
+far from what it is without any gas, and compression at low speed from that of full
+load.
 """
 
 import math
@@ -22,9 +25,24 @@ BEFORE, AFTER = 1.35, 1.28  # exponents of compression and of what has burnt
 FIRING = dict(zip((1, 5, 3, 4, 2, 6), 60.0 * np.arange(6), strict=True))
 INERTIA = np.array([*[8500.0] * 6, 6000.0, 600.0, 40000.0])
 TO_GROUND = np.array([*[500.0] * 6, 0.0, 0.0, 200000.0])
-SHAFTS = {"intermediate": (6, 0.435, 10.0, 1.0), "propeller shaft": (7, 0.53, 7.0, 0.55)}  # first disk, d, l, C_K
+SHAFTS = {
+    "intermediate": (6, 0.435, 10.0, 1.0),
+    "propeller shaft": (7, 0.53, 7.0, 0.55),
+}  # first disk, d, l, C_K
 SPEEDS = (10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 105)
-LOADS = (0.0091, 0.0363, 0.0816, 0.1451, 0.2268, 0.3265, 0.4444, 0.5805, 0.7347, 0.9070, 1.0)
+LOADS = (
+    0.0091,
+    0.0363,
+    0.0816,
+    0.1451,
+    0.2268,
+    0.3265,
+    0.4444,
+    0.5805,
+    0.7347,
+    0.9070,
+    1.0,
+)
 ANGLE = np.linspace(-180.0, 180.0, 3601)
 ASKED = np.concatenate([np.arange(40.0, 60.0, 0.25), np.arange(80.0, 105.1, 0.25)])
 
@@ -54,61 +72,109 @@ def work(pressure):
 
 
 def cycle(charge, heat, *, burns=True):
-    """Pressure at ``ANGLE`` of a closed cycle that begins with the charge; ``heat`` in J, burnt as Wiebe has it."""
+    """Pressure at ``ANGLE`` of a closed cycle that begins with the charge; ``heat`` in
+    J, burnt as Wiebe has it.
+    """
 
     def slope(a, p):
         passed = max(a, 0.0) / BURNS_FOR
         burnt = -math.expm1(math.log(1e-3) * passed**2) if burns else 0.0
         burning = -2.0 * math.log(1e-3) * passed / BURNS_FOR * (1.0 - burnt)
         exponent = BEFORE + (AFTER - BEFORE) * burnt
-        return (-exponent * p * per_degree(a) + (exponent - 1.0) * heat * burning) / volume(a)
+        return (
+            -exponent * p * per_degree(a) + (exponent - 1.0) * heat * burning
+        ) / volume(a)
 
-    solution = solve_ivp(slope, (-180.0, 180.0), [charge], t_eval=ANGLE, rtol=1e-8, atol=1.0, max_step=2.0)
+    solution = solve_ivp(
+        slope,
+        (-180.0, 180.0),
+        [charge],
+        t_eval=ANGLE,
+        rtol=1e-8,
+        atol=1.0,
+        max_step=2.0,
+    )
     return solution.y[0]
 
 
 @pytest.fixture(scope="module")
 def cycles():
-    """Pressures that 1 Pa of charge makes where it burns, that 1 J adds, and 1 Pa makes where nothing burns."""
+    """Pressures that 1 Pa of charge makes where it burns, that 1 J adds, and 1 Pa makes
+    where nothing burns.
+    """
     charged = cycle(1e5, 0.0) / 1e5
-    return charged, (cycle(1e5, 1e6) - 1e5 * charged) / 1e6, cycle(1e5, 0.0, burns=False) / 1e5
+    return (
+        charged,
+        (cycle(1e5, 1e6) - 1e5 * charged) / 1e6,
+        cycle(1e5, 0.0, burns=False) / 1e5,
+    )
 
 
 def torques(cycles, rpm, charge):
-    """T^n of the gas of a cylinder that fires and of one that compresses alone, and of its masses, N m."""
+    """T^n of the gas of a cylinder that fires and of one that compresses alone, and of
+    its masses, N m.
+    """
     charged, heated, idle = cycles
     swept, area, a = volume(180.0) - volume(0.0), np.pi / 4 * BORE**2, np.deg2rad(ANGLE)
     load = np.interp(rpm, SPEEDS, LOADS)
-    fired = charge * charged + heated * (load * IMEP * swept - work(charge * charged)) / work(heated)
+    fired = charge * charged + heated * (
+        load * IMEP * swept - work(charge * charged)
+    ) / work(heated)
     travel = np.rad2deg(per_degree(ANGLE)) / area
-    moving = -MASS * (rpm * np.pi / 30.0) ** 2 * travel * np.gradient(travel, a, edge_order=2)
-    parts = (fired - CRANKCASE) * area * travel, (charge * idle - CRANKCASE) * area * travel, moving
-    return [np.trapezoid(part * np.exp(-1j * ORDERS[:, None] * a), a) / (2.0 * np.pi) for part in parts]
+    moving = (
+        -MASS
+        * (rpm * np.pi / 30.0) ** 2
+        * travel
+        * np.gradient(travel, a, edge_order=2)
+    )
+    parts = (
+        (fired - CRANKCASE) * area * travel,
+        (charge * idle - CRANKCASE) * area * travel,
+        moving,
+    )
+    return [
+        np.trapezoid(part * np.exp(-1j * ORDERS[:, None] * a), a) / (2.0 * np.pi)
+        for part in parts
+    ]
 
 
 def shares(cycles, rpm, *, lacking=None, compressing=True, full_charge=False):
     """Stress of every shaft over its continuous and its transient limit."""
     power = np.interp(rpm, SPEEDS, LOADS) * rpm / RATED
-    charge = FULL_CHARGE if full_charge else ATMOSPHERE + power**1.5 * (FULL_CHARGE - ATMOSPHERE)
+    charge = (
+        FULL_CHARGE
+        if full_charge
+        else ATMOSPHERE + power**1.5 * (FULL_CHARGE - ATMOSPHERE)
+    )
     fired, idle, moving = torques(cycles, rpm, charge)
     torque = np.zeros((INERTIA.size, ORDERS.size), dtype=complex)
     for number, angle in FIRING.items():
         gas = fired if number != lacking else idle if compressing else 0.0
         torque[number - 1] = (gas + moving) * np.exp(-1j * ORDERS * np.deg2rad(angle))
     links = [*[(k, 1.1e9, 0.0) for k in range(5)], (5, 1.3e9, 0.0)]
-    links += [(first, stiffness(name), damping(name)) for name, (first, *_) in SHAFTS.items()]
+    links += [
+        (first, stiffness(name), damping(name)) for name, (first, *_) in SHAFTS.items()
+    ]
     frequencies, motion = ORDERS * rpm * np.pi / 30.0, np.zeros_like(torque)
     for i, omega in enumerate(frequencies):
         dynamic = np.diag(1j * omega * TO_GROUND - omega**2 * INERTIA)
         for first, spring, damper in links:
             both = slice(first, first + 2)
-            dynamic[both, both] += (spring + 1j * omega * damper) * np.array([[1, -1], [-1, 1]])
+            dynamic[both, both] += (spring + 1j * omega * damper) * np.array(
+                [[1, -1], [-1, 1]]
+            )
         motion[:, i] = np.linalg.solve(dynamic, torque[:, i])
     found = {}
     for name, (first, diameter, _, form) in SHAFTS.items():
-        carried = (stiffness(name) + 1j * frequencies * damping(name)) * (motion[first] - motion[first + 1])
+        carried = (stiffness(name) + 1j * frequencies * damping(name)) * (
+            motion[first] - motion[first + 1]
+        )
         turns = np.exp(1j * ORDERS * np.linspace(0.0, 2.0 * np.pi, 1441)[:, None])
-        stress = np.ptp((2.0 * carried * turns).real.sum(axis=1)) / 2.0 / (np.pi * diameter**3 / 16.0)
+        stress = (
+            np.ptp((2.0 * carried * turns).real.sum(axis=1))
+            / 2.0
+            / (np.pi * diameter**3 / 16.0)
+        )
         ratio = rpm / RATED
         limit = 1e6 * (560 + 160) / 18 * form * (0.35 + 0.93 * (1e3 * diameter) ** -0.2)
         limit *= 3.0 - 2.0 * ratio**2 if ratio < 0.9 else 1.38
@@ -118,7 +184,9 @@ def shares(cycles, rpm, *, lacking=None, compressing=True, full_charge=False):
 
 @pytest.fixture(scope="module")
 def strengths():
-    """Of the speeds ``ASKED``, with all cylinders firing, with a misfire of the fourth, and with it cut off."""
+    """Of the speeds ``ASKED``, with all cylinders firing, with a misfire of the fourth,
+    and with it cut off.
+    """
     train = jaxhb.load_scene(DATA / "scenes" / "two_stroke_plant.toml")
     # With both numbers given, the three differ in numbers alone, and are one program.
     train = train.replace({"cylinder 1.injection": 1.0, "cylinder 1.gas_factor": 1.0})
@@ -133,25 +201,41 @@ def test_shares_of_the_limits_are_those_of_the_twin(strengths, cycles, rpm):
     for found, how in zip(strengths, lacking, strict=True):
         for name, wanted in shares(cycles, rpm, **how).items():
             row = found.stresses[name]
-            both = row.stress[place] / row.continuous[place], row.stress[place] / row.transient[place]
+            both = (
+                row.stress[place] / row.continuous[place],
+                row.stress[place] / row.transient[place],
+            )
             np.testing.assert_allclose(both, wanted, rtol=5e-4)
 
 
-def test_a_misfire_is_just_above_the_limit_where_a_cut_off_is_far_beyond(strengths, cycles):
-    """1.18 instead of 2.70 times the limit, and barred from 92.5 to 100.4 rpm instead of from 85 rpm on."""
+def test_a_misfire_is_just_above_the_limit_where_a_cut_off_is_far_beyond(
+    strengths, cycles
+):
+    """1.18 instead of 2.70 times the limit, and barred from 92.5 to 100.4 rpm instead
+    of from 85 rpm on.
+    """
 
     def excess(rpm):
         return shares(cycles, rpm, lacking=4)["intermediate"][0] - 1.0
 
     misfire, cut_off = (found.barred["intermediate"][-1] for found in strengths[1:])
-    edges = brentq(excess, 88.0, 95.0, xtol=1e-3), brentq(excess, 95.0, 103.0, xtol=1e-3)
+    edges = (
+        brentq(excess, 88.0, 95.0, xtol=1e-3),
+        brentq(excess, 95.0, 103.0, xtol=1e-3),
+    )
     np.testing.assert_allclose([misfire.low, misfire.high], edges, atol=0.02)
     assert 1.0 < misfire.share < 1.25 and cut_off.share > 2.5
-    assert cut_off.low < misfire.low - 5.0 and cut_off.open_above and not misfire.open_above
+    assert (
+        cut_off.low < misfire.low - 5.0
+        and cut_off.open_above
+        and not misfire.open_above
+    )
 
 
 def test_compression_at_low_speed_is_not_that_of_full_load(strengths, cycles):
-    """All cylinders fire: 0.62 of the limit at 47 rpm, where the charge of full load would break the transient one."""
+    """All cylinders fire: 0.62 of the limit at 47 rpm, where the charge of full load
+    would break the transient one.
+    """
     continuous, transient = shares(cycles, 47.25, full_charge=True)["intermediate"]
     assert continuous > 1.7 and transient > 1.0
     assert not strengths[0].barred["intermediate"]

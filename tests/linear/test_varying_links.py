@@ -1,4 +1,6 @@
-"""Links over frequency and amplitude, order-tuned absorbers, scenarios: against dense matrices and constant links."""
+"""Links over frequency and amplitude, order-tuned absorbers, scenarios: against dense
+matrices and constant links.
+"""
 
 import dataclasses
 
@@ -22,7 +24,9 @@ BALANCE = 1e-10
 
 
 def parts(*, over_hz=(), over_amplitude=(), order=None, **ring):
-    """An engine on a coupling with a rubber damper and a geared pump at twice its speed."""
+    """An engine on a coupling with a rubber damper and a geared pump at twice its
+    speed.
+    """
     tables = {"over_hz": over_hz, "over_amplitude": over_amplitude}
     return [
         Disk(name="engine", inertia=1.2, damping=2.0),
@@ -31,12 +35,29 @@ def parts(*, over_hz=(), over_amplitude=(), order=None, **ring):
         Disk(name="pinion", inertia=0.02, radius=0.1),
         Disk(name="pump", inertia=0.4, damping=0.3),
         Shaft(between=("engine", "hub"), stiffness=8e5, loss_factor=0.02),
-        Shaft(between=("gear", "hub"), stiffness=2.5e4, loss_factor=0.15, damping=3.0, name="coupling", **tables),
+        Shaft(
+            between=("gear", "hub"),
+            stiffness=2.5e4,
+            loss_factor=0.15,
+            damping=3.0,
+            name="coupling",
+            **tables,
+        ),
         Shaft(between=("pinion", "pump"), stiffness=4e4, damping=1.0),
         Mesh(between=("gear", "pinion"), stiffness=1e8, damping=200.0),
-        Damper(name="ring", disk="engine", inertia=0.3, **({"damping": 8.0, "stiffness": 6e4} | ring)),
         Damper(
-            name="absorber", disk="pump", inertia=0.05, damping=0.02, order=order, stiffness=0.0 if order else 900.0
+            name="ring",
+            disk="engine",
+            inertia=0.3,
+            **({"damping": 8.0, "stiffness": 6e4} | ring),
+        ),
+        Damper(
+            name="absorber",
+            disk="pump",
+            inertia=0.05,
+            damping=0.02,
+            order=order,
+            stiffness=0.0 if order else 900.0,
         ),
         Ground(disk="engine", stiffness=400.0),
         Torque(disk="engine", mean=120.0, harmonics=ORDERS),
@@ -48,11 +69,15 @@ def train_of(**change):
 
 
 def dense_angles(elements, train, rpm, alter):
-    """Angles ``(S, N)`` at one speed; ``alter(part, omega)`` gives the part as it is at a frequency."""
+    """Angles ``(S, N)`` at one speed; ``alter(part, omega)`` gives the part as it is at
+    a frequency.
+    """
     omega = float(train.topology.cycle_frequency(rpm)) * np.arange(1, 13)
     torque = dense.torques(elements, 12, 2)[:, 1:]
     columns = [
-        np.linalg.solve(dense.dynamic_stiffness([alter(p, w) for p in elements], w), torque[:, n])
+        np.linalg.solve(
+            dense.dynamic_stiffness([alter(p, w) for p in elements], w), torque[:, n]
+        )
         for n, w in enumerate(omega)
     ]
     return np.array(columns).T
@@ -74,9 +99,16 @@ def test_links_over_frequency_are_evaluated_at_every_harmonic():
     # the complex stiffness k s (1 + i eta d) + i omega r d
     for row, rpm in enumerate(SPEEDS):
         wanted = dense_angles(elements, train, rpm, alter)
-        np.testing.assert_allclose(found.angles[row][:, 1:], wanted, rtol=0, atol=ALGEBRAIC * np.abs(wanted).max())
+        np.testing.assert_allclose(
+            found.angles[row][:, 1:],
+            wanted,
+            rtol=0,
+            atol=ALGEBRAIC * np.abs(wanted).max(),
+        )
         constant = jaxhb.forced_response(train.with_constant_links(hz=0.0), rpm=rpm)
-        np.testing.assert_allclose(found.angles[row][:, 0], constant.angles[:, 0], rtol=1e-9)  # static stiffness
+        np.testing.assert_allclose(
+            found.angles[row][:, 0], constant.angles[:, 0], rtol=1e-9
+        )  # static stiffness
     heat = found.disk_power.sum(-1) + found.link_power.sum(-1)
     np.testing.assert_allclose(heat, found.input_power, rtol=BALANCE)
 
@@ -85,9 +117,15 @@ def test_an_absorber_adds_inertia_times_square_of_order_and_speed():
     train, rpm = train_of(order=1.5), 800.0
     stiffness = 0.05 * (1.5 * 2 * rpm / ONE_RADIAN_PER_SECOND) ** 2
     constant = train_of().replace({"absorber.stiffness": stiffness})
-    found, wanted = (jaxhb.forced_response(t, rpm=rpm).angles for t in (train, constant))
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=ALGEBRAIC * np.abs(wanted).max())
-    assert train.with_constant_links(rpm=rpm).value("absorber.stiffness") == pytest.approx(stiffness)
+    found, wanted = (
+        jaxhb.forced_response(t, rpm=rpm).angles for t in (train, constant)
+    )
+    np.testing.assert_allclose(
+        found, wanted, rtol=0, atol=ALGEBRAIC * np.abs(wanted).max()
+    )
+    assert train.with_constant_links(rpm=rpm).value(
+        "absorber.stiffness"
+    ) == pytest.approx(stiffness)
 
 
 def equivalent(signal):
@@ -98,19 +136,35 @@ def test_links_over_amplitude_have_the_stiffness_of_the_amplitude_that_they_lead
     ring = {"over_amplitude": OVER_AMPLITUDE, "damping": 2.0}
     rpm, (level, *factors) = np.linspace(200.0, 3000.0, 57), np.array(OVER_AMPLITUDE).T
     elements = parts(over_amplitude=OVER_AMPLITUDE)
-    elements = [dataclasses.replace(p, **ring) if getattr(p, "name", "") == "ring" else p for p in elements]
-    found = jaxhb.check(jaxhb.forced_response(build(elements, reference="engine", cycle=2), rpm=rpm))
-    own = [equivalent(found.twist(*ends)) for ends in (("gear", "hub"), ("engine", "ring"))]
+    elements = [
+        dataclasses.replace(p, **ring) if getattr(p, "name", "") == "ring" else p
+        for p in elements
+    ]
+    found = jaxhb.check(
+        jaxhb.forced_response(build(elements, reference="engine", cycle=2), rpm=rpm)
+    )
+    own = [
+        equivalent(found.twist(*ends)) for ends in (("gear", "hub"), ("engine", "ring"))
+    ]
     assert own[0].max() > 0.03 and own[0].min() < 0.01  # all of the table
     constant = train_of(damping=2.0)
     for row in (3, 20, 41):
         values = {}
         for name, a in zip(("coupling", "ring"), own, strict=True):
             stiffer, damped = (np.interp(a[row], level, f) for f in factors)
-            for field, factor in (("stiffness", stiffer), ("damping", damped), ("loss_factor", damped)):
+            for field, factor in (
+                ("stiffness", stiffer),
+                ("damping", damped),
+                ("loss_factor", damped),
+            ):
                 values[f"{name}.{field}"] = factor * constant.value(f"{name}.{field}")
         wanted = jaxhb.forced_response(constant.replace(values), rpm=rpm[row])
-        np.testing.assert_allclose(found.angles[row], wanted.angles, rtol=0, atol=1e-7 * np.abs(wanted.angles).max())
+        np.testing.assert_allclose(
+            found.angles[row],
+            wanted.angles,
+            rtol=0,
+            atol=1e-7 * np.abs(wanted.angles).max(),
+        )
     heat = found.disk_power.sum(-1) + found.link_power.sum(-1)
     np.testing.assert_allclose(heat, found.input_power, rtol=BALANCE)
 
@@ -118,13 +172,23 @@ def test_links_over_amplitude_have_the_stiffness_of_the_amplitude_that_they_lead
 @pytest.mark.oracle
 def test_amplitudes_that_are_not_found_are_told(monkeypatch):
     monkeypatch.setattr(forced, "STEPS", 1)
-    found = jaxhb.forced_response(train_of(over_amplitude=OVER_AMPLITUDE), rpm=SPEEDS)  # compiled anew
+    found = jaxhb.forced_response(
+        train_of(over_amplitude=OVER_AMPLITUDE), rpm=SPEEDS
+    )  # compiled anew
     assert (found.status == Status.MAX_STEPS).all()
-    with pytest.raises(jaxhb.NotConverged, match="the amplitude of a link was not found"):
+    with pytest.raises(
+        jaxhb.NotConverged, match="the amplitude of a link was not found"
+    ):
         jaxhb.check(found)
 
 
-KEYS = ["coupling.stiffness", "coupling.loss_factor", "coupling.damping", "pump.inertia", "absorber.order"]
+KEYS = [
+    "coupling.stiffness",
+    "coupling.loss_factor",
+    "coupling.damping",
+    "pump.inertia",
+    "absorber.order",
+]
 
 
 @pytest.mark.oracle
@@ -133,10 +197,19 @@ def test_derivatives_of_varying_links_are_those_of_differences():
 
     def numbers(values):
         changed = train.replace(dict(zip(KEYS, values[:-1], strict=True)))
-        rows = changed.shafts.over_amplitude * jnp.array([1.0, values[-1], 1.0])  # all factors of stiffness
-        changed = dataclasses.replace(changed, shafts=dataclasses.replace(changed.shafts, over_amplitude=rows))
+        rows = changed.shafts.over_amplitude * jnp.array(
+            [1.0, values[-1], 1.0]
+        )  # all factors of stiffness
+        changed = dataclasses.replace(
+            changed, shafts=dataclasses.replace(changed.shafts, over_amplitude=rows)
+        )
         r = jaxhb.forced_response(changed, rpm=jnp.array([650.0, 1250.0]))
-        own = [r.torque("coupling").order(1.0), r.disk("pump").sum_of_amplitudes, r.power("coupling"), r.power("ring")]
+        own = [
+            r.torque("coupling").order(1.0),
+            r.disk("pump").sum_of_amplitudes,
+            r.power("coupling"),
+            r.power("ring"),
+        ]
         return jnp.concatenate(own)
 
     check_derivative(numbers, [*(train.value(key) for key in KEYS), 1.0])
@@ -144,19 +217,30 @@ def test_derivatives_of_varying_links_are_those_of_differences():
 
 VARIANTS = {
     "over_hz": ({"over_hz": OVER_HZ}, "'coupling' has over_hz", {"hz": 30.0}),
-    "over_amplitude": ({"over_amplitude": OVER_AMPLITUDE}, "'coupling' has over_amplitude", {"amplitude": 0.01}),
+    "over_amplitude": (
+        {"over_amplitude": OVER_AMPLITUDE},
+        "'coupling' has over_amplitude",
+        {"amplitude": 0.01},
+    ),
     "order": ({"order": 1.5}, "'absorber' has order", {"rpm": 1500.0}),
 }
 
 
 @pytest.mark.parametrize("kind", VARIANTS)
-def test_what_needs_constant_links_refuses_others_by_name_and_takes_them_at_one_number(kind):
+def test_what_needs_constant_links_refuses_others_by_name_and_takes_them_at_one_number(
+    kind,
+):
     change, sentence, at = VARIANTS[kind]
     train = train_of(**change)
     needing = [jaxhb.natural_frequencies, lambda t: jaxhb.solve(t, rpm=1500.0)]
-    needing += [lambda t: jaxhb.integrate(t, rpm=1500.0, cycles=2), lambda t: t.with_viscous_damping(hz=100.0)]
+    needing += [
+        lambda t: jaxhb.integrate(t, rpm=1500.0, cycles=2),
+        lambda t: t.with_viscous_damping(hz=100.0),
+    ]
     for call in needing:
-        with pytest.raises(SceneError, match=f"{sentence}, which only the forced response"):
+        with pytest.raises(
+            SceneError, match=f"{sentence}, which only the forced response"
+        ):
             call(train)
     with pytest.raises(SceneError, match=f"{sentence}.*Give it"):
         train.with_constant_links()
@@ -176,9 +260,18 @@ def test_numbers_that_links_cannot_have_are_refused():
 
 def test_a_scenario_is_the_train_with_its_values():
     hot = {"coupling.stiffness": 1.8e4, "coupling.loss_factor": 0.1}
-    train = jaxhb.build(parts(), reference="engine", scenarios={"hot": hot, "cold": {"ring.damping": 20.0}})
+    train = jaxhb.build(
+        parts(),
+        reference="engine",
+        scenarios={"hot": hot, "cold": {"ring.damping": 20.0}},
+    )
     assert train.scenarios["hot"] == hot
-    found, wanted = (jaxhb.forced_response(t, rpm=900.0) for t in (train.scenario("hot"), train.replace(hot)))
+    found, wanted = (
+        jaxhb.forced_response(t, rpm=900.0)
+        for t in (train.scenario("hot"), train.replace(hot))
+    )
     np.testing.assert_array_equal(found.angles, wanted.angles)
-    with pytest.raises(SceneError, match="there is no scenario 'hott'. Did you mean 'hot'?"):
+    with pytest.raises(
+        SceneError, match="there is no scenario 'hott'. Did you mean 'hot'?"
+    ):
         train.scenario("hott")

@@ -17,4 +17,8 @@ def written(folder):
 
 def strength_of(scene):
     """What the linear forced response does beside the limits, at 23 speeds."""
-    return jaxhb.strength(jaxhb.forced_response(jaxhb.load_scene(scene), rpm=np.linspace(300.0, 960.0, 23)))
+    return jaxhb.strength(
+        jaxhb.forced_response(
+            jaxhb.load_scene(scene), rpm=np.linspace(300.0, 960.0, 23)
+        )
+    )

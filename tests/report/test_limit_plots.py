@@ -1,4 +1,6 @@
-"""Limits in pictures: panels of stresses, tooth torques and heat, with barred ranges shaded."""
+"""Limits in pictures: panels of stresses, tooth torques and heat, with barred ranges
+shaded.
+"""
 
 import dataclasses
 from types import SimpleNamespace
@@ -12,7 +14,12 @@ import jaxhb
 from jaxhb.report.compute import Asked, answer_speeds
 from jaxhb.report.figures import speeds
 from jaxhb.report.figures.figure import DIGITS
-from jaxhb.report.figures.speeds import judged_elements, limit_figure, plot_forced, plot_sweep
+from jaxhb.report.figures.speeds import (
+    judged_elements,
+    limit_figure,
+    plot_forced,
+    plot_sweep,
+)
 from jaxhb.report.text.forced import readings, worst_of
 from jaxhb.report.text.strength import strength_text
 
@@ -41,24 +48,32 @@ def told(figure, name, wanted):
     (values,) = [trace["y"] for trace in figure.traces if trace["name"] == name]
     wanted = np.where(np.isfinite(wanted), wanted, np.nan)  # no limit is a gap
     values = np.array(values, float)
-    np.testing.assert_allclose(values, np.broadcast_to(wanted, len(values)), rtol=0.5 * 10 ** (1 - DIGITS))
+    np.testing.assert_allclose(
+        values, np.broadcast_to(wanted, len(values)), rtol=0.5 * 10 ** (1 - DIGITS)
+    )
     return True
 
 
 def test_a_misfire_stands_beside_normal_running_in_the_panels_of_limits(tmp_path):
     (tmp_path / "e.toml").write_text(SCENE + ENGINE)
     rpm = np.linspace(300.0, 900.0, 7)
-    misfires = jaxhb.misfire_each(jaxhb.load_scene(tmp_path / "e.toml"), rpm=rpm, solve=jaxhb.forced_response)
+    misfires = jaxhb.misfire_each(
+        jaxhb.load_scene(tmp_path / "e.toml"), rpm=rpm, solve=jaxhb.forced_response
+    )
     found = readings(misfires.firing)
     cases = {"": misfires.firing} | misfires.responses
-    worst = worst_of(cases, found, {name: jaxhb.strength(one) for name, one in cases.items()})
+    worst = worst_of(
+        cases, found, {name: jaxhb.strength(one) for name, one in cases.items()}
+    )
     stress = figures_of(plot_forced, cases, found, worst)[2]
     cylinder = worst["line shaft"].cylinder
     wanted = jaxhb.strength(misfires.responses[cylinder]).stresses["line shaft"].stress
     assert told(stress, f"stress, {cylinder} not firing", 1e-6 * wanted)
 
 
-def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shades_barred_ranges(scene, wanted):
+def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shades_barred_ranges(
+    scene, wanted
+):
     response = jaxhb.forced_response(jaxhb.load_scene(scene), rpm=wanted.rpm)
     found = figures_of(plot_forced, {"": response}, readings(response))
     stress, tooth, heat = found[-3:]
@@ -76,17 +91,30 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
     assert told(stress, "transient limit", 1e-6 * limits[1])
     (shaded,), (one,) = stress.layout["shapes"], wanted.barred["line shaft"]
     assert (shaded["x0"], shaded["x1"]) == (one.low, one.high)
-    # Thousands of N m are told in kN m, in the caption and in the title of the axis too.
-    assert told(tooth, "vibratory torque", 1e-3 * rated.vibratory) and told(tooth, "a third of the rated torque", 0.5)
+    # Thousands of N m are told in kN m, in the caption and in the title of the axis
+    # too.
+    assert told(tooth, "vibratory torque", 1e-3 * rated.vibratory) and told(
+        tooth, "a third of the rated torque", 0.5
+    )
     assert tooth.caption == "pinion - wheel: vibratory torque against its limit, kN m"
-    assert heat.caption == "ring: heat against its limit, W"  # nearer to its limit than the coupling
+    assert (
+        heat.caption == "ring: heat against its limit, W"
+    )  # nearer to its limit than the coupling
     assert told(heat, "heat", wanted.heat["ring"].power)
     # Of more elements than have room: those with limits.
     for names in (["coupling"], ["coupling", "engine", "pinion", "wheel", "propeller"]):
-        response_of, limit_of = figures_of(plot_forced, {"": response}, readings(response, names))
-        assert response_of.caption.startswith("coupling: linear") and limit_of.caption.startswith("coupling: heat")
+        response_of, limit_of = figures_of(
+            plot_forced, {"": response}, readings(response, names)
+        )
+        assert response_of.caption.startswith(
+            "coupling: linear"
+        ) and limit_of.caption.startswith("coupling: heat")
     axes = plot_forced({"": response}, readings(response)).axes
-    assert [one.get_ylabel() for one in axes[-3:]] == ["stress, MPa", "vibratory torque, kN m", "heat, W"]
+    assert [one.get_ylabel() for one in axes[-3:]] == [
+        "stress, MPa",
+        "vibratory torque, kN m",
+        "heat, W",
+    ]
     # Speeds stand below one another in all panels.
     assert len({axis.get_xlim() for axis in axes}) == 1
     assert len(axes) == len(found) and axes[-3].patches
@@ -95,13 +123,17 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
 def test_the_picture_of_a_sweep_has_the_limits_of_the_motion(scene):
     train, rpm = jaxhb.load_scene(scene), [360.0, 420.0, 480.0]
     figures = figures_of(plot_sweep, answer_speeds(train, rpm, Asked()))
-    found = jaxhb.strength(jaxhb.solve_speeds(train, rpm=rpm)).stresses["line shaft"].stress
+    found = (
+        jaxhb.strength(jaxhb.solve_speeds(train, rpm=rpm)).stresses["line shaft"].stress
+    )
     assert told(figures[2], "stress", 1e-6 * np.asarray(found))
     assert len(figures) == 5 and figures[2].layout["shapes"]
 
 
 def test_a_limit_that_steps_between_two_speeds_is_drawn_upright(tmp_path):
-    (tmp_path / "line.toml").write_text(SCENE.replace("stress_concentration = 0.45", 'rule = "KR generator shaft"'))
+    (tmp_path / "line.toml").write_text(
+        SCENE.replace("stress_concentration = 0.45", 'rule = "KR generator shaft"')
+    )
     train = jaxhb.load_scene(tmp_path / "line.toml")
     response = jaxhb.forced_response(train, rpm=[600.0, 960.0])
     stress = figures_of(plot_forced, {"": response}, readings(response))[2]
@@ -115,19 +147,34 @@ def test_a_limit_that_steps_between_two_speeds_is_drawn_upright(tmp_path):
 def test_numbers_that_harmonic_balance_did_not_confirm_are_ringed_and_marked(scene):
     train = jaxhb.load_scene(scene)
     response = jaxhb.forced_response(train, rpm=[360.0, 420.0])
-    found = dataclasses.replace(jaxhb.strength(response), unconfirmed=np.array([False, True]))
+    found = dataclasses.replace(
+        jaxhb.strength(response), unconfirmed=np.array([False, True])
+    )
     figure = limit_figure({"": found}, "tooth_torques", "pinion|wheel", train)
-    (ring,) = [trace for trace in figure.traces if trace["name"].startswith("ringed: not confirmed")]
+    (ring,) = [
+        trace
+        for trace in figure.traces
+        if trace["name"].startswith("ringed: not confirmed")
+    ]
     assert ring["x"] == [420.0]
-    assert ring["y"] == pytest.approx([1e-3 * found.tooth_torques["pinion|wheel"].vibratory[1]], rel=1e-4)
-    table = next(part for part in strength_text({"": found}) if part.startswith("Torque of meshes"))
+    assert ring["y"] == pytest.approx(
+        [1e-3 * found.tooth_torques["pinion|wheel"].vibratory[1]], rel=1e-4
+    )
+    table = next(
+        part
+        for part in strength_text({"": found})
+        if part.startswith("Torque of meshes")
+    )
     assert "?: not confirmed by harmonic balance" in table.splitlines()[0]
     assert table.splitlines()[2].split()[1].endswith("?")
     assert "?" not in "".join(strength_text({"": jaxhb.strength(response)}))
 
 
 def test_the_shaft_with_the_largest_stress_has_the_panel_where_no_shaft_has_a_limit():
-    rows = {name: SimpleNamespace(stress=[1e6, top], continuous=None) for name, top in {"a": 3e6, "b": 9e6}.items()}
+    rows = {
+        name: SimpleNamespace(stress=[1e6, top], continuous=None)
+        for name, top in {"a": 3e6, "b": 9e6}.items()
+    }
     found = SimpleNamespace(stresses=rows, tooth_torques={}, heat={})
     assert judged_elements(found) == [("stresses", "b")]
     rows["a"].continuous = [4e7, 4e7]

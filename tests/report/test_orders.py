@@ -15,20 +15,42 @@ from jaxhb.report.text.linear import campbell_text
 
 @pytest.fixture(scope="module")
 def train():
-    """An engine with a propeller of four blades behind a reduction of 5; a pump on the engine's rotor."""
-    parts = [jaxhb.Disk(name=name, inertia=one) for name, one in (("engine", 60.0), ("propeller", 900.0))]
-    parts += [jaxhb.Disk(name="pinion", inertia=2.0, radius=0.1), jaxhb.Disk(name="wheel", inertia=60.0, radius=0.5)]
+    """An engine with a propeller of four blades behind a reduction of 5; a pump on the
+    engine's rotor.
+    """
+    parts = [
+        jaxhb.Disk(name=name, inertia=one)
+        for name, one in (("engine", 60.0), ("propeller", 900.0))
+    ]
+    parts += [
+        jaxhb.Disk(name="pinion", inertia=2.0, radius=0.1),
+        jaxhb.Disk(name="wheel", inertia=60.0, radius=0.5),
+    ]
     parts += [jaxhb.Shaft(between=("engine", "pinion"), stiffness=2e5, damping=300.0)]
-    parts += [jaxhb.Shaft(between=("wheel", "propeller"), stiffness=4e6, damping=3000.0)]
+    parts += [
+        jaxhb.Shaft(between=("wheel", "propeller"), stiffness=4e6, damping=3000.0)
+    ]
     parts += [jaxhb.Mesh(between=("pinion", "wheel"), stiffness=1e9, damping=2e4)]
-    parts += [jaxhb.Torque(disk="engine", mean=4000.0, harmonics=[(1.0, 500.0, 0.0), (3.0, 900.0, 0.0)])]
-    parts += [jaxhb.Load(disk="propeller", harmonics=[(4.0, 0.1, 0.0), (5.0, 0.1, 0.0)])]
+    parts += [
+        jaxhb.Torque(
+            disk="engine", mean=4000.0, harmonics=[(1.0, 500.0, 0.0), (3.0, 900.0, 0.0)]
+        )
+    ]
+    parts += [
+        jaxhb.Load(disk="propeller", harmonics=[(4.0, 0.1, 0.0), (5.0, 0.1, 0.0)])
+    ]
     return jaxhb.build(parts, reference="engine", revolutions_per_cycle=5, name="plant")
 
 
-def test_an_order_is_named_by_the_geared_rotor_that_makes_it_unless_the_reference_rotor_makes_it_too(train):
+def test_an_order_is_named_by_the_geared_rotor_that_makes_it_unless_the_reference_rotor_makes_it_too(
+    train,
+):
     names = order_names(train)
-    assert [names.number(order) for order in (0.8, 1.0, 3.0)] == ["0.8 (4 of propeller)", "1", "3"]
+    assert [names.number(order) for order in (0.8, 1.0, 3.0)] == [
+        "0.8 (4 of propeller)",
+        "1",
+        "3",
+    ]
 
 
 def test_tables_and_pictures_of_the_linear_train_name_the_rotor(train, monkeypatch):
@@ -36,11 +58,14 @@ def test_tables_and_pictures_of_the_linear_train_name_the_rotor(train, monkeypat
     found = campbell(train, rpm=rpm, orders=[0.8, 1.0, 3.0], count=2)
     text = campbell_text(found, 2, "plant", {}, names)
     assert "Orders: 0.8 (4 of propeller), 1, 3." in text
-    notes = [note["text"] for note in campbell_figure(found, 2, "plant", names).layout["annotations"]]
+    notes = [
+        note["text"]
+        for note in campbell_figure(found, 2, "plant", names).layout["annotations"]
+    ]
     assert "0.8 (4 of propeller)" in notes
     response = jaxhb.forced_response(train, rpm=rpm)
     shaft = readings(response, ["wheel|propeller"])
     assert "order 0.8 (4 of propeller)" in forced_text({"": response}, shaft, each=True)
     monkeypatch.setattr(speeds, "drawn", lambda *figures, title: figures)
-    (figure, *_) = plot_forced({"": response}, shaft)
+    figure, *_ = plot_forced({"": response}, shaft)
     assert "order 0.8 (4 of propeller)" in [trace["name"] for trace in figure.traces]

@@ -18,11 +18,18 @@ def told(tmp_path, *texts):
     designs = []
     for text in texts:
         (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
-        designs.append((jaxhb.load_scene(tmp_path / "scene.toml"), elements_of(tmp_path / "scene.toml")))
+        designs.append(
+            (
+                jaxhb.load_scene(tmp_path / "scene.toml"),
+                elements_of(tmp_path / "scene.toml"),
+            )
+        )
     return differences(*zip(*designs, strict=True))
 
 
-@pytest.mark.parametrize(("before", "after", "row"), CHANGES, ids=[row[0] for *_, row in CHANGES])
+@pytest.mark.parametrize(
+    ("before", "after", "row"), CHANGES, ids=[row[0] for *_, row in CHANGES]
+)
 def test_whatever_differs_between_two_designs_is_told(tmp_path, before, after, row):
     assert before in TWO
     (table,) = told(tmp_path, TWO, TWO.replace(before, after, 1))
@@ -30,7 +37,12 @@ def test_whatever_differs_between_two_designs_is_told(tmp_path, before, after, r
 
 
 def test_nothing_differs_only_where_everything_is_equal(tmp_path):
-    assert told(tmp_path, TWO, TWO.replace("Prüfstand", "Anlage"))[0].startswith("Nothing differs")
+    assert told(tmp_path, TWO, TWO.replace("Prüfstand", "Anlage"))[0].startswith(
+        "Nothing differs"
+    )
     one, two = BURNING.replace("three", "four"), BURNING
     (said,) = told(tmp_path, SCENE + one + two, SCENE + two + one)
-    assert said.startswith("Same numbers, tables and words of the elements, in another order or with other cylinder ")
+    assert said.startswith(
+        "Same numbers, tables and words of the elements, in another order or with other"
+        " cylinder "
+    )

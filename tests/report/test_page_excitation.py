@@ -1,4 +1,6 @@
-"""What the page tells of what excites the train: the scene's numbers, files, pressures, orders and loads."""
+"""What the page tells of what excites the train: the scene's numbers, files, pressures,
+orders and loads.
+"""
 
 import re
 from types import SimpleNamespace
@@ -24,11 +26,21 @@ def told(scene, speeds, **settings):
     elements = elements_of(scene, scene_values(train, settings))
     train = train.replace(settings)
     responses = [jaxhb.linear_response(train, rpm=rpm) for rpm in speeds]
-    answers = [SimpleNamespace(linear=one, balance=one, rpm=float(one.rpm)) for one in responses]
-    report = SimpleNamespace(train=train, rpm=speeds, cases=[SimpleNamespace(answers=answers)], elements=elements)
+    answers = [
+        SimpleNamespace(linear=one, balance=one, rpm=float(one.rpm))
+        for one in responses
+    ]
+    report = SimpleNamespace(
+        train=train,
+        rpm=speeds,
+        cases=[SimpleNamespace(answers=answers)],
+        elements=elements,
+    )
     report.files, found = element_files(scene), {}
     for table in excitation_tables(report):
-        found.setdefault(re.split(" of |[:,] | given | over ", table.title)[0], []).append(table)
+        found.setdefault(
+            re.split(" of |[:,] | given | over ", table.title)[0], []
+        ).append(table)
     return {title: own if title == "Orders" else own[0] for title, own in found.items()}
 
 
@@ -40,21 +52,29 @@ def test_pressure_tables_are_told_by_file_peak_angle_and_what_changes_them_over_
     tables = told("six_cylinder_diesel", [1000.0, 2000.0])
     assert column(tables["Cylinders"], "numbers as of") == ["cylinder 1"] * 6
     given = dict(zip(*tables["Numbers"].columns, strict=True))
-    assert given["bore mm"] == "105" and given["pressure"].endswith(", six_cylinder_diesel_pressure.csv")
+    assert given["bore mm"] == "105" and given["pressure"].endswith(
+        ", six_cylinder_diesel_pressure.csv"
+    )
     said = "16 rows, rpm 997.847 to 2550.55, factor 0."
-    assert given["scale"].startswith(said) and given["scale"].endswith(", six_cylinder_diesel_peak_pressure.csv")
+    assert given["scale"].startswith(said) and given["scale"].endswith(
+        ", six_cylinder_diesel_peak_pressure.csv"
+    )
     over_speed, means = tables["Gas"], tables["Mean torques"]
     factor = np.loadtxt(FOLDER + "six_cylinder_diesel_peak_pressure.csv", delimiter=",")
     pressure = np.loadtxt(FOLDER + "six_cylinder_diesel_pressure.csv", delimiter=",")
     place = pressure[:, 1].argmax()
     for row, rpm in enumerate((1000.0, 2000.0)):
         peak = 1e-5 * pressure[place, 1] * np.interp(rpm, *factor.T)
-        assert float(column(over_speed, "largest pressure bar")[row]) == pytest.approx(peak, rel=1e-3)
+        assert float(column(over_speed, "largest pressure bar")[row]) == pytest.approx(
+            peak, rel=1e-3
+        )
         angle = float(column(over_speed, "deg after firing TDC")[row])
         assert angle == pytest.approx(pressure[place, 0] - 360.0, abs=0.1)
         mean = float(column(over_speed, "mean torque N m")[row])
         swept = np.pi / 4 * 0.105**2 * 0.137
-        assert float(column(over_speed, "imep bar")[row]) == pytest.approx(4e-5 * np.pi * mean / swept, rel=1e-3)
+        assert float(column(over_speed, "imep bar")[row]) == pytest.approx(
+            4e-5 * np.pi * mean / swept, rel=1e-3
+        )
         _, load, power = map(float, means.columns[2 + row])
         assert load == pytest.approx(-6 * mean, rel=1e-2)
         assert power == pytest.approx(6 * mean * rpm * np.pi / 30e3, rel=1e-2)
@@ -62,8 +82,17 @@ def test_pressure_tables_are_told_by_file_peak_angle_and_what_changes_them_over_
 
 def test_a_cylinder_whose_gas_differs_has_numbers_and_rows_of_its_own():
     tables = told("six_cylinder_diesel", [1000.0], **{"cylinder 2.gas_factor": 0.5})
-    assert column(tables["Cylinders"], "numbers as of")[:3] == ["cylinder 1", "cylinder 2", "cylinder 1"]
-    assert column(tables["Numbers"], "cylinder 2")[tables["Numbers"].columns[0].index("gas factor")] == "0.5"
+    assert column(tables["Cylinders"], "numbers as of")[:3] == [
+        "cylinder 1",
+        "cylinder 2",
+        "cylinder 1",
+    ]
+    assert (
+        column(tables["Numbers"], "cylinder 2")[
+            tables["Numbers"].columns[0].index("gas factor")
+        ]
+        == "0.5"
+    )
     assert tables["Gas"].columns[0] == ["cylinder 1", "cylinder 2"]
     whole, half = map(float, column(tables["Gas"], "largest pressure bar"))
     assert half == pytest.approx(whole / 2, rel=1e-3)
@@ -72,40 +101,81 @@ def test_a_cylinder_whose_gas_differs_has_numbers_and_rows_of_its_own():
 def test_given_orders_are_amplitudes_and_phases_of_the_reference_rotor_the_same_amplitudes_in_one_table():
     valves, pump, gas = told("gear_train_30", [1200.0])["Orders"]
     assert valves.title.startswith("Orders of 10 torques with the same amplitudes: ")
-    assert valves.heads[2:] == [f"valves {bank}{k}" for bank in "AB" for k in range(1, 6)]
+    assert valves.heads[2:] == [
+        f"valves {bank}{k}" for bank in "AB" for k in range(1, 6)
+    ]
     assert pump.columns[0] == ["3", "6"]
     given = np.loadtxt(FOLDER + "gear_train_30_gas_torque.csv", delimiter=",")
-    for order, amplitude, phase, (wanted, real, imaginary) in zip(*gas.columns, given, strict=True):
-        assert float(order) == wanted and float(amplitude) == pytest.approx(abs(real + 1j * imaginary), abs=0.6)
-        assert float(phase) == pytest.approx(np.degrees(np.arctan2(imaginary, real)), abs=0.06)
+    for order, amplitude, phase, (wanted, real, imaginary) in zip(
+        *gas.columns, given, strict=True
+    ):
+        assert float(order) == wanted and float(amplitude) == pytest.approx(
+            abs(real + 1j * imaginary), abs=0.6
+        )
+        assert float(phase) == pytest.approx(
+            np.degrees(np.arctan2(imaginary, real)), abs=0.06
+        )
 
 
 def test_orders_of_a_shaft_of_its_own_are_counted_in_revolutions_of_the_reference_rotor():
     tables = told("inline_four_timing_drive", [900.0])
     # Of the pump, 3, 6 and 9 of its own at half the speed.
     assert tables["Orders"][-1].columns[0] == ["1.5", "3", "4.5"]
-    assert dict(zip(*tables["Numbers"].columns, strict=True))["ambient pressure bar"] == "1"
+    assert (
+        dict(zip(*tables["Numbers"].columns, strict=True))["ambient pressure bar"]
+        == "1"
+    )
 
 
 def test_a_torque_tells_how_it_changes_over_the_speed():
-    scale = "60 rows, rpm 281.25 to 16875, factor 0.0025 to 9, spur_pair_omega_squared.csv"
-    assert column(told("spur_pair", [900.0])["Torques"], "scale") == [NONE, NONE, scale, scale]
+    scale = (
+        "60 rows, rpm 281.25 to 16875, factor 0.0025 to 9, spur_pair_omega_squared.csv"
+    )
+    assert column(told("spur_pair", [900.0])["Torques"], "scale") == [
+        NONE,
+        NONE,
+        scale,
+        scale,
+    ]
 
 
 def test_a_combustion_model_is_told_by_its_numbers():
     given = dict(zip(*told("first_scene", [2000.0])["Numbers"].columns, strict=True))
-    assert given["combustion.imep bar"] == "8" and given["combustion.compression ratio"] == "17"
+    assert (
+        given["combustion.imep bar"] == "8"
+        and given["combustion.compression ratio"] == "17"
+    )
 
 
 def test_the_assumptions_tell_what_is_left_of_a_cylinder_that_does_not_fire():
     row = {"disk": "a", "bore": 0.1, "stroke": 0.1, "rod": 0.2, "name": "x"}
-    given = {"compression_ratio": 16.0, "charge_pressure": 2e5, "start": -5.0, "duration": 60.0, "imep": 1e6}
-    parts = [jaxhb.Disk(name="a", inertia=1.0, damping=1.0), jaxhb.Disk(name="b", inertia=1.0)]
+    given = {
+        "compression_ratio": 16.0,
+        "charge_pressure": 2e5,
+        "start": -5.0,
+        "duration": 60.0,
+        "imep": 1e6,
+    }
+    parts = [
+        jaxhb.Disk(name="a", inertia=1.0, damping=1.0),
+        jaxhb.Disk(name="b", inertia=1.0),
+    ]
     parts += [jaxhb.Load(disk="b"), jaxhb.Shaft(between=("a", "b"), stiffness=1e4)]
-    train = jaxhb.build([*parts, jaxhb.Cylinder(**row, combustion=jaxhb.Combustion(**given))], revolutions_per_cycle=2)
-    report = Report([Case("", [SimpleNamespace(train=train, orbit=False)])], facts={"date": "today"})
+    train = jaxhb.build(
+        [*parts, jaxhb.Cylinder(**row, combustion=jaxhb.Combustion(**given))],
+        revolutions_per_cycle=2,
+    )
+    report = Report(
+        [Case("", [SimpleNamespace(train=train, orbit=False)])], facts={"date": "today"}
+    )
     (part,) = parts_of(report, {"": assumptions})
-    assert "has no injection: its compression stays" in part.html and "cut off has no gas torque at all" in part.html
-    each = [jaxhb.forced_response(t, rpm=1000.0) for t in (train, train.misfire("x"), train.cut_off("x"))]
+    assert (
+        "has no injection: its compression stays" in part.html
+        and "cut off has no gas torque at all" in part.html
+    )
+    each = [
+        jaxhb.forced_response(t, rpm=1000.0)
+        for t in (train, train.misfire("x"), train.cut_off("x"))
+    ]
     swings = [float(one.torque("a|b").half_peak_to_peak) for one in each]
     assert swings[0] > 1.05 * swings[1] and swings[1] > 10.0 and swings[2] < 1e-9

@@ -11,8 +11,21 @@ from jaxhb.report.answer import SPEED, Answer, Case
 from jaxhb.report.compute import Asked, answer_one, answer_speeds
 from jaxhb.report.figures.cycle import cycle_figure, in_the_gap, plot_cycle
 from jaxhb.report.figures.draw import drawn
-from jaxhb.report.figures.figure import DIGITS, MOTIONS, above, bands, figure, line, marks
-from jaxhb.report.figures.speeds import BESIDE, over_speed, plot_sweep, tolerance_figures
+from jaxhb.report.figures.figure import (
+    DIGITS,
+    MOTIONS,
+    above,
+    bands,
+    figure,
+    line,
+    marks,
+)
+from jaxhb.report.figures.speeds import (
+    BESIDE,
+    over_speed,
+    plot_sweep,
+    tolerance_figures,
+)
 from jaxhb.report.quantities import Quantity
 from jaxhb.report.selection import subject_of
 from jaxhb.results.steady import orbit_state
@@ -24,22 +37,40 @@ def pair():
     return answer_one(jaxhb.load_scene("spur_pair"), 5000.0, Asked())
 
 
-def test_torque_and_force_are_drawn_with_gap_contact_shaded_for_its_share_of_the_cycle(pair):
+def test_torque_and_force_are_drawn_with_gap_contact_shaded_for_its_share_of_the_cycle(
+    pair,
+):
     response, linear = pair.response, pair.linear
     above, below = plot_cycle(pair, "gear b").axes
     after, before = above.get_lines()[:2]
-    assert after.get_ydata().max() == pytest.approx(float(response.gear_torque("gear b").max), rel=1e-3)
-    assert before.get_ydata().max() == pytest.approx(float(linear.gear_torque("gear b").max), rel=1e-3)
-    assert after.get_xdata()[-1] == pytest.approx(360.0 * response.topology.revolutions_per_cycle)
+    assert after.get_ydata().max() == pytest.approx(
+        float(response.gear_torque("gear b").max), rel=1e-3
+    )
+    assert before.get_ydata().max() == pytest.approx(
+        float(linear.gear_torque("gear b").max), rel=1e-3
+    )
+    assert after.get_xdata()[-1] == pytest.approx(
+        360.0 * response.topology.revolutions_per_cycle
+    )
     force = float(response.force("gear a", "gear b").max) / 1e3
     assert below.get_lines()[0].get_ydata().max() == pytest.approx(force, rel=1e-3)
     share = response.mesh("gear a", "gear b").separated_fraction
     for axes in (above, below):
-        shaded = sum(band.get_width() for band in axes.patches) / np.ptp(axes.get_xlim())
+        shaded = sum(band.get_width() for band in axes.patches) / np.ptp(
+            axes.get_xlim()
+        )
         assert shaded == pytest.approx(share, abs=2e-3)
     legend = above.get_legend()
-    assert [text.get_text() for text in legend.get_texts()] == ["with backlash", "without backlash"]
-    assert legend.get_title().get_text().replace("\n", " ").endswith("grey: its teeth are apart")
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "with backlash",
+        "without backlash",
+    ]
+    assert (
+        legend.get_title()
+        .get_text()
+        .replace("\n", " ")
+        .endswith("grey: its teeth are apart")
+    )
 
 
 def test_nothing_is_shaded_where_all_teeth_stay_in_contact(pair):
@@ -48,9 +79,18 @@ def test_nothing_is_shaded_where_all_teeth_stay_in_contact(pair):
     assert not in_the_gap(linear, "gear a|gear b", 64).any()
 
 
-def test_an_unknown_motion_has_its_reason_in_the_picture_and_the_line_without_backlash_alone(pair):
-    nothing = {"kind": "unknown", "period": 0, "response": None, "notes": ("it gains speed",)}
-    unknown = Answer(pair.train, dataclasses.replace(pair.state, **nothing), pair.linear)
+def test_an_unknown_motion_has_its_reason_in_the_picture_and_the_line_without_backlash_alone(
+    pair,
+):
+    nothing = {
+        "kind": "unknown",
+        "period": 0,
+        "response": None,
+        "notes": ("it gains speed",),
+    }
+    unknown = Answer(
+        pair.train, dataclasses.replace(pair.state, **nothing), pair.linear
+    )
     figure = plot_cycle(unknown)
     assert figure.get_suptitle() == "spur_pair, 5000 rpm: unknown: it gains speed"
     for axes in figure.axes:
@@ -61,34 +101,72 @@ def test_an_unknown_motion_has_its_reason_in_the_picture_and_the_line_without_ba
 def test_the_picture_shows_the_gear_of_the_reference_rotor():
     train = jaxhb.load_scene("gear_train_30")
     linear = jaxhb.linear_response(train, rpm=1800.0)
-    assert subject_of(Answer(train, orbit_state(linear), linear, orbit=True))[0] == "crank gear"
+    assert (
+        subject_of(Answer(train, orbit_state(linear), linear, orbit=True))[0]
+        == "crank gear"
+    )
 
 
 def test_a_train_without_teeth_shows_its_hardest_shaft_and_over_the_speed_both_measures_of_its_torque():
-    answers = answer_speeds(jaxhb.load_scene("six_cylinder_diesel"), [1000.0, 1500.0], Asked())
+    answers = answer_speeds(
+        jaxhb.load_scene("six_cylinder_diesel"), [1000.0, 1500.0], Asked()
+    )
     response = answers["up"][1].response
     peaks = [float(response.torque(name).max) for name in response.topology.shaft_names]
     (axes,) = plot_cycle(answers["up"][1]).axes
-    assert axes.get_lines()[0].get_ydata().max() == pytest.approx(1e-3 * max(peaks), rel=1e-3)
+    assert axes.get_lines()[0].get_ydata().max() == pytest.approx(
+        1e-3 * max(peaks), rel=1e-3
+    )
     assert axes.get_ylabel() == "torque, kN m"
-    swing, total, _ = (line.get_ydata() for line in plot_sweep(answers).axes[0].get_lines())
+    swing, total, _ = (
+        line.get_ydata() for line in plot_sweep(answers).axes[0].get_lines()
+    )
     assert (total > swing).all()
 
 
 def test_the_bars_of_several_meshes_stand_beside_each_other():
     spread = SimpleNamespace(peak=0.0)
-    cycles = SimpleNamespace(per_cycle=SimpleNamespace(peak=np.array([1e3, 2e3, 3e3])), peak=3e3, spread=spread)
+    cycles = SimpleNamespace(
+        per_cycle=SimpleNamespace(peak=np.array([1e3, 2e3, 3e3])),
+        peak=3e3,
+        spread=spread,
+    )
     topology = SimpleNamespace(mesh_names=("a|b", "b|c"), mesh_backlash=(0.0, 0.0))
-    irregular = {"state": SimpleNamespace(kind="irregular"), "answered": True, "force": lambda mesh: cycles}
-    irregular |= {"axis": SPEED, "train": SimpleNamespace(topology=topology), "topology": topology}
+    irregular = {
+        "state": SimpleNamespace(kind="irregular"),
+        "answered": True,
+        "force": lambda mesh: cycles,
+    }
+    irregular |= {
+        "axis": SPEED,
+        "train": SimpleNamespace(topology=topology),
+        "topology": topology,
+    }
     irregular |= {"unstable": False, "linear": None, "unconfirmed": False}
-    answers = [SimpleNamespace(place=rpm, rpm=rpm, **irregular) for rpm in (1800.0, 2000.0)]
-    quantity = Quantity("tooth_force_peak", "mesh", "tooth force", "Force", topology.mesh_names)
+    answers = [
+        SimpleNamespace(place=rpm, rpm=rpm, **irregular) for rpm in (1800.0, 2000.0)
+    ]
+    quantity = Quantity(
+        "tooth_force_peak", "mesh", "tooth force", "Force", topology.mesh_names
+    )
     figure = over_speed(quantity, topology.mesh_names, [Case("", answers)])
-    (bars,) = [trace for trace in figure.traces if trace["name"] == "5 to 95 % of the cycles"]
+    (bars,) = [
+        trace for trace in figure.traces if trace["name"] == "5 to 95 % of the cycles"
+    ]
     width = np.ptp(figure.layout["xaxis"]["range"])
     beside = 1800.0 + BESIDE * width
-    wanted = [1800, 1800, None, 2000, 2000, None, *[beside] * 2, None, *[beside + 200] * 2, None]
+    wanted = [
+        1800,
+        1800,
+        None,
+        2000,
+        2000,
+        None,
+        *[beside] * 2,
+        None,
+        *[beside + 200] * 2,
+        None,
+    ]
     found, wanted = (np.array(values, float) for values in (bars["x"], wanted))
     np.testing.assert_allclose(found, wanted, rtol=0.5 * 10 ** (1 - DIGITS))
     assert bars["y"] == [1.0, 3.0, None] * 4
@@ -96,13 +174,39 @@ def test_the_bars_of_several_meshes_stand_beside_each_other():
 
 @pytest.fixture(scope="module")
 def specification():
-    """Two panels: a dashed line with a gap and a mark of every kind; bars and a text in the second."""
-    dashed = line([0.0, 1.0, 2.0, 3.0], [1.0, np.nan, 3.0, -2.0], "dashed", 1, mode="lines+markers")
-    dashed["marker"] = {"symbol": ["circle", "circle", "square-open", "star"], "size": 10}
-    other = line([], [2.0, 4.0, 6.0], "stepped", panel=1, look={"shape": "hv", "dash": "dot"}, x0=0.0, dx=1.5)
+    """Two panels: a dashed line with a gap and a mark of every kind; bars and a text in
+    the second.
+    """
+    dashed = line(
+        [0.0, 1.0, 2.0, 3.0],
+        [1.0, np.nan, 3.0, -2.0],
+        "dashed",
+        1,
+        mode="lines+markers",
+    )
+    dashed["marker"] = {
+        "symbol": ["circle", "circle", "square-open", "star"],
+        "size": 10,
+    }
+    other = line(
+        [],
+        [2.0, 4.0, 6.0],
+        "stepped",
+        panel=1,
+        look={"shape": "hv", "dash": "dot"},
+        x0=0.0,
+        dx=1.5,
+    )
     del other["x"]
-    traces = [dashed, other, marks([2.0], [3.0], "cross", "x-thin-open", panel=1, showlegend=False)]
-    more = {"shapes": [*bands([(0.5, 1.0)]), *bands([(2.0, 2.5)], 1)], "annotations": [above("name", 1)]}
+    traces = [
+        dashed,
+        other,
+        marks([2.0], [3.0], "cross", "x-thin-open", panel=1, showlegend=False),
+    ]
+    more = {
+        "shapes": [*bands([(0.5, 1.0)]), *bands([(2.0, 2.5)], 1)],
+        "annotations": [above("name", 1)],
+    }
     panels = [("first", (-4.0, 4.0)), ("second", None)]
     made = figure("What is drawn", "angle", panels, traces, x_range=(0.0, 3.0), **more)
     made.layout["xaxis"] |= {"dtick": 1.5}
@@ -110,21 +214,43 @@ def specification():
     return made
 
 
-def test_a_specification_is_drawn_with_its_lines_gaps_marks_bands_ticks_and_texts(specification):
+def test_a_specification_is_drawn_with_its_lines_gaps_marks_bands_ticks_and_texts(
+    specification,
+):
     top, below = drawn(specification, title="scene").axes
     dashed, round_, square, star = top.get_lines()[:4]
     assert (dashed.get_linestyle(), dashed.get_marker()) == ("--", "None")
     np.testing.assert_array_equal(dashed.get_ydata(), [1.0, np.nan, 3.0, -2.0])
     assert [one.get_marker() for one in (round_, square, star)] == ["o", "s", "*"]
-    assert (square.get_xydata().tolist(), square.get_markerfacecolor()) == ([[2.0, 3.0]], "none")
+    assert (square.get_xydata().tolist(), square.get_markerfacecolor()) == (
+        [[2.0, 3.0]],
+        "none",
+    )
     stepped, cross = below.get_lines()[:2]
-    assert (stepped.get_drawstyle(), stepped.get_xdata().tolist()) == ("steps-post", [0.0, 1.5, 3.0])
+    assert (stepped.get_drawstyle(), stepped.get_xdata().tolist()) == (
+        "steps-post",
+        [0.0, 1.5, 3.0],
+    )
     assert (cross.get_marker(), cross.get_linestyle()) == ("x", "None")
     for axes, wanted in ((top, [(0.5, 1.0)]), (below, [(0.5, 1.0), (2.0, 2.5)])):
-        assert [(band.get_x(), band.get_x() + band.get_width()) for band in axes.patches] == wanted
-        assert axes.get_xlim() == (0.0, 3.0) and axes.get_xticks().tolist() == [0.0, 1.5, 3.0]
-    assert (top.get_ylim(), top.get_ylabel(), below.get_xlabel(), top.get_xlabel()) == ((-4, 4), "first", "angle", "")
-    assert [label.get_text() for label in top.get_yticklabels()] == ["low", "very\nhigh"]
+        assert [
+            (band.get_x(), band.get_x() + band.get_width()) for band in axes.patches
+        ] == wanted
+        assert axes.get_xlim() == (0.0, 3.0) and axes.get_xticks().tolist() == [
+            0.0,
+            1.5,
+            3.0,
+        ]
+    assert (top.get_ylim(), top.get_ylabel(), below.get_xlabel(), top.get_xlabel()) == (
+        (-4, 4),
+        "first",
+        "angle",
+        "",
+    )
+    assert [label.get_text() for label in top.get_yticklabels()] == [
+        "low",
+        "very\nhigh",
+    ]
     assert [text.get_text() for text in below.texts] == ["name"]
     legend = top.get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ["dashed", "stepped"]
@@ -132,18 +258,47 @@ def test_a_specification_is_drawn_with_its_lines_gaps_marks_bands_ticks_and_text
 
 
 def test_figures_stand_one_below_the_other_each_with_its_axis_and_legend(specification):
-    across = {"xaxis": specification.layout["xaxis"] | {"title": {"text": "force"}, "range": [0.0, 9.0]}}
-    other = dataclasses.replace(specification, caption="Other", layout=specification.layout | across)
+    across = {
+        "xaxis": (
+            specification.layout["xaxis"]
+            | {
+                "title": {"text": "force"},
+                "range": [0.0, 9.0],
+            }
+        )
+    }
+    other = dataclasses.replace(
+        specification, caption="Other", layout=specification.layout | across
+    )
     axes = drawn(specification, other).axes
-    assert [(one.get_xlabel(), one.get_xlim()[1]) for one in axes] == [("", 3), ("angle", 3), ("", 9), ("force", 9)]
-    assert [one.get_legend().get_title().get_text() for one in axes[::2]] == ["What is drawn", "Other"]
+    assert [(one.get_xlabel(), one.get_xlim()[1]) for one in axes] == [
+        ("", 3),
+        ("angle", 3),
+        ("", 9),
+        ("force", 9),
+    ]
+    assert [one.get_legend().get_title().get_text() for one in axes[::2]] == [
+        "What is drawn",
+        "Other",
+    ]
 
 
 def test_thousands_are_told_in_the_next_larger_unit_panel_by_panel():
-    traces = [line([0.0, 1.0], [12000.0, -3.0], "torque"), line([0.0, 1.0], [900.0, np.nan], "heat", panel=1)]
-    made = figure("two panels, N m", "rpm", [("torque, N m", (0.0, 13000.0)), ("heat, W", None)], traces)
+    traces = [
+        line([0.0, 1.0], [12000.0, -3.0], "torque"),
+        line([0.0, 1.0], [900.0, np.nan], "heat", panel=1),
+    ]
+    made = figure(
+        "two panels, N m",
+        "rpm",
+        [("torque, N m", (0.0, 13000.0)), ("heat, W", None)],
+        traces,
+    )
     titles = [made.layout[name]["title"]["text"] for name in ("yaxis", "yaxis2")]
-    assert titles == ["torque, kN m", "heat, W"] and made.layout["yaxis"]["range"] == [0.0, 13.0]
+    assert titles == ["torque, kN m", "heat, W"] and made.layout["yaxis"]["range"] == [
+        0.0,
+        13.0,
+    ]
     assert [trace["y"] for trace in made.traces] == [[12.0, -0.003], [900.0, None]]
     assert (
         figure("the panel, N m; grey: barred", "rpm", "torque, N m", traces[:1]).caption
@@ -154,8 +309,13 @@ def test_thousands_are_told_in_the_next_larger_unit_panel_by_panel():
 
 
 def test_tiny_numbers_are_told_in_a_smaller_unit_so_that_an_axis_shows_more_than_zeros():
-    tiny = line([0.0, 1.0], [8.7e-9, 3e-9], "force"), line([0.0, 1.0], [2e-8, 0.0], "angle", panel=1)
-    made = figure("two panels", "rpm", [("force, kN", (0.0, 1e-8)), ("angle, deg", None)], tiny)
+    tiny = (
+        line([0.0, 1.0], [8.7e-9, 3e-9], "force"),
+        line([0.0, 1.0], [2e-8, 0.0], "angle", panel=1),
+    )
+    made = figure(
+        "two panels", "rpm", [("force, kN", (0.0, 1e-8)), ("angle, deg", None)], tiny
+    )
     titles = [made.layout[name]["title"]["text"] for name in ("yaxis", "yaxis2")]
     assert titles == ["force, 1e-6 N", "angle, 1e-9 deg"]
     assert [trace["y"] for trace in made.traces] == [[8.7, 3.0], [20.0, 0.0]]
@@ -164,44 +324,77 @@ def test_tiny_numbers_are_told_in_a_smaller_unit_so_that_an_axis_shows_more_than
     picture = drawn(made)
     picture.canvas.draw()
     for axes in picture.axes:
-        assert len({text.get_text() for text in axes.get_yticklabels()}) == len(axes.get_yticklabels())
+        assert len({text.get_text() for text in axes.get_yticklabels()}) == len(
+            axes.get_yticklabels()
+        )
 
 
 def test_numbers_of_one_speed_are_marked_and_told_apart_without_colour():
     names = "half peak-to-peak", "limit", "sum of amplitudes"
-    made = figure("", "rpm", "torque, N m", [line([500.0], [1.0 + k], name, k) for k, name in enumerate(names)])
+    made = figure(
+        "",
+        "rpm",
+        "torque, N m",
+        [line([500.0], [1.0 + k], name, k) for k, name in enumerate(names)],
+    )
     symbols = {trace["marker"]["symbol"] for trace in made.traces}
-    assert len(symbols) == len(names) and not symbols & {symbol for symbol, _ in MOTIONS.values()}
+    assert len(symbols) == len(names) and not symbols & {
+        symbol for symbol, _ in MOTIONS.values()
+    }
     shown = drawn(made).axes[0].get_lines()
-    assert len({one.get_marker() for one in shown}) == len(names) and "None" not in {one.get_marker() for one in shown}
-    # A point between gaps is reached by no line either; where every point has another beside it there are no marks.
+    assert len({one.get_marker() for one in shown}) == len(names) and "None" not in {
+        one.get_marker() for one in shown
+    }
+    # A point between gaps is reached by no line either; where every point has another
+    # beside it there are no marks.
     assert line([1.0, 2.0, 3.0], [1.0, np.nan, 2.0], "gap")["mode"] == "lines+markers"
     assert line([1.0, 2.0, 3.0], [1.0, 2.0, np.nan], "line")["mode"] == "lines"
 
 
 def test_a_title_longer_than_its_panel_is_high_stands_in_rows_with_room_beside_the_numbers():
     made = figure("", "rpm", "stress over continuous limit", [line([0.0], [1.0], "a")])
-    title, plainer = made.layout["yaxis"]["title"], figure("", "rpm", "stress, MPa", [line([0.0], [1.0], "a")])
+    title, plainer = (
+        made.layout["yaxis"]["title"],
+        figure("", "rpm", "stress, MPa", [line([0.0], [1.0], "a")]),
+    )
     assert title["text"] == "stress over continuous<br>limit" and title["standoff"] > 0
     assert made.layout["margin"]["l"] > plainer.layout["margin"]["l"]
     assert drawn(made).axes[0].get_ylabel() == "stress over continuous\nlimit"
 
 
 @pytest.mark.parametrize(("revolutions", "step"), [(2, 90), (5, 180), (10, 360)])
-def test_the_angles_of_a_long_cycle_have_few_ticks_at_quarters_or_whole_revolutions(revolutions, step):
+def test_the_angles_of_a_long_cycle_have_few_ticks_at_quarters_or_whole_revolutions(
+    revolutions, step
+):
     parts = [jaxhb.Disk(name=name, inertia=1.0) for name in "ab"]
     parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e3, damping=1.0)]
     parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)])]
     train = jaxhb.build(parts, revolutions_per_cycle=revolutions)
     linear = jaxhb.linear_response(train, rpm=100.0)
-    made = cycle_figure(Answer(train, orbit_state(linear), linear, orbit=True), "a|b", (), "")
+    made = cycle_figure(
+        Answer(train, orbit_state(linear), linear, orbit=True), "a|b", (), ""
+    )
     assert made.layout["xaxis"]["dtick"] == step
 
 
 def test_the_middle_of_the_sample_is_called_its_median():
     ones = np.ones((2, 1))
-    spread = {"rpm": np.array([100.0, 200.0]), "labels": ["shaft torque of a|b"], "drawn": [1.0]}
-    spread |= {"of": [SimpleNamespace(quantity="shaft torque")], "percentile": lambda percent: percent * ones}
-    (made,) = tolerance_figures(SimpleNamespace(**spread, nominal=ones, worst=2 * ones, bound=np.nan * ones))
-    (median,) = [trace for trace in made.traces if trace["name"] == "median of the sample"]
-    assert median["y"] == [50.0, 50.0] and made.layout["yaxis"]["title"]["text"] == "shaft torque, N m"
+    spread = {
+        "rpm": np.array([100.0, 200.0]),
+        "labels": ["shaft torque of a|b"],
+        "drawn": [1.0],
+    }
+    spread |= {
+        "of": [SimpleNamespace(quantity="shaft torque")],
+        "percentile": lambda percent: percent * ones,
+    }
+    (made,) = tolerance_figures(
+        SimpleNamespace(**spread, nominal=ones, worst=2 * ones, bound=np.nan * ones)
+    )
+    (median,) = [
+        trace for trace in made.traces if trace["name"] == "median of the sample"
+    ]
+    assert (
+        median["y"] == [50.0, 50.0]
+        and made.layout["yaxis"]["title"]["text"] == "shaft torque, N m"
+    )

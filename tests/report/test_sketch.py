@@ -1,4 +1,6 @@
-"""The sketch of a train: gears in mesh touch, nothing lies on anything else, names can be read."""
+"""The sketch of a train: gears in mesh touch, nothing lies on anything else, names can
+be read.
+"""
 
 import itertools
 
@@ -16,14 +18,23 @@ SCENES = ["gear_train_30", "engine_with_damper", "six_cylinder_diesel", "spur_pa
 
 
 def branched():
-    """A crankshaft with branches of shafts at one disk, two rotors in mesh with branches of their own, and a ring."""
+    """A crankshaft with branches of shafts at one disk, two rotors in mesh with
+    branches of their own, and a ring.
+    """
     return jaxhb.load_scene(DATA / "scenes" / "branched.toml")
 
 
 @pytest.fixture(scope="module", params=[*SCENES, "branched", "loop"])
 def train(request):
-    made = {"branched": branched, "loop": lambda: build(gearbox_parts(), reference="motor")}
-    return made[request.param]() if request.param in made else jaxhb.load_scene(request.param)
+    made = {
+        "branched": branched,
+        "loop": lambda: build(gearbox_parts(), reference="motor"),
+    }
+    return (
+        made[request.param]()
+        if request.param in made
+        else jaxhb.load_scene(request.param)
+    )
 
 
 def test_gears_in_mesh_touch_and_other_circles_lie_apart(train):
@@ -34,7 +45,9 @@ def test_gears_in_mesh_touch_and_other_circles_lie_apart(train):
     for a, b in itertools.combinations(range(topology.n_disks), 2):
         distance = np.hypot(found.x[a] - found.x[b], found.y[a] - found.y[b])
         if frozenset((a, b)) in mates:
-            np.testing.assert_allclose(distance, found.pitch[a] + found.pitch[b], rtol=1e-9)
+            np.testing.assert_allclose(
+                distance, found.pitch[a] + found.pitch[b], rtol=1e-9
+            )
         else:
             assert distance > size[a] + size[b]
 
@@ -45,34 +58,58 @@ def test_every_disk_has_its_name_and_no_name_lies_on_another_or_on_a_disk(train)
     figure = plot_train(train)
     renderer = FigureCanvasAgg(figure).get_renderer()
     (axes,) = figure.axes
-    assert sorted(t.get_text() for t in axes.texts) == sorted([*train.topology.disk_names, train.topology.name])
-    boxes = [text.get_window_extent(renderer) for text in axes.texts] + [axes.get_legend().get_window_extent(renderer)]
+    assert sorted(t.get_text() for t in axes.texts) == sorted(
+        [*train.topology.disk_names, train.topology.name]
+    )
+    boxes = [text.get_window_extent(renderer) for text in axes.texts] + [
+        axes.get_legend().get_window_extent(renderer)
+    ]
     assert not [(a, b) for a, b in itertools.combinations(boxes, 2) if a.overlaps(b)]
     disks = [patch.get_window_extent(renderer) for patch in axes.patches]
     assert len(disks) == train.topology.n_disks
     assert not [(a, b) for a in boxes for b in disks if a.overlaps(b)]
     inside = figure.bbox
-    assert all(inside.x0 <= b.x0 and b.x1 <= inside.x1 and inside.y0 <= b.y0 and b.y1 <= inside.y1 for b in boxes)
+    assert all(
+        inside.x0 <= b.x0
+        and b.x1 <= inside.x1
+        and inside.y0 <= b.y0
+        and b.y1 <= inside.y1
+        for b in boxes
+    )
 
 
 def test_radii_grow_with_the_fourth_root_of_inertias_and_in_proportion_to_gears():
     disk, pitch = disk_radii(branched())
     names = branched().topology.disk_names
-    assert disk[names.index("crank")] / disk[names.index("flywheel")] == pytest.approx((2 / 9) ** 0.25)
-    assert pitch[names.index("gear 1")] / pitch[names.index("gear 3")] == pytest.approx(1 / 3)
+    assert disk[names.index("crank")] / disk[names.index("flywheel")] == pytest.approx(
+        (2 / 9) ** 0.25
+    )
+    assert pitch[names.index("gear 1")] / pitch[names.index("gear 3")] == pytest.approx(
+        1 / 3
+    )
     assert disk.argmin() == names.index("wheel") and not pitch[names.index("crank")]
 
 
 def test_a_shaft_that_closes_a_loop_passes_the_disks_between_its_ends():
     parts = [jaxhb.Disk(name=name, inertia=0.1) for name in "abc"]
-    parts += [jaxhb.Shaft(between=ends, stiffness=1e4) for ends in (("a", "b"), ("b", "c"), ("c", "a"))]
+    parts += [
+        jaxhb.Shaft(between=ends, stiffness=1e4)
+        for ends in (("a", "b"), ("b", "c"), ("c", "a"))
+    ]
     train = jaxhb.build(parts, revolutions_per_cycle=1)
     found, lines = Layout(train), plot_train(train).axes[0].lines
-    points = np.concatenate([line.get_xydata() for line in lines if len(line.get_xydata()) > 2])
-    assert np.hypot(points[:, 0] - found.x[1], points[:, 1] - found.y[1]).min() > found.disk[1]
+    points = np.concatenate(
+        [line.get_xydata() for line in lines if len(line.get_xydata()) > 2]
+    )
+    assert (
+        np.hypot(points[:, 0] - found.x[1], points[:, 1] - found.y[1]).min()
+        > found.disk[1]
+    )
 
 
-def test_scene_draws_the_train_and_prints_it_only_if_asked_and_refuses_what_nobody_can_read(tmp_path, capsys):
+def test_scene_draws_the_train_and_prints_it_only_if_asked_and_refuses_what_nobody_can_read(
+    tmp_path, capsys
+):
     picture = tmp_path / "train.png"
     assert main(["scene", "spur_pair", "--plot", str(picture)]) == 0
     assert capsys.readouterr().out == f"{picture} is written.\n"
@@ -81,6 +118,15 @@ def test_scene_draws_the_train_and_prints_it_only_if_asked_and_refuses_what_nobo
     assert "[[mesh]]" in capsys.readouterr().out
     rows = "".join(f"d{i},1\n" for i in range(401))
     links = "".join(f"d{i},d{i + 1},1e5\n" for i in range(400))
-    (tmp_path / "long.csv").write_text(f"name,inertia\n{rows}\nfrom,to,stiffness\n{links}")
-    assert main(["scene", str(tmp_path / "long.csv"), "--plot", str(tmp_path / "long.png")]) == 2
-    assert "401 disks" in capsys.readouterr().err and not (tmp_path / "long.png").exists()
+    (tmp_path / "long.csv").write_text(
+        f"name,inertia\n{rows}\nfrom,to,stiffness\n{links}"
+    )
+    assert (
+        main(
+            ["scene", str(tmp_path / "long.csv"), "--plot", str(tmp_path / "long.png")]
+        )
+        == 2
+    )
+    assert (
+        "401 disks" in capsys.readouterr().err and not (tmp_path / "long.png").exists()
+    )

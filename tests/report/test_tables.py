@@ -18,7 +18,15 @@ from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files.numbers import answer_record, answer_row
 from jaxhb.report.files.output import as_bytes
 from jaxhb.report.text.cases import solve_text
-from jaxhb.report.text.columns import aligned, alike, fixed, hit, percent, plain_number, ratio
+from jaxhb.report.text.columns import (
+    aligned,
+    alike,
+    fixed,
+    hit,
+    percent,
+    plain_number,
+    ratio,
+)
 from jaxhb.report.text.linear import modes_text
 from jaxhb.report.text.sentences import notes
 from jaxhb.report.text.sweep_tables import sweep_text
@@ -27,7 +35,10 @@ from jaxhb.results.steady import orbit_state
 
 
 def test_numbers_that_are_compared_share_their_decimals():
-    assert alike([24.0447, -5.644], [0.0, 3.3]) == [["24.04", "-5.64"], ["0.00", "3.30"]]
+    assert alike([24.0447, -5.644], [0.0, 3.3]) == [
+        ["24.04", "-5.64"],
+        ["0.00", "3.30"],
+    ]
     assert alike([1187.6, -0.2]) == [["1188", "0"]]
     assert alike([float("nan"), 0.012345]) == [["-", "0.01235"]]
 
@@ -41,8 +52,17 @@ def test_nothing_is_divided_by_zero():
 
 
 def test_columns_line_up_under_their_groups():
-    lines = aligned(["gear", "with", "without"], [["a", "long"], ["1", "2"], ["3", "4"]], [("both", 1, 2)]).splitlines()
-    assert lines == ["        ---- both ---", "  gear  with  without", "  a        1        3", "  long     2        4"]
+    lines = aligned(
+        ["gear", "with", "without"],
+        [["a", "long"], ["1", "2"], ["3", "4"]],
+        [("both", 1, 2)],
+    ).splitlines()
+    assert lines == [
+        "        ---- both ---",
+        "  gear  with  without",
+        "  a        1        3",
+        "  long     2        4",
+    ]
 
 
 def test_speeds_that_follow_each_other_are_told_as_a_range():
@@ -52,49 +72,99 @@ def test_speeds_that_follow_each_other_are_told_as_a_range():
 def test_a_soft_gap_and_a_high_knee_are_noted():
     train = jaxhb.load_scene("spur_pair")
     assert notes(answer_one(train, 2000.0, Asked())) == []
-    soft = train.replace({"gear a|gear b.epsilon": 0.03, "gear a|gear b.transition": 0.2})
+    soft = train.replace(
+        {"gear a|gear b.epsilon": 0.03, "gear a|gear b.transition": 0.2}
+    )
     found = notes(answer_one(soft, 2000.0, Asked()))
-    assert any("the spring in the gap carries up to" in note and "lower epsilon" in note for note in found)
-    assert any("stiff only above" in note and "smaller transition" in note for note in found)
-    assert notes(*(answer_one(soft, rpm, Asked()) for rpm in (1500.0, 2000.0))) == found  # the same mean at all speeds
+    assert any(
+        "the spring in the gap carries up to" in note and "lower epsilon" in note
+        for note in found
+    )
+    assert any(
+        "stiff only above" in note and "smaller transition" in note for note in found
+    )
+    assert (
+        notes(*(answer_one(soft, rpm, Asked()) for rpm in (1500.0, 2000.0))) == found
+    )  # the same mean at all speeds
 
 
 def as_orbit(response, **stability):
     """A response as the answer of --orbit."""
     linear = jaxhb.linear_response(response.train, rpm=response.rpm)
-    return Answer(response.train, orbit_state(response), linear, orbit=True, **stability)
+    return Answer(
+        response.train, orbit_state(response), linear, orbit=True, **stability
+    )
 
 
 def test_an_orbit_found_by_newtons_method_whose_stability_is_not_known_is_said_to_be_perhaps_unstable():
     sharp = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0)
-    searched = dataclasses.replace(sharp, path=(NewtonOnSweeps(40, 1024, 1e-6), *sharp.path))
+    searched = dataclasses.replace(
+        sharp, path=(NewtonOnSweeps(40, 1024, 1e-6), *sharp.path)
+    )
     (note,) = notes(as_orbit(searched))
     assert "2000 rpm" in note and "may be" in note and "unstable" in note
-    assert notes(as_orbit(searched, stability=SimpleNamespace(largest=0.5, stable=True, loses_by=None))) == []
-    assert notes(as_orbit(dataclasses.replace(searched, status=np.array(int(jaxhb.Status.STALLED))))) == []
+    assert (
+        notes(
+            as_orbit(
+                searched,
+                stability=SimpleNamespace(largest=0.5, stable=True, loses_by=None),
+            )
+        )
+        == []
+    )
+    assert (
+        notes(
+            as_orbit(
+                dataclasses.replace(
+                    searched, status=np.array(int(jaxhb.Status.STALLED))
+                )
+            )
+        )
+        == []
+    )
 
 
 def test_no_unstable_motion_goes_without_the_word():
     grows = SimpleNamespace(largest=2.5, stable=False, loses_by="fold")
-    orbit = as_orbit(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0), stability=grows)
+    orbit = as_orbit(
+        jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0), stability=grows
+    )
     said = solve_text(orbit).splitlines()
-    assert said[0].startswith("Unstable, the train does not run in this motion: the teeth hammer at 5000 rpm")
+    assert said[0].startswith(
+        "Unstable, the train does not run in this motion: the teeth hammer at 5000 rpm"
+    )
     assert "UNSTABLE (fold): a disturbance grows 2.5 times in a cycle" in said[3]
-    assert any("The periodic motion at 5000 rpm is UNSTABLE" in note for note in notes(orbit))
-    assert sweep_text({"orbit": [orbit]}).splitlines()[4].split()[-2:] == ["converged,", "UNSTABLE"]
+    assert any(
+        "The periodic motion at 5000 rpm is UNSTABLE" in note for note in notes(orbit)
+    )
+    assert sweep_text({"orbit": [orbit]}).splitlines()[4].split()[-2:] == [
+        "converged,",
+        "UNSTABLE",
+    ]
     massless = dataclasses.replace(orbit, stability=None, undecided="a massless disk")
-    assert "stability not decided: a massless disk" in solve_text(massless).splitlines()[3]
+    assert (
+        "stability not decided: a massless disk" in solve_text(massless).splitlines()[3]
+    )
 
 
 @pytest.fixture(scope="module")
 def sweep():
-    """Two periodic solutions: a hammering one, and the same as if its truncation error were too large."""
+    """Two periodic solutions: a hammering one, and the same as if its truncation error
+    were too large.
+    """
     one = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0)
-    return [as_orbit(one), as_orbit(dataclasses.replace(one, rpm=np.array(5100.0), status=np.array(1)))]
+    return [
+        as_orbit(one),
+        as_orbit(dataclasses.replace(one, rpm=np.array(5100.0), status=np.array(1))),
+    ]
 
 
 def test_irregularity_is_in_per_cent_for_people_and_a_share_for_programs(sweep):
-    table = next(part for part in solve_text(sweep[0]).split("\n\n") if part.startswith("Speed of disks"))
+    table = next(
+        part
+        for part in solve_text(sweep[0]).split("\n\n")
+        if part.startswith("Speed of disks")
+    )
     head, *rows = (line.split() for line in table.splitlines()[1:])
     assert head[-3:] == ["irregularity", "%", "acceleration"]
     for row, disk in zip(rows, ("gear a", "gear b"), strict=True):
@@ -105,7 +175,10 @@ def test_irregularity_is_in_per_cent_for_people_and_a_share_for_programs(sweep):
 
 def test_a_sweep_tells_where_teeth_separate_and_what_did_not_converge(sweep):
     lines = sweep_text({"orbit": sweep}).splitlines()
-    assert lines[0].startswith("Teeth separate at 1 of 2 speeds between 5000 and 5100 rpm: 5000 rpm; 1 without an ")
+    assert lines[0].startswith(
+        "Teeth separate at 1 of 2 speeds between 5000 and 5100 rpm: 5000 rpm; 1"
+        " without an "
+    )
     assert lines[1] == "NOT CONVERGED, tolerance not met, at 5100 rpm."
     assert lines[3] == "?: not converged"
     assert [line.split()[-1] for line in lines[5:7]] == ["converged", "met"]
@@ -113,16 +186,30 @@ def test_a_sweep_tells_where_teeth_separate_and_what_did_not_converge(sweep):
     assert doubted[4] == f"{certain[4]}?" and "?" not in "".join(certain)
 
 
-def test_an_unknown_motion_is_dashes_in_a_table_and_a_gap_with_a_cross_in_a_picture(sweep):
-    stalled = dataclasses.replace(sweep[0].response, rpm=np.array(5200.0), status=np.array(int(jaxhb.Status.STALLED)))
+def test_an_unknown_motion_is_dashes_in_a_table_and_a_gap_with_a_cross_in_a_picture(
+    sweep,
+):
+    stalled = dataclasses.replace(
+        sweep[0].response,
+        rpm=np.array(5200.0),
+        status=np.array(int(jaxhb.Status.STALLED)),
+    )
     answers = [*sweep, as_orbit(stalled)]
     row = sweep_text({"orbit": answers}).splitlines()[8].split()
     assert row == ["5200", "-", "-", "-", "-", "-", "-", "128", "stalled"]
     above, below = plot_sweep({"orbit": answers}).axes
-    (cross,) = [line for line in above.get_lines() if line.get_marker() == "x" and len(line.get_xdata())]
+    (cross,) = [
+        line
+        for line in above.get_lines()
+        if line.get_marker() == "x" and len(line.get_xdata())
+    ]
     assert cross.get_xdata().tolist() == [5100.0, 5200.0]
     share = 100 * sweep[0].contacts["gear a|gear b"].separated_fraction
-    np.testing.assert_allclose(below.get_lines()[0].get_ydata(), [share, np.nan, np.nan], rtol=0.5 * 10 ** (1 - DIGITS))
+    np.testing.assert_allclose(
+        below.get_lines()[0].get_ydata(),
+        [share, np.nan, np.nan],
+        rtol=0.5 * 10 ** (1 - DIGITS),
+    )
     assert np.isnan(above.get_lines()[0].get_ydata()).tolist() == [False, True, True]
 
 
@@ -134,7 +221,9 @@ class Terminal(io.StringIO):
 
 
 @pytest.mark.parametrize("stream", [io.StringIO(), Terminal()], ids=["log", "terminal"])
-def test_progress_is_one_line_on_a_terminal_and_a_line_now_and_then_in_a_log(stream, monkeypatch):
+def test_progress_is_one_line_on_a_terminal_and_a_line_now_and_then_in_a_log(
+    stream, monkeypatch
+):
     monkeypatch.setattr("jaxhb.cli.progress.INTERVAL", 0.01)
     monkeypatch.setattr("jaxhb.cli.progress.LOGGED", 0.01)
     with Progress(2, stream) as progress:
@@ -143,10 +232,14 @@ def test_progress_is_one_line_on_a_terminal_and_a_line_now_and_then_in_a_log(str
         progress.ended.wait(0.1)
     said = stream.getvalue()
     assert "1 of 2: 600 rpm" in said
-    assert (said.endswith("\r"), "\n" in said) == ((True, False) if stream.isatty() else (False, True))
+    assert (said.endswith("\r"), "\n" in said) == (
+        (True, False) if stream.isatty() else (False, True)
+    )
 
 
-@pytest.mark.parametrize("failure", [OSError(28, "no space"), ValueError("closed file")])
+@pytest.mark.parametrize(
+    "failure", [OSError(28, "no space"), ValueError("closed file")]
+)
 def test_progress_that_cannot_be_written_ends_no_computation(failure, monkeypatch):
     monkeypatch.setattr("jaxhb.cli.progress.INTERVAL", 0.01)
     tried = []
@@ -174,9 +267,17 @@ def test_a_quick_command_leaves_a_log_clean_and_a_quiet_one_a_terminal(monkeypat
 
 @pytest.mark.parametrize(
     ("value", "places", "wanted"),
-    [(-3e-18, 4, "0.0000"), (-0.0, 2, "0.00"), (0.0512, 4, "0.0512"), (0.0012, 2, "0.0012"), (np.nan, 2, "-")],
+    [
+        (-3e-18, 4, "0.0000"),
+        (-0.0, 2, "0.00"),
+        (0.0512, 4, "0.0512"),
+        (0.0012, 2, "0.0012"),
+        (np.nan, 2, "-"),
+    ],
 )
-def test_no_number_is_minus_zero_and_what_is_not_zero_is_not_told_as_zero(value, places, wanted):
+def test_no_number_is_minus_zero_and_what_is_not_zero_is_not_told_as_zero(
+    value, places, wanted
+):
     assert fixed(value, places) == wanted
 
 
@@ -185,7 +286,12 @@ def test_minus_zero_is_in_no_file_and_in_no_other_words():
     assert as_bytes({"a": -0.0, "b": [-0.0, 1.5]}) == b'{"a": 0.0, "b": [0.0, 1.5]}'
     assert numbers([-0.0, -2.0]) == [0.0, -2.0] and str(numbers([-0.0])[0]) == "0.0"
     disks = {"a": 1.0, "b": -0.0}
-    modes = SimpleNamespace(frequencies_hz=[3.0], shape=lambda k: disks, node_count=[0], mesh_energy_share=[0.0])
+    modes = SimpleNamespace(
+        frequencies_hz=[3.0],
+        shape=lambda k: disks,
+        node_count=[0],
+        mesh_energy_share=[0.0],
+    )
     table = modes_text(modes, "pair", ["elastic"], [-1e-17])
     assert "-0.0" not in table and "0.0000" in table and "b" not in table.columns[-1][0]
 

@@ -1,8 +1,10 @@
-"""The misfire that governs: with the largest share of a limit, element by element, in tables and on the page.
+"""The misfire that governs: with the largest share of a limit, element by element, in
+tables and on the page.
 
-In the scene the torque of the intermediate shaft is largest with cylinder 4 cut off, at 85 rpm, but its stress comes
-nearest to its limit, which falls over the speed, with cylinder 1 cut off, at 120 rpm. What a crank of the engine has to
-bear is largest with cylinder 2 cut off.
+In the scene the torque of the intermediate shaft is largest with cylinder 4 cut off, at
+85 rpm, but its stress comes nearest to its limit, which falls over the speed, with
+cylinder 1 cut off, at 120 rpm. What a crank of the engine has to bear is largest with
+cylinder 2 cut off.
 """
 
 import numpy as np
@@ -21,14 +23,19 @@ from jaxhb.report.text.columns import Table
 
 SPEEDS = [80.0, 85.0, 120.0]
 SHAFT, CRANK = "intermediate", "crank"
-OF_CRANK = 'name = "crank"\ndiameter = 0.45\ntensile_strength = 6e8\nrule = "KR crankshaft B"\n'
+OF_CRANK = (
+    'name = "crank"\ndiameter = 0.45\ntensile_strength = 6e8\nrule = "KR crankshaft'
+    ' B"\n'
+)
 
 
 @pytest.fixture(scope="module")
 def train(tmp_path_factory):
     path = tmp_path_factory.mktemp("scene") / "engine.toml"
     between = 'between = ["cyl 1", "cyl 2"]\n'
-    path.write_text(text_of("slow_two_stroke.toml").replace(between, between + OF_CRANK))
+    path.write_text(
+        text_of("slow_two_stroke.toml").replace(between, between + OF_CRANK)
+    )
     return jaxhb.load_scene(path)
 
 
@@ -39,12 +46,17 @@ def trains(train):
 
 @pytest.fixture(scope="module")
 def wanted(trains):
-    """Of each case shares of the continuous limit and torque of the shaft over the speeds, and shares of the crank."""
+    """Of each case shares of the continuous limit and torque of the shaft over the
+    speeds, and shares of the crank.
+    """
     found = {}
     for name, one in trains.items():
         response = jaxhb.forced_response(one, rpm=SPEEDS)
         stresses = jaxhb.strength(response).stresses
-        own, crank = (stresses[shaft].stress / stresses[shaft].continuous for shaft in (SHAFT, CRANK))
+        own, crank = (
+            stresses[shaft].stress / stresses[shaft].continuous
+            for shaft in (SHAFT, CRANK)
+        )
         found[name] = own, np.asarray(response.torque(SHAFT).half_peak_to_peak), crank
     return found
 
@@ -55,31 +67,63 @@ def report(train, trains):
     return Report(solve_cases(titled, SPEEDS, Asked()), facts={"date": "today"})
 
 
-def test_the_largest_torque_and_the_largest_share_have_other_cylinders_and_speeds(wanted):
-    shares, torques = (np.array([wanted[f"cylinder {k}"][i] for k in range(1, 5)]) for i in (0, 1))
+def test_the_largest_torque_and_the_largest_share_have_other_cylinders_and_speeds(
+    wanted,
+):
+    shares, torques = (
+        np.array([wanted[f"cylinder {k}"][i] for k in range(1, 5)]) for i in (0, 1)
+    )
     assert np.unravel_index(shares.argmax(), shares.shape) == (0, 2)
     assert np.unravel_index(torques.argmax(), torques.shape) == (3, 1)
 
 
 def test_the_page_has_one_worst_misfire_and_draws_what_governs(report, wanted):
     share = f"{wanted['cylinder 1'][0][2]:.2f} of the continuous limit"
-    assert [case.title for case in report.shown] == ["all cylinders firing", "cylinder 1 cut off"]
+    assert [case.title for case in report.shown] == [
+        "all cylinders firing",
+        "cylinder 1 cut off",
+    ]
     said = [block for block in result(report) if "worst misfire" in block]
     assert len(said) == 1 and "is that of cylinder 1" in said[0] and share in said[0]
-    assert any(f"stress of {SHAFT} {share} (cylinder 1 cut off, 120 rpm)" in block for block in result(report))
+    assert any(
+        f"stress of {SHAFT} {share} (cylinder 1 cut off, 120 rpm)" in block
+        for block in result(report)
+    )
     blocks = limits(report)
-    (table,) = (block for block in blocks if isinstance(block, Table) and "element by element" in block)
+    (table,) = (
+        block
+        for block in blocks
+        if isinstance(block, Table) and "element by element" in block
+    )
     assert table.columns[0] == [SHAFT, CRANK]
     assert table.columns[-1] == ["cylinder 1 cut off", "cylinder 2 cut off"]
-    names = [trace["name"] for block in blocks if hasattr(block, "traces") for trace in block.traces]
+    names = [
+        trace["name"]
+        for block in blocks
+        if hasattr(block, "traces")
+        for trace in block.traces
+    ]
     assert {"stress, cylinder 1 cut off", "stress, cylinder 2 cut off"}.issubset(names)
-    assert not {"stress, cylinder 3 cut off", "stress, cylinder 4 cut off"}.intersection(names)
+    assert not {
+        "stress, cylinder 3 cut off",
+        "stress, cylinder 4 cut off",
+    }.intersection(names)
 
 
 def test_the_tables_of_the_page_name_the_worst_cylinder_row_by_row(report, trains):
-    (table,) = (b for b in campbell_part(report) if isinstance(b, Table) and "worst misfire N m" in b.heads)
-    orders, modes, named = (table.columns[table.heads.index(head)] for head in ("order", "mode", "that of"))
-    asked = {"rpm": np.linspace(80.0, 120.0, 33), "orders": sorted(set(map(float, orders))), "count": 12}
+    (table,) = (
+        b
+        for b in campbell_part(report)
+        if isinstance(b, Table) and "worst misfire N m" in b.heads
+    )
+    orders, modes, named = (
+        table.columns[table.heads.index(head)] for head in ("order", "mode", "that of")
+    )
+    asked = {
+        "rpm": np.linspace(80.0, 120.0, 33),
+        "orders": sorted(set(map(float, orders))),
+        "count": 12,
+    }
     torques = {
         name: {(c.order, c.mode): c.torque for c in campbell(one, **asked).critical}
         for name, one in trains.items()
@@ -89,21 +133,39 @@ def test_the_tables_of_the_page_name_the_worst_cylinder_row_by_row(report, train
         place = float(order), int(mode)
         assert torques[name][place] == max(own[place] for own in torques.values())
     (table,) = (
-        b for b in forced_part(report) if isinstance(b, Table) and "Vibratory torque" in b and "that of" in b.heads
+        b
+        for b in forced_part(report)
+        if isinstance(b, Table) and "Vibratory torque" in b and "that of" in b.heads
     )
-    rows = dict(zip(table.columns[0], table.columns[table.heads.index("that of")], strict=True))
+    rows = dict(
+        zip(table.columns[0], table.columns[table.heads.index("that of")], strict=True)
+    )
     assert rows[SHAFT] == "cylinder 1 cut off"
 
 
-def test_the_misfire_that_governs_each_element_is_told_in_words_and_files(report, wanted):
+def test_the_misfire_that_governs_each_element_is_told_in_words_and_files(
+    report, wanted
+):
     records = worst_misfires(report.cases)
-    assert records[SHAFT] == worst_misfire(report.cases) and list(records) == [SHAFT, CRANK]
+    assert records[SHAFT] == worst_misfire(report.cases) and list(records) == [
+        SHAFT,
+        CRANK,
+    ]
     for name, place in ((SHAFT, 0), (CRANK, 2)):
         cases = {case: values[place] for case, values in wanted.items() if case}
         cylinder = max(cases, key=lambda case: cases[case].max())
         speed = int(cases[cylinder].argmax())
-        assert (records[name]["cylinder"], records[name]["rpm"]) == (cylinder, SPEEDS[speed])
+        assert (records[name]["cylinder"], records[name]["rpm"]) == (
+            cylinder,
+            SPEEDS[speed],
+        )
         shares = records[name]["share"], records[name]["firing_share"]
-        np.testing.assert_allclose(shares, [cases[cylinder][speed], wanted[""][place][speed]], rtol=1e-3)
-        (line,) = (row for row in misfires_text(report.cases).splitlines() if row.split()[:2] == [name, "stress"])
+        np.testing.assert_allclose(
+            shares, [cases[cylinder][speed], wanted[""][place][speed]], rtol=1e-3
+        )
+        (line,) = (
+            row
+            for row in misfires_text(report.cases).splitlines()
+            if row.split()[:2] == [name, "stress"]
+        )
         assert line.endswith(f"{cylinder} cut off") and f" {shares[0]:.2f} " in line

@@ -1,4 +1,6 @@
-"""One door to the numbers of answers: no reader takes those of a speed at which the equations are not solved."""
+"""One door to the numbers of answers: no reader takes those of a speed at which the
+equations are not solved.
+"""
 
 import dataclasses
 import re
@@ -9,23 +11,45 @@ import pytest
 
 import jaxhb
 from jaxhb import Disk, Load, Mesh, NotConverged, Phase, Shaft, Status, Torque, build
-from jaxhb.design import Measured, Objective, Parameter, Tolerance, identify, objectives, tolerance, worst_phase
+from jaxhb.design import (
+    Measured,
+    Objective,
+    Parameter,
+    Tolerance,
+    identify,
+    objectives,
+    tolerance,
+    worst_phase,
+)
 from jaxhb.results.answers import OF_MOTION, left_out, with_gaps, with_zeros
 from jaxhb.results.response import FIELDS
 from jaxhb.solutions.misfires import Misfires
 
 RESONANCE = 10.0 * 30.0 / np.pi
-"""Speed in rpm at which order 1 meets the natural frequency of 10 rad/s, without damping: NEAR_SINGULAR there."""
+"""Speed in rpm at which order 1 meets the natural frequency of 10 rad/s, without
+damping: NEAR_SINGULAR there.
+"""
 RPM = np.array([40.0, 60.0, RESONANCE, 150.0])
 ANSWERED = np.array([True, True, False, True])
 
 
 def undamped(**form):
-    """Two outer disks of 2 kg m2 on 200 N m/rad each: they swing against each other at 10 rad/s, and that of 1 kg m2 in
-    the middle rests."""
-    parts = [Disk(name="a", inertia=2.0), Disk(name="b", inertia=1.0), Disk(name="c", inertia=2.0)]
-    parts += [Shaft(between=ends, stiffness=200.0, **form) for ends in (("a", "b"), ("b", "c"))]
-    parts += [Torque(name=name, disk="a", harmonics=[(1.0, 10.0, 0.0)]) for name in ("port", "starboard")]
+    """Two outer disks of 2 kg m2 on 200 N m/rad each: they swing against each other at
+    10 rad/s, and that of 1 kg m2 in the middle rests.
+    """
+    parts = [
+        Disk(name="a", inertia=2.0),
+        Disk(name="b", inertia=1.0),
+        Disk(name="c", inertia=2.0),
+    ]
+    parts += [
+        Shaft(between=ends, stiffness=200.0, **form)
+        for ends in (("a", "b"), ("b", "c"))
+    ]
+    parts += [
+        Torque(name=name, disk="a", harmonics=[(1.0, 10.0, 0.0)])
+        for name in ("port", "starboard")
+    ]
     parts += [Phase(name="turn", of=["port"], angle=90.0)]
     return build(parts, name="undamped", revolutions_per_cycle=1)
 
@@ -45,27 +69,47 @@ def test_the_fields_that_are_masked_are_those_of_the_motion(response):
     assert set(FIELDS) <= set(OF_MOTION) <= names
 
 
-def test_solved_is_where_the_equations_are_solved_and_converged_where_the_truncation_is_within_its_limit(response):
-    assert response.status_name.tolist() == ["CONVERGED", "CONVERGED", "NEAR_SINGULAR", "CONVERGED"]
+def test_solved_is_where_the_equations_are_solved_and_converged_where_the_truncation_is_within_its_limit(
+    response,
+):
+    assert response.status_name.tolist() == [
+        "CONVERGED",
+        "CONVERGED",
+        "NEAR_SINGULAR",
+        "CONVERGED",
+    ]
     assert response.solved.tolist() == ANSWERED.tolist() == response.converged.tolist()
-    coarse = dataclasses.replace(response, status=np.where(ANSWERED, Status.TOLERANCE_NOT_MET, response.status))
+    coarse = dataclasses.replace(
+        response, status=np.where(ANSWERED, Status.TOLERANCE_NOT_MET, response.status)
+    )
     assert coarse.solved.tolist() == ANSWERED.tolist() and not coarse.converged.any()
     assert np.isnan(with_gaps(coarse).torque("a|b").max).all()
-    assert np.isfinite(with_gaps(coarse, doubtful=True).torque("a|b").max).tolist() == ANSWERED.tolist()
+    assert (
+        np.isfinite(with_gaps(coarse, doubtful=True).torque("a|b").max).tolist()
+        == ANSWERED.tolist()
+    )
 
 
-def test_gaps_and_zeros_stand_in_place_of_what_is_not_solved_and_nothing_else_changes(response):
+def test_gaps_and_zeros_stand_in_place_of_what_is_not_solved_and_nothing_else_changes(
+    response,
+):
     for masked, fill in ((with_gaps(response), np.nan), (with_zeros(response), 0.0)):
         swing = np.asarray(masked.torque("a|b").half_peak_to_peak)
         np.testing.assert_array_equal(swing[~ANSWERED], [fill])
-        np.testing.assert_array_equal(swing[ANSWERED], response.torque("a|b").half_peak_to_peak[ANSWERED])
-    assert with_gaps(response[0]) is not None and with_gaps(response[:2]).status.tolist() == [0, 0]
+        np.testing.assert_array_equal(
+            swing[ANSWERED], response.torque("a|b").half_peak_to_peak[ANSWERED]
+        )
+    assert with_gaps(response[0]) is not None and with_gaps(
+        response[:2]
+    ).status.tolist() == [0, 0]
 
 
 def test_what_is_left_out_is_told_once_for_each_status():
     rpm, status = np.arange(100.0, 600.0, 100.0), np.array([0, 6, 6, 5, 1])
     first, second = left_out(rpm, status, "scene")
-    assert first.startswith("scene at 400 rpm: UNBALANCED: the mean torques do not balance")
+    assert first.startswith(
+        "scene at 400 rpm: UNBALANCED: the mean torques do not balance"
+    )
     assert second.startswith("scene at 200-300 rpm: NEAR_SINGULAR: ")
 
 
@@ -73,30 +117,53 @@ SEEN = {"b.inertia": 1.3}
 
 
 def measured(train):
-    """Torque of a shaft with another inertia in the middle, which does not move the resonance, and rubbish there."""
+    """Torque of a shaft with another inertia in the middle, which does not move the
+    resonance, and rubbish there.
+    """
     truth = jaxhb.forced_response(train.replace(SEEN), rpm=RPM)
     torque = np.where(ANSWERED, truth.torque("a|b").order(1.0), 1e6)
-    return Measured(RPM, np.ones(4), ("a|b",) * 4, ("torque",) * 4, torque, np.full(4, np.nan))
+    return Measured(
+        RPM, np.ones(4), ("a|b",) * 4, ("torque",) * 4, torque, np.full(4, np.nan)
+    )
 
 
 def test_a_fit_leaves_out_a_speed_without_an_answer_and_says_so(train):
-    asked = {"parameters": [Parameter(name="b.inertia", low=0.5, high=2.0)], "noise": 1e-3}
+    asked = {
+        "parameters": [Parameter(name="b.inertia", low=0.5, high=2.0)],
+        "noise": 1e-3,
+    }
     found = identify(train, measured(train), **asked)
-    assert found.values[0] == pytest.approx(1.3, rel=1e-6) and found.misfit < 1e-6 and not found.open
-    assert found.kept.tolist() == ANSWERED.tolist() and found.explained == pytest.approx(1.0)
+    assert (
+        found.values[0] == pytest.approx(1.3, rel=1e-6)
+        and found.misfit < 1e-6
+        and not found.open
+    )
+    assert (
+        found.kept.tolist() == ANSWERED.tolist()
+        and found.explained == pytest.approx(1.0)
+    )
     (sentence,) = found.left_out
     assert sentence.startswith("undamped at 95.493 rpm: NEAR_SINGULAR")
 
 
 def test_a_fit_without_enough_answers_is_refused_with_the_reason(train):
     unbalanced = train.replace({"port.mean": 1.0})
-    with pytest.raises(NotConverged, match=r"^0 of the measured numbers .* for 1 parameters.*: UNBALANCED"):
-        identify(unbalanced, measured(train), parameters=[Parameter(name="b.inertia", low=0.5, high=2.0)])
+    with pytest.raises(
+        NotConverged,
+        match=r"^0 of the measured numbers .* for 1 parameters.*: UNBALANCED",
+    ):
+        identify(
+            unbalanced,
+            measured(train),
+            parameters=[Parameter(name="b.inertia", low=0.5, high=2.0)],
+        )
 
 
 def test_the_worst_phase_is_that_of_the_speeds_with_an_answer(train):
     of = [Objective(quantity="shaft torque", of="a|b")]
-    found, alone = (worst_phase(train, "turn", rpm=rpm, of=of) for rpm in (RPM, RPM[ANSWERED]))
+    found, alone = (
+        worst_phase(train, "turn", rpm=rpm, of=of) for rpm in (RPM, RPM[ANSWERED])
+    )
     for name in ("nominal", "worst", "best"):
         values = getattr(found, name)
         assert np.isnan(values[~ANSWERED]).all()
@@ -112,17 +179,31 @@ def test_tolerances_judge_the_speeds_with_an_answer(train):
         tolerances=[Tolerance(name="b.inertia", low=0.9, high=1.1)],
     )
     known = ANSWERED[1:]
-    assert np.isfinite(found.worst[known]).all() and np.isnan(found.nominal[~known]).all()
-    assert np.isnan(found.worst[~known]).all() and found.no_bound[1, 0] == "the scene as it is was not solved"
+    assert (
+        np.isfinite(found.worst[known]).all() and np.isnan(found.nominal[~known]).all()
+    )
+    assert (
+        np.isnan(found.worst[~known]).all()
+        and found.no_bound[1, 0] == "the scene as it is was not solved"
+    )
 
 
 def test_quantities_are_not_chosen_where_no_speed_has_an_answer(train):
     with pytest.raises(NotConverged, match=r"undamped at 95.493 rpm: NEAR_SINGULAR"):
-        tolerance(train, rpm=[RESONANCE], tolerances=[Tolerance(name="b.inertia", low=0.9, high=1.1)])
+        tolerance(
+            train,
+            rpm=[RESONANCE],
+            tolerances=[Tolerance(name="b.inertia", low=0.9, high=1.1)],
+        )
 
 
 def test_a_steady_state_beside_a_speed_without_an_answer_is_that_of_its_own(train):
-    assert jaxhb.steady_state(train, rpm=RPM).kind.tolist() == ["periodic", "periodic", "unknown", "periodic"]
+    assert jaxhb.steady_state(train, rpm=RPM).kind.tolist() == [
+        "periodic",
+        "periodic",
+        "unknown",
+        "periodic",
+    ]
 
 
 def test_objectives_count_no_speed_without_an_answer(response):
@@ -136,20 +217,34 @@ def test_the_worst_misfire_is_that_of_speeds_with_an_answer(response):
     found = Misfires(response, {"one": response})
     worst = found.worst(lambda r: r.torque("a|b").half_peak_to_peak)
     assert worst.rpm == 60.0 and worst.firing == worst.value
-    lost = dataclasses.replace(response, status=np.where(RPM == 60.0, Status.STALLED, response.status))
-    assert np.isnan(Misfires(lost, {"one": response}).worst(lambda r: r.torque("a|b").half_peak_to_peak).firing)
+    lost = dataclasses.replace(
+        response, status=np.where(RPM == 60.0, Status.STALLED, response.status)
+    )
+    assert np.isnan(
+        Misfires(lost, {"one": response})
+        .worst(lambda r: r.torque("a|b").half_peak_to_peak)
+        .firing
+    )
 
 
 def test_stresses_and_heat_are_nan_without_an_answer():
-    found = jaxhb.strength(jaxhb.forced_response(undamped(diameter=0.01, power_limit=100.0), rpm=RPM))
+    found = jaxhb.strength(
+        jaxhb.forced_response(undamped(diameter=0.01, power_limit=100.0), rpm=RPM)
+    )
     for values in (found.stresses["a|b"].stress, found.heat["a|b"].power):
         assert np.isfinite(values).tolist() == ANSWERED.tolist()
 
 
-@pytest.mark.parametrize("reader", [jaxhb.stability, jaxhb.certify, jaxhb.shooting_correction, jaxhb.check])
+@pytest.mark.parametrize(
+    "reader", [jaxhb.stability, jaxhb.certify, jaxhb.shooting_correction, jaxhb.check]
+)
 def test_what_needs_one_motion_refuses_a_response_that_solves_nothing(reader):
-    lost = dataclasses.replace(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=3000.0), status=Status.STALLED)
-    with pytest.raises(NotConverged, match=r"spur_pair at 3000 rpm.*STALLED.*found no step"):
+    lost = dataclasses.replace(
+        jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=3000.0), status=Status.STALLED
+    )
+    with pytest.raises(
+        NotConverged, match=r"spur_pair at 3000 rpm.*STALLED.*found no step"
+    ):
         reader(lost)
     with pytest.raises(NotConverged, match="STALLED"):
         jaxhb.follow(lost.train, "rpm", start=3000.0, to=3500.0, begin=lost)
@@ -159,33 +254,54 @@ def test_data_sets_and_tables_have_no_number_without_an_answer(response):
     pytest.importorskip("xarray")
     swing = response.to_xarray().torque_half_peak_to_peak.sel(shaft="a|b")
     assert np.isfinite(swing.values).tolist() == ANSWERED.tolist()
-    assert "<td>a|b</td>" not in response[2]._repr_html_() and "<td>a|b</td>" in response[0]._repr_html_()
+    assert (
+        "<td>a|b</td>" not in response[2]._repr_html_()
+        and "<td>a|b</td>" in response[0]._repr_html_()
+    )
 
 
 def gears(balanced=True):
     """Two gears with backlash, without damping: order 1 makes the teeth lift off."""
-    parts = [Disk(name="a", inertia=0.01, radius=0.05), Disk(name="b", inertia=0.01, radius=0.05)]
+    parts = [
+        Disk(name="a", inertia=0.01, radius=0.05),
+        Disk(name="b", inertia=0.01, radius=0.05),
+    ]
     parts += [Mesh(between=("a", "b"), stiffness=1e6, backlash=1e-4)]
-    parts += [Torque(name="drive", disk="a", mean=100.0 * balanced, harmonics=[(1.0, 30.0, 0.0)])]
+    parts += [
+        Torque(
+            name="drive", disk="a", mean=100.0 * balanced, harmonics=[(1.0, 30.0, 0.0)]
+        )
+    ]
     parts += [Load(disk="b")] * balanced
-    return build(parts, name="gears", reference="a", revolutions_per_cycle=1).replace({"drive.mean": 100.0})
+    return build(parts, name="gears", reference="a", revolutions_per_cycle=1).replace(
+        {"drive.mean": 100.0}
+    )
 
 
 def test_lift_off_leaves_out_a_resonance_and_refuses_a_train_that_does_not_balance():
-    # k r^2 (1/J + 1/J) of the twist: 707 rad/s. The teeth part where the vibration exceeds the mean, which is half of
-    # the amplitude over 1 - s^2: at 1 - s^2 = +-0.15.
+    # k r^2 (1/J + 1/J) of the twist: 707 rad/s. The teeth part where the vibration
+    # exceeds the mean, which is half of the amplitude over 1 - s^2: at 1 - s^2 =
+    # +-0.15.
     unit = np.sqrt(1e6 * 0.05**2 * 200.0) * 30 / np.pi
     rpm = unit * np.array([0.5, 0.97, 1.0, 1.03, 1.5])
     found = jaxhb.lift_off(gears(), rpm=rpm)
-    np.testing.assert_allclose(found.rpm, unit * np.sqrt([1 - 0.15, 1 + 0.15]), rtol=1e-6)
+    np.testing.assert_allclose(
+        found.rpm, unit * np.sqrt([1 - 0.15, 1 + 0.15]), rtol=1e-6
+    )
     assert len(found.left_out) == 1 and "NEAR_SINGULAR" in found.left_out[0]
-    with pytest.raises(NotConverged, match=r"two speeds with an answer.*UNBALANCED: the mean torques do not balance"):
+    with pytest.raises(
+        NotConverged,
+        match=r"two speeds with an answer.*UNBALANCED: the mean torques do not balance",
+    ):
         jaxhb.lift_off(gears(balanced=False), rpm=rpm)
 
 
 def test_only_the_door_and_what_solves_compare_statuses():
-    # Whoever else decides by a status what may be read has a rule of its own, which will differ.
-    solve = {f"solutions/{name}.py" for name in ("orbits", "starts", "speeds", "sweeping")}
+    # Whoever else decides by a status what may be read has a rule of its own, which
+    # will differ.
+    solve = {
+        f"solutions/{name}.py" for name in ("orbits", "starts", "speeds", "sweeping")
+    }
     own = solve | {"results/answers.py", "results/response.py"}
     root = Path(jaxhb.__file__).parent
     compared = re.compile(r"(<=|>|==|!=) *Status\.(CONVERGED|TOLERANCE_NOT_MET)")

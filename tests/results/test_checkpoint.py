@@ -1,4 +1,6 @@
-"""Sweeps that are stopped and go on: nothing is computed twice, and the numbers are the same to the last bit."""
+"""Sweeps that are stopped and go on: nothing is computed twice, and the numbers are the
+same to the last bit.
+"""
 
 import dataclasses
 import json
@@ -16,11 +18,19 @@ from reference_data import refused
 
 import jaxhb
 from jaxhb._private import KEY
-from jaxhb.results.checkpoint import MANIFEST, Cached, Checkpoint, CheckpointError, digest
+from jaxhb.results.checkpoint import (
+    MANIFEST,
+    Cached,
+    Checkpoint,
+    CheckpointError,
+    digest,
+)
 from jaxhb.results.serial import pack, unpack
 
 OMEGA = np.array([0.7, 0.8, 1.0, 1.1, 1.2, 1.5])
-"""Over the natural frequency: motions with a period of one cycle and of two, and an irregular one."""
+"""Over the natural frequency: motions with a period of one cycle and of two, and an
+irregular one.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +40,9 @@ def pair():
 
 def swept(train, folder, **given):
     given = {"chunk": 2, "harmonics": 64} | given
-    return jaxhb.steady_state(train, rpm=OMEGA * trains.ONE_RADIAN_PER_SECOND, out=folder, **given)
+    return jaxhb.steady_state(
+        train, rpm=OMEGA * trains.ONE_RADIAN_PER_SECOND, out=folder, **given
+    )
 
 
 def same(one, other):
@@ -74,7 +86,9 @@ def test_a_sweep_that_is_done_is_only_read(pair, kept):
     same(again, whole)
     assert before == {path: path.stat().st_mtime_ns for path in folder.iterdir()}
     assert again[0].response is None or jaxhb.stability(again[0].response).stable
-    assert jax.tree.structure(again[0].response) == jax.tree.structure(whole[0].response)
+    assert jax.tree.structure(again[0].response) == jax.tree.structure(
+        whole[0].response
+    )
 
 
 def test_a_damaged_file_is_made_again(pair, kept, tmp_path):
@@ -106,15 +120,23 @@ def test_what_a_folder_holds_has_to_be_what_is_asked_for(pair, kept, tmp_path):
     other = json.loads((folder / MANIFEST).read_text())
     other["versions"]["jax"] = "0.1"
     (tmp_path / MANIFEST).write_text(json.dumps(other))
-    refused(lambda: swept(pair, tmp_path), "other versions: jax 0.1 there", CheckpointError)
+    refused(
+        lambda: swept(pair, tmp_path), "other versions: jax 0.1 there", CheckpointError
+    )
     (tmp_path / MANIFEST).write_text("[")
     refused(lambda: swept(pair, tmp_path), "no readable", CheckpointError)
     (tmp_path / MANIFEST).rename(tmp_path / "notes.txt")
     refused(lambda: swept(pair, tmp_path), "holds other files", CheckpointError)
-    refused(lambda: swept(pair, tmp_path / "notes.txt"), "cannot be written: .* What is in it stays", CheckpointError)
+    refused(
+        lambda: swept(pair, tmp_path / "notes.txt"),
+        "cannot be written: .* What is in it stays",
+        CheckpointError,
+    )
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="no device that is always full"
+)
 def test_a_full_disk_is_told_and_leaves_no_half_file(pair, tmp_path):
     code = f"""
 import resource, signal, sys
@@ -128,9 +150,20 @@ try:
 except jaxhb.CheckpointError as error:
     print(error)
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=True)
-    assert "cannot be written" in done.stdout and "the same sweep goes on" in done.stdout
-    assert sorted(path.name for path in (tmp_path / "full").iterdir()) == [KEY, MANIFEST]
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        env=os.environ,
+        check=True,
+    )
+    assert (
+        "cannot be written" in done.stdout and "the same sweep goes on" in done.stdout
+    )
+    assert sorted(path.name for path in (tmp_path / "full").iterdir()) == [
+        KEY,
+        MANIFEST,
+    ]
 
 
 def test_values_of_other_packages_are_not_kept_and_no_other_class_is_called():
@@ -143,7 +176,9 @@ def test_values_of_other_packages_are_not_kept_and_no_other_class_is_called():
 
 
 def test_an_answer_is_the_same_bits_whatever_was_asked_beside_it(pair, kept):
-    """A speed by itself, in a sweep and from a folder; one reached from its neighbour as from that motion alone."""
+    """A speed by itself, in a sweep and from a folder; one reached from its neighbour
+    as from that motion alone.
+    """
     _, whole = kept
     rpm, starts = OMEGA * trains.ONE_RADIAN_PER_SECOND, [None, *whole]
     assert {state.started_from for state in whole} > {None}
@@ -155,10 +190,15 @@ def test_an_answer_is_the_same_bits_whatever_was_asked_beside_it(pair, kept):
 
 
 def test_a_part_that_was_planted_is_not_believed(pair, tmp_path):
-    """Written as by another user, who knows all but the key; or sound, of another question."""
+    """Written as by another user, who knows all but the key; or sound, of another
+    question.
+    """
     keep = Checkpoint(tmp_path, pair, {}, None).keep
     assert [keep(number, lambda number=number: number) for number in (3, 9)] == [3, 9]
-    paths = {keep(number, list): path for number, path in zip((3, 9), _by_time(tmp_path), strict=True)}
+    paths = {
+        keep(number, list): path
+        for number, path in zip((3, 9), _by_time(tmp_path), strict=True)
+    }
     paths[3].write_bytes(paths[9].read_bytes())
     assert keep(3, lambda: 3) == 3
     other = Checkpoint(tmp_path / "other", pair, {}, None).keep
@@ -171,7 +211,9 @@ def _by_time(folder):
     return sorted(folder.glob("*.npz"), key=lambda path: path.stat().st_mtime_ns)
 
 
-def test_a_folder_that_others_may_write_is_refused_with_all_that_is_in_it(pair, tmp_path):
+def test_a_folder_that_others_may_write_is_refused_with_all_that_is_in_it(
+    pair, tmp_path
+):
     tmp_path.chmod(0o775)
     refused(
         lambda: Checkpoint(tmp_path, pair, {}),
@@ -180,16 +222,30 @@ def test_a_folder_that_others_may_write_is_refused_with_all_that_is_in_it(pair, 
     )
 
 
-def test_questions_that_differ_in_the_last_digit_have_answers_of_their_own(pair, tmp_path):
+def test_questions_that_differ_in_the_last_digit_have_answers_of_their_own(
+    pair, tmp_path
+):
     speeds = np.array([900.0, np.nextafter(900.0, 901.0)])
-    assert len({digest(speed) for speed in (*speeds, *speeds.tolist(), 900, True, "900.0", [900.0])}) == 8
+    assert (
+        len(
+            {
+                digest(speed)
+                for speed in (*speeds, *speeds.tolist(), 900, True, "900.0", [900.0])
+            }
+        )
+        == 8
+    )
     long = np.arange(2000.0)
     assert digest(long) != digest(np.where(long == 1000.0, 1000.5, long))
     keep = Checkpoint(tmp_path, pair, {}, None).keep
-    assert [keep(speed, lambda speed=speed: speed) for speed in speeds] == speeds.tolist()
+    assert [
+        keep(speed, lambda speed=speed: speed) for speed in speeds
+    ] == speeds.tolist()
 
 
-def test_work_goes_on_without_a_folder_that_nobody_asked_for_and_says_so(pair, tmp_path):
+def test_work_goes_on_without_a_folder_that_nobody_asked_for_and_says_so(
+    pair, tmp_path
+):
     told = []
     (tmp_path / "file").write_text("")
     keep = Checkpoint(Cached(tmp_path / "file", told.append), pair, {}, None).keep
@@ -197,7 +253,9 @@ def test_work_goes_on_without_a_folder_that_nobody_asked_for_and_says_so(pair, t
     assert len(told) == 1 and "cannot be written" in told[0]
 
 
-def test_a_folder_of_the_cache_that_answers_another_question_begins_anew(pair, tmp_path):
+def test_a_folder_of_the_cache_that_answers_another_question_begins_anew(
+    pair, tmp_path
+):
     folder = Cached(tmp_path, pytest.fail)
     assert Checkpoint(folder, pair, {"a": 1}, None).keep("question", lambda: 1) == 1
     assert Checkpoint(folder, pair, {"a": 2}, None).keep("question", lambda: 2) == 2

@@ -1,4 +1,6 @@
-"""What the teeth do over a cycle, for a deflection ``m + A cos(Omega t)`` whose crossings are known."""
+"""What the teeth do over a cycle, for a deflection ``m + A cos(Omega t)`` whose
+crossings are known.
+"""
 
 import numpy as np
 import pytest
@@ -12,7 +14,9 @@ GAP, KNEE = 0.96 * 0.5e-4, 1.04 * 0.5e-4
 AMPLITUDE, FREQUENCY = 1.5e-4, 50.0
 
 FRACTION = 1e-6
-"""Crossings are interpolated linearly between 4096 time samples: (2 pi / 4096)^2 / 8 of the cycle."""
+"""Crossings are interpolated linearly between 4096 time samples: (2 pi / 4096)^2 / 8 of
+the cycle.
+"""
 
 
 def contact(mean=0.0, *, drive=1.0, viscous=0.0):
@@ -26,8 +30,12 @@ def contact(mean=0.0, *, drive=1.0, viscous=0.0):
 
 def test_fractions_of_a_symmetric_motion_are_those_of_the_arc_sine():
     found = contact()
-    assert found.separated_fraction == pytest.approx(2 / np.pi * np.arcsin(GAP / AMPLITUDE), abs=FRACTION)
-    assert found.reverse_contact_fraction == pytest.approx(np.arccos(GAP / AMPLITUDE) / np.pi, abs=FRACTION)
+    assert found.separated_fraction == pytest.approx(
+        2 / np.pi * np.arcsin(GAP / AMPLITUDE), abs=FRACTION
+    )
+    assert found.reverse_contact_fraction == pytest.approx(
+        np.arccos(GAP / AMPLITUDE) / np.pi, abs=FRACTION
+    )
 
 
 def test_reverse_contact_is_that_on_the_flank_that_does_not_drive():
@@ -45,22 +53,31 @@ def test_every_entry_into_contact_is_an_impact_with_its_speed_and_side():
     impacts = contact().impacts
     angle = np.arccos(GAP / AMPLITUDE) / (2 * np.pi)
     assert [hit["side"] for hit in impacts] == [-1, 1]
-    # the wave falls from its crest: it meets the other flank half a cycle after it left this one's mirror image
-    assert [hit["cycle"] for hit in impacts] == pytest.approx([0.5 - angle, 1 - angle], abs=FRACTION)
+    # the wave falls from its crest: it meets the other flank half a cycle after it left
+    # this one's mirror image
+    assert [hit["cycle"] for hit in impacts] == pytest.approx(
+        [0.5 - angle, 1 - angle], abs=FRACTION
+    )
     speed = FREQUENCY * np.sqrt(AMPLITUDE**2 - GAP**2)
     assert [hit["speed"] for hit in impacts] == pytest.approx([speed, speed], rel=1e-5)
 
 
 def test_forces_at_the_ends_of_the_smooth_zone():
     found = contact(3e-4)  # on one flank
-    assert (found.separated_fraction, found.reverse_contact_fraction, found.impacts) == (0.0, 0.0, [])
+    assert (
+        found.separated_fraction,
+        found.reverse_contact_fraction,
+        found.impacts,
+    ) == (0.0, 0.0, [])
     assert found.gap_spring_force == pytest.approx(1e-3 * 2e8 * 1e-4 / 2, rel=ALGEBRAIC)
     knee = 1e-3 * 2e8 * KNEE + 2e8 * (1 - 1e-3) * 0.04 * 1e-4 / 2
     assert found.knee_force == pytest.approx(knee, rel=ALGEBRAIC)
 
 
 def test_force_of_the_damper_in_the_gap_is_largest_where_the_gap_is_crossed_fastest():
-    assert contact(viscous=1000.0).pulling_force == pytest.approx(1000.0 * FREQUENCY * AMPLITUDE, rel=1e-5)
+    assert contact(viscous=1000.0).pulling_force == pytest.approx(
+        1000.0 * FREQUENCY * AMPLITUDE, rel=1e-5
+    )
     assert contact().pulling_force == 0.0
 
 

@@ -1,4 +1,6 @@
-"""Trains and results are equal by their numbers, whoever made them, and may be keys of dictionaries."""
+"""Trains and results are equal by their numbers, whoever made them, and may be keys of
+dictionaries.
+"""
 
 import copy
 import dataclasses
@@ -44,11 +46,14 @@ def test_what_is_made_twice_is_equal_and_has_one_hash(name):
 
 
 def test_another_number_makes_another_train_and_another_response():
-    stiffer = TRAIN.replace({"gear a|gear b.stiffness": 1.01 * TRAIN.value("gear a|gear b.stiffness")})
+    stiffer = TRAIN.replace(
+        {"gear a|gear b.stiffness": 1.01 * TRAIN.value("gear a|gear b.stiffness")}
+    )
     assert stiffer != TRAIN and hash(stiffer) != hash(TRAIN)
     response = ONCE["response"]
     assert dataclasses.replace(response, status=np.asarray(4)) != response
-    # Neither the log nor the train that a response was made from is part of what is compared.
+    # Neither the log nor the train that a response was made from is part of what is
+    # compared.
     assert dataclasses.replace(response, train=None, path=()) == response
 
 

@@ -14,7 +14,10 @@ from jaxhb.design.objectives import half_peak_to_peak
 from jaxhb.results.response import stack
 
 HARMONICS, RESOLUTION = 9, 4096
-SLOPE_WARNING = "differentiated at one time sample, and where teeth hammer such a derivative may have the wrong sign"
+SLOPE_WARNING = (
+    "differentiated at one time sample, and where teeth hammer such a derivative may"
+    " have the wrong sign"
+)
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +34,9 @@ def values_at(signal, theta_deg):
     total = np.zeros((3, len(theta_deg))) + np.asarray(signal.mean)[:, None]
     for k, order in enumerate(signal.orders):
         phase = np.deg2rad(signal.phases_deg[:, k, None])
-        total += signal.amplitudes[:, k, None] * np.cos(order * np.deg2rad(theta_deg) + phase)
+        total += signal.amplitudes[:, k, None] * np.cos(
+            order * np.deg2rad(theta_deg) + phase
+        )
     return total
 
 
@@ -40,27 +45,41 @@ def values_at(signal, theta_deg):
 def test_samples_are_values_of_the_signal_at_their_angles_however_few(signal, count):
     angles = signal.angles_deg(count)
     assert angles[0] == 0.0 and angles[-1] < 720.0
-    np.testing.assert_allclose(signal.samples(count), values_at(signal, angles), rtol=0, atol=30 * ALGEBRAIC)
+    np.testing.assert_allclose(
+        signal.samples(count), values_at(signal, angles), rtol=0, atol=30 * ALGEBRAIC
+    )
 
 
-def test_extremes_belong_together_and_the_sum_of_amplitudes_is_never_below_half_peak_to_peak(signal):
+def test_extremes_belong_together_and_the_sum_of_amplitudes_is_never_below_half_peak_to_peak(
+    signal,
+):
     assert np.all(signal.sum_of_amplitudes >= signal.half_peak_to_peak)
     in_step = Signal(np.array([0.5, 1.0, 0.25, 0.125]) + 0j, None, 1.0, RESOLUTION)
-    np.testing.assert_allclose(in_step.max - in_step.mean, in_step.sum_of_amplitudes, rtol=ALGEBRAIC)
-    np.testing.assert_allclose(signal.half_peak_to_peak, (signal.max - signal.min) / 2, rtol=ALGEBRAIC)
-    np.testing.assert_allclose(signal.peak, np.maximum(signal.max, -signal.min), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(
+        in_step.max - in_step.mean, in_step.sum_of_amplitudes, rtol=ALGEBRAIC
+    )
+    np.testing.assert_allclose(
+        signal.half_peak_to_peak, (signal.max - signal.min) / 2, rtol=ALGEBRAIC
+    )
+    np.testing.assert_allclose(
+        signal.peak, np.maximum(signal.max, -signal.min), rtol=ALGEBRAIC
+    )
     assert np.all(signal.min < signal.mean) and np.all(signal.mean < signal.max)
 
 
 def test_extremes_are_found_to_the_square_of_the_resolution(signal):
     fine = Signal(signal.coefficients, None, 2.0, 64 * RESOLUTION)
     largest = np.abs(fine.max - signal.max).max()
-    assert largest < 0.5 * HARMONICS**2 * (np.pi / RESOLUTION) ** 2 * np.max(signal.sum_of_amplitudes)
+    assert largest < 0.5 * HARMONICS**2 * (np.pi / RESOLUTION) ** 2 * np.max(
+        signal.sum_of_amplitudes
+    )
 
 
 def test_root_mean_square_is_that_of_the_samples_with_the_mean(signal):
     values = signal.samples(RESOLUTION)
-    np.testing.assert_allclose(signal.rms, np.sqrt((values**2).mean(-1)), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(
+        signal.rms, np.sqrt((values**2).mean(-1)), rtol=ALGEBRAIC
+    )
 
 
 @pytest.mark.parametrize("p", [8, 64, 512])
@@ -77,8 +96,20 @@ def test_smooth_peak_lies_between_its_bounds(signal, p):
 def test_nothing_is_read_of_a_signal_that_is_nan(array):
     """Many samples: the largest of a few nan is nan in jax 0.12, that of many -inf."""
     unknown = Signal(array(np.full(HARMONICS + 1, np.nan + 0j)), None, 2.0, RESOLUTION)
-    names = ("max", "min", "peak", "half_peak_to_peak", "mean", "rms", "sum_of_amplitudes")
-    read = [getattr(unknown, name) for name in names] + [unknown.smooth_peak(), unknown.order(1.0), unknown.order(99.0)]
+    names = (
+        "max",
+        "min",
+        "peak",
+        "half_peak_to_peak",
+        "mean",
+        "rms",
+        "sum_of_amplitudes",
+    )
+    read = [getattr(unknown, name) for name in names] + [
+        unknown.smooth_peak(),
+        unknown.order(1.0),
+        unknown.order(99.0),
+    ]
     assert np.isnan(read).all() and np.isnan(list(unknown.extremes().values())).all()
 
 
@@ -89,19 +120,31 @@ def test_derivatives_of_amplitudes_and_smooth_peak_are_those_of_differences_and_
     def of(function):
         return lambda a: function(Signal(turn * a, None, 1.0, 64))
 
-    for function in (lambda s: s.sum_of_amplitudes, lambda s: s.smooth_peak(16), lambda s: s.rms):
+    for function in (
+        lambda s: s.sum_of_amplitudes,
+        lambda s: s.smooth_peak(16),
+        lambda s: s.rms,
+    ):
         slope = jax.jit(jax.grad(of(function)))(start)
         assert np.isfinite(slope).all()
         way = np.array([0.3, -0.8, 0.0, 0.5])
-        ahead, behind = (of(function)(np.asarray(start) + step * way) for step in (1e-6, -1e-6))
-        np.testing.assert_allclose(slope @ way, (ahead - behind) / 2e-6, rtol=0, atol=GRADIENT)
+        ahead, behind = (
+            of(function)(np.asarray(start) + step * way) for step in (1e-6, -1e-6)
+        )
+        np.testing.assert_allclose(
+            slope @ way, (ahead - behind) / 2e-6, rtol=0, atol=GRADIENT
+        )
 
 
 @pytest.mark.parametrize("order", [0.3, 0.0, -1.0])
-def test_an_order_is_read_and_one_that_is_no_harmonic_of_the_cycle_is_refused(signal, order):
+def test_an_order_is_read_and_one_that_is_no_harmonic_of_the_cycle_is_refused(
+    signal, order
+):
     np.testing.assert_array_equal(signal.order(4.5), signal.amplitudes[:, 8])
     np.testing.assert_array_equal(signal.order(60.0), 0.0)
-    with pytest.raises(ValueError, match=rf"order {order:g} .*2 revolutions.*multiple of 0.5"):
+    with pytest.raises(
+        ValueError, match=rf"order {order:g} .*2 revolutions.*multiple of 0.5"
+    ):
         signal.order(order)
 
 
@@ -110,11 +153,24 @@ def test_summary_is_plain_numbers_and_the_spectrum_gives_the_signal_back():
     with pytest.raises(AttributeError, match="not a force or torque"):
         _ = s.elastic
     summary = s.summary()
-    assert set(summary) == {"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}
-    assert all(isinstance(v, float) for key, v in summary.items() if key != "amplitudes")
+    assert set(summary) == {
+        "mean",
+        "min",
+        "max",
+        "rms",
+        "half_peak_to_peak",
+        "sum_of_amplitudes",
+        "amplitudes",
+    }
+    assert all(
+        isinstance(v, float) for key, v in summary.items() if key != "amplitudes"
+    )
     assert [row[0] for row in summary["amplitudes"]] == [0.5, 1.0, 1.5]
     theta = np.deg2rad(s.angles_deg(50))
-    rebuilt = 1.0 + sum(A * np.cos(order * theta + np.deg2rad(phase)) for order, A, phase in summary["amplitudes"])
+    rebuilt = 1.0 + sum(
+        A * np.cos(order * theta + np.deg2rad(phase))
+        for order, A, phase in summary["amplitudes"]
+    )
     np.testing.assert_allclose(s.samples(50), rebuilt, rtol=0, atol=30 * ALGEBRAIC)
 
 
@@ -122,7 +178,9 @@ EXTREMES = ("max", "min", "peak", "half_peak_to_peak")
 
 
 def extreme_of(name, sharp):
-    """An extreme of a signal as a function of its size; ``elastic`` and ``reversed`` are to hand the flag on."""
+    """An extreme of a signal as a function of its size; ``elastic`` and ``reversed``
+    are to hand the flag on.
+    """
     coefficients = jnp.array([1.0, 2.0 - 1.0j, 0.0, 0.25j])
 
     def extreme(size):
@@ -133,15 +191,29 @@ def extreme_of(name, sharp):
 
 
 @pytest.mark.parametrize("name", EXTREMES)
-def test_the_derivative_of_an_extreme_comes_with_a_warning_where_contact_was_an_unknown(name):
+def test_the_derivative_of_an_extreme_comes_with_a_warning_where_contact_was_an_unknown(
+    name,
+):
     sharp, calm = (extreme_of(name, flag) for flag in (True, False))
-    ways = {"reverse": jax.grad, "forward": jax.jacfwd, "staged": lambda f: jax.jit(jax.grad(f))}
-    ways |= {"inside": lambda f: jax.grad(jax.jit(f)), "in a batch": lambda f: jax.vmap(jax.grad(f))}
+    ways = {
+        "reverse": jax.grad,
+        "forward": jax.jacfwd,
+        "staged": lambda f: jax.jit(jax.grad(f)),
+    }
+    ways |= {
+        "inside": lambda f: jax.grad(jax.jit(f)),
+        "in a batch": lambda f: jax.vmap(jax.grad(f)),
+    }
     for way, differentiated in ways.items():
         at = jnp.array([1.5]) if way == "in a batch" else 1.5
-        with pytest.warns(UserWarning, match=rf"^\.{name} is {SLOPE_WARNING}: differentiate .smooth_peak\(\)"):
+        with pytest.warns(
+            UserWarning,
+            match=rf"^\.{name} is {SLOPE_WARNING}: differentiate .smooth_peak\(\)",
+        ):
             slope = differentiated(sharp)(at)
-        assert slope == differentiated(calm)(at), way  # without a warning, which would be an error
+        assert slope == differentiated(calm)(at), (
+            way
+        )  # without a warning, which would be an error
 
 
 @pytest.mark.parametrize("name", EXTREMES)
@@ -159,7 +231,9 @@ def test_what_is_to_be_differentiated_instead_has_no_warning(smooth):
     def read(size):
         return smooth(Signal(size * jnp.array([1.0, 2.0 - 1.0j]), None, 2.0, 64, True))
 
-    assert jax.grad(read)(1.5) == pytest.approx(float(read(1.0)))  # proportional to the size
+    assert jax.grad(read)(1.5) == pytest.approx(
+        float(read(1.0))
+    )  # proportional to the size
 
 
 def test_signals_of_hammering_teeth_warn_and_those_of_teeth_in_contact_do_not():
@@ -168,14 +242,29 @@ def test_signals_of_hammering_teeth_warn_and_those_of_teeth_in_contact_do_not():
     plans = {rpm: jaxhb.plan(pair, rpm=rpm, harmonics=50) for rpm in (3000.0, 5625.0)}
 
     def largest(share, rpm):
-        return jaxhb.solve(pair.replace({key: own * share}), rpm=rpm, plan=plans[rpm]).force("gear a", "gear b").max
+        return (
+            jaxhb.solve(pair.replace({key: own * share}), rpm=rpm, plan=plans[rpm])
+            .force("gear a", "gear b")
+            .max
+        )
 
     assert plans[3000.0].active == () and plans[5625.0].active == (0,)
     assert np.isfinite(jax.grad(largest)(1.0, 3000.0))
     with pytest.warns(UserWarning, match=SLOPE_WARNING):
         assert np.isfinite(jax.grad(largest)(1.0, 5625.0))
-    calm, hammering = (jaxhb.solve(pair, rpm=rpm, plan=plan) for rpm, plan in plans.items())
-    assert not calm.sharp and hammering.sharp and pickle.loads(pickle.dumps(hammering)) == hammering
+    calm, hammering = (
+        jaxhb.solve(pair, rpm=rpm, plan=plan) for rpm, plan in plans.items()
+    )
+    assert (
+        not calm.sharp
+        and hammering.sharp
+        and pickle.loads(pickle.dumps(hammering)) == hammering
+    )
     assert stack([calm, hammering]).sharp and not stack([calm, calm]).sharp
-    state = jaxhb.SteadyState(3000.0, "periodic", 1, hammering, None, 0, (), None, pair.topology)
-    assert state.force("gear a", "gear b").sharp and not jaxhb.linear_response(pair, rpm=5625.0).sharp
+    state = jaxhb.SteadyState(
+        3000.0, "periodic", 1, hammering, None, 0, (), None, pair.topology
+    )
+    assert (
+        state.force("gear a", "gear b").sharp
+        and not jaxhb.linear_response(pair, rpm=5625.0).sharp
+    )

@@ -1,4 +1,6 @@
-"""Tables as laboratories and spreadsheets write them: one meaning, whatever separates columns and marks decimals."""
+"""Tables as laboratories and spreadsheets write them: one meaning, whatever separates
+columns and marks decimals.
+"""
 
 import pytest
 
@@ -9,17 +11,28 @@ COLUMNS = "angle", "pressure"
 ROWS = ((0.0, 1.0e5), (180.0, 1.5e5), (340.0, 38e5), (720.0, 1.0e5))
 AS_WRITTEN = {
     "header": "crank_deg,p_Pa\n0,1.0e5\n180,1.5e5\n340,38e5\n720,1.0e5\n",
-    "semicolons and decimal commas": "crank angle;pressure\n0;1,0e5\n180;1,5e5\n340;38e5\n720;1,0e5\n",
+    "semicolons and decimal commas": (
+        "crank angle;pressure\n0;1,0e5\n180;1,5e5\n340;38e5\n720;1,0e5\n"
+    ),
     "semicolons and points": "0;1.0e5\n180;1.5e5\n340;38e5\n720;1.0e5\n",
     "tabs": "0\t1.0e5\n180\t1.5e5\n340\t38e5\n720\t1.0e5\n",
     "tabs and decimal commas": "0,0\t1,0e5\n180\t1,5e5\n340\t38e5\n720\t1,0e5\n",
     "blanks": "  0 1.0e5\n180   1.5e5\n340 38e5\n720 1.0e5",
     "blanks and decimal commas": "0 1,0e5\n180 1,5e5\n340 3800000,0\n720 1,0e5",
     "commas and blanks": "0, 1.0e5\n180, 1.5e5\n340, 38e5\n720, 1.0e5",
-    "quoted decimal commas": '"0","1,0e5"\n"180","1,5e5"\n"340","38e5"\n"720","1,0e5"\n',
-    "named by a spreadsheet": "sep=;\ncrank angle;pressure\n0;1,0e5\n180;1,5e5\n340;38e5\n720;1,0e5\n",
-    "names, units and remarks": "# test bed 3\ncrank;pressure\ndeg;Pa\n\n0;1,0e5;\n180;1,5e5\n340;38e5\n720;1,0e5\n",
-    "columns in the other order": "pressure Pa,angle deg\n1.0e5,0\n1.5e5,180\n38e5,340\n1.0e5,720\n",
+    "quoted decimal commas": (
+        '"0","1,0e5"\n"180","1,5e5"\n"340","38e5"\n"720","1,0e5"\n'
+    ),
+    "named by a spreadsheet": (
+        "sep=;\ncrank angle;pressure\n0;1,0e5\n180;1,5e5\n340;38e5\n720;1,0e5\n"
+    ),
+    "names, units and remarks": (
+        "# test bed"
+        " 3\ncrank;pressure\ndeg;Pa\n\n0;1,0e5;\n180;1,5e5\n340;38e5\n720;1,0e5\n"
+    ),
+    "columns in the other order": (
+        "pressure Pa,angle deg\n1.0e5,0\n1.5e5,180\n38e5,340\n1.0e5,720\n"
+    ),
 }
 
 
@@ -34,15 +47,29 @@ def test_three_columns_with_heads_that_are_parts_of_words_keep_their_order():
 
 
 REFUSED = {
-    "0;1,5\n180;2.5\n": "p.csv, line 1: '1,5' has a comma, and in line 2 decimals have a point. Write decimals",
-    "0\t101,325\n180\t101,325\n": "p.csv, line 1: '101,325' may have decimals or thousands behind its comma.",
+    "0;1,5\n180;2.5\n": (
+        "p.csv, line 1: '1,5' has a comma, and in line 2 decimals have a point. Write"
+        " decimals"
+    ),
+    "0\t101,325\n180\t101,325\n": (
+        "p.csv, line 1: '101,325' may have decimals or thousands behind its comma."
+    ),
     "0;1.000,5\n": "p.csv, line 1: '1.000,5' has several marks.",
     "0;1,000,500\n": "p.csv, line 1: '1,000,500' has several marks.",
-    "0,1,5\n180,2,5\n": "p.csv, line 1 is '0, 1, 5', must be 2 numbers angle, pressure, separated by commas, or",
+    "0,1,5\n180,2,5\n": (
+        "p.csv, line 1 is '0, 1, 5', must be 2 numbers angle, pressure, separated by"
+        " commas, or"
+    ),
     "0,1e5\n180,one\n": "p.csv, line 2 is '180, one', must be 2 numbers",
-    "angle;p in bar\n0;1\n": "p.csv, line 1: the head of pressure names bar, must be in Pa.",
-    "angle_rad,p\n0,1e5\n": "p.csv, line 1: the head of angle names rad, must be in deg.",
-    "some words\nand others\n": "p.csv holds no rows. Give angle, pressure on each line.",
+    "angle;p in bar\n0;1\n": (
+        "p.csv, line 1: the head of pressure names bar, must be in Pa."
+    ),
+    "angle_rad,p\n0,1e5\n": (
+        "p.csv, line 1: the head of angle names rad, must be in deg."
+    ),
+    "some words\nand others\n": (
+        "p.csv holds no rows. Give angle, pressure on each line."
+    ),
     "": "p.csv holds no rows.",
 }
 
@@ -58,4 +85,7 @@ def test_what_may_mean_two_things_is_refused_in_a_sentence(text, begin):
 def test_a_sentence_quotes_nothing_of_a_file_that_is_not_to_be_quoted(text):
     with pytest.raises(SceneError) as caught:
         number_rows(text, COLUMNS, "p.csv", quoted=False)
-    assert not any(cell in str(caught.value) for cell in ("1,5", "101,325", "1.000,5", "1,000,500", "one"))
+    assert not any(
+        cell in str(caught.value)
+        for cell in ("1,5", "101,325", "1.000,5", "1,000,500", "one")
+    )

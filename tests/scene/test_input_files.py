@@ -1,4 +1,6 @@
-"""Files that scenes and people name: what is no regular file, too large or elsewhere is told, never waited for."""
+"""Files that scenes and people name: what is no regular file, too large or elsewhere is
+told, never waited for.
+"""
 
 import csv
 import io
@@ -16,7 +18,9 @@ from jaxhb.scene.input_files import MOST_BYTES, Unreadable, is_beside, read_byte
 
 SOUND = text_of("three_disks.toml")
 SECRET = "root:x:0:0:the password is swordfish\n0;swordfish\n"
-pipes = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no named pipes")
+pipes = pytest.mark.skipif(
+    not hasattr(os, "mkfifo"), reason="the system has no named pipes"
+)
 
 
 def a_folder(path):
@@ -34,36 +38,54 @@ def a_link_to_a_device(path):
 
 NO_FILES = {
     "folder": (a_folder, "the file is a folder, must be a regular file."),
-    "pipe": pytest.param(os.mkfifo, "the file is a pipe, must be a regular file.", marks=pipes),
-    "device": pytest.param(a_link_to_a_device, "the file is a device, must be a regular file.", marks=pipes),
+    "pipe": pytest.param(
+        os.mkfifo, "the file is a pipe, must be a regular file.", marks=pipes
+    ),
+    "device": pytest.param(
+        a_link_to_a_device, "the file is a device, must be a regular file.", marks=pipes
+    ),
     "3 GiB": (a_large_file, "the file has 3072 MiB, must have at most 8 MiB."),
     "nothing": (lambda path: None, "no such file"),
 }
 
 
 def of_a_table(path):
-    torque = f'[[torque]]\ndisk = "a"\nharmonics = "{path.name}"\n[[load]]\ndisk = "b"\n'
+    torque = (
+        f'[[torque]]\ndisk = "a"\nharmonics = "{path.name}"\n[[load]]\ndisk = "b"\n'
+    )
     (path.parent / "gears.toml").write_text(SOUND + torque)
     load_scene(path.parent / "gears.toml")
 
 
-READERS = {"scene": load_scene, "table": of_a_table, "measurement": lambda path: read_measured(path, None)}
+READERS = {
+    "scene": load_scene,
+    "table": of_a_table,
+    "measurement": lambda path: read_measured(path, None),
+}
 
 
 @pytest.mark.parametrize(("make", "sentence"), NO_FILES.values(), ids=NO_FILES)
 @pytest.mark.parametrize("read", READERS.values(), ids=READERS)
-def test_what_is_no_regular_file_of_usual_size_is_told_at_once(tmp_path, make, sentence, read):
+def test_what_is_no_regular_file_of_usual_size_is_told_at_once(
+    tmp_path, make, sentence, read
+):
     path = tmp_path / "given.csv"
     make(path)
     with pytest.raises(SceneError) as caught:
         read(path)
-    assert sentence.replace("no such file", "no " if read is of_a_table else "no such file") in str(caught.value)
+    assert sentence.replace(
+        "no such file", "no " if read is of_a_table else "no such file"
+    ) in str(caught.value)
     assert len(caught.value.sentences) == 1 and "given.csv" in str(caught.value)
 
 
-@pytest.mark.skipif(not os.path.exists("/proc/self/environ"), reason="the system has no such files")
+@pytest.mark.skipif(
+    not os.path.exists("/proc/self/environ"), reason="the system has no such files"
+)
 def test_a_file_of_the_system_that_tells_no_size_is_read_no_further_than_others():
-    assert read_bytes("/proc/self/environ") and os.stat("/proc/self/environ").st_size == 0
+    assert (
+        read_bytes("/proc/self/environ") and os.stat("/proc/self/environ").st_size == 0
+    )
     with pytest.raises(Unreadable, match="a device"):
         read_bytes("/dev/zero")
 
@@ -83,11 +105,16 @@ def linked(folder, secret):
 
 @pytest.mark.parametrize("named", [absolute, relative, linked])
 @pytest.mark.parametrize("line", ["0;swordfish", "0;1,5\n1;2.5swordfish\n3;2.5"])
-def test_nothing_of_a_file_outside_of_the_folder_of_the_scene_is_quoted(tmp_path, named, line):
+def test_nothing_of_a_file_outside_of_the_folder_of_the_scene_is_quoted(
+    tmp_path, named, line
+):
     secret, folder = tmp_path / "secret.csv", tmp_path / "scenes"
     folder.mkdir()
     secret.write_text(f"# a comment\n{line}\n")
-    torque = f'[[torque]]\ndisk = "a"\nharmonics = "{named(folder, secret)}"\n[[load]]\ndisk = "b"\n'
+    torque = (
+        f'[[torque]]\ndisk = "a"\nharmonics = "{named(folder, secret)}"\n[[load]]\ndisk'
+        ' = "b"\n'
+    )
     (folder / "gears.toml").write_text(SOUND + torque)
     with pytest.raises(SceneError, match="line 2") as caught:
         load_scene(folder / "gears.toml")
@@ -97,11 +124,15 @@ def test_nothing_of_a_file_outside_of_the_folder_of_the_scene_is_quoted(tmp_path
 def test_a_file_below_the_folder_of_the_scene_is_quoted_in_short(tmp_path):
     (tmp_path / "tables").mkdir()
     (tmp_path / "tables" / "h.csv").write_text("1, 2, 3\n" + "x" * 10**5 + ",1,2\n")
-    (tmp_path / "gears.toml").write_text(SOUND + '[[torque]]\ndisk = "a"\nharmonics = "tables/h.csv"\n')
+    (tmp_path / "gears.toml").write_text(
+        SOUND + '[[torque]]\ndisk = "a"\nharmonics = "tables/h.csv"\n'
+    )
     with pytest.raises(SceneError, match="h.csv, line 2 is 'xxx") as caught:
         load_scene(tmp_path / "gears.toml")
     assert max(map(len, caught.value.sentences)) < 300
-    assert is_beside(tmp_path / "tables" / "h.csv", tmp_path) and not is_beside(tmp_path, tmp_path / "tables")
+    assert is_beside(tmp_path / "tables" / "h.csv", tmp_path) and not is_beside(
+        tmp_path, tmp_path / "tables"
+    )
 
 
 def test_a_table_outside_of_the_folder_is_read(tmp_path):
@@ -122,15 +153,36 @@ def test_a_file_of_the_greatest_size_is_read(tmp_path):
         read_bytes(path)
 
 
-NAMES = ["=cmd|'/C calc'!A0", "+1+1", "-x", "@SUM(A1)", "\tgear", "'=1", "''@x", "'quoted", "gear, 'large'", "a|b"]
+NAMES = [
+    "=cmd|'/C calc'!A0",
+    "+1+1",
+    "-x",
+    "@SUM(A1)",
+    "\tgear",
+    "'=1",
+    "''@x",
+    "'quoted",
+    "gear, 'large'",
+    "a|b",
+]
 
 
 def test_no_cell_of_a_csv_is_a_formula_and_names_come_back():
     heads = ["rpm", *(f"{name} max N" for name in NAMES)]
-    content = b"".join(as_csv(heads, [[900.0, *NAMES], [-1.5, *[-2.0] * len(NAMES)]])).decode()
+    content = b"".join(
+        as_csv(heads, [[900.0, *NAMES], [-1.5, *[-2.0] * len(NAMES)]])
+    ).decode()
     cells = [cell for row in csv.reader(io.StringIO(content)) for cell in row]
-    numbers = [cell for cell in cells if cell.startswith("-") and cell.removeprefix("-").replace(".", "").isdecimal()]
+    numbers = [
+        cell
+        for cell in cells
+        if cell.startswith("-") and cell.removeprefix("-").replace(".", "").isdecimal()
+    ]
     assert len(numbers) == 1 + len(NAMES)
-    assert not any(cell.startswith(("=", "+", "-", "@", "\t", "\r")) for cell in cells if cell not in numbers)
+    assert not any(
+        cell.startswith(("=", "+", "-", "@", "\t", "\r"))
+        for cell in cells
+        if cell not in numbers
+    )
     lines = read_csv(content, "sweep.csv").lines
     assert list(lines[0].cells) == heads and list(lines[1].cells) == ["900.0", *NAMES]

@@ -1,4 +1,6 @@
-"""A scene in which something was changed at random is a train, or is refused in sentences."""
+"""A scene in which something was changed at random is a train, or is refused in
+sentences.
+"""
 
 import copy
 import math
@@ -26,12 +28,16 @@ def leaves(table, path=()):
     rows = table.items() if isinstance(table, dict) else enumerate(table)
     for key, value in rows:
         yield (*path, key)
-        if isinstance(value, dict) or (isinstance(value, list) and value and isinstance(value[0], dict)):
+        if isinstance(value, dict) or (
+            isinstance(value, list) and value and isinstance(value[0], dict)
+        ):
             yield from leaves(value, (*path, key))
 
 
 def mutated(scene, random):
-    """A copy of a scene in which one value is replaced, removed, renamed or repeated."""
+    """A copy of a scene in which one value is replaced, removed, renamed or
+    repeated.
+    """
     changed = copy.deepcopy(scene)
     paths = list(leaves(changed))
     *outer, key = paths[random.integers(len(paths))]
@@ -53,8 +59,15 @@ def mutated(scene, random):
 @pytest.mark.parametrize("name", SCENES)
 def test_a_mutated_scene_is_read_or_refused_in_a_few_short_sentences(name, tmp_path):
     runner = CliRunner()
-    assert runner.invoke(program, ["scene", name, "--out", str(tmp_path / "sound.toml")]).exit_code == 0
-    sound = tomlkit.parse((tmp_path / "sound.toml").read_text(encoding="utf-8")).unwrap()
+    assert (
+        runner.invoke(
+            program, ["scene", name, "--out", str(tmp_path / "sound.toml")]
+        ).exit_code
+        == 0
+    )
+    sound = tomlkit.parse(
+        (tmp_path / "sound.toml").read_text(encoding="utf-8")
+    ).unwrap()
     random = np.random.default_rng(20261126)
     refused = 0
     for number in range(COUNT):

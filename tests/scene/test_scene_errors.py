@@ -1,4 +1,6 @@
-"""Every sentence a scene can be refused with: each fault is told at once with all others, and breeds no false one."""
+"""Every sentence a scene can be refused with: each fault is told at once with all
+others, and breeds no false one.
+"""
 
 import tomllib
 
@@ -10,9 +12,14 @@ from jaxhb.scene.files import load_scene, scene_description
 from jaxhb.train.assembly import build
 
 SOUND = text_of("three_disks.toml")
-CYLINDER = '[[load]]\ndisk = "c"\n[[cylinder]]\ndisk = "a"\nbore = 0.1\nstroke = 0.1\nrod = 0.2\n'
+CYLINDER = (
+    '[[load]]\ndisk = "c"\n[[cylinder]]\ndisk = "a"\nbore = 0.1\nstroke = 0.1\nrod ='
+    " 0.2\n"
+)
 TABLE = [(float(a), 1e5) for a in range(0, 721, 10)]
-AB = [Disk(name=name, inertia=1.0) for name in "ab"] + [Shaft(between=("a", "b"), stiffness=1e4)]
+AB = [Disk(name=name, inertia=1.0) for name in "ab"] + [
+    Shaft(between=("a", "b"), stiffness=1e4)
+]
 FAULTY = tomllib.loads((DATA / "faulty_scenes.toml").read_text(encoding="utf-8"))
 
 
@@ -32,10 +39,16 @@ def refusal(tmp_path, text):
 
 @pytest.mark.parametrize("case", FAULTY)
 def test_each_fault_of_a_scene_is_told_and_nothing_else(tmp_path, case):
-    text = FAULTY[case]["scene"] if "scene" in FAULTY[case] else SOUND + FAULTY[case]["added"]
+    text = (
+        FAULTY[case]["scene"]
+        if "scene" in FAULTY[case]
+        else SOUND + FAULTY[case]["added"]
+    )
     said, wanted = refusal(tmp_path, text), FAULTY[case]["sentences"]
     assert len(said) == len(wanted), said
-    assert [sum(text in sentence for sentence in said) for text in wanted] == [1] * len(wanted), said
+    assert [sum(text in sentence for sentence in said) for text in wanted] == [1] * len(
+        wanted
+    ), said
 
 
 def test_the_scene_that_faults_are_added_to_is_sound(tmp_path):
@@ -44,33 +57,57 @@ def test_the_scene_that_faults_are_added_to_is_sound(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "span, good", [(200, False), (360, True), (350, True), (340, False), (720, True), (710, True), (700, False)]
+    "span, good",
+    [
+        (200, False),
+        (360, True),
+        (350, True),
+        (340, False),
+        (720, True),
+        (710, True),
+        (700, False),
+    ],
 )
 def test_a_pressure_table_covers_the_gas_cycle_but_for_one_step(span, good):
     table = [row for row in TABLE if row[0] <= span]
-    parts = [*AB, Load(disk="b"), Cylinder(disk="a", bore=0.1, stroke=0.1, rod=0.2, pressure=table)]
+    parts = [
+        *AB,
+        Load(disk="b"),
+        Cylinder(disk="a", bore=0.1, stroke=0.1, rod=0.2, pressure=table),
+    ]
     if good:
         build(parts)
         return
     with pytest.raises(
-        SceneError, match=f"pressure covers 0 to {span} deg, must cover a whole gas cycle of (36|72)0 deg"
+        SceneError,
+        match=(
+            f"pressure covers 0 to {span} deg, must cover a whole gas cycle of"
+            " (36|72)0 deg"
+        ),
     ):
         build(parts)
 
 
-@pytest.mark.parametrize("digits", ["9" * 400, "9" * 5000, "0x" + "f" * 5000], ids=["400", "5000", "hex"])
+@pytest.mark.parametrize(
+    "digits", ["9" * 400, "9" * 5000, "0x" + "f" * 5000], ids=["400", "5000", "hex"]
+)
 @pytest.mark.parametrize("place", reference("cases")["places of integers"])
 def test_an_integer_too_large_for_a_double_is_a_sentence(tmp_path, digits, place):
     disks = "[[disk]]\nname = 'a'\ninertia = 1\n[[disk]]\nname = 'b'\ninertia = 1\n"
     said = refusal(tmp_path, disks + place.format(digits))
-    assert any(words in "\n".join(said) for words in ("digits", "too long to be written", "9999"))
+    assert any(
+        words in "\n".join(said)
+        for words in ("digits", "too long to be written", "9999")
+    )
     assert max(map(len, said)) < 300
 
 
 @pytest.mark.parametrize("content, sentence", reference("cases")["tables of pressures"])
 def test_sentence_on_a_csv(tmp_path, content, sentence):
     (tmp_path / "p.csv").write_text(content)
-    assert sentence in "\n".join(refusal(tmp_path, SOUND + CYLINDER + "pressure = 'p.csv'"))
+    assert sentence in "\n".join(
+        refusal(tmp_path, SOUND + CYLINDER + "pressure = 'p.csv'")
+    )
 
 
 def test_a_csv_stands_for_its_rows(tmp_path):
@@ -82,26 +119,46 @@ def test_a_csv_stands_for_its_rows(tmp_path):
 
 def test_a_faulty_table_that_all_cylinders_name_is_told_once(tmp_path):
     (tmp_path / "p.csv").write_text("0; 1e5\nx; 2e5\n")
-    parts = [SOUND, *(CYLINDER.replace('"a"', f'"{disk}"') + "pressure = 'p.csv'\n" for disk in "ab")]
+    parts = [
+        SOUND,
+        *(
+            CYLINDER.replace('"a"', f'"{disk}"') + "pressure = 'p.csv'\n"
+            for disk in "ab"
+        ),
+    ]
     said = refusal(tmp_path, "".join(parts).replace('[[load]]\ndisk = "c"\n', "", 1))
     assert [text for text in said if "p.csv" in text] == [
-        "gears.toml, [[cylinder]] no. 1: pressure: p.csv, line 2 is 'x; 2e5', must be 2 numbers angle, pressure,"
-        " separated by semicolons. Correct it or put # before it."
+        "gears.toml, [[cylinder]] no. 1: pressure: p.csv, line 2 is 'x; 2e5', must be 2"
+        " numbers angle, pressure, separated by semicolons. Correct it or put #"
+        " before it."
     ]
 
 
 def test_a_syntax_error_names_file_and_line(tmp_path):
-    with pytest.raises(SceneError, match=r"gears.toml: invalid TOML: .*line 2.*Correct the line 'name = = 3'\.$"):
+    with pytest.raises(
+        SceneError,
+        match=r"gears.toml: invalid TOML: .*line 2.*Correct the line 'name = = 3'\.$",
+    ):
         load(tmp_path, "[scene]\nname = = 3\n")
-    comma = r"Correct the line 'inertia = 0,3  # kg m2': decimals take a point, not a comma\.$"
+    comma = (
+        r"Correct the line 'inertia = 0,3  # kg m2': decimals take a point, not a"
+        r" comma\.$"
+    )
     with pytest.raises(SceneError, match=comma):
         load(tmp_path, "[[disk]]\nname = 'a'\ninertia = 0,3  # kg m2\n")
 
 
 def test_unknown_scenes_and_files_are_named():
-    with pytest.raises(SceneError, match="there is no packaged scene 'gear_trian_30'. Did you mean 'gear_train_30'?"):
+    with pytest.raises(
+        SceneError,
+        match=(
+            "there is no packaged scene 'gear_trian_30'. Did you mean 'gear_train_30'?"
+        ),
+    ):
         load_scene("gear_trian_30")
-    refused(lambda: scene_description("nowhere.toml"), "nowhere.toml: there is no such file")
+    refused(
+        lambda: scene_description("nowhere.toml"), "nowhere.toml: there is no such file"
+    )
 
 
 def test_a_byte_order_mark_is_no_fault(tmp_path):
@@ -118,5 +175,17 @@ def test_what_is_no_element_is_told():
 
 def test_scaled_means_that_balance_at_every_speed_are_no_fault():
     scale = [(100.0, 0.5), (200.0, 1.0)]
-    parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=1.0), Shaft(between=("a", "b"), stiffness=1.0)]
-    build([*parts, *(Torque(disk=d, mean=mean, scale=scale) for d, mean in (("a", 5.0), ("b", -5.0)))])
+    parts = [
+        Disk(name="a", inertia=1.0),
+        Disk(name="b", inertia=1.0),
+        Shaft(between=("a", "b"), stiffness=1.0),
+    ]
+    build(
+        [
+            *parts,
+            *(
+                Torque(disk=d, mean=mean, scale=scale)
+                for d, mean in (("a", 5.0), ("b", -5.0))
+            ),
+        ]
+    )

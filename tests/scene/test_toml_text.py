@@ -1,4 +1,6 @@
-"""A scene that is written back is the user's: comments, order and digits stay, only what changed is changed."""
+"""A scene that is written back is the user's: comments, order and digits stay, only
+what changed is changed.
+"""
 
 import dataclasses
 import difflib
@@ -25,24 +27,42 @@ def mixed(tmp_path):
 
 def changes(before, after):
     """Lines that went and lines that came."""
-    lines = [line for line in difflib.ndiff(before.splitlines(), after.splitlines()) if line[0] in "+-"]
-    return [line[2:] for line in lines if line[0] == "-"], [line[2:] for line in lines if line[0] == "+"]
+    lines = [
+        line
+        for line in difflib.ndiff(before.splitlines(), after.splitlines())
+        if line[0] in "+-"
+    ]
+    return [line[2:] for line in lines if line[0] == "-"], [
+        line[2:] for line in lines if line[0] == "+"
+    ]
 
 
 def test_only_the_lines_of_changed_values_change(mixed):
-    values = {("disk", number, "inertia"): value for number, value in enumerate((0.131, 1.25, 0.05))}
-    values |= {("shaft", 0, "damping"): 30.5, ("mesh", 0, "backlash"): 1.2345678901234567e-4}
+    values = {
+        ("disk", number, "inertia"): value
+        for number, value in enumerate((0.131, 1.25, 0.05))
+    }
+    values |= {
+        ("shaft", 0, "damping"): 30.5,
+        ("mesh", 0, "backlash"): 1.2345678901234567e-4,
+    }
     text, _ = changed_scene(mixed, values, remark="mixed, tuned.")
     assert text == text_of("pump_drive_changed.toml").removesuffix("\n")
     read = tomllib.loads(text)
-    assert all(read[table][row][field] == value for (table, row, field), value in values.items())
+    assert all(
+        read[table][row][field] == value
+        for (table, row, field), value in values.items()
+    )
 
 
 def test_a_scene_is_written_as_it_is_but_for_its_name(mixed):
     text, _ = scene_text(mixed)
     assert changes(MIXED, text) == ([], ['name = "mixed"'])
     renamed, _ = scene_text("spur_pair", called="my pair")
-    assert changes(_find("spur_pair").read_text(), renamed) == (['name = "spur_pair"'], ['name = "my pair"'])
+    assert changes(_find("spur_pair").read_text(), renamed) == (
+        ['name = "spur_pair"'],
+        ['name = "my pair"'],
+    )
 
 
 @pytest.mark.parametrize("name", scene_names())
@@ -59,7 +79,10 @@ def test_the_line_ends_of_the_user_stay(tmp_path, capsys):
     assert written.read_bytes() == path.read_bytes()
     values = {("disk", 0, "inertia"): 0.131, ("shaft", 0, "damping"): 30.5}
     for made, wanted in (
-        (changed_scene(path, values, remark="tuned."), changed_scene_of(named, tmp_path, values)),
+        (
+            changed_scene(path, values, remark="tuned."),
+            changed_scene_of(named, tmp_path, values),
+        ),
         (scene_text(path, expand=True, called="it"), None),
     ):
         assert made[0].count("\n") == made[0].count("\r\n") > 40
@@ -78,10 +101,14 @@ def test_an_expanded_engine_stands_where_the_engine_was(mixed):
     text, _ = scene_text(mixed, expand=True)
     gone, new = changes(MIXED, text)
     engine = MIXED[MIXED.index("[engine]") : MIXED.index("# what may change")]
-    assert [line for line in gone if line] == [line for line in engine.splitlines() if line not in text.splitlines()]
+    assert [line for line in gone if line] == [
+        line for line in engine.splitlines() if line not in text.splitlines()
+    ]
     read, rows = tomllib.loads(text), cylinder_rows(tomllib.loads(MIXED)["engine"])
     assert read["cylinder"] == rows and "engine" not in read
-    assert text.index("# the two cylinders\n[[cylinder]]") < text.index("# what may change\n[tune]")
+    assert text.index("# the two cylinders\n[[cylinder]]") < text.index(
+        "# what may change\n[tune]"
+    )
 
 
 def test_a_value_of_the_combustion_of_a_cylinder_is_found_behind_its_head(mixed):
@@ -90,39 +117,59 @@ def test_a_value_of_the_combustion_of_a_cylinder_is_found_behind_its_head(mixed)
     assert (first["combustion"]["start"], second["combustion"]["start"]) == (-5.0, -3.5)
     train = load_scene(mixed).replace({"cylinder 2.combustion.start": -3.5})
     mixed.write_text(text, encoding="utf-8")
-    assert load_scene(mixed).value("cylinder 2.combustion.start") == train.value("cylinder 2.combustion.start")
+    assert load_scene(mixed).value("cylinder 2.combustion.start") == train.value(
+        "cylinder 2.combustion.start"
+    )
 
 
 def test_cylinders_of_an_engine_come_behind_those_of_the_scene():
     text = TomlText('[engine]\nx = 1\n# a\n[[cylinder]]\nname = "own"\n# b\n[tune]\n')
     text.append("cylinder", [{"name": "made"}])
     text.replace("engine", "cylinder", [])
-    assert str(text) == '# a\n[[cylinder]]\nname = "own"\n\n[[cylinder]]\nname = "made"\n# b\n[tune]\n'
+    assert (
+        str(text) == '# a\n[[cylinder]]\nname = "own"\n\n[[cylinder]]\nname = "made"\n#'
+        " b\n[tune]\n"
+    )
 
 
 def test_a_scene_of_lists_above_all_heads_can_be_written_and_expanded(tmp_path):
     text = text_of("inline.toml")
     path, out = tmp_path / "inline.toml", tmp_path / "out.toml"
-    for given in (text, text + "\n# the torque\n[[torque]]\ndisk = 'a'\n", text.replace("cylinder =", "#")):
+    for given in (
+        text,
+        text + "\n# the torque\n[[torque]]\ndisk = 'a'\n",
+        text.replace("cylinder =", "#"),
+    ):
         path.write_text(given)
         for expand in (False, True):
             out.write_text(scene_text(path, expand=expand)[0])
             found = load_scene(out)
             topology = dataclasses.replace(load_scene(path).topology, name="inline")
-            assert found.topology == topology and found.torques.mean.shape == (given.count("[[torque]]"),)
-            assert out.read_text().startswith("# by hand\ndisk = [{name") and expand != ("engine =" in out.read_text())
-            assert found.cylinders.gas_torque_mean.tolist() == ([5.0] if "# [" in given else [2.0, 5.0])
+            assert found.topology == topology and found.torques.mean.shape == (
+                given.count("[[torque]]"),
+            )
+            assert out.read_text().startswith(
+                "# by hand\ndisk = [{name"
+            ) and expand != ("engine =" in out.read_text())
+            assert found.cylinders.gas_torque_mean.tolist() == (
+                [5.0] if "# [" in given else [2.0, 5.0]
+            )
 
 
 def test_a_law_by_name_gives_way_to_its_numbers(mixed):
     text, _ = changed_scene(mixed, {("mesh", 0, "epsilon"): 0.01})
-    assert changes(MIXED, text) == (['law = "fridman2009"     # (18)'], ["epsilon = 0.01", "transition = 0.2"])
+    assert changes(MIXED, text) == (
+        ['law = "fridman2009"     # (18)'],
+        ["epsilon = 0.01", "transition = 0.2"],
+    )
 
 
 def test_an_added_value_stands_below_a_comment_that_ends_the_file():
     text = TomlText("[[disk]]\nx = 1\n# the end")
     text.set("disk", 0, "y", 2)
-    assert tomllib.loads(str(text)) == {"disk": [{"x": 1, "y": 2}]} and "# the end\n" in str(text)
+    assert tomllib.loads(str(text)) == {
+        "disk": [{"x": 1, "y": 2}]
+    } and "# the end\n" in str(text)
 
 
 def test_heads_inside_values_are_none():
@@ -131,7 +178,10 @@ def test_heads_inside_values_are_none():
     assert str(text) == 'a = """\n[[disk]]\n"""\nb = [\n[1],\n[2]\n]\n[[disk]]\nc = 2\n'
 
 
-@pytest.mark.parametrize("written, value, wanted", [("3.50", 3.5, "3.50"), ("200", 214.5, "214.5"), ("7", 8, "8")])
+@pytest.mark.parametrize(
+    "written, value, wanted",
+    [("3.50", 3.5, "3.50"), ("200", 214.5, "214.5"), ("7", 8, "8")],
+)
 def test_a_number_stays_as_written_or_has_all_its_digits(written, value, wanted):
     text = TomlText(f"[[disk]]\nx = {written} # why\n")
     text.set("disk", 0, "x", value)

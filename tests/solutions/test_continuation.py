@@ -14,7 +14,9 @@ def shortest(value, slope):
 
 
 def follow(share, start, most=400):
-    """Follow the curve on which p is the function ``share`` of x; the determinant with (-b, a) below is a^2 + b^2."""
+    """Follow the curve on which p is the function ``share`` of x; the determinant with
+    (-b, a) below is a^2 + b^2.
+    """
 
     def evaluate(y):
         return jnp.array([share(y[0]) - y[1]])
@@ -28,7 +30,9 @@ def follow(share, start, most=400):
     def simplify(y, slope):
         return evaluate(y), shortest(evaluate(y), slope)
 
-    return continuation.follow_curve(linearize, simplify, np.array([start, 0.0]), most=most)
+    return continuation.follow_curve(
+        linearize, simplify, np.array([start, 0.0]), most=most
+    )
 
 
 def s_curve(x):
@@ -36,7 +40,9 @@ def s_curve(x):
 
 
 def zigzag(x):
-    """Rises to 0.8 at x = 0.8, falls to 0.3 at x = 1.3, rises again, with sharp corners."""
+    """Rises to 0.8 at x = 0.8, falls to 0.3 at x = 1.3, rises again, with sharp
+    corners.
+    """
     return jnp.where(x < 0.8, x, jnp.where(x < 1.3, 1.6 - x, x - 1.0))
 
 
@@ -46,12 +52,15 @@ def late(x):
 
 
 @pytest.mark.parametrize(
-    ("share", "start", "folds"), [(s_curve, -1.2, {2}), (zigzag, 0.1, {2}), (late, 0.0, {2, 3, 4})]
+    ("share", "start", "folds"),
+    [(s_curve, -1.2, {2}), (zigzag, 0.1, {2}), (late, 0.0, {2, 3, 4})],
 )
 def test_a_curve_is_followed_to_its_end_through_folds_and_corners(share, start, folds):
     found = follow(share, start)
     assert found.arrived and found.folds in folds
-    np.testing.assert_allclose([share(found.y[0]), found.y[1]], 1.0, atol=20 * continuation.STEP_CONTROL.closed)
+    np.testing.assert_allclose(
+        [share(found.y[0]), found.y[1]], 1.0, atol=20 * continuation.STEP_CONTROL.closed
+    )
 
 
 def test_a_curve_that_never_arrives_costs_what_it_may_and_no_more():

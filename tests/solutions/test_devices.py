@@ -57,8 +57,15 @@ print("all hold")
 
 
 def test_two_devices_give_what_one_gives_and_programs_run_on_the_default_one():
-    flags = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=2"
+    flags = (
+        os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=2"
+    )
     here = str(Path(__file__).parents[1])
-    environment = os.environ | {"XLA_FLAGS": flags, "PYTHONPATH": os.pathsep.join([here, *sys.path])}
-    done = subprocess.run([sys.executable, "-c", SHARED], capture_output=True, text=True, env=environment)
+    environment = os.environ | {
+        "XLA_FLAGS": flags,
+        "PYTHONPATH": os.pathsep.join([here, *sys.path]),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", SHARED], capture_output=True, text=True, env=environment
+    )
     assert done.returncode == 0 and "all hold" in done.stdout, done.stderr[-3000:]

@@ -20,12 +20,19 @@ def train():
 
 
 @pytest.mark.parametrize(("rpm", "harmonics"), [(600, 96), (1200, 96), (1800, 768)])
-def test_tooth_forces_and_separation_are_those_of_the_reference_integration(train, rpm, harmonics):
-    """1 % of every figure; N chosen above the mesh modes (harmonic 289 at 1800 rpm) where teeth separate."""
+def test_tooth_forces_and_separation_are_those_of_the_reference_integration(
+    train, rpm, harmonics
+):
+    """1 % of every figure; N chosen above the mesh modes (harmonic 289 at 1800 rpm)
+    where teeth separate.
+    """
     response = jaxhb.check(jaxhb.solve(train, rpm=float(rpm), harmonics=harmonics))
     row = EXPECTED[str(rpm)]
     force = [response.force(name).elastic for name in train.topology.mesh_names]
-    apart = [100 * response.mesh(name).separated_fraction for name in train.topology.mesh_names]
+    apart = [
+        100 * response.mesh(name).separated_fraction
+        for name in train.topology.mesh_names
+    ]
     assert np.allclose([f.max for f in force], row["elastic_force_max_N"], rtol=0.01)
     assert np.allclose([f.min for f in force], row["elastic_force_min_N"], rtol=0.01)
     assert np.allclose([f.rms for f in force], row["elastic_force_rms_N"], rtol=0.01)
@@ -34,9 +41,16 @@ def test_tooth_forces_and_separation_are_those_of_the_reference_integration(trai
     straight = jaxhb.linear_response(train, rpm=float(rpm))
     moments = [r.gear_torque("crank gear").peak for r in (response, straight)]
     assert np.allclose(moments, row["gear_11_peak_moment_transmitted_Nm"], rtol=2e-3)
-    if rpm == 1800:  # several meshes hammer: multipliers are those of the dense equation, with Liouville's determinant
+    if (
+        rpm == 1800
+        # several meshes hammer: multipliers are those of the dense equation, with
+        # Liouville's determinant
+    ):
         expected, found = dense_monodromy(response), jaxhb.stability(response)
-        assert abs(np.expm1(expected.log_determinant - expected.trace)) < 1e-10 and abs(found.liouville) < 0.05
+        assert (
+            abs(np.expm1(expected.log_determinant - expected.trace)) < 1e-10
+            and abs(found.liouville) < 0.05
+        )
         multipliers = np.linalg.eigvals(expected.matrix)
         for value in multipliers[np.argsort(-np.abs(multipliers))][:8]:
             assert np.abs(found.multipliers - value).min() < 5e-5
@@ -48,21 +62,29 @@ def test_tooth_forces_of_an_integration_in_time_are_those_of_the_reference(train
     largest = np.array(expected["elastic_force_max_N"])
     rms = np.sqrt((orbit.elastic**2).mean(axis=1))
     np.testing.assert_allclose(orbit.largest, largest, rtol=1e-3)
-    np.testing.assert_allclose(orbit.smallest, expected["elastic_force_min_N"], atol=1e-3 * largest.max())
+    np.testing.assert_allclose(
+        orbit.smallest, expected["elastic_force_min_N"], atol=1e-3 * largest.max()
+    )
     np.testing.assert_allclose(rms, expected["elastic_force_rms_N"], rtol=1e-4)
-    np.testing.assert_allclose(100 * orbit.separated, expected["separated_percent"], atol=0.1)
+    np.testing.assert_allclose(
+        100 * orbit.separated, expected["separated_percent"], atol=0.1
+    )
 
 
 @pytest.mark.oracle
 def test_two_threads_return():
-    """They solve, differentiate, batch and compile at the same time, in a process of their own, as some may hang."""
+    """They solve, differentiate, batch and compile at the same time, in a process of
+    their own, as some may hang.
+    """
     script = Path(__file__).parents[2] / "benchmarks" / "threads.py"
     subprocess.run([sys.executable, script], check=True, timeout=300)
 
 
 @pytest.mark.oracle
 def test_error_against_shooting_falls_with_the_harmonics(train):
-    """And the estimate made without any integration is within a factor 3 of the true error."""
+    """And the estimate made without any integration is within a factor 3 of the true
+    error.
+    """
     errors = []
     for harmonics in (384, 768):
         response = jaxhb.solve(train, rpm=2450.0, harmonics=harmonics)
@@ -77,14 +99,21 @@ def test_error_against_shooting_falls_with_the_harmonics(train):
 
 def test_a_misfire_is_felt_by_the_gears(train):
     """The once-per-cycle order grows, and the load takes less."""
-    normal, limping = (jaxhb.solve(t, rpm=1200.0, harmonics=96) for t in (train, train.misfire("cylinder A1")))
+    normal, limping = (
+        jaxhb.solve(t, rpm=1200.0, harmonics=96)
+        for t in (train, train.misfire("cylinder A1"))
+    )
     assert limping.load_kW < normal.load_kW
-    assert limping.gear_torque("crank gear").order(0.5) > 2 * normal.gear_torque("crank gear").order(0.5)
+    assert limping.gear_torque("crank gear").order(0.5) > 2 * normal.gear_torque(
+        "crank gear"
+    ).order(0.5)
 
 
 @pytest.mark.oracle
 def test_an_estimate_below_the_mesh_modes_is_not_believed(train):
-    """With a wide smooth zone the teeth live in it: 96 harmonics gave 13 % error at an estimate of 0.8 %."""
+    """With a wide smooth zone the teeth live in it: 96 harmonics gave 13 % error at an
+    estimate of 0.8 %.
+    """
     soft = {f"{name}.epsilon": 0.03 for name in train.topology.mesh_names}
     soft |= {f"{name}.transition": 0.2 for name in train.topology.mesh_names}
     response = jaxhb.check(jaxhb.solve(train.replace(soft), rpm=1216.67))

@@ -1,5 +1,7 @@
-"""Teeth whose stiffness varies over the mesh period, with transmission errors: against published motions, a closed
-form, and integration by scipy of equations written out here."""
+"""Teeth whose stiffness varies over the mesh period, with transmission errors: against
+published motions, a closed form, and integration by scipy of equations written out
+here.
+"""
 
 import dataclasses
 from functools import cache
@@ -19,30 +21,60 @@ from jaxhb.report.answer import Answer
 from jaxhb.report.text.cases import solve_text
 from jaxhb.results.steady import orbit_state
 
-HALF, NATURAL, TEETH = 1e-4, 500.0, 20  # m, half the backlash; rad/s, of the mean stiffness; of both gears
+HALF, NATURAL, TEETH = (
+    1e-4,
+    500.0,
+    20,
+)  # m, half the backlash; rad/s, of the mean stiffness; of both gears
 CASES = reference("varying_mesh_stiffness")["cases"]
 # Numbers of the idler, and steps of differences between what is rounded and what bends.
-STEPS = {"a|b.stiffness_orders": 3e-3, "a|b.transmission_error": 1e-4, "a|b.phase": 3e-4, "a|b.first_gear_error": 1e-2}
+STEPS = {
+    "a|b.stiffness_orders": 3e-3,
+    "a|b.transmission_error": 1e-4,
+    "a|b.phase": 3e-4,
+    "a|b.first_gear_error": 1e-2,
+}
 STEPS["c|b.phase"] = 3e-3
 
 
 def pair(case, backlash=True, varying=True):
-    """The pair of the published cases, one cycle a mesh period, its law nearly theirs; and its speed at Omega = 1."""
+    """The pair of the published cases, one cycle a mesh period, its law nearly theirs;
+    and its speed at Omega = 1.
+    """
     inertia, radius = 1.0, 0.5
     mass = inertia / radius**2 / 2
-    gears = [jaxhb.Disk(name=name, inertia=inertia, radius=radius, teeth=TEETH) for name in "ab"]
-    law = {"backlash": 2 * HALF, "epsilon": 1e-5, "transition": 0.01} if backlash else {}
-    law |= {"stiffness": mass * NATURAL**2, "damping": 2 * case["zeta"] * mass * NATURAL, "damping_law": "always"}
-    law["stiffness_orders"] = [(k, share, 0.0) for k, share in enumerate(case["kappa"], 1) if share and varying]
-    law["transmission_error"] = [(k, HALF * size, 0.0) for k, size in enumerate(case["F"], 1) if size]
+    gears = [
+        jaxhb.Disk(name=name, inertia=inertia, radius=radius, teeth=TEETH)
+        for name in "ab"
+    ]
+    law = (
+        {"backlash": 2 * HALF, "epsilon": 1e-5, "transition": 0.01} if backlash else {}
+    )
+    law |= {
+        "stiffness": mass * NATURAL**2,
+        "damping": 2 * case["zeta"] * mass * NATURAL,
+        "damping_law": "always",
+    }
+    law["stiffness_orders"] = [
+        (k, share, 0.0) for k, share in enumerate(case["kappa"], 1) if share and varying
+    ]
+    law["transmission_error"] = [
+        (k, HALF * size, 0.0) for k, size in enumerate(case["F"], 1) if size
+    ]
     mesh = jaxhb.Mesh(between=("a", "b"), **law)
     torque = jaxhb.Torque(disk="a", mean=case["Fm"] * HALF * mass * NATURAL**2 * radius)
-    train = jaxhb.build([*gears, mesh, torque, jaxhb.Load(disk="b")], reference="a", revolutions_per_cycle=1 / TEETH)
+    train = jaxhb.build(
+        [*gears, mesh, torque, jaxhb.Load(disk="b")],
+        reference="a",
+        revolutions_per_cycle=1 / TEETH,
+    )
     return train, NATURAL * 60 / (2 * np.pi) / TEETH
 
 
 def idler():
-    """Three gears, the second an idler, with errors of teeth and of a gear, and phases."""
+    """Three gears, the second an idler, with errors of teeth and of a gear, and
+    phases.
+    """
     gears = [jaxhb.Disk(name=n, inertia=j, radius=r, teeth=z) for n, j, r, z in GEARS]
     law = {
         "stiffness": 2e8,
@@ -52,15 +84,22 @@ def idler():
         "epsilon": 1e-3,
         "transition": 0.04,
     }
-    first = {"stiffness_orders": [(1, 0.2, 0.1), (2, 0.0, -0.05)], "transmission_error": [(1, 4e-6, 2e-6)]}
+    first = {
+        "stiffness_orders": [(1, 0.2, 0.1), (2, 0.0, -0.05)],
+        "transmission_error": [(1, 4e-6, 2e-6)],
+    }
     own = {"first_gear_error": [(1, 6e-6, 0.0)], "phase": 40.0}
     meshes = [
         jaxhb.Mesh(between=("a", "b"), **law, **first, **own),
-        jaxhb.Mesh(between=("c", "b"), **law, stiffness_orders=[(1, 0.15, 0.0)], phase=-70.0),
+        jaxhb.Mesh(
+            between=("c", "b"), **law, stiffness_orders=[(1, 0.15, 0.0)], phase=-70.0
+        ),
     ]
     torque = jaxhb.Torque(disk="a", mean=60.0, harmonics=[(1.0, 150.0, 40.0)])
     ends = [jaxhb.Load(disk="c"), jaxhb.Ground(disk="a", stiffness=100.0)]
-    return jaxhb.build([*gears, *meshes, torque, *ends], reference="a", revolutions_per_cycle=1)
+    return jaxhb.build(
+        [*gears, *meshes, torque, *ends], reference="a", revolutions_per_cycle=1
+    )
 
 
 GEARS = ("a", 0.02, 0.05, 10), ("b", 0.05, 0.1, 20), ("c", 0.01, 0.05, 10)
@@ -76,9 +115,19 @@ def test_motions_up_and_down_are_those_published(case):
     train, unit = pair(case)
     for direction in ("up", "down"):
         rows = [row for row in case["rows"] if row["direction"] == direction]
-        found = jaxhb.steady_state(train, rpm=[row["Omega"] * unit for row in rows], direction=direction)
+        found = jaxhb.steady_state(
+            train, rpm=[row["Omega"] * unit for row in rows], direction=direction
+        )
         assert [state.period for state in found] == [row["period"] for row in rows]
-        extremes = np.array([[s.deflection("a", "b").max, s.deflection("a", "b").min] for s in found]) / HALF
+        extremes = (
+            np.array(
+                [
+                    [s.deflection("a", "b").max, s.deflection("a", "b").min]
+                    for s in found
+                ]
+            )
+            / HALF
+        )
         wanted = np.array([[row["max"], row["min"]] for row in rows])
         # Of the largest; what the narrow smooth zone of our law leaves is 1e-3 of it.
         assert (np.abs(extremes - wanted).max(axis=1) < 0.002 * wanted[:, 0]).all()
@@ -87,19 +136,26 @@ def test_motions_up_and_down_are_those_published(case):
 def test_coexisting_motions_are_found():
     train, unit = pair(CASES[0])
     found = jaxhb.solve_all(train, rpm=0.6 * unit)
-    assert {round(float(one.response.deflection("a", "b").max) / HALF, 2) for one in found} >= {1.24, 1.69}
+    assert {
+        round(float(one.response.deflection("a", "b").max) / HALF, 2) for one in found
+    } >= {1.24, 1.69}
 
 
 def test_errors_of_a_linear_mesh_are_a_closed_form():
     case = CASES[0]
     train, unit = pair(case, backlash=False, varying=False)
-    for response in (jaxhb.forced_response(train, rpm=1.3 * unit), jaxhb.solve(train, rpm=1.3 * unit)):
+    for response in (
+        jaxhb.forced_response(train, rpm=1.3 * unit),
+        jaxhb.solve(train, rpm=1.3 * unit),
+    ):
         n = np.arange(response.harmonics + 1)
         size = np.zeros(len(n))
         size[1:3] = case["F"][:2]  # the third is 0
         driven = np.where(n > 0, 0.5 * size * (1.3 * n) ** 2, case["Fm"])
         wanted = HALF * driven / (1 - (1.3 * n) ** 2 + 2j * case["zeta"] * 1.3 * n)
-        np.testing.assert_allclose(response.deflections[0], wanted, rtol=0, atol=PATHS * HALF)
+        np.testing.assert_allclose(
+            response.deflections[0], wanted, rtol=0, atol=PATHS * HALF
+        )
         assert abs(float(response.power_defect)) < PATHS
 
 
@@ -109,8 +165,12 @@ def test_a_held_flank_and_no_backlash_deflect_alike():
     held, free = (jaxhb.solve(one, rpm=1.7 * unit) for one in (train, linear))
     assert held.steps == 0
     shift = (1 - 1e-5) * HALF
-    np.testing.assert_allclose(held.deflections[0, 0].real - free.deflections[0, 0].real, shift, rtol=ALGEBRAIC)
-    np.testing.assert_allclose(held.deflections[0, 1:], free.deflections[0, 1:], rtol=0, atol=ALGEBRAIC * HALF)
+    np.testing.assert_allclose(
+        held.deflections[0, 0].real - free.deflections[0, 0].real, shift, rtol=ALGEBRAIC
+    )
+    np.testing.assert_allclose(
+        held.deflections[0, 1:], free.deflections[0, 1:], rtol=0, atol=ALGEBRAIC * HALF
+    )
 
 
 def test_parametric_instability_begins_where_integration_says():
@@ -122,48 +182,88 @@ def test_parametric_instability_begins_where_integration_says():
 
     def integrated(omega):
         def hill(t, y):
-            share = 1 + sum(s * np.cos(k * omega * t) for k, s in enumerate(case["kappa"], 1))
+            share = 1 + sum(
+                s * np.cos(k * omega * t) for k, s in enumerate(case["kappa"], 1)
+            )
             x, v = y.reshape(2, 2)
             return np.concatenate([v, -2 * case["zeta"] * v - share * x])
 
-        end = solve_ivp(hill, (0, 2 * np.pi / omega), np.eye(2).ravel(), rtol=1e-10, atol=1e-12).y[:, -1]
+        end = solve_ivp(
+            hill, (0, 2 * np.pi / omega), np.eye(2).ravel(), rtol=1e-10, atol=1e-12
+        ).y[:, -1]
         return np.abs(np.linalg.eigvals(end.reshape(2, 2))).max() - 1
 
     for span in ((1.8, 2.0), (2.0, 2.2)):
-        assert brentq(growth, *span, xtol=1e-8) == pytest.approx(brentq(integrated, *span, xtol=1e-8), rel=1e-6)
+        assert brentq(growth, *span, xtol=1e-8) == pytest.approx(
+            brentq(integrated, *span, xtol=1e-8), rel=1e-6
+        )
 
 
 def integrated_idler(response, rpm):
-    """Deflections ``(2, 513)`` of :func:`idler` over a cycle from the state of a response, by its equations along the
-    pitch line."""
+    """Deflections ``(2, 513)`` of :func:`idler` over a cycle from the state of a
+    response, by its equations along the pitch line.
+    """
     omega, radius = 2 * np.pi * rpm / 60, np.array([r for _, _, r, _ in GEARS])
     mass = np.array([j / r**2 for _, j, r, _ in GEARS])
-    turn, gap, width = 10 * omega, 0.96 * HALF, 0.08 * HALF  # mesh periods of the first gear; gap and smooth zone
+    turn, gap, width = (
+        10 * omega,
+        0.96 * HALF,
+        0.08 * HALF,
+    )  # mesh periods of the first gear; gap and smooth zone
 
     def meshing(t):
         """Stiffness over the mean, error and its rate."""
         first, second = np.exp(1j * (np.deg2rad([40.0, -70.0]) + turn * t))
-        share = 1 + np.array([(0.2 + 0.1j) * first - 0.05j * first**2, 0.15 * second]).real
+        share = (
+            1 + np.array([(0.2 + 0.1j) * first - 0.05j * first**2, 0.15 * second]).real
+        )
         teeth, own = (4e-6 + 2e-6j) * first, 6e-6 * np.exp(1j * omega * t)
-        parts = np.array([[teeth + own, 0.0], [1j * turn * teeth + 1j * omega * own, 0.0]])
+        parts = np.array(
+            [[teeth + own, 0.0], [1j * turn * teeth + 1j * omega * own, 0.0]]
+        )
         return share, *parts.real
 
     def fall(t, y):
         x, v = np.split(y, 2)
         share, error, error_rate = meshing(t)
-        l, rate = np.array([x[0] - x[1], x[2] - x[1]]) - error, np.array([v[0] - v[1], v[2] - v[1]]) - error_rate
-        inside, beyond = np.clip(np.abs(l) - gap, 0, width), np.maximum(np.abs(l) - gap - width, 0)
-        elastic = 1e-3 * l + (1 - 1e-3) * np.sign(l) * (inside**2 / (2 * width) + beyond)
+        l, rate = (
+            np.array([x[0] - x[1], x[2] - x[1]]) - error,
+            np.array([v[0] - v[1], v[2] - v[1]]) - error_rate,
+        )
+        inside, beyond = (
+            np.clip(np.abs(l) - gap, 0, width),
+            np.maximum(np.abs(l) - gap - width, 0),
+        )
+        elastic = 1e-3 * l + (1 - 1e-3) * np.sign(l) * (
+            inside**2 / (2 * width) + beyond
+        )
         force = 2e8 * share * elastic + 2e3 * rate
-        torque = np.array([60 + ((150 + 40j) * np.exp(1j * omega * t)).real - 100 * x[0] / 0.05, 0.0, -60.0])
-        return np.concatenate([v, (torque / 0.05 - [force[0], -force[0] - force[1], force[1]]) / mass])
+        torque = np.array(
+            [
+                60 + ((150 + 40j) * np.exp(1j * omega * t)).real - 100 * x[0] / 0.05,
+                0.0,
+                -60.0,
+            ]
+        )
+        return np.concatenate(
+            [v, (torque / 0.05 - [force[0], -force[0] - force[1], force[1]]) / mass]
+        )
 
     n = np.arange(response.harmonics + 1)
-    motion = [np.asarray(response.angles) * radius[:, None] * (1j * n * omega) ** k for k in (0, 1)]
-    begin = np.concatenate([m[:, 0].real + 2 * m[:, 1:].real.sum(axis=1) for m in motion])
+    motion = [
+        np.asarray(response.angles) * radius[:, None] * (1j * n * omega) ** k
+        for k in (0, 1)
+    ]
+    begin = np.concatenate(
+        [m[:, 0].real + 2 * m[:, 1:].real.sum(axis=1) for m in motion]
+    )
     at = 2 * np.pi / omega * np.arange(513) / 512
-    y = solve_ivp(fall, (0, at[-1]), begin, t_eval=at, rtol=1e-10, atol=1e-14, max_step=at[1]).y
-    return np.array([y[0] - y[1], y[2] - y[1]]) - np.array([meshing(t)[1] for t in at]).T
+    y = solve_ivp(
+        fall, (0, at[-1]), begin, t_eval=at, rtol=1e-10, atol=1e-14, max_step=at[1]
+    ).y
+    return (
+        np.array([y[0] - y[1], y[2] - y[1]]) - np.array([meshing(t)[1] for t in at]).T
+    )
 
 
 @pytest.mark.parametrize("rpm", [1500.0, 600.0])
@@ -172,7 +272,8 @@ def test_two_meshes_with_phases_and_runout_follow_their_equations(rpm):
     assert response and response.mesh("a", "b").separated_fraction > 0.01
     wanted = integrated_idler(response, rpm)
     found = response.deflection_samples(512)
-    # The tolerance is that of the force, whose scale is the elastic deflection of the teeth.
+    # The tolerance is that of the force, whose scale is the elastic deflection of the
+    # teeth.
     elastic = np.abs(wanted).max() - HALF
     np.testing.assert_allclose(found, wanted[:, :-1], rtol=0, atol=0.01 * elastic)
     np.testing.assert_allclose(wanted[:, -1], wanted[:, 0], rtol=0, atol=0.01 * elastic)
@@ -186,18 +287,31 @@ def test_whole_train_and_condensed_equation_agree():
         plan = dataclasses.replace(plan, **TIGHT | {"max_steps": 24})
         found.append(jaxhb.solve(train, rpm=1500.0, plan=plan))
         assert found[-1].residual < RESIDUAL
-    for name in ("angles", "torques", "elastic_torques", "deflections", "forces", "elastic_forces"):
+    for name in (
+        "angles",
+        "torques",
+        "elastic_torques",
+        "deflections",
+        "forces",
+        "elastic_forces",
+    ):
         chain, reduced = (np.asarray(getattr(one, name)) for one in found)
-        np.testing.assert_allclose(chain, reduced, rtol=0, atol=PATHS * np.abs(reduced).max(initial=0.0))
+        np.testing.assert_allclose(
+            chain, reduced, rtol=0, atol=PATHS * np.abs(reduced).max(initial=0.0)
+        )
 
 
 def test_shooting_hardly_corrects_exact_integrals():
-    correction = jaxhb.shooting_correction(jaxhb.solve(idler(), rpm=1500.0, harmonics=256, integrals="exact"))
+    correction = jaxhb.shooting_correction(
+        jaxhb.solve(idler(), rpm=1500.0, harmonics=256, integrals="exact")
+    )
     assert correction.orbit.settled and correction.error < 2e-3
 
 
 def test_gradients_are_those_of_differences():
-    """Each number by itself; forwards and backwards are two programs for all of them."""
+    """Each number by itself; forwards and backwards are two programs for all of
+    them.
+    """
     train, asked = idler(), {"rpm": 1500.0, "harmonics": 96, "integrals": "exact"}
     # Differences of short steps show what is left of the equations.
     plan = dataclasses.replace(jaxhb.plan(train, **asked), residual_tolerance=1e-13)
@@ -213,19 +327,31 @@ def test_gradients_are_those_of_differences():
     gradients = jax.grad(amplitude, argnums=tuple(range(len(values))))(*values)
     for place, (step, value) in enumerate(zip(STEPS.values(), values, strict=True)):
         along = [np.zeros_like(value) for value in values]
-        along[place] = np.random.default_rng(3).normal(size=value.shape) * max(np.abs(value).max(), 1e-6)
+        along[place] = np.random.default_rng(3).normal(size=value.shape) * max(
+            np.abs(value).max(), 1e-6
+        )
         slope = jax.jvp(amplitude, values, along)[1]
         reverse = np.sum(np.asarray(gradients[place]) * along[place])
-        away = [[v + k * step * a for v, a in zip(values, along, strict=True)] for k in (-2, -1, 1, 2)]
+        away = [
+            [v + k * step * a for v, a in zip(values, along, strict=True)]
+            for k in (-2, -1, 1, 2)
+        ]
         differences = [amplitude(*one) for one in away]
-        wanted = (differences[0] - 8 * differences[1] + 8 * differences[2] - differences[3]) / (12 * step)
+        wanted = (
+            differences[0] - 8 * differences[1] + 8 * differences[2] - differences[3]
+        ) / (12 * step)
         np.testing.assert_allclose([slope, reverse], wanted, rtol=GRADIENT)
 
 
 def test_a_longer_cycle_has_the_same_motion():
     train = idler()
-    one, two = jaxhb.solve(train, rpm=1500.0, harmonics=64), jaxhb.solve(train.repeated(2), rpm=1500.0, harmonics=128)
-    np.testing.assert_allclose(two.deflections[:, ::2], one.deflections, rtol=0, atol=1e-6 * HALF)
+    one, two = (
+        jaxhb.solve(train, rpm=1500.0, harmonics=64),
+        jaxhb.solve(train.repeated(2), rpm=1500.0, harmonics=128),
+    )
+    np.testing.assert_allclose(
+        two.deflections[:, ::2], one.deflections, rtol=0, atol=1e-6 * HALF
+    )
     assert np.abs(two.deflections[:, 1::2]).max() < 1e-6 * HALF
 
 
@@ -233,34 +359,62 @@ def test_shorthands_stand_for_a_stiffness_and_its_orders(tmp_path):
     steps = np.arange(2000) / 2000
 
     def over_period(orders):
-        return 1 + sum((complex(re, im) * np.exp(2j * np.pi * k * steps)).real for k, re, im in orders)
+        return 1 + sum(
+            (complex(re, im) * np.exp(2j * np.pi * k * steps)).real
+            for k, re, im in orders
+        )
 
     share = over_period(contact_orders(1.6, 900)) * (0.75 * 1.6 + 0.25)
-    # One more pair in contact between 0 and 0.6, with flanks 0.1 wide around both ends (ISO 6336-1: 1.75 and 1).
-    np.testing.assert_allclose(share[[600, 1600, 0, 1200]], [1.75, 1.0, 1.375, 1.375], atol=2e-3)
+    # One more pair in contact between 0 and 0.6, with flanks 0.1 wide around both ends
+    # (ISO 6336-1: 1.75 and 1).
+    np.testing.assert_allclose(
+        share[[600, 1600, 0, 1200]], [1.75, 1.0, 1.375, 1.375], atol=2e-3
+    )
     mean, orders = table_orders([(0.1, 1e8), (0.3, 3e8), (0.7, 2e8)], 900)
-    table = np.interp(steps, [-0.3, 0.1, 0.3, 0.7, 1.1], np.array([2.0, 1.0, 3.0, 2.0, 1.0]) * 1e8)
+    table = np.interp(
+        steps, [-0.3, 0.1, 0.3, 0.7, 1.1], np.array([2.0, 1.0, 3.0, 2.0, 1.0]) * 1e8
+    )
     np.testing.assert_allclose(mean * over_period(orders), table, atol=1e-3 * mean)
-    # ISO 6336-1, spur gears of 30 and 40 teeth: c' = 0.8 0.975 / (0.04723 + 0.15551 / 30 + 0.25791 / 40), 13.25.
+    # ISO 6336-1, spur gears of 30 and 40 teeth: c' = 0.8 0.975 / (0.04723 + 0.15551 /
+    # 30 + 0.25791 / 40), 13.25.
     stiffness = standard_stiffness((30, 40), 0.02, 0.0, 1.0)
-    assert stiffness / np.cos(np.deg2rad(20)) ** 2 == pytest.approx(13.251 * 0.02 * 1e9, rel=1e-4)
+    assert stiffness / np.cos(np.deg2rad(20)) ** 2 == pytest.approx(
+        13.251 * 0.02 * 1e9, rel=1e-4
+    )
     (tmp_path / "teeth.csv").write_text("0.0, 1e8\n0.5, 3e8\n")
-    text = jaxhb.elements_text([jaxhb.Disk(name=n, inertia=1.0, radius=0.1, teeth=20) for n in "ab"], reference="a")
+    text = jaxhb.elements_text(
+        [jaxhb.Disk(name=n, inertia=1.0, radius=0.1, teeth=20) for n in "ab"],
+        reference="a",
+    )
     own = '[[mesh]]\nbetween = ["a", "b"]\nstiffness_table = "teeth.csv"\norders = 1\n'
     (tmp_path / "pair.toml").write_text(text + own)
     train = jaxhb.load_scene(tmp_path / "pair.toml")
-    assert train.value("a|b.stiffness") == 2e8 and train.topology.mesh_stiffness_orders == ((40,),)
-    np.testing.assert_allclose(train.value("a|b.stiffness_orders"), [[-4 / np.pi**2, 0.0]], atol=ALGEBRAIC)
+    assert train.value(
+        "a|b.stiffness"
+    ) == 2e8 and train.topology.mesh_stiffness_orders == ((40,),)
+    np.testing.assert_allclose(
+        train.value("a|b.stiffness_orders"), [[-4 / np.pi**2, 0.0]], atol=ALGEBRAIC
+    )
 
 
 def test_whine_transmission_error_and_energy_are_read_of_a_motion():
     response = hammering(1500.0)
     approach = 0.05 * response.angles[0] - 0.1 * response.angles[1]
     found = response.transmission_error("a", "b")
-    np.testing.assert_allclose(found.coefficients[: len(approach)], approach, rtol=0, atol=PATHS * HALF)
-    np.testing.assert_allclose(response.whine("a", "b", orders=2), 2 * np.abs(response.forces[0, [10, 20]]))
+    np.testing.assert_allclose(
+        found.coefficients[: len(approach)], approach, rtol=0, atol=PATHS * HALF
+    )
+    np.testing.assert_allclose(
+        response.whine("a", "b", orders=2), 2 * np.abs(response.forces[0, [10, 20]])
+    )
     speeds = [one["speed"] for one in response.mesh("a", "b").impacts]
     mass = 1 / (0.05**2 / 0.02 + 0.1**2 / 0.05)  # of the two gears alone
-    assert response.impact_energy("a", "b") == pytest.approx(mass * np.square(speeds).sum() / 2) and speeds
+    assert (
+        response.impact_energy("a", "b")
+        == pytest.approx(mass * np.square(speeds).sum() / 2)
+        and speeds
+    )
     linear = jaxhb.linear_response(response.train, rpm=1500.0)
-    assert "Gear whine" in solve_text(Answer(response.train, orbit_state(response), linear, orbit=True))
+    assert "Gear whine" in solve_text(
+        Answer(response.train, orbit_state(response), linear, orbit=True)
+    )

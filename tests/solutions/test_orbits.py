@@ -21,8 +21,13 @@ def search_of(train, rpm):
 
 @pytest.fixture(scope="module")
 def pair():
-    """The lightly loaded pair where a motion of one cycle repels beside those of two and three that attract."""
-    return search_of(pair_train(Pair(1.0, epsilon=1e-3), transition=0.01), pair_rpm(Pair(1.0, epsilon=1e-3)))
+    """The lightly loaded pair where a motion of one cycle repels beside those of two
+    and three that attract.
+    """
+    return search_of(
+        pair_train(Pair(1.0, epsilon=1e-3), transition=0.01),
+        pair_rpm(Pair(1.0, epsilon=1e-3)),
+    )
 
 
 def test_a_motion_that_repels_is_closed_from_far_away(pair):
@@ -31,7 +36,9 @@ def test_a_motion_that_repels_is_closed_from_far_away(pair):
     visited = pair._march(flank)
     assert np.nanmin(np.where(np.isfinite(visited[2]), visited[2], np.nan)) > 0
     equation = pair.map.swept.sweeps
-    point, missed, marches = map_newton.close_cycle(equation, flank, plan, tolerance=1e-8, most=40)
+    point, missed, marches = map_newton.close_cycle(
+        equation, flank, plan, tolerance=1e-8, most=40
+    )
     assert missed < 1e-8 and marches > 5
     following = map_newton.close_cycle(equation, point, plan, tolerance=1e-6)
     assert following[2] == 1  # closed already
@@ -49,11 +56,16 @@ def test_a_motion_is_told_once(pair):
 
 @pytest.mark.oracle
 def test_motions_of_a_hammering_train_are_found_that_time_integration_confirms():
-    """Twelve disks, two meshes: beside the motion to which the train comes there are others that repel."""
+    """Twelve disks, two meshes: beside the motion to which the train comes there are
+    others that repel.
+    """
     found = list(search_of(*hammering_train(48271211, 8)).motions())
     assert len(found) > 1
     for response in found:
         judged = jaxhb.shooting_correction(response)
         assert judged.orbit.settled and judged.error < 0.02
-    apart = [difference(one.deflections, other.deflections) for one, other in itertools.combinations(found, 2)]
+    apart = [
+        difference(one.deflections, other.deflections)
+        for one, other in itertools.combinations(found, 2)
+    ]
     assert min(apart) > orbits.SAME

@@ -20,7 +20,14 @@ from jaxhb.solutions import shots
 pytestmark = pytest.mark.oracle
 
 RPM = 2320.0
-PLAN = Plan(harmonics=384, active=(0, 1, 2, 3), flank=(0,) * 4, start="march", time_steps=1536, excited=24)
+PLAN = Plan(
+    harmonics=384,
+    active=(0, 1, 2, 3),
+    flank=(0,) * 4,
+    start="march",
+    time_steps=1536,
+    excited=24,
+)
 
 
 def test_shooting_closes_an_orbit_that_a_march_leaves_open_for_ever():
@@ -33,54 +40,94 @@ def test_shooting_closes_an_orbit_that_a_march_leaves_open_for_ever():
     assert open_for_ever.periodicity_error > 100 * shots.PERIODIC
     harmonic = np.fft.irfft(np.asarray(response.deflections), n=1536, norm="forward")
     shot = np.fft.irfft(orbit.coefficients, n=1536, norm="forward")
-    assert np.abs(harmonic - shot).max() < 0.1 * np.abs(harmonic).max()  # 1536 steps leave some percent
+    assert (
+        np.abs(harmonic - shot).max() < 0.1 * np.abs(harmonic).max()
+    )  # 1536 steps leave some percent
 
 
 def test_a_march_that_is_not_finite_gives_no_orbit():
-    assert list(shots.shoot(jaxhb.load_scene("gear_train_30"), float("nan"), PLAN)) == []
+    assert (
+        list(shots.shoot(jaxhb.load_scene("gear_train_30"), float("nan"), PLAN)) == []
+    )
 
 
 def test_every_closed_orbit_is_found_once():
     """Three disks with hardly any mean load on two meshes: many unstable motions."""
     train, rpm, facts = random_trains.random_case(np.random.default_rng([0, 90]))
     assert facts["load"] < 0.1 and train.topology.n_disks == 3
-    plan = Plan(harmonics=384, active=(0, 1), flank=(0, 0), start="march", time_steps=1536, excited=20)
+    plan = Plan(
+        harmonics=384,
+        active=(0, 1),
+        flank=(0, 0),
+        start="march",
+        time_steps=1536,
+        excited=20,
+    )
     found = list(itertools.islice(shots.shoot(train, rpm, plan), 6))
-    motions = [np.fft.irfft(orbit.coefficients, n=plan.time_steps, norm="forward") for orbit in found]
+    motions = [
+        np.fft.irfft(orbit.coefficients, n=plan.time_steps, norm="forward")
+        for orbit in found
+    ]
     assert all(orbit.periodicity_error <= shots.PERIODIC for orbit in found)
-    apart = [np.abs(one - other).max() / np.abs(one).max() for one, other in itertools.combinations(motions, 2)]
+    apart = [
+        np.abs(one - other).max() / np.abs(one).max()
+        for one, other in itertools.combinations(motions, 2)
+    ]
     assert len(found) == 6 and min(apart) > shots.SAME
 
 
-@pytest.mark.parametrize(("fewer", "more", "followed"), [(64, 96, False), (1536, 4096, True)])
-def test_another_number_of_steps_compiles_nothing_where_it_follows_the_modes_of_the_teeth_alike(fewer, more, followed):
-    """March and shot have two programs: where modes are too fast for the steps, these add their static response."""
+@pytest.mark.parametrize(
+    ("fewer", "more", "followed"), [(64, 96, False), (1536, 4096, True)]
+)
+def test_another_number_of_steps_compiles_nothing_where_it_follows_the_modes_of_the_teeth_alike(
+    fewer, more, followed
+):
+    """March and shot have two programs: where modes are too fast for the steps, these
+    add their static response.
+    """
     train, compiled = jaxhb.load_scene("gear_train_30"), []
     for time_steps in (fewer, more):
         plan = dataclasses.replace(PLAN, time_steps=time_steps)
-        assert (shots.reduced_stepper(train, RPM, plan).residual_flexibility is None) == followed
+        assert (
+            shots.reduced_stepper(train, RPM, plan).residual_flexibility is None
+        ) == followed
         list(shots.shoot(train, RPM, plan, work=0.0))
-        compiled.append([executables(program) for program in (shots._equations, shots._visited, shots._shot)])
+        compiled.append(
+            [
+                executables(program)
+                for program in (shots._equations, shots._visited, shots._shot)
+            ]
+        )
     assert compiled[0] == compiled[1]
 
 
 def test_modes_too_fast_for_the_steps_answer_statically():
-    """A light gear on a shaft five times as stiff as its teeth, and a mode forty times too fast for the steps.
+    """A light gear on a shaft five times as stiff as its teeth, and a mode forty times
+    too fast for the steps.
 
-    The equations of the harmonics know the shaft: what is left of them at the orbit is the error of the steps, with the
-    static answer and without. The teeth are not damped: the rate of the static answer is neglected.
+    The equations of the harmonics know the shaft: what is left of them at the orbit is
+    the error of the steps, with the static answer and without. The teeth are not
+    damped: the rate of the static answer is neglected.
     """
     parts = [
         Disk(name="driver", inertia=1.0, radius=1.0, damping=0.6),
         Disk(name="gear", inertia=1e-6, radius=1.0),
         Disk(name="driven", inertia=1.0, damping=0.6),
-        Mesh(between=("driver", "gear"), stiffness=4.0, backlash=0.5, epsilon=0.01, transition=0.2),
+        Mesh(
+            between=("driver", "gear"),
+            stiffness=4.0,
+            backlash=0.5,
+            epsilon=0.01,
+            transition=0.2,
+        ),
         Shaft(between=("gear", "driven"), stiffness=20.0),
         Torque(disk="driver", mean=0.4, harmonics=[(1.0, 1.5, 0.0)]),
         Torque(disk="driven", mean=-0.4),
     ]
     train = build(parts, reference="driver")
-    plan = Plan(harmonics=32, active=(0,), flank=(0,), start="march", time_steps=256, excited=1)
+    plan = Plan(
+        harmonics=32, active=(0,), flank=(0,), start="march", time_steps=256, excited=1
+    )
     rpm = 2.0 * ONE_RADIAN_PER_SECOND
     stepper = shots.reduced_stepper(train, rpm, plan)
 
@@ -91,11 +138,20 @@ def test_modes_too_fast_for_the_steps_answer_statically():
 
     problem, left = problem_at(train, rpm, plan.excited), []
     for flexibility in (stepper.residual_flexibility, None):
-        shot = shots._shot(dataclasses.replace(stepper, residual_flexibility=flexibility), stepper.flank_state)
+        shot = shots._shot(
+            dataclasses.replace(stepper, residual_flexibility=flexibility),
+            stepper.flank_state,
+        )
         deflection, periodicity_error = map(np.asarray, shot)
         assert periodicity_error <= shots.PERIODIC
         coefficients = shots.coefficients(deflection, plan.time_steps)
-        left.append(float(left_over(problem, plan.active_meshes, coefficients[:, : plan.harmonics + 1])))
+        left.append(
+            float(
+                left_over(
+                    problem, plan.active_meshes, coefficients[:, : plan.harmonics + 1]
+                )
+            )
+        )
     motion = deflection[0, : plan.time_steps]
     assert motion.min() < 0 < motion.max()
     assert left[0] < 1e-4 < 1e-2 < left[1]

@@ -1,4 +1,6 @@
-"""Sweeps answer where teeth part: Newton's method with fixed harmonics and time integration are the second ways."""
+"""Sweeps answer where teeth part: Newton's method with fixed harmonics and time
+integration are the second ways.
+"""
 
 import dataclasses
 
@@ -37,17 +39,23 @@ def swept(train):
 
 
 def force_difference(one, other):
-    """Largest difference of the tooth forces of two responses, over the largest force."""
+    """Largest difference of the tooth forces of two responses, over the largest
+    force.
+    """
     one, other = (r.force("crank gear", "idler").samples(2**15) for r in (one, other))
     return np.abs(one - other).max() / np.abs(other).max()
 
 
-def test_newtons_method_with_fixed_harmonics_finds_the_motion_of_sweeps(train, response):
+def test_newtons_method_with_fixed_harmonics_finds_the_motion_of_sweeps(
+    train, response
+):
     """To the errors that the two tell."""
     assert [type(event) for event in response.path] == [Sweeps]
     newton = jaxhb.solve(train, rpm=RPM, harmonics=1024, start=response)
     assert newton.converged
-    assert force_difference(response, newton) < 1.2 * float(response.truncation_error + newton.truncation_error)
+    assert force_difference(response, newton) < 1.2 * float(
+        response.truncation_error + newton.truncation_error
+    )
 
 
 def test_a_tighter_tolerance_takes_more_steps(train, response):
@@ -55,10 +63,12 @@ def test_a_tighter_tolerance_takes_more_steps(train, response):
     assert finer.converged
     assert float(finer.truncation_error) <= 1e-3
     assert finer.harmonics > response.harmonics
-    assert [event.time_steps for event in finer.path if isinstance(event, Sweeps)] == sorted(
-        {event.time_steps for event in finer.path}
+    assert [
+        event.time_steps for event in finer.path if isinstance(event, Sweeps)
+    ] == sorted({event.time_steps for event in finer.path})
+    assert force_difference(response, finer) < 1.2 * float(
+        response.truncation_error + finer.truncation_error
     )
-    assert force_difference(response, finer) < 1.2 * float(response.truncation_error + finer.truncation_error)
 
 
 def test_newtons_method_on_sweeps_solves_what_these_do_not(train):
@@ -75,7 +85,8 @@ def test_where_nothing_settles_shooting_finds_a_motion():
     for _ in range(2):
         train, rpm, _ = random_trains.random_case(rng)
         train = with_tooth_damping(train, random_trains.span(rng, 0.01, 0.3))
-    # Rounding decides at which speeds Newton's method on sweeps arrives, and where shooting does.
+    # Rounding decides at which speeds Newton's method on sweeps arrives, and where
+    # shooting does.
     for speed in rpm * np.linspace(0.995, 1.005, 11):
         hurried = jaxhb.solve(train, rpm=speed, seconds=0.0)
         assert not any(isinstance(event, Shooting) for event in hurried.path)
@@ -87,7 +98,11 @@ def test_where_nothing_settles_shooting_finds_a_motion():
     else:
         pytest.fail("shooting found no motion")
     rungs = [type(event) for event in response.path]
-    assert rungs[:2] == [Sweeps, NewtonOnSweeps] and Shooting in rungs and rungs[-1] == Newton
+    assert (
+        rungs[:2] == [Sweeps, NewtonOnSweeps]
+        and Shooting in rungs
+        and rungs[-1] == Newton
+    )
     # Within the tolerance: this motion repels, and magnifies what is left out.
     assert jaxhb.shooting_correction(response).error < 0.01
 
@@ -102,27 +117,46 @@ def test_a_few_modes_of_a_long_train_respond_at_its_meshes_as_all_disks_do(long_
     """To harmonics of its mesh modes, against the receptances of the equations."""
     modes = modes_of(long_train)
     assert len(modes.rates) <= 64
-    plan = planning.all_active(long_train, planning.contact_plan(long_train, Request()), Request())
-    exact, _ = reduced_equation(problem_at(long_train, RPM, plan.excited), 300, plan.active_meshes)
-    receptance, omega = np.asarray(exact.receptance), float(exact.frequency) * np.arange(301)
-    # Deflections fall under a positive force: of a mode that is counted twice, half of it and of its conjugate.
+    plan = planning.all_active(
+        long_train, planning.contact_plan(long_train, Request()), Request()
+    )
+    exact, _ = reduced_equation(
+        problem_at(long_train, RPM, plan.excited), 300, plan.active_meshes
+    )
+    receptance, omega = (
+        np.asarray(exact.receptance),
+        float(exact.frequency) * np.arange(301),
+    )
+    # Deflections fall under a positive force: of a mode that is counted twice, half of
+    # it and of its conjugate.
     observed, rates, forcing = modes.deflections, modes.rates, modes.forcing
     response = sum(
         np.einsum("gm,mh,mk->hgk", a / 2, 1 / (1j * omega - b[:, None]), c)
-        for a, b, c in ((observed, rates, forcing), (observed.conj(), rates.conj(), forcing.conj()))
+        for a, b, c in (
+            (observed, rates, forcing),
+            (observed.conj(), rates.conj(), forcing.conj()),
+        )
     )
     response = modes.flexibility - response
-    miss = np.abs(response - receptance)[1:].max(axis=(1, 2)) / np.abs(receptance)[1:].max(axis=(1, 2))
+    miss = np.abs(response - receptance)[1:].max(axis=(1, 2)) / np.abs(receptance)[
+        1:
+    ].max(axis=(1, 2))
     assert miss.max() < 0.02
 
 
 @pytest.mark.oracle
-def test_sweeps_of_a_long_train_end_at_the_motion_of_newtons_method_on_all_disks(long_train):
+def test_sweeps_of_a_long_train_end_at_the_motion_of_newtons_method_on_all_disks(
+    long_train,
+):
     found = jaxhb.solve(long_train, rpm=RPM)
-    assert found.converged and not any(isinstance(event, Newton) for event in found.path)
+    assert found.converged and not any(
+        isinstance(event, Newton) for event in found.path
+    )
     newton = jaxhb.solve(long_train, rpm=RPM, harmonics=found.harmonics, start=found)
     assert newton.converged
-    assert force_difference(found, newton) < 1.2 * float(found.truncation_error + newton.truncation_error)
+    assert force_difference(found, newton) < 1.2 * float(
+        found.truncation_error + newton.truncation_error
+    )
 
 
 def test_speeds_of_a_sweep_are_solved_as_each_by_itself(train, response):
@@ -146,7 +180,9 @@ def test_a_start_that_is_no_motion_of_the_train_is_forgotten(swept, response):
     assert force_difference(again, response) < 5e-3
 
 
-def test_fixed_harmonics_exact_integrals_and_a_start_are_left_to_newtons_method(train, response):
+def test_fixed_harmonics_exact_integrals_and_a_start_are_left_to_newtons_method(
+    train, response
+):
     for asked in ({"harmonics": 512}, {"integrals": "exact"}, {"start": "march"}):
         found = jaxhb.solve(train, rpm=RPM, **asked)
         assert isinstance(found.path[-1], Newton)
@@ -156,14 +192,18 @@ def test_fixed_harmonics_exact_integrals_and_a_start_are_left_to_newtons_method(
 
 def modes_of(train):
     request = Request.of(train)
-    return sweeping.swept_train(train, planning.contact_plan(train, request), request).modes
+    return sweeping.swept_train(
+        train, planning.contact_plan(train, request), request
+    ).modes
 
 
 def new_modes(train):
     """Made anew, whatever was kept."""
     request = Request.of(train)
     plan = planning.all_active(train, planning.contact_plan(train, request), request)
-    return modes_for_march(problem_at(train, sweeping.MODES_RPM, plan.excited), plan.active_meshes)
+    return modes_for_march(
+        problem_at(train, sweeping.MODES_RPM, plan.excited), plan.active_meshes
+    )
 
 
 def test_modes_are_kept_for_the_numbers_of_a_train_and_for_no_others(train):
@@ -172,7 +212,9 @@ def test_modes_are_kept_for_the_numbers_of_a_train_and_for_no_others(train):
     assert modes_of(dataclasses.replace(train)) is kept
     np.testing.assert_allclose(kept.rates, new_modes(train).rates, rtol=ALGEBRAIC)
     inertia = np.array(train.disks.inertia)
-    own = dataclasses.replace(train, disks=dataclasses.replace(train.disks, inertia=inertia))
+    own = dataclasses.replace(
+        train, disks=dataclasses.replace(train.disks, inertia=inertia)
+    )
     assert modes_of(own) is kept
     inertia[0] *= 1.5
     changed = modes_of(own)
@@ -184,5 +226,7 @@ def test_rates_are_sampled_where_damping_sets_in_with_contact(train, swept):
     assert not any(plan.by_rate for plan in swept.sweep_plans(RPM))
     law = ("contact", *train.topology.mesh_damping_law[1:])
     topology = dataclasses.replace(train.topology, mesh_damping_law=law)
-    own = dataclasses.replace(swept, train=dataclasses.replace(train, topology=topology))
+    own = dataclasses.replace(
+        swept, train=dataclasses.replace(train, topology=topology)
+    )
     assert all(plan.by_rate for plan in own.sweep_plans(RPM))

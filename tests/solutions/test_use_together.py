@@ -1,4 +1,6 @@
-"""Trains and answers may be pickled and copied, and asked by several threads at once."""
+"""Trains and answers may be pickled and copied, and asked by several threads at
+once.
+"""
 
 import copy
 import pickle
@@ -22,7 +24,10 @@ def read(train, rpm):
     """Numbers of a periodic solution, of the linear train and of its modes."""
     response = jaxhb.solve(train, rpm=rpm)
     linear = jaxhb.forced_response(train, rpm=[rpm])
-    extremes = [float(response.force("gear a", "gear b").max), float(linear.force("gear a", "gear b").max[0])]
+    extremes = [
+        float(response.force("gear a", "gear b").max),
+        float(linear.force("gear a", "gear b").max[0]),
+    ]
     return [*extremes, *jaxhb.natural_frequencies(train).frequencies_hz.tolist()]
 
 
@@ -34,12 +39,22 @@ def test_eight_threads_get_the_numbers_that_one_gets(train):
     assert answers == [alone[rpm] for rpm in asked]
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
+@pytest.mark.parametrize(
+    "copied", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))]
+)
 def test_a_copy_of_a_train_and_of_an_answer_reads_the_same(train, copied):
-    response, steady = jaxhb.solve(train, rpm=5000.0), jaxhb.steady_state(train, rpm=5000.0)
+    response, steady = (
+        jaxhb.solve(train, rpm=5000.0),
+        jaxhb.steady_state(train, rpm=5000.0),
+    )
     again = copied(response)
-    assert (int(again.status), float(again.residual)) == (int(response.status), float(response.residual))
+    assert (int(again.status), float(again.residual)) == (
+        int(response.status),
+        float(response.residual),
+    )
     for pair in ("gear a", "gear b"), ("gear b", "gear a"):
-        np.testing.assert_array_equal(again.force(*pair).samples(720), response.force(*pair).samples(720))
+        np.testing.assert_array_equal(
+            again.force(*pair).samples(720), response.force(*pair).samples(720)
+        )
     assert copied(steady).kind == steady.kind
     assert read(copied(train), 5000.0) == read(train, 5000.0)

@@ -13,23 +13,46 @@ def closure_of(motion, cycles):
     """Closure of ``motion(c, t)``, t in cycles, over so many cycles."""
     found = Closure(np.array([1e-3, 1e-3]))
     t = np.arange(32) / 32
-    found.add(np.stack([np.stack([motion(c, t), motion(c, t + 0.25)], axis=1) for c in range(cycles)]))
+    found.add(
+        np.stack(
+            [
+                np.stack([motion(c, t), motion(c, t + 0.25)], axis=1)
+                for c in range(cycles)
+            ]
+        )
+    )
     return found
 
 
 NOISE = np.random.default_rng(0).normal(size=200)
-# Added to a cosine that repeats, by cycle c and time t: after how many cycles which periods may be found.
+# Added to a cosine that repeats, by cycle c and time t: after how many cycles which
+# periods may be found.
 ADDED = {
     "a slow approach": (lambda c, t: 0.1 * 0.9**c, {60: {1}}),
     "an alternating approach beside a period doubling": (
         lambda c, t: 0.3 * (-0.95) ** c,
         {cycles: {0, 1} for cycles in range(8, 200, 4)} | {240: {1}},
     ),
-    "a small lasting alternation": (lambda c, t: 1e-3 * (-1.0) ** c + 0.2 * 0.8**c, {96: {2}}),
-    "leaving a repelling motion": (lambda c, t: 1e-5 * (-1.3) ** c, {cycles: {0} for cycles in range(16, 40, 4)}),
-    "a quasi-periodic motion": (lambda c, t: 0.5 * np.cos(2 * np.pi * (c + t) / 2**0.5), {200: {0}}),
-    "an irregular motion": (lambda c, t: (NOISE[c] - 1) * np.cos(2 * np.pi * t), {128: {0}}),
-} | {f"period {k}": (lambda c, t, k=k: 0.1 * np.cos(2 * np.pi * (c + t) / k), {40: {k}}) for k in closure.PERIODS}
+    "a small lasting alternation": (
+        lambda c, t: 1e-3 * (-1.0) ** c + 0.2 * 0.8**c,
+        {96: {2}},
+    ),
+    "leaving a repelling motion": (
+        lambda c, t: 1e-5 * (-1.3) ** c,
+        {cycles: {0} for cycles in range(16, 40, 4)},
+    ),
+    "a quasi-periodic motion": (
+        lambda c, t: 0.5 * np.cos(2 * np.pi * (c + t) / 2**0.5),
+        {200: {0}},
+    ),
+    "an irregular motion": (
+        lambda c, t: (NOISE[c] - 1) * np.cos(2 * np.pi * t),
+        {128: {0}},
+    ),
+} | {
+    f"period {k}": (lambda c, t, k=k: 0.1 * np.cos(2 * np.pi * (c + t) / k), {40: {k}})
+    for k in closure.PERIODS
+}
 
 
 @pytest.mark.parametrize("name", ADDED)
@@ -42,14 +65,25 @@ def test_a_motion_has_the_period_that_it_repeats_or_approaches_and_no_other(name
 
 
 def test_a_slow_mode_that_teeth_notice_is_given_time():
-    """Two gears of radius 1 m; on the second a disk by a shaft, whose mode decays slowly, and one by a shaft so soft
-    that the teeth do not notice it."""
+    """Two gears of radius 1 m; on the second a disk by a shaft, whose mode decays
+    slowly, and one by a shaft so soft that the teeth do not notice it.
+    """
     inertia, tooth, soft, softest = 1.0, (1e6, 100.0), (1e4, 2.0), (1e-2, 1e-6)
     parts = [Disk(name=name, inertia=inertia, radius=1.0) for name in "ab"]
     parts += [Disk(name=name, inertia=inertia) for name in "cd"]
     parts += [
-        Mesh(between=("a", "b"), stiffness=tooth[0], damping=tooth[1], backlash=1e-4, epsilon=0.01, transition=0.2),
-        *(Shaft(between=("b", name), stiffness=k, damping=r) for name, (k, r) in (("c", soft), ("d", softest))),
+        Mesh(
+            between=("a", "b"),
+            stiffness=tooth[0],
+            damping=tooth[1],
+            backlash=1e-4,
+            epsilon=0.01,
+            transition=0.2,
+        ),
+        *(
+            Shaft(between=("b", name), stiffness=k, damping=r)
+            for name, (k, r) in (("c", soft), ("d", softest))
+        ),
         Torque(disk="a", mean=10.0, harmonics=((1.0, 5.0, 0.0),)),
         Load(disk="b"),
     ]
@@ -77,7 +111,12 @@ def test_a_closure_holds_the_cycles_that_its_errors_read_and_no_others():
     assert len(found.cycles) == 32
     scale = np.abs(cycles[-16:]).max(axis=(0, 1))
     for k in closure.PERIODS:
-        change = [(np.abs(cycles[c] - cycles[c - k]) / scale).max() for c in range(k, 200)]
+        change = [
+            (np.abs(cycles[c] - cycles[c - k]) / scale).max() for c in range(k, 200)
+        ]
         window = max(3, k)
-        wanted = [max(change[len(change) - (i + 1) * window : len(change) - i * window]) for i in range(3)]
+        wanted = [
+            max(change[len(change) - (i + 1) * window : len(change) - i * window])
+            for i in range(3)
+        ]
         assert found.errors(k) == wanted

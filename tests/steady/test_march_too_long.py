@@ -1,4 +1,6 @@
-"""A march is counted before it begins: what would take too many steps is not marched, and told."""
+"""A march is counted before it begins: what would take too many steps is not marched,
+and told.
+"""
 
 import time
 
@@ -20,34 +22,61 @@ def test_a_cycle_of_too_many_steps_is_told_within_seconds_and_not_marched():
     state = jaxhb.steady_state(train, rpm=0.392)
     assert time.process_time() - begin < 10
     assert state.kind == "unknown"
-    assert "5.37e+08 steps a cycle" in state.notes[0] and "ask for a higher speed" in state.notes[0]
+    assert (
+        "5.37e+08 steps a cycle" in state.notes[0]
+        and "ask for a higher speed" in state.notes[0]
+    )
     with pytest.raises(ValueError, match=r"steps a cycle .* ask for a higher speed"):
         integrate(train, rpm=0.392)
 
 
 def test_teeth_in_contact_are_solved_where_their_march_would_be_too_long():
-    """Far below the resonances tooth forces follow from the torques and inertias alone, whatever the law."""
+    """Far below the resonances tooth forces follow from the torques and inertias alone,
+    whatever the law.
+    """
     train = jaxhb.load_scene("first_scene")
-    state, linear = jaxhb.steady_state(train, rpm=0.5), jaxhb.linear_response(train, rpm=0.5)
-    force, rigid = (motion.force("crank gear", "pump gear") for motion in (state, linear))
-    assert state.known and state.stability.stable and "other motions were not looked for" in state.notes[0]
-    found, wanted = ([float(f.mean), float(f.max), float(f.min)] for f in (force, rigid))
+    state, linear = (
+        jaxhb.steady_state(train, rpm=0.5),
+        jaxhb.linear_response(train, rpm=0.5),
+    )
+    force, rigid = (
+        motion.force("crank gear", "pump gear") for motion in (state, linear)
+    )
+    assert (
+        state.known
+        and state.stability.stable
+        and "other motions were not looked for" in state.notes[0]
+    )
+    found, wanted = (
+        [float(f.mean), float(f.max), float(f.min)] for f in (force, rigid)
+    )
     assert found == pytest.approx(wanted, rel=2e-3)
 
 
 def test_ranges_of_too_many_values_are_refused_before_they_are_made():
-    for reader, text in ((read_speeds, "600:2400:2000000000"), (over, "ring.damping=1:2:2000000000")):
+    for reader, text in (
+        (read_speeds, "600:2400:2000000000"),
+        (over, "ring.damping=1:2:2000000000"),
+    ):
         with pytest.raises(ValueError, match="100000"):
             reader(text)
 
 
 def test_the_memory_of_every_march_stays_below_a_gigabyte():
-    """``_bytes_of_step`` is what the arrays of a recorded cycle take; a march of more is refused at any speed."""
+    """``_bytes_of_step`` is what the arrays of a recorded cycle take; a march of more
+    is refused at any speed.
+    """
     for scene in jaxhb.scene_names():
         equations = Equations(jaxhb.load_scene(scene))
         if not len(equations.own):
             continue
         speeds = np.geomspace(1e-3, 3000, 40)
-        marched = [equations.steps(rpm) for rpm in speeds if not equations.too_long(rpm)]
-        assert marched and max(marched) <= MOST_STEPS and max(marched) * equations._bytes_of_step <= MEMORY < 2**30
+        marched = [
+            equations.steps(rpm) for rpm in speeds if not equations.too_long(rpm)
+        ]
+        assert (
+            marched
+            and max(marched) <= MOST_STEPS
+            and max(marched) * equations._bytes_of_step <= MEMORY < 2**30
+        )
         assert equations.too_long(1e-3)

@@ -10,18 +10,24 @@ from jaxhb.results.record import RecordedSignal
 from jaxhb.steady.closure import LONGER, RECORDED, SPREAD, Cycles
 
 EPSILON, SPEED = 1e-3, 1.1
-EXACT = next(row for row in reference("lightly_loaded_pair")["laws"][1]["rows"] if row["speed"] == SPEED)["attractors"][
-    0
-]
+EXACT = next(
+    row
+    for row in reference("lightly_loaded_pair")["laws"][1]["rows"]
+    if row["speed"] == SPEED
+)["attractors"][0]
 
 
 def recorded(highest):
-    """A signal with these largest values of its cycles, and smallest ones of the other sign."""
+    """A signal with these largest values of its cycles, and smallest ones of the other
+    sign.
+    """
     return RecordedSignal(highest, -highest, 0.0, 1.0, np.zeros(1), 2.0)
 
 
 def test_the_spread_is_that_of_the_extremes_of_many_records():
-    """Largest values that fall off exponentially: those of records of any length scatter alike, by pi / sqrt(6)."""
+    """Largest values that fall off exponentially: those of records of any length
+    scatter alike, by pi / sqrt(6).
+    """
     records = np.random.default_rng(1).exponential(size=(400, 64))
     told = np.array([recorded(record).spread.max for record in records])
     true = 2 * records.max(axis=1).std()
@@ -39,13 +45,20 @@ def test_a_motion_that_repeats_has_no_spread():
 
 
 def test_records_grow_where_their_extremes_vary_and_tell_how_far_others_lie():
-    """The exact motion gives what 5 and 95 % of records of so many cycles reach: apart by 3.3 standard deviations."""
+    """The exact motion gives what 5 and 95 % of records of so many cycles reach: apart
+    by 3.3 standard deviations.
+    """
     train = pair_train(Pair(1.0, epsilon=EPSILON), transition=0.01)
     rpm = pair_rpm(Pair(SPEED, epsilon=EPSILON))
-    short, state = (jaxhb.steady_state(train, rpm=rpm, cycles=c) for c in (Cycles(recorded=RECORDED), None))
+    short, state = (
+        jaxhb.steady_state(train, rpm=rpm, cycles=c)
+        for c in (Cycles(recorded=RECORDED), None)
+    )
     assert short.kind == state.kind == "irregular" and short.record.cycles == RECORDED
     assert state.record.cycles == (LONGER if short.record.spread > SPREAD else RECORDED)
-    np.testing.assert_array_equal(short.motion, state.motion)  # from which a neighbour starts
+    np.testing.assert_array_equal(
+        short.motion, state.motion
+    )  # from which a neighbour starts
     for record in (short.record, state.record):
         low, _, high = EXACT["largest_over"][str(record.cycles)]
         signal = record.deflection("a", "b")

@@ -1,5 +1,6 @@
-"""What trains do after they have run long enough: kinds of motion and their numbers, against exact motions and long
-integrations."""
+"""What trains do after they have run long enough: kinds of motion and their numbers,
+against exact motions and long integrations.
+"""
 
 import dataclasses
 from types import SimpleNamespace
@@ -22,26 +23,45 @@ from jaxhb.steady.marching import Batch, Equations, record_of
 
 
 def one_mass(omega):
-    """Gears without a spring in their gap under a force that grows with the square of the speed, as published."""
-    return trains.pair_train(trains.Pair(omega, mean=0.1, alternating=0.05j * omega**2), transition=1e-3)
+    """Gears without a spring in their gap under a force that grows with the square of
+    the speed, as published.
+    """
+    return trains.pair_train(
+        trains.Pair(omega, mean=0.1, alternating=0.05j * omega**2), transition=1e-3
+    )
 
 
 def rpm(omega):
-    """Speeds at which the excitation has angular frequencies in units of the natural one."""
+    """Speeds at which the excitation has angular frequencies in units of the natural
+    one.
+    """
     return np.asarray(omega) * trains.ONE_RADIAN_PER_SECOND
 
 
 def test_teeth_that_the_linear_motion_holds_stay_in_contact():
     # Where there are no teeth none can be in contact: the motion is periodic.
-    for name, speed, kind in (("six_cylinder_diesel", 1500.0, "periodic"), ("gear_train_30", 600.0, "contact")):
+    for name, speed, kind in (
+        ("six_cylinder_diesel", 1500.0, "periodic"),
+        ("gear_train_30", 600.0, "contact"),
+    ):
         train = jaxhb.load_scene(name)
-        found, linear = jaxhb.steady_state(train, rpm=speed), jaxhb.linear_response(train, rpm=speed)
+        found, linear = (
+            jaxhb.steady_state(train, rpm=speed),
+            jaxhb.linear_response(train, rpm=speed),
+        )
         # at 600 rpm a mesh comes so near its gap that its law bends
         swept = kind == "contact"
-        assert (found.kind, found.period, found.cycles > 0, found.notes) == (kind, 1, swept, ())
+        assert (found.kind, found.period, found.cycles > 0, found.notes) == (
+            kind,
+            1,
+            swept,
+            (),
+        )
         assert ([type(event) for event in found.response.path] == [Sweeps]) == swept
         shaft = train.topology.shaft_names[0]
-        np.testing.assert_allclose(float(found.torque(shaft).max), float(linear.torque(shaft).max), rtol=1e-5)
+        np.testing.assert_allclose(
+            float(found.torque(shaft).max), float(linear.torque(shaft).max), rtol=1e-5
+        )
 
 
 def test_a_cycle_several_times_as_long_has_the_same_excitation_at_multiples_of_its_harmonics():
@@ -51,7 +71,10 @@ def test_a_cycle_several_times_as_long_has_the_same_excitation_at_multiples_of_i
             harmonics = highest_harmonic(train)
             long = train.repeated(cycles)
             assert highest_harmonic(long) == cycles * harmonics
-            once, often = excitation(train, 1500.0, harmonics)[0], excitation(long, 1500.0, cycles * harmonics)[0]
+            once, often = (
+                excitation(train, 1500.0, harmonics)[0],
+                excitation(long, 1500.0, cycles * harmonics)[0],
+            )
             np.testing.assert_allclose(often[:, ::cycles], once, rtol=1e-12)
             others = np.arange(often.shape[1]) % cycles != 0
             assert not often[:, others].any()
@@ -69,11 +92,27 @@ def test_sweeps_up_and_down_follow_the_exact_stable_branches():
     highest = {}
     for (way, omega), state in found.items():
         highest[way, omega] = float(state.deflection("a", "b").max)
-        errors = [abs(highest[way, omega] - row["max"]) for row in rows if row["Omega"] == omega]
+        errors = [
+            abs(highest[way, omega] - row["max"])
+            for row in rows
+            if row["Omega"] == omega
+        ]
         assert state.period == 1
-        assert min(errors) < 5e-4  # harmonics left out; the transition zone moves extremes by a few of its squares
-    coexisting = {o for o in omegas if np.ptp([row["max"] for row in rows if row["Omega"] == o]) > 0.01}
-    assert coexisting == {omega for omega in omegas if abs(highest["up", omega] - highest["down", omega]) > 0.01}
+        assert (
+            min(errors) < 5e-4
+            # harmonics left out; the transition zone moves extremes by a few of its
+            # squares
+        )
+    coexisting = {
+        o
+        for o in omegas
+        if np.ptp([row["max"] for row in rows if row["Omega"] == o]) > 0.01
+    }
+    assert coexisting == {
+        omega
+        for omega in omegas
+        if abs(highest["up", omega] - highest["down", omega]) > 0.01
+    }
     assert coexisting
 
 
@@ -83,17 +122,26 @@ def test_the_packaged_train_hammers_irregularly_with_the_statistics_of_a_finer_i
     state = jaxhb.steady_state(train, rpm=2400.0)
     assert (state.kind, state.period) == ("irregular", 0)
     force = state.force("crank gear", "idler")
-    assert force.min <= force.per_cycle.min[0] <= force.mean <= force.per_cycle.max[2] <= force.max
+    assert (
+        force.min
+        <= force.per_cycle.min[0]
+        <= force.mean
+        <= force.per_cycle.max[2]
+        <= force.max
+    )
     orbit = jaxhb.integrate(train, rpm=2400.0, steps=4096, cycles=64)
     highest = np.empty((64, 4))
     run, z = jax.jit(cycle), orbit.state
     for c in range(64):
         z, trace = run(orbit.stepper, z)
         law = jax.tree.map(lambda a: np.asarray(a)[:, None], orbit.stepper.law)
-        highest[c] = np.asarray(backlash.force(law, np.asarray(trace.deflection))).max(axis=1)
+        highest[c] = np.asarray(backlash.force(law, np.asarray(trace.deflection))).max(
+            axis=1
+        )
     for g, name in enumerate(train.topology.mesh_names):
         found = state.force(name).elastic
-        # two records of 64 cycles of the same irregular motion: their largest, and the middle of their distributions
+        # two records of 64 cycles of the same irregular motion: their largest, and the
+        # middle of their distributions
         assert abs(found.max - highest[:, g].max()) < 0.05 * found.max
         assert abs(found.per_cycle.max[1] - np.median(highest[:, g])) < 0.03 * found.max
 
@@ -103,28 +151,54 @@ def hammering():
     return jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=1800.0)
 
 
-def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is(hammering):
+def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is(
+    hammering,
+):
     train = jaxhb.load_scene("gear_train_30")
-    state = jaxhb.steady_state(train, rpm=2400.0, cycles=Cycles(transient=8, recorded=16), exact=False)
+    state = jaxhb.steady_state(
+        train, rpm=2400.0, cycles=Cycles(transient=8, recorded=16), exact=False
+    )
     assert (state.record.cycles, state.cycles) == (16, 24)
     response, ends = hammering, ("throw 1", "throw 2")
-    signals = [lambda r: r.force("crank gear", "idler"), lambda r: r.gear_torque("idler"), lambda r: r.torque(*ends)]
-    signals += [lambda r: r.torque("cam damper A"), lambda r: r.twist(*ends), lambda r: r.disk("flywheel")]
-    signals += [lambda r: r.deflection("crank gear", "idler"), lambda r: r.speed("cam gear A")]
+    signals = [
+        lambda r: r.force("crank gear", "idler"),
+        lambda r: r.gear_torque("idler"),
+        lambda r: r.torque(*ends),
+    ]
+    signals += [
+        lambda r: r.torque("cam damper A"),
+        lambda r: r.twist(*ends),
+        lambda r: r.disk("flywheel"),
+    ]
+    signals += [
+        lambda r: r.deflection("crank gear", "idler"),
+        lambda r: r.speed("cam gear A"),
+    ]
     for read in signals:
         signal, other = read(state), read(response)
         assert signal.min <= signal.mean <= signal.max
         assert signal.rms <= signal.peak
         assert signal.half_peak_to_peak == pytest.approx((signal.max - signal.min) / 2)
         assert signal.order(1.0) > 0
-        assert 0.2 < signal.rms / other.rms < 5  # the same quantity in the same unit, at another speed
-    assert state.speed("cam gear A").mean == pytest.approx(np.pi / 60 * 2400.0, rel=1e-3)  # half the crank's
+        assert (
+            0.2 < signal.rms / other.rms < 5
+        )  # the same quantity in the same unit, at another speed
+    assert state.speed("cam gear A").mean == pytest.approx(
+        np.pi / 60 * 2400.0, rel=1e-3
+    )  # half the crank's
     assert 0.2 < state.irregularity("idler") / response.irregularity("idler") < 5
     for names in (("throw 1", "throw 2"), ("crank damper",)):
         assert 0.2 < state.power(*names) / response.power(*names) < 20
     assert np.isnan(state.power("crank gear|idler"))
-    forward, back = state.force("crank gear", "idler"), state.force("idler", "crank gear")
-    assert (back.max, back.min, back.mean) == (-forward.min, -forward.max, -forward.mean)
+    forward, back = (
+        state.force("crank gear", "idler"),
+        state.force("idler", "crank gear"),
+    )
+    assert (back.max, back.min, back.mean) == (
+        -forward.min,
+        -forward.max,
+        -forward.mean,
+    )
     contact = state.mesh("crank gear", "idler")
     assert contact.impacts_per_cycle > 1
     assert contact.hardest_impact > 0.1
@@ -146,16 +220,22 @@ def test_a_record_of_a_periodic_motion_has_the_numbers_of_its_harmonics(hammerin
     for i, name in enumerate(topology.mesh_names):
         force, wanted = record.forces[i], response.force(name)
         for found, expected in ((force, wanted), (force.elastic, wanted.elastic)):
-            # the truncation error of the response is about 0.3 %, the error of 4096 steps 0.1 %
+            # the truncation error of the response is about 0.3 %, the error of 4096
+            # steps 0.1 %
             assert abs(found.max - expected.max) < 0.006 * expected.peak
             assert abs(found.min - expected.min) < 0.006 * expected.peak
             assert abs(found.rms - expected.rms) < 2e-3 * expected.rms
         np.testing.assert_allclose(
-            found.amplitudes[:40], expected.amplitudes[:40], atol=1e-3 * expected.amplitudes.max()
+            found.amplitudes[:40],
+            expected.amplitudes[:40],
+            atol=1e-3 * expected.amplitudes.max(),
         )
         contact, found = response.mesh(name), record.contacts[i]
         assert abs(contact.separated_fraction - found.separated_fraction) < 2e-3
-        assert abs(contact.reverse_contact_fraction - found.reverse_contact_fraction) < 2e-3
+        assert (
+            abs(contact.reverse_contact_fraction - found.reverse_contact_fraction)
+            < 2e-3
+        )
         assert abs(len(contact.impacts) - found.impacts_per_cycle) <= 1
     for i, name in enumerate(topology.shaft_names + topology.damper_names):
         torque, wanted = record.torques[i], response.torque(name)
@@ -165,32 +245,53 @@ def test_a_record_of_a_periodic_motion_has_the_numbers_of_its_harmonics(hammerin
             assert abs(found.mean - expected.mean) < 1e-3 * expected.peak
     for disk, found in record.gears.items():
         expected = response.gear_torque(topology.disk_names[disk])
-        assert abs(found.half_peak_to_peak - expected.half_peak_to_peak) < 0.01 * expected.half_peak_to_peak
+        assert (
+            abs(found.half_peak_to_peak - expected.half_peak_to_peak)
+            < 0.01 * expected.half_peak_to_peak
+        )
 
 
 def test_a_sweep_keeps_the_motion_of_its_neighbour_where_two_are_possible():
     train = one_mass(0.85)
     speeds = rpm(np.linspace(0.6, 1.1, 11))
     told = {"up": {}, "down": {}}
-    given = {"direction": "both", "on_states": lambda states, way: told[way].update(states)}
+    given = {
+        "direction": "both",
+        "on_states": lambda states, way: told[way].update(states),
+    }
     up, down = jaxhb.steady_state(train, rpm=speeds, **given)
     for sweep in (up, down):  # what was reported last is what is returned
         assert all(told[sweep.direction][i] is sweep[i] for i in range(11))
     assert up.kind.shape == up.period.shape == (11,)
     np.testing.assert_allclose(up.rpm, speeds)
-    reached = np.array([[float(state.deflection("a", "b").max) for state in sweep] for sweep in (up, down)])
+    reached = np.array(
+        [
+            [float(state.deflection("a", "b").max) for state in sweep]
+            for sweep in (up, down)
+        ]
+    )
     assert np.ptp(reached, axis=0).max() > 0.1
 
 
 def test_a_sweep_keeps_the_motion_of_its_neighbour_where_another_is_as_large():
-    """Two motions of two cycles, whose largest deflections differ by 3 % and their waves by a fifth."""
-    train, speeds = trains.pair_train(trains.Pair(1.0, epsilon=1e-3), transition=0.01), rpm([3175 / 3000, 3200 / 3000])
+    """Two motions of two cycles, whose largest deflections differ by 3 % and their
+    waves by a fifth.
+    """
+    train, speeds = (
+        trains.pair_train(trains.Pair(1.0, epsilon=1e-3), transition=0.01),
+        rpm([3175 / 3000, 3200 / 3000]),
+    )
     before, state = jaxhb.steady_state(train, rpm=speeds)
-    alone, after = (jaxhb.steady_state(train, rpm=speeds[1], start=start) for start in (None, before))
+    alone, after = (
+        jaxhb.steady_state(train, rpm=speeds[1], start=start)
+        for start in (None, before)
+    )
     assert {s.period for s in (before, state, alone, after)} == {2}
     assert difference(state.response, after.response, 2) < 0.01
     assert difference(alone.response, after.response, 2) > 0.1
-    assert float(alone.deflection("a", "b").peak) == pytest.approx(float(after.deflection("a", "b").peak), rel=0.05)
+    assert float(alone.deflection("a", "b").peak) == pytest.approx(
+        float(after.deflection("a", "b").peak), rel=0.05
+    )
 
 
 def test_a_massless_gear_with_backlash_is_unknown_with_its_reason():
@@ -205,9 +306,15 @@ def test_a_massless_gear_with_backlash_is_unknown_with_its_reason():
 @pytest.mark.oracle
 def test_loss_factors_are_damping_in_the_march_and_themselves_in_the_answer():
     def lossy(part):
-        return dataclasses.replace(part, loss_factor=0.03, damping=0.0) if isinstance(part, jaxhb.Shaft) else part
+        return (
+            dataclasses.replace(part, loss_factor=0.03, damping=0.0)
+            if isinstance(part, jaxhb.Shaft)
+            else part
+        )
 
-    train = trains.build([lossy(p) for p in trains.pinions_parts(20.0)], reference="crank gear")
+    train = trains.build(
+        [lossy(p) for p in trains.pinions_parts(20.0)], reference="crank gear"
+    )
     state = jaxhb.steady_state(train, rpm=1500.0)
     assert state.kind == "periodic"
     assert "loss factors" in state.notes[0]
@@ -215,16 +322,33 @@ def test_loss_factors_are_damping_in_the_march_and_themselves_in_the_answer():
     found = jaxhb.solve(train, rpm=1500.0, start=state.response)
     assert found.converged
     mesh, shaft = ("crank gear", "cam gear"), ("flywheel", "crank gear")
-    assert float(state.force(*mesh).max) == pytest.approx(float(found.force(*mesh).max), rel=0.01)
-    recorded = jaxhb.steady_state(train, rpm=1500.0, exact=False)  # torques with what loss factors transmit
-    assert float(recorded.force(*mesh).max) == pytest.approx(float(state.force(*mesh).max), rel=0.02)
+    assert float(state.force(*mesh).max) == pytest.approx(
+        float(found.force(*mesh).max), rel=0.01
+    )
+    recorded = jaxhb.steady_state(
+        train, rpm=1500.0, exact=False
+    )  # torques with what loss factors transmit
+    assert float(recorded.force(*mesh).max) == pytest.approx(
+        float(state.force(*mesh).max), rel=0.02
+    )
     wanted = state.torque(*shaft)
-    assert recorded.torque(*shaft).half_peak_to_peak == pytest.approx(float(wanted.half_peak_to_peak), rel=0.02)
+    assert recorded.torque(*shaft).half_peak_to_peak == pytest.approx(
+        float(wanted.half_peak_to_peak), rel=0.02
+    )
     assert recorded.torque(*shaft).rms == pytest.approx(float(wanted.rms), rel=0.01)
-    assert recorded.power(*shaft) == pytest.approx(float(state.power(*shaft)), rel=0.02)  # heat of a loss factor
-    for disk, close in (("flywheel", 0.01), ("cam gear", 0.05)):  # a gear that is hit rings, damped by its modes
-        assert recorded.irregularity(disk) == pytest.approx(float(state.irregularity(disk)), rel=close)
-        assert recorded.speed(disk).mean == pytest.approx(float(state.speed(disk).mean), rel=1e-3)
+    assert recorded.power(*shaft) == pytest.approx(
+        float(state.power(*shaft)), rel=0.02
+    )  # heat of a loss factor
+    for disk, close in (
+        ("flywheel", 0.01),
+        ("cam gear", 0.05),
+    ):  # a gear that is hit rings, damped by its modes
+        assert recorded.irregularity(disk) == pytest.approx(
+            float(state.irregularity(disk)), rel=close
+        )
+        assert recorded.speed(disk).mean == pytest.approx(
+            float(state.speed(disk).mean), rel=1e-3
+        )
 
 
 def test_what_cannot_be_done_is_a_sentence():
@@ -240,30 +364,47 @@ def test_what_cannot_be_done_is_a_sentence():
 
 @pytest.mark.oracle
 def test_a_motion_to_which_a_train_takes_hundreds_of_cycles_is_waited_for():
-    """Its mode takes 113 cycles to decay; Runge-Kutta through links (``benchmarks/kinds.py``) has this period, too."""
+    """Its mode takes 113 cycles to decay; Runge-Kutta through links
+    (``benchmarks/kinds.py``) has this period, too.
+    """
     pair = jaxhb.load_scene("spur_pair").replace({"gear a|gear b.damping": 31.8})
     early = jaxhb.steady_state(pair, rpm=6000.0, cycles=Cycles(transient=192))
     assert early.kind == "irregular"
-    assert any("takes 113 cycles to fall to a third" in note and "may still change" in note for note in early.notes)
-    state, later = (jaxhb.steady_state(pair, rpm=6000.0, cycles=cycles) for cycles in (None, Cycles(transient=1500)))
-    assert (state.kind, state.period) == (later.kind, later.period) == ("subharmonic", 2)
+    assert any(
+        "takes 113 cycles to fall to a third" in note and "may still change" in note
+        for note in early.notes
+    )
+    state, later = (
+        jaxhb.steady_state(pair, rpm=6000.0, cycles=cycles)
+        for cycles in (None, Cycles(transient=1500))
+    )
+    assert (
+        (state.kind, state.period) == (later.kind, later.period) == ("subharmonic", 2)
+    )
     assert state.response.converged and state.stability.stable
     # Long after, the motion is still the one that harmonic balance found.
     assert difference(state.response, later.response, 2) < 1e-3
 
 
 def test_a_motion_of_one_cycle_that_is_approached_in_turns_is_no_subharmonic_one():
-    """Its multipliers, 0.97 at 104 degrees, let seven cycles nearly return long before one does."""
+    """Its multipliers, 0.97 at 104 degrees, let seven cycles nearly return long before
+    one does.
+    """
     train = jaxhb.load_scene("spur_pair").replace({"gear a|gear b.damping": 106.1})
     state = jaxhb.steady_state(train, rpm=6500.0)
     assert (state.kind, state.period) == ("periodic", 1)
-    largest, wanted = (float(r.force("gear a", "gear b").max) for r in (state, jaxhb.solve(train, rpm=6500.0)))
+    largest, wanted = (
+        float(r.force("gear a", "gear b").max)
+        for r in (state, jaxhb.solve(train, rpm=6500.0))
+    )
     assert largest == pytest.approx(wanted, rel=5e-3)
 
 
 @pytest.mark.oracle
 def test_a_motion_that_repels_is_not_what_the_train_does():
-    """A march passes near it for long, and harmonic balance solves it: its multiplier is -1.1."""
+    """A march passes near it for long, and harmonic balance solves it: its multiplier
+    is -1.1.
+    """
     train = jaxhb.load_scene("gear_train_30")
     state = jaxhb.steady_state(train, rpm=2300.0)
     assert not jaxhb.stability(jaxhb.solve(train, rpm=2300.0)).stable
@@ -272,10 +413,19 @@ def test_a_motion_that_repels_is_not_what_the_train_does():
 
 @pytest.mark.parametrize(
     ("closure_error", "period", "moved", "known"),
-    [(1e-2, 1, 1.0, True), (1e-5, 1, 1.0, False), (1e-2, 2, 1.0, False), (1e-2, 1, 1.2, False)],
+    [
+        (1e-2, 1, 1.0, True),
+        (1e-5, 1, 1.0, False),
+        (1e-2, 2, 1.0, False),
+        (1e-2, 1, 1.2, False),
+    ],
 )
-def test_a_motion_that_a_march_passed_by_is_known_when_it_passes_again(closure_error, period, moved, known):
-    """Not where the march has come to a motion, or to one of another period, or to another one."""
+def test_a_motion_that_a_march_passed_by_is_known_when_it_passes_again(
+    closure_error, period, moved, known
+):
+    """Not where the march has come to a motion, or to one of another period, or to
+    another one.
+    """
     train = one_mass(1.3)
     response = jaxhb.solve(train, rpm=rpm(1.3))
     deflection = moved * response.deflection_samples(64)[train.topology.law_index]
@@ -284,7 +434,11 @@ def test_a_motion_that_a_march_passed_by_is_known_when_it_passes_again(closure_e
         classifier=SimpleNamespace(train=train, repelling={0: [(response, 1)]}),
         index=0,
         march=SimpleNamespace(closure=closure),
-        batch=SimpleNamespace(equations=SimpleNamespace(meshes=backlash.law_meshes(train))),
+        batch=SimpleNamespace(
+            equations=SimpleNamespace(meshes=backlash.law_meshes(train))
+        ),
     )
-    passed = classification._Classification._passed_again(classified, np.concatenate([deflection] * 2), period)
+    passed = classification._Classification._passed_again(
+        classified, np.concatenate([deflection] * 2), period
+    )
     assert passed is (response if known else None)

@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 from reference_data import reference, refused
 
-from jaxhb.elements.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, SceneError, Shaft, Torque
+from jaxhb.elements.elements import (
+    Cylinder,
+    Damper,
+    Disk,
+    Ground,
+    Load,
+    Mesh,
+    SceneError,
+    Shaft,
+    Torque,
+)
 from jaxhb.equations.kinematics import inertias, speed_ratios
 from jaxhb.scene.files import load_scene
 from jaxhb.train.assembly import build
@@ -19,7 +29,14 @@ GEARS = [
     Disk(name="c", inertia=3.0, damping=4.0),
     Shaft(between=("b", "c"), stiffness=1e4, damping=5.0, loss_factor=0.1),
     Mesh(between=("a", "b"), stiffness=1e8, backlash=1e-4),
-    Damper(name="ring", disk="c", inertia=0.5, damping=7.0, stiffness=100.0, loss_factor=0.2),
+    Damper(
+        name="ring",
+        disk="c",
+        inertia=0.5,
+        damping=7.0,
+        stiffness=100.0,
+        loss_factor=0.2,
+    ),
     Load(disk="c"),
 ]
 
@@ -40,39 +57,74 @@ def test_links_are_shafts_then_dampers_then_meshes(train):
 
 
 def test_elements_without_a_name_are_called_by_their_disks():
-    twice = [Torque(disk="a"), Torque(disk="a"), Shaft(between=("b", "c"), stiffness=1.0)]
+    twice = [
+        Torque(disk="a"),
+        Torque(disk="a"),
+        Shaft(between=("b", "c"), stiffness=1.0),
+    ]
     t = build(
-        [*GEARS, *twice, Ground(disk="c", stiffness=1.0), Cylinder(disk="a", fires=False)], reference="a"
+        [
+            *GEARS,
+            *twice,
+            Ground(disk="c", stiffness=1.0),
+            Cylinder(disk="a", fires=False),
+        ],
+        reference="a",
     ).topology
     assert t.torque_names == ("a:torque", "a:torque#2")
     assert t.shaft_names == ("b|c", "b|c#2")
-    assert (t.ground_names, t.load_names, t.cylinder_names) == (("c:ground",), ("c:load",), ("a:cylinder",))
-    refused(lambda: t.link_index("b", "c"), r"several links join 'b' and 'c': 'b\|c', 'b\|c#2'. Ask for one")
+    assert (t.ground_names, t.load_names, t.cylinder_names) == (
+        ("c:ground",),
+        ("c:load",),
+        ("a:cylinder",),
+    )
+    refused(
+        lambda: t.link_index("b", "c"),
+        r"several links join 'b' and 'c': 'b\|c', 'b\|c#2'. Ask for one",
+    )
 
 
 def test_every_leaf_is_a_double_vector_over_its_elements(train):
-    for name in ("disks", "shafts", "meshes", "dampers", "grounds", "loads", "torques", "cylinders"):
+    for name in (
+        "disks",
+        "shafts",
+        "meshes",
+        "dampers",
+        "grounds",
+        "loads",
+        "torques",
+        "cylinders",
+    ):
         table = getattr(train, name)
         assert len({np.shape(leaf)[0] for leaf in jax.tree.leaves(table)}) == 1
-        assert all(np.asarray(leaf).dtype == np.float64 for leaf in jax.tree.leaves(table))
+        assert all(
+            np.asarray(leaf).dtype == np.float64 for leaf in jax.tree.leaves(table)
+        )
 
 
 def test_topologies_of_equal_scenes_are_equal_and_hash_alike(train):
-    other = build([*GEARS, Torque(disk="a", harmonics=[(1.0, 2.0, 3.0)])], reference="a").topology
+    other = build(
+        [*GEARS, Torque(disk="a", harmonics=[(1.0, 2.0, 3.0)])], reference="a"
+    ).topology
     assert other == train.topology and hash(other) == hash(train.topology)
     assert dataclasses.replace(other, name="other") != other
 
 
 def test_speed_ratios_follow_the_radii_and_are_differentiable(train):
     np.testing.assert_allclose(speed_ratios(train), [1.0, 0.5])
-    slope = jax.jit(jax.grad(lambda r: speed_ratios(train.replace({"b.radius": r}))[1]))(0.2)
+    slope = jax.jit(
+        jax.grad(lambda r: speed_ratios(train.replace({"b.radius": r}))[1])
+    )(0.2)
     np.testing.assert_allclose(slope, -0.1 / 0.2**2)
     reverse = build(GEARS, reference="c")
     np.testing.assert_allclose(speed_ratios(reverse), [2.0, 1.0])
 
 
 def test_teeth_make_the_ratio_exact():
-    parts = [Disk(name="a", inertia=1.0, radius=0.1, teeth=20), Disk(name="b", inertia=1.0, radius=0.15005, teeth=30)]
+    parts = [
+        Disk(name="a", inertia=1.0, radius=0.1, teeth=20),
+        Disk(name="b", inertia=1.0, radius=0.15005, teeth=30),
+    ]
     train = build([*parts, Mesh(between=("a", "b"), stiffness=1e8)], reference="a")
     np.testing.assert_allclose(speed_ratios(train)[1], 2 / 3, rtol=1e-15)
     assert train.topology.teeth == (20, 30)
@@ -80,11 +132,19 @@ def test_teeth_make_the_ratio_exact():
 
 def test_a_closed_loop_that_turns_is_legal():
     parts = [Disk(name=n, inertia=1.0, radius=0.1) for n in "abcd"]
-    ring = [Mesh(between=ends, stiffness=1e8) for ends in (("a", "b"), ("b", "c"), ("c", "d"), ("d", "a"))]
-    np.testing.assert_array_equal(speed_ratios(build([*parts, *ring], reference="a")), np.ones(4))
+    ring = [
+        Mesh(between=ends, stiffness=1e8)
+        for ends in (("a", "b"), ("b", "c"), ("c", "d"), ("d", "a"))
+    ]
+    np.testing.assert_array_equal(
+        speed_ratios(build([*parts, *ring], reference="a")), np.ones(4)
+    )
 
 
-@pytest.mark.parametrize("key, value", [("b|c.loss_factor", 0.3), ("a|b.backlash", 2e-4), ("c:load.share", 2.0)])
+@pytest.mark.parametrize(
+    "key, value",
+    [("b|c.loss_factor", 0.3), ("a|b.backlash", 2e-4), ("c:load.share", 2.0)],
+)
 def test_replace_changes_one_number_and_keeps_the_topology(train, key, value):
     changed = train.replace({key: value})
     assert changed.value(key) == value
@@ -109,7 +169,13 @@ def test_replace_does_not_compile_anew(train):
 
 def test_replace_works_under_jit_grad_and_vmap(train):
     def energy(values):
-        t = train.replace({"a.inertia": values[0], "ring.inertia": values[1], "c.inertia": 2 * values[0]})
+        t = train.replace(
+            {
+                "a.inertia": values[0],
+                "ring.inertia": values[1],
+                "c.inertia": 2 * values[0],
+            }
+        )
         return jnp.sum(inertias(t) ** 2)
 
     values = jnp.array([3.0, 4.0])
@@ -117,8 +183,12 @@ def test_replace_works_under_jit_grad_and_vmap(train):
     np.testing.assert_allclose(jax.jit(jax.grad(energy))(values), wanted)
     np.testing.assert_allclose(jax.jit(jax.jacfwd(energy))(values), wanted)
     batch = jnp.array([[3.0, 4.0], [1.0, 1.0]])
-    np.testing.assert_allclose(jax.jit(jax.vmap(energy))(batch), [energy(v) for v in batch])
-    outer = jax.jit(jax.grad(lambda t: jnp.sum(inertias(t.replace({"a.inertia": 1.5})) ** 2)))(train)
+    np.testing.assert_allclose(
+        jax.jit(jax.vmap(energy))(batch), [energy(v) for v in batch]
+    )
+    outer = jax.jit(
+        jax.grad(lambda t: jnp.sum(inertias(t.replace({"a.inertia": 1.5})) ** 2))
+    )(train)
     np.testing.assert_allclose(outer.disks.inertia, [0.0, 4.0, 6.0])
 
 
@@ -128,14 +198,20 @@ def test_viscous_damping_dissipates_as_the_loss_factor_at_its_frequency(train):
     np.testing.assert_allclose(viscous.shafts.damping, [5.0 + 0.1 * 1e4 / omega])
     np.testing.assert_allclose(viscous.dampers.damping, [7.0 + 0.2 * 100.0 / omega])
     assert viscous.shafts.loss_factor == 0.0 and viscous.dampers.loss_factor == 0.0
-    refused(lambda: train.with_viscous_damping(hz=0.0), "hz is 0.0, must be greater than 0 Hz")
+    refused(
+        lambda: train.with_viscous_damping(hz=0.0),
+        "hz is 0.0, must be greater than 0 Hz",
+    )
 
 
 def test_the_law_has_its_defaults_and_those_of_fridman_2009():
     kinds = [{}, {"law": "fridman2009"}, {"epsilon": 0.01}, {"transition": 0.5}]
     disks = [Disk(name=n, inertia=1.0, radius=0.1) for n in "abcde"]
     pairs = zip(("ab", "bc", "cd", "de"), kinds, strict=True)
-    meshes = [Mesh(between=tuple(ends), stiffness=1e8, backlash=1e-4, **kind) for ends, kind in pairs]
+    meshes = [
+        Mesh(between=tuple(ends), stiffness=1e8, backlash=1e-4, **kind)
+        for ends, kind in pairs
+    ]
     train = build([*disks, *meshes], reference="a")
     # Without a torque in the train no mesh has a mean load.
     np.testing.assert_array_equal(train.meshes.epsilon, [1e-4, 0.03, 0.01, 1e-4])
@@ -144,9 +220,14 @@ def test_the_law_has_its_defaults_and_those_of_fridman_2009():
 
 def test_a_mesh_without_backlash_is_always_in_contact():
     disks = [Disk(name=n, inertia=1.0, radius=0.1) for n in "ab"]
-    train = build([*disks, Mesh(between=("a", "b"), stiffness=1e8, kind="internal")], reference="a")
+    train = build(
+        [*disks, Mesh(between=("a", "b"), stiffness=1e8, kind="internal")],
+        reference="a",
+    )
     assert train.topology.mesh_backlash == (False,) and train.meshes.backlash[0] == 0.0
-    assert train.topology.mesh_internal == (True,) and train.topology.mesh_damping_law == ("contact",)
+    assert train.topology.mesh_internal == (
+        True,
+    ) and train.topology.mesh_damping_law == ("contact",)
     for field in ("backlash", "epsilon", "transition"):
         replaced = lambda v, key=f"a|b.{field}": train.replace({key: v}).meshes.backlash  # noqa: E731
         for call in (replaced, jax.jit(replaced)):
@@ -162,7 +243,14 @@ def test_unknown_names_and_fields_are_named(train, key, sentence):
 
 def test_all_errors_of_a_replace_are_collected(train):
     with pytest.raises(SceneError) as caught:
-        train.replace({"a.inertia": -1.0, "zz.inertia": 1.0, "b|c.stiffness": [1.0, 2.0], "b.inertia": np.nan})
+        train.replace(
+            {
+                "a.inertia": -1.0,
+                "zz.inertia": 1.0,
+                "b|c.stiffness": [1.0, 2.0],
+                "b.inertia": np.nan,
+            }
+        )
     assert len(caught.value.sentences) == 4
     assert "inertia is -1 kg m2, must be at least 0 kg m2" in str(caught.value)
     assert "the value has shape (2,), must have ()" in str(caught.value)
@@ -172,23 +260,49 @@ def test_radii_that_turn_an_engine_at_another_speed_are_refused():
     train = load_scene("gear_train_30")
     assert train.replace({"cam gear A.radius": 0.17}).value("cam gear A.radius") == 0.17
     parts = [*GEARS, Torque(disk="c", harmonics=[(2.0, 1.0, 0.0)], orders_of="own")]
-    with pytest.raises(SceneError, match="the new radii change the speed of 'c:torque' from 0.5 to 0.333333 times"):
+    with pytest.raises(
+        SceneError,
+        match="the new radii change the speed of 'c:torque' from 0.5 to 0.333333 times",
+    ):
         build(parts, reference="a").replace({"b.radius": 0.3})
 
 
 def test_unknown_disks_and_links_are_named_with_the_nearest(train):
-    refused(lambda: train.topology.disk_index("rin"), "there is no disk 'rin'. Did you mean 'ring'?")
-    refused(lambda: train.topology.link_index("a|c"), "there is no link 'a|c'. Did you mean")
-    refused(lambda: train.topology.link_index("a", "c"), r"no link joins 'a' and 'c'. Links there: b\|c, ring, a\|b")
+    refused(
+        lambda: train.topology.disk_index("rin"),
+        "there is no disk 'rin'. Did you mean 'ring'?",
+    )
+    refused(
+        lambda: train.topology.link_index("a|c"), "there is no link 'a|c'. Did you mean"
+    )
+    refused(
+        lambda: train.topology.link_index("a", "c"),
+        r"no link joins 'a' and 'c'. Links there: b\|c, ring, a\|b",
+    )
 
 
-@pytest.mark.parametrize("geometry", [{}, {"stroke": 0.1}, {"stroke": 0.1, "rod": 0.2, "orders": 0.5}])
+@pytest.mark.parametrize(
+    "geometry", [{}, {"stroke": 0.1}, {"stroke": 0.1, "rod": 0.2, "orders": 0.5}]
+)
 def test_a_reciprocating_mass_without_inertia_torque_is_refused(geometry):
-    train = build([*GEARS, Cylinder(name="p", disk="a", gas_torque_mean=1.0, **geometry)], reference="a")
-    with pytest.raises(SceneError, match="'p.reciprocating_mass': it has no effect, as the cylinder was built without"):
+    train = build(
+        [*GEARS, Cylinder(name="p", disk="a", gas_torque_mean=1.0, **geometry)],
+        reference="a",
+    )
+    with pytest.raises(
+        SceneError,
+        match=(
+            "'p.reciprocating_mass': it has no effect, as the cylinder was built"
+            " without"
+        ),
+    ):
         train.replace({"p.reciprocating_mass": 3.0})
     with pytest.raises(SceneError, match="it has no effect"):
-        jax.jit(lambda m: train.replace({"p.reciprocating_mass": m}).cylinders.reciprocating_mass)(3.0)
+        jax.jit(
+            lambda m: (
+                train.replace({"p.reciprocating_mass": m}).cylinders.reciprocating_mass
+            )
+        )(3.0)
     refused(lambda: train.replace({"p.bore": 0.1}), "has no pressure table")
     train.replace({"p.reciprocating_mass": 0.0})
 
@@ -197,30 +311,54 @@ def test_radii_that_contradict_the_teeth_are_refused():
     train = load_scene("spur_pair")
     radius = train.value("gear a.radius")
     assert train.replace({"gear a.radius": 2 * radius, "gear b.radius": 2 * radius})
-    with pytest.raises(SceneError, match=r"the new radii of mesh 'gear a\|gear b' are .* but its teeth 32:32"):
+    with pytest.raises(
+        SceneError,
+        match=r"the new radii of mesh 'gear a\|gear b' are .* but its teeth 32:32",
+    ):
         train.replace({"gear a.radius": 1.1 * radius})
 
 
 def test_a_stiffness_that_holds_a_mean_torque_cannot_be_removed():
     held = build([*GEARS, Ground(disk="ring", stiffness=1.0)], reference="a")
-    with pytest.raises(SceneError, match=r"the \[\[ground\]\] on 'ring' holds the train only through links without"):
+    with pytest.raises(
+        SceneError,
+        match=(
+            r"the \[\[ground\]\] on 'ring' holds the train only through links without"
+        ),
+    ):
         held.replace({"ring.stiffness": 0.0})
     pulled = build([*GEARS, Torque(name="pull", disk="ring", mean=1.0)], reference="a")
-    with pytest.raises(SceneError, match="a mean torque acts on 'ring', which no static stiffness holds"):
+    with pytest.raises(
+        SceneError,
+        match="a mean torque acts on 'ring', which no static stiffness holds",
+    ):
         pulled.replace({"ring.stiffness": 0.0})
-    assert pulled.replace({"ring.stiffness": 0.0, "pull.mean": 0.0}).value("ring.stiffness") == 0.0
-    found = jax.jit(lambda k: pulled.replace({"ring.stiffness": k}).dampers.stiffness)(0.0)
+    assert (
+        pulled.replace({"ring.stiffness": 0.0, "pull.mean": 0.0}).value(
+            "ring.stiffness"
+        )
+        == 0.0
+    )
+    found = jax.jit(lambda k: pulled.replace({"ring.stiffness": k}).dampers.stiffness)(
+        0.0
+    )
     assert found[0] == 0.0
     off = Torque(name="pull", disk="ring", mean=1.0, scale=[(100.0, 0.0), (200.0, 0.0)])
     free = build([*GEARS, off], reference="a").replace({"ring.stiffness": 0.0})
-    with pytest.raises(SceneError, match="a mean torque acts on 'ring', which no static stiffness holds"):
+    with pytest.raises(
+        SceneError,
+        match="a mean torque acts on 'ring', which no static stiffness holds",
+    ):
         free.replace({"pull.scale_factor": np.array([0.0, 1.0])})
 
 
 def test_a_ring_cannot_be_left_loose():
     train = build(GEARS, reference="a")
     assert train.replace({"ring.stiffness": 0.0}).value("ring.stiffness") == 0.0
-    with pytest.raises(SceneError, match="'ring': damping and stiffness are both 0, so that the ring is loose"):
+    with pytest.raises(
+        SceneError,
+        match="'ring': damping and stiffness are both 0, so that the ring is loose",
+    ):
         train.replace({"ring.stiffness": 0.0, "ring.damping": 0.0})
 
 
@@ -237,18 +375,32 @@ def test_teeth_change_the_radius_at_the_same_pitch_and_with_it_the_ratio():
 @pytest.mark.parametrize(
     ("mesh", "load", "values", "sentence"),
     [
-        ({"stiffness_orders": [(1, 0.1, 0.0)]}, {}, {"a.teeth": 21, "b.teeth": 42}, "have 21 mesh periods .*, not 20,"),
+        (
+            {"stiffness_orders": [(1, 0.1, 0.0)]},
+            {},
+            {"a.teeth": 21, "b.teeth": 42},
+            "have 21 mesh periods .*, not 20,",
+        ),
         (
             {"second_gear_error": [(1, 1e-6, 0.0)]},
             {},
             {"a.teeth": 40},
             r"change the speed of 'a\|b' from 0.5 to 1 times",
         ),
-        ({}, {"harmonics": [(4.0, 0.1, 0.0)]}, {"b.teeth": 20}, "change the speed of 'l' from 0.5 to 1 times"),
+        (
+            {},
+            {"harmonics": [(4.0, 0.1, 0.0)]},
+            {"b.teeth": 20},
+            "change the speed of 'l' from 0.5 to 1 times",
+        ),
     ],
 )
-def test_orders_that_new_teeth_would_change_are_not_left_as_they_were(mesh, load, values, sentence):
-    """Of a mesh that has its orders by its teeth, of a gear with errors, and of a load that pulsates."""
+def test_orders_that_new_teeth_would_change_are_not_left_as_they_were(
+    mesh, load, values, sentence
+):
+    """Of a mesh that has its orders by its teeth, of a gear with errors, and of a load
+    that pulsates.
+    """
     parts = [
         Disk(name="a", inertia=0.1, radius=0.05, teeth=20),
         Disk(name="b", inertia=0.2, radius=0.1, teeth=40),
@@ -262,16 +414,27 @@ def test_orders_that_new_teeth_would_change_are_not_left_as_they_were(mesh, load
 
 def test_laws_of_a_mesh_change_by_their_words():
     pair, mesh = load_scene("spur_pair"), "gear a|gear b"
-    changed = pair.replace({f"{mesh}.damping_law": "contact", f"{mesh}.law": "fridman2009"})
+    changed = pair.replace(
+        {f"{mesh}.damping_law": "contact", f"{mesh}.law": "fridman2009"}
+    )
     assert changed.topology.mesh_damping_law == ("contact",)
-    assert (changed.value(f"{mesh}.epsilon"), changed.value(f"{mesh}.transition")) == (0.03, 0.2)
+    assert (changed.value(f"{mesh}.epsilon"), changed.value(f"{mesh}.transition")) == (
+        0.03,
+        0.2,
+    )
     assert pair.topology.mesh_damping_law == ("always",)
 
 
 @pytest.mark.parametrize(
     ("scene", "values", "sentence"),
     reference("cases")["words and teeth"]
-    + [("spur_pair", {"gear a.teeth": float("inf")}, "teeth is inf, must be a whole number of at least 1")],
+    + [
+        (
+            "spur_pair",
+            {"gear a.teeth": float("inf")},
+            "teeth is inf, must be a whole number of at least 1",
+        )
+    ],
 )
 def test_words_and_teeth_that_cannot_be_are_sentences(scene, values, sentence):
     with pytest.raises(SceneError) as error:
@@ -280,9 +443,12 @@ def test_words_and_teeth_that_cannot_be_are_sentences(scene, values, sentence):
 
 
 @pytest.mark.parametrize(
-    "field, value, follower, made", [("teeth", 40, "radius", 0.0625), ("law", "fridman2009", "epsilon", 0.03)]
+    "field, value, follower, made",
+    [("teeth", 40, "radius", 0.0625), ("law", "fridman2009", "epsilon", 0.03)],
 )
-def test_what_follows_from_a_choice_is_not_given_otherwise_beside_it(field, value, follower, made):
+def test_what_follows_from_a_choice_is_not_given_otherwise_beside_it(
+    field, value, follower, made
+):
     train = load_scene("spur_pair")
     name = "gear a" if field == "teeth" else "gear a|gear b"
     values = {f"{name}.{field}": value, f"{name}.{follower}": 2 * made}
@@ -290,5 +456,11 @@ def test_what_follows_from_a_choice_is_not_given_otherwise_beside_it(field, valu
         with pytest.raises(SceneError) as caught:
             train.replace(given)
         (sentence,) = caught.value.sentences
-        assert all(text in sentence for text in (*values, f"{made:g}", f"{2 * made:g}", "Keep one of them."))
-    assert train.replace(values | {f"{name}.{follower}": made}).value(f"{name}.{follower}") == made
+        assert all(
+            text in sentence
+            for text in (*values, f"{made:g}", f"{2 * made:g}", "Keep one of them.")
+        )
+    assert (
+        train.replace(values | {f"{name}.{follower}": made}).value(f"{name}.{follower}")
+        == made
+    )

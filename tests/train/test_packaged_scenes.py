@@ -10,7 +10,12 @@ from jaxhb.scene.files import load_scene, scene_description, scene_names
 
 
 def test_every_packaged_scene_loads_and_has_a_description():
-    own = ["engine_with_damper", "first_scene", "gear_train_30", "inline_four_timing_drive"]
+    own = [
+        "engine_with_damper",
+        "first_scene",
+        "gear_train_30",
+        "inline_four_timing_drive",
+    ]
     assert scene_names() == [*own, "six_cylinder_diesel", "spur_pair"]
     for name in scene_names():
         assert load_scene(name).topology.name == name
@@ -22,28 +27,46 @@ def test_gear_train_30_is_its_specification():
     t = train.topology
     ring = {9: "crank damper", 17: "cam damper B", 30: "cam damper A"}
     name = {d["node"]: ring.get(d["node"], d["name"]) for d in spec["disks"]}
-    assert list(t.disk_names[:24]) == [d["name"] for d in spec["disks"] if d["node"] not in ring]
+    assert list(t.disk_names[:24]) == [
+        d["name"] for d in spec["disks"] if d["node"] not in ring
+    ]
     found = dict(zip(t.disk_names, np.asarray(inertias(train)), strict=True))
     assert found == {name[d["node"]]: d["inertia_kgm2"] for d in spec["disks"]}
     links = {}
-    for table, names in ((train.shafts, t.shaft_names), (train.dampers, t.damper_names)):
+    for table, names in (
+        (train.shafts, t.shaft_names),
+        (train.dampers, t.damper_names),
+    ):
         ends = dict(zip(t.link_names, t.link_ends, strict=True))
         for link, k, r in zip(names, table.stiffness, table.damping, strict=True):
             links[frozenset(t.disk_names[d] for d in ends[link])] = (k, r)
-    values = {tuple(s["between"]): (s["stiffness_Nm_rad"], s["damping_Nms_rad"]) for s in spec["shafts"]}
-    assert links == {frozenset(name[n] for n in between): own for between, own in values.items()}
-    assert t.mesh_names == tuple(f"{name[m['driver']]}|{name[m['driven']]}" for m in spec["meshes"])
-    np.testing.assert_array_equal(train.meshes.damping, [m["damping_N_s_m"] for m in spec["meshes"]])
+    values = {
+        tuple(s["between"]): (s["stiffness_Nm_rad"], s["damping_Nms_rad"])
+        for s in spec["shafts"]
+    }
+    assert links == {
+        frozenset(name[n] for n in between): own for between, own in values.items()
+    }
+    assert t.mesh_names == tuple(
+        f"{name[m['driver']]}|{name[m['driven']]}" for m in spec["meshes"]
+    )
+    np.testing.assert_array_equal(
+        train.meshes.damping, [m["damping_N_s_m"] for m in spec["meshes"]]
+    )
     assert set(t.mesh_damping_law) == {"always"}
     assert t.ground_disk == (t.disk_index("cam gear A"),)
 
 
 def test_scenes_have_the_natural_frequencies_of_the_reference():
-    published = reference("gear_train_30")["natural_frequencies_hz_meshes_in_contact_no_ground"]
+    published = reference("gear_train_30")[
+        "natural_frequencies_hz_meshes_in_contact_no_ground"
+    ]
     found = natural_frequencies(load_scene("gear_train_30")).frequencies_hz
     np.testing.assert_allclose(found[1:], published[1:], atol=0.051)
     found = natural_frequencies(load_scene("six_cylinder_diesel")).frequencies_hz
-    np.testing.assert_allclose(found[1:], reference("six_cylinder_diesel_2008")["undamped_Hz"][1:], rtol=1e-9)
+    np.testing.assert_allclose(
+        found[1:], reference("six_cylinder_diesel_2008")["undamped_Hz"][1:], rtol=1e-9
+    )
 
 
 def test_valve_torques_follow_the_firing_of_their_cylinder():
@@ -52,13 +75,22 @@ def test_valve_torques_follow_the_firing_of_their_cylinder():
     for bank, later in (("A", 0.0), ("B", 90.0)):
         for k, angle in enumerate(spec["firing_deg_crank"]["bank A, throw 1..5"]):
             for order, re, im in spec["cam_section"]["harmonics_order_re_im_Nm"]:
-                wanted = 0.5 * complex(re, im) * np.exp(-1j * order * np.deg2rad(angle + later))
-                found = torque[train.topology.disk_index(f"cam {bank}{k + 1}"), round(2 * order)]
+                wanted = (
+                    0.5
+                    * complex(re, im)
+                    * np.exp(-1j * order * np.deg2rad(angle + later))
+                )
+                found = torque[
+                    train.topology.disk_index(f"cam {bank}{k + 1}"), round(2 * order)
+                ]
                 assert abs(found - wanted) < 1e-12
 
 
 def test_six_cylinder_diesel_has_the_torque_harmonics_and_mean_of_the_reference():
-    spec, train = reference("six_cylinder_diesel_2008"), load_scene("six_cylinder_diesel")
+    spec, train = (
+        reference("six_cylinder_diesel_2008"),
+        load_scene("six_cylinder_diesel"),
+    )
     published = spec["cyl_torque_harmonics_2200rpm_exact_orders"]
     torque, _, _ = excitation(train, 2200.0, 24)
     order = np.array(published["order"])
@@ -77,6 +109,8 @@ def test_spur_pair_is_the_oscillator_of_the_reference_while_in_contact():
     half = train.value("gear a|gear b.backlash") / 2
     assert highest_harmonic(train) == 1
     for row in form["rows"][:5]:
-        found = linear_response(train, rpm=row["Omega"] * 3000 * 60 / 32).deflection("gear a", "gear b")
+        found = linear_response(train, rpm=row["Omega"] * 3000 * 60 / 32).deflection(
+            "gear a", "gear b"
+        )
         assert abs(found.amplitudes[0] / half - row["amp_h"][0]) < 1e-8
         assert abs(1 + found.mean / half - row["mean"]) < 1e-12

@@ -1,4 +1,6 @@
-"""Notes on numbers far from usual: none for packaged and published trains, and one for each slip."""
+"""Notes on numbers far from usual: none for packaged and published trains, and one for
+each slip.
+"""
 
 import dataclasses
 
@@ -36,7 +38,9 @@ def test_there_is_nothing_to_note_on_published_and_ordinary_trains():
 
 @pytest.fixture
 def scene(tmp_path):
-    """Writes the inline four with replaced texts and pressures, and returns its notes."""
+    """Writes the inline four with replaced texts and pressures, and returns its
+    notes.
+    """
     text = (_folder() / f"{ENGINE}.toml").read_text(encoding="utf-8")
     rows = np.loadtxt(_folder() / TABLE, delimiter=",")
 
@@ -52,27 +56,42 @@ def scene(tmp_path):
     return notes
 
 
-@pytest.mark.parametrize("unit, peak", [(1e5, "160 Pa"), (1e6, "16 Pa")], ids=["bar", "MPa"])
+@pytest.mark.parametrize(
+    "unit, peak", [(1e5, "160 Pa"), (1e6, "16 Pa")], ids=["bar", "MPa"]
+)
 def test_a_pressure_in_another_unit_is_noted(scene, unit, peak):
-    said = f"the largest pressure is {peak}, usual 5e5 to 4e7 Pa: is it in Pa, not in bar or MPa?"
+    said = (
+        f"the largest pressure is {peak}, usual 5e5 to 4e7 Pa: is it in Pa, not in bar"
+        " or MPa?"
+    )
     assert scene(pressure=lambda angle, p: (angle, p / unit)) == [ALL_FOUR + said]
 
 
 def test_pressures_count_with_their_scale(scene):
     bar = {"pressure": lambda angle, p: (angle, p / 1e5)}
-    assert scene(("rod = 0.145", "scale = [[800, 0.5e5], [4500, 1e5]]\nrod = 0.145"), **bar) == []
+    assert (
+        scene(
+            ("rod = 0.145", "scale = [[800, 0.5e5], [4500, 1e5]]\nrod = 0.145"), **bar
+        )
+        == []
+    )
 
 
 @pytest.mark.parametrize("change, where", reference("cases")["dead centres"])
 def test_a_table_read_from_another_dead_centre_is_noted(scene, change, where):
-    said = f"the pressure is largest {where} firing top dead centre, usual 15 deg before to 45 deg after: "
+    said = (
+        f"the pressure is largest {where} firing top dead centre, usual 15 deg before"
+        " to 45 deg after: "
+    )
     said += "is table_firing_tdc the angle at which the table fires?"
     assert scene(("table_firing_tdc = 0.0", change)) == [ALL_FOUR + said]
 
 
 def test_a_table_may_be_that_of_a_motored_or_of_a_late_firing_cylinder(scene):
     for turn in (-12, 33):
-        assert scene(pressure=lambda angle, p, turn=turn: (angle, np.roll(p, turn))) == []
+        assert (
+            scene(pressure=lambda angle, p, turn=turn: (angle, np.roll(p, turn))) == []
+        )
 
 
 @pytest.mark.parametrize("old, new, said", reference("cases")["notes on sizes"])
@@ -81,39 +100,64 @@ def test_sizes_in_other_units_are_noted(scene, old, new, said):
     assert note.startswith(ALL_FOUR + said)
 
 
-@pytest.mark.parametrize("least, is_absolute", [(0.0, False), (0.98e5, True), (2e5, True), (2.6e5, False)])
-def test_no_crankcase_pressure_beside_absolute_pressures_is_noted(scene, least, is_absolute):
+@pytest.mark.parametrize(
+    "least, is_absolute", [(0.0, False), (0.98e5, True), (2e5, True), (2.6e5, False)]
+)
+def test_no_crankcase_pressure_beside_absolute_pressures_is_noted(
+    scene, least, is_absolute
+):
     pressure = {"pressure": lambda angle, p: (angle, p - p.min() + least)}
-    said = "ambient_pressure is 0 Pa, usual 3e4 to 1e6 Pa: the pressure in the cylinder is absolute, and the crankcase"
+    said = (
+        "ambient_pressure is 0 Pa, usual 3e4 to 1e6 Pa: the pressure in the cylinder is"
+        " absolute, and the crankcase"
+    )
     absent = scene(("ambient_pressure = 1e5", ""), **pressure)
     assert absent == [f"{ALL_FOUR}{said} has about 1e5 Pa"] * is_absolute
     assert scene(**pressure) == []
 
 
 def test_two_cylinders_that_fire_together_are_noted(scene):
-    together = ("firing_order = [1, 3, 4, 2]", "firing_order = [1, 3, 4, 2]\nfiring_intervals = [180, 0.5, 359.5, 180]")
-    said = "they fire together, at 180 deg, usual one every 720 / 4 = 180 deg: has each its own firing_angle?"
+    together = (
+        "firing_order = [1, 3, 4, 2]",
+        "firing_order = [1, 3, 4, 2]\nfiring_intervals = [180, 0.5, 359.5, 180]",
+    )
+    said = (
+        "they fire together, at 180 deg, usual one every 720 / 4 = 180 deg: has each"
+        " its own firing_angle?"
+    )
     assert scene(together) == [f"[[cylinder]] 'cylinder 3', 'cylinder 4': {said}"]
 
 
 def test_two_engines_of_a_train_may_fire_together():
     train = load_scene("gear_train_30")
     own = tuple(range(len(train.topology.rotor)))
-    apart = dataclasses.replace(train, topology=dataclasses.replace(train.topology, rotor=own))
+    apart = dataclasses.replace(
+        train, topology=dataclasses.replace(train.topology, rotor=own)
+    )
     same = {f"{name}.firing_angle": 0.0 for name in ("cylinder A1", "cylinder A2")}
-    together = [[note for note in plausibility(one.replace(same)) if "fire together" in note] for one in (train, apart)]
+    together = [
+        [note for note in plausibility(one.replace(same)) if "fire together" in note]
+        for one in (train, apart)
+    ]
     assert len(together[0]) == 1 and together[1] == []
 
 
 def test_a_pump_that_drives_is_noted(scene):
-    said = "it drives with a mean of 20 N m, usual below 0 beside cylinders: what takes power has a negative mean"
-    assert scene(("mean = -20.0", "mean = 20.0")) == [f"[[torque]] 'pump plungers': {said}"]
+    said = (
+        "it drives with a mean of 20 N m, usual below 0 beside cylinders: what takes"
+        " power has a negative mean"
+    )
+    assert scene(("mean = -20.0", "mean = 20.0")) == [
+        f"[[torque]] 'pump plungers': {said}"
+    ]
 
 
 @pytest.mark.parametrize("values, said", reference("cases")["notes on meshes"])
 def test_meshes_out_of_reach_are_noted(values, said):
     mesh = "crank gear|idler"
-    train = load_scene(ENGINE).replace({f"{mesh}.{field}": value for field, value in values.items()})
+    train = load_scene(ENGINE).replace(
+        {f"{mesh}.{field}": value for field, value in values.items()}
+    )
     assert plausibility(train) == [f"[[mesh]] '{mesh}': {said}"]
 
 
@@ -125,17 +169,25 @@ def test_numbers_of_a_first_scene_far_from_usual_are_noted(change, said):
 
 def test_the_median_is_that_of_the_own_rotor():
     train = load_scene("gear_train_30")
-    gear = {"idler.inertia": 165.0}  # alone on its rotor: behind gears anything may hang
+    gear = {
+        "idler.inertia": 165.0
+    }  # alone on its rotor: behind gears anything may hang
     assert plausibility(train.replace(gear)) == []
 
 
 def test_the_tooth_damping_ratio_is_that_of_two_free_gears():
-    """Two free gears on their teeth: the damped modes of the train have no other ratio."""
+    """Two free gears on their teeth: the damped modes of the train have no other
+    ratio.
+    """
     pair = jaxhb.load_scene("spur_pair")
     damped = jaxhb.damped_modes(pair).damping_ratio
     np.testing.assert_allclose(jaxhb.tooth_damping_ratios(pair), damped[-1], rtol=1e-9)
-    assert np.isnan(jaxhb.tooth_damping_ratios(pair.replace({"gear a.inertia": 0.0}))).all()
-    assert jaxhb.tooth_damping_ratios(jaxhb.load_scene("six_cylinder_diesel")).shape == (0,)
+    assert np.isnan(
+        jaxhb.tooth_damping_ratios(pair.replace({"gear a.inertia": 0.0}))
+    ).all()
+    assert jaxhb.tooth_damping_ratios(
+        jaxhb.load_scene("six_cylinder_diesel")
+    ).shape == (0,)
 
 
 def test_limits_of_propulsion_shafts_on_a_crank_are_noted(scene):

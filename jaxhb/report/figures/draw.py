@@ -1,5 +1,7 @@
-"""Pictures of specifications by matplotlib, for files and notebooks: what plotly.js draws on the page. The only
-importer of matplotlib, inside functions: it takes longer to import than many commands take; without pyplot."""
+"""Pictures of specifications by matplotlib, for files and notebooks: what plotly.js
+draws on the page. The only importer of matplotlib, inside functions: it takes longer to
+import than many commands take; without pyplot.
+"""
 
 import textwrap
 
@@ -9,13 +11,33 @@ from jaxhb.report.figures.figure import legend_columns
 
 PIXELS = 75  # of the page in an inch of the height, as in its width
 POINTS = 0.8  # of a line or marker, for a pixel of the page
-KEYS = {"fontsize": 7.5, "handlelength": 3.8, "handletextpad": 0.6, "columnspacing": 1.3, "labelspacing": 0.3}
+KEYS = {
+    "fontsize": 7.5,
+    "handlelength": 3.8,
+    "handletextpad": 0.6,
+    "columnspacing": 1.3,
+    "labelspacing": 0.3,
+}
 """Sizes of the legend, in which as many names find room as on the page."""
 LETTERS = 112  # of a line of a caption
 DASHES: dict = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":"}
 DASHES |= {"longdash": (0, (9, 2.5)), "longdashdot": (0, (9, 2, 1.5, 2))}
-MARKERS = {"circle": "o", "square": "s", "diamond": "D", "star": "*", "triangle-down": "v", "triangle-up": "^"}
-MARKERS |= {"cross": "P", "x-thin": "x", "cross-thin": "+", "line-ew": "_", "pentagon": "p", "hexagon": "h"}
+MARKERS = {
+    "circle": "o",
+    "square": "s",
+    "diamond": "D",
+    "star": "*",
+    "triangle-down": "v",
+    "triangle-up": "^",
+}
+MARKERS |= {
+    "cross": "P",
+    "x-thin": "x",
+    "cross-thin": "+",
+    "line-ew": "_",
+    "pentagon": "p",
+    "hexagon": "h",
+}
 MARKERS |= {"triangle-left": "<", "triangle-right": ">"}
 
 
@@ -27,17 +49,39 @@ def empty(width, height, **more):
 
 
 def drawn(*figures, title=""):
-    """A matplotlib figure of specifications one below the other, with axes for every panel from the top."""
+    """A matplotlib figure of specifications one below the other, with axes for every
+    panel from the top.
+    """
     height = sum(figure.layout["height"] for figure in figures)
     picture = empty(9.0, height / PIXELS, layout="constrained")
     picture.suptitle(_wrapped(title), fontsize="medium")
-    axes = [(figure, name) for figure in figures for name in figure.layout if name.startswith("yaxis")]
+    axes = [
+        (figure, name)
+        for figure in figures
+        for name in figure.layout
+        if name.startswith("yaxis")
+    ]
     # A panel takes its share of what is between the margins.
-    inside = [own.layout["height"] - own.layout["margin"]["t"] - own.layout["margin"]["b"] for own, _ in axes]
-    rows = [np.ptp(own.layout[name]["domain"]) * room for (own, name), room in zip(axes, inside, strict=True)]
-    every = iter(picture.subplots(len(rows), 1, squeeze=False, height_ratios=rows)[:, 0])
+    inside = [
+        own.layout["height"] - own.layout["margin"]["t"] - own.layout["margin"]["b"]
+        for own, _ in axes
+    ]
+    rows = [
+        np.ptp(own.layout[name]["domain"]) * room
+        for (own, name), room in zip(axes, inside, strict=True)
+    ]
+    every = iter(
+        picture.subplots(len(rows), 1, squeeze=False, height_ratios=rows)[:, 0]
+    )
     for figure in figures:
-        _draw(figure, {name.replace("axis", ""): next(every) for own, name in axes if own is figure})
+        _draw(
+            figure,
+            {
+                name.replace("axis", ""): next(every)
+                for own, name in axes
+                if own is figure
+            },
+        )
     return picture
 
 
@@ -52,15 +96,27 @@ def _draw(figure, panels):
     for name, axes in panels.items():
         if axes is not top:
             axes.sharex(top)
-        axes.tick_params("x", labelbottom=name == x["anchor"], labelrotation=-x.get("tickangle", 0))
-        axes.set_ylabel(figure.layout[name.replace("y", "yaxis")]["title"]["text"].replace("<br>", "\n"))
+        axes.tick_params(
+            "x", labelbottom=name == x["anchor"], labelrotation=-x.get("tickangle", 0)
+        )
+        axes.set_ylabel(
+            figure.layout[name.replace("y", "yaxis")]["title"]["text"].replace(
+                "<br>", "\n"
+            )
+        )
     panels[x["anchor"]].set_xlabel(x["title"]["text"])
     for trace in figure.traces:
         _draw_trace(panels[trace["yaxis"]], trace)
     for shape in figure.layout["shapes"]:
         named = shape["yref"].removesuffix(" domain")
         for axes in panels.values() if named == "paper" else [panels[named]]:
-            axes.axvspan(shape["x0"], shape["x1"], color=shape["fillcolor"], linewidth=0, zorder=0)
+            axes.axvspan(
+                shape["x0"],
+                shape["x1"],
+                color=shape["fillcolor"],
+                linewidth=0,
+                zorder=0,
+            )
     for name, axes in panels.items():
         axis = figure.layout[name.replace("y", "yaxis")]
         _draw_axis(axes, "y", axis)
@@ -85,7 +141,13 @@ def _draw_axis(axes, which, axis):
     if limits:
         axes.set(**{f"{which}lim": limits})
     if "dtick" in axis:
-        axes.set(**{f"{which}ticks": np.arange(limits[0], limits[1] * (1 + 1e-9), axis["dtick"])})
+        axes.set(
+            **{
+                f"{which}ticks": np.arange(
+                    limits[0], limits[1] * (1 + 1e-9), axis["dtick"]
+                )
+            }
+        )
     if "tickvals" in axis:
         said = [text.replace("<br>", "\n") for text in axis["ticktext"]]
         axes.set(**{f"{which}ticks": axis["tickvals"], f"{which}ticklabels": said})
@@ -95,9 +157,15 @@ def _draw_axis(axes, which, axis):
 
 
 def _draw_trace(axes, trace):
-    """A line with gaps where there is no number, and its markers, which may be of several kinds."""
+    """A line with gaps where there is no number, and its markers, which may be of
+    several kinds.
+    """
     y = np.array(trace["y"], float)
-    x = np.array(trace["x"], float) if "x" in trace else trace["x0"] + trace["dx"] * np.arange(len(y))
+    x = (
+        np.array(trace["x"], float)
+        if "x" in trace
+        else trace["x0"] + trace["dx"] * np.arange(len(y))
+    )
     symbols = np.broadcast_to(_symbol(trace), len(y))
     if len(set(symbols)) < 2:
         axes.plot(x, y, **_look(trace, symbols[0] if len(y) else ""))
@@ -110,38 +178,69 @@ def _draw_trace(axes, trace):
 
 def _symbol(trace):
     """The symbol of a trace or of every point; "" without."""
-    return trace.get("marker", {}).get("symbol", "circle") if "markers" in trace["mode"] else ""
+    return (
+        trace.get("marker", {}).get("symbol", "circle")
+        if "markers" in trace["mode"]
+        else ""
+    )
 
 
 def _look(trace, symbol):
     """Line and marker as matplotlib calls them."""
     line, marker = trace.get("line", {}), trace.get("marker", {})
     colour = marker.get("color", line.get("color"))
-    look = {"color": line.get("color", colour), "alpha": trace.get("opacity"), "clip_on": trace.get("cliponaxis", True)}
+    look = {
+        "color": line.get("color", colour),
+        "alpha": trace.get("opacity"),
+        "clip_on": trace.get("cliponaxis", True),
+    }
     look["linewidth"] = POINTS * line.get("width", 2)
-    look["linestyle"] = DASHES[line.get("dash", "solid")] if "lines" in trace["mode"] else "none"
+    look["linestyle"] = (
+        DASHES[line.get("dash", "solid")] if "lines" in trace["mode"] else "none"
+    )
     look["drawstyle"] = "steps-post" if line.get("shape") == "hv" else "default"
     if symbol:
         name = symbol.removesuffix("-open")
-        look |= {"marker": MARKERS[name], "markerfacecolor": colour if name == symbol else "none"}
-        look |= {"markersize": POINTS * marker.get("size", 6) * (1.5 if name == "star" else 1.0)}
-        look |= {"markeredgecolor": colour, "markeredgewidth": POINTS * (marker.get("line", {}).get("width") or 1.2)}
-        look["markevery"] = max(1, len(trace["y"]) // marker.get("maxdisplayed", len(trace["y"]) or 1))
+        look |= {
+            "marker": MARKERS[name],
+            "markerfacecolor": colour if name == symbol else "none",
+        }
+        look |= {
+            "markersize": (
+                POINTS * marker.get("size", 6) * (1.5 if name == "star" else 1.0)
+            )
+        }
+        look |= {
+            "markeredgecolor": colour,
+            "markeredgewidth": POINTS * (marker.get("line", {}).get("width") or 1.2),
+        }
+        look["markevery"] = max(
+            1, len(trace["y"]) // marker.get("maxdisplayed", len(trace["y"]) or 1)
+        )
     return look
 
 
 def _draw_note(panels, note):
     """A text: at a place of the axes or of the data, moved by pixels."""
     across, along = note.get("yref", "y"), note.get("xref", "x")
-    style = {"fontsize": POINTS * note["font"]["size"], "ha": note.get("xanchor", "center")}
-    style |= {"va": note.get("yanchor", "middle").replace("middle", "center"), "annotation_clip": False}
+    style = {
+        "fontsize": POINTS * note["font"]["size"],
+        "ha": note.get("xanchor", "center"),
+    }
+    style |= {
+        "va": note.get("yanchor", "middle").replace("middle", "center"),
+        "annotation_clip": False,
+    }
     if "bgcolor" in note:
         style["bbox"] = {"facecolor": note["bgcolor"], "edgecolor": "none", "pad": 0.5}
     panels[across.removesuffix(" domain")].annotate(
         note["text"].replace("<br>", "\n"),
         (note["x"], note["y"]),
         (POINTS * note.get("xshift", 0), POINTS * note.get("yshift", 0)),
-        xycoords=("axes fraction" if along == "paper" else "data", "axes fraction" if "domain" in across else "data"),
+        xycoords=(
+            "axes fraction" if along == "paper" else "data",
+            "axes fraction" if "domain" in across else "data",
+        ),
         textcoords="offset points",
         **style,
     )
@@ -152,18 +251,30 @@ def _draw_legend(axes, figure):
     from matplotlib.lines import Line2D
     from matplotlib.transforms import ScaledTranslation
 
-    shown = [trace for trace in figure.traces if trace.get("showlegend", True)] * figure.layout["showlegend"]
+    shown = [
+        trace for trace in figure.traces if trace.get("showlegend", True)
+    ] * figure.layout["showlegend"]
     # Texts above a panel stand between it and the caption.
-    room = 13 if any(note.get("yanchor") == "bottom" for note in figure.layout["annotations"]) else 3
+    room = (
+        13
+        if any(note.get("yanchor") == "bottom" for note in figure.layout["annotations"])
+        else 3
+    )
     axes.legend(
-        handles=[Line2D([], [], label=trace["name"], **_look(trace, np.ravel(_symbol(trace))[0])) for trace in shown],
+        handles=[
+            Line2D(
+                [], [], label=trace["name"], **_look(trace, np.ravel(_symbol(trace))[0])
+            )
+            for trace in shown
+        ],
         ncols=legend_columns(figure.traces),
         title=_wrapped(figure.caption),
         title_fontsize=9,
         alignment="left",
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        bbox_transform=axes.transAxes + ScaledTranslation(0, room / 72, axes.figure.dpi_scale_trans),
+        bbox_transform=axes.transAxes
+        + ScaledTranslation(0, room / 72, axes.figure.dpi_scale_trans),
         borderaxespad=0.0,
         borderpad=0.0,
         frameon=False,

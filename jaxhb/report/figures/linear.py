@@ -1,4 +1,6 @@
-"""Pictures of the linear train: mode shapes, Holzer's residual over the frequency, the Campbell diagram."""
+"""Pictures of the linear train: mode shapes, Holzer's residual over the frequency, the
+Campbell diagram.
+"""
 
 import numpy as np
 
@@ -7,25 +9,39 @@ from jaxhb.linear.critical import ELASTIC, shares_in_mode
 from jaxhb.linear.holzer import holzer_residual
 from jaxhb.linear.modal import AT_REST
 from jaxhb.report.figures.draw import drawn
-from jaxhb.report.figures.figure import GREY, WITH, WITHOUT, above, bars, figure, line, marks, note
+from jaxhb.report.figures.figure import (
+    GREY,
+    WITH,
+    WITHOUT,
+    above,
+    bars,
+    figure,
+    line,
+    marks,
+    note,
+)
 from jaxhb.report.figures.ways import train_lines
 from jaxhb.report.orders import NUMBERS
 from jaxhb.report.text.columns import plain_number
 
 POINTS = 2000
-COUNTS = 0.1  # modal torque over the largest of the mode from which a critical speed is filled
+# modal torque over the largest of the mode from which a critical speed is filled
+COUNTS = 0.1
 APART = 0.032  # share of the height between the names of two modes
 MOST_DECADES = 5  # on either side of 0
 LINEAR = 1e-3  # residual over its median below which the scale is linear
 
 
 def plot_holzer(train, tables, natural):
-    """Holzer's residual over the frequency, natural frequencies as circles, frequencies asked for as dotted lines.
+    """Holzer's residual over the frequency, natural frequencies as circles, frequencies
+    asked for as dotted lines.
 
-    The scale is logarithmic on both sides of 0: the residual grows with a high power of the frequency. Every branch
-    begins with ordinate 1 at its free end; a table of a train with branches is scaled otherwise.
+    The scale is logarithmic on both sides of 0: the residual grows with a high power of
+    the frequency. Every branch begins with ordinate 1 at its free end; a table of a
+    train with branches is scaled otherwise.
 
-    tables : list of (int or None, HolzerTable); natural : dict, number of the mode: Hz, of those that strain links
+    tables : list of (int or None, HolzerTable); natural : dict, number of the mode: Hz,
+    of those that strain links
     """
     highest = 1.15 * max(table.hz for _, table in tables)
     hz = highest * np.arange(1, POINTS + 1) / POINTS
@@ -35,15 +51,40 @@ def plot_holzer(train, tables, natural):
     ends = np.nanmin(values), np.nanmax(values)
     traces = [line(hz, values, "residual", 1, look={"dash": "solid"})]
     if zeros:
-        traces.append(marks(list(zeros.values()), np.zeros(len(zeros)), "zero", "circle-open", color=WITH))
+        traces.append(
+            marks(
+                list(zeros.values()),
+                np.zeros(len(zeros)),
+                "zero",
+                "circle-open",
+                color=WITH,
+            )
+        )
     if asked:
         low, high = (np.full(len(asked), end) for end in ends)
-        traces.append(bars(asked, low, high, "frequency asked for", look={"color": "black", "dash": "dot"}))
+        traces.append(
+            bars(
+                asked,
+                low,
+                high,
+                "frequency asked for",
+                look={"color": "black", "dash": "dot"},
+            )
+        )
     style = {"xshift": 5, "yshift": 14, "xanchor": "left"}
-    notes = [note(f"mode {mode}<br>{own:.4g} Hz", own, 0.0, **style) for mode, own in zeros.items()]
-    caption, panels = "Holzer's residual, zero at natural frequencies", [("residual, N m, from ordinates 1", None)]
+    notes = [
+        note(f"mode {mode}<br>{own:.4g} Hz", own, 0.0, **style)
+        for mode, own in zeros.items()
+    ]
+    caption, panels = (
+        "Holzer's residual, zero at natural frequencies",
+        [("residual, N m, from ordinates 1", None)],
+    )
     more = {"x_range": (0.0, highest), "height": 220, "annotations": notes}
-    picture = drawn(figure(caption, "frequency, Hz", panels, traces, **more), title=train.topology.title)
+    picture = drawn(
+        figure(caption, "frequency, Hz", panels, traces, **more),
+        title=train.topology.title,
+    )
     small = LINEAR * float(np.median(np.abs(values[np.isfinite(values)])))
     linear = 10 ** np.ceil(np.log10(small)) if small else 1.0
     picture.axes[0].set_yscale("symlog", linthresh=linear)
@@ -52,8 +93,9 @@ def plot_holzer(train, tables, natural):
 
 
 def _decades(ends, linear):
-    """Ticks of a scale that is logarithmic beyond ``linear`` on both sides of 0: of the decades so many as have room,
-    none within the linear part but 0."""
+    """Ticks of a scale that is logarithmic beyond ``linear`` on both sides of 0: of the
+    decades so many as have room, none within the linear part but 0.
+    """
     first = int(np.log10(linear)) + 1
     last = int(np.floor(np.log10(max(np.abs(ends).max(), 10.0**first))))
     step = -(-(last - first + 1) // MOST_DECADES)
@@ -64,8 +106,8 @@ def _decades(ends, linear):
 def plot_campbell(found, count, name, names=NUMBERS):
     """Natural frequencies over the speed, orders as rays, critical speeds as circles.
 
-    Full lines are modes, dotted ones those of rigid bodies or rings; ``count`` elastic modes were taken;
-    ``names`` are those of the orders.
+    Full lines are modes, dotted ones those of rigid bodies or rings; ``count`` elastic
+    modes were taken; ``names`` are those of the orders.
     """
     return drawn(campbell_figure(found, count, name, names))
 
@@ -76,29 +118,76 @@ def campbell_figure(found, count, title, names):
     elastic = found.elastic(count)
     # Where modes or orders end, and at least the lowest mode.
     modes, rays = found.frequencies_hz[:, elastic].max(axis=0), found.orders * high / 60
-    top = max(min(modes.max(initial=0.0), rays.max(initial=0.0)), modes[:1].max(initial=0.0))
+    top = max(
+        min(modes.max(initial=0.0), rays.max(initial=0.0)), modes[:1].max(initial=0.0)
+    )
     top, traces = 1.08 * (top or 1.0), []
     for order in found.orders:
-        look, own = {"color": GREY, "dash": "dash", "width": 0.8}, [order * low / 60, order * high / 60]
-        traces.append(line([low, high], own, f"order {names.number(order)}", look=look, showlegend=False))
+        look, own = (
+            {"color": GREY, "dash": "dash", "width": 0.8},
+            [order * low / 60, order * high / 60],
+        )
+        traces.append(
+            line(
+                [low, high],
+                own,
+                f"order {names.number(order)}",
+                look=look,
+                showlegend=False,
+            )
+        )
     shown = [k for k in found.shown(count) if found.frequencies_hz[-1, k] <= top]
     for k in shown:
-        look = {"color": WITHOUT, "dash": "solid"} if k in elastic else {"color": "grey", "dash": "dot"}
+        look = (
+            {"color": WITHOUT, "dash": "solid"}
+            if k in elastic
+            else {"color": "grey", "dash": "dot"}
+        )
         own = found.frequencies_hz[:, k]
-        traces.append(line(found.rpm, own, f"mode {k}", look=look | {"width": 1.8}, showlegend=False))
+        traces.append(
+            line(
+                found.rpm,
+                own,
+                f"mode {k}",
+                look=look | {"width": 1.8},
+                showlegend=False,
+            )
+        )
     filled = counting(found)
-    for symbol, own in {"circle": filled, "circle-open": [c for c in found.critical if c not in filled]}.items():
-        text = [f"order {names.number(c.order)}, mode {c.mode}, modal torque {plain_number(c.torque)} N m" for c in own]
-        more = {"text": text, "hovertemplate": "%{x} rpm, %{y} Hz: %{text}<extra></extra>", "showlegend": False}
+    for symbol, own in {
+        "circle": filled,
+        "circle-open": [c for c in found.critical if c not in filled],
+    }.items():
+        text = [
+            f"order {names.number(c.order)}, mode {c.mode}, modal torque"
+            f" {plain_number(c.torque)} N m"
+            for c in own
+        ]
+        more = {
+            "text": text,
+            "hovertemplate": "%{x} rpm, %{y} Hz: %{text}<extra></extra>",
+            "showlegend": False,
+        }
         points = [c.rpm for c in own], [c.hz for c in own]
         traces.append(marks(*points, "critical speed", symbol, color=WITH, **more))
     caption = (
-        f"Campbell diagram, {title}: modes full, orders dashed (named at their ends), critical speeds circled,"
-        f" filled where the modal torque is above {100 * COUNTS:g} % of the largest of the mode"
+        f"Campbell diagram, {title}: modes full, orders dashed (named at their ends),"
+        " critical speeds circled, filled where the modal torque is above"
+        f" {100 * COUNTS:g} % of the largest of the mode"
     )
-    rays = [_ray_name(order, high, top, names) for order in found.orders if order * low / 60 < top]
-    more = {"x_range": (low, high), "height": 400, "annotations": rays + _mode_names(found, shown, top)}
-    made = figure(caption, "speed, rpm", [("frequency, Hz", (0.0, top))], traces, **more)
+    rays = [
+        _ray_name(order, high, top, names)
+        for order in found.orders
+        if order * low / 60 < top
+    ]
+    more = {
+        "x_range": (low, high),
+        "height": 400,
+        "annotations": rays + _mode_names(found, shown, top),
+    }
+    made = figure(
+        caption, "speed, rpm", [("frequency, Hz", (0.0, top))], traces, **more
+    )
     made.layout["margin"] |= {"r": 125, "t": 24}
     made.layout["height"] += 12
     return made
@@ -107,7 +196,9 @@ def campbell_figure(found, count, title, names):
 def counting(found):
     """Critical speeds whose modal torque counts beside the largest of their mode."""
     shares = shares_in_mode(found.critical, [c.torque for c in found.critical])
-    return [c for c, share in zip(found.critical, shares, strict=True) if share > COUNTS]
+    return [
+        c for c, share in zip(found.critical, shares, strict=True) if share > COUNTS
+    ]
 
 
 def _mode_names(found, shown, top):
@@ -116,7 +207,11 @@ def _mode_names(found, shown, top):
     for k in shown:
         hz = float(found.frequencies_hz[-1, k])
         what = f"{hz:.4g} Hz" if found.kinds[k] == ELASTIC else found.kinds[k]
-        notes.append(note(f" mode {k}: {what}", 1.0, max(hz, lowest), xref="paper", xanchor="left"))
+        notes.append(
+            note(
+                f" mode {k}: {what}", 1.0, max(hz, lowest), xref="paper", xanchor="left"
+            )
+        )
         lowest = notes[-1]["y"] + APART * top
     return notes
 
@@ -125,10 +220,14 @@ def _ray_name(order, high, top, names):
     """The order where its ray leaves the picture."""
     hz, style = order * high / 60, {"size": 9, "bgcolor": "white", "borderpad": 0}
     if hz > top:
-        return note(names.number(order), 60 * top / order, top, yanchor="bottom", **style)
+        return note(
+            names.number(order), 60 * top / order, top, yanchor="bottom", **style
+        )
     # A long name stands below its ray, where it hides no mode.
     under = {} if names.number(order) == f"{order:g}" else {"yanchor": "top"}
-    return note(names.number(order), high, hz, xanchor="right", xshift=-4, **under, **style)
+    return note(
+        names.number(order), high, hz, xanchor="right", xshift=-4, **under, **style
+    )
 
 
 MOST = 6  # modes in one picture
@@ -136,12 +235,15 @@ NAMES = 80  # names of disks that have room
 
 
 def plot_modes(train, modes, chosen, ratios):
-    """Shapes of up to six modes along the train, angles referred to the reference rotor, nodes as crosses.
+    """Shapes of up to six modes along the train, angles referred to the reference
+    rotor, nodes as crosses.
 
-    chosen : numbers of the modes; ratios : damping ratios of all modes, nan where there is none. Branches stand right
-    of the main line.
+    chosen : numbers of the modes; ratios : damping ratios of all modes, nan where there
+    is none. Branches stand right of the main line.
     """
-    return drawn(shapes_figure(train, modes, chosen[:MOST], ratios), title=train.topology.title)
+    return drawn(
+        shapes_figure(train, modes, chosen[:MOST], ratios), title=train.topology.title
+    )
 
 
 def shapes_figure(train, modes, chosen, ratios):
@@ -149,22 +251,49 @@ def shapes_figure(train, modes, chosen, ratios):
     lines = train_lines(train.topology)
     starts = np.cumsum([0, *(len(way) + 1 for way in lines)]).tolist()
     # Referred to one rotor angles do not jump at meshes.
-    shapes = modes.shapes / np.asarray(speed_ratios(train))[np.array(train.topology.rotor)]
+    shapes = (
+        modes.shapes / np.asarray(speed_ratios(train))[np.array(train.topology.rotor)]
+    )
     shapes /= np.abs(shapes).max(axis=1, keepdims=True)
     traces, notes = [], []
     for panel, k in enumerate(chosen):
         own = {"panel": panel, "showlegend": False}
         for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
             names = [modes.names[disk] for disk in way]
-            style = {"mode": "lines+markers", "text": names, "hovertemplate": "%{text}: %{y}<extra></extra>"}
-            traces.append(line(start + np.arange(len(way)), shapes[k][way], "", min(number, 1), **style, **own))
-        nodes = mode_nodes(lines, starts, np.where(np.abs(modes.shapes[k]) <= AT_REST, 0.0, shapes[k]))
+            style = {
+                "mode": "lines+markers",
+                "text": names,
+                "hovertemplate": "%{text}: %{y}<extra></extra>",
+            }
+            traces.append(
+                line(
+                    start + np.arange(len(way)),
+                    shapes[k][way],
+                    "",
+                    min(number, 1),
+                    **style,
+                    **own,
+                )
+            )
+        nodes = mode_nodes(
+            lines, starts, np.where(np.abs(modes.shapes[k]) <= AT_REST, 0.0, shapes[k])
+        )
         traces.append(marks(nodes, np.zeros(len(nodes)), "node", "x-thin-open", **own))
         damping = "" if np.isnan(ratios[k]) else f", damping ratio {ratios[k]:.3g}"
-        notes.append(above(f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz{damping}", panel))
-    caption = "Mode shapes, angles referred to the reference rotor, the largest is 1; crosses: nodes. "
-    caption += "Dashed: branches, each begins at the disk named in brackets." * (len(lines) > 1)
-    panels, more = [("", (-1.15, 1.15))] * len(chosen), {"annotations": notes, "x_range": (-0.5, starts[-1] - 1.5)}
+        notes.append(
+            above(f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz{damping}", panel)
+        )
+    caption = (
+        "Mode shapes, angles referred to the reference rotor, the largest is 1;"
+        " crosses: nodes. "
+    )
+    caption += "Dashed: branches, each begins at the disk named in brackets." * (
+        len(lines) > 1
+    )
+    panels, more = (
+        [("", (-1.15, 1.15))] * len(chosen),
+        {"annotations": notes, "x_range": (-0.5, starts[-1] - 1.5)},
+    )
     made = figure(caption, "", panels, traces, height=95, **more)
     said = {}  # of a branch the disk on which it hangs is in brackets
     for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
@@ -172,7 +301,12 @@ def shapes_figure(train, modes, chosen, ratios):
         said |= {start: f"({said[start]})"} if number else {}
     said = dict(list(said.items())[:: -(-len(said) // NAMES)])
     room = round(5.4 * max(map(len, said.values())))
-    ticks = {"tickvals": list(said), "ticktext": list(said.values()), "tickangle": -90, "tickfont": {"size": 9}}
+    ticks = {
+        "tickvals": list(said),
+        "ticktext": list(said.values()),
+        "tickangle": -90,
+        "tickfont": {"size": 9},
+    }
     made.layout["xaxis"] |= ticks
     made.layout["margin"] |= {"t": 22, "b": 16 + room}
     made.layout["height"] += room - 20
@@ -180,7 +314,9 @@ def shapes_figure(train, modes, chosen, ratios):
 
 
 def mode_nodes(lines, starts, shape):
-    """Places of the nodes: between disks that move against each other, and disks at rest between such."""
+    """Places of the nodes: between disks that move against each other, and disks at
+    rest between such.
+    """
     found, place, signs = [], {}, {}
     for start, way in zip(starts, lines, strict=False):
         for i, (a, b) in enumerate(zip(way, way[1:], strict=False)):
@@ -189,5 +325,7 @@ def mode_nodes(lines, starts, shape):
             for disk, other, at in ((a, b, start + i), (b, a, start + i + 1)):
                 place.setdefault(disk, at)
                 signs.setdefault(disk, set()).add(np.sign(shape[other]))
-    found += [place[disk] for disk in place if shape[disk] == 0 and {-1.0, 1.0} <= signs[disk]]
+    found += [
+        place[disk] for disk in place if shape[disk] == 0 and {-1.0, 1.0} <= signs[disk]
+    ]
     return [float(at) for at in found]

@@ -1,4 +1,6 @@
-"""Figures over the speed: forces or torques and the kind of motion, linear orders, numbers beside their limits."""
+"""Figures over the speed: forces or torques and the kind of motion, linear orders,
+numbers beside their limits.
+"""
 
 import dataclasses
 
@@ -36,57 +38,112 @@ BESIDE = 0.006  # share of the axis between the bars of two meshes at one speed
 
 
 def plot_sweep(sweeps):
-    """Largest tooth force and share of the time out of contact, mesh by mesh, over the speed.
+    """Largest tooth force and share of the time out of contact, mesh by mesh, over the
+    speed.
 
-    Markers tell the kind of motion, open ones downwards; without an answer there is a gap and a cross at the bottom. A
-    train without gears shows its hardest worked shaft or damper. Below stands what comes nearest to the limits of the
-    scene. ``sweeps`` are answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
+    Markers tell the kind of motion, open ones downwards; without an answer there is a
+    gap and a cross at the bottom. A train without gears shows its hardest worked shaft
+    or damper. Below stands what comes nearest to the limits of the scene. ``sweeps``
+    are answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
     """
-    cases = [Case(BLOCKS[way].lower() if len(sweeps) > 1 else "", answers) for way, answers in sweeps.items()]
+    cases = [
+        Case(BLOCKS[way].lower() if len(sweeps) > 1 else "", answers)
+        for way, answers in sweeps.items()
+    ]
     first = cases[0].answers
     train = first[0].train
     meshes = train.topology.mesh_names
     if meshes:
         figures = [
-            over_speed(forces(train), meshes, cases, "Largest tooth force, and the kind of motion"),
+            over_speed(
+                forces(train),
+                meshes,
+                cases,
+                "Largest tooth force, and the kind of motion",
+            ),
             over_speed(separation(train), meshes, cases, "Time out of contact"),
         ]
     else:
         torque, shaft = shaft_torques(train), hardest_shaft(first)
         sums = dataclasses.replace(torque, variable="torque_sum_of_amplitudes")
-        more = [line([answer.place for answer in first], sums.of(first, shaft), "sum of amplitudes", 3)]
-        caption = f"Vibratory torque of {plain(shaft)}, half peak-to-peak, and the kind of motion"
+        more = [
+            line(
+                [answer.place for answer in first],
+                sums.of(first, shaft),
+                "sum of amplitudes",
+                3,
+            )
+        ]
+        caption = (
+            f"Vibratory torque of {plain(shaft)}, half peak-to-peak, and the kind of"
+            " motion"
+        )
         figures = [over_speed(torque, [shaft], cases, caption, more=more)]
-    judged = {case.title: answers_strength(case.answers) for case in cases if first[0].axis == SPEED}
+    judged = {
+        case.title: answers_strength(case.answers)
+        for case in cases
+        if first[0].axis == SPEED
+    }
     limited = judged_elements(next(iter(judged.values()))) if judged else []
     figures += [limit_figure(judged, *chosen, train) for chosen in limited]
     return drawn(*figures, title=train_name(train.topology))
 
 
 def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
-    """Elements over the speed, case by case, with and without backlash; symbols tell the kind of motion.
+    """Elements over the speed, case by case, with and without backlash; symbols tell
+    the kind of motion.
 
-    Of one element every case has a look of its own; of several every element, with open symbols in the second case. A
-    quantity of no signal is drawn with backlash alone, as what has no linear motion beside it. ``more`` are further
-    traces, ``layout`` is for :func:`figure`.
+    Of one element every case has a look of its own; of several every element, with open
+    symbols in the second case. A quantity of no signal is drawn with backlash alone, as
+    what has no linear motion beside it. ``more`` are further traces, ``layout`` is for
+    :func:`figure`.
     """
     first, several = cases[0].answers, len(names) > 1
     places = [answer.place for answer in first]
-    backlash = quantity.of_signal and first[0].linear is not None and any(first[0].topology.mesh_backlash)
+    backlash = (
+        quantity.of_signal
+        and first[0].linear is not None
+        and any(first[0].topology.mesh_backlash)
+    )
     # Both directions have the same motion without backlash.
-    alike, traces, seen = all(case.answers[0].train is first[0].train for case in cases), [], []
+    alike, traces, seen = (
+        all(case.answers[0].train is first[0].train for case in cases),
+        [],
+        [],
+    )
     for place, name in enumerate(names):
         for number, case in enumerate(cases):
-            said = [plain(name)] * (several or not case.title) + [plain(case.title)] * bool(case.title)
+            said = [plain(name)] * (several or not case.title) + [
+                plain(case.title)
+            ] * bool(case.title)
             style = place if several else 2 * number
             values = quantity.of(case.answers, name)
-            traces.append(motion_line(case.answers, values, ", ".join(said), style, hollow=number > 0))
+            traces.append(
+                motion_line(
+                    case.answers, values, ", ".join(said), style, hollow=number > 0
+                )
+            )
             seen += zip(case.answers, values, strict=True)
             if backlash and (case is cases[0] or not alike):
                 said = "" if alike else f"{plain(case.title)}, "
-                style = {"style": place if several else 2 * number + 1, "showlegend": not (several and place)}
-                values, look = quantity.without(case.answers, name), {"width": 0.8} if several else {}
-                traces.append(line(places, values, f"{said}without backlash", look=look, alone=1, **style))
+                style = {
+                    "style": place if several else 2 * number + 1,
+                    "showlegend": not (several and place),
+                }
+                values, look = (
+                    quantity.without(case.answers, name),
+                    {"width": 0.8} if several else {},
+                )
+                traces.append(
+                    line(
+                        places,
+                        values,
+                        f"{said}without backlash",
+                        look=look,
+                        alone=1,
+                        **style,
+                    )
+                )
     traces += more
     axis = speed_range(places)
     if quantity.called == "tooth force" and names[0]:
@@ -97,32 +154,58 @@ def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
     traces += kind_keys(*(case.answers for case in cases))
     title = "speed, rpm" if first[0].axis == SPEED else first[0].axis.label
     caption = caption or f"{plain(names[0])}: {quantity.small_title}, {quantity.unit}"
-    return figure(caption, title, f"{quantity.called}, {quantity.unit}", traces, x_range=axis, **layout)
+    return figure(
+        caption,
+        title,
+        f"{quantity.called}, {quantity.unit}",
+        traces,
+        x_range=axis,
+        **layout,
+    )
 
 
 def _cycles(quantity, names, cases, beside):
-    """Bars from 5 to 95 % of the largest forces of a cycle, of motions that never repeat; one mesh beside the other."""
+    """Bars from 5 to 95 % of the largest forces of a cycle, of motions that never
+    repeat; one mesh beside the other.
+    """
     rows = [
-        (answer.place + beside * number, *quantity.factor * np.asarray(answer.force(name).per_cycle.peak)[[0, 2]])
+        (
+            answer.place + beside * number,
+            *quantity.factor * np.asarray(answer.force(name).per_cycle.peak)[[0, 2]],
+        )
         for number, name in enumerate(names)
         for answer in _irregular(cases)
     ]
     look = {"color": "#555555", "dash": "solid", "width": 5}
     said = "5 to 95 % of the cycles"
-    return [bars(*np.transpose(rows), said, look=look, opacity=0.45, hoverinfo="skip")] if rows else []
+    return (
+        [bars(*np.transpose(rows), said, look=look, opacity=0.45, hoverinfo="skip")]
+        if rows
+        else []
+    )
 
 
 def _irregular(cases):
     """Answers whose motion never repeats."""
     answers = (answer for case in cases for answer in case.answers)
-    return [answer for answer in answers if answer.answered and answer.state.kind == "irregular"]
+    return [
+        answer
+        for answer in answers
+        if answer.answered and answer.state.kind == "irregular"
+    ]
 
 
 def _spread(quantity, names, cases, width):
-    """Bars to where the numbers of other records of motions that never repeat may lie, in a list."""
+    """Bars to where the numbers of other records of motions that never repeat may lie,
+    in a list.
+    """
     answers = _irregular(cases)
     rows = [
-        (answer.place, quantity.factor * quantity.read(answer, name), quantity.spread(answer, name))
+        (
+            answer.place,
+            quantity.factor * quantity.read(answer, name),
+            quantity.spread(answer, name),
+        )
         for name in names
         for answer in answers
     ]
@@ -130,7 +213,9 @@ def _spread(quantity, names, cases, width):
 
 
 def plot_tolerance(spread):
-    """Every quantity over the speed: as the scene is, worst case found and bound, 5 to 95 % of a sample."""
+    """Every quantity over the speed: as the scene is, worst case found and bound, 5 to
+    95 % of a sample.
+    """
     title = f"{train_name(spread.train.topology)}: what the tolerances do"
     return drawn(*tolerance_figures(spread), title=title)
 
@@ -146,19 +231,29 @@ def tolerance_figures(spread):
         ]
         if np.isfinite(spread.bound[:, j]).any():
             look = {"width": 0.8, "dash": "dot"}
-            traces.append(line(rpm, factor * spread.bound[:, j], "at most", look=look, alone=2))
+            traces.append(
+                line(rpm, factor * spread.bound[:, j], "at most", look=look, alone=2)
+            )
         if len(spread.drawn):
-            low, middle, high = (factor * spread.percentile(q)[:, j] for q in (5, 50, 95))
+            low, middle, high = (
+                factor * spread.percentile(q)[:, j] for q in (5, 50, 95)
+            )
             look = {"color": "#555555", "dash": "solid", "width": 5}
-            traces.append(bars(rpm, low, high, "5 to 95 % of the sample", look=look, opacity=0.45))
+            traces.append(
+                bars(rpm, low, high, "5 to 95 % of the sample", look=look, opacity=0.45)
+            )
             traces.append(marks(rpm, middle, "median of the sample", "circle", size=5))
         title = f"{one.quantity}, {scaled_unit(one.quantity)[1]}".removesuffix(", ")
-        figures.append(figure(plain(name), "speed, rpm", title, traces, x_range=speed_range(rpm)))
+        figures.append(
+            figure(plain(name), "speed, rpm", title, traces, x_range=speed_range(rpm))
+        )
     return figures
 
 
 def plot_identified(found):
-    """Measured and computed amplitudes over the speed, a panel for each element, the largest orders of each."""
+    """Measured and computed amplitudes over the speed, a panel for each element, the
+    largest orders of each.
+    """
     rows, figures, names = found.measured, [], order_names(found.train)
     pairs = list(zip(rows.quantity, rows.element, strict=True))
     for quantity, element in dict.fromkeys(pairs):
@@ -166,33 +261,67 @@ def plot_identified(found):
         factor, unit = shown_unit(UNITS[quantity])
         known = np.where(found.kept, factor, np.nan)
         orders = rows.order.astype(str)
-        largest = {order: rows.amplitude[own & (orders == order)].max() for order in orders[own]}
+        largest = {
+            order: rows.amplitude[own & (orders == order)].max()
+            for order in orders[own]
+        }
         traces = []
-        for style, order in enumerate(sorted(largest, key=lambda one: -largest[one])[:MOST]):
+        for style, order in enumerate(
+            sorted(largest, key=lambda one: -largest[one])[:MOST]
+        ):
             at = np.flatnonzero(own & (orders == order))
             at = at[np.argsort(rows.rpm[at])]
-            said = "sum of all orders" if order == "nan" else f"order {names.number(float(order))}"
+            said = (
+                "sum of all orders"
+                if order == "nan"
+                else f"order {names.number(float(order))}"
+            )
             for computed, name, look in (
                 (found.computed, "fitted", {}),
                 (found.before_computed, "scene", {"width": 0.8, "dash": "dot"}),
             ):
-                traces.append(line(rows.rpm[at], known[at] * np.abs(computed[at]), f"{said}, {name}", style, look=look))
-            traces.append(marks(rows.rpm[at], factor * rows.amplitude[at], f"{said}, measured", SYMBOLS[style], size=6))
-        caption, axis = f"{quantity} of {plain(element)}: amplitudes", speed_range(np.unique(rows.rpm))
-        figures.append(figure(caption, "speed, rpm", f"{quantity}, {unit}", traces, x_range=axis))
-    return drawn(*figures, title=f"{train_name(found.train.topology)}: measured and computed")
+                traces.append(
+                    line(
+                        rows.rpm[at],
+                        known[at] * np.abs(computed[at]),
+                        f"{said}, {name}",
+                        style,
+                        look=look,
+                    )
+                )
+            traces.append(
+                marks(
+                    rows.rpm[at],
+                    factor * rows.amplitude[at],
+                    f"{said}, measured",
+                    SYMBOLS[style],
+                    size=6,
+                )
+            )
+        caption, axis = (
+            f"{quantity} of {plain(element)}: amplitudes",
+            speed_range(np.unique(rows.rpm)),
+        )
+        figures.append(
+            figure(caption, "speed, rpm", f"{quantity}, {unit}", traces, x_range=axis)
+        )
+    return drawn(
+        *figures, title=f"{train_name(found.train.topology)}: measured and computed"
+    )
 
 
 MOST = 4  # elements, or orders, in one picture
 
 
 def plot_forced(cases, found, worst=None):
-    """Half peak-to-peak, sum of amplitudes and the largest orders of up to four elements over the speed; limits.
+    """Half peak-to-peak, sum of amplitudes and the largest orders of up to four
+    elements over the speed; limits.
 
-    Of more than four readings ``found`` the shaft and the mesh that swing most are drawn. Below stand stresses, tooth
-    torques and heat beside their limits, of the elements drawn or of what comes nearest. ``cases`` are responses by the
-    cylinder that does not fire; of several the ``worst`` misfire (:func:`jaxhb.report.text.forced.worst_of`) adds its
-    half peak-to-peak.
+    Of more than four readings ``found`` the shaft and the mesh that swing most are
+    drawn. Below stand stresses, tooth torques and heat beside their limits, of the
+    elements drawn or of what comes nearest. ``cases`` are responses by the cylinder
+    that does not fire; of several the ``worst`` misfire
+    (:func:`jaxhb.report.text.forced.worst_of`) adds its half peak-to-peak.
     """
     response = cases[""]
     certain = np.asarray(response.converged)
@@ -208,34 +337,56 @@ def plot_forced(cases, found, worst=None):
         return {case_title(cases[cylinder].train, cylinder): cases[cylinder]}
 
     figures = [orders_figure(response, one, beside(one.name)) for one in chosen]
-    for kind, name in judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST):
+    for kind, name in judged_elements(
+        judged, {one.name for one in found}, each=len(found) <= MOST
+    ):
         others = {title: strength(other) for title, other in beside(name).items()}
         figures.append(limit_figure({"": judged} | others, kind, name, response.train))
     return drawn(*figures, title=train_name(response.topology))
 
 
 def orders_figure(response, element, misfires, title=""):
-    """Synthesis, sum and main orders of an element, a Reading, over the speed; gaps and crosses without an answer.
+    """Synthesis, sum and main orders of an element, a Reading, over the speed; gaps and
+    crosses without an answer.
 
-    misfires : responses by title, whose half peak-to-peak stands beside it; title : of the case
+    misfires : responses by title, whose half peak-to-peak stands beside it; title : of
+    the case
     """
     factor, unit = element.shown
     signal, rpm = element.of(response).signal, response.rpm
     converged = np.asarray(response.converged)
     certain = np.where(converged, factor, np.nan)
     traces = [
-        line(rpm, certain * signal.half_peak_to_peak, "half peak-to-peak", look={"width": 2.4}),
+        line(
+            rpm,
+            certain * signal.half_peak_to_peak,
+            "half peak-to-peak",
+            look={"width": 2.4},
+        ),
         line(rpm, certain * signal.sum_of_amplitudes, "sum of amplitudes", 3),
     ]
     for called, other in misfires.items():
-        own = np.where(other.converged, factor, np.nan) * element.of(other).signal.half_peak_to_peak
+        own = (
+            np.where(other.converged, factor, np.nan)
+            * element.of(other).signal.half_peak_to_peak
+        )
         traces.append(line(rpm, own, f"half peak-to-peak, {plain(called)}", 1))
     names = order_names(response.train)
     for number, k in enumerate(element.main()):
-        marker = {"symbol": SYMBOLS[number % len(SYMBOLS)], "size": 6, "maxdisplayed": 12}
+        marker = {
+            "symbol": SYMBOLS[number % len(SYMBOLS)],
+            "size": 6,
+            "maxdisplayed": 12,
+        }
         more = {"mode": "lines+markers", "marker": marker, "look": {"width": 1.0}}
         traces.append(
-            line(rpm, certain * signal.amplitudes[:, k], f"order {names.number(signal.orders[k])}", 2 + number, **more)
+            line(
+                rpm,
+                certain * signal.amplitudes[:, k],
+                f"order {names.number(signal.orders[k])}",
+                2 + number,
+                **more,
+            )
         )
     traces += crosses(rpm[~converged])
     layout = {"x_range": speed_range(rpm), "height": 220}  # as the limits below it
@@ -245,58 +396,110 @@ def orders_figure(response, element, misfires, title=""):
 
 
 def hardest_elements(found):
-    """The shaft and the mesh with the largest half peak-to-peak, without either the disk."""
-    kinds = {kind: [one for one in found if one.kind == kind] for kind in ("shafts", "meshes")}
+    """The shaft and the mesh with the largest half peak-to-peak, without either the
+    disk.
+    """
+    kinds = {
+        kind: [one for one in found if one.kind == kind]
+        for kind in ("shafts", "meshes")
+    }
     kinds = [own for own in kinds.values() if own] or [found]
-    return [max(own, key=lambda one: np.max(one.signal.half_peak_to_peak)) for own in kinds]
+    return [
+        max(own, key=lambda one: np.max(one.signal.half_peak_to_peak)) for own in kinds
+    ]
 
 
 def judged_elements(found, names=None, *, each=False):
-    """What has a panel, as (key of LIMITED, name), of the elements ``names`` or of all: of each kind that with the
-    largest share of its limit, without limits that with the largest number, or ``each``."""
+    """What has a panel, as (key of LIMITED, name), of the elements ``names`` or of all:
+    of each kind that with the largest share of its limit, without limits that with the
+    largest number, or ``each``.
+    """
     chosen = []
     for key, kind in LIMITED.items():
-        rows = {name: row for name, row in getattr(found, key).items() if names is None or name in names}
+        rows = {
+            name: row
+            for name, row in getattr(found, key).items()
+            if names is None or name in names
+        }
 
         def most(name, kind=kind, rows=rows):
             share, place = kind.worst(rows[name])
-            return np.nan_to_num(share, nan=-1.0), 0.0 if place is None else getattr(rows[name], kind.field)[place]
+            return np.nan_to_num(share, nan=-1.0), (
+                0.0 if place is None else getattr(rows[name], kind.field)[place]
+            )
 
-        chosen += [(key, name) for name in (rows if each or not rows else [max(rows, key=most)])]
+        chosen += [
+            (key, name)
+            for name in (rows if each or not rows else [max(rows, key=most)])
+        ]
     return chosen
 
 
 def limit_figure(judged, key, name, train):
-    """One element of :func:`judged_elements` against its limits; what is barred is shaded.
+    """One element of :func:`judged_elements` against its limits; what is barred is
+    shaded.
 
-    judged : one :class:`jaxhb.Strength` or more of the same speeds and limits, by the titles of their cases; train : as
-    it runs, whose limits are drawn with their steps between the speeds
+    judged : one :class:`jaxhb.Strength` or more of the same speeds and limits, by the
+    titles of their cases; train : as it runs, whose limits are drawn with their steps
+    between the speeds
     """
     kind, first, traces = LIMITED[key], next(iter(judged.values())), []
     called, (factor, unit) = kind.called, kind.shown
     for number, (title, found) in enumerate(judged.items()):
-        values = factor * np.asarray(getattr(getattr(found, key)[name], kind.field), float)
+        values = factor * np.asarray(
+            getattr(getattr(found, key)[name], kind.field), float
+        )
         said = f"{called}, {plain(title)}".removesuffix(", ")
-        traces.append(line(found.rpm, values, said, number, mode="lines+markers" if len(values) <= MARKED else "lines"))
+        traces.append(
+            line(
+                found.rpm,
+                values,
+                said,
+                number,
+                mode="lines+markers" if len(values) <= MARKED else "lines",
+            )
+        )
     speeds, limits = _limits(first, key, name, train)
-    for number, (values, said) in enumerate(zip(limits, kind.limits.values(), strict=True)):
+    for number, (values, said) in enumerate(
+        zip(limits, kind.limits.values(), strict=True)
+    ):
         if values is not None:
             values = factor * np.broadcast_to(values, np.shape(speeds))
-            traces.append(line(speeds, values, said, 2 + number, look={"color": "black"}))
-    doubtful = [own for found in judged.values() for own in _unconfirmed(found, factor, key, name, kind.field)]
+            traces.append(
+                line(speeds, values, said, 2 + number, look={"color": "black"})
+            )
+    doubtful = [
+        own
+        for found in judged.values()
+        for own in _unconfirmed(found, factor, key, name, kind.field)
+    ]
     traces += rings(*zip(*doubtful, strict=True)) if doubtful else []
-    barred = [one for found in judged.values() for one in found.barred.get(name, ())] if key == "stresses" else []
-    shaded = "; grey: barred" + " in one of these cases" * (len(judged) > 1) if barred else ""
+    barred = (
+        [one for found in judged.values() for one in found.barred.get(name, ())]
+        if key == "stresses"
+        else []
+    )
+    shaded = (
+        "; grey: barred" + " in one of these cases" * (len(judged) > 1)
+        if barred
+        else ""
+    )
     drawn_limits = sum(values is not None for values in limits)
     against = f" against its limit{'s' * (drawn_limits > 1)}" if drawn_limits else ""
     caption = f"{plain(name)}: {called}{against}, {unit}{shaded}"
-    layout = {"x_range": speed_range(first.rpm), "height": 180, "shapes": bands([(b.low, b.high) for b in barred])}
+    layout = {
+        "x_range": speed_range(first.rpm),
+        "height": 180,
+        "shapes": bands([(b.low, b.high) for b in barred]),
+    }
     return figure(caption, "speed, rpm", f"{called}, {unit}", traces, **layout)
 
 
 def _limits(found, key, name, train):
-    """Speeds and the limits of an element there: those of stresses at the speeds of a :class:`jaxhb.Strength` and on
-    both sides of every step and corner that their rule has between them."""
+    """Speeds and the limits of an element there: those of stresses at the speeds of a
+    :class:`jaxhb.Strength` and on both sides of every step and corner that their rule
+    has between them.
+    """
     row, kind = getattr(found, key)[name], LIMITED[key]
     if key != "stresses" or row.continuous is None:
         return found.rpm, [getattr(row, limit) for limit in kind.limits]
@@ -312,4 +515,8 @@ def _unconfirmed(found, factor, key, name, field):
     if found.unconfirmed is None:
         return []
     values = factor * np.asarray(getattr(getattr(found, key)[name], field), float)
-    return [(rpm, value) for rpm, value, doubt in zip(found.rpm, values, found.unconfirmed, strict=True) if doubt]
+    return [
+        (rpm, value)
+        for rpm, value, doubt in zip(found.rpm, values, found.unconfirmed, strict=True)
+        if doubt
+    ]

@@ -1,19 +1,31 @@
-"""Ways through the disks of a train along its links, as one would draw it: the longest, then branches."""
+"""Ways through the disks of a train along its links, as one would draw it: the longest,
+then branches.
+"""
 
 from jaxhb.train.chain import span
 from jaxhb.train.connections import breadth_first, neighbours
 
 
 def joined(topology, links):
-    """Neighbours of every disk by some links of the train, without those that close a loop: (other, link)."""
+    """Neighbours of every disk by some links of the train, without those that close a
+    loop: (other, link).
+    """
     every = range(len(topology.link_ends))
-    return neighbours(topology.link_ends, topology.n_disks, {*every} - {*links} | {*span(topology).loops.tolist()})
+    return neighbours(
+        topology.link_ends,
+        topology.n_disks,
+        {*every} - {*links} | {*span(topology).loops.tolist()},
+    )
 
 
 def ways(near, start, *, through=False):
-    """Ways through the disks that hang on ``start``, on which every link lies once: the longest, or the longest from
-    ``start`` if it has to lie on the first; then branches, each from a disk of an earlier way."""
-    first = _longest(near, _longest(near, start)[-1])  # in a tree what is farthest from any is an end of a longest way
+    """Ways through the disks that hang on ``start``, on which every link lies once: the
+    longest, or the longest from ``start`` if it has to lie on the first; then branches,
+    each from a disk of an earlier way.
+    """
+    first = _longest(
+        near, _longest(near, start)[-1]
+    )  # in a tree what is farthest from any is an end of a longest way
     if through and start not in first:
         first = _longest(near, start)
     # As the scene runs, whichever end the search began at.
@@ -21,7 +33,11 @@ def ways(near, start, *, through=False):
     placed = set(first)
     for way in found:
         for disk in way:
-            while branches := [_longest(near, other, placed) for other, _ in near[disk] if other not in placed]:
+            while branches := [
+                _longest(near, other, placed)
+                for other, _ in near[disk]
+                if other not in placed
+            ]:
                 found.append([disk, *max(branches, key=len)])
                 placed.update(found[-1])
     return found
@@ -38,13 +54,17 @@ def _longest(near, start, taken=()):
 
 
 def train_lines(topology):
-    """Ways along the train, lists of disks, on which every link lies once: the longest, then branches from where they
-    leave, then links that close a loop.
+    """Ways along the train, lists of disks, on which every link lies once: the longest,
+    then branches from where they leave, then links that close a loop.
 
     >>> import jaxhb
     >>> topology = jaxhb.load_scene("engine_with_damper").topology
-    >>> [[topology.disk_names[disk] for disk in way] for way in train_lines(topology)][2:]
+    >>> [[topology.disk_names[disk] for disk in way] for way in train_lines(topology)][
+    ...     2:
+    ... ]
     [['idler', 'cam gear', 'camshaft'], ['hub', 'viscous damper']]
     """
     found = ways(joined(topology, range(len(topology.link_ends))), 0)
-    return found + [list(topology.link_ends[link]) for link in span(topology).loops.tolist()]
+    return found + [
+        list(topology.link_ends[link]) for link in span(topology).loops.tolist()
+    ]

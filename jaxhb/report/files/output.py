@@ -1,4 +1,6 @@
-"""Files that appear whole or not at all, standard output among them, and refusals before anything is computed."""
+"""Files that appear whole or not at all, standard output among them, and refusals
+before anything is computed.
+"""
 
 import contextlib
 import csv
@@ -15,30 +17,55 @@ from jaxhb._files import clear_parts, write_whole
 ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
 STANDARD_OUTPUT = "-"
 STREAMED = ("--json", "--csv", "--trace")  # options whose file may be standard output
-_CHANGES = {"scenario": lambda name: name, "set": dict, "links_at": dict, "viscous": lambda hz: hz, "misfire": list}
+_CHANGES = {
+    "scenario": lambda name: name,
+    "set": dict,
+    "links_at": dict,
+    "viscous": lambda hz: hz,
+    "misfire": list,
+}
 _CHANGES |= {"cut_off": list}
 
 
 class OutputError(ValueError):
-    """A file that cannot be written, or a picture that cannot be drawn: a sentence for the user."""
+    """A file that cannot be written, or a picture that cannot be drawn: a sentence for
+    the user.
+    """
 
 
 def check_output(option, name, inputs):
-    """Refuse a path that cannot be written, or is one of ``inputs``, before the work is done."""
+    """Refuse a path that cannot be written, or is one of ``inputs``, before the work is
+    done.
+    """
     if name == STANDARD_OUTPUT and option in STREAMED:
         return
     path = Path(name).resolve()
     if not path.parent.is_dir():
-        raise OutputError(f"{option}: there is no folder {str(path.parent)!r}. Make it, or give another path.")
+        raise OutputError(
+            f"{option}: there is no folder {str(path.parent)!r}. Make it, or give"
+            " another path."
+        )
     if path.is_dir():
         raise OutputError(f"{option}: {name!r} is a folder. Give the name of a file.")
     if path.exists() and not path.is_file():
-        instead = f", or {STANDARD_OUTPUT} for standard output" if option in STREAMED else ""
-        raise OutputError(f"{option}: {name!r} is a device or a pipe. Give the name of a file{instead}.")
-    if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
-        raise OutputError(f"{option}: {name!r} cannot be written. Give a path where you may write.")
+        instead = (
+            f", or {STANDARD_OUTPUT} for standard output" if option in STREAMED else ""
+        )
+        raise OutputError(
+            f"{option}: {name!r} is a device or a pipe. Give the name of a"
+            f" file{instead}."
+        )
+    if not os.access(path.parent, os.W_OK) or (
+        path.exists() and not os.access(path, os.W_OK)
+    ):
+        raise OutputError(
+            f"{option}: {name!r} cannot be written. Give a path where you may write."
+        )
     if path.exists() and any(path.samefile(read) for read in inputs):
-        raise OutputError(f"{option}: {name!r} is read by this command and would be lost. Give another name.")
+        raise OutputError(
+            f"{option}: {name!r} is read by this command and would be lost. Give"
+            " another name."
+        )
 
 
 def make_folders(names):
@@ -49,9 +76,13 @@ def make_folders(names):
 
 
 def write_files(contents):
-    """Write all files of ``{name: bytes or an iterable of them}`` or none; what is named "-" goes to standard output,
-    after them."""
-    contents = {name: [content] if isinstance(content, bytes) else content for name, content in contents.items()}
+    """Write all files of ``{name: bytes or an iterable of them}`` or none; what is
+    named "-" goes to standard output, after them.
+    """
+    contents = {
+        name: [content] if isinstance(content, bytes) else content
+        for name, content in contents.items()
+    }
     streamed = contents.pop(STANDARD_OUTPUT, None)
     for path in map(Path, contents):
         clear_parts(path.resolve().parent, glob.escape(path.resolve().name))
@@ -67,12 +98,16 @@ def _sentence(name=None):
     try:
         yield
     except OSError as error:
-        raise OutputError(f"{name or error.filename!r} cannot be written: {error.strerror}.") from None
+        raise OutputError(
+            f"{name or error.filename!r} cannot be written: {error.strerror}."
+        ) from None
 
 
 def as_json(record, **lists):
-    """The file of a record (see :func:`jaxhb.report.files.numbers.answer_record`), behind which stand ``lists`` that
-    hold, or generate, records as :func:`as_bytes` makes them."""
+    """The file of a record (see :func:`jaxhb.report.files.numbers.answer_record`),
+    behind which stand ``lists`` that hold, or generate, records as :func:`as_bytes`
+    makes them.
+    """
     yield as_bytes(record)[:-1]
     for key, records in lists.items():
         yield b", " + as_bytes(key) + b": ["
@@ -88,7 +123,9 @@ def as_bytes(record):
 
 
 def _plain(value):
-    """The same nest with lists for arrays, None for every number that is not finite (JSON has no nan), 0 of no sign."""
+    """The same nest with lists for arrays, None for every number that is not finite
+    (JSON has no nan), 0 of no sign.
+    """
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if hasattr(value, "tolist"):
@@ -101,20 +138,28 @@ def _plain(value):
 
 
 def as_csv(heads, rows):
-    """The file of a table, numbers in full precision, cells of what is not finite empty, texts no formulae."""
-    from jaxhb.scene.csv_tables import guarded  # not before the help of a command is printed
+    """The file of a table, numbers in full precision, cells of what is not finite
+    empty, texts no formulae.
+    """
+    from jaxhb.scene.csv_tables import (
+        guarded,
+    )  # not before the help of a command is printed
 
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     for cells in [heads, *_plain(list(rows))]:
-        writer.writerow([guarded(cell) if isinstance(cell, str) else cell for cell in cells])
+        writer.writerow(
+            [guarded(cell) if isinstance(cell, str) else cell for cell in cells]
+        )
     return [text.getvalue().encode()]
 
 
 def rows_csv(rows, missing=None):
     """The file of rows by heads, in which what a row does not have is ``missing``."""
     heads = dict.fromkeys(head for row in rows for head in row)
-    return as_csv(list(heads), [[row.get(head, missing) for head in heads] for row in rows])
+    return as_csv(
+        list(heads), [[row.get(head, missing) for head in heads] for row in rows]
+    )
 
 
 def as_picture(name, figure):
@@ -126,23 +171,33 @@ def as_picture(name, figure):
 
 def changes(arguments):
     """What was changed in the scene, for the files."""
-    return {option: made(getattr(arguments, option)) for option, made in _CHANGES.items() if hasattr(arguments, option)}
+    return {
+        option: made(getattr(arguments, option))
+        for option, made in _CHANGES.items()
+        if hasattr(arguments, option)
+    }
 
 
 def changed_text(arguments):
     """What was changed in the scene, as it was typed: a line, "" where nothing was."""
     said = []
     for option, value in changes(arguments).items():
-        rows = [f"{key}={one}" for key, one in value.items()] if isinstance(value, dict) else value
+        rows = (
+            [f"{key}={one}" for key, one in value.items()]
+            if isinstance(value, dict)
+            else value
+        )
         rows = rows if isinstance(rows, list) else [str(rows)] * (rows is not None)
         said += [f"--{option.replace('_', '-')} {one!r}" for one in rows]
     return f"Asked with {', '.join(said)}." if said else ""
 
 
 def deliver(arguments, text, **makers):
-    """Make all that was asked for, then write it, then print, unless a file is standard output; all or nothing.
+    """Make all that was asked for, then write it, then print, unless a file is standard
+    output; all or nothing.
 
-    Of a record, what is in ``json``, the file tells too what was changed in the scene; ``plot`` is a matplotlib figure.
+    Of a record, what is in ``json``, the file tells too what was changed in the scene;
+    ``plot`` is a matplotlib figure.
     """
     given = vars(arguments)
     made = {option: make() for option, make in makers.items() if given.get(option)}

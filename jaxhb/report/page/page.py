@@ -1,11 +1,19 @@
-"""The page of a report: one HTML file without a network, to be printed and signed. The only importer of plotly."""
+"""The page of a report: one HTML file without a network, to be printed and signed. The
+only importer of plotly.
+"""
 
 import sys
 from typing import NamedTuple
 
 from jaxhb.report.page.judgement import accuracy, limits, notes_of, result
 from jaxhb.report.page.linear import campbell, forced, modes
-from jaxhb.report.page.motion import forces_over_speed, motions, one_speed, second_design, swings
+from jaxhb.report.page.motion import (
+    forces_over_speed,
+    motions,
+    one_speed,
+    second_design,
+    swings,
+)
 from jaxhb.report.page.parts import environment
 from jaxhb.report.page.train import assumptions, train_data
 from jaxhb.report.quantities import angles, gear_torques, heat, shaft_torques
@@ -21,7 +29,8 @@ PARTS = {
     "Tooth forces": forces_over_speed,
     "Torques of gears": lambda report: swings(gear_torques(report.train), report.shown),
     "Torques of shafts and dampers": lambda report: swings(
-        (shaft_torques if report.train.topology.link_names else angles)(report.train), report.shown
+        (shaft_torques if report.train.topology.link_names else angles)(report.train),
+        report.shown,
     ),
     "Heat of dampers": lambda report: swings(heat(report.train), report.shown),
     "One speed in full": one_speed,
@@ -31,8 +40,10 @@ PARTS = {
     "Accuracy and computed bounds": accuracy,
     "Notes": notes_of,
 }
-"""The parts of the page by their titles and in its order: functions of the report to a list of blocks (words, headings,
-tables, figures), an empty one where the part does not concern the train."""
+"""The parts of the page by their titles and in its order: functions of the report to a
+list of blocks (words, headings, tables, figures), an empty one where the part does not
+concern the train.
+"""
 
 
 class Part(NamedTuple):
@@ -45,17 +56,25 @@ class Part(NamedTuple):
 
 
 def as_page(report):
-    """The page of a :class:`Report` as the bytes of a file, and whether every part of it could be made; scripts, styles
-    and numbers are inside, nothing is loaded when it is opened."""
+    """The page of a :class:`Report` as the bytes of a file, and whether every part of
+    it could be made; scripts, styles and numbers are inside, nothing is loaded when it
+    is opened.
+    """
     from plotly.offline import get_plotlyjs
 
     parts = parts_of(report, PARTS)
-    text = environment().get_template("page.html").render(parts=parts, report=report, script=get_plotlyjs())
+    text = (
+        environment()
+        .get_template("page.html")
+        .render(parts=parts, report=report, script=get_plotlyjs())
+    )
     return [text.encode()], not any(part.failed for part in parts)
 
 
 def parts_of(report, sources):
-    """All parts that concern the train; what fails is a sentence in the part, and on stderr."""
+    """All parts that concern the train; what fails is a sentence in the part, and on
+    stderr.
+    """
     found, show = [], environment().get_template("show.html").module.show
     for title, gather in sources.items():
         try:
@@ -64,7 +83,9 @@ def parts_of(report, sources):
         except Exception as error:  # whatever it is, the other parts are of use
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
             said = f"{kind}{error or 'no reason given'}"
-            print(f"--html: {title!r} is missing from the page: {said}", file=sys.stderr)
+            print(
+                f"--html: {title!r} is missing from the page: {said}", file=sys.stderr
+            )
             blocks, failed = [f"This part could not be made: {said}"], True
             html = show(blocks[0])
         found += [Part(title, html, blocks, failed)] if blocks else []

@@ -1,4 +1,6 @@
-"""What was computed for a page, how tables of its parts are made, and its templates. The only importer of jinja2."""
+"""What was computed for a page, how tables of its parts are made, and its templates.
+The only importer of jinja2.
+"""
 
 import math
 import re
@@ -26,15 +28,15 @@ class Sketch(str):
 class Report:
     """What was computed for a page.
 
-    cases : the train as it runs, then with misfires, at the same speeds
-    place : number of the speed that is shown in full, which the user may have ``asked`` for
-    gear : whose torque is shown over the cycle
-    seconds : another design at the same speeds as it runs, then with the misfire that is shown, if it can have it
-    tuning : words and tables that tell how it was found
-    tolerances : figures, words and tables on what the tolerances of the scene do
-    facts : where the page comes from; description, scene : what the scene says that it is, and its text
-    elements, second_elements : what the scenes say of both designs, see :func:`elements_of`
-    files : names of the files that torques and cylinders take their rows from, see :func:`element_files`
+    cases : the train as it runs, then with misfires, at the same speeds place : number
+    of the speed that is shown in full, which the user may have ``asked`` for gear :
+    whose torque is shown over the cycle seconds : another design at the same speeds as
+    it runs, then with the misfire that is shown, if it can have it tuning : words and
+    tables that tell how it was found tolerances : figures, words and tables on what the
+    tolerances of the scene do facts : where the page comes from; description, scene :
+    what the scene says that it is, and its text elements, second_elements : what the
+    scenes say of both designs, see :func:`elements_of` files : names of the files that
+    torques and cylinders take their rows from, see :func:`element_files`
     """
 
     cases: list[Case]
@@ -51,8 +53,12 @@ class Report:
     second_elements: dict = field(default_factory=dict)
     files: dict = field(default_factory=dict)
 
-    train = property(lambda self: self.cases[0].answers[0].train, doc="The train as it runs.")
-    rpm = property(lambda self: [answer.rpm for answer in self.cases[0].answers], doc="Speeds.")
+    train = property(
+        lambda self: self.cases[0].answers[0].train, doc="The train as it runs."
+    )
+    rpm = property(
+        lambda self: [answer.rpm for answer in self.cases[0].answers], doc="Speeds."
+    )
 
     @property
     def shown(self):
@@ -62,16 +68,24 @@ class Report:
 
 
 def shown_misfire(cases):
-    """The misfire that the page shows beside normal running, the worst; None without one."""
+    """The misfire that the page shows beside normal running, the worst; None without
+    one.
+    """
     if len(cases) <= 2:
         return cases[1] if len(cases) == 2 else None
     worst = worst_misfire(cases)
-    known = (case for case in cases[1:] if worst and cylinder_of(case.title) == worst["cylinder"])
+    known = (
+        case
+        for case in cases[1:]
+        if worst and cylinder_of(case.title) == worst["cylinder"]
+    )
     return next(known, cases[1])
 
 
 def table(title, rows, heads, digits=6):
-    """A :class:`Table` of rows of words and numbers, nan where there is none; None without rows."""
+    """A :class:`Table` of rows of words and numbers, nan where there is none; None
+    without rows.
+    """
 
     def cell(value):
         if isinstance(value, str):
@@ -82,12 +96,15 @@ def table(title, rows, heads, digits=6):
 
 
 def flowing(text):
-    """A text in which lines that are full are no lines of their own: the page breaks them where it likes.
+    """A text in which lines that are full are no lines of their own: the page breaks
+    them where it likes.
 
     >>> flowing(f"{'long ' * 20}\\ngoes on\\n  an item").splitlines()[1:]
     ['  an item']
     """
-    return re.sub(rf"^(?!  )(.{{{FULL},}}?)[ ]*\n(?!  )", r"\1 ", text, flags=re.MULTILINE)
+    return re.sub(
+        rf"^(?!  )(.{{{FULL},}}?)[ ]*\n(?!  )", r"\1 ", text, flags=re.MULTILINE
+    )
 
 
 def environment():
@@ -95,9 +112,19 @@ def environment():
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     blocks = {"trim_blocks": True, "lstrip_blocks": True}
-    made = Environment(loader=PackageLoader(__package__, "."), autoescape=True, undefined=StrictUndefined, **blocks)
+    made = Environment(
+        loader=PackageLoader(__package__, "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        **blocks,
+    )
     made.filters |= {"words": _words, "css": _css_text}
-    for name, kind in {"table": Table, "drawn": Figure, "heading": Heading, "sketch": Sketch}.items():
+    for name, kind in {
+        "table": Table,
+        "drawn": Figure,
+        "heading": Heading,
+        "sketch": Sketch,
+    }.items():
         made.tests[name] = lambda block, kind=kind: isinstance(block, kind)
     made.globals |= {"most": ROWS}
     made.policies["json.dumps_kwargs"] = {"allow_nan": False, "ensure_ascii": False}
@@ -108,9 +135,16 @@ def _words(table):
     """Numbers of the columns that hold words, which stand at the left."""
     columns = enumerate(table.columns)
     word = re.compile("[A-Za-z]{2}|^[A-Za-z]")
-    return {0, *table.left, *(i for i, column in columns if any(map(word.search, column)))}
+    return {
+        0,
+        *table.left,
+        *(i for i, column in columns if any(map(word.search, column))),
+    }
 
 
 def _css_text(text):
     """A text inside quotes in a style sheet."""
-    return "".join(char if char.isalnum() or char in " .,-()" else f"\\{ord(char):x} " for char in text)
+    return "".join(
+        char if char.isalnum() or char in " .,-()" else f"\\{ord(char):x} "
+        for char in text
+    )

@@ -1,1 +1,3 @@
-"""Answers as text, and the plain numbers and rows behind it. Answers go in; sentences, tables and records come out."""
+"""Answers as text, and the plain numbers and rows behind it. Answers go in; sentences,
+tables and records come out.
+"""

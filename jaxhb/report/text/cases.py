@@ -1,17 +1,46 @@
-"""One speed as text, and several cases of it side by side: verdicts, and tables of elements as specifications."""
+"""One speed as text, and several cases of it side by side: verdicts, and tables of
+elements as specifications.
+"""
 
 import math
 from dataclasses import dataclass
 
 from jaxhb.report import quantities
 from jaxhb.report.answer import Case
-from jaxhb.report.quantities import WITHOUT, Quantity, number, number_for_people, shown_unit, unit_of
+from jaxhb.report.quantities import (
+    WITHOUT,
+    Quantity,
+    number,
+    number_for_people,
+    shown_unit,
+    unit_of,
+)
 from jaxhb.report.selection import cylinder_of, train_name
 from jaxhb.report.text.certified import certificate_text
-from jaxhb.report.text.columns import NONE, count, from_rows, hit, irregular, percent, ratio
+from jaxhb.report.text.columns import (
+    NONE,
+    count,
+    from_rows,
+    hit,
+    irregular,
+    percent,
+    ratio,
+)
 from jaxhb.report.text.mean_torques import balance_line, mean_angles_of
-from jaxhb.report.text.sentences import firing_lines, misfire_text, motion_word, notes_text, status_lines, verdict
-from jaxhb.report.text.strength import answers_strength, at_same_speed, largest_shares, strength_text
+from jaxhb.report.text.sentences import (
+    firing_lines,
+    misfire_text,
+    motion_word,
+    notes_text,
+    status_lines,
+    verdict,
+)
+from jaxhb.report.text.strength import (
+    answers_strength,
+    at_same_speed,
+    largest_shares,
+    strength_text,
+)
 from jaxhb.results.dataset import names_of
 from jaxhb.results.record import PERCENT
 
@@ -20,7 +49,10 @@ RPM, _ = shown_unit("rad/s")
 
 def against(variable):
     """Reader of a number and of the same without backlash."""
-    return lambda answer, name: (number(answer, name, variable), number(answer.without_backlash, name, variable))
+    return lambda answer, name: (
+        number(answer, name, variable),
+        number(answer.without_backlash, name, variable),
+    )
 
 
 def _driver(answer, name):
@@ -43,7 +75,10 @@ def _swings(signal):
 
 
 def _linear_swings(signal):
-    return ("half peak-to-peak", f"{signal}_half_peak_to_peak"), ("sum of amplitudes", f"{signal}_sum_of_amplitudes")
+    return ("half peak-to-peak", f"{signal}_half_peak_to_peak"), (
+        "sum of amplitudes",
+        f"{signal}_sum_of_amplitudes",
+    )
 
 
 FORCES = (
@@ -62,97 +97,184 @@ CONTACT = (
     ("driven by", _driver, str),
 )
 SPEEDS = (
-    ("mean", lambda answer, name: RPM * number(answer, name, "speed_mean"), "{:.6g}".format),
+    (
+        "mean",
+        lambda answer, name: RPM * number(answer, name, "speed_mean"),
+        "{:.6g}".format,
+    ),
     ("half p-p", "speed_half_peak_to_peak"),
     ("irregularity %", "irregularity", irregular),
     ("acceleration", "acceleration_half_peak_to_peak", "rad/s2"),
 )
-"""Columns of tables: head, variable of a data set or a reader of (answer, name), and how it is written: as a rule with
-the decimals of the others, in the unit for people."""
+"""Columns of tables: head, variable of a data set or a reader of (answer, name), and
+how it is written: as a rule with the decimals of the others, in the unit for people.
+"""
 
 
 def element_table(title, element, specs, *answers, names=None, groups=()):
-    """A row for every element of a kind or of those ``names``, the columns of ``specs`` for every answer."""
-    heads, rows = [element], [[name] for name in names or names_of(answers[0].topology)[element]]
+    """A row for every element of a kind or of those ``names``, the columns of ``specs``
+    for every answer.
+    """
+    heads, rows = (
+        [element],
+        [[name] for name in names or names_of(answers[0].topology)[element]],
+    )
     for place, answer in enumerate(answers):
         for head, read, *write in specs:
             way = write[0] if write else "number"
             heads.append((head, way if callable(way) else (place, way)))
-            factor = 1.0 if callable(read) or callable(way) else shown_unit(unit_of(read))[0]
+            factor = (
+                1.0 if callable(read) or callable(way) else shown_unit(unit_of(read))[0]
+            )
             for row in rows:
-                row.append(read(answer, row[0]) if callable(read) else factor * number_for_people(answer, row[0], read))
+                row.append(
+                    read(answer, row[0])
+                    if callable(read)
+                    else factor * number_for_people(answer, row[0], read)
+                )
     return from_rows(title, heads, rows, groups)
 
 
 def solve_text(answer):
-    """The :class:`Answer` at one speed: verdict, kind of motion, tooth forces, torques of gears and shafts, notes."""
+    """The :class:`Answer` at one speed: verdict, kind of motion, tooth forces, torques
+    of gears and shafts, notes.
+    """
     topology = answer.topology
-    means = "; ".join(filter(None, [balance_line(answer.balance), f"mean angles: {mean_angles_of(topology)}"]))
+    means = "; ".join(
+        filter(
+            None,
+            [balance_line(answer.balance), f"mean angles: {mean_angles_of(topology)}"],
+        )
+    )
     head = [verdict(answer), "", f"{train_name(topology)} at {answer.rpm:g} rpm"]
     head += [*firing_lines(answer.train), *status_lines(answer), means]
     doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
     parts = ["\n".join(head), *(doubt + table for table in _tables(answer))]
-    parts += certificate_text(answer) + strength_text({"": answers_strength([answer])}) + notes_text(answer)
+    parts += (
+        certificate_text(answer)
+        + strength_text({"": answers_strength([answer])})
+        + notes_text(answer)
+    )
     return "\n\n".join(parts)
 
 
 def _tables(answer):
     topology, pair = answer.topology, [("with backlash", 1, 3), ("without", 4, 5)]
     if topology.mesh_names:
-        title = "Tooth force, kN (elastic and damping; positive on the flank that drives, driven by: see Contact)"
+        title = (
+            "Tooth force, kN (elastic and damping; positive on the flank that drives,"
+            " driven by: see Contact)"
+        )
         yield element_table(title, "mesh", FORCES, answer, groups=pair)
         yield from peak_table(answer)
-        title = "Contact, % of the time (apart: in the gap; reverse: on the flank that does not drive), impacts a cycle"
+        title = (
+            "Contact, % of the time (apart: in the gap; reverse: on the flank that does"
+            " not drive), impacts a cycle"
+        )
         yield element_table(title, "mesh", CONTACT, answer)
         yield from meshing_table(answer)
         title = "Torque that a gear passes to its mates, N m"
         yield element_table(title, "gear", _swings("gear_torque"), answer, groups=pair)
     if topology.shaft_and_damper_names:
         backlash = any(topology.mesh_backlash)
-        specs = _swings("torque") if backlash else (("mean", "torque_mean"), *_linear_swings("torque"))
+        specs = (
+            _swings("torque")
+            if backlash
+            else (("mean", "torque_mean"), *_linear_swings("torque"))
+        )
         title = "Torque of shafts and dampers, N m (mean: its size)"
-        yield element_table(title, "shaft", (*specs, ("heat W", "heat", "W")), answer, groups=pair if backlash else ())
+        yield element_table(
+            title,
+            "shaft",
+            (*specs, ("heat W", "heat", "W")),
+            answer,
+            groups=pair if backlash else (),
+        )
     if not topology.link_names:
-        yield element_table("Vibratory angle of disks, deg", "disk", _linear_swings("angle"), answer)
+        yield element_table(
+            "Vibratory angle of disks, deg", "disk", _linear_swings("angle"), answer
+        )
     if answer.known and answer.response is not None:
-        title = "Speed of disks, rpm; cyclic irregularity: (largest - smallest) / mean; acceleration, rad/s2, half p-p"
+        title = (
+            "Speed of disks, rpm; cyclic irregularity: (largest - smallest) / mean;"
+            " acceleration, rad/s2, half p-p"
+        )
         yield element_table(title, "disk", SPEEDS, answer)
 
 
 def meshing_table(answer):
-    """Gear whine, transmission error and rattle of the meshes that have a mesh period, in a list."""
+    """Gear whine, transmission error and rattle of the meshes that have a mesh period,
+    in a list.
+    """
     topology, solution = answer.topology, answer.response
-    names = [name for name, periods in zip(topology.mesh_names, topology.mesh_periods, strict=True) if periods]
+    names = [
+        name
+        for name, periods in zip(
+            topology.mesh_names, topology.mesh_periods, strict=True
+        )
+        if periods
+    ]
     if not names or not answer.known:
         return []
 
     def of_solution(read):
         return lambda answer, name: math.nan if solution is None else read(name)
 
-    specs = [("mesh Hz", lambda answer, name: answer.mesh_order(name) * answer.rpm / 60, "Hz")]
+    specs = [
+        (
+            "mesh Hz",
+            lambda answer, name: answer.mesh_order(name) * answer.rpm / 60,
+            "Hz",
+        )
+    ]
     for k in range(3):
-        specs.append((f"order {k + 1} kN", lambda answer, name, k=k: answer.whine(name)[k] / 1e3, "kN"))
-    error = of_solution(lambda name: 2e6 * solution.transmission_error(name).half_peak_to_peak)
+        specs.append(
+            (
+                f"order {k + 1} kN",
+                lambda answer, name, k=k: answer.whine(name)[k] / 1e3,
+                "kN",
+            )
+        )
+    error = of_solution(
+        lambda name: 2e6 * solution.transmission_error(name).half_peak_to_peak
+    )
     specs += [
         ("error p-p um", error, "um"),
         ("impacts mJ", of_solution(lambda n: 1e3 * solution.impact_energy(n)), "mJ"),
     ]
-    title = "Gear whine: tooth force at orders of the mesh period; loaded transmission error; energy of impacts a cycle"
+    title = (
+        "Gear whine: tooth force at orders of the mesh period; loaded transmission"
+        " error; energy of impacts a cycle"
+    )
     return [element_table(title, "mesh", specs, answer, names=names)]
 
 
 def peak_table(answer, begin="L"):
-    """How the largest tooth forces of recorded cycles are distributed, in a list; empty without a record."""
+    """How the largest tooth forces of recorded cycles are distributed, in a list; empty
+    without a record.
+    """
     if not answer.recorded:
         return []
     specs = [
-        (f"{percent} %", lambda answer, name, i=i: answer.force(name).per_cycle.peak[i] / 1e3, "kN")
+        (
+            f"{percent} %",
+            lambda answer, name, i=i: answer.force(name).per_cycle.peak[i] / 1e3,
+            "kN",
+        )
         for i, percent in enumerate(PERCENT)
     ]
-    title = f"{begin}argest tooth force of a cycle, kN: 5, 50 and 95 % of the recorded cycles stay below"
+    title = (
+        f"{begin}argest tooth force of a cycle, kN: 5, 50 and 95 % of the recorded"
+        " cycles stay below"
+    )
     if not answer.state.period:  # what repeats has the same extremes in every record
-        specs.append(("+-", lambda answer, name: answer.force(name).spread.peak / 1e3, "kN"))
-        title += "; +-: by how\nmuch the largest of another such record would differ (two standard deviations)"
+        specs.append(
+            ("+-", lambda answer, name: answer.force(name).spread.peak / 1e3, "kN")
+        )
+        title += (
+            "; +-: by how\nmuch the largest of another such record would differ (two"
+            " standard deviations)"
+        )
     return [element_table(title, "mesh", specs, answer)]
 
 
@@ -166,8 +288,14 @@ COMPARED = (
 
 
 def cases_text(cases):
-    """Verdicts of all cases and speeds, then per speed tooth forces and torques side by side."""
-    parts = [f"With {case.title}\n" + "\n".join(f"  {verdict(answer)}" for answer in case.answers) for case in cases]
+    """Verdicts of all cases and speeds, then per speed tooth forces and torques side by
+    side.
+    """
+    parts = [
+        f"With {case.title}\n"
+        + "\n".join(f"  {verdict(answer)}" for answer in case.answers)
+        for case in cases
+    ]
     parts += firing_lines(*(case.answers[0].train for case in cases))
     for place, first in enumerate(cases[0].answers):
         lines = [f"==== {first.rpm:g} rpm ===="]
@@ -176,49 +304,87 @@ def cases_text(cases):
             said = filter(None, [*status_lines(answer), balance_line(answer.balance)])
             lines += [f"  {case.title}", *(f"    {line}" for line in said)]
         parts += ["\n".join(lines), *speed_tables(cases, place)]
-    parts += [text for case in cases for answer in case.answers for text in certificate_text(answer)]
+    parts += [
+        text
+        for case in cases
+        for answer in case.answers
+        for text in certificate_text(answer)
+    ]
     return "\n\n".join([*parts, *_below(cases)])
 
 
 def _below(cases):
     """Stresses, tooth torques and heat of every case beside their limits, and notes."""
-    limits = strength_text({f"With {case.title}": answers_strength(case.answers) for case in cases})
+    limits = strength_text(
+        {f"With {case.title}": answers_strength(case.answers) for case in cases}
+    )
     return limits + notes_text(*(answer for case in cases for answer in case.answers))
 
 
 def speed_tables(cases, place):
-    """Of one speed the tooth forces, torques of gears and links (without links: angles), irregularity, heat."""
+    """Of one speed the tooth forces, torques of gears and links (without links:
+    angles), irregularity, heat.
+    """
     answers = [case.answers[place] for case in cases]
-    train, doubts = answers[0].train, [f", {one.doubt.upper()}".removesuffix(", ") for one in answers]
+    train, doubts = (
+        answers[0].train,
+        [f", {one.doubt.upper()}".removesuffix(", ") for one in answers],
+    )
     titles = [f"{case.title}{doubt}" for case, doubt in zip(cases, doubts, strict=True)]
 
     def table(title, quantity, specs):
         width = len(specs)
-        groups = [(said, 1 + i * width, (i + 1) * width) for i, said in enumerate(titles)]
-        return element_table(title, quantity.element, specs, *answers, names=quantity.names, groups=groups)
+        groups = [
+            (said, 1 + i * width, (i + 1) * width) for i, said in enumerate(titles)
+        ]
+        return element_table(
+            title,
+            quantity.element,
+            specs,
+            *answers,
+            names=quantity.names,
+            groups=groups,
+        )
 
     def swings(quantity):
         variable = quantity.variable
-        specs = ("with", variable), ("without", f"{variable}{WITHOUT}"), ("ratio", against(variable), ratio)
+        specs = (
+            ("with", variable),
+            ("without", f"{variable}{WITHOUT}"),
+            ("ratio", against(variable), ratio),
+        )
         return table(f"{quantity.title}, {quantity.unit}", quantity, specs)
 
     tables, links = [], train.topology.shaft_and_damper_names
     if train.topology.mesh_names:
-        title = "Largest tooth force, kN, with and without backlash; share of the time apart and on the reverse flank"
+        title = (
+            "Largest tooth force, kN, with and without backlash; share of the time"
+            " apart and on the reverse flank"
+        )
         tables.append(table(title, quantities.forces(train), COMPARED))
-        tables += [text for case in cases for text in peak_table(case.answers[place], f"With {case.title}: l")]
+        tables += [
+            text
+            for case in cases
+            for text in peak_table(case.answers[place], f"With {case.title}: l")
+        ]
         tables.append(swings(quantities.gear_torques(train)))
     if links or not tables:
-        tables.append(swings((quantities.shaft_torques if links else quantities.angles)(train)))
+        tables.append(
+            swings((quantities.shaft_torques if links else quantities.angles)(train))
+        )
     turning, heats = quantities.irregularity(train), quantities.heat(train)
     tables.append(table(turning.title, turning, [("%", turning.variable, irregular)]))
-    return [*tables, *[table(heats.title, heats, [("W", heats.variable)]) for _ in heats.names[:1]]]
+    return [
+        *tables,
+        *[table(heats.title, heats, [("W", heats.variable)]) for _ in heats.names[:1]],
+    ]
 
 
 @dataclass(frozen=True)
 class Hardest:
-    """What is hit hardest at one speed: the quantity, its element, its value in SI units (nan and no element: no
-    answer), the case and the place of the speed."""
+    """What is hit hardest at one speed: the quantity, its element, its value in SI
+    units (nan and no element: no answer), the case and the place of the speed.
+    """
 
     quantity: Quantity
     name: str | None
@@ -227,7 +393,12 @@ class Hardest:
     place: int
 
     answer = property(lambda self: self.case.answers[self.place], doc="Of that speed.")
-    said = property(lambda self: f"{self.quantity.said(self.value)} in {self.name} at {self.answer.rpm:g} rpm")
+    said = property(
+        lambda self: (
+            f"{self.quantity.said(self.value)} in {self.name} at"
+            f" {self.answer.rpm:g} rpm"
+        )
+    )
 
 
 def hardest_at(case, place):
@@ -235,18 +406,29 @@ def hardest_at(case, place):
     answer = case.answers[place]
     quantity = quantities.main_quantity(answer.train)
     name = quantity.largest(answer) if answer.answered else None
-    return Hardest(quantity, name, quantity.read(answer, name) if name else float("nan"), case, place)
+    return Hardest(
+        quantity,
+        name,
+        quantity.read(answer, name) if name else float("nan"),
+        case,
+        place,
+    )
 
 
 def hardest_of(cases):
     """That of all cases and speeds; None where no motion is known."""
-    found = (hardest_at(case, place) for case in cases for place in range(len(case.answers)))
-    return max((one for one in found if one.name), key=lambda one: one.value, default=None)
+    found = (
+        hardest_at(case, place) for case in cases for place in range(len(case.answers))
+    )
+    return max(
+        (one for one in found if one.name), key=lambda one: one.value, default=None
+    )
 
 
 def worst_misfire(cases):
-    """The misfire that governs, as it is written: with the largest share of a limit, without limits with the largest
-    value of all; None where no motion is known."""
+    """The misfire that governs, as it is written: with the largest share of a limit,
+    without limits with the largest value of all; None where no motion is known.
+    """
     governing = worst_misfires(cases)
     if governing:
         return next(iter(governing.values()))
@@ -263,7 +445,9 @@ def worst_misfire(cases):
 
 
 def worst_misfires(cases):
-    """The misfire that governs each element with a limit, as it is written, by names, the largest share first."""
+    """The misfire that governs each element with a limit, as it is written, by names,
+    the largest share first.
+    """
     normal, records = answers_strength(cases[0].answers), {}
     for (key, name), worst in governing_misfires(cases).items():
         firing, firing_share = at_same_speed(worst, key, normal)
@@ -285,27 +469,58 @@ def worst_misfires(cases):
 
 def governing_misfires(cases):
     """The largest share of every limit over all misfires, as :func:`largest_shares`."""
-    return largest_shares({case.title: answers_strength(case.answers) for case in cases[1:]})
+    return largest_shares(
+        {case.title: answers_strength(case.answers) for case in cases[1:]}
+    )
 
 
 def governing_table(cases):
-    """The misfire that governs each element with a limit, beside normal running at the same speed; None without."""
+    """The misfire that governs each element with a limit, beside normal running at the
+    same speed; None without.
+    """
     normal, rows = answers_strength(cases[0].answers), []
     for (key, name), worst in governing_misfires(cases).items():
         factor, unit = worst.kind.shown
         _, before = at_same_speed(worst, key, normal)
-        shares = [f"{worst.share:.2f}", f"{before:.2f}" if math.isfinite(before) else NONE]
-        rows.append([name, f"{worst.kind.called} {unit}", factor * worst.value, *shares, f"{worst.rpm:g}", worst.case])
-    heads = ["element", "judged", ("worst misfire", "number"), "share of its limit", "without it", "at rpm", "that of"]
+        shares = [
+            f"{worst.share:.2f}",
+            f"{before:.2f}" if math.isfinite(before) else NONE,
+        ]
+        rows.append(
+            [
+                name,
+                f"{worst.kind.called} {unit}",
+                factor * worst.value,
+                *shares,
+                f"{worst.rpm:g}",
+                worst.case,
+            ]
+        )
+    heads = [
+        "element",
+        "judged",
+        ("worst misfire", "number"),
+        "share of its limit",
+        "without it",
+        "at rpm",
+        "that of",
+    ]
     title = "The misfire with the largest share of the limit, element by element"
     return from_rows(title, heads, rows, left=(1, 6)) if rows else None
 
 
 def misfires_text(cases):
-    """The worst misfire and that of each element with a limit, then per speed what each misfire hits hardest, against
-    normal running."""
+    """The worst misfire and that of each element with a limit, then per speed what each
+    misfire hits hardest, against normal running.
+    """
     worst = worst_misfire(cases)
-    parts = [misfire_text(worst, cases[0].title) if worst else "No motion with a misfire is known."]
+    parts = [
+        (
+            misfire_text(worst, cases[0].title)
+            if worst
+            else "No motion with a misfire is known."
+        )
+    ]
     parts += firing_lines(*(case.answers[0].train for case in cases))
     parts += filter(None, [governing_table(cases)])
     parts += [_speed_table(cases, place) for place in range(len(cases[0].answers))]
@@ -321,18 +536,32 @@ def _speed_table(cases, place):
         row = [case.title, value, (value, firing), found.name or NONE]
         rows.append(row + [motion_word(found.answer)] * (quantity.element == "mesh"))
         rows[-1] += _largest_share(case.answers[place])
-    heads = ["", (quantity.unit, "number"), ("ratio", ratio), "in", *["motion"] * (quantity.element == "mesh")]
+    heads = [
+        "",
+        (quantity.unit, "number"),
+        ("ratio", ratio),
+        "in",
+        *["motion"] * (quantity.element == "mesh"),
+    ]
     heads += ["share of a limit", "that of"] * (len(rows[0]) > len(heads))
     title = f"{quantity.title} at {cases[0].answers[place].rpm:g} rpm, {quantity.unit}"
-    words = [place for place, head in enumerate(heads) if head in ("in", "motion", "that of")]
+    words = [
+        place for place, head in enumerate(heads) if head in ("in", "motion", "that of")
+    ]
     return from_rows(title, heads, rows, left=words)
 
 
 def _largest_share(answer):
-    """The largest share of a limit at one speed and its element, two cells; none where the scene gives no limits."""
+    """The largest share of a limit at one speed and its element, two cells; none where
+    the scene gives no limits.
+    """
     strength = answers_strength([answer])
     if not strength:
         return []
     shares = largest_shares({"": strength})
     worst = next(iter(shares.values()), None)
-    return [f"{worst.share:.2f}", f"{worst.kind.called} of {worst.name}"] if worst else [NONE, NONE]
+    return (
+        [f"{worst.share:.2f}", f"{worst.kind.called} of {worst.name}"]
+        if worst
+        else [NONE, NONE]
+    )

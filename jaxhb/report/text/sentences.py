@@ -1,4 +1,6 @@
-"""The sentences that an engineer reads first: do the teeth hammer, in what motion, and what to be careful about."""
+"""The sentences that an engineer reads first: do the teeth hammer, in what motion, and
+what to be careful about.
+"""
 
 import re
 import textwrap
@@ -20,7 +22,9 @@ from jaxhb.train.plausible import plausibility
 SOFT = 0.005  # approach speed of impacts, m/s, below which no teeth hammer
 LOST = 1e-3  # share of the power of the torques that may be lost without a note
 
-_VALUE = re.compile(r"""(?P<name>(?<!\w)(?P<quote>['"]).*?(?<!\\)(?P=quote))|\b\d[\d.]*(e[-+]?\d+)?""")
+_VALUE = re.compile(
+    r"""(?P<name>(?<!\w)(?P<quote>['"]).*?(?<!\\)(?P=quote))|\b\d[\d.]*(e[-+]?\d+)?"""
+)
 """A value in a note, or a name in quotes, whose digits are no values."""
 
 GAP_SPRING_SHARE = 0.05
@@ -36,7 +40,10 @@ def _stability_text(answer):
         return f"stability not decided: {answer.undecided}" if answer.undecided else ""
     if answer.unstable:
         how = f" ({found.loses_by})" if found.loses_by else ""
-        return f"UNSTABLE{how}: a disturbance grows {found.largest:.3g} times in {span}; the train does not run in it"
+        return (
+            f"UNSTABLE{how}: a disturbance grows {found.largest:.3g} times in {span};"
+            " the train does not run in it"
+        )
     return f"stable: a disturbance {fall_text(found.largest)} in {span}"
 
 
@@ -47,7 +54,10 @@ def motion_text(answer):
     kind = {
         "contact": "the teeth stay in contact",
         "periodic": "periodic, period one cycle",
-        "subharmonic": f"period of {state.period} cycles (of {turns:g} revolution{'s' * (turns != 1)})",
+        "subharmonic": (
+            f"period of {state.period} cycles (of {turns:g}"
+            f" revolution{'s' * (turns != 1)})"
+        ),
         "irregular": "irregular: the motion never repeats",
         "unknown": "unknown",
     }[state.kind]
@@ -60,9 +70,15 @@ def motion_text(answer):
 
 def _spread_text(record):
     """How far the extremes of another record may lie."""
-    aimed = "" if record.spread <= SPREAD else f", more than the {100 * SPREAD:g} % aimed at"
+    aimed = (
+        ""
+        if record.spread <= SPREAD
+        else f", more than the {100 * SPREAD:g} % aimed at"
+    )
     share = f"{100 * record.spread:.2g} % (two standard deviations{aimed})"
-    return f", and the largest forces of another such record would differ by up to {share}"
+    return (
+        f", and the largest forces of another such record would differ by up to {share}"
+    )
 
 
 def motion_word(answer):
@@ -74,7 +90,9 @@ def motion_word(answer):
         words = {"subharmonic": f"period {state.period}"}
         parts.append(words.get(state.kind, state.kind))
         if answer.doubt:
-            parts.append(answer.doubt if answer.answered else status_word(answer.status))
+            parts.append(
+                answer.doubt if answer.answered else status_word(answer.status)
+            )
     return ", ".join([*parts, *["UNSTABLE"] * answer.unstable])
 
 
@@ -84,16 +102,32 @@ def status_word(status):
 
 
 def solution_text(answer):
-    """How the harmonic solution went: status with what to try, harmonics, residual, truncation error; "" without."""
+    """How the harmonic solution went: status with what to try, harmonics, residual,
+    truncation error; "" without.
+    """
     response, period = answer.response, answer.state.period
     if response is None:
         return ""
-    said = "converged" if answer.converged else f"NOT CONVERGED: {status_word(answer.status)}"
-    line = f"{said}; {answer.harmonics} harmonics of {'the cycle' if period <= 1 else f'{period} cycles'}"
+    said = (
+        "converged"
+        if answer.converged
+        else f"NOT CONVERGED: {status_word(answer.status)}"
+    )
+    line = (
+        f"{said}; {answer.harmonics} harmonics of"
+        f" {'the cycle' if period <= 1 else f'{period} cycles'}"
+    )
     residual, error = float(response.residual), float(response.truncation_error)
     if not residual and not error:
-        return f"{line}, linear" + (": every mesh keeps its flank" if any(response.topology.mesh_backlash) else "")
-    return f"{line}, residual {residual:.1e}, truncation error {_percent(error)} of the largest tooth force"
+        return f"{line}, linear" + (
+            ": every mesh keeps its flank"
+            if any(response.topology.mesh_backlash)
+            else ""
+        )
+    return (
+        f"{line}, residual {residual:.1e}, truncation error {_percent(error)} of the"
+        " largest tooth force"
+    )
 
 
 def status_lines(answer):
@@ -103,7 +137,9 @@ def status_lines(answer):
 
 
 def verdict(answer):
-    """The answer in one sentence: do the teeth hammer, which mesh is apart longest, which has the hardest impact?"""
+    """The answer in one sentence: do the teeth hammer, which mesh is apart longest,
+    which has the hardest impact?
+    """
     topology, speed = answer.topology, answer.at
     if not answer.known:
         return f"No answer at {speed}."
@@ -112,7 +148,9 @@ def verdict(answer):
     if not any(topology.mesh_backlash):
         return "No mesh has backlash: the teeth cannot separate."
     said = _hammering(answer, speed)
-    doubts = [UNCONFIRMED if answer.answered else f"{answer.doubt}, do not rely on this"] * bool(answer.doubt)
+    doubts = [
+        UNCONFIRMED if answer.answered else f"{answer.doubt}, do not rely on this"
+    ] * bool(answer.doubt)
     doubts += ["unstable, the train does not run in this motion"] * answer.unstable
     if not doubts:
         return said
@@ -124,18 +162,33 @@ def _hammering(answer, speed):
     name, contacts = most_apart(answer), answer.contacts
     if name is None:
         return f"All teeth stay in contact at {speed}."
-    contact, hardest = contacts[name], max(contacts, key=lambda mesh: contacts[mesh].hardest_impact)
+    contact, hardest = (
+        contacts[name],
+        max(contacts, key=lambda mesh: contacts[mesh].hardest_impact),
+    )
     said = f"{name} is apart {_percent(contact.separated_fraction)} of the time, "
     elsewhere = contacts[hardest].hardest_impact > contact.hardest_impact
     count = contact.impacts_per_cycle
     if not count and not elsewhere:
         return f"Teeth separate at {speed}: {said}without an impact."
     impacts = "one impact" if count == 1 else f"{plain_number(count, digits=3)} impacts"
-    said += f"{impacts} a cycle, the hardest at {hit(contact.hardest_impact)} m/s" if count else "without an impact"
-    said += f"; the hardest of all at {hit(contacts[hardest].hardest_impact)} m/s in {hardest}" if elsewhere else ""
+    said += (
+        f"{impacts} a cycle, the hardest at {hit(contact.hardest_impact)} m/s"
+        if count
+        else "without an impact"
+    )
+    said += (
+        f"; the hardest of all at {hit(contacts[hardest].hardest_impact)} m/s in"
+        f" {hardest}"
+        if elsewhere
+        else ""
+    )
     if contacts[hardest].hardest_impact < SOFT:
         return f"The teeth part and touch again softly at {speed}: {said}."
-    manner = {"irregular": " irregularly", "subharmonic": f" with a period of {answer.state.period} cycles"}
+    manner = {
+        "irregular": " irregularly",
+        "subharmonic": f" with a period of {answer.state.period} cycles",
+    }
     return f"The teeth hammer{manner.get(answer.state.kind, '')} at {speed}: {said}."
 
 
@@ -145,7 +198,9 @@ def _percent(share):
 
 
 def speeds_text(answers):
-    """``600, 1200 and 4 more rpm``; of another number that a sweep goes over its values."""
+    """``600, 1200 and 4 more rpm``; of another number that a sweep goes over its
+    values.
+    """
     return _places([answer.place for answer in answers], answers[0].axis)
 
 
@@ -161,29 +216,49 @@ def notes(*answers):
     unstable = [answer for answer in answers if answer.unstable]
     if unstable:
         worst = max(unstable, key=lambda answer: answer.multiplier)
-        instead = "leave out --orbit for what it does" if worst.orbit else "compare with jaxhb.integrate"
-        found.append(
-            f"The periodic motion at {speeds_text(unstable)} is UNSTABLE (a disturbance grows up to "
-            f"{worst.multiplier:.3g} times in a period): the train does not run in it; {instead}."
+        instead = (
+            "leave out --orbit for what it does"
+            if worst.orbit
+            else "compare with jaxhb.integrate"
         )
-    solved = [answer for answer in answers if answer.known and answer.response is not None]
+        found.append(
+            f"The periodic motion at {speeds_text(unstable)} is UNSTABLE (a disturbance"
+            f" grows up to {worst.multiplier:.3g} times in a period): the train does"
+            f" not run in it; {instead}."
+        )
+    solved = [
+        answer for answer in answers if answer.known and answer.response is not None
+    ]
     lossy = [answer for answer in solved if abs(answer.response.power_defect) > LOST]
     if lossy:
         worst = max(lossy, key=lambda answer: abs(answer.response.power_defect))
         share = f"{100 * abs(float(worst.response.power_defect)):.2g} %"
-        found.append(f"At {worst.at} {share} of the power of the torques is not accounted for: use more harmonics.")
-    found += once_alike(((a.place, note) for a in answers if a.known for note in a.state.notes), axis)
-    # Converged orbits of unknown stability that a march of a few cycles did not settle on.
+        found.append(
+            f"At {worst.at} {share} of the power of the torques is not accounted for:"
+            " use more harmonics."
+        )
+    found += once_alike(
+        ((a.place, note) for a in answers if a.known for note in a.state.notes), axis
+    )
+    # Converged orbits of unknown stability that a march of a few cycles did not settle
+    # on.
     unsettled = [a for a in solved if a.orbit and a.converged and a.stable is None]
     searches = Shooting | Homotopy | NewtonOnSweeps
-    unsettled = [a for a in unsettled if any(isinstance(event, searches) for event in a.response.path)]
+    unsettled = [
+        a
+        for a in unsettled
+        if any(isinstance(event, searches) for event in a.response.path)
+    ]
     if unsettled:
         found.append(
-            f"A periodic motion was found at {speeds_text(unsettled)}, but a few cycles of time integration do not "
-            "settle there: it may be unstable, and the engine may run in another motion (leave out --orbit for what it "
-            "does)."
+            f"A periodic motion was found at {speeds_text(unsettled)}, but a few cycles"
+            " of time integration do not settle there: it may be unstable, and the"
+            " engine may run in another motion (leave out --orbit for what it does)."
         )
-    found += once_alike(((a.place, note) for a in answers for note in a.train.outside_traces(a.rpm)), axis)
+    found += once_alike(
+        ((a.place, note) for a in answers for note in a.train.outside_traces(a.rpm)),
+        axis,
+    )
     return (
         found
         + torque_notes([a.balance for a in answers])
@@ -192,13 +267,21 @@ def notes(*answers):
 
 
 def notes_text(*answers):
-    """The notes on the scene and on the motions as one paragraph in a list; an empty list where there are none."""
+    """The notes on the scene and on the motions as one paragraph in a list; an empty
+    list where there are none.
+    """
     return remarks_text([*plausibility(answers[0].train), *notes(*answers)])
 
 
 def remarks_text(remarks, head="Notes"):
-    """Sentences as one paragraph under a head in a list; an empty list where there are none."""
-    style = {"initial_indent": "  ", "subsequent_indent": "    ", "break_on_hyphens": False}
+    """Sentences as one paragraph under a head in a list; an empty list where there are
+    none.
+    """
+    style = {
+        "initial_indent": "  ",
+        "subsequent_indent": "    ",
+        "break_on_hyphens": False,
+    }
     lines = [textwrap.fill(remark, 116, **style) for remark in remarks]
     return ["\n".join([head, *lines] if head else lines)] if lines else []
 
@@ -213,29 +296,55 @@ def _tooth_notes(known):
         means = [abs(float(answer.force(name).mean)) for answer in known]
         least = int(np.argmin(means))
         mean = means[least]
-        said = f"the mean tooth force of {_kN(mean)}{speed_of(known, least) if max(means) > 1.05 * mean else ''}"
-        soft, knee = "the spring in the gap carries up to", "the teeth are stiff only above"
+        said = (
+            "the mean tooth force of"
+            f" {_kN(mean)}{speed_of(known, least) if max(means) > 1.05 * mean else ''}"
+        )
+        soft, knee = (
+            "the spring in the gap carries up to",
+            "the teeth are stiff only above",
+        )
         for what, force, share, remedy in (
             (soft, law.gap_spring_force, GAP_SPRING_SHARE, "lower epsilon"),
-            (knee, law.knee_force, KNEE_SHARE, "a smaller transition makes contact sharper"),
+            (
+                knee,
+                law.knee_force,
+                KNEE_SHARE,
+                "a smaller transition makes contact sharper",
+            ),
         ):
             if force > share * mean:
-                found.append(f"{name}: {what} {_kN(force)}, more than {100 * share:g} % of {said}: {remedy}.")
-        pulling = [answer.details[name].pulling_force if answer.details else 0.0 for answer in known]
+                found.append(
+                    f"{name}: {what} {_kN(force)}, more than {100 * share:g} % of"
+                    f" {said}: {remedy}."
+                )
+        pulling = [
+            answer.details[name].pulling_force if answer.details else 0.0
+            for answer in known
+        ]
         hardest = int(np.argmax(pulling))
         if pulling[hardest] > GAP_SPRING_SHARE * means[hardest]:
-            through.append(f"{_kN(pulling[hardest])}{speed_of(known, hardest)} in {name}")
+            through.append(
+                f"{_kN(pulling[hardest])}{speed_of(known, hardest)} in {name}"
+            )
     if through:
-        law = 'Damping law "always" transmits force while the teeth are apart ("contact" does not)'
+        law = (
+            'Damping law "always" transmits force while the teeth are apart ("contact"'
+            " does not)"
+        )
         found.append(f"{law}: up to {', '.join(through)}.")
     return found
 
 
 def once_alike(notes_of, axis=SPEED):
-    """Notes (place on the axis, text), once for those that differ in values alone, as it stands at the lowest place."""
+    """Notes (place on the axis, text), once for those that differ in values alone, as
+    it stands at the lowest place.
+    """
     alike, found = {}, []
     for place, note in sorted(notes_of, key=lambda told: told[0]):
-        alike.setdefault(_VALUE.sub(lambda value: value["name"] or "#", note), []).append((place, note))
+        alike.setdefault(
+            _VALUE.sub(lambda value: value["name"] or "#", note), []
+        ).append((place, note))
     for (place, note), *told in alike.values():
         others = {other for other, _ in told} - {place}
         also = f" (alike at {_places(others, axis)})" if others else ""
@@ -244,20 +353,31 @@ def once_alike(notes_of, axis=SPEED):
 
 
 def misfire_text(worst, firing, swing=""):
-    """The sentence on a misfire, the record of which the JSON has; ``firing`` is what the train is called without."""
+    """The sentence on a misfire, the record of which the JSON has; ``firing`` is what
+    the train is called without.
+    """
     factor, unit = shown_unit(worst["unit"])
-    value, normal = (f"{plain_number(factor * worst[key])} {unit}" for key in ("value", "firing"))
+    value, normal = (
+        f"{plain_number(factor * worst[key])} {unit}" for key in ("value", "firing")
+    )
     normal = "no answer" if np.isnan(worst["firing"]) else normal
     share = f", {worst['share']:.2f} of {worst['limit']}" if "share" in worst else ""
-    before = f", {worst['firing_share']:.2f} of it" if share and np.isfinite(worst["firing_share"]) else ""
+    before = (
+        f", {worst['firing_share']:.2f} of it"
+        if share and np.isfinite(worst["firing_share"])
+        else ""
+    )
     return (
-        f"The worst misfire is that of {worst['cylinder']}: {worst['quantity']} of {value}{swing} in {worst['of']} at"
-        f" {worst['rpm']:g} rpm{share}; {normal}{before} with {firing}."
+        f"The worst misfire is that of {worst['cylinder']}: {worst['quantity']} of"
+        f" {value}{swing} in {worst['of']} at {worst['rpm']:g} rpm{share};"
+        f" {normal}{before} with {firing}."
     )
 
 
 def firing_lines(*trains):
-    """A line on what is computed of cylinders that do not fire in some of the trains, in a list, empty without any."""
+    """A line on what is computed of cylinders that do not fire in some of the trains,
+    in a list, empty without any.
+    """
     said = "; ".join(not_firing(*trains))
     return [f"Not firing, {said}."] * bool(said)
 
@@ -267,12 +387,21 @@ def _kN(force):
 
 
 def warnings(answers):
-    """What stderr says of speeds without an answer, once for those that fail alike: what happened, and what helps."""
+    """What stderr says of speeds without an answer, once for those that fail alike:
+    what happened, and what helps.
+    """
     failed = {}
     for answer in answers:
         if not answer.answered:
-            unknown = f"the kind of motion is unknown: {'; '.join(answer.state.notes).removesuffix('.')}"
-            said = unknown if answer.status is None else f"{answer.status.name}, {_remedy(answer)}"
+            unknown = (
+                "the kind of motion is unknown:"
+                f" {'; '.join(answer.state.notes).removesuffix('.')}"
+            )
+            said = (
+                unknown
+                if answer.status is None
+                else f"{answer.status.name}, {_remedy(answer)}"
+            )
             failed.setdefault(said, []).append(answer)
     return [f"{speeds_text(told)}: {said}." for said, told in failed.items()]
 
@@ -281,13 +410,22 @@ def _remedy(answer):
     """What a status means and what the command line can do about it."""
     if answer.status is Status.TOLERANCE_NOT_MET:
         most = answer.harmonics >= MOST_HARMONICS["reduced"]
-        few = f"{answer.harmonics} harmonics, the most that are taken, are" if most else "its harmonics are"
+        few = (
+            f"{answer.harmonics} harmonics, the most that are taken, are"
+            if most
+            else "its harmonics are"
+        )
         more = "" if most else "leave out --harmonics or give more, or "
-        return f"the motion is solved, but {few} too few for the tolerance: {more}accept its error with --tolerance"
-    if answer.status in (Status.MAX_STEPS, Status.STALLED) and any(answer.topology.mesh_backlash):
+        return (
+            f"the motion is solved, but {few} too few for the tolerance: {more}accept"
+            " its error with --tolerance"
+        )
+    if answer.status in (Status.MAX_STEPS, Status.STALLED) and any(
+        answer.topology.mesh_backlash
+    ):
         own = "leave out --orbit for what the train does, " if answer.orbit else ""
         return (
-            f"Newton's method found no periodic motion: {own}give --harmonics above those of the mesh modes (jaxhb "
-            "modes), or take another speed nearby"
+            f"Newton's method found no periodic motion: {own}give --harmonics above"
+            " those of the mesh modes (jaxhb modes), or take another speed nearby"
         )
     return answer.status.sentence

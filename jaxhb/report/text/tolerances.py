@@ -1,4 +1,6 @@
-"""What tolerances do to a train, in tables for people, a record for programs, and rows for spreadsheets."""
+"""What tolerances do to a train, in tables for people, a record for programs, and rows
+for spreadsheets.
+"""
 
 import numpy as np
 
@@ -14,22 +16,36 @@ NEGLIGIBLE = 0.002  # share of the nominal response below which a number moves n
 
 
 def tolerance_parts(spread, checked):
-    """Words and tables of a Spread: the worst case of each quantity, over the speeds, which numbers move it, where."""
+    """Words and tables of a Spread: the worst case of each quantity, over the speeds,
+    which numbers move it, where.
+    """
     title, rpm, solved = spread.train.topology.title, spread.rpm, spread.answered
-    head = f"{title} at {SPEED.span(rpm)}: {len(spread.tolerances)} tolerances; {spread.evaluations} solves of a speed."
+    head = (
+        f"{title} at {SPEED.span(rpm)}: {len(spread.tolerances)} tolerances;"
+        f" {spread.evaluations} solves of a speed."
+    )
     lost = f"NOT solved, and left out: {', '.join(f'{x:g}' for x in rpm[~solved])} rpm."
     parts = ["\n".join([head, *([] if solved.all() else [lost])])]
     parts += _not_judged(spread)
     if len(_told(spread)):
         parts += [_worst_table(spread)]
         parts += [_over_speeds(spread, j, checked) for j in _told(spread)]
-        parts += [_moving(spread), _places(spread), *remarks_text(_guarantee(spread), "Bounds")]
+        parts += [
+            _moving(spread),
+            _places(spread),
+            *remarks_text(_guarantee(spread), "Bounds"),
+        ]
     if len(spread.drawn):
         share = 100 * spread.solved[solved].min() if solved.any() else 0.0
         many = "all" if share == 100 else f"{share:.0f} % or more"
-        parts.append(f"Sample: {len(spread.drawn)} trains, of which {many} are solved at each speed.")
+        parts.append(
+            f"Sample: {len(spread.drawn)} trains, of which {many} are solved at each"
+            " speed."
+        )
     differences = checked["differences"] if checked else []
-    return parts + remarks_text(differences, "Steady states that are not the periodic motions searched")
+    return parts + remarks_text(
+        differences, "Steady states that are not the periodic motions searched"
+    )
 
 
 def _told(spread):
@@ -44,7 +60,11 @@ def _not_judged(spread):
         for name, meant in zip(spread.labels, spread.judged.T, strict=True)
         if not meant.all()
     ]
-    return [f"NOT judged, as the rule has no limit there: {'; '.join(said)}."] if said else []
+    return (
+        [f"NOT judged, as the rule has no limit there: {'; '.join(said)}."]
+        if said
+        else []
+    )
 
 
 def _guarantee(spread):
@@ -55,16 +75,31 @@ def _guarantee(spread):
     loose = any(spread.train.topology.mesh_backlash)
     told = []
     if bounded:
-        teeth = ", as long as its teeth stay in contact, in which all of them can run" if loose else ""
-        told.append(f"No train within the tolerances has more than stands under 'at most'{teeth}.")
+        teeth = (
+            ", as long as its teeth stay in contact, in which all of them can run"
+            if loose
+            else ""
+        )
+        told.append(
+            "No train within the tolerances has more than stands under 'at"
+            f" most'{teeth}."
+        )
     for reason in dict.fromkeys(asked[asked != ""].tolist()):
         here = (spread.no_bound == reason) & found
-        names = [name for name, own in zip(spread.labels, here.any(0), strict=True) if own]
+        names = [
+            name for name, own in zip(spread.labels, here.any(0), strict=True) if own
+        ]
         own = "" if len(names) == len(spread.of) else f" of {', '.join(names)}"
-        told.append(f"No bound{own} at {', '.join(f'{x:g}' for x in spread.rpm[here.any(1)])} rpm: {reason}.")
+        told.append(
+            f"No bound{own} at {', '.join(f'{x:g}' for x in spread.rpm[here.any(1)])}"
+            f" rpm: {reason}."
+        )
     if free:
         there = "There the worst case" if bounded else "The worst case"
-        told.append(f"{there} is the largest response found: another train within the tolerances may do worse.")
+        told.append(
+            f"{there} is the largest response found: another train within the"
+            " tolerances may do worse."
+        )
     return told
 
 
@@ -82,9 +117,25 @@ def _worst_table(spread):
         at = [int(np.nanargmax(spread.nominal[:, j])), _largest(spread, j)]
         old, new = factor * spread.nominal[at[0], j], factor * spread.worst[at[1], j]
         rows.append([with_unit(one), count(old), f"{spread.rpm[at[0]]:g}"])
-        rows[-1] += [count(new), f"{spread.rpm[at[1]]:g}", f"{new / old:.2f}" if old else NONE]
-    heads = ["quantity, worst over the speeds", "as it is", "at rpm", "worst case", "at rpm", "ratio"]
-    return from_rows("Worst case over the tolerances (half peak-to-peak unless called peak or order)", heads, rows)
+        rows[-1] += [
+            count(new),
+            f"{spread.rpm[at[1]]:g}",
+            f"{new / old:.2f}" if old else NONE,
+        ]
+    heads = [
+        "quantity, worst over the speeds",
+        "as it is",
+        "at rpm",
+        "worst case",
+        "at rpm",
+        "ratio",
+    ]
+    return from_rows(
+        "Worst case over the tolerances (half peak-to-peak unless called peak or"
+        " order)",
+        heads,
+        rows,
+    )
 
 
 def _over_speeds(spread, j, checked):
@@ -92,14 +143,27 @@ def _over_speeds(spread, j, checked):
     factor, _ = scaled_unit(spread.of[j].quantity)
     sampled, bounded = len(spread.drawn) > 0, np.isfinite(spread.bound[:, j]).any()
     shares = [factor * spread.percentile(q)[:, j] for q in PERCENT] if sampled else []
-    kinds = [checked["nominal"], [own[j] for own in checked["worst"]]] if checked else []
+    kinds = (
+        [checked["nominal"], [own[j] for own in checked["worst"]]] if checked else []
+    )
     rows = []
     for i, rpm in enumerate(spread.rpm):
         nominal, worst = factor * spread.nominal[i, j], factor * spread.worst[i, j]
-        row = [f"{rpm:g}", nominal, worst, *([factor * spread.bound[i, j]] if bounded else [])]
+        row = [
+            f"{rpm:g}",
+            nominal,
+            worst,
+            *([factor * spread.bound[i, j]] if bounded else []),
+        ]
         row.append(f"{worst / nominal:.2f}" if nominal > 0 else NONE)
         rows.append([*row, *(own[i] for own in shares), *(own[i] for own in kinds)])
-    heads = ["rpm", ("as it is", 1), ("worst case", 1), *([("at most", 1)] if bounded else []), "ratio"]
+    heads = [
+        "rpm",
+        ("as it is", 1),
+        ("worst case", 1),
+        *([("at most", 1)] if bounded else []),
+        "ratio",
+    ]
     heads += [(f"{q} %", 1) for q in PERCENT if sampled]
     heads += ["motion", "in the worst case"] if checked else []
     left = range(len(heads) - 2, len(heads)) if checked else ()
@@ -113,12 +177,30 @@ def _moving(spread):
         one = spread.of[j]
         i = _largest(spread, j)
         slopes, size = spread.effects[i, j], spread.nominal[i, j]
-        order = [k for k in np.argsort(-np.abs(slopes), kind="stable") if abs(slopes[k]) > NEGLIGIBLE * abs(size)]
+        order = [
+            k
+            for k in np.argsort(-np.abs(slopes), kind="stable")
+            if abs(slopes[k]) > NEGLIGIBLE * abs(size)
+        ]
         for k in order[:MOVING]:
             share = 100 * float(slopes[k]) / size
-            rows.append([label(one), f"{spread.rpm[i]:g}", spread.tolerances[k].name, f"{share:+.1f}"])
-    how = "by regression on the sample" if len(spread.drawn) >= 3 * len(spread.tolerances) else "by its derivative"
-    title = f"What moves them: change of the response over half the range of a number, {how}, %"
+            rows.append(
+                [
+                    label(one),
+                    f"{spread.rpm[i]:g}",
+                    spread.tolerances[k].name,
+                    f"{share:+.1f}",
+                ]
+            )
+    how = (
+        "by regression on the sample"
+        if len(spread.drawn) >= 3 * len(spread.tolerances)
+        else "by its derivative"
+    )
+    title = (
+        "What moves them: change of the response over half the range of a number,"
+        f" {how}, %"
+    )
     return from_rows(title, ["quantity", "at rpm", "number", "%"], rows, left=(2,))
 
 
@@ -132,8 +214,14 @@ def _places(spread):
         rows.append([one.name, plain_number(float(train.value(one.name))), *own, unit])
         rows[-1].append(f"{plain_number(one.low)} to {plain_number(one.high)}")
     worst = [f"worst {j}" for j in range(1, len(places) + 1)]
-    told = "; ".join(f"{j} {label(one)}" for j, one in enumerate((spread.of[j] for j in places), 1))
-    return from_rows(f"Numbers in the worst case of {told}", ["number", "as it is", *worst, "unit", "range"], rows)
+    told = "; ".join(
+        f"{j} {label(one)}" for j, one in enumerate((spread.of[j] for j in places), 1)
+    )
+    return from_rows(
+        f"Numbers in the worst case of {told}",
+        ["number", "as it is", *worst, "unit", "range"],
+        rows,
+    )
 
 
 def tolerance_record(spread, checked):
@@ -143,16 +231,38 @@ def tolerance_record(spread, checked):
         "scene": spread.train.topology.name,
         "rpm": spread.rpm,
         "tolerances": [
-            {"name": one.name, "low": one.low, "high": one.high, "std": one.std, "together": one.together}
-            | {"value": float(spread.train.value(one.name)), "unit": parameter_unit(spread.train, one.name)}
+            {
+                "name": one.name,
+                "low": one.low,
+                "high": one.high,
+                "std": one.std,
+                "together": one.together,
+            }
+            | {
+                "value": float(spread.train.value(one.name)),
+                "unit": parameter_unit(spread.train, one.name),
+            }
             for one in spread.tolerances
         ],
         "quantities": [
-            {"name": name, "unit": unit_of(one.quantity), "nominal": spread.nominal[:, j], "worst": spread.worst[:, j]}
+            {
+                "name": name,
+                "unit": unit_of(one.quantity),
+                "nominal": spread.nominal[:, j],
+                "worst": spread.worst[:, j],
+            }
             | {"bound": spread.bound[:, j], "no_bound": spread.no_bound[:, j].tolist()}
             | {"judged": spread.judged[:, j]}
-            | {"slopes": spread.slopes[:, j], "effects": spread.effects[:, j], "numbers_at_worst": spread.numbers[:, j]}
-            | ({"percentiles": {str(q): spread.percentile(q)[:, j] for q in PERCENT}} if len(spread.drawn) else {})
+            | {
+                "slopes": spread.slopes[:, j],
+                "effects": spread.effects[:, j],
+                "numbers_at_worst": spread.numbers[:, j],
+            }
+            | (
+                {"percentiles": {str(q): spread.percentile(q)[:, j] for q in PERCENT}}
+                if len(spread.drawn)
+                else {}
+            )
             | ({"kind_at_worst": [own[j] for own in worst]} if checked else {})
             for j, (one, name) in enumerate(zip(spread.of, spread.labels, strict=True))
         ],
@@ -166,15 +276,29 @@ def tolerance_record(spread, checked):
 def tolerance_rows(spread, checked):
     """Rows of ``tolerance --csv``, one for each speed and quantity, SI units."""
     names = [one.name for one in spread.tolerances]
-    effects, sampled = spread.effects, {f"{q} %": spread.percentile(q) for q in PERCENT} if len(spread.drawn) else {}
+    effects, sampled = (
+        spread.effects,
+        {f"{q} %": spread.percentile(q) for q in PERCENT} if len(spread.drawn) else {},
+    )
     for i, rpm in enumerate(spread.rpm):
         for j, one in enumerate(spread.of):
-            row = {"rpm": rpm, "quantity": spread.labels[j], "unit": unit_of(one.quantity)}
+            row = {
+                "rpm": rpm,
+                "quantity": spread.labels[j],
+                "unit": unit_of(one.quantity),
+            }
             row["judged"] = bool(spread.judged[i, j])
             row |= {"nominal": spread.nominal[i, j], "worst": spread.worst[i, j]}
             row |= {"bound": spread.bound[i, j], "no bound": spread.no_bound[i, j]}
             row |= {head: own[i, j] for head, own in sampled.items()}
             if checked:
-                row |= {"kind": checked["nominal"][i], "kind in the worst case": checked["worst"][i][j]}
-            row |= {f"moved by {name}": effects[i, j, k] for k, name in enumerate(names)}
-            yield row | {f"worst {name}": spread.numbers[i, j, k] for k, name in enumerate(names)}
+                row |= {
+                    "kind": checked["nominal"][i],
+                    "kind in the worst case": checked["worst"][i][j],
+                }
+            row |= {
+                f"moved by {name}": effects[i, j, k] for k, name in enumerate(names)
+            }
+            yield row | {
+                f"worst {name}": spread.numbers[i, j, k] for k, name in enumerate(names)
+            }
