@@ -35,7 +35,7 @@ from jaxhb.scene.writer import elements_of
 TEETH, RADII = (20, 30, 25), (0.04, 0.06, 0.05)
 STEPS, SETTLE, LAST = 5000, 256, 256  # of a cycle; cycles before those that are watched
 RECORDED = 64  # cycles of a record
-# change of a deflection or twist, over the range of all, up to which a motion has
+# Change of a deflection or twist, over the range of all, up to which a motion has
 # returned
 RETURNED = 2e-4
 OFF = {"periodic": 0.02, "irregular": 0.05}

@@ -15,7 +15,7 @@ html_theme = "furo"
 html_title = f"jaxhb {release}"
 html_math_renderer = "mathml"  # which browsers draw without a network
 
-# the tests run the notebooks, the pages show the outputs that they keep
+# The tests run the notebooks, the pages show the outputs that they keep
 nb_execution_mode = "off"
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3

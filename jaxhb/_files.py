@@ -4,7 +4,7 @@ import os
 import stat
 from pathlib import Path
 
-# ends the name of a file that is being written, after the number of its process
+# Ends the name of a file that is being written, after the number of its process
 PART = ".part"
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 else:
     Array = Number = Numbers = Any
 
-# bytes of address space; with less the compiler of jax ends the process without a word
+# Bytes of address space; with less the compiler of jax ends the process without a word
 LEAST_MEMORY = 2e9
 
 _jax: Any = None

@@ -16,7 +16,7 @@ SEARCHED = {"tune", "tolerance"}
 """Commands that search for minutes: ``python docs/shown.py --check`` alone compares
 them.
 """
-# share by which a number may differ: where teeth hammer, processors that round
+# Share by which a number may differ: where teeth hammer, processors that round
 # otherwise come to motions
 ROUNDING = 0.02
 # whose times in the gap differ by so much

@@ -42,10 +42,10 @@ DERIVATIVE = (
     1e-12,
     60,
 )  # share of the right side that a derivative may leave, and its Krylov steps at most
-# share beyond which it is none, and nan: where the Jacobian is nearly singular, as at a
+# Share beyond which it is none, and nan: where the Jacobian is nearly singular, as at a
 # fold
 NO_DERIVATIVE = 1e-8
-# share that a bordered solve may leave: of tangents, and of Newton's method, which
+# Share that a bordered solve may leave: of tangents, and of Newton's method, which
 # gains digits
 BORDERED = 1e-9
 FAINT = 1e-9  # share of the largest visibility that a state has at least

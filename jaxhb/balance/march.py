@@ -39,7 +39,7 @@ DENSE_DISKS = (
 # Share of the motion of a mesh under its force below which a mode is left out; of a
 # larger train one that responds at once, where sweeps are as many with twice the modes.
 UNSEEN, FAINT = 1e-10, 1e-4
-# share of the fastest rate below which a mode of a reduced-order model does not move by
+# Share of the fastest rate below which a mode of a reduced-order model does not move by
 # itself
 STILL = 1e-12
 IDLE_RATE = -1.0  # 1/s, of modes that fill an array

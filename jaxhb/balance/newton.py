@@ -23,7 +23,7 @@ KRYLOV_STEPS = 60  # of a Newton step at most
 # law make Newton's method no better than linear until the last steps: tighter
 # corrections take twice as many Krylov steps for a fifth fewer others.
 FORCING, LEVEL_FORCING = 0.03, 0.01
-# share of a whole step that it leaves at most, where its size tells how far the
+# Share of a whole step that it leaves at most, where its size tells how far the
 # solution is
 LEAVES = 0.1
 # Residual from which a step goes for the goal, and by what share it aims below, where

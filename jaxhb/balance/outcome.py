@@ -23,7 +23,7 @@ from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.linear.forced import SINGULAR, residual_and_status
 from jaxhb.results.status import Status
 
-# share of the tooth forces, at least, by which their means may miss the balance of
+# Share of the tooth forces, at least, by which their means may miss the balance of
 # torques
 UNBALANCED_FORCE = 1e-2
 

@@ -20,9 +20,9 @@ from jaxhb.train import chain
 # Harmonics of the cycle at most, by method: work and memory grow with N, for the chain
 # with N^3 and N^2.
 MOST_HARMONICS = {"reduced": 4096, "chain": 128}
-# truncation error of the elastic tooth force, as a share of the largest tooth force
+# Truncation error of the elastic tooth force, as a share of the largest tooth force
 DEFAULT_TOLERANCE = 0.01
-# of equations that count as solved exactly, as derivatives want them (:class:`Plan`)
+# Of equations that count as solved exactly, as derivatives want them (:class:`Plan`)
 RESIDUAL = 1e-10
 # Whole step of Newton's method after which values are known, as a share of the
 # tolerance: what is left of the motion is a tenth of it at most (``newton.LEAVES``). A

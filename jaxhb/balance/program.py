@@ -50,10 +50,10 @@ UNSETTLED, MARCHED = 1e-3, 3
 ESTIMATE = (
     0.01,
     20,
-    # share of the residual that the correction of an estimate may leave, and its Krylov
+    # Share of the residual that the correction of an estimate may leave, and its Krylov
     # steps at most
 )
-# share of the vibration that sweeps may leave to Newton's method, which is quick from
+# Share of the vibration that sweeps may leave to Newton's method, which is quick from
 # there
 START_SETTLED = 1e-4
 FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked for
@@ -61,8 +61,8 @@ FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked f
 # accelerators: one NVIDIA H200 takes 8.7 ms a speed for 64, and not longer for a batch
 # of 1024 than for eight of 64.
 BATCH_SPEEDS = 64
-# and where teeth stay in contact; of fewer each is solved by itself, without one more
-# program
+# The same where teeth stay in contact; of fewer each is solved by itself, without one
+# more program.
 LINEAR_SPEEDS = 64
 
 

@@ -44,12 +44,12 @@ STEPS = tuple(
     2**k for k in range(9, 15)
 )  # of a cycle that are offered: each is a program
 STEPS_PER_PERIOD = 5.0  # of the fastest mode in which teeth move
-# share of the acceleration of a mesh under its force from which teeth move in a mode
+# Share of the acceleration of a mesh under its force from which teeth move in a mode
 MOVES = 0.05
 NEAR_NYQUIST = 24  # harmonics next to half the steps that a march does not resolve
 SAMPLES_PER_STEP = 3  # of the law in the residual
 WIDE_SAMPLES_PER_STEP = 4  # and where it is taken once, to see its error
-# share of the rate of a mode by which teeth that part change it at most if they hardly
+# Share of the rate of a mode by which teeth that part change it at most if they hardly
 # strain it
 HARDLY = 0.05
 FEWEST_SWEEPS = 3

@@ -32,7 +32,7 @@ AMPLIFIED = 1.5
 # Difference of deflections, relative to the largest, up to which two motions are one,
 # and time samples for it.
 ARRIVED, COMPARED = 0.02, 1024
-# share of the tolerance that may be left of the vibration: peaks of forces are off by
+# Share of the tolerance that may be left of the vibration: peaks of forces are off by
 # more
 SETTLED = 0.03
 

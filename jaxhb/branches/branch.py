@@ -202,7 +202,7 @@ class BranchOptions:
     stability: float = (
         1e-5  # the same where the stability changes, for which multipliers cost some
     )
-    # error of a point, relative to the first motion: well below that of a solve
+    # Error of a point, relative to the first motion: well below that of a solve
     closed: float = 1e-11
 
 

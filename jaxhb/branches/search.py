@@ -32,11 +32,11 @@ NEIGHBOURS = (
     1.05,
     1.1,
 )  # speeds, over the one asked for, from whose motions it is reached
-# difference of the deflections, as a share of the largest, up to which two solutions
+# Difference of the deflections, as a share of the largest, up to which two solutions
 # are one motion
 SAME = 0.01
 SCATTERED = 24  # starts of marches at random states
-# how far off these are at most, in shifts of the teeth from mid-gap to their flanks
+# How far off these are at most, in shifts of the teeth from mid-gap to their flanks
 FARTHEST = 2.5
 
 

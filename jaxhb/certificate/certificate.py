@@ -43,7 +43,7 @@ MOST_RECEPTANCES = (
 )  # numbers of 16 B of them at most, some arrays of which are held at a time
 RECEPTANCES = (
     2**18
-    # harmonics of them at most: beyond twice the highest natural frequency they are
+    # Harmonics of them at most: beyond twice the highest natural frequency they are
     # bounded
 )
 

@@ -109,7 +109,7 @@ def highest_frequency(system):
         return np.inf
     if (
         len(mass) > 2000
-        # bounded without a dense matrix: that of the stiffnesses is at most twice its
+        # Bounded without a dense matrix: that of the stiffnesses is at most twice its
         # diagonal
     ):
         return float(np.sqrt(2 * (np.asarray(system.held_stiffness()) / mass).max()))
@@ -347,7 +347,7 @@ class Linearization:
         right = x / h if transposed else x * h
         found, left = _solve(self._gain, self._share, self._march, right, transposed)
         if not left <= 1e-6:
-            # at once: iterations for norms would not end with a map that changes from
+            # At once: iterations for norms would not end with a map that changes from
             # call to call
             raise NotInverted
         found = np.asarray(found)

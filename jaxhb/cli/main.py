@@ -30,9 +30,9 @@ from jaxhb.train.speeds import read_speed, read_speeds
 
 PROGRAM, VARIABLE = "jaxhb", "_JAXHB_COMPLETE"
 ENVIRONMENT = {
-    # its threads wait actively: beside a busy process a solve takes ten times as long
+    # Its threads wait actively: beside a busy process a solve takes ten times as long
     "OPENBLAS_NUM_THREADS": "1",
-    # the compiler warns of cached programs that come from the same machine
+    # The compiler warns of cached programs that come from the same machine
     "TF_CPP_MIN_LOG_LEVEL": "3",
 }
 """Read when numpy and jax are imported, which only commands do; what the user has set
@@ -124,7 +124,7 @@ def _run(words):
                     " another one."
                 )
                 return 2
-            # of standard output: it has no name, and what has one is told by then
+            # Of standard output: it has no name, and what has one is told by then
             raise
         if type(error).__name__ in ("SceneError", "OutputError", "CheckpointError"):
             tell(

@@ -85,7 +85,7 @@ NO_SPEED = (
     "Natural frequencies do not depend on the speed; --at R takes the teeth as under"
     " the mean load of R rpm."
 )
-# ends how an option is spelled that takes one or more values: ``--mode K [K ...]``
+# Ends how an option is spelled that takes one or more values: ``--mode K [K ...]``
 MORE = " ...]"
 
 
@@ -159,7 +159,7 @@ class Command(click.Command):
         if ctx.resilient_parsing and args and args[-1] in valued:
             args = args[
                 :-1
-                # its value is being completed, by the scene, of which click would not
+                # Its value is being completed, by the scene, of which click would not
                 # know then
             ]
         words, several = [], None

@@ -12,7 +12,7 @@ import sys
 CLOSED, UNWRITABLE = (
     141,
     2,
-    # exit status: the reader of the output had enough, as after SIGPIPE; it cannot be
+    # Exit status: the reader of the output had enough, as after SIGPIPE; it cannot be
     # written
 )
 

@@ -23,9 +23,9 @@ from jaxhb.linear.modal import natural_frequencies
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.varying import varying
 
-# share of a limit by which it may be exceeded: penalties let through a tenth of that
+# Share of a limit by which it may be exceeded: penalties let through a tenth of that
 EXCESS = 0.01
-# distance of neighbouring speeds over the median distance beyond which the speeds
+# Distance of neighbouring speeds over the median distance beyond which the speeds
 # between are not meant
 HOLE = 2.5
 ASIDE = (
@@ -45,7 +45,7 @@ NEAR = 3.0  # half-widths within which a peak is that of a critical speed
 STRONGEST = (
     6  # critical speeds that are looked at, those with the largest linear readings
 )
-# speeds that are looked at, at least, and at least one between two neighbours of those
+# Speeds that are looked at, at least, and at least one between two neighbours of those
 # asked for
 FINE = 64
 HALVINGS, SUMMITS = (

@@ -48,11 +48,11 @@ from jaxhb.train.changes import locate
 
 CLOSE = 1.02  # bound over the largest response found at which a box is halved no more
 BOXES = 1000  # for a quantity at a speed, at most
-# share of its tolerance below which a number is halved no more: no damping bounds a
+# Share of its tolerance below which a number is halved no more: no damping bounds a
 # resonance there
 FINEST = 1e-6
 TOGETHER = 16  # boxes that are halved at a time
-# share of its root mean square by which a signal may be larger between the instants
+# Share of its root mean square by which a signal may be larger between the instants
 # looked at
 BETWEEN = 2e-3
 INSTANTS, COMBINED = (

@@ -20,7 +20,7 @@ from jaxhb.results.status import Status
 OPTIMIZERS = {"lbfgs": optax.scale_by_lbfgs, "adam": optax.scale_by_adam}
 Optimizer: TypeAlias = str | optax.GradientTransformation
 
-# largest change of a z in one step: the share of the range then moves by at most 0.36
+# Largest change of a z in one step: the share of the range then moves by at most 0.36
 LONGEST = 1.5
 TRIALS, EXPANSIONS = 12, 2
 """Lengths of a step tried at most; and that trial from which on one is taken that falls

@@ -37,15 +37,15 @@ from jaxhb.train.drivetrain import DriveTrain
 FLOOR = (
     0.05  # share of the largest amplitude of an element that sensors make noise of, too
 )
-# share of the deviation that the bounds alone leave, from which a number counts as not
+# Share of the deviation that the bounds alone leave, from which a number counts as not
 # determined
 OPEN = 0.5
 ALIKE = 0.95  # correlation from which the data hardly tell two numbers apart
 NORMAL = 1.96  # deviations that 95 % of a normal distribution lie within
-# residuals over their deviations, root mean square, beyond which the scene does not
+# Residuals over their deviations, root mean square, beyond which the scene does not
 # explain the rows
 MOST_MISFIT = 2.0
-# chi-square, at a misfit of 1, by which two explanations are told apart: two deviations
+# Chi-square, at a misfit of 1, by which two explanations are told apart: two deviations
 APART = 4.0
 
 

@@ -36,7 +36,7 @@ from jaxhb.train.speeds import check_speed
 LINEAR_STEPS, STEPS = (
     40,
     8,
-    # of the golden section round the worst phase of the scan; with backlash each is a
+    # Of the golden section round the worst phase of the scan; with backlash each is a
     # solve
 )
 GOLDEN = (5**0.5 - 1) / 2
@@ -44,7 +44,7 @@ PHASES = 24  # of the scan of a train that is solved at each
 PER_HARMONIC = (
     16  # phases of the scan of a linear train for each harmonic that the engine excites
 )
-# of the scan of a linear train that are refined: the highest of it need not be that of
+# Of the scan of a linear train that are refined: the highest of it need not be that of
 # the circle
 PEAKS = 3
 

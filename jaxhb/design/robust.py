@@ -21,7 +21,7 @@ from jaxhb.results.checkpoint import place_in
 
 KINDS = "worst", "p95"
 ROUNDS = 4  # searches for worse trains, each followed by a tuning
-# share of the worst response by which no search finds more: the design is the best
+# Share of the worst response by which no search finds more: the design is the best
 # against all trains
 SLACK = 0.01
 SAMPLE, CHECKED = (

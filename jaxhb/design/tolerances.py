@@ -14,7 +14,7 @@ from jaxhb.elements.elements import SceneError, shown, suggestion
 from jaxhb.elements.value_checks import number_like
 from jaxhb.train.drivetrain import DriveTrain
 
-# standard deviations to either side that the range of a ``std`` spans: 99.7 % of all
+# Standard deviations to either side that the range of a ``std`` spans: 99.7 % of all
 DEVIATIONS = 3.0
 EXPLORED = 4  # corners from which searches may begin, a power of 2
 KEYS = "range", "share", "std", "together"
@@ -199,7 +199,7 @@ class Box(Task):
     """
 
     own: tuple = ()
-    # of one speed a maximum over the cycle has a slope nearly everywhere, and the
+    # Of one speed a maximum over the cycle has a slope nearly everywhere, and the
     # search wants its own
     smooth = False
     step_tolerance = 1e-4  # enough to know the way up

@@ -45,7 +45,7 @@ APART, PROMISING = (
     1.0,
     0.8,
 )  # difference of a share, and share of the best value, that another start is worth
-# trains where no tooth separates, from which searches may begin, beside the corners
+# Trains where no tooth separates, from which searches may begin, beside the corners
 EXPLORED_LINEAR = 64
 GAIN, PATIENCE = (
     1e-3,

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 PRESSURE_ANGLE = math.radians(20.0)
-# share of the mesh period in which a pair takes over or gives up its load, at most
+# Share of the mesh period in which a pair takes over or gives up its load, at most
 FLANK = 0.1
 
 

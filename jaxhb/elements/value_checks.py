@@ -621,7 +621,7 @@ def _section_errors(shaft) -> list[str]:
 MOST_PRESSURES = (
     1000  # pressure tables on their grid: 0.6 MB each while a scene is checked
 )
-# rows of a key over all elements, the shorter lists padded as the longest
+# Rows of a key over all elements, the shorter lists padded as the longest
 MOST_ROWS = 2_000_000
 
 

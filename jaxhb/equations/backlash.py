@@ -28,7 +28,7 @@ SMOOTH, LEFT = (
     1e-3,
 )  # share of a play in which stiffness sets in, and of the stiffness that is left in it
 SLIP_SPEED = 0.1  # rad/s, from which dry friction is whole
-# m, gap of a mesh without backlash whose stiffness varies: its law has no kink there
+# In m, gap of a mesh without backlash whose stiffness varies: its law has no kink there
 NARROW = 1e-9
 
 

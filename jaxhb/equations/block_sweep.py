@@ -42,7 +42,7 @@ def quotient(numerator, denominator):
 
 
 LARGEST = 1e150  # pivot whose square does not overflow
-# stands for a last pivot of exactly zero: far below what rounding leaves of any other
+# Stands for a last pivot of exactly zero: far below what rounding leaves of any other
 UNHELD = 1e-30
 
 

@@ -31,7 +31,7 @@ from jaxhb.equations import fourier
 CELLS, FEWEST_HARMONICS = 8, 16  # per harmonic, of so many harmonics at least
 POINTS = 8  # Gauss-Legendre time samples of a cell, and of each arc of one that is cut
 FEWEST_CUT = 32  # cells per mesh that can be cut, at least; one per harmonic else
-# by how much of the range of its samples in a cell a deflection may leave that range
+# By how much of the range of its samples in a cell a deflection may leave that range
 MARGIN = 0.25
 AT_REST = 1e-13  # change in half a cell over the deflection that is rounding
 NEWTON_STEPS = 12  # to a switching time, bracketed: enough for the last bit

@@ -21,7 +21,7 @@ from jaxhb.equations.state_space import (
     modes_of,
 )
 
-# frequencies at which responses are taken; with 20 of them 300 and 3000 disks take as
+# Frequencies at which responses are taken; with 20 of them 300 and 3000 disks take as
 # many sweeps
 SHIFTS = 12
 

@@ -31,10 +31,10 @@ DISKS, MODES = (
     64,
     48,
 )  # of a train whose modes are all kept, and how many are of a larger one
-# frequencies at which the responses of a larger train to mesh forces are taken, its
+# Frequencies at which the responses of a larger train to mesh forces are taken, its
 # basis
 SHIFTS = 12
-# share of the largest drag that counts as none: rounding leaves more where inertias
+# Share of the largest drag that counts as none: rounding leaves more where inertias
 # differ much
 UNDAMPED = 1e-6
 STILL = 1e-9  # times Omega, of a rate that rounding leaves of none

@@ -36,10 +36,10 @@ from jax import lax
 
 from jaxhb._jax import Array, namespace, on_host, traced
 
-# share of the mean inertia that a disk without inertia gets: its mode is then far above
+# Share of the mean inertia that a disk without inertia gets: its mode is then far above
 # all others
 LIGHT = 1e-6
-# share of the highest squared frequency below which a mode is free rotation, as
+# Share of the highest squared frequency below which a mode is free rotation, as
 # rounding shows it
 ROTATION = 1e-14
 # Frequency given to free rotation by springs in proportion to the inertias, as a share
@@ -50,7 +50,7 @@ CONDITION, PARTING = (
     1e7,
     1e-9,
 )  # of eigenvectors, above which damping is added, and that as a share of the largest
-# damping that is always added where real modes are made, as a share of the largest
+# Damping that is always added where real modes are made, as a share of the largest
 PARTED = 1e-13
 
 

@@ -28,7 +28,7 @@ import numpy as np
 from jaxhb._jax import namespace
 from jaxhb.excitation.crank import slider_crank
 
-# share of the fuel that is burnt at the end of the duration: Wiebe's function never
+# Share of the fuel that is burnt at the end of the duration: Wiebe's function never
 # reaches 1
 BURNT_AT_END = 0.999
 NUMBERS = (

@@ -20,7 +20,7 @@ from jaxhb.excitation.crank import slider_crank
 Array = Any
 
 GAS_SAMPLES = 7200  # angles of a gas cycle: a tenth of a degree of four strokes
-# speed or load of points that fill up a grid: interpolation never reaches them
+# Speed or load of points that fill up a grid: interpolation never reaches them
 FAR = 1e30
 STANDARD_ATMOSPHERE = 101325.0  # Pa
 CHARGE_EXPONENT = 1.5

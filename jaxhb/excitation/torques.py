@@ -35,7 +35,7 @@ INERTIA_ORDERS_THAT_COUNT = 6
 the largest.
 """
 
-# share of the largest harmonic of a computed gas torque below which one does not count
+# Share of the largest harmonic of a computed gas torque below which one does not count
 NEGLIGIBLE_GAS = 1e-6
 
 

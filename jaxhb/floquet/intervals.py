@@ -42,17 +42,17 @@ DEGREES = 4  # Q
 # reaction makes of a mesh, and per cycle: errors of multipliers of gear_train_30 are
 # below 1e-4 of the largest.
 PER_PERIOD, FEWEST = 2.2, 256
-# times the fastest mode, up to which intervals follow what reactions make of a mesh
+# Times the fastest mode, up to which intervals follow what reactions make of a mesh
 STIFFEST = 8.0
 GRID = 32  # grid steps of the longest interval
 CHUNK = 4096  # intervals that are prepared at a time
 REACH, TERMS = (
     4.0,
     40,
-    # of rates h up to which integrals are power series, and their terms: exact to
+    # Of rates h up to which integrals are power series, and their terms: exact to
     # rounding
 )
-# largest decay in an interval of a mode whose share in the determinant of an interval
+# Largest decay in an interval of a mode whose share in the determinant of an interval
 # is counted
 LIVELY = 2.0
 

@@ -30,10 +30,10 @@ from jaxhb.results.answers import need_solved
 from jaxhb.results.response import Response
 from jaxhb.train import chain
 
-# natural frequency over Omega of a rotation against grounds that are no support, but a
+# Natural frequency over Omega of a rotation against grounds that are no support, but a
 # hold
 SOFT = 0.1
-# by how much a multiplier of a train without damping, 1 in modulus, may be off
+# By how much a multiplier of a train without damping, 1 in modulus, may be off
 NEUTRAL = 1e-8
 # Intervals of a cycle from which on it is slow: arcs are few and long then, and a dense
 # equation solves them one by one, of so many disks at most.

@@ -38,7 +38,7 @@ STAGES = 10  # Gauss nodes of a step with a mesh in its smooth zone
 # are then exact to 1e-13, and rounding leaves 1e-12 of the determinant. Shorter steps
 # with fewer nodes take longer.
 REACH = 4.0
-# of A that are kept for exponentials; two factors of them make the terms of a series
+# Of A that are kept for exponentials; two factors of them make the terms of a series
 POWERS = 16
 TERMS = 2 * POWERS + 1
 CHUNK = 3_000_000  # entries of the propagators that are held at a time

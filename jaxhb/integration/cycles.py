@@ -16,7 +16,7 @@ from jaxhb.integration.step import run
 
 CYCLES = 8  # that a program marches at a time, at most
 HARMONICS = 256  # of the cycle, of which amplitudes are kept at most
-# steps between the samples of shafts and disks, which follow the teeth with fewer than
+# Steps between the samples of shafts and disks, which follow the teeth with fewer than
 # these
 STRIDE = 2
 

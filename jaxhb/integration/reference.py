@@ -31,14 +31,14 @@ STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD = 40, 400
 STEPS = 256  # of a cycle, at least
 MOST_STEPS = (
     2**21
-    # of a cycle times meshes, at most: samples of such a cycle, and those between, take
+    # Of a cycle times meshes, at most: samples of such a cycle, and those between, take
     # 1 GiB
 )
-# share of the strain energy of a mode that backlash meshes hold from which it is a mesh
+# Share of the strain energy of a mode that backlash meshes hold from which it is a mesh
 # mode
 MESH_SHARE = 0.01
 CORRECTIONS = 10  # newton steps on the segments of a cycle, at most
-# times the estimate of the truncation error above which a correction is asked with more
+# Times the estimate of the truncation error above which a correction is asked with more
 # steps
 CONTRADICTS = 3.0
 STEP_ERROR = (

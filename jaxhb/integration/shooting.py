@@ -27,7 +27,7 @@ from jaxhb.integration.step import (
 SEGMENTS = (
     32  # of a cycle; divides every number of time steps. More of them cost no less.
 )
-# share of the largest singular value of a condensed cycle below which a motion returns
+# Share of the largest singular value of a condensed cycle below which a motion returns
 # whatever it is
 SINGULAR = 1e-11
 # Shares of a Newton step on segments that are tried, all of them: one costs a run

@@ -27,14 +27,14 @@ from jaxhb.train.speeds import check_speed
 from jaxhb.train.varying import varying, without_tables
 
 ELASTIC, RIGID, RING = "elastic", "rigid", "ring only"
-# share of the strain energy in links below which a mode is rigid: on ground springs, or
+# Share of the strain energy in links below which a mode is rigid: on ground springs, or
 # at 0 Hz
 STRAINED = 0.01
-# share of the kinetic energy in the rings of dampers from which a rigid mode is that of
+# Share of the kinetic energy in the rings of dampers from which a rigid mode is that of
 # rings only
 RINGS = 0.99
 EXCITED = 1e-3  # torque of an order over the largest from which it counts as excited
-# share of all torques of an order below which what they do on a shape is rounding
+# Share of all torques of an order below which what they do on a shape is rounding
 ROUNDED = 1e-12
 
 

@@ -20,7 +20,7 @@ CREEPING = 0.01
 0.99995): a loss factor turns the eigenvalues of motions that creep back a little off
 the real axis.
 """
-# least modal assurance criterion of a damped and an undamped mode that count as the
+# Least modal assurance criterion of a damped and an undamped mode that count as the
 # same
 ALIKE = 0.5
 AT_REST = 1e-10

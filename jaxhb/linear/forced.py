@@ -63,16 +63,16 @@ in the cache of a processor.
 SIZES = 1, 4, 16, 32, 64, 128, 256
 """Numbers of speeds to which fewer are padded, where that takes no more than CELLS."""
 DIGITS = 6  # decimals of stiffnesses in N m/rad that count as alike
-# force of a link or disk over load beyond which rounding alone is left: an undamped
+# Force of a link or disk over load beyond which rounding alone is left: an undamped
 # resonance
 SINGULAR = 1e11
-# force left on a disk, over the largest force, from which the equations count as
+# Force left on a disk, over the largest force, from which the equations count as
 # singular
 UNSOLVED = 1e-6
-# the same of the mean, over mean loads and forces, from which mean torques count as
+# The same of the mean, over mean loads and forces, from which mean torques count as
 # unbalanced
 UNBALANCED = 1e-9
-# time samples per cycle, at least, and 16 per harmonic, at which extremes are looked
+# Time samples per cycle, at least, and 16 per harmonic, at which extremes are looked
 # for
 SAMPLES = 4096
 

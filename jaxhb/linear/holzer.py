@@ -21,9 +21,9 @@ from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
 NODE = 1e-9  # share of the largest angle below which a disk lies in a node
-# residual over the sum of all inertia forces at which a frequency is a natural one
+# Residual over the sum of all inertia forces at which a frequency is a natural one
 NATURAL = 1e-6
-# up to which modes that the elimination loses are looked for with dense matrices
+# Up to which modes that the elimination loses are looked for with dense matrices
 DENSE_DISKS = 500
 
 

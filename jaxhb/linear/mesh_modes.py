@@ -20,7 +20,7 @@ WEAKLY_STRAINED = 0.01
 little damping it may resonate.
 """
 MODAL_DISKS = 400  # disks up to which all modes are computed
-# what the shafts of larger trains add to the frequencies of the gears alone, a factor
+# What the shafts of larger trains add to the frequencies of the gears alone, a factor
 SHAFT_STIFFENING = 1.1
 
 

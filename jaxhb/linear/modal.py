@@ -23,7 +23,7 @@ from jaxhb.train.connections import pieces
 from jaxhb.train.drivetrain import DriveTrain
 
 FEW = 10  # of so many modes fewer than one, the lowest are found by Lanczos steps
-# of the largest square of a frequency: far below the squares that are asked for, above
+# Of the largest square of a frequency: far below the squares that are asked for, above
 # their rounding
 SHIFT = 1e-9
 DENSE = 500  # disks above which a dense factor takes longer than a few seconds
@@ -35,7 +35,7 @@ EVERY_DIGIT = 2 * np.finfo(float).tiny
 """Absolute tolerance that makes LAPACK's bisection (dstebz) stop by its relative
 one.
 """
-# ordinate over the largest one below which a disk lies in a node: rounding of a mode
+# Ordinate over the largest one below which a disk lies in a node: rounding of a mode
 # shape
 AT_REST = 1e-10
 
@@ -190,7 +190,7 @@ def _without_light_disks(links, light):
         for i, (p, k_p, own_p, far_p) in enumerate(star):
             for q, k_q, own_q, far_q in star[i + 1 :]:
                 if p == q:
-                    # parallel links to one neighbour do not bend: their ratios agree
+                    # Parallel links to one neighbour do not bend: their ratios agree
                     continue
                 links[count] = (p, q, k_p * (k_q / total), own_q * far_p, own_p * far_q)
                 for end in (p, q):
@@ -212,7 +212,7 @@ def singular_values(factor):
     # come last.
     first = len(values) - len(factor.stiffness)
     small = int(np.searchsorted(values[first:], SMALL * values[-1]))
-    # bisection: entries of a tridiagonal with zero diagonal fix each eigenvalue to its
+    # Bisection: entries of a tridiagonal with zero diagonal fix each eigenvalue to its
     # own last digits
     if small:
         few = {

@@ -40,7 +40,7 @@ from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
 LAST = -1  # in place of a link: that of the last disk of a way
-# stored digits of the leading half of a number, the hidden one not counted: products of
+# Stored digits of the leading half of a number, the hidden one not counted: products of
 # halves are exact
 HALF = 25
 
@@ -520,7 +520,7 @@ class Polynomial:
         return Polynomial(tuple(factor * value for value in self.coefficients))
 
 
-# disks up to which coefficients in double precision mean something (docs/theory C5)
+# Disks up to which coefficients in double precision mean something (docs/theory C5)
 LARGEST = 12
 
 

@@ -21,10 +21,10 @@ from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
-# relative distance of squares below which eigenvalues count as one: some rounding of a
+# Relative distance of squares below which eigenvalues count as one: some rounding of a
 # repeated one
 CLUSTER = 1e-9
-# frequency over the highest one, for each disk, that is rounding of a rigid motion
+# Frequency over the highest one, for each disk, that is rounding of a rigid motion
 RIGID = 1e-13
 
 

@@ -29,10 +29,10 @@ STEPS, HALVINGS = 200, 40  # of Newton's method at most, and of a step of it
 SOLVED = (
     1e-10  # force left over the largest mean force at which the equilibrium is found
 )
-# tooth force over the largest mean force below which a mesh begins in the middle of its
+# Tooth force over the largest mean force below which a mesh begins in the middle of its
 # gap
 IDLE = 1e-9
-# singular value of a tangent stiffness over the largest that is rounding of a rigid
+# Singular value of a tangent stiffness over the largest that is rounding of a rigid
 # motion
 SINGULAR = 1e-14
 UNBALANCED = (
@@ -40,7 +40,7 @@ UNBALANCED = (
 )
 ROUNDED = 1e-14  # of the work of the loads, by which an energy may rise in rounding
 DENSE_DISKS = 1000  # up to which the equilibrium is found with dense matrices
-# of the largest stiffness, by which a train of more disks is held; the next steps take
+# Of the largest stiffness, by which a train of more disks is held; the next steps take
 # back its force
 HELD = 1e-12
 ANY_SPEED = 1000.0  # rpm, where a scene names none

@@ -9,7 +9,7 @@ import numpy as np
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.train.drivetrain import DriveTrain
 
-# difference of a speed ratio from 1 up to which a rotor turns as the reference rotor
+# Difference of a speed ratio from 1 up to which a rotor turns as the reference rotor
 SAME = 1e-9
 
 

@@ -27,7 +27,7 @@ READERS = {name: reader for name, (reader, *_) in SIGNALS.items()}
 READERS |= {"heat": "power", "mesh_heat": "power", "irregularity": "irregularity"}
 """What reads a variable of a data set that is not one of contact."""
 
-# end of the names of variables that are those with the gaps of meshes closed
+# End of the names of variables that are those with the gaps of meshes closed
 WITHOUT = "_without_backlash"
 
 

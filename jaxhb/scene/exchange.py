@@ -43,8 +43,8 @@ from jaxhb.scene.csv_tables import CsvText, read_csv
 from jaxhb.train.train_checks import fitting_cycle
 
 SHEAR_MODULUS = 80e9  # Pa, of steel: TORS gives none
-# m, of a gear of which only the number of teeth is given: ratios are those of the teeth
-# whatever it is
+# In m, of a gear of which only the number of teeth is given: ratios are those of the
+# teeth whatever it is
 MODULE = 5e-3
 # a gear of which a larger radius is given has it in mm: no drive train has larger gears
 LARGEST_IN_METRES = 2.0
@@ -97,7 +97,7 @@ _READ = {
 _OF_ALL = "name", "type", "excitation"
 _SIZES = "teeth", "diameter", "radius"
 CYCLE = 2  # revolutions of the reference rotor, unless orders need more
-# amplitudes that are all below it may be shares of a torque, as in the examples of
+# Amplitudes that are all below it may be shares of a torque, as in the examples of
 # openTorsion
 LARGEST_SHARE = 1.0
 

@@ -23,12 +23,12 @@ class StepControl:
 
     first: float = 0.02  # length of the first step
     longest: float = 0.5  # length of a step at most
-    # length below which a step that fails has met a corner, and one that turns has
+    # Length below which a step that fails has met a corner, and one that turns has
     # passed it
     corner: float = 1e-3
     near: float = 1e-4  # error on the way, where points need only lead on
     closed: float = 1e-9  # error at both ends of the curve, and of p there
-    # cosine of the angle by which the tangent may turn in a step: beyond it may be
+    # Cosine of the angle by which the tangent may turn in a step: beyond it may be
     # another curve
     bent: float = 0.5
     straight: float = 0.9  # cosine of the angle up to which the next step is longer
@@ -36,9 +36,9 @@ class StepControl:
 
 STEP_CONTROL = StepControl()
 
-# length after a failure: the predicted point is six times nearer to a smooth curve
+# Length after a failure: the predicted point is six times nearer to a smooth curve
 SHORTER = 0.4
-# after a straight step with one Jacobian: two such steps make up for one failure
+# After a straight step with one Jacobian: two such steps make up for one failure
 LONGER = 1.6
 EASED = 0.7  # after a step with all its Jacobians: the next prediction is twice as near
 LOST = 1e-8  # below which the curve is given up

@@ -43,7 +43,7 @@ BEGINNINGS = (
     Beginning(0.1, 4.5, True),
     Beginning(0.3, 7.0, False),
 )
-# below which epsilon changes linearly in p: too soft to matter, and zero has no
+# Below which epsilon changes linearly in p: too soft to matter, and zero has no
 # logarithm
 LEAST_EPSILON = 1e-4
 LEAST_DAMPING = 0.01  # share of what is added from which it falls geometrically in p

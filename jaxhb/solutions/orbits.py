@@ -33,13 +33,13 @@ PLACES = (
     1.0,
     -1.0,
     0.0,
-    # of the teeth where the first marches start: on drive sides, on the others, in
+    # Of the teeth where the first marches start: on drive sides, on the others, in
     # their gaps
 )
 SCATTERED, REACH = (
     8,
     2.0,
-    # states at random where others do, how far off at most over those that the first
+    # States at random where others do, how far off at most over those that the first
     # visit
 )
 FIRST_CYCLE = (
@@ -49,14 +49,14 @@ EARLY = (
     6  # cycles of a march from a state at random from which it starts whatever they do
 )
 RANDOM = 32  # states at random from which it does
-# difference of states, as a share of one, up to which they lead to the same motion
+# Difference of states, as a share of one, up to which they lead to the same motion
 NEAR = 0.02
-# difference of the deflections, as a share of the largest, up to which two solutions
+# Difference of the deflections, as a share of the largest, up to which two solutions
 # are one motion
 SAME = 0.01
-# of Newton's method from one start at most: of those that arrive one in ten takes more
+# Of Newton's method from one start at most: of those that arrive one in ten takes more
 MARCHES = 80
-# starts of a kind one after another that lead to no new motion, after which there are
+# Starts of a kind one after another that lead to no new motion, after which there are
 # no more of it
 IDLE = 16
 # Marches of a search at most, all steps of these, and the share of both after which

@@ -56,7 +56,7 @@ LEVEL_RATIO = (
 # highest mesh mode: below the mesh modes the truncated equations often have no solution
 # near the motion.
 ABOVE_EXCITATION, ABOVE_MODES = 2.0, 1.5
-# times the weakly strained modes at which the 2 N harmonics of an estimate see them
+# Times the weakly strained modes at which the 2 N harmonics of an estimate see them
 SEES_MODES = 1.2
 BLIND_SHARE = 0.1  # of the tolerance that an estimate may use which does not see them
 # Half peak-to-peak values of the linear force of the hardest mesh that separates, by

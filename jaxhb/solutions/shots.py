@@ -35,16 +35,16 @@ WORK = 6e7  # of the cycles shot from, in units of ``work_of_cycle``
 # Of one shooting, in one piece and then in segments: of those that succeed in one piece
 # within 40, nine out of ten take no more than 12.
 NEWTON_STEPS = 15
-# periodicity error that counts as none, far below what the steps themselves leave
+# Periodicity error that counts as none, far below what the steps themselves leave
 PERIODIC = 1e-6
 CLOSED = 1e-8  # the same of the segments of a cycle, aimed at
-# difference of the deflections, as a share of the largest, below which two orbits are
+# Difference of the deflections, as a share of the largest, below which two orbits are
 # one, found twice
 SAME = 1e-4
-# steps of a cycle at most. Arrays have room for them: programs are not compiled for
+# Steps of a cycle at most. Arrays have room for them: programs are not compiled for
 # each number.
 CAPACITY = 32768
-# share of the compliance of a mesh below which modes too fast for the steps are left
+# Share of the compliance of a mesh below which modes too fast for the steps are left
 # out
 FLEXIBLE = 1e-6
 

@@ -400,6 +400,8 @@ def _decide(train, rpm, request, start, seconds=None, by_sweeps=True):
         wanted = (starts.from_response(start),)
     deadline = math.inf if seconds is None else time.monotonic() + seconds
     case = starts.Case(train, rpm, request, plan, deadline=deadline)
-    if by_sweeps and start is None and starts.sweep(case):
+    if by_sweeps and start is None:
+        starts.sweep(case)
+    if case.response is not None:
         wanted = starts.BESIDE_SWEEPS
     return case if case.solved else starts.first_solved(case, wanted)

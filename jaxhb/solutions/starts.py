@@ -207,19 +207,18 @@ def refine(case, plan, given=None, event=None):
 
 
 def sweep(case):
-    """Make the attempt by sweeps, where teeth part and they serve; whether they do."""
+    """Make the attempt by sweeps, where teeth part and they serve."""
     swept = (
         sweeping.swept_train(case.train, case.plan, case.request)
         if case.plan.marches
         else None
     )
     if swept is None:
-        return False
+        return
     case.response = swept.solve(float(case.rpm))
     case.path += case.response.path
     case.reached = case.resolved(swept.plan_of(case.response.harmonics))
     case.solved = not case.status.another_start_may_help
-    return True
 
 
 def compile_ahead(case):
@@ -298,9 +297,8 @@ def shooting(case, work=shots.WORK):
         steps: dataclasses.replace(plan, time_steps=steps)
         for steps in _steps(case, plan, work)
     }
-    limits = {"work": work, "deadline": case.deadline}
     found = {
-        steps: shots.shoot(case.train, case.rpm, own, **limits)
+        steps: shots.shoot(case.train, case.rpm, own, work=work, deadline=case.deadline)
         for steps, own in plans.items()
     }
     left = ORBITS

@@ -26,7 +26,7 @@ from jaxhb.solutions import planning
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
-# at which modes are made: only the slowest depend on it, by a soft hold, and so no bit
+# At which modes are made: only the slowest depend on it, by a soft hold, and so no bit
 # on the speed
 MODES_RPM = 1000.0
 
@@ -137,7 +137,7 @@ class SweptTrain:
             if status == Status.TOLERANCE_NOT_MET:
                 deflection = np.asarray(ended.deflection)
             elif newton and status.another_start_may_help and not failures:
-                # sweeps that go astray with long steps may settle with shorter ones
+                # Sweeps that go astray with long steps may settle with shorter ones
                 failures += 1
             else:
                 break

@@ -34,16 +34,16 @@ from jaxhb.train import chain
 # motion when it starts from the other; and of largest deflections up to which records
 # of irregular motion are of one.
 APART = 0.1
-# closure error below which a motion may have the shorter period that its solution has
+# Closure error below which a motion may have the shorter period that its solution has
 RETURNED = 5e-3
-# times the steps of a march, at most, where twice as many did not confirm what it shows
+# Times the steps of a march, at most, where twice as many did not confirm what it shows
 FINEST = 4
-# cycles after which a march with shorter steps is recorded that begins at the motion of
+# Cycles after which a march with shorter steps is recorded that begins at the motion of
 # longer ones
 LATER = 32
-# where a march is too long
+# Where a march is too long
 HIGHER = ": ask for a higher speed, or for a periodic motion (--orbit, jaxhb.solve)"
-# that a march with the finest steps goes on where harmonic balance did not find its
+# That a march with the finest steps goes on where harmonic balance did not find its
 # motion
 MORE_CYCLES = 32
 
@@ -73,7 +73,7 @@ class Classifier:
             cycles, recorded=RECORDED if cycles.recorded is None else cycles.recorded
         )
         self.known, self.apart, self._swept_trains = {}, set(), {}
-        # lists of (Response, period) of motions that marches passed by, by index of the
+        # Lists of (Response, period) of motions that marches passed by, by index of the
         # speed
         self.repelling = {}
 
@@ -376,13 +376,16 @@ class _Classification:
         response, period = self._solved(period)
         if response is None:
             return self._unsolved(period)
+        passed_by = classifier.repelling.setdefault(self.index, [])
+        if any(motion is response for motion, _ in passed_by):
+            return self._passed_by()
         known = classifier.known.get(self.index)
         asked = known is not None and known.response is response
         stays, stability, undecided = (
             (True, known.stability, "") if asked else attracts(response)
         )
         if stays is False:
-            classifier.repelling.setdefault(self.index, []).append((response, period))
+            passed_by.append((response, period))
             return self._passed_by()
         if undecided:
             self.notes.append(

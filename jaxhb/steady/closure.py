@@ -39,7 +39,7 @@ READ = 3 * max(WINDOW, LONGEST_PERIOD) + LONGEST_PERIOD
 # Cycles before a record, fewest and most, and steps times modes that these may take
 # beyond the fewest.
 TRANSIENT, WORK = (64, 1024), 4e6
-# times the decay of the slowest mode that teeth notice, that a transient is given
+# Times the decay of the slowest mode that teeth notice, that a transient is given
 DECAYS = 16.0
 # Cycles of a transient for the sake of such modes, at most: where cycles take long, and
 # where they do not; steps times modes that these may take beyond the fewer, some

@@ -15,7 +15,7 @@ from jaxhb.results.status import March
 from jaxhb.solutions import planning, starts
 from jaxhb.steady.closure import LONGEST_PERIOD
 
-# share of the backlash beyond the knee that a mesh keeps which is taken to stay on its
+# Share of the backlash beyond the knee that a mesh keeps which is taken to stay on its
 # flank (verified)
 MARGIN = 0.05
 # Difference of deflections, relative to the largest and the gap, up to which a solution
@@ -28,7 +28,7 @@ TRUNCATED, REPEATS, WEAK, DOUBTED = 10.0, 1e-4, 5e-3, 0.1
 # Numbers of harmonics, one higher than the other, from which Newton's method is
 # started: with too few there may be no solution near the motion.
 LEVELS = 3
-# share of the tolerance that sweeps may leave where the rest would look like a weak
+# Share of the tolerance that sweeps may leave where the rest would look like a weak
 # subharmonic
 NO_SUBHARMONIC = 1e-5
 

@@ -231,7 +231,7 @@ class SpeedMarch:
     state: np.ndarray  # (2m,)
     closure: Closure
     cycles: int = 0  # done
-    # cycles from which a period counts again, after one that was not found, or that
+    # Cycles from which a period counts again, after one that was not found, or that
     # repels
     not_before: int = 0
     done: bool = False

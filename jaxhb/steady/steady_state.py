@@ -234,7 +234,7 @@ class _SpeedSweep:
         classifier.apart = {
             index for index, plan in enumerate(plans) if plan.active and plan.marches
         }
-        # responses of the speeds at which the linear motion holds the teeth in contact,
+        # Responses of the speeds at which the linear motion holds the teeth in contact,
         # by index
         self.contact = {}
         for shared in {plan for plan in plans if not plan.active}:

@@ -294,7 +294,7 @@ def span_links(ends, disks, root):
     for disk in reversed(outward[1:]):
         weight[above[disk]] += weight[disk]
     order, stack = [], [root]
-    # the heaviest branch is eliminated first: the sweep then needs the fewest places
+    # The heaviest branch is eliminated first: the sweep then needs the fewest places
     while stack:
         disk = stack.pop()
         order.append(disk)

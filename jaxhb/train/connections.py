@@ -9,7 +9,7 @@ from jaxhb.elements.elements import shown
 from jaxhb.excitation.gas import FAR
 from jaxhb.excitation.mean_torques import mean_torques
 
-# share by which the ratios around a closed loop may miss 1: radii are given with so
+# Share by which the ratios around a closed loop may miss 1: radii are given with so
 # many digits
 RATIO_TOLERANCE = 1e-6
 

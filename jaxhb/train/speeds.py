@@ -6,7 +6,7 @@ import math
 
 from jaxhb.elements.elements import SceneError, shown
 
-# speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles
+# Speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles
 # stay below
 HIGHEST_RPM = 1e6
 MOST_SPEEDS = 100_000  # of a range: answers of so many small trains fill a gigabyte

@@ -17,9 +17,9 @@ from jaxhb.excitation.mean_torques import mean_torques as mean_torques_at
 from jaxhb.train import connections, tables
 from jaxhb.train.connections import members_of, names_of, pieces
 
-# distance from a whole number, in harmonics of the cycle, up to which an order fits
+# Distance from a whole number, in harmonics of the cycle, up to which an order fits
 WHOLE = 1e-6
-# share by which the ratio of radii may miss that of the teeth, which then counts
+# Share by which the ratio of radii may miss that of the teeth, which then counts
 TEETH_TOLERANCE = 1e-3
 BALANCE_TOLERANCE = 1e-9
 """Mean torque left over the largest up to which a train without ground balances:

@@ -280,7 +280,7 @@ def test_a_steady_state_keeps_no_vibration_of_its_start_where_nothing_damps_it(p
         "drive.harmonics": [[0.4 * torque, 0.1 * torque]],
     }
     numbers["a|b.epsilon"] = (
-        # which puts the resonance of the gap far above the order, as the closed form
+        # Which puts the resonance of the gap far above the order, as the closed form
         # has it
         1e-3
     )

@@ -109,7 +109,7 @@ def test_the_misfire_of_a_combustion_is_the_polytrope_in_every_order(strokes):
         )
     if turns == 1:  # what is compressed gives its work back
         assert abs(found[0]) < 1e-9 * abs(found).max()
-    # work of the gas exchange alone: the swept volume times the difference of its
+    # Work of the gas exchange alone: the swept volume times the difference of its
     # pressures
     else:
         np.testing.assert_allclose(

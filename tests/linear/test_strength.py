@@ -302,7 +302,7 @@ def test_a_limit_without_the_rated_speed_is_refused():
         jaxhb.build(GEARED, reference="engine")
 
 
-# rule, sigma_B and Y in MPa, lambda; tau_C and tau_T in MPa, by hand from the text of
+# Rule, sigma_B and Y in MPa, lambda; tau_C and tau_T in MPa, by hand from the text of
 # the rule
 KOREAN = (
     ("KR crankshaft A", 440, 225, 0.5, 39.0, 78.0),

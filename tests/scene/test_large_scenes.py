@@ -12,7 +12,7 @@ from jaxhb.elements.value_checks import LONGEST_NAME
 from jaxhb.scene.files import load_scene
 
 SOUND = text_of("three_disks.toml")
-# of processor time, for 10,000 disks with their shafts and for 5000 equal tables
+# Of processor time, for 10,000 disks with their shafts and for 5000 equal tables
 SECONDS = 5.0
 
 

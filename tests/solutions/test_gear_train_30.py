@@ -43,7 +43,7 @@ def test_tooth_forces_and_separation_are_those_of_the_reference_integration(
     assert np.allclose(moments, row["gear_11_peak_moment_transmitted_Nm"], rtol=2e-3)
     if (
         rpm == 1800
-        # several meshes hammer: multipliers are those of the dense equation, with
+        # Several meshes hammer: multipliers are those of the dense equation, with
         # Liouville's determinant
     ):
         expected, found = dense_monodromy(response), jaxhb.stability(response)

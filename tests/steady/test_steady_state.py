@@ -100,7 +100,7 @@ def test_sweeps_up_and_down_follow_the_exact_stable_branches():
         assert state.period == 1
         assert (
             min(errors) < 5e-4
-            # harmonics left out; the transition zone moves extremes by a few of its
+            # Harmonics left out; the transition zone moves extremes by a few of its
             # squares
         )
     coexisting = {

@@ -35,7 +35,7 @@ SAMPLES = 4320
 PANEL = 130  # pixels, the height of a panel
 MOST_TICKS = 12  # steps of an axis of angles, whose numbers have up to five digits
 FOOT = 0.012  # width of a bar, as a share of the recorded cycles
-# cycles up to which every sample is drawn; of longer periods as many points in all
+# Cycles up to which every sample is drawn; of longer periods as many points in all
 SPIKES = 3
 
 

@@ -23,7 +23,7 @@ AXIS, ROW = 62, 15
 
 TITLE_LETTER = 5.9  # pixels of a letter of the title of an axis
 THOUSANDS = {"N m": "kN m", "kN m": "MN m", "kN": "MN", "W": "kW", "kW": "MW"}
-# largest number of an axis in a unit; above it the next of THOUSANDS is taken
+# Largest number of an axis in a unit; above it the next of THOUSANDS is taken
 MOST = 2000.0
 THOUSANDTHS = {"kN": "N", "MPa": "kPa"}
 SMALL = (

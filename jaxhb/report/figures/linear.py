@@ -25,7 +25,7 @@ from jaxhb.report.orders import NUMBERS
 from jaxhb.report.text.columns import plain_number
 
 POINTS = 2000
-# modal torque over the largest of the mode from which a critical speed is filled
+# Modal torque over the largest of the mode from which a critical speed is filled
 COUNTS = 0.1
 APART = 0.032  # share of the height between the names of two modes
 MOST_DECADES = 5  # on either side of 0

@@ -40,14 +40,14 @@ CAMPBELL_MODES = 6, 12
 to the second number.
 """
 
-# range of a Campbell diagram around one speed, below and above as a share of it
+# Range of a Campbell diagram around one speed, below and above as a share of it
 ONE_SPEED = 0.5
 LOWEST = 60  # natural frequencies of a train of many disks
 TOGETHER = 3  # mode shapes in a figure: what does not fit on a sheet leaves it empty
-# modal torque over the largest of the mode below which a critical speed is not in the
+# Modal torque over the largest of the mode below which a critical speed is not in the
 # table
 NEGLIGIBLE = 0.01
-# speeds of the linear forced response at least: it costs little and has sharp peaks
+# Speeds of the linear forced response at least: it costs little and has sharp peaks
 SPEEDS = 201
 
 

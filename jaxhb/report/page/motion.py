@@ -31,10 +31,10 @@ from jaxhb.report.text.sweep_tables import speed_table, turning_table
 MOST, BESIDE = (
     6,
     4,
-    # elements with a figure, of a kind and of two designs: those with the largest
+    # Elements with a figure, of a kind and of two designs: those with the largest
     # numbers
 )
-# meshes of the gear that are drawn over the cycle beside the one with the largest force
+# Meshes of the gear that are drawn over the cycle beside the one with the largest force
 MESHES = 3
 
 

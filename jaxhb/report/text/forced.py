@@ -29,7 +29,7 @@ from jaxhb.results.status import Status
 from jaxhb.solutions.misfires import Misfires, Worst
 
 SHOWN = 6  # orders in a table or picture, those with the largest amplitudes
-# amplitude of an order over the largest of its element from which it is not listed
+# Amplitude of an order over the largest of its element from which it is not listed
 NEGLIGIBLE = 1e-12
 
 KINDS = {"disks": "angle", "shafts": "torque", "meshes": "tooth_force"}

@@ -29,7 +29,7 @@ from jaxhb.report.text.strength import answers_strength, strength_text
 BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 """Headings of the ways in which speeds are gone through."""
 
-# difference of largest tooth forces from which two motions are told as different
+# Difference of largest tooth forces from which two motions are told as different
 APART = 0.02
 
 

@@ -16,7 +16,7 @@ from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.strength import AID
 from jaxhb.train.changes import declared_field, locate
 
-# share by which a value between the speeds exceeds those at them before a sentence says
+# Share by which a value between the speeds exceeds those at them before a sentence says
 # so
 LARGER = 0.02
 MANY = 12  # speeds that are listed
