@@ -148,14 +148,17 @@ def _dense(task):
     """Dense equations: M^-1 B and M^-1 K without the meshes, mesh rows, their damping,
     the excitation.
     """
-    m, size = task.model, task.model.mass.size
+    m = task.model
+    size = task.model.mass.size
     a, b, arm_a, arm_b, k, r = links(m)
     rows = np.zeros((a.size, size))
     at = np.arange(a.size)
     rows[at, a] += arm_a
     rows[at, b] -= arm_b
-    meshes, linear = rows[-m.mesh_k.size :], rows[: -m.mesh_k.size]
-    k, r = k[: -m.mesh_k.size], r[: -m.mesh_k.size]
+    meshes = rows[-m.mesh_k.size :]
+    linear = rows[: -m.mesh_k.size]
+    k = k[: -m.mesh_k.size]
+    r = r[: -m.mesh_k.size]
     load = np.zeros((size, task.load.shape[1]), dtype=complex)
     load[m.pushed] = task.load * np.where(np.arange(task.load.shape[1]), 2, 1)
     matrix = np.concatenate(

@@ -57,10 +57,8 @@ def numpy_angles(train, rpm, orders=24, refinements=0):
     """
     system = chain.assemble(train)
     D = system.incidence()
-    K, B = (
-        (D * system.stiffness) @ D.T,
-        (D * system.viscous) @ D.T + np.diag(system.damping),
-    )
+    K = (D * system.stiffness) @ D.T
+    B = (D * system.viscous) @ D.T + np.diag(system.damping)
     omega = (
         train.topology.cycle_frequency(rpm)[:, None] * np.arange(1, orders + 1)
     ).ravel()[:, None, None]

@@ -28,8 +28,10 @@ from jaxhb import _program
 from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
 
-FINE, MOST = 2048, 4096
-DISKS, MESHES = 27, 4
+FINE = 2048
+MOST = 4096
+DISKS = 27
+MESHES = 4
 FLOOR = 1e-8
 """Errors below this share of the largest are not judged: the equations of the reference
 are solved to 1e-10.
@@ -134,7 +136,8 @@ def run_case(seed, index):
     if max(r.residual for r in solved) > 1e-9:
         return record | {"verdict": "no reference"}
     coarse, true, own = (motion(r)[:, gaps] for r in (*solved, response))
-    error, doubt = np.abs(true - own).max(-1), np.abs(true - coarse).max(-1)
+    error = np.abs(true - own).max(-1)
+    doubt = np.abs(true - coarse).max(-1)
     size = np.abs(true).max(axis=(1, 2))[:, None]
     sound = error <= bound + doubt + FLOOR * size
     ratio = (bound / np.maximum(error, 1e-300)).max(1)

@@ -13,9 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-HARMONICS, SAMPLES = 15, 240
-DAMPING, GROUND, MEAN, SWING = 0.02, 0.1, 0.3, 0.25
-CONTACT, GAP, BACKLASH, TRANSITION = 1.0, 0.05, 1.0, 0.2
+HARMONICS = 15
+SAMPLES = 240
+DAMPING = 0.02
+GROUND = 0.1
+MEAN = 0.3
+SWING = 0.25
+CONTACT = 1.0
+GAP = 0.05
+BACKLASH = 1.0
+TRANSITION = 0.2
 SWEEP = np.linspace(1.30, 0.93, 100)
 RESIDUAL = 1e-8
 
@@ -46,7 +53,8 @@ def chain_matrices(masses, link=0.0):
 
 def law(l):
     """Force and its slope at the deflections ``l``: law (18)."""
-    distance, step = np.abs(l), CONTACT - GAP
+    distance = np.abs(l)
+    step = CONTACT - GAP
     u = np.clip(distance - (1 - TRANSITION) * BACKLASH / 2, 0.0, TRANSITION * BACKLASH)
     v = np.maximum(distance - (1 + TRANSITION) * BACKLASH / 2, 0.0)
     width = 2 * TRANSITION * BACKLASH
@@ -139,7 +147,8 @@ def condensed_sweep(masses, speeds):
     """The deflection of the link as the only unknown, everything linear condensed; each
     speed from the one before.
     """
-    link, push = np.zeros(masses), np.zeros((HARMONICS + 1, masses))
+    link = np.zeros(masses)
+    push = np.zeros((HARMONICS + 1, masses))
     link[middle(masses) : middle(masses) + 2] = 1.0, -1.0
     push[0, 0], push[1, 0] = MEAN, SWING
     right = np.stack([np.broadcast_to(link, push.shape), push], axis=-1)

@@ -123,7 +123,8 @@ def parameters(path):
 
 def value(factors, path):
     """One number that every part of the response enters, and (status, deflections)."""
-    at, plan = train(path), PLANS[path]
+    at = train(path)
+    plan = PLANS[path]
     kinds = dict(zip(parameters(path), factors, strict=True))
     speed = RPM * kinds.pop("speed")
     changes = {
@@ -173,7 +174,8 @@ def table(path):
         np.asarray, linearised(lanes, path)
     )
     near, back, far, farther = np.split(values[1:], 4)
-    wanted, found = (8 * (near - back) - (far - farther)) / (12 * steps), gradients[0]
+    wanted = (8 * (near - back) - (far - farther)) / (12 * steps)
+    found = gradients[0]
     size = np.maximum(np.abs(wanted), 1e-3 * np.abs(wanted).max())
     backwards = found @ ALONG[: len(kinds)]
     swing = np.fft.irfft(deflections[0], n=1024, norm="forward")
@@ -311,7 +313,8 @@ def hammering(random, train, meshes):
 
 def sampled(seed, number):
     """The record of one random derivative."""
-    random, begin = np.random.default_rng([seed, number]), time.process_time()
+    random = np.random.default_rng([seed, number])
+    begin = time.process_time()
     scene = str(random.choice(SCENES))
     train, names, meshes = sampled_train(scene)
     rpm, response, mesh, draws = hammering(random, train, meshes)
@@ -320,11 +323,12 @@ def sampled(seed, number):
     )
     index = sum(names.values(), []).index(name)
     active = tuple(train.topology.mesh_names.index(m) for m in meshes)
-    flank, of_mesh = (
-        (0,) * len(train.topology.mesh_names),
-        np.array([float(m == mesh) for m in meshes]),
-    )
-    slopes, peaks, solved, least = [], [], True, response.harmonics
+    flank = (0,) * len(train.topology.mesh_names)
+    of_mesh = np.array([float(m == mesh) for m in meshes])
+    slopes = []
+    peaks = []
+    solved = True
+    least = response.harmonics
     deflections = fourier.resize(response.deflections, 4096)
     some_response(scene)  # solved before a program asks for it
     for harmonics in (least, 2 * least, min(max(LEAST_REFERENCE, 4 * least), 4096)):
@@ -358,7 +362,8 @@ def report(records):
     """
     solved = [r for r in records if r["solved"]]
     found, twice, reference = np.array([r["slopes"] for r in solved]).T
-    estimate, off = np.abs(twice - found), np.abs(twice - reference)
+    estimate = np.abs(twice - found)
+    off = np.abs(twice - reference)
     print(
         f"{len(solved)} of {len(records)} solved at all harmonics,"
         f" {sum(r['draws'] for r in records)} speeds drawn"

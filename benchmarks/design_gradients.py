@@ -66,7 +66,8 @@ def many_parameters(train, count):
     """``count`` numbers of the train, dampers first; those above 0 may halve and
     double, the others lie amid bounds.
     """
-    topology, names = train.topology, []
+    topology = train.topology
+    names = []
     kinds = (
         ("damper", ("damping", "inertia", "stiffness")),
         ("shaft", ("stiffness", "damping")),
@@ -160,7 +161,8 @@ def spread_of(seconds):
 
 def cost(recorder, options):
     """Value and gradient over value."""
-    train, rpm = viscous_engine(), np.linspace(600, 2600, 5 if options.quick else 50)
+    train = viscous_engine()
+    rpm = np.linspace(600, 2600, 5 if options.quick else 50)
     for count in (1, 10, 100):
         case = Case(train, many_parameters(train, count), rpm)
         solved = (
@@ -222,14 +224,18 @@ def smooth_worst(marches, mesh):
 
 def rivals(recorder, options):
     """The same gradient by differences of compiled Runge-Kutta."""
-    train, rpm = viscous_engine(), np.linspace(600, 2600, 5 if options.quick else 50)
+    train = viscous_engine()
+    rpm = np.linspace(600, 2600, 5 if options.quick else 50)
     mesh = train.topology.mesh_names.index(MESH)
     cases = {
         count: Case(train, many_parameters(train, count), rpm) for count in (10, 100)
     }
-    tasks, gradients, calls = [settled(train, speed, 1.0)[1] for speed in rpm], {}, {}
+    tasks = [settled(train, speed, 1.0)[1] for speed in rpm]
+    gradients = {}
+    calls = {}
     for aim in AIMS:
-        found, open_cycles = [], 0
+        found = []
+        open_cycles = 0
         for k in range(options.differences):
             values = []
             for sign in (1, -1):
@@ -292,7 +298,8 @@ def tuning(recorder, options):
     """Before and after, and the tuned train against Runge-Kutta at speeds that were not
     tuned.
     """
-    train, rpm = viscous_engine(), np.linspace(600, 2600, 9 if options.quick else 41)
+    train = viscous_engine()
+    rpm = np.linspace(600, 2600, 9 if options.quick else 41)
     bounds = {
         "viscous damper.damping": (3.0, 300.0),
         "rubber damper.stiffness": (1e4, 3e5),
@@ -340,10 +347,8 @@ def tuning(recorder, options):
     for speed in UNSEEN[:1] if options.quick else UNSEEN:
         response = jaxhb.solve(result.train, rpm=speed)
         marched, _ = settled(result.train, speed, 1e-4)
-        found, wanted = (
-            float(response.force(MESH).elastic.half_peak_to_peak),
-            float(np.ptp(marched.force[mesh]) / 2),
-        )
+        found = float(response.force(MESH).elastic.half_peak_to_peak)
+        wanted = float(np.ptp(marched.force[mesh]) / 2)
         recorder.add(
             what="recheck",
             setting=f"{speed:g} rpm, half peak-to-peak, N: harmonics, in time",

@@ -84,20 +84,26 @@ class Arc:
         self.load = pair.mean + piece * (1 - pair.epsilon)
         receptance = 1 / (self.k - self.frequency**2 + 2j * self.d * self.frequency)
         self.forced = pair.alternating * receptance * cmath.exp(1j * self.frequency * t)
-        self.x0, self.v0 = x - self.forced.real, v + self.frequency * self.forced.imag
+        self.x0 = x - self.forced.real
+        self.v0 = v + self.frequency * self.forced.imag
         self.pull = self.load - self.k * self.x0
         self.root = math.sqrt(abs(self.k - self.d**2))
 
     def basis(self, tau):
         """s, s' and q."""
-        decay, angle = math.exp(-self.d * tau), self.root * tau
+        decay = math.exp(-self.d * tau)
+        angle = self.root * tau
         if angle == 0:
-            s, even = tau, 1.0
+            s = tau
+            even = 1.0
         elif self.k > self.d**2:
-            s, even = math.sin(angle) / self.root, math.cos(angle)
+            s = math.sin(angle) / self.root
+            even = math.cos(angle)
         else:
-            s, even = math.sinh(angle) / self.root, math.cosh(angle)
-        s, even = decay * s, decay * even
+            s = math.sinh(angle) / self.root
+            even = math.cosh(angle)
+        s = decay * s
+        even = decay * even
         if self.k:
             return s, even - self.d * s, (1 - even - self.d * s) / self.k
         return s, even - self.d * s, (tau - s) / (2 * self.d) if self.d else tau**2 / 2
@@ -105,17 +111,14 @@ class Arc:
     def at(self, tau):
         """x, x', x'' and the free parts y'' and y'''."""
         s, rate, q = self.basis(tau)
-        y, w = self.x0 + self.v0 * s + self.pull * q, self.v0 * rate + self.pull * s
+        y = self.x0 + self.v0 * s + self.pull * q
+        w = self.v0 * rate + self.pull * s
         free = self.load - self.k * y - 2 * self.d * w
-        forced, frequency = (
-            self.forced * cmath.exp(1j * self.frequency * tau),
-            self.frequency,
-        )
-        x, v, a = (
-            y + forced.real,
-            w - frequency * forced.imag,
-            free - frequency**2 * forced.real,
-        )
+        forced = self.forced * cmath.exp(1j * self.frequency * tau)
+        frequency = self.frequency
+        x = y + forced.real
+        v = w - frequency * forced.imag
+        a = free - frequency**2 * forced.real
         return x, v, a, free, -2 * self.d * free - self.k * w
 
     def tangent(self, tau):
@@ -130,15 +133,14 @@ def next_turn(arc, limit):
 
     |y'''| <= |y'''_0| + k |y''_0| L for a time L, because |s'| <= 1 and |s| <= L.
     """
-    tau, window, forced = (
-        0.0,
-        1 / max(1.0, arc.frequency),
-        abs(arc.forced) * arc.frequency**3,
-    )
+    tau = 0.0
+    window = 1 / max(1.0, arc.frequency)
+    forced = abs(arc.forced) * arc.frequency**3
     _, v, a, free, jerk = arc.at(0.0)
     sign = math.copysign(1.0, v if v else a)
     while tau < limit:
-        speed, slope = max(sign * v, 0.0), sign * a
+        speed = max(sign * v, 0.0)
+        slope = sign * a
         bound = forced + abs(jerk) + arc.k * abs(free) * window + 1e-300
         reach = math.sqrt(slope**2 + 2 * bound * speed)
         step = 2 * speed / (reach - slope) if slope < 0 else (reach + slope) / bound
@@ -153,13 +155,16 @@ def crossing(arc, level, sign, end):
     """Time in [0, end] at which x, monotone there, passes ``level``: Newton's method,
     held in a shrinking bracket.
     """
-    low, high, tau = 0.0, end, end / 2
+    low = 0.0
+    high = end
+    tau = end / 2
     for _ in range(200):
         x, v, *_ = arc.at(tau)
         beyond = sign * (x - level)
         low, high = (low, tau) if beyond > 0 else (tau, high)
         newton = tau - (x - level) / v if v else math.inf
-        before, tau = tau, newton if low <= newton <= high else (low + high) / 2
+        before = tau
+        tau = newton if low <= newton <= high else (low + high) / 2
         if abs(tau - before) <= 4e-16 * max(end, 1.0):
             break
     return tau
@@ -182,24 +187,34 @@ class Stretch:
 
 def advance(pair, state, begin, end):
     """The motion from the state (x, x') at time ``begin`` to ``end``."""
-    t, (x, v) = begin, map(float, state)
+    t = begin
+    (x, v) = map(float, state)
     piece = int(math.copysign(1, x)) if abs(x) > 1 or (abs(x) == 1 and x * v > 0) else 0
-    seen, tangent, shares, impacts = [x], np.eye(2), {-1: 0.0, 0: 0.0, 1: 0.0}, 0
+    seen = [x]
+    tangent = np.eye(2)
+    shares = {-1: 0.0, 0: 0.0, 1: 0.0}
+    impacts = 0
     while t < end:
         arc = Arc(pair, piece, t, x, v)
         tau, sign = next_turn(arc, end - t)
-        level, last, after = piece or sign, tau == end - t, piece
+        level = piece or sign
+        last = tau == end - t
+        after = piece
         x, v, *_ = arc.at(tau)
         if (piece == 0 or sign == -piece) and sign * (x - level) > 0:
-            tau, last, after = crossing(arc, level, sign, tau), False, piece + int(sign)
-            x, v = level, sign * max(sign * arc.at(tau)[1], 0.0)
+            tau = crossing(arc, level, sign, tau)
+            last = False
+            after = piece + int(sign)
+            x = level
+            v = sign * max(sign * arc.at(tau)[1], 0.0)
             impacts += after != 0
         elif not last:
             v = 0.0
         seen.append(x)
         tangent = shear(pair, piece, after) @ arc.tangent(tau) @ tangent
         shares[piece] += tau / (end - begin)
-        t, piece = end if last else t + tau, after
+        t = end if last else t + tau
+        piece = after
     return Stretch(
         (x, v), tangent, min(seen), max(seen), shares[0], shares[-1], impacts
     )
@@ -221,7 +236,8 @@ def cycle(pair, state):
 
 def samples(pair, state, count):
     """x at ``count`` even times of the cycle from a state at t = 0."""
-    times, found = pair.cycle * np.arange(count) / count, [state]
+    times = pair.cycle * np.arange(count) / count
+    found = [state]
     for begin, end in zip(times[:-1], times[1:], strict=True):
         found.append(advance(pair, found[-1], begin, end).state)
     return np.array([x for x, _ in found])
@@ -247,7 +263,8 @@ def orbit(pair, state, period=1, steps=40):
     """The periodic motion near a state, stable or not, by Newton's method on the exact
     map; its cycles, or None.
     """
-    state, best = np.array(state, float), (math.inf, None)
+    state = np.array(state, float)
+    best = (math.inf, None)
     for _ in range(steps):
         cycles = march(pair, state, period)
         change = np.array(cycles[-1].state) - state
@@ -276,11 +293,13 @@ def lyapunov_exponent(cycles):
     """Largest Lyapunov exponent per cycle: mean growth of the logarithm of a tangent
     vector.
     """
-    vector, total = np.array([1.0, 0.3]), 0.0
+    vector = np.array([1.0, 0.3])
+    total = 0.0
     for one in cycles:
         vector = one.tangent @ vector
         size = np.linalg.norm(vector)
-        vector, total = vector / size, total + math.log(size)
+        vector = vector / size
+        total = total + math.log(size)
     return total / len(cycles)
 
 
@@ -342,7 +361,8 @@ def long_run(pair, state, *, transient=8192, record=4096):
     and its multipliers lie within the unit circle. A record whose exponent is not above
     0 tells that the march was too short for its period.
     """
-    states, cycles = [tuple(state)], []
+    states = [tuple(state)]
+    cycles = []
     for count in range(1, transient + record + 1):
         cycles.append(cycle(pair, states[-1]))
         states.append(cycles[-1].state)

@@ -193,10 +193,8 @@ def in_float32():
     train = built(parts())
     single = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=np.float32), train)
     same = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=np.float64), single)
-    response, wanted = (
-        jaxhb.solve(single, rpm=np.float32(2400)),
-        jaxhb.solve(same, rpm=2400.0),
-    )
+    response = jaxhb.solve(single, rpm=np.float32(2400))
+    wanted = jaxhb.solve(same, rpm=2400.0)
     change = difference(response, wanted)
     double = all(
         a.dtype in (np.float64, np.complex128)
@@ -268,7 +266,9 @@ def _with_entry(rows, row, column):
 
 def refused_when_built():
     """NaN and infinities in every number of a scene."""
-    elements, let_through, count = one_of_each(), [], 0
+    elements = one_of_each()
+    let_through = []
+    count = 0
     jaxhb.build(elements, reference="motor")
     for i, element in enumerate(elements):
         for name, change in numbers_of(element):
@@ -292,7 +292,9 @@ def refused_when_built():
 
 def refused_when_replaced():
     """NaN and infinities through ``train.replace``."""
-    train, let_through, count = jaxhb.build(one_of_each(), reference="motor"), [], 0
+    train = jaxhb.build(one_of_each(), reference="motor")
+    let_through = []
+    count = 0
     for name, (kind, _) in train.topology.elements.items():
         attribute = {"mesh": "meshes"}.get(kind, f"{kind}s")
         table = getattr(train, attribute)
@@ -337,7 +339,9 @@ def traced_not_finite():
     status = jax.jit(
         lambda leaves: jaxhb.solve(tree.unflatten(leaves), rpm=2400.0, plan=plan).status
     )
-    sound, let_through, count = jax.tree_util.tree_flatten_with_path(train)[0], [], 0
+    sound = jax.tree_util.tree_flatten_with_path(train)[0]
+    let_through = []
+    count = 0
     for i, (path, leaf) in enumerate(sound):
         if not np.size(leaf) or np.asarray(leaf).dtype.kind != "f":
             continue
@@ -380,7 +384,8 @@ def pushed_far():
 
 def refused_arguments():
     """Speeds, tolerances and harmonics that are no numbers to solve with."""
-    train, let_through = built(parts()), []
+    train = built(parts())
+    let_through = []
     tries = [{"rpm": bad} for bad in (np.nan, np.inf, -np.inf, 0.0, -600.0)]
     tries += [{"rpm": 2400.0, "tolerance": bad} for bad in (np.nan, np.inf, -0.01)]
     tries += [
@@ -436,12 +441,15 @@ def second_way(response, check):
 def judged(extreme):
     """The row of one extreme."""
     begin = time.perf_counter()
-    detail, wrong = "", False
+    detail = ""
+    wrong = False
     try:
         found = extreme.run()
         seconds = time.perf_counter() - begin
         if isinstance(found, Found):
-            status, detail, wrong = found.status, found.detail, found.wrong
+            status = found.status
+            detail = found.detail
+            wrong = found.wrong
         else:
             status = Status(int(found.status)).name
             detail = (
@@ -450,12 +458,11 @@ def judged(extreme):
             )
             if status == "CONVERGED":
                 change, words = second_way(found, extreme.check)
-                wrong, detail = change > AGREEMENT, f"{detail}, {words}"
+                wrong = change > AGREEMENT
+                detail = f"{detail}, {words}"
     except Exception as error:  # noqa: BLE001
-        seconds, status = (
-            time.perf_counter() - begin,
-            f"{type(error).__name__}: {error}",
-        )
+        seconds = time.perf_counter() - begin
+        status = f"{type(error).__name__}: {error}"
     known = (
         extreme.expected in status
         if isinstance(extreme.expected, str)

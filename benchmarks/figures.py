@@ -119,12 +119,14 @@ def work_precision(rows):
         every = [
             r for r in rows if (r["disks"], r["damping_percent"]) == (disks, damping)
         ]
-        speeds, count = sorted(compared(every)), len({row["rpm"] for row in every})
+        speeds = sorted(compared(every))
+        count = len({row["rpm"] for row in every})
         own = [row for row in every if row["rpm"] in speeds]
         for method, points in curves(own).items():
             label, color, marker = METHODS[method]
             seconds, errors, reached = zip(*points, strict=True)
-            x, y = [1e3 * s for s in seconds], [100 * e for e in errors]
+            x = [1e3 * s for s in seconds]
+            y = [100 * e for e in errors]
             ax.plot(
                 x,
                 y,
@@ -188,7 +190,8 @@ def _lost(ax, rows):
         own = [
             r for r in rows if r["method"] == method and r["status"] != "step too small"
         ]
-        tried, settled = {r["rpm"] for r in own}, {r["rpm"] for r in own if _settled(r)}
+        tried = {r["rpm"] for r in own}
+        settled = {r["rpm"] for r in own if _settled(r)}
         if tried - settled:
             what = "finds no motion" if method == "jaxhb" else "never settles"
             notes.append(
@@ -244,7 +247,8 @@ def scaling(rows):
             ]
             if not good:
                 continue
-            sizes, seconds = [r["size"] for r in good], [r["seconds"] for r in good]
+            sizes = [r["size"] for r in good]
+            seconds = [r["seconds"] for r in good]
             slope = (
                 f", exponent {exponent(sizes, seconds):.2f}"
                 if len(good) > 1 and part != "speeds"
@@ -280,7 +284,8 @@ def _start_up(ax, rows):
         "compile_seconds": "first solve beyond the second",
         "seconds": "second solve",
     }
-    names, left = [row["cache"] for row in rows], [0.0] * len(rows)
+    names = [row["cache"] for row in rows]
+    left = [0.0] * len(rows)
     for key, label in pieces.items():
         values = [row[key] for row in rows]
         ax.barh(names, values, left=left, label=label)

@@ -70,7 +70,10 @@ def fits(count, seed):
         for n, v in zip(NAMES, own, strict=True)
     ]
     what = ("torque", "cyl6|flywheel"), ("angle", "pulley"), ("speed", "flywheel")
-    inside, opened, off, begin = [], [], [], time.perf_counter()
+    inside = []
+    opened = []
+    off = []
+    begin = time.perf_counter()
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         true = own * rng.uniform(0.8, 1.2, len(own))
@@ -174,7 +177,8 @@ def published(path):
             ("fitted", found.computed),
         ):
             off = np.abs(computed[own]) / rows.amplitude[own] - 1
-            middle, most = 100 * np.median(np.abs(off)), 100 * np.abs(off).max()
+            middle = 100 * np.median(np.abs(off))
+            most = 100 * np.abs(off).max()
             print(
                 f"  {shaft:18s} {said:18s} median off {middle:.1f} %, largest"
                 f" {most:.0f} %"

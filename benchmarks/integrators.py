@@ -64,7 +64,8 @@ def _linear(m, x, v, link, out):
         - m.ground[size - 1] * x[size - 1]
     )
     for k in range(m.shaft_k.size):
-        a, b = m.shaft_a[k], m.shaft_b[k]
+        a = m.shaft_a[k]
+        b = m.shaft_b[k]
         force = m.shaft_k[k] * (x[a] - x[b]) + m.shaft_r[k] * (v[a] - v[b])
         out[a] -= force
         out[b] += force
@@ -79,7 +80,10 @@ def _acceleration(m, inverse, x, v, table, row, link, out):
     for e in range(m.pushed.size):
         out[m.pushed[e]] += table[row, e]
     for g in range(m.mesh_k.size):
-        a, b, arm_a, arm_b = m.mesh_a[g], m.mesh_b[g], m.arm_a[g], m.arm_b[g]
+        a = m.mesh_a[g]
+        b = m.mesh_b[g]
+        arm_a = m.arm_a[g]
+        arm_b = m.arm_b[g]
         force, _, _ = _mesh(
             m, g, arm_a * x[a] - arm_b * x[b], arm_a * v[a] - arm_b * v[b]
         )
@@ -100,7 +104,8 @@ def accelerate(m, x, v, table, out):
 @njit(fastmath=RELAXED, error_model="numpy", inline="always")
 def _observe(m, x, v, deflection, rate, j):
     for g in range(m.mesh_k.size):
-        a, b = m.mesh_a[g], m.mesh_b[g]
+        a = m.mesh_a[g]
+        b = m.mesh_b[g]
         deflection[g, j] = m.arm_a[g] * x[a] - m.arm_b[g] * x[b]
         rate[g, j] = m.arm_a[g] * v[a] - m.arm_b[g] * v[b]
 
@@ -113,9 +118,16 @@ def runge_kutta(m, x, v, table, dt, deflection, rate):
     ``table`` ``(2 steps_per_cycle, E)`` N holds the excitation at half steps;
     ``deflection.shape[1]`` steps are taken.
     """
-    size, rows, inverse = x.size, table.shape[0], 1 / m.mass
-    a1, a2, a3, a4 = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    y, w, link = np.empty(size), np.empty(size), np.empty(size)
+    size = x.size
+    rows = table.shape[0]
+    inverse = 1 / m.mass
+    a1 = np.empty(size)
+    a2 = np.empty(size)
+    a3 = np.empty(size)
+    a4 = np.empty(size)
+    y = np.empty(size)
+    w = np.empty(size)
+    link = np.empty(size)
     half = dt / 2
     for j in range(deflection.shape[1]):
         _observe(m, x, v, deflection, rate, j)
@@ -144,7 +156,8 @@ def _factorise(parent, coupling, diagonal):
     """Factor of a symmetric tree matrix, leaves first: multipliers ``(S,)`` and inverse
     pivots ``(S,)``.
     """
-    weight, inverse = np.zeros(parent.size), np.empty(parent.size)
+    weight = np.zeros(parent.size)
+    inverse = np.empty(parent.size)
     for s in range(parent.size):
         inverse[s] = 1 / diagonal[s]
         if parent[s] < parent.size:
@@ -238,16 +251,21 @@ def implicit_tree(m, scheme, factor, x, v, a, table, dt, deflection, rate):
     """
     alpha_m, alpha_f, beta, gamma = scheme
     parent, weight, inverse, columns, compliance = factor
-    count, size, rows = m.mesh_k.size, x.size, table.shape[0]
-    cx, cv = (1 - alpha_f) * beta * dt * dt, (1 - alpha_f) * gamma * dt
-    y, w, r, link = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    free_l, free_v, l, phi = (
-        np.zeros(count),
-        np.zeros(count),
-        np.zeros(count),
-        np.zeros(count),
-    )
-    matrix, change = np.empty((count, count)), np.empty(count)
+    count = m.mesh_k.size
+    size = x.size
+    rows = table.shape[0]
+    cx = (1 - alpha_f) * beta * dt * dt
+    cv = (1 - alpha_f) * gamma * dt
+    y = np.empty(size)
+    w = np.empty(size)
+    r = np.empty(size)
+    link = np.empty(size)
+    free_l = np.zeros(count)
+    free_v = np.zeros(count)
+    l = np.zeros(count)
+    phi = np.zeros(count)
+    matrix = np.empty((count, count))
+    change = np.empty(count)
     for j in range(deflection.shape[1]):
         _observe(m, x, v, deflection, rate, j)
         row = j % rows
@@ -260,7 +278,10 @@ def implicit_tree(m, scheme, factor, x, v, a, table, dt, deflection, rate):
         for e in range(m.pushed.size):
             r[m.pushed[e]] += table[row, e]
         for g in range(count):
-            p, q, arm_p, arm_q = m.mesh_a[g], m.mesh_b[g], m.arm_a[g], m.arm_b[g]
+            p = m.mesh_a[g]
+            q = m.mesh_b[g]
+            arm_p = m.arm_a[g]
+            arm_q = m.arm_b[g]
             force = m.mesh_k[g] * (arm_p * y[p] - arm_q * y[q]) + m.mesh_r[g] * (
                 arm_p * w[p] - arm_q * w[q]
             )
@@ -268,7 +289,10 @@ def implicit_tree(m, scheme, factor, x, v, a, table, dt, deflection, rate):
             r[q] += arm_q * force
         _solve(parent, weight, inverse, r)
         for g in range(count):
-            p, q, arm_p, arm_q = m.mesh_a[g], m.mesh_b[g], m.arm_a[g], m.arm_b[g]
+            p = m.mesh_a[g]
+            q = m.mesh_b[g]
+            arm_p = m.arm_a[g]
+            arm_q = m.arm_b[g]
             free_l[g] = arm_p * (y[p] + cx * r[p]) - arm_q * (y[q] + cx * r[q])
             free_v[g] = arm_p * (w[p] + cv * r[p]) - arm_q * (w[q] + cv * r[q])
         for g in range(count):
@@ -289,7 +313,8 @@ def scheme_of(rho):
     """Generalized-alpha (alpha_m, alpha_f, beta, gamma) with spectral radius ``rho`` at
     infinite frequency.
     """
-    alpha_m, alpha_f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
+    alpha_m = (2 * rho - 1) / (rho + 1)
+    alpha_f = rho / (rho + 1)
     return alpha_m, alpha_f, (1 - alpha_m + alpha_f) ** 2 / 4, 0.5 - alpha_m + alpha_f
 
 
@@ -297,8 +322,10 @@ def tree_factor(task, dt, scheme):
     """Factor of ``(1 - alpha_m) M + (1 - alpha_f)(gamma dt B + beta dt^2 K)`` and its
     answers to the mesh forces.
     """
-    m, (alpha_m, alpha_f, beta, gamma) = task.model, scheme
-    cx, cv = (1 - alpha_f) * beta * dt**2, (1 - alpha_f) * gamma * dt
+    m = task.model
+    (alpha_m, alpha_f, beta, gamma) = scheme
+    cx = (1 - alpha_f) * beta * dt**2
+    cv = (1 - alpha_f) * gamma * dt
     a, b, arm_a, arm_b, stiffness, damping = links(m)
     stiff = cx * stiffness + cv * damping
     diagonal = (1 - alpha_m) * m.mass + cv * m.damping + cx * m.ground
@@ -349,7 +376,8 @@ def _accelerate_links(x, v, load, out, disk, link, mesh):
     for s in range(x.size):
         out[s] = load[s] - damping[s] * v[s] - ground[s] * x[s]
     for k in range(link.shape[1]):
-        a, b = int(link[0, k]), int(link[1, k])
+        a = int(link[0, k])
+        b = int(link[1, k])
         l = link[2, k] * x[a] - link[3, k] * x[b]
         rate = link[2, k] * v[a] - link[3, k] * v[b]
         force = _link_force(
@@ -396,19 +424,20 @@ def runge_kutta_links(x, v, loads, dt, cycles, disk, link, mesh, kept):
     smallest force of each link ``(cycles, 2, L)``; ``loads`` ``(2 steps, S)`` at half
     steps, the others as in :func:`_accelerate_links`.
     """
-    steps, links = loads.shape[0] // 2, link.shape[1]
-    seen, extremes = np.zeros((cycles, kept, links)), np.zeros((cycles, 2, links))
-    a1, a2, a3, a4 = (
-        np.empty_like(x),
-        np.empty_like(x),
-        np.empty_like(x),
-        np.empty_like(x),
-    )
+    steps = loads.shape[0] // 2
+    links = link.shape[1]
+    seen = np.zeros((cycles, kept, links))
+    extremes = np.zeros((cycles, 2, links))
+    a1 = np.empty_like(x)
+    a2 = np.empty_like(x)
+    a3 = np.empty_like(x)
+    a4 = np.empty_like(x)
     extremes[:, 0], extremes[:, 1] = -np.inf, np.inf
     for c in range(cycles):
         for j in range(steps):
             for k in range(links):
-                a, b = int(link[0, k]), int(link[1, k])
+                a = int(link[0, k])
+                b = int(link[1, k])
                 l = link[2, k] * x[a] - link[3, k] * x[b]
                 rate = link[2, k] * v[a] - link[3, k] * v[b]
                 f = _link_force(

@@ -32,7 +32,9 @@ from jaxhb.equations.state_space import matrices
 from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.train import chain
 
-STEPS_PER_PERIOD, SETTLING, WATCHED = 20, 256, 256
+STEPS_PER_PERIOD = 20
+SETTLING = 256
+WATCHED = 256
 MOST_WORK = 6e8
 """Steps times links, about a minute."""
 RETURNED = 2e-4
@@ -47,12 +49,11 @@ class Integration:
     """A train at one speed for :func:`integrators.runge_kutta_links`."""
 
     def __init__(self, train, rpm):
-        system, law, meshes = (
-            chain.assemble(train),
-            law_of(train.meshes),
-            all_meshes(train),
-        )
-        count, first = len(system.stiffness), len(system.stiffness) - len(meshes.link)
+        system = chain.assemble(train)
+        law = law_of(train.meshes)
+        meshes = all_meshes(train)
+        count = len(system.stiffness)
+        first = len(system.stiffness) - len(meshes.link)
         self.disk = np.stack(
             [system.damping, system.ground, 1 / np.asarray(system.mass)]
         )

@@ -8,7 +8,8 @@ import jaxhb
 from jaxhb import Damper, Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.design import Objective
 
-INERTIA, STIFFNESS = 2.0, 8e4
+INERTIA = 2.0
+STIFFNESS = 8e4
 NATURAL = np.sqrt(STIFFNESS / INERTIA)
 """One mass on a spring, rad/s."""
 

@@ -123,7 +123,8 @@ def described(motion, starts, marched):
     if motion.period:
         return numbers | {"multipliers": pairs(multipliers(cycles))}
     windows = [n for n in (1, 64, 256, 1024, 4096) if n <= len(cycles)]
-    most, least = [one.maximum for one in cycles], [-one.minimum for one in cycles]
+    most = [one.maximum for one in cycles]
+    least = [-one.minimum for one in cycles]
     return numbers | {
         "record": len(cycles),
         "largest_over": {str(n): largest_over(most, n) for n in windows},

@@ -68,7 +68,8 @@ def sweep(recorder, options):
     dense, _, dense_seconds, dense_spread = timed(
         lambda: numpy_angles(train, rpm), min(options.repeats, 3)
     )
-    angles, largest = found.angles[..., 1:], np.abs(refined).max()
+    angles = found.angles[..., 1:]
+    largest = np.abs(refined).max()
     recorder.add(
         **sizes,
         method="forced_response",

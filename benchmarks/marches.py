@@ -57,12 +57,10 @@ def march(
     """
     advance, _ = stepping(task, method, steps, rho)
     deflection, rate = np.empty((2, task.model.mesh_k.size, steps))
-    before, periodicity_error, seconds, done = (
-        np.full_like(deflection, np.inf),
-        np.inf,
-        0.0,
-        0,
-    )
+    before = np.full_like(deflection, np.inf)
+    periodicity_error = np.inf
+    seconds = 0.0
+    done = 0
     while done < (cycles or most) and seconds < budget:
         begin = clock()
         advance(deflection, rate)

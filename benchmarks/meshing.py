@@ -32,7 +32,8 @@ import jaxhb
 from jaxhb.equations import fourier
 from jaxhb.scene.writer import elements_of
 
-TEETH, RADII = (20, 30, 25), (0.04, 0.06, 0.05)
+TEETH = (20, 30, 25)
+RADII = (0.04, 0.06, 0.05)
 STEPS, SETTLE, LAST = 5000, 256, 256  # of a cycle; cycles before those that are watched
 RECORDED = 64  # cycles of a record
 # Change of a deflection or twist, over the range of all, up to which a motion has
@@ -58,7 +59,8 @@ def numbers(seed, index):
         [mass[k] * mass[k + 1] / (mass[k] + mass[k + 1]) for k in (0, 1)]
     )
     natural = np.sqrt(stiffness / reduced)
-    spring, stage = between(500.0, 3000.0), np.sort(rng.uniform(1.0, 5.0, 2))
+    spring = between(500.0, 3000.0)
+    stage = np.sort(rng.uniform(1.0, 5.0, 2))
     share = (
         rng.uniform(0.05, 0.3, 2)[:, None]
         * np.array([1.0, 0.3])
@@ -168,7 +170,8 @@ def fall(
     torque[0] = drive[0].real + (drive[1] * np.exp(2j * omega * time)).real
     torque[4] = -drive[0].real * TEETH[2] / TEETH[0]
     for k in range(2):
-        a, b = RADII[k], RADII[k + 1]
+        a = RADII[k]
+        b = RADII[k + 1]
         e = error[k] * turn
         l = a * y[1 + k] - b * y[2 + k] - e.real
         l_rate = a * y[6 + k] - b * y[7 + k] - (1j * TEETH[0] * omega * e).real
@@ -184,7 +187,8 @@ def fall(
         total = force[k] + tooth[1, k] * l_rate * inside / width
         torque[1 + k] -= a * total
         torque[2 + k] += b * total
-    twist, other = y[0] - y[1], y[3] - y[4]
+    twist = y[0] - y[1]
+    other = y[3] - y[4]
     clutch = links[0] * twist + 0.01 * np.sqrt(links[0]) * (y[5] - y[6])
     before = links[0]
     for k in range(2):
@@ -211,9 +215,14 @@ def march(y, cycles, omega, inertia, drag, tooth, share, error, links, stages, d
     beginnings of cycles, and the largest elastic tooth force ``(cycles,)`` in each;
     ``y`` is taken along.
     """
-    bends, largest, force = np.zeros((cycles, 4)), np.zeros(cycles), np.zeros(2)
+    bends = np.zeros((cycles, 4))
+    largest = np.zeros(cycles)
+    force = np.zeros(2)
     dt = 2 * np.pi / omega / STEPS
-    a, b, c, d = np.zeros(10), np.zeros(10), np.zeros(10), np.zeros(10)
+    a = np.zeros(10)
+    b = np.zeros(10)
+    c = np.zeros(10)
+    d = np.zeros(10)
     given = omega, inertia, drag, tooth, share, error, links, stages, drive
     for m in range(cycles):
         bends[m, 0], bends[m, 1] = (
@@ -256,10 +265,8 @@ def integrated(n, state):
     links = np.array([n["spring"], n["shaft"], np.deg2rad(n["stop"][0]), n["stop"][1]])
     tooth = np.stack([n["stiffness"], n["damping"], n["backlash"]])
     given = omega, n["inertia"], n["drag"], tooth, n["share"], n["error"], links, stages
-    y, drive = (
-        np.ascontiguousarray(y.ravel()),
-        np.array([n["mean"], n["order"]], complex),
-    )
+    y = np.ascontiguousarray(y.ravel())
+    drive = np.array([n["mean"], n["order"]], complex)
     march(y, SETTLE, *given, drive)
     return march(y, LAST, *given, drive)
 
@@ -339,7 +346,8 @@ def random(cases, seed, out):
 
 def cost():
     """Times of one solve under a plan, interleaved."""
-    made, times = elements_of("gear_train_30"), {}
+    made = elements_of("gear_train_30")
+    times = {}
     before = jaxhb.load_scene("gear_train_30").topology
     reference = before.disk_names[before.rotor.index(before.reference_rotor)]
     for name, orders in (

@@ -34,13 +34,12 @@ import jaxhb
 DIGITS = 50
 AGREED = 1e-9
 DISKS = 5, 30
-ORDINARY, WIDE = ((-4, 0), (3, 6)), ((-5, 2), (2, 8))
+ORDINARY = ((-4, 0), (3, 6))
+WIDE = ((-5, 2), (2, 8))
 """Decades of inertias (kg m2) and of stiffnesses of shafts (N m/rad)."""
-OURS, UNDAMPED, STATE = (
-    "jaxhb",
-    "openTorsion, undamped_modal_analysis",
-    "openTorsion, modal_analysis",
-)
+OURS = "jaxhb"
+UNDAMPED = "openTorsion, undamped_modal_analysis"
+STATE = "openTorsion, modal_analysis"
 COLUMNS = {"meshes": "<7s", "method": "<38s", "trees": "5d", "frequencies": "11d", "largest_error": "13.1e",
            "beyond_1e-9": "11d", "largest_rigid": "13.1e"}  # fmt: skip
 
@@ -51,12 +50,10 @@ def random_tree(random, decades=ORDINARY):
     of the earlier rotor, gear, their radii in m, N/m).
     """
     disks = int(random.integers(*DISKS, endpoint=True))
-    inertia, shafts, meshes, rotor = (
-        (10 ** random.uniform(*decades[0], disks)).tolist(),
-        [],
-        [],
-        [0],
-    )
+    inertia = (10 ** random.uniform(*decades[0], disks)).tolist()
+    shafts = []
+    meshes = []
+    rotor = [0]
     radius = random.uniform(0.03, 0.2, disks).tolist()
     for disk in range(1, disks):
         if random.random() < 0.7 or disk == 1:
@@ -120,7 +117,8 @@ def parts(tree, rigid):
             jaxhb.Mesh(between=(str(a), str(b)), stiffness=c)
             for a, b, *_, c in tree["meshes"]
         ]
-    ratio, held_by = speeds(tree), {b: a for a, b, *_ in tree["meshes"]}
+    ratio = speeds(tree)
+    held_by = {b: a for a, b, *_ in tree["meshes"]}
 
     def place(disk):
         return place(held_by[disk]) if disk in held_by else disk
@@ -139,7 +137,8 @@ def assembly(tree, rigid):
     """The tree as openTorsion has it."""
     shafts = [Shaft(a, b, k=k) for a, b, k in tree["shafts"]]
     disks = [Disk(i, J) for i, J in enumerate(tree["inertia"])]
-    gears, parents = [], {}
+    gears = []
+    parents = {}
     kind = Gear if rigid else ElasticGear
     for a, b, r_a, r_b, c in tree["meshes"]:
         if a not in parents:
@@ -168,13 +167,12 @@ def by_opentorsion(tree, rigid):
 def by_mpmath(tree, rigid):
     """rad/s, rising, in mpmath's numbers."""
     size = len(tree["inertia"])
-    K, T = mpmath.zeros(size), mpmath.eye(size)
+    K = mpmath.zeros(size)
+    T = mpmath.eye(size)
     rows = [((a, b), (mpmath.mpf(1), mpmath.mpf(-1)), k) for a, b, k in tree["shafts"]]
     if rigid:  # angles of gears that are driven follow those of the drivers
-        ratio, held_by = (
-            speeds(tree, mpmath.mpf(1)),
-            {b: a for a, b, *_ in tree["meshes"]},
-        )
+        ratio = speeds(tree, mpmath.mpf(1))
+        held_by = {b: a for a, b, *_ in tree["meshes"]}
         free = [disk for disk in range(size) if disk not in held_by]
         T = mpmath.zeros(size, len(free))
         for disk in range(size):

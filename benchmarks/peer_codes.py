@@ -163,7 +163,8 @@ def harmonicbalance_sweep(masses, speeds):
     first = middle(masses)
 
     def slopes(states, push):
-        x, v = states[:masses], states[masses:]
+        x = states[:masses]
+        v = states[masses:]
         force = (x[first] - x[first + 1]).nonlinearity(lambda l: law(l)[0])
         rates = []
         for s in range(masses):
@@ -178,7 +179,9 @@ def harmonicbalance_sweep(masses, speeds):
             rates.append(total + push if s == 0 else total)
         return [*v, *rates]
 
-    found, start, begin = [], None, time.perf_counter()
+    found = []
+    start = None
+    begin = time.perf_counter()
     for w in speeds:
         push = Fourier(omega=w, n=HARMONICS)
         push[0], push[1] = MEAN, SWING
@@ -201,10 +204,8 @@ def _in_contact(masses, w):
     """
     from chain_task import dynamic_stiffness
 
-    z, push = (
-        dynamic_stiffness(masses, w, CONTACT),
-        np.zeros((HARMONICS + 1, masses, 1)),
-    )
+    z = dynamic_stiffness(masses, w, CONTACT)
+    push = np.zeros((HARMONICS + 1, masses, 1))
     push[0, 0], push[1, 0] = MEAN, SWING
     x = np.linalg.solve(z, push)[..., 0].T
     both = np.concatenate([x, 1j * np.arange(HARMONICS + 1) * w * x])
@@ -226,7 +227,9 @@ CODES = {
 
 def main():
     """``CODE MASSES COUNT``: the first COUNT speeds of the sweep."""
-    name, masses, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+    name = sys.argv[1]
+    masses = int(sys.argv[2])
+    count = int(sys.argv[3])
     package, sweep = CODES[name]
     begin = time.perf_counter()
     if package == "pyHarm-os":

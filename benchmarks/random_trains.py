@@ -119,7 +119,8 @@ def random_case(rng, size=None):
     """
     drawn = SKELETONS[rng.integers(len(SKELETONS))]
     bones = skeleton(*(size or drawn))
-    zeta, load = span(rng, 0.005, 0.1), span(rng, 0.02, 5.0) * (rng.random() > 0.15)
+    zeta = span(rng, 0.005, 0.1)
+    load = span(rng, 0.02, 5.0) * (rng.random() > 0.15)
     radius, inertia = _gears(rng, bones)
     parts = [
         Disk(
@@ -175,7 +176,8 @@ def _gears(rng, bones):
 
 def _links(rng, bones, radius, inertia, zeta):
     """Shafts, meshes and the damper."""
-    spread, middle = span(rng, 10.0, 1e6), span(rng, 3e4, 1e6)
+    spread = span(rng, 10.0, 1e6)
+    middle = span(rng, 3e4, 1e6)
     parts = []
     for a, b in bones.shafts:
         k = middle * spread ** rng.uniform(-0.5, 0.5)
@@ -224,7 +226,8 @@ def _torques(rng, bones, radius, load):
     """
     amplitude = span(rng, 300.0, 2e4) * radius[0] / len(bones.excited)
     decay = rng.uniform(0.8, 2.0)
-    mean, parts = load * amplitude, []
+    mean = load * amplitude
+    parts = []
     for disk in bones.excited:
         k = np.arange(1, bones.orders + 1)
         torque = amplitude * k**-decay * np.exp(2j * np.pi * rng.random(k.size))

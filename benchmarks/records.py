@@ -112,7 +112,8 @@ def timed(call, repeats, enough=30.0):
     """
     begin = time.perf_counter()
     result = call()
-    first, runs = time.perf_counter() - begin, []
+    first = time.perf_counter() - begin
+    runs = []
     while len(runs) < repeats and (not runs or sum(runs) < enough):
         begin = time.perf_counter()
         result = call()

@@ -49,8 +49,10 @@ class Reference:
         size = self.deflection.shape[1]
         place = np.arange(count) * size / count
         j = place.astype(int)
-        s, k = place - j, (j + 1) % size
-        l, slope = self.deflection, self.rate * self.period / size
+        s = place - j
+        k = (j + 1) % size
+        l = self.deflection
+        slope = self.rate * self.period / size
         values = (1 + 2 * s) * (1 - s) ** 2 * l[:, j] + s * (1 - s) ** 2 * slope[:, j]
         values += s**2 * (3 - 2 * s) * l[:, k] + s**2 * (s - 1) * slope[:, k]
         return self.task.force(values)
@@ -144,10 +146,8 @@ def _shot(response, task):
     orbit = jaxhb.shooting_correction(response).orbit
     own = np.flatnonzero(response.topology.mesh_backlash)
     count = orbit.deflection.shape[1]
-    deflection, rate = (
-        response.deflection_samples(count),
-        np.zeros((len(task.model.mesh_k), count)),
-    )
+    deflection = response.deflection_samples(count)
+    rate = np.zeros((len(task.model.mesh_k), count))
     deflection[own], rate[own] = orbit.deflection, orbit.rate
     name = f"shooting, {count} steps"
     return Reference(
@@ -195,7 +195,8 @@ def _krylov(task, steps, budget):
         reached = over(trial)
         now = periodicity_error(trial, reached)
         if not now < best:
-            trial, reached = end, over(end)
+            trial = end
+            reached = over(end)
             now = periodicity_error(trial, reached)
         state, end, best = trial, reached, now
     over(state)
@@ -205,5 +206,6 @@ def _krylov(task, steps, budget):
 
 def _forces(task, state):
     """Elastic tooth forces ``(M, 1)`` N in a state."""
-    m, x = task.model, state[: task.model.mass.size]
+    m = task.model
+    x = state[: task.model.mass.size]
     return task.force((m.arm_a * x[m.mesh_a] - m.arm_b * x[m.mesh_b])[:, None])

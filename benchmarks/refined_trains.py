@@ -75,7 +75,9 @@ def refined(train, disks, *, share=SHARE):
     def moved(disk):
         return disk if disk < first else disk + extra
 
-    names, ends, rotor = [], [], []
+    names = []
+    ends = []
+    rotor = []
     for name, (a, b), count in zip(old.shaft_names, old.shaft_ends, new, strict=True):
         chain = [
             moved(a),
@@ -153,7 +155,9 @@ def accessory_drive(meshes):
     ]
     before = "motor"
     for k in range(1, meshes + 1):
-        pinion, gear, wheel = f"pinion {k}", f"gear {k}", f"accessory {k}"
+        pinion = f"pinion {k}"
+        gear = f"gear {k}"
+        wheel = f"accessory {k}"
         parts += [
             jaxhb.Disk(name=pinion, inertia=0.01, radius=0.06),
             jaxhb.Shaft(between=(before, pinion), stiffness=1e7, damping=500.0),

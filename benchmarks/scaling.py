@@ -39,7 +39,8 @@ COLUMNS = {
     "programs": "8d",
     "status": "<20s",
 }
-RPM, DAMPING = 1833.0, 0.05
+RPM = 1833.0
+DAMPING = 0.05
 
 FRESH = """
 import json, os, sys, time
@@ -192,7 +193,8 @@ def disks(recorder, options):
 
 def meshes(recorder, options):
     """A shaft that drives accessories through one mesh each, all with backlash."""
-    sizes, seconds = (1, 2) if options.quick else (1, 2, 4, 8, 16), []
+    sizes = (1, 2) if options.quick else (1, 2, 4, 8, 16)
+    seconds = []
     for size in sizes:
         train = accessory_drive(size)
         seconds.append(
@@ -212,7 +214,8 @@ def speeds(recorder, options):
     """Seconds per speed of ``solve_speeds`` over the range of the engine, and of a loop
     over its speeds.
     """
-    train, sizes = _train(), (4,) if options.quick else (1, 8, 64)
+    train = _train()
+    sizes = (4,) if options.quick else (1, 8, 64)
     repeats = max(1, options.repeats // 2)
     for size in sizes:
         rpm = np.linspace(600.0, 2450.0, size) if size > 1 else np.array([RPM])

@@ -26,7 +26,8 @@ import jaxhb
 from jaxhb.integration.step import cycle
 from jaxhb.linear.mesh_modes import STRAINED
 
-CYCLES, WATCHED = 1024, 64
+CYCLES = 1024
+WATCHED = 64
 LONGEST = 16
 """Cycles after which a motion may come back."""
 RETURNED = 1e-4

@@ -65,7 +65,8 @@ def rows(repeats, scratch):
             ][1:],
         )
     for name, arguments in (("solve", SOLVE), ("sweep", SWEEP)):
-        first, second = [], []
+        first = []
+        second = []
         for i in range(repeats):
             folder = scratch / f"{name} {i}"
             first.append(seconds(COMMAND + arguments, folder)[0])

@@ -104,7 +104,8 @@ def prepare(train, rpm):
     """The :class:`Task` of a train, a tree without loss factors and massless disks and
     with one ground at most.
     """
-    system, meshes = chain.assemble(train), all_meshes(train)
+    system = chain.assemble(train)
+    meshes = all_meshes(train)
     tree = system.tree
     if (
         len(tree.loops)
@@ -121,20 +122,16 @@ def prepare(train, rpm):
     torque, _, _ = excitation(train, rpm, highest_harmonic(train))
     load = (torque / system.radius[:, None])[order]
     pushed = np.flatnonzero(np.abs(load).max(axis=1)).astype(np.uintp)
-    law, count = meshes.law, len(meshes.link)
-    shafts, teeth = (
-        slice(None, len(tree.end_a) - count),
-        slice(len(tree.end_a) - count, None),
-    )
-    end_a, end_b = (
-        position[tree.end_a].astype(np.uintp),
-        position[tree.end_b].astype(np.uintp),
-    )
-    shaft_a, shaft_b = end_a[shafts], end_b[shafts]
-    shaft_k, shaft_r = (
-        np.asarray(system.stiffness)[shafts],
-        np.asarray(system.viscous)[shafts],
-    )
+    law = meshes.law
+    count = len(meshes.link)
+    shafts = slice(None, len(tree.end_a) - count)
+    teeth = slice(len(tree.end_a) - count, None)
+    end_a = position[tree.end_a].astype(np.uintp)
+    end_b = position[tree.end_b].astype(np.uintp)
+    shaft_a = end_a[shafts]
+    shaft_b = end_b[shafts]
+    shaft_k = np.asarray(system.stiffness)[shafts]
+    shaft_r = np.asarray(system.viscous)[shafts]
     near = np.abs(shaft_a.astype(int) - shaft_b.astype(int)) == 1
     chain_k, chain_r = np.zeros((2, order.size))
     chain_k[np.minimum(shaft_a, shaft_b)[near]] = shaft_k[near]
@@ -195,8 +192,10 @@ def _opened(system, position, opening):
     tree = system.tree
     moved = np.zeros(len(position))
     for s in range(len(position) - 2, -1, -1):
-        link, above = tree.link[s], moved[tree.parent[s]]
-        a, b = system.arm_a[link], system.arm_b[link]
+        link = tree.link[s]
+        above = moved[tree.parent[s]]
+        a = system.arm_a[link]
+        b = system.arm_b[link]
         moved[s] = (
             (opening[link] + b * above) / a
             if tree.from_a[s]
@@ -209,7 +208,8 @@ def links(model):
     """All links as one list: ends a, b, arms a, b, stiffness N/m, damping N s/m, teeth
     in contact.
     """
-    m, near = model, np.arange(model.mass.size - 1)
+    m = model
+    near = np.arange(model.mass.size - 1)
     one = np.ones(near.size + m.shaft_k.size)
     return (
         np.concatenate([near, m.shaft_a, m.mesh_a]).astype(int),
@@ -225,9 +225,11 @@ def fastest_rate(task):
     """Largest of the undamped natural frequencies and of the damping rates ``eig(M^-1
     B)``, rad/s, teeth in contact.
     """
-    m, size = task.model, task.model.mass.size
+    m = task.model
+    size = task.model.mass.size
     a, b, arm_a, arm_b, stiffness, damping = links(m)
-    root, rates = 1 / np.sqrt(m.mass), []
+    root = 1 / np.sqrt(m.mass)
+    rates = []
     for k, disk in ((stiffness, m.ground), (damping, m.damping)):
         values = [
             k * arm_a**2,
@@ -236,7 +238,8 @@ def fastest_rate(task):
             -k * arm_a * arm_b,
             disk,
         ]
-        rows, columns = [a, b, a, b, np.arange(size)], [a, b, b, a, np.arange(size)]
+        rows = [a, b, a, b, np.arange(size)]
+        columns = [a, b, b, a, np.arange(size)]
         entry = (
             np.concatenate(values),
             (np.concatenate(rows), np.concatenate(columns)),

@@ -79,7 +79,8 @@ def dense(train, rpm, tolerances, of):
         np.array(list(itertools.product((-1.0, 1.0), repeat=len(tolerances))))
     )
     found = np.full(len(rpm), np.nan)
-    speeds, starts = [], []
+    speeds = []
+    starts = []
     for i, tried in enumerate(search.tried):
         best = sorted(tried, key=lambda u: -np.nan_to_num(tried[u][0]))[:8]
         speeds += [i] * len(best)
@@ -152,8 +153,10 @@ def main():
         return
     recorder = started("tolerances", options, COLUMNS)
     for scene in options.scenes:
-        train, rpm = jaxhb.load_scene(scene), RPM[scene]
-        of, tolerances = [Objective(quantity="tooth force", of=MESH[scene])], box(train)
+        train = jaxhb.load_scene(scene)
+        rpm = RPM[scene]
+        of = [Objective(quantity="tooth force", of=MESH[scene])]
+        tolerances = box(train)
         asked = {"rpm": rpm, "of": of, "tolerances": tolerances}
         _, nominal = measured(partial(jaxhb.solve_speeds, train, rpm=rpm))
         _, alone = measured(partial(jaxhb.tolerance, train, **asked, bounds=False))

@@ -63,8 +63,11 @@ class Case:
     """One train at one speed with its references, and where rows go."""
 
     def __init__(self, train, rpm, damping, options, recorder):
-        self.train, self.rpm, self.damping = train, rpm, damping
-        self.options, self.recorder = options, recorder
+        self.train = train
+        self.rpm = rpm
+        self.damping = damping
+        self.options = options
+        self.recorder = recorder
         self.task = prepare(train, rpm)
         quick = {"steps": 24000} if options.quick else {}
         self.references, self.notes = references(
@@ -351,7 +354,8 @@ def summary(rows, limits=(3e-2, 1e-2, 3e-3)):
         for method in dict.fromkeys(r["method"] for r in own):
             cells = []
             for limit in limits:
-                mine, base = _fastest(own, method, limit), _fastest(own, "jaxhb", limit)
+                mine = _fastest(own, method, limit)
+                base = _fastest(own, "jaxhb", limit)
                 ratio = [mine[s] / base[s] for s in mine if s in base]
                 time = (
                     f"{np.median(list(mine.values())):9.4f} s"
@@ -430,11 +434,9 @@ def main():
     )
     options = parser.parse_args()
     if options.quick:
-        options.repeats, options.rpm, options.damping = (
-            1,
-            options.rpm[2:3] or options.rpm[:1],
-            options.damping[:1],
-        )
+        options.repeats = 1
+        options.rpm = options.rpm[2:3] or options.rpm[:1]
+        options.damping = options.damping[:1]
     recorder = started("work-precision", options, COLUMNS)
     for disks in options.disks:
         for damping in options.damping:

@@ -171,7 +171,8 @@ class Program:
 
     def _outermost(self, static, arguments, key):
         """The executable of a program that the host calls, from the store or new."""
-        name, traced = self._name(static, key), _traced.pop(key, None)
+        name = self._name(static, key)
+        traced = _traced.pop(key, None)
         found = _store.load(name, arguments)
         if found is not None:
             _held.programs += 1
@@ -429,7 +430,8 @@ def _too_many_maps(most):
     """Whether the process has more memory maps than ``most``, by default half of those
     that there are.
     """
-    maps, allowed = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
+    maps = Path("/proc/self/maps")
+    allowed = Path("/proc/sys/vm/max_map_count")
     if not maps.exists():
         return False
     return maps.read_bytes().count(b"\n") > (

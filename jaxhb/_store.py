@@ -67,7 +67,8 @@ class Store:
     """
 
     def __init__(self, folder=None, limit=LIMIT):
-        self.folder, self.limit = folder, limit
+        self.folder = folder
+        self.limit = limit
 
     @cached_property
     def origin(self):

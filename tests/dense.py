@@ -85,14 +85,14 @@ def torques(parts, harmonics, cycle):
 
 def law(mesh, l):
     """Law (18) of a mesh piece by piece, with its share of contact."""
-    c2, c1, h, tau = (
-        mesh.stiffness,
-        mesh.epsilon * mesh.stiffness,
-        mesh.backlash,
-        mesh.transition,
-    )
-    low, high = (1 - tau) * h / 2, (1 + tau) * h / 2
-    s, d = np.sign(l), np.abs(l)
+    c2 = mesh.stiffness
+    c1 = mesh.epsilon * mesh.stiffness
+    h = mesh.backlash
+    tau = mesh.transition
+    low = (1 - tau) * h / 2
+    high = (1 + tau) * h / 2
+    s = np.sign(l)
+    d = np.abs(l)
     rise = c1 * low + c1 * (d - low) + (c2 - c1) * (d - low) ** 2 / (2 * tau * h)
     force = np.where(
         d < low, c1 * d, np.where(d < high, rise, c2 * d - (c2 - c1) * h / 2)
@@ -116,10 +116,8 @@ def galerkin_residual(parts, angles, frequency, cycle, samples):
     for part, row in links(parts):
         deflection = row @ angles
         if isinstance(part, Mesh) and part.backlash is not None:
-            l, rate = (
-                (deflection @ wave).real,
-                (1j * frequency * n * deflection @ wave).real,
-            )
+            l = (deflection @ wave).real
+            rate = (1j * frequency * n * deflection @ wave).real
             elastic, share = law(part, l)
             force = (
                 elastic

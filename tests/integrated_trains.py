@@ -51,8 +51,10 @@ def dense_monodromy(response):
     """The :class:`~jaxhb.floquet.variational.Monodromy` of a response, of the dense
     equation arc by arc.
     """
-    train, system = response.train, chain.assemble(response.train)
-    system, meshes = on_host(system), on_host(law_meshes(train))
+    train = response.train
+    system = chain.assemble(response.train)
+    system = on_host(system)
+    meshes = on_host(law_meshes(train))
     frequency = train.topology.cycle_frequency(float(response.rpm))
     space = state_space(
         system,

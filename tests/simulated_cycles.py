@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-GAS_CONSTANT, KAPPA = 287.0, 1.35
+GAS_CONSTANT = 287.0
+KAPPA = 1.35
 CRITICAL = (2.0 / (KAPPA + 1.0)) ** (KAPPA / (KAPPA - 1.0))
 
 
@@ -59,11 +60,9 @@ class Engine:
 
     def volume(self, angle: float) -> tuple[float, float]:
         """Volume (m3) and its slope per deg."""
-        sine, cosine, crank = (
-            math.sin(math.radians(angle)),
-            math.cos(math.radians(angle)),
-            self.stroke / 2.0,
-        )
+        sine = math.sin(math.radians(angle))
+        cosine = math.cos(math.radians(angle))
+        crank = self.stroke / 2.0
         lean = math.sqrt(self.rod**2 - (crank * sine) ** 2)
         travel = crank * (1.0 - cosine) + self.rod - lean
         slope = crank * sine * (1.0 + crank * cosine / lean) * math.pi / 180.0
@@ -143,22 +142,20 @@ def _slopes(engine, fires, angle, pressure, mass):
         engine.compression_exponent
         + (engine.expansion_exponent - engine.compression_exponent) * burnt
     )
-    gained, carried = 0.0, 0.0
+    gained = 0.0
+    carried = 0.0
     for opening in (engine.exhaust, engine.inlet):
         width = opening.width(angle, 180.0 * engine.strokes) / (
             6.0 * engine.rpm
         )  # m2 s/deg
         if pressure > opening.pressure:
-            flow, warmth = (
-                -width * _flow(pressure, temperature, opening.pressure),
-                temperature,
-            )
+            flow = -width * _flow(pressure, temperature, opening.pressure)
+            warmth = temperature
         else:
-            flow, warmth = (
-                width * _flow(opening.pressure, opening.temperature, pressure),
-                opening.temperature,
-            )
-        gained, carried = gained + flow, carried + flow * warmth
+            flow = width * _flow(opening.pressure, opening.temperature, pressure)
+            warmth = opening.temperature
+        gained = gained + flow
+        carried = carried + flow * warmth
     heat = (exponent - 1.0) * engine.heat * burning
     return (
         -exponent * pressure * volume_slope + heat + exponent * GAS_CONSTANT * carried

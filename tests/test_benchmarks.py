@@ -77,9 +77,11 @@ def test_a_refined_train_is_what_build_makes_of_its_pieces():
     cut = parts(
         inertia, {f"a|b.{k + 1}": (pair, 3e4, 12.0) for k, pair in enumerate(ends)}
     )
-    fine, wanted = refined(jaxhb.build(whole), 5), jaxhb.build(cut)
+    fine = refined(jaxhb.build(whole), 5)
+    wanted = jaxhb.build(cut)
     assert fine.topology == wanted.topology
-    ours, theirs = chain.assemble(fine), chain.assemble(wanted)
+    ours = chain.assemble(fine)
+    theirs = chain.assemble(wanted)
     for field in ("mass", "damping", "ground", "stiffness", "viscous"):
         np.testing.assert_allclose(
             getattr(ours, field), getattr(theirs, field), rtol=1e-12
@@ -136,10 +138,8 @@ def test_the_chain_task_has_its_published_points(masses, frequency):
     ends = {3: (0.218, 1.303), 10: (0.180, 1.225)}[masses]
     assert all(f"{end:.3f}" in told for end in ends)
     speeds = np.linspace(1.30, frequency, 12)
-    condensed, full = (
-        condensed_sweep(masses, speeds)[-1],
-        full_sweep(masses, speeds)[-1],
-    )
+    condensed = condensed_sweep(masses, speeds)[-1]
+    full = full_sweep(masses, speeds)[-1]
     np.testing.assert_allclose(condensed, full, atol=1e-7)  # both to a residual of 1e-8
     np.testing.assert_allclose(
         extremes(full), ends, atol=5e-4

@@ -62,10 +62,8 @@ def test_every_command_shown_is_understood():
     ]
     assert len(commands) >= 30
     for _, name, *arguments in commands:
-        command, words = (
-            program.commands.get(name),
-            arguments[: [*arguments, "|"].index("|")],
-        )
+        command = program.commands.get(name)
+        words = arguments[: [*arguments, "|"].index("|")]
         try:
             (
                 command.make_context(name, words)

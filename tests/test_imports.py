@@ -42,10 +42,8 @@ def imported_rooms(path):
     """Rooms that a module imports when it runs, by name or relative: not those that
     only types name.
     """
-    package, tree = (
-        path.relative_to(ROOT.parent).with_suffix("").parts[:-1],
-        ast.parse(path.read_text()),
-    )
+    package = path.relative_to(ROOT.parent).with_suffix("").parts[:-1]
+    tree = ast.parse(path.read_text())
     of_types = [
         n
         for n in ast.walk(tree)

@@ -82,7 +82,8 @@ def test_shapes_asked_for_beforehand_are_traced_once():
 
 
 def test_a_preparation_given_up_is_made_by_the_call():
-    wait, square = threading.Event(), _program.Program(lambda x: x * x)
+    wait = threading.Event()
+    square = _program.Program(lambda x: x * x)
     threads = _program._beside()
     busy = [threads.submit(wait.wait) for _ in range(threads._max_workers)]
     made = square.compile_ahead(3.0)
@@ -138,11 +139,9 @@ def test_programs_are_dropped_before_their_memory_maps_are_too_many():
 
 
 def test_programs_of_others_stay_where_dropping_those_of_the_package_is_enough():
-    held, others, square = (
-        _program.Held(),
-        jax.jit(lambda x: 5.0 * x),
-        _program.Program(lambda x: jnp.sin(x) @ x),
-    )
+    held = _program.Held()
+    others = jax.jit(lambda x: 5.0 * x)
+    square = _program.Program(lambda x: jnp.sin(x) @ x)
     assert others(1.0) == 5.0
     before = len(Path("/proc/self/maps").read_bytes().splitlines())
     square(np.ones(7)), square(np.ones(8)), jax.grad(square)(np.ones(7))
@@ -177,7 +176,8 @@ REFUSED = {
 
 @pytest.mark.parametrize("said", REFUSED)
 def test_settings_of_jax_that_spoil_numbers_are_refused_with_a_sentence(said):
-    program, train = _program.Program(cube), jaxhb.load_scene("engine_with_damper")
+    program = _program.Program(cube)
+    train = jaxhb.load_scene("engine_with_damper")
     with REFUSED[said]():
         for call in (program, jax.grad(program), jax.jit(program)):
             with pytest.raises(RuntimeError, match=said):

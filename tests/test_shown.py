@@ -150,7 +150,8 @@ def test_python_gives_the_numbers_that_the_readme_says_it_gives():
         shown.ROOT.joinpath("README.md").read_text(encoding="utf-8"),
         re.DOTALL,
     )
-    names, told = {}, {}
+    names = {}
+    told = {}
     for statement in ast.parse(block).body:
         source = ast.get_source_segment(block, statement)
         comment = re.match(

@@ -169,7 +169,8 @@ def test_programs_not_used_for_longest_give_way(kept):
 
 def test_no_file_but_programs_is_ever_removed(kept, tmp_path):
     """All older than the program, and in its way, as no byte may be kept."""
-    given, own = Path(kept.folder), kept.own_folder
+    given = Path(kept.folder)
+    own = kept.own_folder
     name = "0" * 64 + ".program"
     foreign = [
         given / name,

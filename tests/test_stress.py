@@ -21,7 +21,8 @@ pytestmark = pytest.mark.oracle
 CASES = [((3, 1, 0), index) for index in (0, *range(2, 10))] + [
     ((6, 1, 1), index) for index in (0, 2, 3)
 ]
-MODES_AT, HARMONICS = 30, 128
+MODES_AT = 30
+HARMONICS = 128
 """Harmonic of the highest mesh mode, by choice of the speed, and of all solves: the
 cases share a few programs.
 """

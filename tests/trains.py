@@ -84,7 +84,8 @@ def pair_train(pair, *, transition, stiffness=1.0, backlash=2.0, natural_frequen
     damping law "contact". Tooth forces are in units of c h/2. The numbers by default
     are the units: l is x.
     """
-    mass, force = stiffness / natural_frequency**2, stiffness * backlash / 2
+    mass = stiffness / natural_frequency**2
+    force = stiffness * backlash / 2
     damping = 2 * pair.damping_ratio * mass * natural_frequency
     always = pair.damped_gap
     parts = [

@@ -130,7 +130,8 @@ class LinearMarch:
         )
 
     def _march(self, state, rows):
-        modes, weights = self.train.modes, self.train.weights
+        modes = self.train.modes
+        weights = self.train.weights
         meshes = modes.forcing.shape[1]
         observed = modes.observed
 
@@ -301,7 +302,9 @@ class _Mapped:
     """
 
     def __init__(self, march: LinearMarch, product: Callable, shape: tuple[int, int]):
-        self.march, self.product, self.shape = march, product, shape
+        self.march = march
+        self.product = product
+        self.shape = shape
         self.count, self.states = (
             shape[0] * (2 * shape[1] - 1),
             len(march.train.visibility),

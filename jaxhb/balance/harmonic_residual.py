@@ -81,7 +81,8 @@ class HarmonicResidual:
         Angles in rad times :attr:`radius` are displacements: ``A.pack(A.radius[:, None]
         * response.angles)``. ValueError if the shape is another.
         """
-        shape, disks = np.shape(coefficients), self.topology.n_disks
+        shape = np.shape(coefficients)
+        disks = self.topology.n_disks
         if (
             len(shape) != 2
             or shape[0] != disks

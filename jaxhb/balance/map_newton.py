@@ -108,7 +108,8 @@ def solve_map(
     left, distance, closer = UNSETTLED * deflection, UNSETTLED * scale, True
     while closer and distance > goal * scale and marches < most_marches:
         change = correction(packed, unclosed)
-        length, closer = 1.0, False
+        length = 1.0
+        closer = False
         while not closer and length >= SHORTEST:
             after, moved = left_at(packed + length * change)
             share = np.linalg.norm(after) / size
@@ -144,10 +145,8 @@ def close_cycle(
     states, marches = len(packing.visibility), 0
 
     def at(packed):
-        state, force = (
-            packed[:states] / packing.visibility,
-            packed[states:] / packing.flexibility,
-        )
+        state = packed[:states] / packing.visibility
+        force = packed[states:] / packing.flexibility
         return SweepPoint(point.linear, state, force)
 
     def missed(packed):

@@ -38,7 +38,8 @@ DENSE_DISKS = (
 )
 # Share of the motion of a mesh under its force below which a mode is left out; of a
 # larger train one that responds at once, where sweeps are as many with twice the modes.
-UNSEEN, FAINT = 1e-10, 1e-4
+UNSEEN = 1e-10
+FAINT = 1e-4
 # Share of the fastest rate below which a mode of a reduced-order model does not move by
 # itself
 STILL = 1e-12
@@ -82,7 +83,8 @@ def modes_for_march(problem, active_meshes) -> MarchModes:
 
     ``problem`` may be at any speed: it scales the slowest modes alone.
     """
-    system, frequency = problem.system, float(problem.frequency)
+    system = problem.system
+    frequency = float(problem.frequency)
     chosen = jax.tree.map(
         lambda array: np.asarray(array)[np.asarray(active_meshes.index)], problem.meshes
     )
@@ -93,10 +95,8 @@ def modes_for_march(problem, active_meshes) -> MarchModes:
         else projected_modes(on_host(system), chosen, frequency)
     )
     mask = np.asarray(active_meshes.mask)
-    forcing, observation = (
-        modes.forcing * mask,
-        modes.observation * np.tile(mask, 2)[:, None],
-    )
+    forcing = modes.forcing * mask
+    observation = modes.observation * np.tile(mask, 2)[:, None]
     noticed = noticed_modes(
         modes.rates, forcing, observation, frequency, UNSEEN if dense else FAINT
     )

@@ -22,13 +22,15 @@ KRYLOV_STEPS = 60  # of a Newton step at most
 # Share of the residual that a correction may leave, and a simplified one. Kinks of the
 # law make Newton's method no better than linear until the last steps: tighter
 # corrections take twice as many Krylov steps for a fifth fewer others.
-FORCING, LEVEL_FORCING = 0.03, 0.01
+FORCING = 0.03
+LEVEL_FORCING = 0.01
 # Share of a whole step that it leaves at most, where its size tells how far the
 # solution is
 LEAVES = 0.1
 # Residual from which a step goes for the goal, and by what share it aims below, where
 # derivatives are to follow.
-NEAR, BELOW = 1e-6, 0.05
+NEAR = 1e-6
+BELOW = 0.05
 
 
 class Iterate(NamedTuple):
@@ -67,11 +69,13 @@ def _solve(evaluate, direction, norm, state):
     Either ends with a trial, so that the loop has one body with one linear solve: most
     of the work, and of what is compiled.
     """
-    iterate, trying = state.iterate, state.trying
+    iterate = state.iterate
+    trying = state.trying
     forcing = jnp.where(trying, LEVEL_FORCING, FORCING)
     found = direction(state.given, iterate.error, forcing)
     correction = jnp.where(trying, state.correction, found)
-    size, found_size = norm(correction), norm(found)
+    size = norm(correction)
+    found_size = norm(found)
     # On trial, what was found is the simplified correction: the trial is taken now, or
     # a shorter one is made.
     lower = trying & iterations.lowers_level(found_size, size, state.length)
@@ -159,7 +163,8 @@ def newton(
     first = Iterate(
         start, norm(value), jnp.array(0), jnp.array(False), jnp.asarray(step, float)
     )
-    one, infinite = jnp.array(1.0), jnp.array(jnp.inf)
+    one = jnp.array(1.0)
+    infinite = jnp.array(jnp.inf)
     begin = _State(
         first, value, value, jnp.zeros_like(start), one, infinite, jnp.array(False)
     )

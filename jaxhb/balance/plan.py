@@ -87,11 +87,9 @@ class Request:
         work.
         """
         tolerance = DEFAULT_TOLERANCE if tolerance is None else tolerance
-        method, integrals, name = (
-            method or "reduced",
-            integrals or "sampled",
-            train.topology.title,
-        )
+        method = method or "reduced"
+        integrals = integrals or "sampled"
+        name = train.topology.title
         if method not in MOST_HARMONICS:
             raise ValueError(f"method is {method!r}: give 'reduced' or 'chain'")
         loops = chain.span(train.topology).loops
@@ -237,10 +235,8 @@ class Plan:
         """What a program is compiled for: the plan without what programs are given as
         arrays.
         """
-        start, excited = (
-            "march" if self.marches else "linear",
-            self.excited or self.harmonics,
-        )
+        start = "march" if self.marches else "linear"
+        excited = self.excited or self.harmonics
         averaged = self.averaged and bool(self.active)
         plan = dataclasses.replace(
             self, active=(), flank=(), cycles=0, tolerance=0.0, tolerance_share=0.0
@@ -274,11 +270,9 @@ class Plan:
 
 def check_harmonics(train, harmonics, method):
     """Refuse a fixed number of harmonics that cannot work, with a sentence."""
-    name, least, most = (
-        train.topology.title,
-        highest_harmonic(train),
-        MOST_HARMONICS[method],
-    )
+    name = train.topology.title
+    least = highest_harmonic(train)
+    most = MOST_HARMONICS[method]
     if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
         raise SceneError(
             f"{name}: harmonics is {harmonics}, must be a whole number of at least 1."
@@ -323,7 +317,8 @@ def check_plan(train, plan):
     """Refuse a plan made for another train: backlash it does not know, or more
     excitation than it holds.
     """
-    name, has_law = train.topology.title, train.topology.has_law
+    name = train.topology.title
+    has_law = train.topology.has_law
     known = len(plan.flank) == len(has_law)
     if not known or any(
         i not in plan.active and not plan.flank[i] for i in np.flatnonzero(has_law)

@@ -166,14 +166,17 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
     harmonics of the motion: the samples themselves, or with exact integrals
     (``crossings`` of all meshes, where known) their Fourier series.
     """
-    system, meshes = problem.system, problem.meshes
-    xp, harmonics = namespace(problem, displacement, force), displacement.shape[-1] - 1
+    system = problem.system
+    meshes = problem.meshes
+    xp = namespace(problem, displacement, force)
+    harmonics = displacement.shape[-1] - 1
     omega = dynamic_stiffness.frequencies(problem.frequency, harmonics)
     displacement = _with_mean(
         displacement, -chain.drift(system, problem.rigid, displacement[:, 0].real)
     )
     complex_stiffness = dynamic_stiffness.link_stiffness(system, omega)
-    links, stiffness = xp.asarray(meshes.link), xp.asarray(system.stiffness)[:, None]
+    links = xp.asarray(meshes.link)
+    stiffness = xp.asarray(system.stiffness)[:, None]
     elastic_torque = force * quotient(stiffness, complex_stiffness)
     at_meshes = complex_stiffness[links]
     mesh = force[links] / xp.where(at_meshes == 0, 1.0, at_meshes)
@@ -195,7 +198,8 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
     torque = force
     if meshes.springs:
         # What acts beside a shaft: its force less that of the linear link in its place.
-        springs, linear = links[count:], law.linear[count:, None] * mesh[count:]
+        springs = links[count:]
+        linear = law.linear[count:, None] * mesh[count:]
         torque, elastic_torque = (
             added(
                 fourier.resize(own, kept),
@@ -227,11 +231,10 @@ def power_defect(problem, displacement, force, found):
     displacement ``(S, N+1)`` m; force ``(L, N+1)`` N of the linear links; found :
     Fields.
     """
-    system, harmonics = problem.system, displacement.shape[-1] - 1
-    xp, velocity = (
-        namespace(problem, found, force),
-        fourier.derivative(displacement, problem.frequency),
-    )
+    system = problem.system
+    harmonics = displacement.shape[-1] - 1
+    xp = namespace(problem, found, force)
+    velocity = fourier.derivative(displacement, problem.frequency)
     load = fourier.resize(
         xp.asarray(problem.load), min(problem.load.shape[-1] - 1, harmonics)
     )
@@ -239,7 +242,8 @@ def power_defect(problem, displacement, force, found):
     teeth = fourier.resize(
         found.forces - (0.0 if worked else found.elastic_forces), harmonics
     )
-    count, links = len(teeth) - problem.meshes.springs, xp.asarray(problem.meshes.link)
+    count = len(teeth) - problem.meshes.springs
+    links = xp.asarray(problem.meshes.link)
     at_teeth = added(xp.zeros(len(force)), links[:count], 1.0) > 0
     force = added(xp.where(at_teeth[:, None], 0.0, force), links[:count], teeth[:count])
     if problem.meshes.springs:
@@ -267,7 +271,8 @@ def force_defect(problem, active_meshes, nonlinear_force, computed):
     nonlinear_force : coefficients ``(G, N+1)`` N of the active meshes with which the
     train was balanced; computed : Fields.
     """
-    meshes, xp = problem.meshes, namespace(problem, computed)
+    meshes = problem.meshes
+    xp = namespace(problem, computed)
     balancing = -xp.asarray(active_meshes.flank) * backlash.offset(meshes.law)
     balancing = added(
         balancing, active_meshes.index, active_meshes.mask * nonlinear_force[:, 0].real
@@ -290,16 +295,16 @@ def ring_force(problem, computed):
     Where dry friction slips longer one way than the other, such a ring creeps on its
     hub. computed : Fields.
     """
-    system, meshes, xp = problem.system, problem.meshes, namespace(problem, computed)
+    system = problem.system
+    meshes = problem.meshes
+    xp = namespace(problem, computed)
     if not meshes.springs:
         return xp.zeros(())
     beside = computed.forces[-meshes.springs :]
     links = xp.asarray(meshes.link)[-meshes.springs :]
     loose = (system.tree.pinned & (xp.asarray(system.stiffness) == 0))[links]
-    mean, size = (
-        xp.abs(beside[:, 0].real),
-        xp.linalg.norm(fourier.pack(beside), axis=-1),
-    )
+    mean = xp.abs(beside[:, 0].real)
+    size = xp.linalg.norm(fourier.pack(beside), axis=-1)
     return xp.max(
         xp.where(loose & (size > 0), mean / xp.where(size > 0, size, 1.0), 0.0)
     )

@@ -46,7 +46,8 @@ from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 MARCH_ABOVE = 3e-4
 # Change of the vibration in the last sweep from which sweeps may be going astray, as
 # where no motion that repeats attracts, and cycles that are marched beside them then.
-UNSETTLED, MARCHED = 1e-3, 3
+UNSETTLED = 1e-3
+MARCHED = 3
 ESTIMATE = (
     0.01,
     20,
@@ -108,11 +109,9 @@ def find(problem, active_meshes, start, goals, plan):
 
 
 def _find(problem, active_meshes, start, goals, plan):
-    harmonics, none, (limit, tolerance, step_tolerance) = (
-        plan.harmonics,
-        len(active_meshes.mask) == 0,
-        goals,
-    )
+    harmonics = plan.harmonics
+    none = len(active_meshes.mask) == 0
+    (limit, tolerance, step_tolerance) = goals
     # The estimate of the truncation error asks for receptances of 2 N harmonics: made
     # once, cut for the solve.
     reach = 2 * harmonics if plan.estimated and not none else harmonics
@@ -122,10 +121,13 @@ def _find(problem, active_meshes, start, goals, plan):
     reduced = dataclasses.replace(
         condensation.truncate(fine, harmonics), integrals=integrals
     )
-    error, truncation = jnp.zeros(()), jnp.zeros(())
+    error = jnp.zeros(())
+    truncation = jnp.zeros(())
     begin = Begin(reduced.linear, jnp.array(0), jnp.zeros(()), jnp.array(jnp.inf))
     train = None
-    steps, stalled, small_step = jnp.array(0), jnp.array(False), jnp.array(False)
+    steps = jnp.array(0)
+    stalled = jnp.array(False)
+    small_step = jnp.array(False)
     deflection = reduced.linear
     if not none:
         sweep_plan = _sweep_plan(problem, plan)
@@ -147,14 +149,13 @@ def _find(problem, active_meshes, start, goals, plan):
             }
             goal |= {"samples": plan.samples, "step": begin.distance}
             iterate = solve_reduced(reduced, train, begin.deflection, **goal)
-            deflection, error, small_step = (
-                iterate.x,
-                iterate.error,
-                iterate.step < step_tolerance,
-            )
+            deflection = iterate.x
+            error = iterate.error
+            small_step = iterate.step < step_tolerance
         if plan.estimated:
             truncation = truncation_error(fine, train, deflection, plan)
-        steps, stalled = iterate.steps, iterate.stalled
+        steps = iterate.steps
+        stalled = iterate.stalled
     reduced = reduced.with_crossings(deflection)
     nonlinear_force = reduced.nonlinear_force_coefficients(deflection, plan.samples)
     ended = Ended(
@@ -347,10 +348,8 @@ def truncation_error(fine, train, deflection, plan):
     """
     samples = 2 * plan.samples
     wide = fourier.resize(deflection, fine.linear.shape[-1] - 1)
-    slopes, value = (
-        correction.slopes_at(fine, wide, samples),
-        fine.residual(wide, samples),
-    )
+    slopes = correction.slopes_at(fine, wide, samples)
+    value = fine.residual(wide, samples)
     change, left, _ = correction.correct(
         fine, correction.march_at(train, slopes), slopes, value, *ESTIMATE
     )
@@ -464,7 +463,9 @@ def _solve_traced(train, rpm, begin, active_meshes, goals, plan):
 
 def respond(train, rpm, problem, outcome, plan):
     """Assemble the :class:`Response` of an outcome."""
-    found, topology, xp = outcome.fields, train.topology, namespace(outcome.fields)
+    found = outcome.fields
+    topology = train.topology
+    xp = namespace(outcome.fields)
     ground = np.array(topology.ground_disk, dtype=int)
     return Response(
         **{f.name: getattr(found, f.name) for f in dataclasses.fields(found)},
@@ -531,11 +532,9 @@ def response_of(train, rpm, problem, outcome, plan, path):
 
 def _newtons_path(outcome, plan):
     """The events of a solve under a plan."""
-    status, steps, swept = (
-        Status(int(outcome.status)),
-        int(outcome.steps),
-        int(outcome.sweeps),
-    )
+    status = Status(int(outcome.status))
+    steps = int(outcome.steps)
+    swept = int(outcome.sweeps)
     newton = Newton(plan.harmonics, len(plan.active), plan.integrals, status, steps)
     begun = Sweeps(swept, plan.time_steps, float(outcome.periodicity_error))
     return (begun, newton) if swept else (newton,)

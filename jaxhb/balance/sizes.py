@@ -29,7 +29,8 @@ def deflection_scale(reduced):
     """
     xp = namespace(reduced)
     linear = xp.linalg.norm(fourier.pack(reduced.linear), axis=-1)
-    stiffness, gap = xp.abs(reduced.law.stiffness), reduced.law.backlash
+    stiffness = xp.abs(reduced.law.stiffness)
+    gap = reduced.law.backlash
     carried = LIGHT * xp.max(stiffness * linear, initial=0.0)
     # Without a load there is no force to be measured against.
     light = (carried > 0) & (carried < stiffness * gap)

@@ -216,7 +216,8 @@ class SweepPoint:
 
 def first_point(sweeps: SweepEquation) -> SweepPoint:
     """All teeth on their drive sides."""
-    linear, modes = sweeps.equation.linear, sweeps.modes
+    linear = sweeps.equation.linear
+    modes = sweeps.modes
     force = force_on_flank(sweeps.equation.law, linear)
     at_rest = -(modes.forcing @ force) / modes.rates
     return SweepPoint(linear, real_pairs(at_rest) - sweeps.weights.late @ force, force)
@@ -226,7 +227,8 @@ def point_at(sweeps: SweepEquation, deviation) -> SweepPoint:
     """From a motion that deviates from the linear one by ``deviation`` ``(2S,)`` m, m/s
     of (x, x') at t = 0; of the host.
     """
-    modes, linear = sweeps.modes, sweeps.equation.linear
+    modes = sweeps.modes
+    linear = sweeps.equation.linear
     modal = modes.coordinates @ deviation
     begin = (
         fourier.sample(with_rate(linear, sweeps.equation.frequency), 1)[:, 0]
@@ -243,7 +245,8 @@ def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
     """The point at which a sweep marches the deflections ``(G, n+1)`` m, as far as its
     steps tell them apart; of the host.
     """
-    equation, modes = sweeps.equation, sweeps.modes
+    equation = sweeps.equation
+    modes = sweeps.modes
     deflection = fourier.resize(deflection, plan.harmonics)
     rule = fourier.Equidistant(plan.steps)
     values, rates = equation.sampled(deflection, plan.steps)
@@ -254,7 +257,8 @@ def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
     turned = -plan.steps * plan.back_a_step * harmonics
     push = complex_modes(sweeps.weights.push.T)
     mode, conjugate = sweeps.pairs()
-    own, other = mode * (push @ turned), conjugate * (push.conj() @ turned)
+    own = mode * (push @ turned)
+    other = conjugate * (push.conj() @ turned)
     late = sweeps.weights.at_once[: len(force)] @ harmonics
     moved = (modes.deflections @ own + modes.deflections.conj() @ other) / 2 + late
     state = own.sum(axis=1) + other[:, 1:].conj().sum(axis=1)

@@ -21,7 +21,8 @@ from jaxhb.results.status import NewtonOnSweeps, Sweeps
 MOST_SWEEPS = 12  # a motion that these do not settle wants Newton's method
 # Of Newton's method: orbits of irregular trains that need more are rarely found at all;
 # and from a motion at hand.
-MOST_MARCHES, MARCHES_NEARBY = 100, 50
+MOST_MARCHES = 100
+MARCHES_NEARBY = 50
 # Times what F(l) leaves, and what is left of sweeps, that the motion may be off: the
 # inverse of the Jacobian, and changes that shrink more slowly later on. At 131 speeds
 # of ``gear_train_30``, with 5.5 steps a period of the fastest mode, the error by
@@ -31,7 +32,8 @@ MOST_MARCHES, MARCHES_NEARBY = 100, 50
 AMPLIFIED = 1.5
 # Difference of deflections, relative to the largest, up to which two motions are one,
 # and time samples for it.
-ARRIVED, COMPARED = 0.02, 1024
+ARRIVED = 0.02
+COMPARED = 1024
 # Share of the tolerance that may be left of the vibration: peaks of forces are off by
 # more
 SETTLED = 0.03
@@ -81,7 +83,8 @@ def conclude_sweeps(
     the sweeps did not settle, or mean forces miss the mean torques. Of arrays of the
     host it is found there: a program would take seconds to make and as long to run.
     """
-    fine, equation = swept.fine, swept.sweeps.equation
+    fine = swept.fine
+    equation = swept.sweeps.equation
     kept = fourier.resize(settled.deflection, plan.kept)
     samples = sweeps.WIDE_SAMPLES_PER_STEP * plan.steps
     nonlinear_force, missed, truncation = truncation_of(
@@ -229,13 +232,12 @@ def solve_by_sweeps(
         return goal < float(ended.distance)
 
     if newton and left_over() and np.isfinite(ended.change):
-        point, most = ended.point, MOST_MARCHES
+        point = ended.point
+        most = MOST_MARCHES
         if deflection is not None:  # sweeps lead away from a motion that repels
             first = corrected(swept, begin, plan)
-            point, most = (
-                map_newton.least_changed(swept.sweeps, [point, first], plan),
-                MARCHES_NEARBY,
-            )
+            point = map_newton.least_changed(swept.sweeps, [point, first], plan)
+            most = MARCHES_NEARBY
         begun = int(ended.marches)
         ended = map_newton.solve_map(
             swept.sweeps, point, plan, goal=goal, most_marches=most

@@ -72,10 +72,8 @@ def extremes(response):
     gears is named first.
     """
     names = response.topology.mesh_names
-    forces, deflections = (
-        [response.force(name) for name in names],
-        [response.deflection(name) for name in names],
-    )
+    forces = [response.force(name) for name in names]
+    deflections = [response.deflection(name) for name in names]
     senses = [drive_sense(response, name) for name in names]
 
     def of_all(signals, extreme, opposite):
@@ -108,7 +106,8 @@ class Point:
     def at(cls, curve, plan, y, tangent):
         """The point with its row."""
         response = response_at(curve, plan, y)
-        found, row = stability(response), {"value": curve.value(y)} | extremes(response)
+        found = stability(response)
+        row = {"value": curve.value(y)} | extremes(response)
         row |= {"multiplier": found.critical, "stable": found.stable}
         row["truncation_error"] = float(response.truncation_error)
         return cls(row, y, tangent, found.multipliers[~found.rotation])
@@ -277,7 +276,8 @@ class Branch:
         ``to`` extends the range; SceneError or ValueError where it is not a value that
         the parameter can have.
         """
-        curve, shares = self._curve, [0.0, 1.0]
+        curve = self._curve
+        shares = [0.0, 1.0]
         if to is not None:
             train_at(curve.train, float(curve.rpm), curve.parameter, float(to))
             shares.append((float(to) - float(curve.begin)) / float(curve.span))
@@ -492,7 +492,8 @@ def _followed(curve, plan, y, onward, within, options):
     """The :class:`Branch` from a point on."""
     # Every point is a solution that is read, not a way to the end: exact, and on a
     # smooth curve steps that turn little.
-    steps, closed = {"first": options.first, "longest": options.longest}, options.closed
+    steps = {"first": options.first, "longest": options.longest}
+    closed = options.closed
     control = continuation.StepControl(
         **steps, corner=1e-7, near=closed, closed=closed, bent=0.8, straight=0.95
     )

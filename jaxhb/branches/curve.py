@@ -77,7 +77,8 @@ def linearized(curve, y, normal):
     """
     rising = jnp.zeros_like(y).at[-1].set(1.0)
     value, column, equations = jax.jvp(curve.equation, (y,), (rising,), has_aux=True)
-    at, border = _prepared(curve, y, *equations), (column, normal)
+    at = _prepared(curve, y, *equations)
+    border = (column, normal)
     # Change and tangent are two right sides of one bordered system: across the normal,
     # and one unit along it.
     right = jnp.append(-value, 0.0), rising
@@ -87,7 +88,8 @@ def linearized(curve, y, normal):
 
 def _prepared(curve, y, problem, reduced):
     """The equations, the linearised march and the slopes of phi at a point."""
-    plan, deflection = curve.plan, curve.deflection(y)
+    plan = curve.plan
+    deflection = curve.deflection(y)
     train = correction.train_of(
         reduced,
         model_of(problem, curve.active_meshes, plan.time_steps),
@@ -111,7 +113,8 @@ def null_direction(curve, y, direction):
     symmetry of the one given.
     """
     value, equations = curve.equation(y)
-    at, one = _prepared(curve, y, *equations), jnp.append(jnp.zeros_like(value), 1.0)
+    at = _prepared(curve, y, *equations)
+    one = jnp.append(jnp.zeros_like(value), 1.0)
     for _ in range(INVERSIONS):
         direction = direction / jnp.linalg.norm(direction)
         border = direction, jnp.append(direction, 0.0)

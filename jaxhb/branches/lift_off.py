@@ -97,7 +97,10 @@ def lift_off(
             f" {rpm.tolist()}."
         )
     gaps = np.flatnonzero(train.topology.mesh_backlash)
-    rows, never, always, lost = [], [], [], []
+    rows = []
+    never = []
+    always = []
+    lost = []
     for value in np.asarray(values, dtype=float).tolist() if over else [np.nan]:
         contact = in_contact(train.replace({over: value}) if over else train)
         motion = _in_contact_at(contact, rpm)
@@ -106,10 +109,8 @@ def lift_off(
             motion.status,
             f"{contact.topology.title}{f', {over} = {value:g},' if over else ''}",
         )
-        known, margins = (
-            rpm[motion.solved],
-            _margins(motion.elastic_forces[motion.solved])[:, gaps],
-        )
+        known = rpm[motion.solved]
+        margins = _margins(motion.elastic_forces[motion.solved])[:, gaps]
         if len(known) < 2:
             raise NotConverged(
                 "lift_off needs two speeds with an answer or more: " + " ".join(lost)
@@ -157,7 +158,8 @@ def _margins(force):
     values = np.sign(mean)[..., None] * fourier.synthesize(
         force, SAMPLES * force.shape[-1]
     )
-    before, after = np.roll(values, 1, axis=-1), np.roll(values, -1, axis=-1)
+    before = np.roll(values, 1, axis=-1)
+    after = np.roll(values, -1, axis=-1)
     # The smallest value between samples: the vertex of the parabola through three of
     # them.
     bend = np.maximum(before - 2 * values + after, 1e-300)

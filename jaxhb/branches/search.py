@@ -113,7 +113,8 @@ def solve_all(
     """
     refuse_tracers("solve_all", train, rpm)
     check_speed(train, rpm)
-    rpm, request = float(rpm), Request.of(train, harmonics, tolerance)
+    rpm = float(rpm)
+    request = Request.of(train, harmonics, tolerance)
     (plan,) = plan_speeds(train, np.array([rpm]), request)
     found = []
     marched = _marched(train, rpm, request) if train.topology.has_law.any() else ()
@@ -170,8 +171,10 @@ def _starts(train, rpm):
         linear_motion = Equations(train).linear_motion([rpm])
     except ValueError:  # a massless disk leaves no equation: nothing can be marched
         return []
-    flank, displacement = linear_motion.flank[0], linear_motion.displacement[0]
-    rest, power = displacement[:, 0].real, np.abs(displacement[:, 1:]) ** 2
+    flank = linear_motion.flank[0]
+    displacement = linear_motion.displacement[0]
+    rest = displacement[:, 0].real
+    power = np.abs(displacement[:, 1:]) ** 2
     # Speeds of the scattered starts in proportion to the root mean square frequency of
     # the linear motion.
     n = np.arange(1, power.shape[1] + 1)

@@ -37,7 +37,8 @@ from jaxhb.results.response import Response
 
 # Harmonics in which the linearised equation is solved: twice those of the response,
 # thrice those of the tooth modes, within these; doubled until a bound holds.
-FEWEST, MOST = 32, 8192
+FEWEST = 32
+MOST = 8192
 MOST_RECEPTANCES = (
     2**24
 )  # numbers of 16 B of them at most, some arrays of which are held at a time
@@ -69,7 +70,8 @@ def certify(response: Response) -> Certificate:
     """
     refuse_tracers("certify", response)
     train = train_of(response)
-    topology, gaps = train.topology, train.topology.law_index
+    topology = train.topology
+    gaps = train.topology.law_index
     problem = problem_at(train, float(response.rpm), listed_harmonic(topology))
     light = [
         repr(topology.disk_names[i])
@@ -100,7 +102,9 @@ def certify(response: Response) -> Certificate:
     highest = highest_frequency(problem.system) / float(problem.frequency)
     # Powers of two: few sizes, as each has programs of its own.
     low = 1 << int(np.ceil(np.log2(max(FEWEST, 2 * response.harmonics, 3 * modes))))
-    low, deflection, balance = min(low, MOST), given, None
+    low = min(low, MOST)
+    deflection = given
+    balance = None
     while True:
         sizes = _sizes(low, highest, problem.load.shape[-1] - 1, len(gaps))
         lin = Linearization(problem, train, deflection, sizes, max(1.0, modes / 3))
@@ -116,7 +120,8 @@ def certify(response: Response) -> Certificate:
             found = replace(found, stable=attracts(lin, train, found))
         if found.holds or 2 * low > MOST or not lin.complete:
             return _of_response(found, lin, response, balance)
-        low, deflection = 2 * low, lin.deflection * lin.law.backlash[:, None]
+        low = 2 * low
+        deflection = lin.deflection * lin.law.backlash[:, None]
 
 
 def _leaves_contact(train, deflection, gaps):
@@ -136,7 +141,8 @@ def _refine(lin):
     for _ in range(6):
         corrected = lin.inverse(lin.residual())
         corrected[:, lin.sizes.low + 1 :] = 0
-        last, size = size, lin.largest(corrected).max()
+        last = size
+        size = lin.largest(corrected).max()
         if not 1e-10 < size < last:
             break
         lin = lin.moved(-corrected[:, : lin.sizes.low + 1])
@@ -171,7 +177,8 @@ def _of_response(found, lin, response, balance):
     found = replace(found, harmonic_balance=balance, harmonics=response.harmonics)
     if not found.holds:
         return found
-    count, law = 64 * lin.sizes.low, lin.law.expand()
+    count = 64 * lin.sizes.low
+    law = lin.law.expand()
     refined = lin.deflection * lin.law.backlash[:, None]
     value = fourier.synthesize(refined, count)
     rate = fourier.synthesize(fourier.derivative(refined, lin.frequency), count)

@@ -61,7 +61,9 @@ def one_norm(product, transposed, size, columns, steps=5):
         )
         / size
     )
-    largest, signs, visited = 0.0, np.empty((0, size)), np.empty(0, int)
+    largest = 0.0
+    signs = np.empty((0, size))
+    visited = np.empty(0, int)
     for _ in range(steps):
         images = each(product, vectors)
         found = np.abs(images).sum(1).max()
@@ -69,7 +71,9 @@ def one_norm(product, transposed, size, columns, steps=5):
             return np.inf
         if found <= largest:
             break
-        largest, before, signs = found, signs, np.where(images >= 0, 1.0, -1.0)
+        largest = found
+        before = signs
+        signs = np.where(images >= 0, 1.0, -1.0)
         if len(before) and (np.abs(signs @ before.T) == size).any(1).all():
             break  # all the same as in the last step
         for i in range(len(signs)):
@@ -144,11 +148,9 @@ def _expand(reduced, train, deflection, sizes):
     """Of a motion ``(G, low+1)`` m: the march of linear solves; in harmonics the
     integral of (engagement - 1), and itself.
     """
-    law, meshes, samples = (
-        reduced.law,
-        len(deflection),
-        4 * max(sizes.time_steps, sizes.low),
-    )
+    law = reduced.law
+    meshes = len(deflection)
+    samples = 4 * max(sizes.time_steps, sizes.low)
     march = correction.march_at(
         train, correction.slopes_at(reduced, deflection, samples)
     )
@@ -163,7 +165,8 @@ def _expand(reduced, train, deflection, sizes):
     wide = fourier.resize(deflection / law.backlash[:, None], sizes.high // 2)
     crossings = exact_integrals.find_crossings(unit, wide, 4 * sizes.low)
     rule = exact_integrals.quadrature(unit, wide, crossings)
-    values, unit = rule.synthesize(wide), unit.expand()
+    values = rule.synthesize(wide)
+    unit = unit.expand()
     integral = rule.analyze(backlash.force(unit, values) - values, 2 * sizes.high)
     share = rule.analyze(backlash.engagement(unit, values) - 1, 2 * sizes.high)
     return march, integral, share, crossings.complete
@@ -206,16 +209,15 @@ class Linearization:
             self.meshes.law,
             np.where(self.meshes.contact_damping, self.meshes.viscous, 0.0),
         )
-        self.frequency, self.sizes = float(problem.frequency), sizes
+        self.frequency = float(problem.frequency)
+        self.sizes = sizes
         chosen = train.topology.law_index.astype(np.int32)
         receptance, linear, self._reduced, self._train = _linear_response(
             problem, chosen, sizes
         )
-        n, h, receptance = (
-            np.arange(sizes.reach + 1),
-            self.law.backlash,
-            np.asarray(receptance),
-        )
+        n = np.arange(sizes.reach + 1)
+        h = self.law.backlash
+        receptance = np.asarray(receptance)
         self.slopes = (1 - self.law.epsilon) * self.law.stiffness, viscous
         change = self.slopes[0] + 1j * n[:, None] * self.frequency * self.slopes[1]
         self.held = receptance / h[:, None] * (change * h)[:, None, :]
@@ -231,19 +233,20 @@ class Linearization:
         """Take the motion ``(G, low+1)`` m as that around which the equation is
         linear.
         """
-        sizes, high = self.sizes, self.sizes.high
+        sizes = self.sizes
+        high = self.sizes.high
         self._march, *found = _expand(self._reduced, self._train, deflection, sizes)
         integral, share, complete = map(np.asarray, found)
-        self.complete, self.deflection = (
-            bool(complete),
-            deflection / self.law.backlash[:, None],
-        )
+        self.complete = bool(complete)
+        self.deflection = deflection / self.law.backlash[:, None]
         self._samples = fourier.synthesize(share, fourier.samples_for(2 * high))
         # The middle of the range leaves the smallest share s = engagement - 1 - m, in
         # the largest value half the range.
-        low, top = self._samples.min(1), self._samples.max(1)
+        low = self._samples.min(1)
+        top = self._samples.max(1)
         between = 0.01 * (top - low)  # what samples may miss
-        low, top = np.maximum(low - between, -1.0), np.minimum(top + between, 0.0)
+        low = np.maximum(low - between, -1.0)
+        top = np.minimum(top + between, 0.0)
         self.middle, self.half_range = (low + top) / 2, float((top - low).max() / 2)
         self._samples = self._samples - self.middle[:, None]
         # psi = E - m y: the part linear in y is in H.
@@ -296,10 +299,8 @@ class Linearization:
         """Whether ``(G, K)`` a mesh is within ``distance``, backlashes, of the
         transition of its law, at shares of the cycle ``(K,)``.
         """
-        value, half = (
-            np.abs(motion(self.deflection, 1.0, share)[0]),
-            self.law.transition[:, None] / 2,
-        )
+        value = np.abs(motion(self.deflection, 1.0, share)[0])
+        half = self.law.transition[:, None] / 2
         return (value > 0.5 - half - distance) & (value < 0.5 + half + distance)
 
     def residual(self):
@@ -357,7 +358,8 @@ class Linearization:
         """k, d, w with ``|H_c(n)| <= (k + n d) / (n^2 - w^2)``, whatever the damping
         (docs/theory A4.5).
         """
-        root, h = columns.T / np.sqrt(np.asarray(system.mass)), self.law.backlash
+        root = columns.T / np.sqrt(np.asarray(system.mass))
+        h = self.law.backlash
         left = np.linalg.norm(root / h[:, None], 2)
         k, d = (
             left * np.linalg.norm(root * (h * change)[:, None], 2)
@@ -385,7 +387,8 @@ class Linearization:
 
     def largest_gain(self, first):
         """sup of ``w_n |H(n)|`` over n >= ``first``."""
-        (k, d, highest), n = self._decay_beyond(), self.sizes.reach + 1
+        (k, d, highest) = self._decay_beyond()
+        n = self.sizes.reach + 1
         beyond = (
             np.sqrt(1 + (n / self.scale) ** 2) * (k + n * d) / (n**2 - highest**2)
         )  # falls with n
@@ -397,7 +400,8 @@ class Linearization:
         """``sqrt(sum of |H(n)|^2 over |n| >= first)``: largest value that H gives of
         harmonics from there on, over their root mean square.
         """
-        (k, d, highest), n = self._decay_beyond(), self.sizes.reach
+        (k, d, highest) = self._decay_beyond()
+        n = self.sizes.reach
         factor = 1 / (1 - (highest / (n + 1)) ** 2)
         # (k + n d)^2 <= 2 (k^2 + n^2 d^2), and sums over n of n^-4 and n^-2 below their
         # integrals.

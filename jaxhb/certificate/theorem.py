@@ -85,8 +85,11 @@ def bounds_at(lin, train, gaps):
     """The numbers of the theorem around the motion of ``lin``, and what follows for
     that of the train; raises NotInverted.
     """
-    law, low, high = lin.law, lin.sizes.low, lin.sizes.high
-    E, grid = lin.embedding, SAMPLES * low // 4
+    law = lin.law
+    low = lin.sizes.low
+    high = lin.sizes.high
+    E = lin.embedding
+    grid = SAMPLES * low // 4
 
     F, corrected, correction, weighted = _newton_correction(lin)
     Z1 = _defect(lin)
@@ -131,7 +134,8 @@ def bounds_at(lin, train, gaps):
     # The rate of A q, of d = q - F' A q and of -H psi' e, one line each, as in the head
     # of this module.
     beside = F - corrected - lin.apply_gain(lin.times_share(corrected))
-    slow, fast = lin.rate_of_gain(0, low), lin.rate_of_gain(low + 1, high)
+    slow = lin.rate_of_gain(0, low)
+    fast = lin.rate_of_gain(low + 1, high)
     left = np.sqrt(2 * _beyond(_rate(lin.integral), high, 2))
     rate = (
         lin.largest(_rate(corrected))
@@ -161,7 +165,8 @@ def _newton_correction(lin):
     """F, A F, and what the largest value of each mesh and the weighted norm of Newton's
     correction are at most.
     """
-    w, high = lin.weight, lin.sizes.high
+    w = lin.weight
+    high = lin.sizes.high
     F = lin.residual()
     left = np.sqrt(
         2 * _beyond(lin.integral, high, 3)
@@ -200,7 +205,9 @@ def _beyond(coefficients, harmonics, power):
 
 def _defect(lin):
     """Z1."""
-    w, low, high = lin.weight, lin.sizes.low, lin.sizes.high
+    w = lin.weight
+    low = lin.sizes.low
+    high = lin.sizes.high
     inner = w[: high + 1]
 
     def apply(x):
@@ -358,11 +365,13 @@ def attracts(lin, train, found):
     second is summed over the eigenvectors of P with the largest ``|1/(z - lambda) -
     1/(1 - lambda)|`` on the unit circle.
     """
-    system, meshes = on_host(chain.assemble(train)), lin.meshes
+    system = on_host(chain.assemble(train))
+    meshes = lin.meshes
     # Loss factors have no equation in time, and large trains take too long.
     if np.any(system.loss) or len(system.mass) > 100:
         return None
-    h, law = lin.law.backlash, meshes.law
+    h = lin.law.backlash
+    law = meshes.law
     parts = partition(
         system, meshes, train.topology.disk_names, train.topology.link_names
     )

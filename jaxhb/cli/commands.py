@@ -114,8 +114,12 @@ class _TunedFiles:
     """
 
     def __init__(self, given, train, rpm, progress):
-        self.given, self.train, self.rpm, self.progress = given, train, rpm, progress
-        self.history, self.start = [], None
+        self.given = given
+        self.train = train
+        self.rpm = rpm
+        self.progress = progress
+        self.history = []
+        self.start = None
         _, beside = changed_scene(given.scene, {})
         self.copies = copies_beside(beside, Path(given.output).parent)
         output.make_folders(self.copies.files)
@@ -134,7 +138,8 @@ class _TunedFiles:
         """
         if self.history:
             return f"the best design so far is {self.given.output!r}"
-        done, there = 0 if self.start is None else int(self.start.solved.sum()), ""
+        done = 0 if self.start is None else int(self.start.solved.sum())
+        there = ""
         if done:
             record = output.changes(self.given) | start_record(
                 self.train, self.rpm, self.start
@@ -299,13 +304,11 @@ class _SweepFiles:
     """What was found so far, and the files that hold it."""
 
     def __init__(self, train, given, axis):
-        self.train, self.given, self.axis, self.found, self.records = (
-            train,
-            given,
-            axis,
-            {},
-            {},
-        )
+        self.train = train
+        self.given = given
+        self.axis = axis
+        self.found = {}
+        self.records = {}
         self.both = given.direction == "both"
         # The highest that JSON lists; None: all.
         self.orders = None if given.full else given.orders or numbers.NO_ORDERS
@@ -337,10 +340,8 @@ class _SweepFiles:
     def left(self, total):
         """What a sweep that is stopped leaves, in a sentence."""
         ways = ("up", "down") if self.both else tuple(self.found) or ("",)
-        done, names = (
-            min(len(self.found.get(way, ())) for way in ways),
-            self._write("json", "csv", "netcdf"),
-        )
+        done = min(len(self.found.get(way, ())) for way in ways)
+        names = self._write("json", "csv", "netcdf")
         counted = "speeds" if self.axis == SPEED else "values"
         return f"{done} of {total} {counted} are done{f' in {names}' if names else ''}"
 

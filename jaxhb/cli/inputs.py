@@ -149,10 +149,8 @@ def _name_tuned(given, named):
         raise output.OutputError(
             "--json: a tuning writes it again at every step. Give the name of a file."
         )
-    signs, stem = (
-        {"output": b"tuned by jaxhb tune", "json": b'"history"'},
-        f"{Path(given['scene']).stem}_tuned.toml",
-    )
+    signs = {"output": b"tuned by jaxhb tune", "json": b'"history"'}
+    stem = f"{Path(given['scene']).stem}_tuned.toml"
     for option, sign in signs.items():
         if given[option] is None:
             name = (

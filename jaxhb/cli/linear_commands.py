@@ -53,10 +53,8 @@ def check(train, given, rpm, links_at, **_):
         dataclasses.replace(response[k], train=train) for k in range(len(response))
     ]
     remarks = scene_notes(responses) + table_notes(train)
-    parts, record = (
-        check_text(train, responses, speeds, remarks),
-        check_record(train, responses, remarks),
-    )
+    parts = check_text(train, responses, speeds, remarks)
+    record = check_record(train, responses, remarks)
     constant = _constant(train, None, links_at)
     if varying(constant.topology):
         parts.append("Links vary: natural frequencies need --links-at, as hz=30.")

@@ -28,7 +28,8 @@ from jaxhb.elements.elements import LONGEST_SENTENCE, cut
 from jaxhb.report.files.output import INTERRUPTED
 from jaxhb.train.speeds import read_speed, read_speeds
 
-PROGRAM, VARIABLE = "jaxhb", "_JAXHB_COMPLETE"
+PROGRAM = "jaxhb"
+VARIABLE = "_JAXHB_COMPLETE"
 ENVIRONMENT = {
     # Its threads wait actively: beside a busy process a solve takes ten times as long
     "OPENBLAS_NUM_THREADS": "1",
@@ -102,10 +103,8 @@ def _run(words):
     except click.exceptions.Exit as shown:  # of --help and --version
         return shown.exit_code
     except click.UsageError as fault:
-        sentence, where = (
-            cut(fault.format_message(), LONGEST_SENTENCE),
-            fault.ctx.command_path if fault.ctx else PROGRAM,
-        )
+        sentence = cut(fault.format_message(), LONGEST_SENTENCE)
+        where = fault.ctx.command_path if fault.ctx else PROGRAM
         print(
             f"{where}: {sentence}{'' if sentence[-1] in '.?)' else '.'} See {where}"
             " --help",

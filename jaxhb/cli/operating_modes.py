@@ -15,7 +15,9 @@ from jaxhb.report.files import output
 from jaxhb.scene.csv_tables import unguarded
 from jaxhb.scene.files import load_scene
 
-EVERY, AS_WRITTEN, EACH = "all", "as written", "each"
+EVERY = "all"
+AS_WRITTEN = "as written"
+EACH = "each"
 OWN_FILES = (
     "plot",
     "netcdf",
@@ -64,7 +66,9 @@ def each(run, given, asked, read):
             "--trace: each scenario has a file of its own. Give a name."
         )
     with tempfile.TemporaryDirectory() as folder:
-        own, status, skipped = {}, [], _skipped(given, asked)
+        own = {}
+        status = []
+        skipped = _skipped(given, asked)
         if len(skipped) == len(asked):
             raise output.OutputError(
                 "; ".join(
@@ -168,10 +172,8 @@ def _write(given, own, skipped):
     """Write JSON and CSV of modes that are done; the largest values of all, and the
     files written.
     """
-    worst, contents = (
-        _worst({title: changed["compared"] for title, changed in own.items()}),
-        {},
-    )
+    worst = _worst({title: changed["compared"] for title, changed in own.items()})
+    contents = {}
     if given.get("csv"):
         rows = {}
         for title, changed in own.items():
@@ -205,7 +207,8 @@ def _write(given, own, skipped):
 
 def _named(name, title):
     """The name of a file with that of the mode in it."""
-    path, own = Path(name), re.sub(r"[^\w.-]+", "_", title)
+    path = Path(name)
+    own = re.sub(r"[^\w.-]+", "_", title)
     return str(path.with_name(f"{path.stem}_{own}{path.suffix}"))
 
 

@@ -162,7 +162,8 @@ class Command(click.Command):
                 # Its value is being completed, by the scene, of which click would not
                 # know then
             ]
-        words, several = [], None
+        words = []
+        several = None
         try:
             for word in args:
                 if word.startswith("--"):
@@ -193,7 +194,8 @@ class Command(click.Command):
                 and isinstance(fault, click.NoSuchOption)
                 and fault.option_name in SPEEDS
             ):
-                fault.message, fault.possibilities = f"{fault.message} {meant}", None
+                fault.message = f"{fault.message} {meant}"
+                fault.possibilities = None
             raise
 
 

@@ -46,7 +46,8 @@ from jaxhb.scene.writer import element_files, elements_of, scene_text
 from jaxhb.solutions.misfires import alike
 from jaxhb.train.changes import scene_values
 
-SECOND, TUNED = "second design", "tuned design"
+SECOND = "second design"
+TUNED = "tuned design"
 SAMPLE = 100  # trains within the tolerances
 
 
@@ -229,7 +230,8 @@ def second_text(cases, seconds):
     """
     lines = []
     for case, first in zip(seconds, [cases[0], shown_misfire(cases)], strict=False):
-        found, before = told.hardest_of([case]), told.hardest_of([first])
+        found = told.hardest_of([case])
+        before = told.hardest_of([first])
         if found is None or before is None:
             lines.append(
                 f"The {case.title}: no largest value, one of the designs has no answer."
@@ -286,13 +288,10 @@ def _report_of(given, cases, place, seconds, tuning, tolerances):
     ):  # cylinders that fire, and rows
         name, _, field = key.rpartition(".")
         written[name] = dataclasses.replace(written[name], **{field: changed[key]})
-    names, there = (
-        {
-            kind: [n for n, e in written.items() if table_of(e) == kind]
-            for kind in TABLES
-        },
-        train.topology,
-    )
+    names = {
+        kind: [n for n, e in written.items() if table_of(e) == kind] for kind in TABLES
+    }
+    there = train.topology
     files = {
         kind: [
             own
@@ -324,7 +323,8 @@ def _file(name):
     """A file by name and the checksum of what is in it and in the tables that it
     names.
     """
-    path, beside = _find(name), sorted(scene_text(name)[1].items())
+    path = _find(name)
+    beside = sorted(scene_text(name)[1].items())
     digest = hashlib.sha256(
         b"".join(map(read_bytes, [path, *(table for _, table in beside)]))
     )

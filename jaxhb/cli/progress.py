@@ -20,7 +20,10 @@ class Progress:
     """
 
     def __init__(self, total=1, stream=None, quiet=False):
-        self.total, self.done, self.text, self.width = total, 0, "", 0
+        self.total = total
+        self.done = 0
+        self.text = ""
+        self.width = 0
         self.stream = None if quiet else stream or sys.stderr
         self.terminal = self.stream is not None and self.stream.isatty()
         self.begin, self.ended = time.monotonic(), threading.Event()

@@ -95,7 +95,8 @@ def phase(train, given, rpm, name, of, phases, quiet, **_):
             else " The scene has no [[phase]]: docs/how_to/strength.md has one."
         )
         raise SceneError(f"{train.topology.title}: --phase: name one.{near}")
-    name, quantities = name or known[0], tuple(map(asked_quantity, of))
+    name = name or known[0]
+    quantities = tuple(map(asked_quantity, of))
     with Progress(quiet=quiet) as progress:
         found = worst_phase(
             train, name, rpm=rpm, of=quantities, phases=phases, progress=progress.say
@@ -134,7 +135,8 @@ def phase(train, given, rpm, name, of, phases, quiet, **_):
 
 def _phase_text(train, found):
     """A row for each quantity, at the speed at which its worst phase is worst."""
-    rows, own = [], float(train.value(f"{found.name}.angle"))
+    rows = []
+    own = float(train.value(f"{found.name}.angle"))
     for j, one in enumerate(found.of):
         solved = np.flatnonzero(np.isfinite(found.worst[:, j]))
         factor, unit = shown_unit(unit_of(one.quantity))

@@ -55,7 +55,8 @@ count = partial(whole, least=0)
 def setting(text):
     """``(NAME.FIELD, VALUE)``, the value a number or a word."""
     key, equals, word = text.rpartition("=")
-    value, word = _number(word), word.strip()
+    value = _number(word)
+    word = word.strip()
     if not equals or not word:
         raise ValueError(
             f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"'
@@ -75,7 +76,9 @@ def over(text):
     words = values.split(":")
     try:
         if len(words) == 3:
-            first, last, steps = float(words[0]), float(words[1]), int(words[2])
+            first = float(words[0])
+            last = float(words[1])
+            steps = int(words[2])
             most = min(steps, MOST_SPEEDS + 1)
             found = [first + (last - first) * i / (steps - 1) for i in range(most)]
         else:

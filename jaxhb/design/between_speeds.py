@@ -268,7 +268,8 @@ def check_between(train, rpm, task, known=None, **accuracy):
     """
     grid, places = np.unique(rpm, return_index=True)
     if known is None:
-        nothing, none = np.zeros(0), np.zeros(0, dtype=bool)
+        nothing = np.zeros(0)
+        none = np.zeros(0, dtype=bool)
         checked = Checked(
             nothing, none, {label(chosen): nothing for chosen in task.of_response}
         )
@@ -382,10 +383,8 @@ def _values(response, chosen, train):
 def _joined(checked, other):
     """A Checked with the speeds of both."""
     order = np.argsort(np.concatenate([checked.rpm, other.rpm]), kind="stable")
-    rpm, solved = (
-        np.concatenate([checked.rpm, other.rpm]),
-        np.concatenate([checked.solved, other.solved]),
-    )
+    rpm = np.concatenate([checked.rpm, other.rpm])
+    solved = np.concatenate([checked.solved, other.solved])
     told = {
         name: np.concatenate([values, other.readings[name]])[order]
         for name, values in checked.readings.items()
@@ -398,7 +397,8 @@ def _beside_summits(checked, name):
     included.
     """
     solved = np.isfinite(checked.readings[name])
-    x, y = checked.rpm[solved], checked.readings[name][solved]
+    x = checked.rpm[solved]
+    y = checked.readings[name][solved]
     walled = np.concatenate([[-np.inf], y, [-np.inf]])
     summits = np.flatnonzero((y >= walled[:-2]) & (y >= walled[2:]))
     highest = summits[np.argsort(-y[summits], kind="stable")][:SUMMITS]
@@ -421,8 +421,10 @@ def _vertex(checked, name):
     place = int(np.nanargmax(values))
     if not 0 < place < len(values) - 1:
         return np.nan
-    x, y = checked.rpm[place - 1 : place + 2], values[place - 1 : place + 2]
-    left, right = (y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1])
+    x = checked.rpm[place - 1 : place + 2]
+    y = values[place - 1 : place + 2]
+    left = (y[1] - y[0]) / (x[1] - x[0])
+    right = (y[2] - y[1]) / (x[2] - x[1])
     bend = (right - left) / (x[2] - x[0])
     if not bend < 0:
         return np.nan

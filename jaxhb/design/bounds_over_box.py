@@ -75,7 +75,8 @@ READ_AS |= dict.fromkeys(
     ("tooth force order", "shaft torque order", "angle order"), "order"
 )
 """What of a signal, or a power, a quantity is."""
-OF_LINKS, OF_DISKS = ("stiffness", "loss_factor", "damping"), ("inertia", "damping")
+OF_LINKS = ("stiffness", "loss_factor", "damping")
+OF_DISKS = ("inertia", "damping")
 OF_LOADS = {
     "torque": ("mean",),
     "cylinder": ("gas_factor", "injection", "gas_torque_mean", "reciprocating_mass"),
@@ -91,7 +92,8 @@ def bounds_over_box(train, rpm, box, found, harmonics=None):
     train on the way whose response is above ``found`` ``(n, Q)``, the largest known.
     """
     places: list = []
-    bound, why = np.full(found.shape, np.nan), np.full(found.shape, "", dtype=object)
+    bound = np.full(found.shape, np.nan)
+    why = np.full(found.shape, "", dtype=object)
     numbers, fault = _numbers(train, box)
     for i, speed in enumerate(rpm):
         if fault or not np.isfinite(found[i]).all():
@@ -130,7 +132,9 @@ def _numbers(train, box):
     """The numbers of a box as :class:`_Number`, and why there is no bound over it, ""
     where there may be one.
     """
-    topology, found, loaded = train.topology, [], []
+    topology = train.topology
+    found = []
+    loaded = []
     if not topology.linear_in_contact:
         beside = [topology.link_names[link] for link, *_ in topology.springs]
         varying = [
@@ -151,7 +155,8 @@ def _numbers(train, box):
                     index + (topology.n_scene_disks if table == "damper" else 0),
                 )
             elif (table, field) == ("ground", "stiffness"):
-                element, field = ("disk", topology.ground_disk[index]), "ground"
+                element = ("disk", topology.ground_disk[index])
+                field = "ground"
             elif field not in OF_LOADS.get(table, ()):
                 return (), f"the response is no simple function of {name}"
             else:
@@ -181,7 +186,10 @@ class _Speed:
     """
 
     def __init__(self, train, rpm, box, numbers, harmonics):
-        self.train, self.rpm, self.box, self.numbers = train, rpm, box, numbers
+        self.train = train
+        self.rpm = rpm
+        self.box = box
+        self.numbers = numbers
         listed = listed_harmonic(train.topology)
         self.harmonics = min(harmonics or listed, listed)
         self.elements = list(
@@ -219,7 +227,8 @@ class _Speed:
             else self.train
         )
         problem = problem_at(train, self.rpm, self.harmonics)
-        meshes, gap = problem.meshes, np.array(train.topology.mesh_backlash, dtype=bool)
+        meshes = problem.meshes
+        gap = np.array(train.topology.mesh_backlash, dtype=bool)
         load = backlash.error_load(
             problem.system, meshes, problem.frequency, problem.load
         )
@@ -240,11 +249,10 @@ class _Speed:
 
     def _solve(self):
         problem, base = self._loads()
-        system, meshes = problem.system, problem.meshes.link
-        loads, loaded = (
-            [base],
-            {number.share for number in self.numbers if not number.element},
-        )
+        system = problem.system
+        meshes = problem.meshes.link
+        loads = [base]
+        loaded = {number.share for number in self.numbers if not number.element}
         for share in range(len(self.own)):
             ends = [
                 self._loads(share, end)[1] if share in loaded else base
@@ -256,7 +264,8 @@ class _Speed:
         load, error, self.knee = (
             np.stack(parts, axis=1) for parts in zip(*loads, strict=True)
         )
-        incidence, disks = np.asarray(system.incidence()), np.eye(len(system.mass))
+        incidence = np.asarray(system.incidence())
+        disks = np.eye(len(system.mass))
         columns = [
             incidence[:, i] if kind == "link" else disks[i] for kind, i in self.elements
         ]
@@ -284,12 +293,10 @@ class _Speed:
             .reshape(len(columns), count + len(columns), len(omega))
             .transpose(2, 0, 1)
         )
-        self.y, self.G, self.omega, self.system = (
-            seen[..., :count],
-            seen[..., count:],
-            omega,
-            system,
-        )
+        self.y = seen[..., :count]
+        self.G = seen[..., count:]
+        self.omega = omega
+        self.system = system
         self.stiffness = stiffness[:, 0].T
         self.forces, self.deflections, self.motions = (
             a.transpose(2, 0, 1).copy() for a in (force, bent, moved)
@@ -304,7 +311,9 @@ class _Speed:
         """Dynamic stiffness ``(B, H, K)`` N/m of the elements that vary, at shares u
         ``(B, P)``.
         """
-        system, found, shafts = self.system, [], len(self.system.loss) - len(self.flank)
+        system = self.system
+        found = []
+        shafts = len(self.system.loss) - len(self.flank)
         for kind, i in self.elements:
             square = (
                 float(system.radius[system.tree.end_a[i] if kind == "link" else i]) ** 2
@@ -347,7 +356,8 @@ class _Speed:
             return self._stiffness_at(u + move, omega)
 
         # Exact, as no number but stiffness times loss factor is a product.
-        steps, middle = half * np.eye(u.shape[1])[:, None], at(0.0)
+        steps = half * np.eye(u.shape[1])[:, None]
+        middle = at(0.0)
         changes = [(at(step) - at(-step)) / 2 for step in steps]
         for a, b in ((steps[j], steps[k]) for j, k in self.products):
             mixed = (at(a + b) - at(a - b) - at(b - a) + at(-a - b)) / 4
@@ -363,7 +373,9 @@ class _Speed:
         number has to do with that, ``(B, P + E)``. u, half : ``(B, P)``; centre, w : of
         the boxes.
         """
-        count, G, every = self.y.shape[-1], self.G[which], np.eye(len(self.elements))
+        count = self.y.shape[-1]
+        G = self.G[which]
+        every = np.eye(len(self.elements))
         # The observed stands in one array with the deflections, behind them.
         loads = np.concatenate([self.y[which], row[which, None, :count]], axis=1)
         own = loads[..., 0] + np.einsum("bp,hxp->bhx", u - self.own, loads[..., 1:])
@@ -379,15 +391,20 @@ class _Speed:
         )
         given, solved = _solved(every + G * centre[..., None, :], given)
         G, y, moved_y = np.split(given, [len(every), len(every) + 1], axis=-1)
-        held, g = row[which, count:] * centre, row[which, None, count:]
+        held = row[which, count:] * centre
+        g = row[which, None, count:]
         q = own[..., -1] - (held * y[..., 0]).sum(-1)
         moved_q, g = (
             (b - held[..., None, :] @ a)[..., 0, :]
             for a, b in ((moved_y, moved[..., -1:, :]), (G, g))
         )
-        first, gw = moved_y - G @ (w * y), g[..., None] * w
-        linear, quadratic = moved_q - (gw * y).sum(-2), -gw.swapaxes(-1, -2) @ first
-        size, parts, g = np.abs(G), np.abs(w), np.abs(g)[..., None, :]
+        first = moved_y - G @ (w * y)
+        gw = g[..., None] * w
+        linear = moved_q - (gw * y).sum(-2)
+        quadratic = -gw.swapaxes(-1, -2) @ first
+        size = np.abs(G)
+        parts = np.abs(w)
+        g = np.abs(g)[..., None, :]
         change = parts.sum(-1)
         both = np.stack([np.ones(change.shape), np.abs(first).sum(-1)], axis=-1)
         ends, contracting = _solved(every - size * change[..., None, :], both)
@@ -428,18 +445,19 @@ class _Speed:
         """The bound of an Objective, infinite where there is none, ``found`` the
         largest response known; and shares of a train that has a larger one, or None.
         """
-        topology, train, quantity, name = (
-            self.train.topology,
-            self.train,
-            one.quantity,
-            one.of,
-        )
-        kind, at, factor = READ_AS[quantity], 0, 1.0
+        topology = self.train.topology
+        train = self.train
+        quantity = one.quantity
+        name = one.of
+        kind = READ_AS[quantity]
+        at = 0
+        factor = 1.0
         if quantity.startswith("angle"):
             i = topology.disk_index(name)
             row = self.motions[:, i] / float(self.system.radius[i])
         elif quantity == "gear torque":
-            i, meshes = topology.disk_index(name), len(self.flank)
+            i = topology.disk_index(name)
+            meshes = len(self.flank)
             senses = np.array(
                 [(a == i) - (b == i) for a, b in topology.mesh_ends], dtype=float
             )
@@ -479,21 +497,19 @@ class _Speed:
         harmonic or link ``at``, near ``close`` times the largest value where that takes
         few boxes; and shares with more than ``found``, or None.
         """
-        low, high, place = (
-            -np.ones((1, len(self.own))),
-            np.ones((1, len(self.own))),
-            None,
-        )
+        low = -np.ones((1, len(self.own)))
+        high = np.ones((1, len(self.own)))
+        place = None
         bounds = parts = np.zeros(0)
-        new, chosen, limits = (low, high), np.zeros(0, dtype=int), np.inf
+        new = (low, high)
+        chosen = np.zeros(0, dtype=int)
+        limits = np.inf
         low, high, parts = low[:0], high[:0], low[:0]
         while True:
             new_bounds, new_parts, own = self._bounds(row, kind, at, *new, found)
             if own.max() > found:
-                found, place = (
-                    own.max(),
-                    new[0][own.argmax()] / 2 + new[1][own.argmax()] / 2,
-                )
+                found = own.max()
+                place = new[0][own.argmax()] / 2 + new[1][own.argmax()] / 2
             # What holds of the whole holds of its halves.
             pairs = (
                 (low, new[0]),
@@ -510,12 +526,11 @@ class _Speed:
             ]
             if not len(chosen) or len(bounds) >= BOXES or (kind == "max" and found > 0):
                 return float(bounds.max()), place
-            which, lower, along = (
-                np.repeat(chosen, 2),
-                np.arange(0, 2 * len(chosen), 2),
-                parts[chosen].argmax(1),
-            )
-            new, limits = (low[which], high[which]), bounds[which]
+            which = np.repeat(chosen, 2)
+            lower = np.arange(0, 2 * len(chosen), 2)
+            along = parts[chosen].argmax(1)
+            new = (low[which], high[which])
+            limits = bounds[which]
             middle = (low + high)[chosen, along] / 2
             new[1][lower, along] = new[0][lower + 1, along] = middle
 
@@ -529,7 +544,8 @@ class _Speed:
             if kind == "order"
             else np.arange(0 if constant else 1, len(self.omega))
         )
-        u, half = (low + high) / 2, (high - low) / 2
+        u = (low + high) / 2
+        half = (high - low) / 2
         centre, w = self._changes(u, half, self.omega[which])
         (q, linear, quadratic, left), parts = self._model(
             row, which, half, u, centre, w
@@ -539,10 +555,8 @@ class _Speed:
         parts = parts[:, : low.shape[1]] * (half > FINEST)
         if kind == "power":
             # What of the square of its deflection a link turns into heat.
-            heat, own = (
-                2 * self.omega[which],
-                np.array([one == ("link", at) for one in self.elements], dtype=float),
-            )
+            heat = 2 * self.omega[which]
+            own = np.array([one == ("link", at) for one in self.elements], dtype=float)
             damping = (
                 heat * (self.stiffness[which, at] + centre @ own).imag,
                 heat[:, None] * (own @ w).imag,
@@ -555,10 +569,8 @@ class _Speed:
             )
         # The amplitude of an order is the largest value of a cosine, whatever its
         # harmonic.
-        weight, waves = (
-            np.where(which > 0, 2.0, 1.0),
-            np.ones(1) if kind == "order" else which,
-        )
+        weight = np.where(which > 0, 2.0, 1.0)
+        waves = np.ones(1) if kind == "order" else which
         bend = weight * (np.pi * waves) ** 2 / 2
         size = np.sqrt(np.abs(q) ** 2 @ weight)
         count = (
@@ -576,17 +588,17 @@ class _Speed:
             2j * np.pi / count * waves[:, None] * np.arange(count)
         )
         phase = np.concatenate([phase, -phase], axis=1) if kind == "peak" else phase
-        values, slopes = (
-            (q @ phase).real,
-            (linear.swapaxes(1, 2) @ phase).real.swapaxes(1, 2),
-        )
+        values = (q @ phase).real
+        slopes = (linear.swapaxes(1, 2) @ phase).real.swapaxes(1, 2)
         own = (values.max(1) - values.min(1)) / 2 if kind == "swing" else values.max(1)
         found = max(found, own.max())
         curved = np.abs(quadratic).sum((2, 3))
         # From a largest value to the nearest instant a signal falls by its second
         # derivative at most.
         between = (np.abs(q) + np.abs(linear).sum(2) + curved + left) @ bend / count**2
-        curved, left, bounds = curved @ weight, left @ weight, np.full(len(low), np.inf)
+        curved = curved @ weight
+        left = left @ weight
+        bounds = np.full(len(low), np.inf)
         for i in np.flatnonzero(np.isfinite(left)):
 
             def squares(at, own=quadratic[i]):
@@ -621,9 +633,11 @@ def _largest_of(values, slopes, quadratic, curved, left, least, swing):
     ``(T, P, P)``, all of whose quadratic terms are at most ``curved``; with ``swing``
     of half the differences of any two; at least ``least``.
     """
-    reach, beyond = np.abs(slopes).sum(1), curved + left
+    reach = np.abs(slopes).sum(1)
+    beyond = curved + left
     if swing:
-        high, low = values + reach, values - reach
+        high = values + reach
+        low = values - reach
         top, out = _highest((high - low.min()) / 2 + beyond, least, INSTANTS)
         bottom, below = _highest((high.max() - low) / 2 + beyond, least, INSTANTS)
         i, j = (
@@ -632,10 +646,8 @@ def _largest_of(values, slopes, quadratic, curved, left, least, swing):
                 np.arange(len(top)), np.arange(len(bottom)), indexing="ij"
             )
         )
-        values, slopes = (
-            (values[top][i] - values[bottom][j]) / 2,
-            (slopes[top][i] - slopes[bottom][j]) / 2,
-        )
+        values = (values[top][i] - values[bottom][j]) / 2
+        slopes = (slopes[top][i] - slopes[bottom][j]) / 2
         kept, lost = _highest(values + np.abs(slopes).sum(1) + beyond, least, COMBINED)
         squares = (quadratic(top)[i[kept]] - quadratic(bottom)[j[kept]]) / 2
         out = max(out, below, lost)
@@ -667,7 +679,8 @@ def _over_corners(values, slopes, squares):
     corner = np.where(steep, np.sign(slopes), 0.0)
     turned = (squares @ corner[..., None])[..., 0]
     # A square is never negative, its term at most 0 where its factor is less.
-    sizes, own = np.abs(squares), np.einsum("tjj->tj", squares)
+    sizes = np.abs(squares)
+    own = np.einsum("tjj->tj", squares)
     mixed = ((sizes @ ~steep[..., None])[..., 0] - (np.abs(own) - own) / 2) * ~steep
     return values + (
         corner * (slopes + turned) + ~steep * np.abs(slopes + 2 * turned) + mixed
@@ -679,22 +692,20 @@ def _power(damping, damping1, y, y1, y2, yr):
     ``(B, P)``, ``(B, P, P)`` and what is left at most ``(B,)``.
     """
     sizes = np.abs(y), np.abs(y1).sum(2), np.abs(y2).sum((2, 3))
-    own, both = np.conj(y)[..., None], (np.conj(y1)[..., None] * y1[..., None, :]).real
-    square, square1, square2 = (
-        sizes[0] ** 2,
-        2 * (own * y1).real,
-        both + 2 * (own[..., None] * y2).real,
-    )
+    own = np.conj(y)[..., None]
+    both = (np.conj(y1)[..., None] * y1[..., None, :]).real
+    square = sizes[0] ** 2
+    square1 = 2 * (own * y1).real
+    square2 = both + 2 * (own[..., None] * y2).real
     c = damping[..., None]
-    values, slopes = (
-        (damping * square).sum(1),
-        (c * square1 + damping1 * square[..., None]).sum(1),
-    )
+    values = (damping * square).sum(1)
+    slopes = (c * square1 + damping1 * square[..., None]).sum(1)
     squares = (
         c[..., None] * square2 + damping1[..., None] * square1[..., None, :]
     ).sum(1)
     Y, Y1, Y2 = sizes
-    grown, all_of_y = np.abs(damping1).sum(2), Y + Y1 + Y2
+    grown = np.abs(damping1).sum(2)
+    all_of_y = Y + Y1 + Y2
     third = (2 * Y1 + Y2) * Y2
     left = (
         damping * third

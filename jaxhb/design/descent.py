@@ -22,7 +22,8 @@ Optimizer: TypeAlias = str | optax.GradientTransformation
 
 # Largest change of a z in one step: the share of the range then moves by at most 0.36
 LONGEST = 1.5
-TRIALS, EXPANSIONS = 12, 2
+TRIALS = 12
+EXPANSIONS = 2
 """Lengths of a step tried at most; and that trial from which on one is taken that falls
 without Wolfe's condition.
 """
@@ -124,8 +125,11 @@ class Descent:
         from those before, so that a descent whose evaluations are kept goes on with the
         same numbers. ``history`` of one before goes on, too.
         """
-        self.evaluator, self.rules = evaluator, rules
-        self.on_step, self.on_start, self.keep = on_step, on_start, keep
+        self.evaluator = evaluator
+        self.rules = rules
+        self.on_step = on_step
+        self.on_start = on_start
+        self.keep = keep
         self.optimizer = rules.transformation
         self.update = jax.jit(jax.vmap(self.optimizer.update))
         self.history, self.evaluations, self.began = list(history), 0, time.monotonic()
@@ -138,9 +142,11 @@ class Descent:
         first = self.best = self.point = self._first(z)
         self._note(0)
         try:
-            stopped, interrupted = self._stages(steps), False
+            stopped = self._stages(steps)
+            interrupted = False
         except KeyboardInterrupt:
-            stopped, interrupted = BY_USER, True
+            stopped = BY_USER
+            interrupted = True
         return first, self.best, stopped, interrupted
 
     def _at(self, z, near, **options):
@@ -159,7 +165,8 @@ class Descent:
         """The starts, solved; objectives from now on are shares of those of the train
         as it is.
         """
-        evaluator, near = self.evaluator, self.evaluator.unsolved(z)
+        evaluator = self.evaluator
+        near = self.evaluator.unsolved(z)
         ones = np.ones(len(evaluator.task.objectives))
         self.aim = Aim(np.ones(near.status.shape, dtype=bool), ones, 0.1 * ones, 0.1)
         point = self._at(z, near, rescues=near.status.shape[1], on_lanes=self.on_start)
@@ -181,7 +188,8 @@ class Descent:
 
     def _sizes(self, point, design):
         """What one unit of every objective is: its value at a design."""
-        solved, sizes = point.solved[design], []
+        solved = point.solved[design]
+        sizes = []
         for objective, values in zip(
             self.evaluator.task.objectives, point.readings, strict=False
         ):
@@ -199,10 +207,8 @@ class Descent:
 
     def _stages(self, steps):
         """Each width in turn until nothing is won or the steps are used up."""
-        number, again = (
-            0,
-            self.rules.widths[-1:] * AGAIN if self.evaluator.peaks else (),
-        )
+        number = 0
+        again = self.rules.widths[-1:] * AGAIN if self.evaluator.peaks else ()
         for stage, width in enumerate((*self.rules.widths, *again)):
             self.sharpened = stage > 0
             if stage:
@@ -220,7 +226,8 @@ class Descent:
 
     def _descend(self, number, steps):
         """Steps at one width: (whether the steps are used up, their number)."""
-        idle, memory = np.zeros(len(self.point.z), dtype=int), self._memory()
+        idle = np.zeros(len(self.point.z), dtype=int)
+        memory = self._memory()
         while number < steps:
             # A design rests when its last steps won too little or its slope is gone;
             # the others go on beside it.
@@ -260,17 +267,16 @@ class Descent:
         """One step as it is, halved while it loses a speed: (Point, whether each design
         moved).
         """
-        length, best, moved = (
-            np.ones(len(point.z)),
-            point,
-            np.zeros(len(point.z), dtype=bool),
-        )
+        length = np.ones(len(point.z))
+        best = point
+        moved = np.zeros(len(point.z), dtype=bool)
         for _ in range(TRIALS):
             trial = self._at(
                 point.z + length[:, None] * direction, point, wanted=moving & ~moved
             )
             good = self._kept(trial) & moving & ~moved
-            best, moved = where(good, trial, best), moved | good
+            best = where(good, trial, best)
+            moved = moved | good
             if (moved | ~moving).all():
                 break
             length = np.where(moved, length, length / 2)
@@ -281,16 +287,12 @@ class Descent:
         each design moved).
         """
         slope = np.sum(point.gradient * direction, axis=1)
-        low, high, length = (
-            np.zeros(len(slope)),
-            np.full(len(slope), np.inf),
-            np.ones(len(slope)),
-        )
-        best, moved, done = (
-            point,
-            np.zeros(len(slope), dtype=bool),
-            ~moving | ~(slope < 0),
-        )
+        low = np.zeros(len(slope))
+        high = np.full(len(slope), np.inf)
+        length = np.ones(len(slope))
+        best = point
+        moved = np.zeros(len(slope), dtype=bool)
+        done = ~moving | ~(slope < 0)
         for trial in range(TRIALS):
             if done.all():
                 break
@@ -302,15 +304,11 @@ class Descent:
             # value, too (Lewis and Overton, Math. Program. 141 (2013) 135): a step that
             # rises is the new ``high``, one still steep the new ``low``.
             curved = np.sum(at.gradient * direction, axis=1) >= CURVATURE * slope
-            best, moved = (
-                where(falls & (at.value <= best.value), at, best),
-                moved | falls,
-            )
+            best = where(falls & (at.value <= best.value), at, best)
+            moved = moved | falls
             done |= falls & (curved | (trial >= EXPANSIONS))
-            high, low = (
-                np.where(falls | done, high, length),
-                np.where(falls, length, low),
-            )
+            high = np.where(falls | done, high, length)
+            low = np.where(falls, length, low)
             done |= moved & ~falls & (trial >= EXPANSIONS)
             length = np.where(
                 np.isinf(high), 2 * length, (low + np.minimum(high, 1e300)) / 2
@@ -369,7 +367,9 @@ class Descent:
         return where(bad, self._memory(), (memory[0], np.zeros_like(bad)))
 
     def _note(self, number):
-        evaluator, design, earlier = self.evaluator, best_of(self.best), self.earlier
+        evaluator = self.evaluator
+        design = best_of(self.best)
+        earlier = self.earlier
         step = Step(
             number=number + (earlier.number + 1 if earlier else 0),
             objective=float(self.best.value[design]),
@@ -395,7 +395,8 @@ def best_of(point):
 
 
 def _nothing_solved(evaluator, status):
-    name, rpm = evaluator.train.topology.title, evaluator.rpm
+    name = evaluator.train.topology.title
+    rpm = evaluator.rpm
     found = counts([Status(int(s)).name for s in status])
     way = "choose other speeds, more damping, or look at them with jaxhb sweep."
     if any(evaluator.train.topology.mesh_backlash):

@@ -251,13 +251,11 @@ class Evaluator:
         speed each design is looked at, too.
         """
         self.critical = tuple(critical)
-        self.train, self.rpm, self.task, self.request, self.peaks = (
-            train,
-            rpm,
-            task,
-            request,
-            peaks,
-        )
+        self.train = train
+        self.rpm = rpm
+        self.task = task
+        self.request = request
+        self.peaks = peaks
         self.followed = (
             [
                 j
@@ -342,7 +340,8 @@ class Evaluator:
         """The same designs to be solved anew: the added speeds on their highest peaks,
         all planned by their numbers.
         """
-        speeds, into = point.speeds.copy(), len(self.rpm)
+        speeds = point.speeds.copy()
+        into = len(self.rpm)
         near = np.tile(np.arange(speeds.shape[1]), (len(point.z), 1))
         for j in self.followed:
             values = self.weights(point.speeds)[..., j] * point.readings[j]
@@ -354,7 +353,8 @@ class Evaluator:
                 speeds[a, into : into + len(places)] = summits
             into += self.peaks
         rows = np.arange(len(near))[:, None]
-        status, motion = point.status[rows, near], point.motion[rows, near]
+        status = point.status[rows, near]
+        motion = point.motion[rows, near]
         return self._planned(
             dataclasses.replace(point, speeds=speeds, status=status, motion=motion)
         )
@@ -364,7 +364,8 @@ class Evaluator:
         tooth; of the plans at hand those that hold the same meshes, whose harmonics
         have proved enough.
         """
-        plans, numbers = {(plan.active, plan.flank): plan for plan in point.plans}, []
+        plans = {(plan.active, plan.flank): plan for plan in point.plans}
+        numbers = []
         for z, speeds in zip(point.z, point.speeds, strict=True):
             own = plan_designs(
                 self.train.replace(self.task.named(z)), speeds, self.request
@@ -382,7 +383,8 @@ class Evaluator:
         """Factors of the objectives at all speeds ``(A, n, objectives)``, interpolated
         at the added ones.
         """
-        order, columns = np.argsort(self.rpm, kind="stable"), []
+        order = np.argsort(self.rpm, kind="stable")
+        columns = []
         for objective in self.task.objectives:
             given = np.array(objective.weights or np.ones(len(self.rpm)))
             columns.append(np.interp(speeds, self.rpm[order], given[order]))
@@ -457,7 +459,8 @@ class Evaluator:
         """The Point, with gradients where the value is at most ``most``; a speed
         without one counts as lost.
         """
-        point, status = lanes.point, lanes.point.status
+        point = lanes.point
+        status = lanes.point.status
         while True:
             kept = lanes.counted & answers.solved(status)
             weighted = (
@@ -502,10 +505,8 @@ class Evaluator:
         """The point under plans of more harmonics where counted speeds need them, None
         where none does.
         """
-        plans, counted = (
-            list(point.plans),
-            counted & point.solved & (not self.request.harmonics),
-        )
+        plans = list(point.plans)
+        counted = counted & point.solved & (not self.request.harmonics)
         numbers = self.numbers_of(point.z, point.speeds)[0] if counted.any() else None
         for number, plan in enumerate(point.plans):
             higher = next_level(plan.harmonics, plan.method) if plan.active else None
@@ -550,7 +551,8 @@ class Evaluator:
 
     def reading(self, point, design):
         """The :class:`Reading` of one design, of as much as is known."""
-        solved, told = point.solved[design, : len(self.rpm)], {}
+        solved = point.solved[design, : len(self.rpm)]
+        told = {}
         for chosen, values in zip(
             self.task.of_response + self.task.of_design, point.readings, strict=False
         ):
@@ -649,7 +651,8 @@ class Lanes:
         """The fields SOLVED of the lanes ``at`` under a plan, and the pullback from
         their readings.
         """
-        point, evaluator = self.point, self.evaluator
+        point = self.point
+        evaluator = self.evaluator
         motion = np.zeros((len(given), 0, plan.harmonics + 1), complex)
         motion = of_active_meshes(point.motion[at], plan) if plan.active else motion
         start = (
@@ -680,13 +683,13 @@ class Lanes:
         """Solve ``which`` one by one, from all starts of :func:`jaxhb.solve`, and from
         there under the largest plan.
         """
-        point, plan, found = self.point, self.point.plans[0], np.zeros_like(which)
+        point = self.point
+        plan = self.point.plans[0]
+        found = np.zeros_like(which)
         motion = point.motion.copy()
         for a, i in np.argwhere(which) if plan.active else ():
-            train, box = (
-                self.evaluator.train.replace(self.evaluator.task.named(point.z[a])),
-                self.evaluator.box,
-            )
+            train = self.evaluator.train.replace(self.evaluator.task.named(point.z[a]))
+            box = self.evaluator.box
             train = (
                 train.replace(box.scaled(train, self.evaluator.shares[i]))
                 if box
@@ -716,12 +719,11 @@ class Lanes:
         size = np.abs(by_smooth * self.point.smooth)
         # Of a smooth maximum few speeds have a weight: a gradient is pulled through
         # these alone.
-        left, calls = size.max(axis=(1, 2), keepdims=True) * NEGLIGIBLE < size, []
+        left = size.max(axis=(1, 2), keepdims=True) * NEGLIGIBLE < size
+        calls = []
         for chunk, padded, pull in reversed(self.batches):
-            into, cotangent = (
-                tuple(chunk.T),
-                np.zeros((len(padded), by_smooth.shape[-1])),
-            )
+            into = tuple(chunk.T)
+            cotangent = np.zeros((len(padded), by_smooth.shape[-1]))
             own = left[into]
             left[into] = False  # of the attempts at a lane the last one counts
             if own.any():
@@ -793,13 +795,16 @@ def highest_peaks(speeds, values, most):
     peak would only be fled from.
     """
     _, places = np.unique(speeds, return_index=True)
-    x, y = speeds[places], values[places]
+    x = speeds[places]
+    y = values[places]
     middle = np.flatnonzero((y[1:-1] >= y[:-2]) & (y[1:-1] > y[2:])) + 1
     middle = middle[np.minimum(y[middle - 1], y[middle + 1]) > 0.5 * y[middle]]
     middle = middle[np.argsort(-y[middle], kind="stable")][:most]
-    left, right = x[middle] - x[middle - 1], x[middle + 1] - x[middle]
+    left = x[middle] - x[middle - 1]
+    right = x[middle + 1] - x[middle]
     # Vertex of the parabola through three speeds that need not be equidistant.
-    rise, fall = (y[middle] - y[middle - 1]) / left, (y[middle + 1] - y[middle]) / right
+    rise = (y[middle] - y[middle - 1]) / left
+    fall = (y[middle + 1] - y[middle]) / right
     return places[middle], x[middle] + (rise * right + fall * left) / (
         2 * (rise - fall)
     )
@@ -828,7 +833,8 @@ def train_and_problem(form, numbers, held):
     """Those of a lane from its numbers and what all lanes share; form: their structure,
     and which leaves are held.
     """
-    numbers, held = iter(numbers), iter(held)
+    numbers = iter(numbers)
+    held = iter(held)
     return jax.tree.unflatten(
         form[0], [next(held if keep else numbers) for keep in form[1]]
     )
@@ -942,7 +948,9 @@ def combine(
     limited[kept.shape[1] - critical :] = True
 
     def cost(z, smooth, kept, weights):
-        changed, total, readings = train.replace(task.named(z)), jnp.zeros(()), []
+        changed = train.replace(task.named(z))
+        total = jnp.zeros(())
+        readings = []
         # Readings of the objectives come first, then those of penalties: the order of
         # ``Task.of_response``.
         values = iter(smooth.T)

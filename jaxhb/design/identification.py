@@ -89,7 +89,8 @@ class Identification:
 
     def alike(self) -> list[tuple[str, str, float]]:
         """Pairs of numbers that the data hardly tell apart, with their correlation."""
-        names, found = [one.name for one in self.parameters], self.correlation
+        names = [one.name for one in self.parameters]
+        found = self.correlation
         rows, columns = np.triu_indices(len(names), 1)
         return [
             (names[i], names[j], float(found[i, j]))
@@ -155,11 +156,9 @@ def identify(
     (6200, ())
     """
     refuse_tracers("identify", train, instead="differentiate jaxhb.forced_response")
-    parameters, priors, where = (
-        tuple(parameters),
-        dict(priors or {}),
-        train.topology.title,
-    )
+    parameters = tuple(parameters)
+    priors = dict(priors or {})
+    where = train.topology.title
     faults = [
         f"parameter {one.name!r}: {text}"
         for one in parameters
@@ -262,7 +261,9 @@ class Fit:
     """
 
     def __init__(self, train, measured, parameters, noise, priors):
-        self.train, self.measured, self.parameters = train, measured, parameters
+        self.train = train
+        self.measured = measured
+        self.parameters = parameters
         self.linear = linear_train(train, rpm=float(np.median(measured.rpm)))
         self.task = Shares(parameters, (), ())
         self.rpm, speed = np.unique(measured.rpm, return_inverse=True)
@@ -298,9 +299,11 @@ class Fit:
         whether that are more than before.
         """
         _, status, _ = self.computed(u)
-        before, row_status = self.kept, status[self.places[1]]
+        before = self.kept
+        row_status = status[self.places[1]]
         self.kept = before | solved(row_status)
-        lost, title = ~self.kept, self.train.topology.title
+        lost = ~self.kept
+        title = self.train.topology.title
         found = left_out(
             self.measured.rpm[lost],
             row_status[lost],
@@ -309,7 +312,8 @@ class Fit:
         )
         self.left_out = tuple(dict.fromkeys(found))
         # Rows that are left out say nothing of the noise of the others.
-        size, pair = self.measured.amplitude, self.places[0]
+        size = self.measured.amplitude
+        pair = self.places[0]
         largest = np.array(
             [size[self.kept & (pair == one)].max(initial=0.0) for one in pair]
         )
@@ -344,7 +348,8 @@ class Fit:
 
     def explained(self, u):
         """Share of the measured amplitudes that the numbers of shares u explain."""
-        computed, measured = self.computed(u)[0], self.measured.amplitude
+        computed = self.computed(u)[0]
+        measured = self.measured.amplitude
         off = np.where(
             self.phased, np.abs(computed - self.target), np.abs(computed) - measured
         )
@@ -380,16 +385,13 @@ class Fit:
         """
         values, status, slopes = self.computed(u)
         values = np.where(solved(status)[self.places[1]], values, np.nan)
-        values, slopes = (
-            np.where(self.kept, values, self.target),
-            np.where(self.kept[:, None], slopes, 0.0),
-        )
-        size, phased = np.abs(values), self.phased
+        values = np.where(self.kept, values, self.target)
+        slopes = np.where(self.kept[:, None], slopes, 0.0)
+        size = np.abs(values)
+        phased = self.phased
         turned = np.where(size > 0, values.conj() / np.where(size > 0, size, 1.0), 1.0)
-        complex_off, amplitude_off = (
-            values - self.target,
-            size - self.measured.amplitude,
-        )
+        complex_off = values - self.target
+        amplitude_off = size - self.measured.amplitude
         off = np.where(phased, complex_off.real, amplitude_off) / self.sigma
         by = (
             np.where(phased[:, None], slopes.real, (turned[:, None] * slopes).real)
@@ -428,11 +430,14 @@ class Fit:
             "xtol": 1e-10,
             "gtol": 1e-10,
         }
-        of_rows, slopes = (
-            (lambda u: told(u.tobytes())[0]),
-            (lambda u: told(u.tobytes())[1][:, free]),
-        )
-        u = whole(least_squares(of_rows, inside, jac=slopes, **options).x)
+
+        def residuals(u):
+            return told(u.tobytes())[0]
+
+        def slopes(u):
+            return told(u.tobytes())[1][:, free]
+
+        u = whole(least_squares(residuals, inside, jac=slopes, **options).x)
         return u, *self.residuals(u)
 
     def result(self, u, residuals, slopes):
@@ -549,7 +554,8 @@ def weak_cylinder(
     )
     fit = Fit(train, measured, parameters, noise, {})
     fit.refuse_too_few(1)
-    begin, same = fit.begin, float((fit.residuals(fit.begin)[0] ** 2).sum())
+    begin = fit.begin
+    same = float((fit.residuals(fit.begin)[0] ** 2).sum())
     found = []
     for k, name in enumerate(names):
         # Amplitudes alone have a kink where all are equal, and grow to both sides of

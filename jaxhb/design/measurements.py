@@ -86,7 +86,9 @@ def read_measured(path: str | Path, train: DriveTrain) -> Measured:
         raise SceneError(f"{cut(str(path))}: {error}") from None
     if faults := _head_faults(table):
         raise SceneError([f"{path.name}: {text}" for text in faults])
-    heads, kept, lines_of = table.lines[0].cells, {}, {}
+    heads = table.lines[0].cells
+    kept = {}
+    lines_of = {}
     for line in table.lines[1:]:
         row = _Row(table, dict(zip(heads, line.cells, strict=False)))
         for text in _line_faults(train, heads, line, row) or _repeated(kept, row):
@@ -150,7 +152,8 @@ def _line_faults(
 
 
 def _number_faults(train: DriveTrain, row: _Row) -> list[str]:
-    faults, turns = [], train.topology.revolutions_per_cycle
+    faults = []
+    turns = train.topology.revolutions_per_cycle
     if not 0 < row.number("rpm") < HIGHEST_RPM:
         faults.append(
             f"rpm is {shown(row.text('rpm'))}, must be a number greater than 0."
@@ -177,11 +180,9 @@ def _number_faults(train: DriveTrain, row: _Row) -> list[str]:
 
 
 def _name_faults(train: DriveTrain, row: _Row) -> list[str]:
-    topology, quantity, element = (
-        train.topology,
-        row.text("quantity"),
-        row.text("element"),
-    )
+    topology = train.topology
+    quantity = row.text("quantity")
+    element = row.text("element")
     if quantity not in UNITS:
         return [f"there is no quantity {shown(quantity)}.{suggestion(quantity, UNITS)}"]
     names = (

@@ -175,10 +175,8 @@ def worst_phase(
     if faults:
         raise SceneError(faults)
     turn = topology.phase_turn[topology.phase_names.index(name)]
-    circle, linear = (
-        _circle(topology, name),
-        not (topology.has_law.any() or topology.amplitude_links),
-    )
+    circle = _circle(topology, name)
+    linear = not (topology.has_law.any() or topology.amplitude_links)
     read: _Linear | _Solved = (
         _Linear.of(train, name, rpm, turn) if linear else _Solved(train, name, rpm)
     )
@@ -195,15 +193,14 @@ def worst_phase(
         values[..., k] = read(np.full(len(rpm), angle), chosen)
     nominal = read(np.full(len(rpm), float(train.value(f"{name}.angle"))), chosen)
     known = np.isfinite(values)
-    best, ranked = (
-        np.where(known, values, np.inf).argmin(-1),
-        np.where(known, values, -np.inf),
-    )
+    best = np.where(known, values, np.inf).argmin(-1)
+    ranked = np.where(known, values, -np.inf)
     peak = (ranked >= np.roll(ranked, 1, -1)) & (ranked >= np.roll(ranked, -1, -1))
     tops = np.argsort(-np.where(peak, ranked, -np.inf), axis=-1, kind="stable")[
         ..., : PEAKS if linear else 1
     ]
-    at, worst = angles[tops[..., 0]], values.max(-1, initial=-np.inf, where=known)
+    at = angles[tops[..., 0]]
+    worst = values.max(-1, initial=-np.inf, where=known)
     worst[~known.any(-1)] = np.nan
     for q, one in enumerate(chosen):
         places = np.flatnonzero(np.isfinite(worst[:, q]))
@@ -267,7 +264,8 @@ class _Linear:
         """Of a train whose phase ``name`` turns once in ``turn`` turns of the reference
         rotor.
         """
-        start, key = float(train.value(f"{name}.angle")), f"{name}.angle"
+        start = float(train.value(f"{name}.angle"))
+        key = f"{name}.angle"
 
         def fields(angle):
             response = forced_response(train.replace({key: angle}), rpm=rpm)
@@ -350,14 +348,13 @@ class _Solved:
     def __call__(self, angle, chosen):
         values = np.full((len(self.rpm), len(chosen)), np.nan)
         for one in np.unique(angle):
-            own, design = (
-                np.flatnonzero(angle == one),
-                self.train.replace({f"{self.name}.angle": float(one)}),
-            )
+            own = np.flatnonzero(angle == one)
+            design = self.train.replace({f"{self.name}.angle": float(one)})
             motion = solve_speeds(design, rpm=self.rpm[own])
             values[own] = _read(motion, chosen, design)
             for lost in np.flatnonzero(~np.asarray(motion.converged)):
-                rpm, status = float(motion.rpm[lost]), int(motion.status[lost])
+                rpm = float(motion.rpm[lost])
+                status = int(motion.status[lost])
                 self.worst_status[rpm] = max(status, self.worst_status.get(rpm, 0))
         return values
 
@@ -378,12 +375,14 @@ def _golden(value, middle, *, width, steps):
     """The largest of a function of angles ``(S,)`` within ``width`` of each, by golden
     sections.
     """
-    low, high = middle - width, middle + width
+    low = middle - width
+    high = middle + width
     inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
     values = [np.nan_to_num(value(x), nan=-np.inf) for x in inner]
     for _ in range(steps):
         left = values[0] > values[1]
-        low, high = np.where(left, low, inner[0]), np.where(left, inner[1], high)
+        low = np.where(left, low, inner[0])
+        high = np.where(left, inner[1], high)
         kept = np.where(left, inner[0], inner[1]), np.where(left, values[0], values[1])
         fresh = np.where(
             left, high - GOLDEN * (high - low), low + GOLDEN * (high - low)

@@ -270,7 +270,8 @@ def check_all(train, parameters, given, penalties, rpm):
     """Refuse what cannot be tuned, every fault of parameters, objectives and penalties
     in one sentence, all at once.
     """
-    where, names = train.topology.title, [parameter.name for parameter in parameters]
+    where = train.topology.title
+    names = [parameter.name for parameter in parameters]
     faults = (
         []
         if parameters
@@ -324,7 +325,8 @@ def parameter_faults(train, parameter):
         return faults
     if parameter.scale not in ("log", "linear"):
         return [f"scale is {parameter.scale!r}, must be 'log' or 'linear'."]
-    low, high = parameter.low, parameter.high
+    low = parameter.low
+    high = parameter.high
     if not (np.isfinite(low) and np.isfinite(high) and low < high):
         return [
             f"its bounds are {low:g} and {high:g}, must be finite, low less than high."
@@ -402,7 +404,8 @@ def _penalty_faults(train, penalty):
 
 def _element_faults(train, chosen):
     """Faults of ``of`` and ``order`` of an objective or penalty."""
-    quantity, topology = QUANTITIES[chosen.quantity], train.topology
+    quantity = QUANTITIES[chosen.quantity]
+    topology = train.topology
     kind = quantity.kind.removesuffix(" with backlash")
     elements, _, key = kind.partition(" with a ")
     names = {

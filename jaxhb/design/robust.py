@@ -99,7 +99,8 @@ def moved_ranges(train, values):
 
 def check_robust(train, kind, tolerances, peaks):
     """Refuse what cannot be robust, one sentence a fault."""
-    where, faults = train.topology.title, []
+    where = train.topology.title
+    faults = []
     if kind not in KINDS:
         faults.append(f"{where}: robust is {kind!r}, must be 'worst' or 'p95'.")
     if peaks:
@@ -128,11 +129,10 @@ def tune_robust(
     indices ``speeds`` of ``rpm``, and the largest response to each objective ``(Q,)``
     of all its lanes.
     """
-    every, box = np.arange(len(rpm)), box_of(train, tolerances, given)
-    shares, searches = (
-        np.repeat(box.unbounded(train)[None], len(every), axis=0),
-        itertools.count(),
-    )
+    every = np.arange(len(rpm))
+    box = box_of(train, tolerances, given)
+    shares = np.repeat(box.unbounded(train)[None], len(every), axis=0)
+    searches = itertools.count()
 
     def spread_of(design, samples=0):
         own = {
@@ -149,19 +149,15 @@ def tune_robust(
         return nominal
     design = best = nominal
     if kind == "p95":
-        at, more = (
-            np.repeat(every, SAMPLE),
-            np.tile(box.sample(SAMPLE, seed), (len(every), 1)),
-        )
+        at = np.repeat(every, SAMPLE)
+        more = np.tile(box.sample(SAMPLE, seed), (len(every), 1))
         scatter = Scatter(box, np.concatenate([shares, more]))
         design = best = tuned(nominal.train, np.concatenate([every, at]), scatter)[0]
     else:
-        speeds, weights, least, sizes = (
-            every,
-            np.array([one.weight for one in given]),
-            np.inf,
-            None,
-        )
+        speeds = every
+        weights = np.array([one.weight for one in given])
+        least = np.inf
+        sizes = None
         for number in range(1, ROUNDS + 1):
             found = spread_of(design.train)
             worst = np.nanmax(found.worst, axis=0)
@@ -170,16 +166,15 @@ def tune_robust(
             )  # of the nominal optimum: what is summed is shares of them
             value = float((weights * worst / sizes).sum())
             if value < least:
-                best, least = design, value
+                best = design
+                least = value
             if number == ROUNDS or (
                 number > 1 and (worst <= (1 + SLACK) * largest).all()
             ):
                 break
             at, j = np.nonzero(np.isfinite(found.worst))
-            speeds, shares = (
-                np.concatenate([speeds, at]),
-                np.concatenate([shares, found.shares[at, j]]),
-            )
+            speeds = np.concatenate([speeds, at])
+            shares = np.concatenate([shares, found.shares[at, j]])
             design, largest = tuned(design.train, speeds, Scatter(box, shares))
             if design.interrupted:
                 break

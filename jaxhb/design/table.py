@@ -24,7 +24,8 @@ def read_table(train, instead=None):
     A SceneError tells no table, unknown or missing keys, values of the wrong kind: one
     sentence each, all at once.
     """
-    table, where = train.tune, train.topology.title
+    table = train.tune
+    where = train.topology.title
     if not table:
         raise SceneError(
             f"{where}: the scene has no [tune] table. Write [tune] with rpm,"
@@ -34,7 +35,8 @@ def read_table(train, instead=None):
         raise SceneError(
             f"{where}: 'tune' is a list of tables, must be one. Write [tune]."
         )
-    table, faults = table | (instead or {}), []
+    table = table | (instead or {})
+    faults = []
     known = ["rpm", *WORDS, *_KINDS, *_ROWS]
     faults += [
         f"{where}, [tune]: unknown key {k!r}.{suggestion(k, known)}"
@@ -66,7 +68,8 @@ def _hashable(value):
 
 def _rows(table, key, where, faults):
     """Elements of ``[[tune.KEY]]``; sentences go to ``faults``."""
-    rows, cls = table.get(key, []), _ROWS[key]
+    rows = table.get(key, [])
+    cls = _ROWS[key]
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         faults.append(
             f"{where}, [tune]: {key!r} must be a list of tables. Write [[tune.{key}]]."

@@ -54,7 +54,8 @@ def read_tolerances(train: DriveTrain) -> tuple[Tolerance, ...]:
     unknown names and keys, and ranges that are empty, reversed or without the own
     value, one sentence each, all at once.
     """
-    table, where = train.tolerance, train.topology.title
+    table = train.tolerance
+    where = train.topology.title
     if not table:
         raise SceneError(
             f'{where}: the scene has no [tolerance] table. Write one, "NAME.FIELD" = {{'
@@ -64,7 +65,8 @@ def read_tolerances(train: DriveTrain) -> tuple[Tolerance, ...]:
         raise SceneError(
             f"{where}: 'tolerance' is a list of tables, must be one. Write [tolerance]."
         )
-    found, faults = [], []
+    found = []
+    faults = []
     for name, entry in _entries(table):
         wrong = []
         one = _tolerance(train, name, entry, wrong)
@@ -110,13 +112,15 @@ def _tolerance(train, name, entry, faults):
             " and std."
         )
         return None
-    (key,), together = given, entry.get("together", [])
+    (key,) = given
+    together = entry.get("together", [])
     if not isinstance(together, list) or not all(
         isinstance(other, str) for other in together
     ):
         faults.append(f"together is {shown(together)}, must be a list of 'NAME.FIELD'.")
         together = []
-    value, own = entry[key], own_value(train, name, NUMBERS_ONLY, faults)
+    value = entry[key]
+    own = own_value(train, name, NUMBERS_ONLY, faults)
     if key == "range":
         if not (
             isinstance(value, list) and len(value) == 2 and all(map(number_like, value))
@@ -142,7 +146,8 @@ def _tolerance(train, name, entry, faults):
 
 def check_tolerances(train, tolerances):
     """Refuse tolerances that no train has: one sentence for each fault, all at once."""
-    where, faults = train.topology.title, []
+    where = train.topology.title
+    faults = []
     names = [name for one in tolerances for name in (one.name, *one.together)]
     if not tolerances:
         faults.append(f"{where}: there is no tolerance: give at least one.")
@@ -205,7 +210,8 @@ class Box(Task):
     step_tolerance = 1e-4  # enough to know the way up
 
     def named(self, z):
-        xp, found = namespace(z), {}
+        xp = namespace(z)
+        found = {}
         for k, (one, ((_, value), *others)) in enumerate(
             zip(self.parameters, self.own, strict=True)
         ):
@@ -223,10 +229,8 @@ class Box(Task):
         """Numbers of a train in the ratio that those of shares ``(P,)`` have to the
         box's own.
         """
-        numbers, own = (
-            self.named(z),
-            dict(pair for several in self.own for pair in several),
-        )
+        numbers = self.named(z)
+        own = dict(pair for several in self.own for pair in several)
         return {
             name: train.value(name) * (number / own[name])
             for name, number in numbers.items()
@@ -244,7 +248,8 @@ class Box(Task):
         """``(EXPLORED, P)`` shares, -1 or 1: a two-level design, in which every number
         is at both ends as often and no two of the first seven vary alike.
         """
-        rng, columns = np.random.default_rng(seed), hadamard(EXPLORED)[:, 1:]
+        rng = np.random.default_rng(seed)
+        columns = hadamard(EXPLORED)[:, 1:]
         more = -(-len(self.parameters) // columns.shape[1]) - 1
         shuffled = [rng.permuted(columns, axis=0) for _ in range(more)]
         return np.concatenate([columns, *shuffled], axis=1)[

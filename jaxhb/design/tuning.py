@@ -317,7 +317,8 @@ def tune_between(question, tuned, random):
     ``tuned(more=, critical=, history=)`` makes a Tuning from the train and further
     designs ``(A, P)``, the first time ``random`` ones, at critical speeds to follow.
     """
-    rpm, task = question.rpm, question.task
+    rpm = question.rpm
+    task = question.task
     result, _ = tuned(more=random)
     attempts: list[Tuning] = []
     sentences: list[str] = []
@@ -364,7 +365,8 @@ def _new_peaks(followed, train, rpm, excesses):
     """What is to be followed of limits exceeded by a train and is not yet
     ``followed``.
     """
-    known, new = {each.name for each in followed}, {}
+    known = {each.name for each in followed}
+    new = {}
     for excess in excesses:
         peak = near(excess.rpm, train, rpm, known)
         if peak.name not in known:
@@ -429,7 +431,8 @@ def _result(train, rpm, evaluator, descent, first, best, stopped, interrupted):
 
 
 def _check_numbers(train, optimizer, steps, starts, seed, peaks, widths):
-    where, faults = train.topology.title, []
+    where = train.topology.title
+    faults = []
     if fault := fault_of_optimizer(optimizer):
         faults.append(f"{where}: {fault}")
     for name, value, least in (

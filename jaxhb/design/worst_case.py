@@ -51,7 +51,8 @@ GAIN, PATIENCE = (
     1e-3,
     2,
 )  # share of the value below which a step has won nothing; so many of them end a search
-ASCENT, CURVED = 1e-4, 1e-8
+ASCENT = 1e-4
+CURVED = 1e-8
 """Share of the slope that a step has to win, Armijo's condition; cosine of step and
 change of the slope at least.
 """
@@ -133,7 +134,8 @@ class Spread:
         number, else the slopes, which hold for small changes: where teeth hammer a
         force is no smooth function of the numbers.
         """
-        found, count = self.slopes.copy(), 3 * self.drawn.shape[1]
+        found = self.slopes.copy()
+        count = 3 * self.drawn.shape[1]
         for i, (responses, kept, meant) in enumerate(
             zip(self.samples, self.drawn_solved, self.judged, strict=True)
         ):
@@ -395,7 +397,8 @@ def default_quantities(train, rpm):
     """Of each kind of :data:`QUANTITIES_ASKED` the element where it is largest at the
     nominal speeds.
     """
-    topology, largest = train.topology, {}
+    topology = train.topology
+    largest = {}
     kinds = {"tooth force": topology.mesh_names, "damper power": topology.damper_names}
     responses = solve_speeds(train, rpm=rpm)
     if not responses.solved.any():
@@ -431,7 +434,11 @@ class _Search:
     """
 
     def __init__(self, train, rpm, box, request, say, keep):
-        self.train, self.rpm, self.box, self.say, self.keep = train, rpm, box, say, keep
+        self.train = train
+        self.rpm = rpm
+        self.box = box
+        self.say = say
+        self.keep = keep
         self.evaluator = Evaluator(train, rpm, box, request)
         # Lanes of three searches for each speed and quantity.
         self.room = 3 * min(len(rpm), TOGETHER) * len(box.objectives)
@@ -580,7 +587,8 @@ class _Search:
             self.point.plan_number[:, 0]
         ]
         self.sampled(self.box.sample(EXPLORED_LINEAR, seed), linear)
-        speeds, pointed = np.flatnonzero(self.point.solved[:, 0]), []
+        speeds = np.flatnonzero(self.point.solved[:, 0])
+        pointed = []
         for slope, main in zip(
             np.moveaxis(self.slopes[speeds], 1, 0), self.main[speeds].T, strict=True
         ):
@@ -629,7 +637,8 @@ class _Search:
         side. Then from the worst cases of the speeds beside it, where these are worse
         here: where motions coexist, slopes of one know nothing of others.
         """
-        starts, begin = [], tuple(self.box.unbounded(self.train).tolist())
+        starts = []
+        begin = tuple(self.box.unbounded(self.train).tolist())
         for i, j in np.argwhere(np.isfinite(self.nominal)):
             u, responses = _arrays(self.tried[i])
             values = responses[:, j]
@@ -673,7 +682,9 @@ class _Search:
         on their way is solved too.
         """
         worst, _ = self.worst()
-        bound, no_bound, places = [], [], []
+        bound = []
+        no_bound = []
+        places = []
         for first in range(0, len(self.rpm), TOGETHER):
             self.say(
                 f"bounds over all trains within the tolerances: {first} of"
@@ -692,7 +703,8 @@ class _Search:
         """The largest response of all trains solved, by speed and quantity ``(n, Q)``,
         and its shares ``(n, Q, P)``.
         """
-        shares, values = np.zeros(self.slopes.shape), self.nominal.copy()
+        shares = np.zeros(self.slopes.shape)
+        values = self.nominal.copy()
         for i, tried in enumerate(self.tried):
             u, own = _arrays(tried)
             if np.isfinite(self.nominal[i]).any():
@@ -706,12 +718,11 @@ class _Search:
         """
         values, point, slopes = self._at(speed, u)
         unknown = np.full(values.shape[1], np.inf)
-        lanes, value, slope = (
-            np.arange(len(u)),
-            values[np.arange(len(u)), quantity],
-            slopes(quantity),
-        )
-        moving, idle = np.isfinite(value), np.zeros(len(u), dtype=int)
+        lanes = np.arange(len(u))
+        value = values[np.arange(len(u)), quantity]
+        slope = slopes(quantity)
+        moving = np.isfinite(value)
+        idle = np.zeros(len(u), dtype=int)
         # The first step leads to the corner to which the slope points.
         curvature = np.abs(slope)[:, :, None] * np.eye(u.shape[1]) / 2
         for climb in range(CLIMBS):
@@ -725,7 +736,9 @@ class _Search:
                 f"worst case: step {climb + 1}, {moving.sum()} of {len(u)} searches"
                 " go on"
             )
-            length, climbing, won = np.ones(len(u)), moving.copy(), np.zeros(len(u))
+            length = np.ones(len(u))
+            climbing = moving.copy()
+            won = np.zeros(len(u))
             for _ in range(TRIALS):
                 trial = np.clip(u + length[:, None] * way, -1.0, 1.0)
                 rise = ((trial - u) * slope).sum(axis=1)
@@ -744,10 +757,8 @@ class _Search:
                         curvature[k] = _updated(
                             curvature[k], trial[k] - u[k], slope[k] - steep[k]
                         )
-                    won, value = (
-                        np.where(good, own - value, won),
-                        np.where(good, own, value),
-                    )
+                    won = np.where(good, own - value, won)
+                    value = np.where(good, own, value)
                     point, u, slope = where(
                         good, (solved, trial, steep), (point, u, slope)
                     )

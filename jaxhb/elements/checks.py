@@ -83,7 +83,8 @@ def _errors(parts, places, near, key, value) -> list[str]:
         return _combustion_errors(parts, places[outer], outer, field, value)
     if name not in places:
         return [f"there is no element {shown(name)} in {shown(key)}.{near(name)}"]
-    (table, i), taken = places[name], ("number", "flag")
+    (table, i) = places[name]
+    taken = ("number", "flag")
     fields = {
         f.name: f
         for f in dataclasses.fields(TABLES[table])
@@ -170,11 +171,13 @@ class Parts:
         }
         self._count = Counter(name for name in self.disk_names if isinstance(name, str))
         # What joins the disks is settled here, and asked for by every check.
-        self._links, self._seats = {}, {}
+        self._links = {}
+        self._seats = {}
 
     def _put_engines(self, engines):
         """Put the cylinders of engines behind those of the scene."""
-        given, self.engine_errors = list(self.tables["cylinder"]), []
+        given = list(self.tables["cylinder"])
+        self.engine_errors = []
         self._engine_of = [""] * len(given)
         known = [
             e.name
@@ -361,7 +364,8 @@ def element_errors(parts: Parts) -> list[str]:
 
 def name_errors(parts: Parts) -> list[str]:
     """Find names that stand for several elements."""
-    first, errors = {}, []
+    first = {}
+    errors = []
     for table in TABLES:
         for i, name in enumerate(parts.names[table]):
             place = f"[[{table}]] no. {i + 1}"
@@ -383,10 +387,8 @@ def reference_errors(parts: Parts, reference, *, disks_read: bool) -> list[str]:
     if disks_read and not parts.tables["disk"]:
         errors.append(f"{parts.source}: there is no [[disk]]. Give at least one.")
     for table, i, element in parts.rows():
-        where, pair = (
-            parts.where(table, i),
-            getattr(element, "between", (getattr(element, "disk", None),)),
-        )
+        where = parts.where(table, i)
+        pair = getattr(element, "between", (getattr(element, "disk", None),))
         ends = (
             [end for end in pair if isinstance(end, str)]
             if isinstance(pair, tuple | list)

@@ -166,7 +166,8 @@ class Suggestions:
     """
 
     def __init__(self, known):
-        self._known, self._left = list(known), TOLD
+        self._known = list(known)
+        self._left = TOLD
 
     def __call__(self, word) -> str:
         self._left -= 1
@@ -575,7 +576,8 @@ def facts_of(element, before=""):
     """
     found = {}
     for one in dataclasses.fields(element):
-        value, name = getattr(element, one.name), before + one.name
+        value = getattr(element, one.name)
+        name = before + one.name
         if dataclasses.is_dataclass(value):
             found |= facts_of(value, f"{name}.")
         elif one.metadata["kind"] == "tables":

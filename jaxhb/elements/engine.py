@@ -69,7 +69,8 @@ def cylinder_rows(engine: dict) -> list[dict]:
     ``[engine]``.
     """
     given = _DEFAULTS | engine
-    labels, angles = _labels(given), firing_angles(given)
+    labels = _labels(given)
+    angles = firing_angles(given)
     disks = list(given["disks"])
     # Where disks are throws, bank B sits on those of bank A.
     disks = disks * (len(labels) // len(disks))
@@ -85,10 +86,8 @@ def cylinder_rows(engine: dict) -> list[dict]:
         row["firing_angle"] = angles[label] + (
             later[i] if isinstance(later, tuple | list) else later
         )
-        burning, strokes = (
-            row.get("combustion"),
-            {"stroke_cycle": given["stroke_cycle"]},
-        )
+        burning = row.get("combustion")
+        strokes = {"stroke_cycle": given["stroke_cycle"]}
         if burning:
             row["combustion"] = (
                 burning | strokes
@@ -128,10 +127,8 @@ def firing_angles(given: dict) -> dict[str, float]:
     """Firing angle (deg) of every cylinder, counted from the first of the firing
     order.
     """
-    order, cycle = (
-        [str(label) for label in given["firing_order"]],
-        180.0 * given["stroke_cycle"],
-    )
+    order = [str(label) for label in given["firing_order"]]
+    cycle = 180.0 * given["stroke_cycle"]
     if given["firing_intervals"] is not None:
         passed = [math.fsum(given["firing_intervals"][:k]) for k in range(len(order))]
         return dict(zip(order, passed, strict=True))
@@ -285,7 +282,8 @@ def _order_errors(order, labels) -> list[str]:
 
 
 def _interval_errors(engine, count) -> list[str]:
-    intervals, cycle = engine.firing_intervals, 180.0 * engine.stroke_cycle
+    intervals = engine.firing_intervals
+    cycle = 180.0 * engine.stroke_cycle
     if intervals is None:
         return []
     if engine.firing == "even":

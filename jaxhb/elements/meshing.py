@@ -30,8 +30,10 @@ def table_orders(rows, count):
     (200000000.0, [1.0, -0.405285, -0.0])
     """
     at, value = np.array([row for row in rows if row[0] < 1.0], dtype=float).T
-    at, value = np.append(at, at[0] + 1.0), np.append(value, value[0])
-    length, slope = np.diff(at), np.diff(value)
+    at = np.append(at, at[0] + 1.0)
+    value = np.append(value, value[0])
+    length = np.diff(at)
+    slope = np.diff(value)
     mean = float(np.sum(length * (value[1:] + value[:-1]) / 2))
     order = np.arange(1, count + 1)
     # Integrated by parts: of a continuous function with straight lines only the changes
@@ -107,12 +109,15 @@ def expanded(mesh, gears):
     """A sound mesh of two :class:`~jaxhb.Disk` with the stiffness and its orders that
     its shorthands stand for.
     """
-    values, teeth, helix = {}, [gear.teeth for gear in gears], math.radians(mesh.helix)
+    values = {}
+    teeth = [gear.teeth for gear in gears]
+    helix = math.radians(mesh.helix)
     if mesh.stiffness_table:
         values["stiffness"], values["stiffness_orders"] = table_orders(
             mesh.stiffness_table, mesh.orders
         )
-    ratio, overlap = mesh.contact_ratio, 0.0
+    ratio = mesh.contact_ratio
+    overlap = 0.0
     if mesh.width is not None:
         # The smaller gear is the first of the formula. A module is 2 r cos(beta) / z.
         overlap = (

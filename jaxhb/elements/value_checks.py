@@ -56,7 +56,8 @@ def _table_errors(where, f, value) -> list[str] | None:
     """Sentences on a table inside an element, or on a list of them; None where all is
     sound.
     """
-    cls, several = f.metadata["of"], f.metadata["kind"] == "tables"
+    cls = f.metadata["of"]
+    several = f.metadata["kind"] == "tables"
     rows = value if several else [value]
     if not _is_list(rows) or not rows or not all(isinstance(row, cls) for row in rows):
         wanted = (
@@ -114,7 +115,8 @@ def _is_there(value) -> bool:
 
 def _missing(where, f) -> str:
     """Sentence for a key that is not there."""
-    limits, kind = f.metadata.get("range"), f.metadata["kind"]
+    limits = f.metadata.get("range")
+    kind = f.metadata["kind"]
     wanted = (
         limits.words() if limits else _KINDS[kind][2] if kind in _KINDS else "a value"
     )
@@ -136,7 +138,8 @@ def _value_errors(f, value) -> list[str]:
         words = [w for w in f.metadata["words"] if w]
         if value in f.metadata["words"]:
             return []
-        wanted, near = " or ".join(repr(w) for w in words), suggestion(value, words)
+        wanted = " or ".join(repr(w) for w in words)
+        near = suggestion(value, words)
     else:
         test, wanted, _ = _KINDS[kind]
         if test(value):
@@ -149,7 +152,8 @@ def value_errors(f, value) -> list[str]:
     """Check a number against the range in its field's metadata; sentences without the
     element.
     """
-    limits, remedy = f.metadata["range"], ""
+    limits = f.metadata["range"]
+    remedy = ""
     unit = f" {limits.unit}" if limits.unit else ""
     number = float(value) if number_like(value) else math.nan
     if not number_like(value) and traced(value):
@@ -161,24 +165,24 @@ def value_errors(f, value) -> list[str]:
     if not number_like(value) and (
         isinstance(value, bool) or not isinstance(value, int)
     ):
-        found, wanted = (
-            shown(value),
-            f"a number{f' in {limits.unit}' if limits.unit else ''}",
-        )
+        found = shown(value)
+        wanted = f"a number{f' in {limits.unit}' if limits.unit else ''}"
     elif not math.isfinite(number):
-        found, wanted = (
-            f"{number if number_like(value) else shown(value)}{unit}",
-            "a finite number",
-        )
+        found = f"{number if number_like(value) else shown(value)}{unit}"
+        wanted = "a finite number"
     elif abs(number) > LARGEST:
-        found, wanted = f"{number:g}{unit}", f"at most {LARGEST:g} in size"
+        found = f"{number:g}{unit}"
+        wanted = f"at most {LARGEST:g} in size"
     elif 0.0 < abs(number) < SMALLEST:
-        found, wanted = f"{number:g}{unit}", f"0 or at least {SMALLEST:g} in size"
+        found = f"{number:g}{unit}"
+        wanted = f"0 or at least {SMALLEST:g} in size"
     elif f.metadata["kind"] == "count" and number != int(number):
-        found, wanted = f"{number:g}", "a whole number"
+        found = f"{number:g}"
+        wanted = "a whole number"
     elif limits.excludes(number):
         absent = "" if f.default is dataclasses.MISSING else " or leave the key out"
-        found, wanted = f"{number:g}{unit}", limits.words()
+        found = f"{number:g}{unit}"
+        wanted = limits.words()
         remedy = f" {limits.remedy or f'Correct the value{absent}.'}"
     else:
         return []
@@ -304,7 +308,8 @@ def shaft_errors(shaft) -> list[str]:
 
 def _spring_errors(link) -> list[str]:
     """Check play, stages and stops of a shaft or damper."""
-    columns, texts = ("twist", "stiffness"), []
+    columns = ("twist", "stiffness")
+    texts = []
     sound = [
         name
         for name in ("stages", "stops")
@@ -318,7 +323,8 @@ def _spring_errors(link) -> list[str]:
     for name, k, (twist, stiffness) in (
         (n, k, row) for n in sound for k, row in enumerate(getattr(link, n), 1)
     ):
-        where, (twists, least) = f"{name}, row {k}", allowed[name]
+        where = f"{name}, row {k}"
+        (twists, least) = allowed[name]
         if twist == 0.0 or (name == "stages" and twist < 0.0):
             texts.append(
                 f"{where}: twist is {twist:g} deg, must be {twists}. Stiffness at rest"
@@ -425,11 +431,9 @@ def _shorthand_errors(mesh) -> list[str]:
     table = mesh.stiffness_table
     if not table or row_errors("stiffness_table", ("share", "stiffness"), table):
         return texts
-    (first, begin), (last, end), (where, low) = (
-        table[0],
-        table[-1],
-        min(table, key=lambda row: row[1]),
-    )
+    (first, begin) = table[0]
+    (last, end) = table[-1]
+    (where, low) = min(table, key=lambda row: row[1])
     if low <= 0.0:
         texts.append(
             f"stiffness_table: the stiffness is {low:g} N/m at {where:g}, must be"
@@ -553,7 +557,8 @@ def _stiffness_errors(shaft) -> list[str]:
 
 
 def _hole_errors(shaft, hole: str, around: str) -> list[str]:
-    inside, outside = getattr(shaft, hole), getattr(shaft, around)
+    inside = getattr(shaft, hole)
+    outside = getattr(shaft, around)
     if not (number_like(inside) and number_like(outside)) or inside < outside:
         return []
     return [
@@ -564,7 +569,8 @@ def _hole_errors(shaft, hole: str, around: str) -> list[str]:
 
 def _damping_errors(link) -> list[str]:
     ways = _given(link, "damping", "magnifier", "damping_ratio")
-    shares, at = _given(link, "magnifier", "damping_ratio"), _given(link, "damping_hz")
+    shares = _given(link, "magnifier", "damping_ratio")
+    at = _given(link, "damping_hz")
     if shares:
         ways += _given(link, "loss_factor")
     if len(ways) > 1:
@@ -583,7 +589,8 @@ def _damping_errors(link) -> list[str]:
 
 
 def _section_errors(shaft) -> list[str]:
-    texts, bore = [], _given(shaft, "bore")
+    texts = []
+    bore = _given(shaft, "bore")
     if bore and shaft.diameter is None:
         texts.append(
             f"{bore[0]} is given without diameter. Give the outer diameter in m."
@@ -591,14 +598,16 @@ def _section_errors(shaft) -> list[str]:
     elif bore:
         texts += _hole_errors(shaft, "bore", "diameter")
     asked = _given(shaft, "stress_concentration", "tensile_strength")
-    form, other = "stress_concentration", shaft.rule in RULES[1:]
+    form = "stress_concentration"
+    other = shaft.rule in RULES[1:]
     lacking = [
         key
         for key in _ASKED
         if getattr(shaft, key) is None and (key != "diameter" or shaft.outer is None)
     ]
     if other:
-        asked, lacking = ["rule"], [key for key in lacking if key != form]
+        asked = ["rule"]
+        lacking = [key for key in lacking if key != form]
     if asked and lacking:
         rule = shaft.rule if other else "IACS UR M68"
         limits = (
@@ -683,7 +692,8 @@ def cylinder_errors(cylinder) -> list[str]:
     """
     found = [key for key in gas.COMPUTED if getattr(cylinder, key) is not None]
     given = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
-    sources, errors = [*found, *["gas_torque"] * given], []
+    sources = [*found, *["gas_torque"] * given]
+    errors = []
     if len(sources) > 1:
         several = "both" if len(sources) == 2 else "all"
         errors.append(
@@ -695,7 +705,8 @@ def cylinder_errors(cylinder) -> list[str]:
             "neither pressure nor gas_torque is given. Give one of them, or set fires ="
             " false."
         )
-    needed, why = [], found[0] if found else "reciprocating_mass"
+    needed = []
+    why = found[0] if found else "reciprocating_mass"
     if found:
         needed = ["bore", "stroke", "rod"]
     elif number_like(cylinder.reciprocating_mass) and cylinder.reciprocating_mass > 0:
@@ -779,10 +790,8 @@ def _combustion_errors(combustion) -> list[str]:
     """Check that either the heat or the mean pressure is given, and the strokes of a
     cycle.
     """
-    given, errors = (
-        [getattr(combustion, key) is not None for key in ("heat", "imep")],
-        [],
-    )
+    given = [getattr(combustion, key) is not None for key in ("heat", "imep")]
+    errors = []
     if all(given):
         errors.append("combustion: heat and imep are both given. Keep one of them.")
     if not any(given):

@@ -135,12 +135,12 @@ def all_meshes(train):
     topology; meshes without backlash have epsilon 1, constant ones a gap of 1 m, others
     one that is no measure of their motion.
     """
-    xp, topology, meshes = namespace(train), train.topology, train.meshes
+    xp = namespace(train)
+    topology = train.topology
+    meshes = train.meshes
     gap = np.array(topology.mesh_backlash, dtype=bool)
-    numbers, wide = (
-        (meshes.epsilon, meshes.transition, meshes.backlash),
-        np.where(topology.mesh_varies, NARROW, 1.0),
-    )
+    numbers = (meshes.epsilon, meshes.transition, meshes.backlash)
+    wide = np.where(topology.mesh_varies, NARROW, 1.0)
     law = (
         xp.where(gap, own, linear)
         for own, linear in zip(numbers, (1.0, 0.5, wide), strict=True)
@@ -168,12 +168,14 @@ def _with_springs(train, meshes):
     behind the meshes.
     """
     xp, topology, rows = namespace(train), train.topology, []
-    radius, shafts = displacement_radii(train), len(topology.shaft_names)
+    radius = displacement_radii(train)
+    shafts = len(topology.shaft_names)
     for link, kind, row in topology.springs:
         table, index = (
             (train.shafts, link) if link < shafts else (train.dampers, link - shafts)
         )
-        arm, stiffness = radius[topology.link_ends[link][0]], table.stiffness[index]
+        arm = radius[topology.link_ends[link][0]]
+        stiffness = table.stiffness[index]
         law = {
             "stiffness": 0.0,
             "epsilon": 0.0,
@@ -207,8 +209,10 @@ def _with_springs(train, meshes):
             }
             law |= {"side": xp.sign(twist)} if kind == "stops" else {}
         rows.append({"slip": arm} | law)
-    kinds, count = {kind for _, kind, _ in topology.springs}, len(meshes.link)
-    own, none = meshes.law, xp.zeros(count)
+    kinds = {kind for _, kind, _ in topology.springs}
+    count = len(meshes.link)
+    own = meshes.law
+    none = xp.zeros(count)
     given = {
         "linear": own.stiffness,
         "side": none,
@@ -253,7 +257,8 @@ def _over_cycle(train, names):
     """Complex coefficients ``(M, K+1)`` over the cycle of the sum of some rows of the
     meshes, None without rows.
     """
-    topology, meshes = train.topology, train.meshes
+    topology = train.topology
+    meshes = train.meshes
     listed = {name: getattr(topology, f"mesh_{name}") for name in names}
     rows = [
         (name, i, k, n)
@@ -301,7 +306,8 @@ def separated(law, deflection):
 def pieces(law, deflection):
     """``tau h``, u and v."""
     xp = namespace(law, deflection)
-    width, size = law.width, xp.abs(deflection)
+    width = law.width
+    size = xp.abs(deflection)
     if law.side is not None:
         size = xp.where(law.side == 0, size, law.side * deflection)
     reach = size - law.gap

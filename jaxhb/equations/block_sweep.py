@@ -82,7 +82,8 @@ def slots(parent):
     >>> slots([1, 4, 3, 4, 5, 6]).own.tolist()
     [0, 0, 1, 1, 0, 0]
     """
-    own, free = np.full(len(parent), -1, np.int32), list(range(len(parent)))
+    own = np.full(len(parent), -1, np.int32)
+    free = list(range(len(parent)))
     for node, up in enumerate(parent):
         if own[node] < 0:
             own[node] = heapq.heappop(free)
@@ -112,10 +113,12 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
     def eliminate(collected, item):
         own, above, alpha, beta, C, P, psi = item
         stiffness, moment = collected
-        P, psi = P + stiffness[own], psi + moment[own]
+        P = P + stiffness[own]
+        psi = psi + moment[own]
         inverse, unheld = rows.inverse(P, alpha**2 * C)
         hand = C * inverse
-        passed, pushed = beta * hand * P, alpha * hand * psi
+        passed = beta * hand * P
+        pushed = alpha * hand * psi
         stiffness = rows.moved(stiffness, own, above, beta * passed)
         moment = rows.moved(moment, own, above, beta * pushed)
         # A part that nothing holds (a ring without spring, at the mean) has no
@@ -135,7 +138,8 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
     def substitute(motion, item):
         own, above, follow, transfer, free, push = item
         up = motion[above]
-        below, force = free + follow * up, push - transfer * up[kept]
+        below = free + follow * up
+        force = push - transfer * up[kept]
         return rows.replaced(motion, own, below), (
             below,
             force,
@@ -224,7 +228,8 @@ def matrix_sweep(parent, near, far, link, node, load):
     def eliminate(carry, item):
         stiffness, moment = carry
         position, up, alpha, beta, C = item
-        P, psi = stiffness[position], moment[position]
+        P = stiffness[position]
+        psi = moment[position]
         factor = jax.scipy.linalg.lu_factor(P + alpha**2 * C)
         solved = jax.scipy.linalg.lu_solve(
             factor, jnp.concatenate([P, psi[:, None], C], axis=1)
@@ -234,11 +239,9 @@ def matrix_sweep(parent, near, far, link, node, load):
         moment = moment.at[up].add(alpha * beta * passed[:, width])
         diagonal = jnp.abs(jnp.diagonal(factor[0]))
         quality = diagonal.min() / diagonal.max()
-        free, transfer, follow = (
-            solved[:, width],
-            solved[:, :width],
-            solved[:, width + 1 :],
-        )
+        free = solved[:, width]
+        transfer = solved[:, :width]
+        follow = solved[:, width + 1 :]
         # l = alpha x_s - beta x_p without a difference of displacements: what of x_p
         # the node does not follow is P's.
         held = free, alpha * beta * follow, alpha * free, beta * transfer

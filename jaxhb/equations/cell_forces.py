@@ -81,13 +81,16 @@ def _averages(equation, deflection, samples):
     # times its rate.
     setting_in = in_contact * (jnp.roll(engaged, -1, axis=-1) - engaged) / cell
     force = drop * (energy - _mean(values)) + in_contact * _mean(rates) * share
-    by_deflection, by_rate = drop * share + setting_in, in_contact * share
+    by_deflection = drop * share + setting_in
+    by_rate = in_contact * share
     if law.linear is not None:
         beside = law.stiffness - law.linear
-        force, by_deflection = force + beside * _mean(values), by_deflection + beside
+        force = force + beside * _mean(values)
+        by_deflection = by_deflection + beside
     if law.friction is not None:
         dry, dry_slope = _dry_friction(law, rates)
-        force, by_rate = force + dry, by_rate + dry_slope
+        force = force + dry
+        by_rate = by_rate + dry_slope
     return force, jnp.stack([by_deflection, by_rate])
 
 
@@ -101,7 +104,8 @@ def _contact(deflection, width, inside, beyond):
 def _dry_friction(law, rates):
     """Averages of dry friction and of its slope in l'."""
     relative = rates / law.slip
-    size, held = jnp.abs(relative), jnp.clip(relative, -1.0, 1.0)
+    size = jnp.abs(relative)
+    held = jnp.clip(relative, -1.0, 1.0)
     work = law.slip * jnp.where(size < 1, size**2 / 2, size - 0.5)
     sticking = jnp.where(size < 1, 1 / law.slip, 0.0)
     short = SHORT * law.slip

@@ -41,7 +41,8 @@ HOST_DISKS = (
 # Harmonics swept at a time for receptances, and for the motions of all disks, of which
 # more is kept on the way: even those of a finely divided train then stay in the cache
 # of a processor.
-CHUNK, MOTION_CHUNK = 64, 16
+CHUNK = 64
+MOTION_CHUNK = 16
 
 
 @jax.tree_util.register_dataclass
@@ -151,10 +152,8 @@ def quadrature(integrals, law, deflection, samples, crossings=None):
 
 def truncate(reduced, harmonics):
     """The same equation with fewer harmonics."""
-    linear, receptance = (
-        reduced.linear[:, : harmonics + 1],
-        reduced.receptance[: harmonics + 1],
-    )
+    linear = reduced.linear[:, : harmonics + 1]
+    receptance = reduced.receptance[: harmonics + 1]
     return dataclasses.replace(reduced, linear=linear, receptance=receptance)
 
 
@@ -242,7 +241,8 @@ def displacements_and_bends(system, frequency, load):
 
     frequency : Omega ``(...)`` in rad/s; load ``(..., S, N+1)`` N.
     """
-    speeds, count = np.shape(frequency), load.shape[-1]
+    speeds = np.shape(frequency)
+    count = load.shape[-1]
     omega = np.multiply.outer(frequency, np.arange(count)).ravel()
     # One sweep over the tree for the harmonics of all speeds.
     displacement, force = _kept_motion(
@@ -261,8 +261,10 @@ def bends_of(system, displacement, force, stiffness, links=slice(None)):
     """Deflections ``(n, H)`` m of links, with displacements ``(S, H)`` m, from the link
     forces ``(L, H)`` N and complex stiffnesses ``(L, H)`` N/m of all.
     """
-    xp, stiffness = namespace(displacement, force, stiffness), stiffness[links]
-    apart, slack = system.deflections(displacement, links), stiffness == 0
+    xp = namespace(displacement, force, stiffness)
+    stiffness = stiffness[links]
+    apart = system.deflections(displacement, links)
+    slack = stiffness == 0
     return xp.where(slack, apart, force[links] / xp.where(slack, 1.0, stiffness))
 
 
@@ -335,7 +337,8 @@ def linear_motion(system, frequency, load, harmonics, every, meshes, active):
     linear = backlash.less_error(meshes, apart) * active[:, None]
     linear = fourier.resize(linear, harmonics)
     law = meshes.law.only(active)
-    viscous, in_contact = meshes.viscous * active, meshes.contact_damping & (active > 0)
+    viscous = meshes.viscous * active
+    in_contact = meshes.contact_damping & (active > 0)
     receptance = namespace(columns).zeros(
         (0, columns.shape[1], columns.shape[1]), complex
     )

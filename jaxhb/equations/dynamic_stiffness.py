@@ -170,7 +170,8 @@ def _sweep(system, C, node, load, forces):
     """The elimination of the tree with links ``C`` and disks ``node``, closed by the
     links outside it.
     """
-    tree, xp = system.tree, namespace(C, node, load)
+    tree = system.tree
+    xp = namespace(C, node, load)
     if not len(C):
         return load / last_pivot(node[:, None]), xp.zeros(
             (0, *load[:, :forces].shape[1:]), load.dtype
@@ -200,7 +201,8 @@ def _sweep(system, C, node, load, forces):
         return displacement, link_force
     # The forces of the links outside the tree: (I + C G) f = C D x_tree at every
     # harmonic.
-    unit, given = displacement[:, :loops], displacement[:, loops:]
+    unit = displacement[:, :loops]
+    given = displacement[:, loops:]
     # The tree under its loads opens the loops by D x_tree, and a unit force in a link
     # closes them by its receptance (Woodbury's identity): I + C G is regular where the
     # whole train is.
@@ -257,11 +259,10 @@ def condensed_chains(system, omega):
         link = jnp.where(
             first, jnp.where(held, complex_stiffness(omega, *before), 0.0), link
         )
-        begin, end = jnp.where(first, 0.0, begin), jnp.where(first, 0.0, end)
-        onward, own = (
-            complex_stiffness(omega, *after),
-            disk_stiffness(omega, *disk) + end,
-        )
+        begin = jnp.where(first, 0.0, begin)
+        end = jnp.where(first, 0.0, end)
+        onward = complex_stiffness(omega, *after)
+        own = disk_stiffness(omega, *disk) + end
         inverse = quotient(1.0, nonzero_pivot(link + onward + own, link + onward))
         # What the chain so far is seen as: a link k = C1 C2 / (C1 + C2 + g), and
         # stiffnesses to ground at its two ends.

@@ -222,7 +222,8 @@ def quadrature(law, deflection, crossings=None):
     time = jnp.where(crossings.rising, time, time[:, ::-1])
     breaks = jnp.concatenate([crossings.low, time, crossings.high], axis=1)
     shape = (len(breaks), 1, -1, breaks.shape[-1])
-    low, high = breaks[:, :-1].reshape(shape), breaks[:, 1:].reshape(shape)
+    low = breaks[:, :-1].reshape(shape)
+    high = breaks[:, 1:].reshape(shape)
     at = (high + low) / 2 + (high - low) / 2 * _AT[:, None, None]
     weight = (high - low) / 2 * _WEIGHT[:, None, None]
     shape = (len(breaks), -1, breaks.shape[-1])
@@ -240,9 +241,11 @@ def _knots(law):
 
 def _passed(smooth, knots):
     """Whether ``(G, cells)`` the deflection may pass a knot in a cell."""
-    low, high = smooth.min(1), smooth.max(1)
+    low = smooth.min(1)
+    high = smooth.max(1)
     slack = MARGIN * (high - low)
-    low, high = (low - slack)[..., None], (high + slack)[..., None]
+    low = (low - slack)[..., None]
+    high = (high + slack)[..., None]
     return ((low < knots[:, None]) & (knots[:, None] < high)).any(axis=-1)
 
 
@@ -256,14 +259,14 @@ def _pass(modes, knots):
     # there it is monotonic, and passes each knot at most once.
     turns = _horner(rates, -edge) * _horner(rates, edge) < 0
     turn = xp.where(turns, _root(rates, 0.0, -edge, edge), 0.0)
-    low, high = (
-        xp.concatenate([-edge, turn], axis=2),
-        xp.concatenate([turn, edge], axis=2),
-    )
-    first, last = _horner(powers, low), _horner(powers, high)
+    low = xp.concatenate([-edge, turn], axis=2)
+    high = xp.concatenate([turn, edge], axis=2)
+    first = _horner(powers, low)
+    last = _horner(powers, high)
     rising = first <= last
     sense = xp.where(rising, 1.0, -1.0)
-    ahead, before = sense * (knots - first) > 0, sense * (last - knots) > 0
+    ahead = sense * (knots - first) > 0
+    before = sense * (last - knots) > 0
     time = _root(
         powers, knots, *(xp.broadcast_to(end, ahead.shape) for end in (low, high))
     )
@@ -298,10 +301,8 @@ def _root(powers, level, low, high):
         value = _horner(powers, x) - level
         # Bracketed, as Newton's method alone leaves the cell where the deflection is
         # flat.
-        low, high = (
-            xp.where(sense * value <= 0, x, low),
-            xp.where(sense * value <= 0, high, x),
-        )
+        low = xp.where(sense * value <= 0, x, low)
+        high = xp.where(sense * value <= 0, high, x)
         rate = _horner(rates, x)
         ahead = x - value / xp.where(rate == 0, 1.0, rate)
         inside = (rate != 0) & (ahead >= low) & (ahead <= high)

@@ -50,7 +50,8 @@ def unpack(packed):
     N+1)``.
     """
     harmonics = (packed.shape[-1] - 1) // 2
-    cosine, sine = packed[..., 1 : harmonics + 1], packed[..., harmonics + 1 :]
+    cosine = packed[..., 1 : harmonics + 1]
+    sine = packed[..., harmonics + 1 :]
     return namespace(packed).concatenate(
         [packed[..., :1] + 0j, (cosine - 1j * sine) / SQRT2], axis=-1
     )
@@ -153,10 +154,8 @@ def resize(coefficients, harmonics):
     present = coefficients.shape[-1] - 1
     if harmonics <= present:
         return coefficients[..., : harmonics + 1]
-    xp, beyond = (
-        namespace(coefficients),
-        (*coefficients.shape[:-1], harmonics - present),
-    )
+    xp = namespace(coefficients)
+    beyond = (*coefficients.shape[:-1], harmonics - present)
     return xp.concatenate([coefficients, xp.zeros(beyond, coefficients.dtype)], axis=-1)
 
 
@@ -171,7 +170,8 @@ def packed_diagonal(gain):
         .at[..., 0, 0]
         .set(gain[..., 0].real)
     )
-    real, imag = gain[..., 1:].real, gain[..., 1:].imag
+    real = gain[..., 1:].real
+    imag = gain[..., 1:].imag
     matrix = (
         matrix.at[..., index, index]
         .set(real)
@@ -197,10 +197,14 @@ def product_matrix(coefficients):
     """
     harmonics = (coefficients.shape[-1] - 1) // 2
     n = jnp.arange(1, harmonics + 1)
-    plus, minus = n[:, None] + n, n[:, None] - n
-    alpha, beta = coefficients.real, -coefficients.imag
-    even_minus, even_plus = alpha[..., jnp.abs(minus)], alpha[..., plus]
-    odd_minus, odd_plus = jnp.sign(minus) * beta[..., jnp.abs(minus)], beta[..., plus]
+    plus = n[:, None] + n
+    minus = n[:, None] - n
+    alpha = coefficients.real
+    beta = -coefficients.imag
+    even_minus = alpha[..., jnp.abs(minus)]
+    even_plus = alpha[..., plus]
+    odd_minus = jnp.sign(minus) * beta[..., jnp.abs(minus)]
+    odd_plus = beta[..., plus]
     first = SQRT2 * jnp.concatenate(
         [alpha[..., 1 : harmonics + 1], beta[..., 1 : harmonics + 1]], axis=-1
     )

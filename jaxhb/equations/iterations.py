@@ -63,7 +63,8 @@ def gcr(apply, precondition, b, *, tolerance, steps):
             )
         size = jnp.linalg.norm(q)
         scale = 1 / jnp.where(size > 0, size, 1.0)
-        q, z = scale * q, scale * z
+        q = scale * q
+        z = scale * z
         # images are orthonormal, so that the residual falls by its component along the
         # last one alone.
         share = q @ r
@@ -89,11 +90,15 @@ def gcr_on_host(apply, b, *, tolerance, steps):
     ... ).tolist()
     [1.0, 2.0]
     """
-    x, left, goal, count = np.zeros_like(b), b, tolerance * np.linalg.norm(b), 0
+    x = np.zeros_like(b)
+    left = b
+    goal = tolerance * np.linalg.norm(b)
+    count = 0
     # Room for all steps: arrays that grow would be copied in each.
     images, directions = np.empty((2, steps, len(b)))
     while count < steps and np.linalg.norm(left) > goal:
-        direction, image = left, apply(left)
+        direction = left
+        image = apply(left)
         for _ in range(2):  # twice: orthogonal to rounding
             shares = images[:count] @ image
             image = image - shares @ images[:count]
@@ -101,7 +106,8 @@ def gcr_on_host(apply, b, *, tolerance, steps):
         length = np.linalg.norm(image)
         images[count], directions[count] = image / length, direction / length
         share = images[count] @ left
-        x, left = x + share * directions[count], left - share * images[count]
+        x = x + share * directions[count]
+        left = left - share * images[count]
         count += 1
     return x
 

@@ -17,10 +17,8 @@ if TYPE_CHECKING:
 
 Array = Any
 
-OF_PERIOD, OF_GEARS = (
-    ("stiffness_orders", "transmission_error"),
-    ("first_gear_error", "second_gear_error"),
-)
+OF_PERIOD = ("stiffness_orders", "transmission_error")
+OF_GEARS = ("first_gear_error", "second_gear_error")
 """Rows of a mesh by orders of its mesh period, and of the own revolutions of its first
 and its second gear.
 """
@@ -37,8 +35,10 @@ def rotor_ratios(topology, radius):
     """:func:`speed_ratios` of a topology with pitch radii ``(..., S)`` m: ``(...,
     n_rotors)``.
     """
-    paths, xp = topology.rotor_path, namespace(radius)
-    longest, radius = max(paths, key=len, default=()), xp.asarray(radius)
+    paths = topology.rotor_path
+    xp = namespace(radius)
+    longest = max(paths, key=len, default=())
+    radius = xp.asarray(radius)
     if not longest:
         return xp.ones((*radius.shape[:-1], topology.n_rotors))
     # Shorter paths are filled up by a gear over itself: disks that are no gears have
@@ -83,7 +83,8 @@ def tooth_damping_ratios(train: DriveTrain) -> Array:
     >>> tooth_damping_ratios(load_scene("gear_train_30")).round(3).tolist()
     [0.05, 0.05, 0.05, 0.05]
     """
-    xp, meshes = namespace(train), train.meshes
+    xp = namespace(train)
+    meshes = train.meshes
     if not len(train.topology.mesh_ends):
         return xp.zeros(0)
     a, b = np.array(train.topology.mesh_ends).T
@@ -169,7 +170,8 @@ def referred(train: DriveTrain) -> Referred:
     ... )
     ([1.0, 2.0], [1.0, 2.0], [4000000.0])
     """
-    topology, J = train.topology, inertias(train)
+    topology = train.topology
+    J = inertias(train)
     xp = namespace(train)
     factor = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
     first = np.array([a for a, _ in topology.link_ends], dtype=int)

@@ -86,7 +86,8 @@ class SparseTrain:
         """Of a System, and the links that are meshes."""
         from scipy.sparse import csr_matrix, diags  # large trains alone need it
 
-        tree, disks = system.tree, len(system.mass)
+        tree = system.tree
+        disks = len(system.mass)
         count = np.arange(len(system.arm_a))
         arms = np.concatenate([system.arm_a, -np.asarray(system.arm_b)])
         at = np.tile(count, 2), np.concatenate([tree.end_a, tree.end_b])

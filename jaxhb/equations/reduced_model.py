@@ -92,7 +92,8 @@ def reduced_model(system, links, active, frequency, time_steps):
     squares, vectors = jnp.linalg.eigh(K)
     slow = squares <= fastest**2
     rows = active[:, None] * (bend[links] @ vectors)
-    free, kept = ROTATION * squares[-1], np.arange(len(squares))
+    free = ROTATION * squares[-1]
+    kept = np.arange(len(squares))
     if len(system.mass) > DISKS:
         seen = jnp.max(rows**2, axis=0, initial=0.0) / (squares + frequency**2)
         kept = jnp.argsort(jnp.where(slow, -seen, 1.0))[
@@ -116,7 +117,8 @@ def reduced_model(system, links, active, frequency, time_steps):
     scale = jnp.sqrt(jnp.maximum(squares, frequency**2))
     shapes = basis @ vectors
     modal = shapes.T * mass
-    zero, none = jnp.zeros_like(drag), jnp.zeros_like(rows)
+    zero = jnp.zeros_like(drag)
+    none = jnp.zeros_like(rows)
     transition = jnp.block(
         [[zero, jnp.diag(scale)], [-jnp.diag(squares / scale), -drag]]
     )
@@ -135,17 +137,16 @@ def reduced_model(system, links, active, frequency, time_steps):
     rates = paired(jnp.linalg.solve(basis, transition @ basis))
     # What takes longest to decay first, and what does not move by itself, which no
     # cycle closes, last.
-    trace, determinant = (
-        rates[0, 0] + rates[1, 1],
-        rates[0, 0] * rates[1, 1] - rates[0, 1] * rates[1, 0],
-    )
+    trace = rates[0, 0] + rates[1, 1]
+    determinant = rates[0, 0] * rates[1, 1] - rates[0, 1] * rates[1, 0]
     still = (jnp.abs(trace) < STILL * frequency) & (
         jnp.abs(determinant) < (STILL * frequency) ** 2
     )
     order = jnp.argsort(
         jnp.where(still, jnp.inf, -jnp.maximum(rates[0, 0], rates[1, 1]))
     )
-    basis, rates = basis[:, jnp.concatenate([order, count + order])], rates[..., order]
+    basis = basis[:, jnp.concatenate([order, count + order])]
+    rates = rates[..., order]
     to_modes = partial(jnp.linalg.solve, basis)
     space = StateSpace(
         transition=paired_matrix(rates),

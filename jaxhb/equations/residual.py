@@ -67,8 +67,10 @@ class ForceBalance:
         by their differences.
         """
         mean = displacement[:, 0]
-        x, deflection = fourier.unpack(displacement), fourier.unpack(deflection)
-        meshes, count = self.meshes, self._meshes_proper
+        x = fourier.unpack(displacement)
+        deflection = fourier.unpack(deflection)
+        meshes = self.meshes
+        count = self._meshes_proper
         force = self._link_stiffness() * deflection
         of_law = fourier.analyze(
             self._at_samples(backlash.mesh_force, deflection), self.harmonics
@@ -89,7 +91,8 @@ class ForceBalance:
         P)`` m: diagonal for linear links, for those with a law Toeplitz, ``T[df/dl] +
         T[df/dl'] d/dt``, with the slopes of the law written out by hand.
         """
-        meshes, count = self.meshes, self._meshes_proper
+        meshes = self.meshes
+        count = self._meshes_proper
         deflection = fourier.unpack(packed)
         slope, rate_slope = self._at_samples(backlash.mesh_slopes, deflection)
         # A product with a slope couples harmonics n and m by its harmonic n - m: 2 N of
@@ -119,9 +122,12 @@ class ForceBalance:
         """The dense Jacobian ``(S, P, S, P)`` of the residual, assembled from the
         blocks of disks and links.
         """
-        system, blocks = self.system, self.link_blocks(self.deflections(packed))
-        a, b = system.tree.end_a, system.tree.end_b
-        arm_a, arm_b = system.arm_a[:, None, None], system.arm_b[:, None, None]
+        system = self.system
+        blocks = self.link_blocks(self.deflections(packed))
+        a = system.tree.end_a
+        b = system.tree.end_b
+        arm_a = system.arm_a[:, None, None]
+        arm_b = system.arm_b[:, None, None]
         disks, width = packed.shape
         disk = jnp.arange(disks)
         matrix = (
@@ -168,7 +174,8 @@ class ForceBalance:
 
     def _swept(self, node, link, right_side):
         """Solution and deflections by elimination with blocks of disks and links."""
-        system, tree = self.system, self.system.tree
+        system = self.system
+        tree = self.system.tree
         if not len(link):
             return (
                 jnp.linalg.solve(node, right_side[:, :, None])[:, :, 0],
@@ -181,11 +188,9 @@ class ForceBalance:
         # The hold of a floating train joins all disks, a tree does not. The balance of
         # its mean torques, what the hold takes, tells the rotation; what is left is
         # balanced, and the root may then be held by any spring.
-        (turned, inertia), hold, floating = (
-            self._turned(),
-            self._hold_per_drift(),
-            system.floating,
-        )
+        (turned, inertia) = self._turned()
+        hold = self._hold_per_drift()
+        floating = system.floating
         unbalanced = jnp.where(floating, self.rigid @ right_side[:, 0], 0.0)
         balanced = right_side.at[:, 0].add(-turned * unbalanced / inertia)
         node = node.at[tree.node[-1], 0, 0].add(jnp.where(floating, 1.0, 0.0))

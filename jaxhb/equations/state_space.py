@@ -45,7 +45,8 @@ ROTATION = 1e-14
 # Frequency given to free rotation by springs in proportion to the inertias, as a share
 # of that of the cycle; and the least share of the highest squared frequency, which
 # rounding leaves.
-HELD, HELD_ROUNDED = 1e-5, 1e-15
+HELD = 1e-5
+HELD_ROUNDED = 1e-15
 CONDITION, PARTING = (
     1e7,
     1e-9,
@@ -117,7 +118,8 @@ def modal_basis(transition):
     """
     # Eigenvectors that coincide are parted by a little more damping, which no march and
     # no preconditioner notices.
-    n, little = len(transition), PARTED * jnp.abs(jnp.diag(transition)).max()
+    n = len(transition)
+    little = PARTED * jnp.abs(jnp.diag(transition)).max()
     shares = (1 + jnp.arange(n)) / n
     rates, vectors = jnp.linalg.eig(
         lax.stop_gradient(transition - jnp.diag(little * shares))
@@ -125,7 +127,8 @@ def modal_basis(transition):
     # Those that turn, real ones, and the conjugates of the first; of the first their
     # real and imaginary parts.
     vectors = vectors[:, jnp.argsort(-rates.imag)]
-    turning, k = jnp.sum(rates.imag > 0), jnp.arange(n // 2)
+    turning = jnp.sum(rates.imag > 0)
+    k = jnp.arange(n // 2)
     real = turning + 2 * (k - turning)
     first, second = (jnp.where(k < turning, k, real + i) for i in (0, 1))
     own = jnp.where(k < turning, vectors[:, first].imag, vectors[:, second].real)
@@ -136,7 +139,8 @@ def matrices(system):
     """Dense damping matrix B and stiffness matrix K ``(S, S)``, meshes taken in
     contact.
     """
-    xp, D = namespace(system), system.incidence().T
+    xp = namespace(system)
+    D = system.incidence().T
     B = xp.diag(system.damping) + D.T @ (system.viscous[:, None] * D)
     K = xp.diag(system.ground) + D.T @ (system.stiffness[:, None] * D)
     return B, K
@@ -187,7 +191,8 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
             " outside."
         )
 
-    system, meshed = jax.tree.map(np.asarray, system), np.asarray(meshes.link)
+    system = jax.tree.map(np.asarray, system)
+    meshed = np.asarray(meshes.link)
 
     def named(names, what, at):
         return ", ".join(repr(names[i]) if names else f"{what} {i}" for i in at)
@@ -208,7 +213,8 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
         )
     B, K = matrices(system)
     undamped = ~np.any(B[massless] != 0, axis=1)
-    static, damped = massless[undamped], massless[~undamped]
+    static = massless[undamped]
+    damped = massless[~undamped]
     for group, matrix, what in ((static, K, "stiffness"), (damped, B, "damping")):
         block = matrix[np.ix_(group, group)]
         scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
@@ -234,7 +240,8 @@ def state_space(system, meshes, frequency, parts, damping=0.0):
     Omega in rad/s only scales the slow modes, ``damping`` ``(S, S)`` N s/m acts beside
     that of the system.
     """
-    xp, (B, K) = namespace(system, meshes, frequency), matrices(system)
+    xp = namespace(system, meshes, frequency)
+    (B, K) = matrices(system)
     B = B + damping
     inertial, damped, static = (
         np.array(g, dtype=int) for g in (parts.inertial, parts.damped, parts.static)
@@ -246,7 +253,8 @@ def state_space(system, meshes, frequency, parts, damping=0.0):
         stiffness = stiffness - coupling.T @ xp.linalg.solve(
             K[np.ix_(static, static)], coupling
         )
-    n, extra = inertial.size, damped.size
+    n = inertial.size
+    extra = damped.size
     root = xp.sqrt(system.mass[inertial])
     # Any orthonormal basis is exact, hence no derivative through that of the undamped
     # modes.
@@ -255,7 +263,8 @@ def state_space(system, meshes, frequency, parts, damping=0.0):
         constant(stiffness[:n, :n] / root[:, None] / root)
     )
     scale = constant(xp.sqrt(xp.maximum(squares, frequency**2)))
-    to_modal, from_modal = vectors.T * root, vectors / root[:, None]
+    to_modal = vectors.T * root
+    from_modal = vectors / root[:, None]
     drag = B[np.ix_(kept, kept)]
     # B x' + K x = 0: velocities of damped disks without inertia from all displacements
     # and the others' velocities.
@@ -289,7 +298,8 @@ def dense_linear_motion(system, frequency, load):
     ``load`` ``(S, N+1)`` N, one dense solve per harmonic; those that no force opposes
     (rotation, rings without spring) have mean zero.
     """
-    xp, (B, K) = namespace(system, frequency, load), matrices(system)
+    xp = namespace(system, frequency, load)
+    (B, K) = matrices(system)
     mean = static_response(K, load[:, 0].real)
     omega = frequency * xp.arange(1, load.shape[-1])
     K = K + 1j * loss_stiffness(system)
@@ -435,12 +445,12 @@ def _kept_modes(rates, vectors, space, motion):
 
 def _motion(system, space, parts):
     """(x, x') ``(2S, n)`` of all disks from the state."""
-    A, T = np.asarray(space.transition), np.asarray(space.coordinates)
-    inertial, kept = (
-        np.array(parts.inertial, int),
-        np.array(parts.inertial + parts.damped, int),
-    )
-    static, disks = np.array(parts.static, int), len(system.mass)
+    A = np.asarray(space.transition)
+    T = np.asarray(space.coordinates)
+    inertial = np.array(parts.inertial, int)
+    kept = np.array(parts.inertial + parts.damped, int)
+    static = np.array(parts.static, int)
+    disks = len(system.mass)
     inverse = np.linalg.inv(T[:, np.concatenate([kept, disks + inertial])])
     x = np.zeros((disks, len(A)))
     x[kept] = inverse[: len(kept)]

@@ -87,7 +87,8 @@ def unburnt(stroke, rod, numbers, *, revolutions, samples):
     the exhaust make.
     """
     xp = namespace(stroke, rod, numbers)
-    stroke, rod = stroke[:, None], rod[:, None]
+    stroke = stroke[:, None]
+    rod = rod[:, None]
     ratio, exponent = (
         numbers[name][:, None] for name in ("compression_ratio", "compression_exponent")
     )
@@ -108,7 +109,8 @@ def _with_exchange(closed, samples):
     """What 1 Pa of charge and 1 Pa in the exhaust make of a cycle whose closed part,
     from bottom to bottom dead centre, begins with 1 Pa of charge.
     """
-    xp, exchange = namespace(closed), samples - closed.shape[1] + 1
+    xp = namespace(closed)
+    exchange = samples - closed.shape[1] + 1
     none, ones = (xp.full((len(closed), exchange // 2), value) for value in (0.0, 1.0))
     of_charge = xp.concatenate(
         _around(closed, xp.concatenate([none, ones], axis=1)), axis=1

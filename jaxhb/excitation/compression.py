@@ -90,7 +90,8 @@ def _without_blowdown(exchange):
     """Exhaust and inlet stroke [..., K], 180 to 540 deg, that begins with the pressure
     of :data:`LATE_EXHAUST`.
     """
-    xp, samples = namespace(exchange), exchange.shape[-1]
+    xp = namespace(exchange)
+    samples = exchange.shape[-1]
     first, last = (round(samples * (limit - 180.0) / 360.0) for limit in LATE_EXHAUST)
     blown_down = exchange[..., first:last].mean(axis=-1, keepdims=True)
     return xp.concatenate(

@@ -21,9 +21,11 @@ def slider_crank(angle, stroke, rod):
     lambda cos 2a / q + lambda^3 sin^2 a cos^2 a / q^3). Den Hartog, *Mechanical
     Vibrations*, section 5.3.
     """
-    xp, r = namespace(angle, stroke, rod), 0.5 * stroke
+    xp = namespace(angle, stroke, rod)
+    r = 0.5 * stroke
     ratio = r / rod
-    s, c = xp.sin(angle), xp.cos(angle)
+    s = xp.sin(angle)
+    c = xp.cos(angle)
     q = xp.sqrt(1.0 - (ratio * s) ** 2)
     # 1 - q = (lambda sin a)^2 / (1 + q), without a difference of nearly equal numbers.
     x = r * (1.0 - c) + rod * (ratio * s) ** 2 / (1.0 + q)
@@ -62,7 +64,8 @@ def inertia_torque(stroke, rod, *, short_series=False):
     stroke, rod, short = (xp.asarray(v)[..., None] for v in (stroke, rod, short_series))
     angle = 2.0 * np.pi * (np.arange(CRANK_SAMPLES) / CRANK_SAMPLES)
     _, x1, x2 = slider_crank(angle, stroke, rod)
-    r, ratio = 0.5 * stroke, 0.5 * stroke / rod
+    r = 0.5 * stroke
+    ratio = 0.5 * stroke / rod
     series = (
         np.cos(angle) + ratio * np.cos(2 * angle) - ratio**3 / 4 * np.cos(4 * angle)
     )

@@ -143,7 +143,8 @@ def gas_cycle(rows, firing_tdc: float | None) -> np.ndarray:
     period = 720.0 if is_four_stroke(rows) else 360.0
     if firing_tdc is None:
         firing_tdc = 360.0 if period == 720.0 else 0.0
-    angle, pressure = rows[:, 0], rows[:, 1]
+    angle = rows[:, 0]
+    pressure = rows[:, 1]
     # A table that lacks its end is closed by its first row.
     if angle[-1] - angle[0] < period - 1e-9:
         angle = np.append(angle, angle[0] + period)
@@ -263,8 +264,10 @@ def _parts(cylinders, of_tables, of_combustion) -> list:
     """Pressures [J, nc, M] of tables, of traces and of the combustion model;
     ``of_tables`` takes [J, nc, M].
     """
-    count, parts = cylinders.bore.shape[-1], []
-    traces, burning = cylinders.traces, cylinders.combustion
+    count = cylinders.bore.shape[-1]
+    parts = []
+    traces = cylinders.traces
+    burning = cylinders.combustion
     if cylinders.pressure.shape[-1]:
         parts.append(of_tables(cylinders.pressure[None]))
     if traces is not None:
@@ -330,9 +333,11 @@ def _weights(cylinders, rpm):
     """Weights [..., J, nc] of tables and traces, and of the combustion model, each in a
     list.
     """
-    traces, burning = cylinders.traces, cylinders.combustion
+    traces = cylinders.traces
+    burning = cylinders.combustion
     xp = namespace(cylinders, rpm)
-    count, rpm = cylinders.bore.shape[-1], xp.asarray(rpm, dtype=float)
+    count = cylinders.bore.shape[-1]
+    rpm = xp.asarray(rpm, dtype=float)
     tabled = [xp.ones((*rpm.shape, 1, count))] if cylinders.pressure.shape[-1] else []
     if traces is None and burning is None:
         return tabled or [xp.ones((*rpm.shape, 1, count))], []
@@ -404,17 +409,16 @@ def power_share(cylinders, rpm):
     share; above their last speed power is that there. Without rows a cylinder runs at
     full load at every speed.
     """
-    rows, loads = cylinders.load_rpm, cylinders.load_share
+    rows = cylinders.load_rpm
+    loads = cylinders.load_share
     xp = namespace(rows, loads, rpm)
     # Points that fill up the grid do not count.
     given = rows < FAR
     most_power = xp.where(given, rows * loads, 0.0).max(axis=-1)
     most_load = xp.where(given, loads, 0.0).max(axis=-1)
     last_speed = xp.where(given, rows, 0.0).max(axis=-1)
-    load, speed = (
-        load_share(cylinders, rpm),
-        xp.minimum(xp.asarray(rpm, dtype=float)[..., None], last_speed),
-    )
+    load = load_share(cylinders, rpm)
+    speed = xp.minimum(xp.asarray(rpm, dtype=float)[..., None], last_speed)
     known = most_power > 0.0
     power = load * speed / xp.where(known, most_power, 1.0)
     return xp.where(known, most_load * power, load)
@@ -436,7 +440,8 @@ def _on_cylinders(values, seats, count, *, axis):
     """Spread values of some cylinders along ``axis`` over all of them: zeros where
     there is none.
     """
-    xp, place = namespace(values), np.full(count, len(seats))
+    xp = namespace(values)
+    place = np.full(count, len(seats))
     place[list(seats)] = np.arange(len(seats))
     none = xp.zeros_like(xp.take(values, np.array([0]), axis=axis))
     return xp.take(xp.concatenate([values, none], axis=axis), place, axis=axis)
@@ -471,7 +476,8 @@ def _by_strokes(cylinders, pressures_of):
     """``pressures_of(numbers by their names, revolutions)`` of two- and four-strokes,
     in the order of the cylinders.
     """
-    table, xp = cylinders.combustion, namespace(cylinders)
+    table = cylinders.combustion
+    xp = namespace(cylinders)
     revolutions = np.array(table.revolutions)
     # Two- and four-strokes have other angles at the same sample.
     groups = [
@@ -533,8 +539,10 @@ def outside_traces(train, rpm) -> list[str]:
     """Sentences on speeds and loads outside of what traces cover; see
     :meth:`DriveTrain.outside_traces`.
     """
-    cylinders, names = train.cylinders, train.topology.cylinder_names
-    traces, alike = cylinders.traces, {}
+    cylinders = train.cylinders
+    names = train.topology.cylinder_names
+    traces = cylinders.traces
+    alike = {}
     if traces is None:
         return []
     share = np.asarray(load_share(cylinders, rpm))
@@ -543,7 +551,8 @@ def outside_traces(train, rpm) -> list[str]:
         asked = [("speed", float(rpm), traces.rpm[k][:speeds], " rpm")]
         asked += [("load", float(share[i]), traces.load[k][:loads], "")] * (loads > 1)
         for what, value, grid, unit in asked:
-            low, high = float(grid[0]), float(grid[-1])
+            low = float(grid[0])
+            high = float(grid[-1])
             if not low <= value <= high:
                 alike.setdefault(
                     (what, f"({low:g} to {high:g}{unit}): the nearest is used"), []

@@ -83,10 +83,8 @@ def _computed_means(cylinders, cycles):
     """Mean torque [J, nc], N m, of each component of the gas pressure: speeds differ in
     its weights alone.
     """
-    pressures, geometry = (
-        gas.components(cylinders, cycles),
-        (cylinders.bore, cylinders.stroke, cylinders.rod),
-    )
+    pressures = gas.components(cylinders, cycles)
+    geometry = (cylinders.bore, cylinders.stroke, cylinders.rod)
     if not pressures.shape[-1]:
         return np.zeros(pressures.shape[:-1])
     return gas_torque(

@@ -47,7 +47,8 @@ def _pressure_harmonics(table, rows, cycles):
     ``rows`` are the n cylinders of the table.
     """
     revolutions = np.array([cycles.revolutions[i] for i in rows])
-    xp, rows = namespace(table), np.array(rows, dtype=int)
+    xp = namespace(table)
+    rows = np.array(rows, dtype=int)
     given = (table.ambient_pressure, table.bore, table.stroke, table.rod)
     pressure = xp.asarray(components(table, cycles))[:, rows]
     ambient, *geometry = (xp.asarray(values)[rows] for values in given)
@@ -71,8 +72,11 @@ def _over_several_cycles(torque, ambient, every):
     injection, the second half of them but for the heat, hold in the others too, and
     follow once more with that part.
     """
-    xp, samples = namespace(torque), torque.shape[-1]
-    half, found, order = samples // 2, [], []
+    xp = namespace(torque)
+    samples = torque.shape[-1]
+    half = samples // 2
+    found = []
+    order = []
     for cycles in sorted(set(every)):
         rows = np.flatnonzero(np.array(every) == cycles)
         between = xp.zeros((*torque[:, rows].shape[:-1], (cycles - 1) * samples))
@@ -154,17 +158,16 @@ def _kept_excitation(train, rpm, harmonics):
 
 def _excitation(train, rpm, harmonics):
     """What :func:`excitation` gives, anew."""
-    xp, topology = namespace(train, rpm), train.topology
+    xp = namespace(train, rpm)
+    topology = train.topology
     rpm = xp.asarray(rpm, dtype=float)
     ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
     torque = xp.zeros((*rpm.shape, topology.n_disks, harmonics + 1), dtype=complex)
     seats = np.array([*topology.torque_disk, *topology.cylinder_disk], dtype=int)
     means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, rpm)
     torque = added(torque, (..., seats, 0), means)
-    own, scale = (
-        (topology.torque_disk, topology.torque_harmonics),
-        scale_at(train.torques, rpm),
-    )
+    own = (topology.torque_disk, topology.torque_harmonics)
+    scale = scale_at(train.torques, rpm)
     rows = train.torques.harmonics
 
     def later(i, k, n):
@@ -182,10 +185,8 @@ def _excitation(train, rpm, harmonics):
     power = torque[..., 0].real @ ratio
     if not topology.load_disk:
         return torque, xp.zeros((*rpm.shape, 0)), power
-    share, load_disk = (
-        xp.asarray(train.loads.share),
-        np.array(topology.load_disk, dtype=int),
-    )
+    share = xp.asarray(train.loads.share)
+    load_disk = np.array(topology.load_disk, dtype=int)
     # Each load takes its share of torque, and all together the power: sum of ratio x
     # load torque = -power.
     load_torque = -power[..., None] * share / (share @ ratio[load_disk])
@@ -214,10 +215,8 @@ def _add_cylinders(torque, train, rpm, ratio):
         """exp(-i order alpha) of cylinder i at harmonic n of the cycle; order in
         revolutions of its own rotor.
         """
-        order, xp = (
-            n / np.array(topology.cylinder_turn)[i],
-            namespace(table.firing_angle),
-        )
+        order = n / np.array(topology.cylinder_turn)[i]
+        xp = namespace(table.firing_angle)
         turned = xp.exp(-1j * order * xp.deg2rad(table.firing_angle)[i])
         return turned * _turned(train, topology.phase_cylinders, i, n)
 
@@ -286,7 +285,8 @@ def _turned(train, members, i, n):
     """
     if not members:
         return 1.0
-    xp, angle = namespace(train.phases), train.phases.angle
+    xp = namespace(train.phases)
+    angle = train.phases.angle
     own = np.array([np.isin(i, row) for row in members])
     turns = own * n / np.array(train.topology.phase_turn)[:, None]
     return xp.exp(-1j * (xp.deg2rad(angle) @ turns))
@@ -352,7 +352,8 @@ def highest_harmonic(train: DriveTrain) -> int:
     torques up to order 6 of their own rotor, and of computed gas torques those above
     1e-6 of the largest, always within the cylinder's ``orders``.
     """
-    topology, found = train.topology, [1]
+    topology = train.topology
+    found = [1]
     given = [(topology.torque_harmonics, train.torques.harmonics)]
     given.append((topology.cylinder_harmonics, train.cylinders.gas_torque))
     own = [

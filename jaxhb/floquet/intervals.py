@@ -41,7 +41,8 @@ DEGREES = 4  # Q
 # Intervals per period of the fastest mode in which teeth move, or of what the stiffest
 # reaction makes of a mesh, and per cycle: errors of multipliers of gear_train_30 are
 # below 1e-4 of the largest.
-PER_PERIOD, FEWEST = 2.2, 256
+PER_PERIOD = 2.2
+FEWEST = 256
 # Times the fastest mode, up to which intervals follow what reactions make of a mesh
 STIFFEST = 8.0
 GRID = 32  # grid steps of the longest interval
@@ -72,7 +73,8 @@ def monodromy(modes: Modes, reactions: Reactions, deflection, frequency) -> Mono
     slope = moments(reactions, motion, edges / edges[-1], 2 * DEGREES - 1)
     lengths, index = np.unique(length, return_inverse=True)
     weights = _Weights(modes, reactions, lengths * step)
-    state, log_determinant = _real_states(modes.rates), 0.0
+    state = _real_states(modes.rates)
+    log_determinant = 0.0
     for first in range(0, len(length), CHUNK):
         chosen = slice(first, first + CHUNK)
         log_determinant += weights.march(state, slope[:, chosen], index[chosen])
@@ -149,8 +151,10 @@ class _Weights:
     """
 
     def __init__(self, modes: Modes, reactions: Reactions, length):
-        seen, forcing = modes.observation[reactions.observed], reactions.forcing.T
-        shape, size = len(length), len(seen) * DEGREES
+        seen = modes.observation[reactions.observed]
+        forcing = reactions.forcing.T
+        shape = len(length)
+        size = len(seen) * DEGREES
         x = length[:, None] * modes.rates
         moment, repeated = (
             a.reshape(*x.shape, *a.shape[1:]) for a in _exponential_integrals(x.ravel())
@@ -187,15 +191,16 @@ class _Weights:
         coupling = (slope @ _PRODUCTS).reshape(*slope.shape[:2], DEGREES, DEGREES)
         acting = (slope != 0).any(axis=-1)
         patterns, kind = np.unique(acting.T, axis=0, return_inverse=True)
-        steps, log_determinant = [None] * len(index), 0.0
-        number, index = np.arange(len(self.decay)), index.astype(int)
+        steps = [None] * len(index)
+        log_determinant = 0.0
+        number = np.arange(len(self.decay))
+        index = index.astype(int)
         for pattern in np.flatnonzero(patterns.any(axis=1)):
-            chosen, at = (
-                np.flatnonzero(patterns[pattern]),
-                np.flatnonzero(kind.ravel() == pattern),
-            )
+            chosen = np.flatnonzero(patterns[pattern])
+            at = np.flatnonzero(kind.ravel() == pattern)
             rows = (DEGREES * chosen[:, None] + np.arange(DEGREES)).ravel()
-            block, length = np.ix_(number, rows, rows), index[at]
+            block = np.ix_(number, rows, rows)
+            length = index[at]
             answer = _answers(coupling[chosen][:, at], self.response[block][length])
             around = np.eye(len(rows)) + answer @ self.around[block][length]
             log_determinant += np.linalg.slogdet(around)[1].sum()
@@ -203,11 +208,9 @@ class _Weights:
             pushed = list(self.pushed[:, rows])
             for i, row, k in zip(at.tolist(), observed, length.tolist(), strict=True):
                 steps[i] = row, pushed[k]
-        decay, modal, moved = (
-            list(self.decay),
-            state.view(complex),
-            np.empty_like(state),
-        )
+        decay = list(self.decay)
+        modal = state.view(complex)
+        moved = np.empty_like(state)
         for step, k in zip(steps, index.tolist(), strict=True):
             if step is None:
                 modal *= decay[k]
@@ -239,10 +242,8 @@ def _exponential_integrals(x):
     """``int e^(x s) P_p(s) ds`` ``(n, Q)``, and ``int int e^(x (s - r)) P_q(r) P_p(s)
     dr ds`` ``(n, p, q)`` over r < s, from 0 to 1, of the Legendre polynomials there.
     """
-    moment, repeated = (
-        np.zeros((len(x), DEGREES), complex),
-        np.zeros((len(x), DEGREES**2), complex),
-    )
+    moment = np.zeros((len(x), DEGREES), complex)
+    repeated = np.zeros((len(x), DEGREES**2), complex)
     near = np.abs(x) < REACH
     powers = x[near, None] ** np.arange(TERMS)
     series, double_series = _series()
@@ -266,7 +267,8 @@ def _series():
     :func:`_exponential_integrals`.
     """
     node, weight = legendre.leggauss(TERMS)
-    s, weight = (node + 1) / 2, weight / 2
+    s = (node + 1) / 2
+    weight = weight / 2
     inverse = np.array([1 / factorial(k) for k in range(TERMS)])
     polynomial = legendre.legvander(node, DEGREES - 1)
     single = (weight[:, None] * polynomial).T @ (

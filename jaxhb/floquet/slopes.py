@@ -137,7 +137,8 @@ class Reactions:
 
 def reactions_of(modes: Modes, meshes: MeshParameters) -> Reactions:
     """The :class:`Reactions` of meshes and of what acts beside shafts, on the host."""
-    law, count = meshes.law, len(meshes.link)
+    law = meshes.law
+    count = len(meshes.link)
     drop = law.stiffness * (1 - law.epsilon)
     viscous = np.where(meshes.contact_damping, meshes.viscous, 0.0)
     varies = (
@@ -193,8 +194,10 @@ class SampledMotion:
         power of a share of a step.
         """
         following = (first + 1) % self.samples
-        value, change = self.value[which, first], self.change[which, first]
-        rise, last = self.value[which, following] - value, self.change[which, following]
+        value = self.value[which, first]
+        change = self.change[which, first]
+        rise = self.value[which, following] - value
+        last = self.change[which, following]
         return value, change, 3 * rise - 2 * change - last, change + last - 2 * rise
 
     def at(self, which, share):
@@ -216,21 +219,27 @@ class SampledMotion:
             zone += self.value > knots[:, k, None]
         following = np.roll(zone, -1, axis=1)
         which, first = np.nonzero(zone != following)
-        before, behind = zone[which, first, None], following[which, first, None]
+        before = zone[which, first, None]
+        behind = following[which, first, None]
         number = np.arange(knots.shape[1])
         passed = (np.minimum(before, behind) <= number) & (
             number < np.maximum(before, behind)
         )
         step, knot = np.nonzero(passed)
-        which, first = which[step], first[step]
+        which = which[step]
+        first = first[step]
         a, b, c, d = self._cubic(which, first)
         a = a - knots[which, knot]
         rising = a + b + c + d > 0
-        low, high, x = np.zeros(len(a)), np.ones(len(a)), -a / (b + c + d)
+        low = np.zeros(len(a))
+        high = np.ones(len(a))
+        x = -a / (b + c + d)
         for _ in range(NEWTON_STEPS):
-            value, rate = a + x * (b + x * (c + x * d)), b + x * (2 * c + 3 * d * x)
+            value = a + x * (b + x * (c + x * d))
+            rate = b + x * (2 * c + 3 * d * x)
             below = (value < 0) == rising
-            low, high = np.where(below, x, low), np.where(below, high, x)
+            low = np.where(below, x, low)
+            high = np.where(below, high, x)
             ahead = x - value / np.where(rate == 0, 1.0, rate)
             x = np.where((ahead > low) & (ahead < high), ahead, (low + high) / 2)
         return which, (first + x) / self.samples
@@ -240,7 +249,8 @@ def moments(reactions: Reactions, motion: SampledMotion, edges, degrees):
     """Integrals ``(C, K, degrees)`` of slopes times Legendre polynomials over the K
     intervals of a cycle between ``edges`` ``(K+1,)``, over the length of the interval.
     """
-    count, intervals = len(reactions.kind), len(edges) - 1
+    count = len(reactions.kind)
+    intervals = len(edges) - 1
     # Pieces are ordered by the interval of a reaction, and in it by time; each interval
     # begins with one.
     owner = (
@@ -251,16 +261,15 @@ def moments(reactions: Reactions, motion: SampledMotion, edges, degrees):
     begin = np.concatenate([np.tile(edges[:-1], count), motion.share])
     owner = np.concatenate([np.arange(count * intervals), owner])
     order = np.lexsort((begin, owner))
-    begin, owner = begin[order], owner[order]
+    begin = begin[order]
+    owner = owner[order]
     first = np.flatnonzero(np.diff(owner, prepend=-1))
     which, interval = np.divmod(owner, intervals)
     end = np.append(begin[1:], 0.0)
     end[np.append(first[1:], len(end)) - 1] = np.tile(edges[1:], count)
     scale = 2 / np.diff(edges)[interval]
-    low, high = (
-        scale * (begin - edges[interval]) - 1,
-        scale * (end - edges[interval]) - 1,
-    )
+    low = scale * (begin - edges[interval]) - 1
+    high = scale * (end - edges[interval]) - 1
 
     middle = (begin + end) / 2
     value = motion.at(which, middle)
@@ -274,7 +283,8 @@ def moments(reactions: Reactions, motion: SampledMotion, edges, degrees):
     )
     at = np.flatnonzero(~constant)
     if len(at):
-        middle, half = (low + high)[at, None] / 2, (high - low)[at, None] / 2
+        middle = (low + high)[at, None] / 2
+        half = (high - low)[at, None] / 2
         node = middle + half * _AT
         share = edges[interval[at], None] + (node + 1) / scale[at, None]
         slope = reactions.slopes(which[at], motion.at(which[at], share), share)

@@ -37,7 +37,8 @@ SOFT = 0.1
 NEUTRAL = 1e-8
 # Intervals of a cycle from which on it is slow: arcs are few and long then, and a dense
 # equation solves them one by one, of so many disks at most.
-MOST_INTERVALS, DENSE_DISKS = 100_000, 80
+MOST_INTERVALS = 100_000
+DENSE_DISKS = 80
 FIRST_LOOK = (
     64  # samples of a motion, before the times at which it passes knots are looked for
 )
@@ -178,7 +179,9 @@ def stability(response: Response) -> Stability:
     """
     refuse_tracers("stability", response)
     train = train_of(response)
-    system, meshes, topology = chain.assemble(train), law_meshes(train), train.topology
+    system = chain.assemble(train)
+    meshes = law_meshes(train)
+    topology = train.topology
     if topology.n_disks > DISKS:
         raise ValueError(
             f"{topology.title}: it has {topology.n_disks} disks, and stability is"
@@ -188,7 +191,9 @@ def stability(response: Response) -> Stability:
         system, meshes, topology.disk_names, topology.link_names, lossy=True
     )
     frequency = topology.cycle_frequency(float(response.rpm))
-    host, meshes, period = on_host(system), on_host(meshes), 2 * np.pi / frequency
+    host = on_host(system)
+    meshes = on_host(meshes)
+    period = 2 * np.pi / frequency
     space = state_space(host, meshes, frequency, parts, loss_damping(host))
     deflection = np.asarray(response.deflections)[topology.law_index]
     constant = _constant_transition(space, meshes, deflection, frequency)
@@ -307,7 +312,8 @@ def _in_modes(modes, noticed, reactions, deflection, frequency):
     by how much the logarithm of the determinant is off; reactions of the modes that
     meshes notice.
     """
-    seen, alone = modes.only(noticed), modes.only(~noticed)
+    seen = modes.only(noticed)
+    alone = modes.only(~noticed)
     found = intervals.monodromy(seen, reactions, deflection, frequency)
     multipliers, vectors = np.linalg.eig(found.matrix)
     disturbance = intervals.real_states(seen, seen.motion) @ vectors

@@ -69,7 +69,8 @@ def monodromy(space, meshes, deflection, frequency, switching):
     shares of the cycle at which a mesh passes a knot of its law.
     """
     cycle = _Cycle(space, meshes, deflection, frequency, switching)
-    matrix, log_determinant = np.eye(len(cycle.space.transition)), 0.0
+    matrix = np.eye(len(cycle.space.transition))
+    log_determinant = 0.0
     for propagators, logarithms in cycle.propagators():
         log_determinant += logarithms.sum()
         for propagator in propagators:
@@ -99,12 +100,15 @@ def propagation(space, meshes, deflection, frequency, share):
     of I leaves ``(E k + (A + E S L) E r)`` behind.
     """
     cycle = _Cycle(space, meshes, deflection, frequency, share)
-    space, meshes = cycle.space, cycle.meshes
+    space = cycle.space
+    meshes = cycle.meshes
     ends = (
         np.concatenate([[0.0], np.cumsum(cycle.length)]) * cycle.frequency / (2 * np.pi)
     )
     propagators = np.concatenate([found for found, _ in cycle.propagators()])
-    E, L, count = space.forcing, space.observation, space.forcing.shape[1]
+    E = space.forcing
+    L = space.observation
+    count = space.forcing.shape[1]
     slope = cycle.slopes(ends)
     contact_viscous = np.where(meshes.contact_damping, meshes.viscous, 0.0)
     changed = (
@@ -112,16 +116,15 @@ def propagation(space, meshes, deflection, frequency, share):
     )  # S L
     impulse = E * ((1 - meshes.law.epsilon) * meshes.law.stiffness)
     impulse = impulse + (space.transition @ E + E @ (changed @ E)) * contact_viscous
-    deflections, end_states, ahead, behind = (
-        [L[:count]],
-        [impulse[-1]],
-        np.eye(len(E)),
-        np.eye(len(E)),
-    )
+    deflections = [L[:count]]
+    end_states = [impulse[-1]]
+    ahead = np.eye(len(E))
+    behind = np.eye(len(E))
     for propagator, backwards, pushed in zip(
         propagators, propagators[::-1], impulse[-2::-1], strict=True
     ):
-        ahead, behind = propagator @ ahead, behind @ backwards
+        ahead = propagator @ ahead
+        behind = behind @ backwards
         deflections.append(L[:count] @ ahead)
         end_states.append(behind @ pushed)
     return Propagation(ends, np.array(deflections), np.array(end_states[::-1]), ahead)
@@ -144,7 +147,8 @@ class _Cycle:
             lambda slope: _ConstantTrain(self.space, np.frombuffer(slope))
         )
         breaks = np.unique(np.concatenate([[0.0], breaks, [1.0]]))
-        begin, share = breaks[:-1], np.diff(breaks)
+        begin = breaks[:-1]
+        share = np.diff(breaks)
         # In an arc no mesh passes a knot: what it is in the middle, in contact, apart
         # or between, it is all along.
         middle = begin + share / 2
@@ -152,10 +156,8 @@ class _Cycle:
             self.meshes.law.expand(),
             between_samples(self.sampled, self.frequency, middle)[0],
         )
-        between, variation = (
-            ((engagement > 0) & (engagement < 1)).T,
-            self.meshes.variation,
-        )
+        between = ((engagement > 0) & (engagement < 1)).T
+        variation = self.meshes.variation
         quickest = 0.0
         if (
             variation is not None
@@ -207,13 +209,16 @@ class _Cycle:
         for first in range(0, len(self.length), size):
             chosen = slice(first, first + size)
             count = len(self.length[chosen])
-            found, logarithm = np.zeros((count, states, states)), np.zeros(count)
+            found = np.zeros((count, states, states))
+            logarithm = np.zeros(count)
             # Steps with the same meshes in contact share the powers of one matrix.
             rows, kind = np.unique(alike[chosen], axis=0, return_inverse=True)
             for k, row in enumerate(rows):
                 constant, between = np.split(row, [self.constant.shape[1]])
-                at, varying = np.flatnonzero(kind.ravel() == k), np.flatnonzero(between)
-                train, length = self.train(constant.tobytes()), self.length[chosen][at]
+                at = np.flatnonzero(kind.ravel() == k)
+                varying = np.flatnonzero(between)
+                train = self.train(constant.tobytes())
+                length = self.length[chosen][at]
                 if len(varying):
                     found[at], logarithm[at] = train.collocated(
                         length, self.slope[chosen][at], varying
@@ -242,7 +247,8 @@ def sampled(deflection):
     """The motion with coefficients ``(G, N+1)`` and its derivatives by the angle of the
     cycle at equidistant times ``(DERIVATIVES + 1, G, samples)``.
     """
-    samples, values = SAMPLES * max(deflection.shape[-1] - 1, 1), []
+    samples = SAMPLES * max(deflection.shape[-1] - 1, 1)
+    values = []
     for _ in range(DERIVATIVES + 1):
         values.append(fourier.synthesize(deflection, samples))
         deflection = fourier.derivative(deflection, 1.0)
@@ -279,13 +285,16 @@ class _ConstantTrain:
     """
 
     def __init__(self, space, slope):
-        forcing, observation = space.forcing, space.observation
+        forcing = space.forcing
+        observation = space.observation
         on, following = np.split(observation, 2)
         rows = slope[: len(on), None] * on + slope[len(on) :, None] * following
         matrix = space.transition + forcing @ rows
         self.norm = np.linalg.norm(matrix, 2)
         matrix = matrix / self.norm
-        powers, forced, observed = [np.eye(len(matrix))], [forcing], [observation]
+        powers = [np.eye(len(matrix))]
+        forced = [forcing]
+        observed = [observation]
         for _ in range(POWERS):
             powers.append(powers[-1] @ matrix)
         for _ in range(TERMS - 1):
@@ -326,7 +335,8 @@ class _ConstantTrain:
         ``(K, J, 2G)`` at the Gauss nodes besides, and logarithms of determinants.
         """
         states, meshes = self.forced.shape[1:]
-        both, own = np.concatenate([chosen, meshes + chosen]), len(chosen)
+        both = np.concatenate([chosen, meshes + chosen])
+        own = len(chosen)
         series = (
             self.observed[:, both],
             self.forced[:, :, chosen],
@@ -335,10 +345,8 @@ class _ConstantTrain:
         observed, forced, between = (a.reshape(TERMS, -1) for a in series)
         # Steps of one section have one length: what depends on it alone is made once.
         length, index = np.unique(length, return_inverse=True)
-        x, scale = (
-            (length * self.norm)[:, None] ** np.arange(TERMS),
-            length[:, None, None, None],
-        )
+        x = (length * self.norm)[:, None] ** np.arange(TERMS)
+        scale = length[:, None, None, None]
         # Motions of unit states at the Gauss nodes (K, J, 2G, n), of unit forces there
         # (K, J, 2G, J, G), and the states (K, n, J, G) that these leave at the end.
         observed = (
@@ -375,12 +383,14 @@ def _integrals():
     ``(i, j, k)`` and to the end ``(j, k)``.
     """
     unit, unit_weight = np.polynomial.legendre.leggauss(STAGES)
-    node, weight = (unit + 1) / 2, unit_weight / 2
+    node = (unit + 1) / 2
+    weight = unit_weight / 2
     fine, fine_weight = np.polynomial.legendre.leggauss(
         TERMS
     )  # exact for these degrees, and well conditioned
     end = np.append(node, 1.0)[:, None]
-    at, scale = end * (fine + 1) / 2, end * fine_weight / 2
+    at = end * (fine + 1) / 2
+    scale = end * fine_weight / 2
     others = ~np.eye(STAGES, dtype=bool)
     lagrange = [
         np.prod((at[..., None] - node[o]) / (node[j] - node[o]), axis=-1)

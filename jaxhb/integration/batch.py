@@ -58,7 +58,8 @@ def motions_in_contact(train, rpm, system, every, harmonics):
 
 def linear_motions(train, rpm, system, meshes, harmonics):
     """The :class:`LinearMotion` of speeds ``(L,)``, on the host."""
-    rpm, stiffness = np.asarray(rpm, float), matrices(system)[1]
+    rpm = np.asarray(rpm, float)
+    stiffness = matrices(system)[1]
     displacement, bends = motions_in_contact(
         train, rpm, system, all_meshes(train), harmonics
     )
@@ -157,7 +158,8 @@ def _phi_functions(z):
     # The closed forms cancel where z is small, (e^z - 1) / z to all digits at z =
     # 1e-16: there 20 terms of the series.
     small = np.abs(z) < 1.0
-    safe, near = np.where(small, 1.0, z), np.where(small, z, 0.0)
+    safe = np.where(small, 1.0, z)
+    near = np.where(small, z, 0.0)
     series = [
         sum(near**j / math.factorial(j + k) for j in range(20)) for k in (1, 2, 3)
     ]
@@ -201,7 +203,8 @@ def motions_on_flank(linear_motion):
     """Motions (x, x') ``(L, 2S)`` at t = 0 with every mesh on its drive side, carrying
     nearly its linear force.
     """
-    shift, mean = linear_motion.flank, linear_motion.displacement[..., 0].real
+    shift = linear_motion.flank
+    mean = linear_motion.displacement[..., 0].real
     # A little on the way from the motion in contact to rest at its mean: near that
     # motion, and not on it.
     rest = np.concatenate([mean + shift, 0 * shift], axis=1)

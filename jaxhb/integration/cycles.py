@@ -91,7 +91,8 @@ def _rows(system, shafts, linear_meshes):
     """What quantities take of (x, x'), two arrays ``(Q, 2S)``: of angles, their rates,
     twists, their rates and torques, and of deflections and forces of meshes.
     """
-    radius, bend = np.asarray(system.radius), system.incidence().T
+    radius = np.asarray(system.radius)
+    bend = system.incidence().T
     ends = radius[system.tree.end_a][:, None]
     # A loss factor turns the spring force by its angle: of the analytic signal, whose
     # real part is taken, a product with 1 + i eta.
@@ -99,12 +100,12 @@ def _rows(system, shafts, linear_meshes):
         1 + 1j * np.asarray(system.loss)
     )  # of what turns with positive frequency
     spring, damper = (np.asarray(a)[:, None] * bend for a in (elastic, system.viscous))
-    angle, first, mesh = (
-        np.eye(len(radius)) / radius[:, None],
-        slice(None, shafts),
-        np.asarray(linear_meshes, int),
-    )
-    none, twist, still = 0 * angle, (bend / ends)[first], 0 * bend[first]
+    angle = np.eye(len(radius)) / radius[:, None]
+    first = slice(None, shafts)
+    mesh = np.asarray(linear_meshes, int)
+    none = 0 * angle
+    twist = (bend / ends)[first]
+    still = 0 * bend[first]
     shaft = (
         [angle, none, twist, still, (spring * ends)[first]],
         [none, angle, still, twist, (damper * ends)[first]],
@@ -246,7 +247,9 @@ def _numbers(values, harmonics):
 
 def _highest(values):
     """Largest value of each row, on parabolas through neighbouring samples."""
-    before, here, after = values[:, :-2], values[:, 1:-1], values[:, 2:]
+    before = values[:, :-2]
+    here = values[:, 1:-1]
+    after = values[:, 2:]
     # Largest value between samples: the vertex of the parabola through three of them.
     bend = 2 * here - before - after
     top = here + (after - before) ** 2 / (8 * jnp.where(bend > 0, bend, 1.0))

@@ -27,7 +27,8 @@ from jaxhb.train.speeds import check_speed
 
 # Steps per period of the highest mesh mode, and at most, where a narrow transition of
 # the law asks for more.
-STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD = 40, 400
+STEPS_PER_PERIOD = 40
+MOST_STEPS_PER_PERIOD = 400
 STEPS = 256  # of a cycle, at least
 MOST_STEPS = (
     2**21
@@ -126,10 +127,8 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
     parts = partition(system, meshes)
     system = jax.tree.map(np.asarray, system)
     K = matrices(system)[1]
-    inertial, rest = (
-        np.array(parts.inertial, int),
-        np.array(parts.damped + parts.static, int),
-    )
+    inertial = np.array(parts.inertial, int)
+    rest = np.array(parts.damped + parts.static, int)
     stiffness = K[np.ix_(inertial, inertial)]
     if rest.size:
         coupling = K[np.ix_(rest, inertial)]
@@ -188,7 +187,8 @@ def reference_orbit(
             f" {MOST_STEPS // len(np.asarray(meshes.link)):.3g}: ask for a higher"
             " speed."
         )
-    given, newton = start_coefficients is not None, 0
+    given = start_coefficients is not None
+    newton = 0
     if given:
         steps += -steps % shooting.SEGMENTS
     stepper = _discretize(system, meshes, frequency, load, steps=steps, parts=parts)
@@ -232,7 +232,8 @@ def _between(l, rate, dt):
     ``(G, steps)``.
     """
     slope = rate * dt
-    following, steepness = np.roll(l, -1, axis=1), np.roll(slope, -1, axis=1)
+    following = np.roll(l, -1, axis=1)
+    steepness = np.roll(slope, -1, axis=1)
     s = np.arange(16)[:, None, None] / 16
     # Hermite's cubics: the samples have the rates as well.
     values = (1 + 2 * s) * (1 - s) ** 2 * l + s * (1 - s) ** 2 * slope
@@ -243,7 +244,8 @@ def _between(l, rate, dt):
 def equations_of(train, rpm):
     """System, meshes that have a law, Omega and load of a train at a speed."""
     check_speed(train, rpm)
-    system, meshes = chain.assemble(train), law_meshes(train)
+    system = chain.assemble(train)
+    meshes = law_meshes(train)
     partition(system, meshes, train.topology.disk_names, train.topology.link_names)
     torque, _, _ = excitation(train, rpm, listed_harmonic(train.topology))
     frequency = train.topology.cycle_frequency(rpm)
@@ -374,7 +376,8 @@ def shooting_correction(
     True
     """
     refuse_tracers("shooting_correction", response)
-    train, rpm = response.train, float(response.rpm)
+    train = response.train
+    rpm = float(response.rpm)
     if train is None:
         raise ValueError(
             "the response comes out of a transformation without its train: solve"
@@ -419,7 +422,8 @@ def shooting_correction(
 def _difference(response, meshes, orbit):
     """The Correction of a response by the motion that closes beside it."""
     train = response.train
-    own, samples = train.topology.law_index, orbit.elastic.shape[1]
+    own = train.topology.law_index
+    samples = orbit.elastic.shape[1]
     law, *_ = backlash.at_samples(
         on_host(meshes), fourier.Equidistant(samples).synthesize
     )

@@ -76,7 +76,8 @@ def motion(stepper, nodes):
     """The :class:`~jaxhb.integration.step.Trace` of a cycle in segments; its
     periodicity error is that of the widest gap.
     """
-    segments, step = len(nodes), jnp.arange(stepper.capacity)
+    segments = len(nodes)
+    step = jnp.arange(stepper.capacity)
     count = stepper.steps // segments
     gap, samples = gaps(
         stepper, nodes, put, no_samples(stepper, stepper.capacity // segments)
@@ -212,7 +213,8 @@ def close(stepper, nodes, *, tolerance, most):
         whole = change(gap)
         size = jnp.linalg.norm(whole)
         lower, periodicity_errors = lax.map(tried, lengths)
-        best, closer = jnp.argmax(lower), jnp.any(lower)
+        best = jnp.argmax(lower)
+        closer = jnp.any(lower)
         nodes = jnp.where(closer, nodes + lengths[best] * whole, nodes)
         return (
             nodes,

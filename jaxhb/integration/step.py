@@ -130,7 +130,8 @@ class Stepper:
         given, rate = jnp.split(w, 2)
         if self.residual_flexibility is None:
             return given
-        deflection, own = given, jnp.diag(self.residual_flexibility)
+        deflection = given
+        own = jnp.diag(self.residual_flexibility)
         for _ in range(2):
             force, slope = jax.jvp(
                 lambda l: self.nonlinear_force(l, rate, row),
@@ -152,7 +153,8 @@ class Stepper:
             lax.dynamic_index_in_dim(self.linear, row, keepdims=False) for row in rows
         )
         whole, half = jnp.split(self.ahead @ state, 2)
-        whole, half = last + whole, middle + half
+        whole = last + whole
+        half = middle + half
 
         def force(w, half_steps):
             return self.nonlinear_force_at(w, (2 * k, *rows)[half_steps])
@@ -288,7 +290,9 @@ def _weights(space, dt):
     """Propagators and stage weights of Krogstad's scheme for steps of ``dt``
     seconds.
     """
-    A, E, L = space.transition, space.forcing, space.observation
+    A = space.transition
+    E = space.forcing
+    L = space.observation
     n, G = E.shape
     # Van Loan (IEEE Trans. Autom. Control 23 (1978) 395): the upper blocks of the
     # exponential are exp(A dt) and the integrals of it times 1, t/dt, (t/dt)^2 / 2, the
@@ -299,11 +303,9 @@ def _weights(space, dt):
     matrix = matrix.at[n : n + 2 * G, n + G :].set(jnp.eye(2 * G) / dt)
     half = exponential(matrix * dt / 2)
     full = half @ half
-    E_half, half_1, half_2 = (
-        half[:n, :n],
-        half[:n, n : n + G],
-        4 * half[:n, n + G : n + 2 * G],
-    )
+    E_half = half[:n, :n]
+    half_1 = half[:n, n : n + G]
+    half_2 = 4 * half[:n, n + G : n + 2 * G]
     E_full = full[:n, :n]
     full_1, full_2, full_3 = jnp.split(full[:n, n:], 3, axis=1)
     first, second, third, end = krogstad(half_1, half_2, full_1, full_2, full_3)

@@ -26,7 +26,9 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 from jaxhb.train.varying import varying, without_tables
 
-ELASTIC, RIGID, RING = "elastic", "rigid", "ring only"
+ELASTIC = "elastic"
+RIGID = "rigid"
+RING = "ring only"
 # Share of the strain energy in links below which a mode is rigid: on ground springs, or
 # at 0 Hz
 STRAINED = 0.01
@@ -231,10 +233,8 @@ def campbell(
     # A mode has one kind, though absorbers change with the speed: the middle of the
     # range decides.
     kinds = mode_kinds(modes[len(modes) // 2], train.topology.damper_names)
-    found, critical = (
-        Campbell(np.array(rpm, float), np.array(orders, float), kinds, hz, ()),
-        [],
-    )
+    found = Campbell(np.array(rpm, float), np.array(orders, float), kinds, hz, ())
+    critical = []
     for k in found.elastic(count):
         for order in orders:
             for speed in _crossings(modes_at, found.rpm, hz[:, k], k, order, constant):
@@ -350,13 +350,12 @@ def _torques(train, rpm, harmonics):
     """Torques ``(S, N+1)`` N m on the disks, of the excitation and of the transmission
     errors of the meshes.
     """
-    torque, meshes = excitation(train, rpm, harmonics)[0], all_meshes(train)
+    torque = excitation(train, rpm, harmonics)[0]
+    meshes = all_meshes(train)
     if meshes.error is None:
         return torque
-    system, frequency = (
-        chain.assemble(without_tables(train)),
-        train.topology.cycle_frequency(rpm),
-    )
+    system = chain.assemble(without_tables(train))
+    frequency = train.topology.cycle_frequency(rpm)
     load = error_load(system, meshes, frequency, torque / system.radius[:, None])
     return load[:, : harmonics + 1] * system.radius[:, None]
 

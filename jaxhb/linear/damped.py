@@ -95,7 +95,8 @@ def damped_modes(train: DriveTrain) -> DampedModes:
     order = np.argsort(values.imag, kind="stable")
     order = order[np.abs(values[order]) > AT_REST * resolved]
     slant = values.imag[order] / np.abs(values[order])
-    oscillating, creeping = order[slant > CREEPING], order[np.abs(slant) <= CREEPING]
+    oscillating = order[slant > CREEPING]
+    creeping = order[np.abs(slant) <= CREEPING]
     angles = velocity[:, oscillating] / system.radius[:, None]
     at = np.abs(angles).argmax(0)
     shapes = (angles / angles[at, np.arange(len(at))]).T
@@ -132,10 +133,8 @@ def damped_eigenvalues(train: DriveTrain, modes: DampedModes) -> Array:
     0.5
     """
     system = chain.assemble(linear_train(train))
-    value, x = (
-        jnp.asarray(modes.eigenvalues),
-        jnp.asarray(modes.shapes.T) * jnp.asarray(system.radius)[:, None],
-    )
+    value = jnp.asarray(modes.eigenvalues)
+    x = jnp.asarray(modes.shapes.T) * jnp.asarray(system.radius)[:, None]
     bent = system.deflections(x)
     # Squares, not moduli: Q is symmetric, not Hermitian.
     inertia = system.mass @ x**2
@@ -172,11 +171,13 @@ def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
             " damped mode is like which undamped one. Call it outside, where it has"
             " derivatives, or use damped_eigenvalues."
         )
-    system, damped = on_host(chain.assemble(values)), damped_modes(values)
+    system = on_host(chain.assemble(values))
+    damped = damped_modes(values)
     inertia = system.mass * system.radius**2
     # Rigid modes have exactly 0 Hz: they are counted on the graph, not computed.
     moving = np.flatnonzero(modes.frequencies_hz)
-    phi, psi = modes.shapes[moving], damped.shapes
+    phi = modes.shapes[moving]
+    psi = damped.shapes
     size = np.outer((inertia * phi**2).sum(1), (inertia * np.abs(psi) ** 2).sum(1))
     alike = np.abs((phi * inertia) @ psi.T) ** 2 / size
     from scipy.optimize import (
@@ -188,7 +189,8 @@ def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
     eigenvalues = (
         damped_eigenvalues(train, damped) if traced(train) else damped.eigenvalues
     )
-    ratio, xp = _lehr(eigenvalues), namespace(eigenvalues)
+    ratio = _lehr(eigenvalues)
+    xp = namespace(eigenvalues)
     return xp.stack(
         [
             ratio[like[mode]] if mode in like else np.nan
@@ -207,9 +209,11 @@ def _eigenpairs(system):
     the equations.
     """
     rows, stiffness = system.springs()
-    incidence, elastic = rows[: len(system.loss)], np.flatnonzero(stiffness)
+    incidence = rows[: len(system.loss)]
+    elastic = np.flatnonzero(stiffness)
     loss = np.append(system.loss, np.zeros(len(system.ground)))[elastic]
-    rows, stiffness = rows[elastic], stiffness[elastic]
+    rows = rows[elastic]
+    stiffness = stiffness[elastic]
     resistance = np.diag(system.damping) + incidence.T @ (
         system.viscous[:, None] * incidence
     )
@@ -225,8 +229,10 @@ def _eigenpairs(system):
     # QZ rounds to the largest entry: with sqrt(m) v and sqrt(k) l as unknowns all are
     # in 1/s, and none is a stiffness.
     E = np.sqrt(stiffness)[:, None] * rows[:, taken] * scale
-    disks, size = len(taken), len(taken) + len(stiffness)
-    left, right = np.zeros((size, size), complex), np.eye(size)
+    disks = len(taken)
+    size = len(taken) + len(stiffness)
+    left = np.zeros((size, size), complex)
+    right = np.eye(size)
     left[:disks, :disks] = -scale[:, None] * resistance[np.ix_(taken, taken)] * scale
     left[:disks, disks:] = -E.T * (1 + 1j * loss)
     left[disks:, :disks] = E

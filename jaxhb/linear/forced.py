@@ -56,7 +56,8 @@ STEPS = 100  # steps at most of the path from A = 0 to amplitudes A = g(A)
 SETTLED = 1e-11  # g(A) - A at which the path ends, over g(0)
 ACCEPTED = 1e-8  # the same over A, up to which an amplitude is found
 CURVED = 0.5  # share of g(A) - A by which a step may miss what its linearisation says
-LANES, CELLS = 500, 500_000
+LANES = 500
+CELLS = 500_000
 """Speeds times harmonics swept together, and times disks: what a sweep holds then stays
 in the cache of a processor.
 """
@@ -200,7 +201,8 @@ def settled_amplitudes(equations):
 
 @settled_amplitudes.defjvp
 def _settled_jvp(primals, tangents):
-    (equations,), (equations_dot,) = primals, tangents
+    (equations,) = primals
+    (equations_dot,) = tangents
     amplitude = settled_amplitudes(equations)
     _, pushed = jax.jvp(lambda e: _next(e, amplitude), (equations,), (equations_dot,))
     _, matrix = _linearised(equations, amplitude)
@@ -288,7 +290,8 @@ def forced_response(
     >>> r.power("a", "b").round(6).tolist(), r.input_power.round(6).tolist()
     ([0.004444, 3.77522], [0.004444, 3.77522])
     """
-    springs, train = train, linearised(train)
+    springs = train
+    train = linearised(train)
     if harmonics is None:
         harmonics = listed_harmonic(train.topology)
     elif not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
@@ -413,7 +416,8 @@ def _answer(train, system, rigid, rpm, torque):
     ``(m, S, N+1)``.
     """
     speeds, disks, width = torque.shape
-    topology, shape = train.topology, (speeds, width)
+    topology = train.topology
+    shape = (speeds, width)
     omega = (topology.cycle_frequency(rpm)[:, None] * jnp.arange(width)).reshape(-1)
     load = torque.transpose(1, 0, 2).reshape(disks, -1) / system.radius[:, None]
     if varying(topology):
@@ -424,11 +428,10 @@ def _answer(train, system, rigid, rpm, torque):
             else jnp.zeros((speeds, 0))
         )
         system = varied(train, system, rpm, omega, amplitude)
-    C, shafts = (
-        dynamic_stiffness.link_stiffness(system, omega),
-        len(topology.link_names) - len(topology.mesh_names),
-    )
-    exciting, error = load, all_meshes(train).error
+    C = dynamic_stiffness.link_stiffness(system, omega)
+    shafts = len(topology.link_names) - len(topology.mesh_names)
+    exciting = load
+    error = all_meshes(train).error
     if error is not None:
         # Teeth deflect by D x - e: errors e act on the linear train as a load D^T C e,
         # and reduce the link's own force.
@@ -462,10 +465,8 @@ def _answer(train, system, rigid, rpm, torque):
     def power(values):
         return (2 * omega * values).reshape(len(values), *shape).sum(-1).T
 
-    disks, links = (
-        power(omega * system.damping[:, None] * _square(displacement)),
-        power(C.imag * _square(deflection)),
-    )
+    disks = power(omega * system.damping[:, None] * _square(displacement))
+    links = power(C.imag * _square(deflection))
     given = power((exciting * jnp.conj(1j * displacement)).real.sum(0)[None])[:, 0]
     if error is not None:
         given = (

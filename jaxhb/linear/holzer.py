@@ -124,14 +124,13 @@ def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
     """
     tree, system, displacement, force = _motion(train, hz)
     xp = namespace(system, hz)
-    radius, mass = system.radius[tree.node], system.mass[tree.node]
+    radius = system.radius[tree.node]
+    mass = system.mass[tree.node]
     angle = displacement / radius
     natural = _is_natural(tree, system, 2 * np.pi * hz, displacement, force)
     unit = _unit(tree, angle, xp.where(natural, NODE, 0.0))
-    link, near = (
-        tree.link[:-1],
-        xp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])[:-1],
-    )
+    link = tree.link[:-1]
+    near = xp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])[:-1]
     pushed = (
         force[:-1] / near / unit
     )  # what the link carries, positive where it slows the disk
@@ -204,18 +203,17 @@ def _trees(train, system):
     join, first the part of the first disk: each ends at a ground of its part, or at the
     disk farthest from its first.
     """
-    ends, ground, disks = (
-        train.topology.link_ends,
-        train.topology.ground_disk,
-        len(system.mass),
-    )
+    ends = train.topology.link_ends
+    ground = train.topology.ground_disk
+    disks = len(system.mass)
     shafts = len(train.topology.shaft_names)
     (stiffness,) = concrete(system.stiffness)
     # Under jit and vmap no number is known: dampers are what may have no stiffness.
     dampers = range(shafts, shafts + len(train.topology.damper_names))
     loose = dampers if traced(stiffness) else np.flatnonzero(stiffness == 0).tolist()
     near = chain.neighbours(ends, disks, without=loose)
-    parts, seen = [], set()
+    parts = []
+    seen = set()
     for disk in range(disks):
         if disk not in seen:
             parts.append([other for other, *_ in chain.breadth_first(near, disk)])
@@ -294,7 +292,8 @@ def _passed_on(tree, system, omega, displacement):
         system.mass[tree.node] * omega**2 - system.ground[tree.node]
     ) * displacement
     for s, up in enumerate(tree.parent[:-1].tolist()):
-        near, far = system.arm_a[tree.link[s]], system.arm_b[tree.link[s]]
+        near = system.arm_a[tree.link[s]]
+        far = system.arm_b[tree.link[s]]
         force[up] += force[s] * (far / near if tree.from_a[s] else near / far)
     return force
 
@@ -329,7 +328,8 @@ def _eliminate(tree, system, omega):
     """Balance sum Z x ``(S, ...)`` and ordinate of each subtree, free ends at 1, and
     its scale below the parent.
     """
-    xp, node = namespace(system, omega), tree.node
+    xp = namespace(system, omega)
+    node = tree.node
     balance = [
         ground - mass * omega**2
         for ground, mass in zip(system.ground[node], system.mass[node], strict=True)
@@ -337,7 +337,8 @@ def _eliminate(tree, system, omega):
     ordinate, others = ([xp.ones_like(omega)] * len(node) for _ in range(2))
     wanted = {}
     for s, up in enumerate(tree.parent[:-1].tolist()):
-        alpha, beta = system.arm_a[tree.link[s]], system.arm_b[tree.link[s]]
+        alpha = system.arm_a[tree.link[s]]
+        beta = system.arm_b[tree.link[s]]
         if not tree.from_a[s]:
             alpha, beta = beta, alpha
         stiffness = system.stiffness[tree.link[s]]

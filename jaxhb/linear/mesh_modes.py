@@ -41,10 +41,8 @@ def _mesh_modes_hz(train):
         return np.full(2, SHAFT_STIFFENING * _gear_mode_hz(train))
     modes = natural_frequencies(_engaged(train))
     links = sorted({link for link, *_ in train.topology.springs})
-    share, least_shares = (
-        modes.mesh_energy_share + modes.strain_share[:, links].sum(1),
-        (STRAINED, WEAKLY_STRAINED),
-    )
+    share = modes.mesh_energy_share + modes.strain_share[:, links].sum(1)
+    least_shares = (STRAINED, WEAKLY_STRAINED)
     return np.array(
         [
             np.max(modes.frequencies_hz[share > least], initial=0.0)
@@ -58,7 +56,8 @@ def _engaged(train):
     meshes = all_meshes(train)
     if not meshes.springs:
         return train
-    system, added = chain.assemble(train), np.zeros(len(train.topology.link_names))
+    system = chain.assemble(train)
+    added = np.zeros(len(train.topology.link_names))
     np.add.at(
         added,
         meshes.link,

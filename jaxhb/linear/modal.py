@@ -91,7 +91,8 @@ class Factor:
         """Rows of E from one free end of a chain to the other, and the disks, or None
         for other and small trains.
         """
-        ground, pairs = len(self.mass), self.ends.tolist()
+        ground = len(self.mass)
+        pairs = self.ends.tolist()
         links_at = np.bincount(self.ends.ravel(), minlength=ground + 1)
         free = np.flatnonzero(links_at[:-1] == 1)
         piece = np.array(pieces(ground + 1, pairs))[links_at > 0]
@@ -117,11 +118,9 @@ def factor(train):
     train = linear_train(train)
     system = on_host(chain.assemble(train))
     rigid = np.asarray(chain.rigid_shape(train, system.radius))
-    disks, elastic, held = (
-        len(system.mass),
-        np.flatnonzero(system.stiffness),
-        np.flatnonzero(system.ground),
-    )
+    disks = len(system.mass)
+    elastic = np.flatnonzero(system.stiffness)
+    held = np.flatnonzero(system.ground)
     columns = (
         system.tree.end_a,
         system.tree.end_b,
@@ -167,7 +166,9 @@ def _without_light_disks(links, light):
     o_i y_i / sum k_i s_i^2, and what is left are links k_i k_j / sum k s^2 with
     deflections s_j o_i y_i - s_i o_j y_j between all pairs of neighbours.
     """
-    links, eliminated, at = dict(enumerate(links)), [], defaultdict(set)
+    links = dict(enumerate(links))
+    eliminated = []
+    at = defaultdict(set)
     for name, (a, b, *_) in links.items():
         for end in (a, b):
             at[end].add(name)
@@ -234,7 +235,8 @@ def singular_vectors(factor, count=None):
     """Lowest ``count`` of the singular values ``(m,)`` in rad/s, and vectors ``(H,
     m)``, orthonormal M^(1/2) x.
     """
-    zeros, path = factor.rigid.shape[1], factor.path()
+    zeros = factor.rigid.shape[1]
+    path = factor.path()
     wanted = len(factor.heavy) if count is None else min(count, len(factor.heavy))
     moving = len(factor.heavy) - zeros
     if path is None and 0 < wanted - zeros < moving // FEW and moving > DENSE:
@@ -296,7 +298,8 @@ def _dense(factor, vectors=True):
     )
     if failed:
         left, values, right = np.linalg.svd(tall, full_matrices=False)
-        scale, right = np.ones(2), right.T
+        scale = np.ones(2)
+        right = right.T
     rising = np.s_[moving - 1 :: -1]
     # dgejsv returns scaled values where they would overflow or underflow.
     return (scale[0] / scale[1] * values)[rising], (
@@ -312,7 +315,8 @@ def _lowest(factor, count):
     from scipy import sparse
     from scipy.sparse.linalg import eigsh
 
-    disks, rigid = len(factor.mass), factor.rigid.shape[1]
+    disks = len(factor.mass)
+    rigid = factor.rigid.shape[1]
     rows = np.repeat(np.arange(len(factor.stiffness)), 2)
     entries = factor.entries().ravel(), (rows, factor.ends.ravel())
     E = sparse.csr_array(entries, shape=(len(factor.stiffness), disks + 1))[:, :disks]
@@ -399,7 +403,8 @@ def natural_frequencies(train: DriveTrain, *, count: int | None = None) -> Modes
     displacement = rows.displacements(
         vectors / np.sqrt(rows.mass)[:, None], len(system.mass)
     )
-    found, links = shares(system, omega, displacement), len(system.stiffness)
+    found = shares(system, omega, displacement)
+    links = len(system.stiffness)
     return Modes(
         names=train.topology.disk_names,
         frequencies_hz=omega / (2 * np.pi),

@@ -90,8 +90,10 @@ def _total(a, b):
 
 @jax.custom_jvp
 def _product(a, b):
-    a1, b1 = _leading(a.high), _leading(b.high)
-    a2, b2 = a.high - a1, b.high - b1
+    a1 = _leading(a.high)
+    b1 = _leading(b.high)
+    a2 = a.high - a1
+    b2 = b.high - b1
     # Four exact products: a complex product would round their sums.
     total, lost = _sum(
         lax.complex(a1.real * b1.real, a1.real * b1.imag),
@@ -112,7 +114,8 @@ def _total_jvp(primals, tangents):
 
 @_product.defjvp
 def _product_jvp(primals, tangents):
-    (a, b), (da, db) = primals, tangents
+    (a, b) = primals
+    (da, db) = tangents
     return _product(a, b), doubled(a.high * db.high + da.high * b.high)
 
 
@@ -219,7 +222,8 @@ def way_between(topology, a, b):
     next of each, LAST of the last.
     """
     tree = chain.span_links(topology.link_ends, topology.n_disks, b)
-    at, way = int(np.flatnonzero(tree.node == a)[0]), {}
+    at = int(np.flatnonzero(tree.node == a)[0])
+    way = {}
     while tree.parent[at] < len(tree.node):
         way[int(tree.node[at])] = int(tree.link[at])
         at = int(tree.parent[at])
@@ -230,11 +234,13 @@ def ways_between(topology, a, b):
     """All ways from disk a to b: one, and where the closed loop allows it the other way
     round it.
     """
-    ways, closing = [way_between(topology, a, b)], closing_link(topology)
+    ways = [way_between(topology, a, b)]
+    closing = closing_link(topology)
     for x, y in (
         [] if closing is None else itertools.permutations(topology.link_ends[closing])
     ):
-        before, behind = way_between(topology, a, x), way_between(topology, y, b)
+        before = way_between(topology, a, x)
+        behind = way_between(topology, y, b)
         if not before.keys() & behind.keys():
             ways.append(before | {x: closing} | behind)
     return ways
@@ -347,16 +353,12 @@ def _determinants(system, topology, p, *ways):
                 if not way.keys() & more.keys()
             ]
     every = [way for own in terms for _, way in own]
-    held, passed = (
-        np.zeros((len(every), topology.n_disks), bool),
-        np.full((len(every), topology.n_disks), LAST),
-    )
+    held = np.zeros((len(every), topology.n_disks), bool)
+    passed = np.full((len(every), topology.n_disks), LAST)
     for row, way in enumerate(every):
         held[row, list(way)], passed[row, list(way)] = True, list(way.values())
-    found, rows = (
-        jax.vmap(lambda *way: _determinant(system, C, p, *way))(held, passed),
-        iter(range(len(every))),
-    )
+    found = jax.vmap(lambda *way: _determinant(system, C, p, *way))(held, passed)
+    rows = iter(range(len(every)))
     for own in terms:
         total = reduce(
             add,
@@ -415,10 +417,8 @@ def _approximation(train, omega):
         )
         return _over_inertias(own, *_determinants(own, train.topology, 1j * omega, {}))
 
-    exact, low = (
-        determinant(system.stiffness, system.viscous),
-        determinant(system.stiffness, zeros),
-    )
+    exact = determinant(system.stiffness, system.viscous)
+    low = determinant(system.stiffness, zeros)
     high = determinant(system.stiffness + system.viscous, zeros)
     approximate = low * (1 - 1j * omega) + high * (1j * omega)
     return DampedApproximation(
@@ -430,7 +430,8 @@ def _hung(own, above, z, k, near, far):
     """The pair of a place on whose disk a part hangs by a link k, from pairs (sum of F,
     G) and the part's own z.
     """
-    (A, P), (A_above, P_above) = own, above
+    (A, P) = own
+    (A_above, P_above) = above
     F = z * P + A
     W = F + P * k.scaled(near * near)
     return A_above * W + P_above * (F * k.scaled(far * far)), P_above * W
@@ -441,17 +442,22 @@ def _determinant(system, C, p, held, passed):
     ``(S,)`` tells which disks are, ``passed`` the links whose k a b stand in their
     places, LAST for 1.
     """
-    tree, p = system.tree, doubled(p)
+    tree = system.tree
+    p = doubled(p)
     mass, damping, ground = (
         jnp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground)
     )
-    arm_a, arm_b = jnp.asarray(system.arm_a), jnp.asarray(system.arm_b)
-    Z, one = p * p * mass + (p.scaled(damping) + ground), doubled(jnp.ones_like(p.high))
+    arm_a = jnp.asarray(system.arm_a)
+    arm_b = jnp.asarray(system.arm_b)
+    Z = p * p * mass + (p.scaled(damping) + ground)
+    one = doubled(jnp.ones_like(p.high))
     factors = jax.tree.map(
         lambda a, b: jnp.append(a, b[None], axis=0), C * (arm_a * arm_b)[:, None], one
     )[passed]
     Z = jax.tree.map(lambda a, b: jnp.where(held[:, None], a, b), factors, Z)
-    order, link, above = tree.node[:-1], tree.link[:-1], tree.node[tree.parent[:-1]]
+    order = tree.node[:-1]
+    link = tree.link[:-1]
+    above = tree.node[tree.parent[:-1]]
     # Without an arm at a disk that is held a link holds the other disk alone.
     near = jnp.where(
         held[order], 0.0, jnp.where(tree.from_a[:-1], arm_a[link], arm_b[link])
@@ -509,7 +515,8 @@ class Polynomial:
         return Polynomial(tuple(x + y for x, y in zip(a, b, strict=True)))
 
     def __mul__(self, other):
-        a, b = self.coefficients, other.coefficients
+        a = self.coefficients
+        b = other.coefficients
         product = [0] * (len(a) + len(b) - 1 if a and b else 0)
         for i, x in enumerate(a):
             for j, y in enumerate(b):
@@ -599,10 +606,8 @@ def characteristic_coefficients(
             disk: one if link == LAST else C[link].scaled(math.prod(arms(link, disk)))
             for disk, link in way.items()
         }
-        z, pairs = (
-            [passed.get(disk, own) for disk, own in enumerate(Z)],
-            [(zero, one)] * topology.n_disks,
-        )
+        z = [passed.get(disk, own) for disk, own in enumerate(Z)]
+        pairs = [(zero, one)] * topology.n_disks
         for disk, link, above in zip(
             tree.node[:-1], tree.link[:-1], tree.node[tree.parent[:-1]], strict=True
         ):
@@ -627,7 +632,8 @@ def _refuse_coefficients(train, exact):
     """Refuse trains whose determinant is no polynomial, or one whose coefficients in
     double precision say nothing.
     """
-    topology, where = train.topology, train.topology.title
+    topology = train.topology
+    where = train.topology.title
     loss = concrete(train.shafts.loss_factor, train.dampers.loss_factor)
     if traced(loss):
         raise ValueError(

@@ -197,14 +197,16 @@ def mode_squares(train, heavy):
     kg^(-1/2), differentiable.
     """
     system = chain.assemble(train)
-    kept, light = np.flatnonzero(heavy), np.flatnonzero(~np.array(heavy))
+    kept = np.flatnonzero(heavy)
+    light = np.flatnonzero(~np.array(heavy))
     rows, stiffness = system.springs()
     # Rows of disks without ground would be zeros.
     taken = np.append(
         np.arange(len(system.loss)),
         len(system.loss) + np.unique(train.topology.ground_disk).astype(int),
     )
-    rows, stiffness = rows[taken], stiffness[taken]
+    rows = rows[taken]
+    stiffness = stiffness[taken]
     follow = jnp.eye(len(heavy))[:, kept]
     if len(light):
         weighted = rows[:, light].T * stiffness
@@ -252,9 +254,11 @@ def modal_basis(stiffness, rows, mass):
 
 @modal_basis.defjvp
 def _modal_basis_jvp(primals, tangents):
-    (stiffness, rows, mass), (stiffness_dot, rows_dot, mass_dot) = primals, tangents
+    (stiffness, rows, mass) = primals
+    (stiffness_dot, rows_dot, mass_dot) = tangents
     squares, shapes = modal_basis(stiffness, rows, mass)
-    bent, bent_dot = rows @ shapes, rows_dot @ shapes
+    bent = rows @ shapes
+    bent_dot = rows_dot @ shapes
     across = bent_dot.T @ (stiffness[:, None] * bent)
     stiffer = bent.T @ (stiffness_dot[:, None] * bent) + across + across.T
     heavier = shapes.T @ (mass_dot[:, None] * shapes)

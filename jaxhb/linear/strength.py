@@ -176,10 +176,8 @@ def _korean(xp, rule, ratio, tensile_strength, yield_strength):
         below = 45.0 - (24.0 if rule.endswith("A") else 29.0) * ratio**2
         # The root has no derivative at 1: another number stands there.
         above = 237.0 * (ratio - 0.8) * xp.where(ratio > 1.0, ratio - 1.0, 1.0) ** 0.5
-        passing, continuous = (
-            2.0 * below,
-            xp.where(ratio > 1.0, continuous + above, below),
-        )
+        passing = 2.0 * below
+        continuous = xp.where(ratio > 1.0, continuous + above, below)
     strength = xp.minimum(xp.asarray(tensile_strength, dtype=float), KR_CAP) / 440e6
     continuous = 1e6 * continuous * xp.maximum(1.0 + 2.0 / 3.0 * (strength - 1.0), 1.0)
     passing = (
@@ -476,7 +474,9 @@ def judged(train, rpm, motion) -> Strength:
     ``torque(name)`` and ``force(name)`` the ``mean``, ``min``, ``max`` and
     ``half_peak_to_peak``.
     """
-    topology, stresses, rules = train.topology, {}, {}
+    topology = train.topology
+    stresses = {}
+    rules = {}
     for name in having(topology, "shaft", "outer", "diameter"):
         stress = stress_of(train, name, motion.torque(name).half_peak_to_peak)
         limited = topology.has_key(topology.link_index(name)[0], "tensile_strength")
@@ -490,7 +490,8 @@ def judged(train, rpm, motion) -> Strength:
         )
 
     def tooth_torque(name):
-        force, (radius, limit) = motion.force(name), rated_gear(train, name)
+        force = motion.force(name)
+        (radius, limit) = rated_gear(train, name)
         reverses = (force.min < 0) & (force.max > 0)
         return ToothTorque(
             radius * force.half_peak_to_peak, limit, radius * force.mean, reverses
@@ -528,7 +529,8 @@ def section(train, name):
     """Outer diameter and bore in m at which a shaft is judged: its own, or those of its
     stiffness.
     """
-    i, shafts = train.topology.link_index(name)[0], train.shafts
+    i = train.topology.link_index(name)[0]
+    shafts = train.shafts
     own = train.topology.has_key(i, "diameter")
     outside, hole = (
         (shafts.diameter, shafts.bore) if own else (shafts.outer, shafts.inner)
@@ -547,7 +549,8 @@ def stress_limits(train, name, rpm):
     """Continuous and transient limit in Pa of a shaft at speeds of the reference
     rotor.
     """
-    i, shafts = train.topology.link_index(name)[0], train.shafts
+    i = train.topology.link_index(name)[0]
+    shafts = train.shafts
     has = train.topology.has_key
     keys = [key for key in ("stress_concentration", "yield_strength") if has(i, key)]
     return permissible_stress(

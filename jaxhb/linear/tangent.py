@@ -104,7 +104,8 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
     """
     values, at = _concrete(train, rpm)
     check_speed(values, at)
-    name, equations = train.topology.title, _equations(values, at)
+    name = train.topology.title
+    equations = _equations(values, at)
     if not equations.balanced:
         raise SceneError(
             f"{name} at {at:g} rpm: mean torques do not balance, so there is no mean"
@@ -167,7 +168,8 @@ def _concrete(*trees):
 
 def _mean_load(train, rpm, equations, x, pressed):
     """The :class:`MeanLoad` at the equilibrium ``x``; None: at rest."""
-    topology, system = train.topology, equations.system
+    topology = train.topology
+    system = equations.system
     if x is None:
         found = _read(equations, np.zeros(len(system.mass)), pressed)
     elif traced(train, rpm):
@@ -176,10 +178,8 @@ def _mean_load(train, rpm, equations, x, pressed):
         found = jax.jit(partial(_refined, pressed=pressed))(train, rpm, x)
     else:
         found = _read(equations, x, pressed)
-    gaps, first = (
-        np.flatnonzero(topology.mesh_backlash),
-        len(topology.link_names) - len(topology.mesh_names),
-    )
+    gaps = np.flatnonzero(topology.mesh_backlash)
+    first = len(topology.link_names) - len(topology.mesh_names)
     links = np.array(
         list(dict.fromkeys(link for link, *_ in topology.springs)), dtype=int
     )
@@ -217,10 +217,8 @@ def with_slopes(train, load):
     """The train whose shafts and dampers have the stiffness of a mean load in place of
     what acts beside it.
     """
-    topology, slopes = (
-        train.topology,
-        dict(zip(load.links, load.link_stiffness, strict=True)),
-    )
+    topology = train.topology
+    slopes = dict(zip(load.links, load.link_stiffness, strict=True))
 
     def table(numbers, names):
         if not slopes.keys() & set(names):
@@ -264,7 +262,8 @@ class _Equations(NamedTuple):
     def links(self, deflection):
         """Force ``(L,)`` N and slope ``(L,)`` N/m of the links."""
         at = deflection[self.link]
-        force, slope = backlash.force(self.law, at), backlash.slope(self.law, at)
+        force = backlash.force(self.law, at)
+        slope = backlash.slope(self.law, at)
         return self.constant * deflection + self.on_links(
             force
         ), self.constant + self.on_links(slope)
@@ -286,7 +285,8 @@ class _Equations(NamedTuple):
         from scipy import sparse
         from scipy.sparse.linalg import splu
 
-        tree, system = self.system.tree, self.system
+        tree = self.system.tree
+        system = self.system
         links = np.arange(len(slope))
         disks = np.concatenate([tree.end_a, tree.end_b])
         arms = np.concatenate([system.arm_a, -system.arm_b])
@@ -313,7 +313,8 @@ def _equations(train, rpm):
     system, torque, left, train = on_host(
         (chain.assemble(train), torque[:, 0].real, left, train)
     )
-    meshes, topology = backlash.all_meshes(train), train.topology
+    meshes = backlash.all_meshes(train)
+    topology = train.topology
     plays = [kind == "clearance" for _, kind, _ in topology.springs]
     clearance = np.array([*[False] * len(topology.mesh_names), *plays], dtype=bool)
     # Meshes and plays stand in the place of the stiffness of their links, stages and
@@ -355,11 +356,13 @@ def _read(equations, x, pressed):
     """What is known at displacements; ``pressed``: plays of shafts have their full
     stiffness.
     """
-    law, deflection = equations.law, equations.system.deflections(x)
+    law = equations.law
+    deflection = equations.system.deflections(x)
     at = deflection[equations.link]
     engagement = backlash.engagement(law, at)
     share = law.epsilon + (1 - law.epsilon) * engagement
-    force, slope = backlash.force(law, at), backlash.slope(law, at)
+    force = backlash.force(law, at)
+    slope = backlash.slope(law, at)
     link_force, _ = equations.links(deflection)
     if pressed:
         slope = namespace(slope).where(equations.clearance, law.stiffness, slope)
@@ -416,7 +419,8 @@ def _equilibrium(equations):
             size, np.abs(force).max(initial=0.0)
         ):
             return x
-        step, share = equations.solved(slope, left), 1.0
+        step = equations.solved(slope, left)
+        share = 1.0
         for _ in range(HALVINGS):
             reached = energy(x + share * step)
             if reached <= least + ROUNDED * (np.abs(load) @ np.abs(x)):

@@ -191,7 +191,8 @@ class Answer(Motion):
             return Answer(
                 self.linear.train, orbit_state(self.linear), self.linear, orbit=True
             )
-        train, closed = in_contact(self.train), self.closed
+        train = in_contact(self.train)
+        closed = self.closed
         return Answer(train, closed, self.linear, self.orbit, closed, closed.stability)
 
     @cached_property

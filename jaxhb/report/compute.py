@@ -197,7 +197,8 @@ def answer_values(
     """Answers at one speed for many ``values`` of an :class:`Axis`, each from the
     motion of its neighbour.
     """
-    order, found = np.argsort(values, kind="stable"), {}
+    order = np.argsort(values, kind="stable")
+    found = {}
 
     def in_order():
         return {
@@ -207,10 +208,8 @@ def answer_values(
     for way in ["orbit"] if asked.orbit else WAYS.get(direction, [direction]):
         own, start = found.setdefault(way, {}), None
         for place in order[::-1] if way == "down" else order:
-            changed, value = (
-                train.replace({axis.name: values[place]}),
-                float(values[place]),
-            )
+            changed = train.replace({axis.name: values[place]})
+            value = float(values[place])
             folder = (
                 {"out": kept["out"] / f"{way} {place}"} if kept and kept["out"] else {}
             )
@@ -276,10 +275,12 @@ def check_spread(spread, say=lambda text: None):
     where there is none; ``differences``, a sentence for each that is neither in contact
     nor periodic, or more than 2 % from what was found.
     """
-    train, solved = spread.train, np.isfinite(spread.nominal)
+    train = spread.train
+    solved = np.isfinite(spread.nominal)
     say("what does the train do as it is?")
     kinds = [state.kind for state in steady_state(train, rpm=spread.rpm).states]
-    worst, told = [], []
+    worst = []
+    told = []
     for i, rpm in enumerate(spread.rpm):
         worst.append([])
         for j, one in enumerate(spread.of):
@@ -287,7 +288,8 @@ def check_spread(spread, say=lambda text: None):
                 worst[-1].append("")
                 continue
             say(f"{rpm:g} rpm: what does the train do in its worst cases?")
-            design, own = train.replace(spread.values(i, j)), QUANTITIES[one.quantity]
+            design = train.replace(spread.values(i, j))
+            own = QUANTITIES[one.quantity]
             state = steady_state(design, rpm=float(rpm))
             worst[-1].append(state.kind)
             value = (
@@ -309,7 +311,8 @@ def check_designs(train, asked, result, say=lambda text: None):
     from that of the orbit tuned. ``train`` is as it was, ``asked`` as of
     :func:`jaxhb.design.table.read_table`.
     """
-    found, chosen = {}, [*asked["objective"], *asked["penalties"]]
+    found = {}
+    chosen = [*asked["objective"], *asked["penalties"]]
     compared = {c: QUANTITIES[c.quantity] for c in chosen if c.quantity in QUANTITIES}
     designs = {
         "before": ("first", train, result.before),

@@ -38,9 +38,11 @@ def order_names(train: DriveTrain) -> OrderNames:
     """The names of the orders that excite a train; those that the reference rotor makes
     as well are its own.
     """
-    topology, cycle = train.topology, train.topology.revolutions_per_cycle
+    topology = train.topology
+    cycle = train.topology.revolutions_per_cycle
     ratios = np.asarray(speed_ratios(train))[np.array(topology.rotor, dtype=int)]
-    by_reference, makers = set(), {}
+    by_reference = set()
+    makers = {}
     for disk, harmonics, of_own_rotor in _sources(topology):
         if not of_own_rotor or abs(ratios[disk] - 1) <= SAME:
             by_reference.update(harmonics)

@@ -6,8 +6,10 @@ import numpy as np
 
 from jaxhb.train.firing import is_cut_off
 
-NOT_FIRING, CUT_OFF = " not firing", " cut off"
-ALL_FIRING, AS_GIVEN = "all cylinders firing", "the scene as given"
+NOT_FIRING = " not firing"
+CUT_OFF = " cut off"
+ALL_FIRING = "all cylinders firing"
+AS_GIVEN = "the scene as given"
 
 
 def case_title(train, cylinder=""):
@@ -105,7 +107,8 @@ def hardest_shaft(answers):
 
 def heaviest(train):
     """The disk of the reference rotor with the largest inertia, its flywheel."""
-    topology, inertia = train.topology, np.asarray(train.disks.inertia)
+    topology = train.topology
+    inertia = np.asarray(train.disks.inertia)
     own = [
         i
         for i in range(topology.n_scene_disks)
@@ -128,10 +131,8 @@ def subject_of(answer, gear=None):
     the reference rotor (of all, if it has none) the one whose torque swings most;
     without gears the shaft or damper of which that is true, or None.
     """
-    topology, swinging = (
-        answer.topology,
-        answer if answer.known else answer.without_backlash,
-    )
+    topology = answer.topology
+    swinging = answer if answer.known else answer.without_backlash
     near = [
         gear
         for gear in topology.gear_names

@@ -71,7 +71,8 @@ def left_out(
     default those not solved; what is to be done is the ``advice`` for a status or its
     own.
     """
-    rpm, status = np.atleast_1d(rpm), np.atleast_1d(status)
+    rpm = np.atleast_1d(rpm)
+    status = np.atleast_1d(status)
     lost = ~np.atleast_1d(solved(status) if kept is None else kept)
     told = []
     for found in map(Status, np.unique(status[lost]).tolist()):

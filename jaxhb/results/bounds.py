@@ -9,7 +9,8 @@ import numpy as np
 from jaxhb._equal import by_value
 from jaxhb._shown import brief
 
-NORM_MARGIN, ROW_SUM_MARGIN = 1.1, 1.5
+NORM_MARGIN = 1.1
+ROW_SUM_MARGIN = 1.5
 """Factors on norms, whose iterations come from below, and on largest row sums: their
 estimate is seldom off and never known to be right.
 """

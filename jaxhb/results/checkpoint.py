@@ -74,7 +74,8 @@ class Checkpoint:
                 f"chunk is {chunk!r}: give a whole number of speeds, at least 1."
             )
         self.lost = folder.lost if isinstance(folder, Cached) else None
-        self.folder, self.chunk = Path(folder.folder if self.lost else folder), chunk
+        self.folder = Path(folder.folder if self.lost else folder)
+        self.chunk = chunk
         options = {} if chunk is None else {"speeds of a chunk": int(chunk)}
         options |= {name: _told(value) for name, value in asked.items()}
         now = {
@@ -83,7 +84,8 @@ class Checkpoint:
             "versions": versions(),
             "options": options,
         }
-        self.origin, self.private = digest(now), None
+        self.origin = digest(now)
+        self.private = None
         try:
             self.private = PrivateFolder(self.folder)
             self._open(now)
@@ -117,10 +119,8 @@ class Checkpoint:
 
     def _compare(self, now):
         """Refuse a folder whose answers are to other questions."""
-        place, other = (
-            repr(str(self.folder)),
-            "Give another folder, or remove this one.",
-        )
+        place = repr(str(self.folder))
+        other = "Give another folder, or remove this one."
         try:
             there = json.loads(read_private(self.folder / MANIFEST))
             parts = (

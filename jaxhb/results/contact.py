@@ -82,8 +82,10 @@ def contact_of(law, deflection, force, elastic, frequency, resolution):
 
 def _fraction_below(values, level):
     """Share of the cycle with values < level, the crossings interpolated linearly."""
-    here, ahead = values - level, np.roll(values, -1) - level
-    both, crossing = (here < 0) & (ahead < 0), (here < 0) != (ahead < 0)
+    here = values - level
+    ahead = np.roll(values, -1) - level
+    both = (here < 0) & (ahead < 0)
+    crossing = (here < 0) != (ahead < 0)
     # Divisions by zero lie where nothing crosses.
     with np.errstate(divide="ignore", invalid="ignore"):
         below = np.where(here < 0, here / (here - ahead), ahead / (ahead - here))
@@ -92,12 +94,11 @@ def _fraction_below(values, level):
 
 def _impacts(l, speed, gap):
     """Entries into contact: |l| rises through ``gap``."""
-    distance, ahead = np.abs(l), np.abs(np.roll(l, -1))
+    distance = np.abs(l)
+    ahead = np.abs(np.roll(l, -1))
     entries = np.flatnonzero((distance < gap) & (ahead >= gap))
-    after, share = (
-        (entries + 1) % len(l),
-        (gap - distance[entries]) / (ahead - distance)[entries],
-    )
+    after = (entries + 1) % len(l)
+    share = (gap - distance[entries]) / (ahead - distance)[entries]
     approach = np.abs((1 - share) * speed[entries] + share * speed[after])
     columns = (entries + share) / len(l), approach, np.sign(l[after])
     rows = zip(*(column.tolist() for column in columns), strict=True)

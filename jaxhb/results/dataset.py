@@ -265,7 +265,8 @@ def _signals(motion, names, response):
     """Statistics and spectra of a motion; recorded cycles, without ``response``, have
     amplitudes without phases, and no accelerations.
     """
-    statistics, spectra = {}, {}
+    statistics = {}
+    spectra = {}
     for name, (reader, dim, _, _) in SIGNALS.items():
         if not len(names[dim]) or (response is None and name == "acceleration"):
             continue
@@ -275,11 +276,9 @@ def _signals(motion, names, response):
                 f"{name}_{what}": [float(getattr(signal, what)) for signal in own]
                 for what in STATISTICS
             }
-            amplitudes, orders, lacking = (
-                np.array([signal.amplitudes for signal in own]),
-                own[0].orders,
-                np.nan,
-            )
+            amplitudes = np.array([signal.amplitudes for signal in own])
+            orders = own[0].orders
+            lacking = np.nan
             phases = np.full(amplitudes.shape, np.nan)
         else:
             every = Signal(
@@ -289,7 +288,8 @@ def _signals(motion, names, response):
                 own[0].resolution,
             )
             samples = every.samples(every.resolution)
-            low, high = samples.min(axis=-1), samples.max(axis=-1)
+            low = samples.min(axis=-1)
+            high = samples.max(axis=-1)
             found = every.mean, low, high, (high - low) / 2, every.sum_of_amplitudes
             statistics |= {
                 f"{name}_{what}": values
@@ -298,13 +298,12 @@ def _signals(motion, names, response):
             # Tooth forces have more harmonics than the motion, whose orders the data
             # set lists.
             within = slice(response.harmonics)
-            amplitudes, phases, orders = (
-                every.amplitudes[:, within],
-                every.phases_deg[:, within],
-                every.orders[within],
-            )
+            amplitudes = every.amplitudes[:, within]
+            phases = every.phases_deg[:, within]
+            orders = every.orders[within]
             # An order that is not there has no phase.
-            phases, lacking = np.where(amplitudes > 0, phases, np.nan), 0.0
+            phases = np.where(amplitudes > 0, phases, np.nan)
+            lacking = 0.0
         if name in WITH_ORDERS:
             spectra[name] = amplitudes, phases, orders, lacking
     return statistics, spectra
@@ -317,7 +316,8 @@ def _spectrum(spectrum, count, order):
     if spectrum is None:
         return np.full((2, count, len(order)), np.nan)
     amplitudes, phases, own, beyond = spectrum
-    there, places = np.isin(order, own), np.searchsorted(own, order)
+    there = np.isin(order, own)
+    places = np.searchsorted(own, order)
     found = np.full((2, count, len(order)), [[[beyond]], [[np.nan]]])
     found[:, :, there] = np.asarray([amplitudes, phases])[:, :, places[there]]
     return found

@@ -81,7 +81,8 @@ def _speeds(caption, motions, head, cells):
 
 def _links(caption, motion):
     """A table of every mesh, shaft and damper of a motion."""
-    topology, rows = motion.topology, []
+    topology = motion.topology
+    rows = []
     for name in (*topology.mesh_names, *topology.shaft_names, *topology.damper_names):
         toothed = name in topology.mesh_names
         signal = motion.force(name) if toothed else motion.torque(name)
@@ -137,7 +138,8 @@ def states_line(sweep):
 
 def states_html(sweep):
     """A sweep of steady states as a table of its speeds."""
-    caption, head = states_line(sweep)[1:-1], ["motion", "period"]
+    caption = states_line(sweep)[1:-1]
+    head = ["motion", "period"]
     return _speeds(
         caption,
         sweep,
@@ -148,12 +150,14 @@ def states_html(sweep):
 
 def signal_line(signal):
     """A signal in one line: its extremes."""
-    kind, orders = type(signal).__name__, signal.coefficients.shape[-1] - 1
+    kind = type(signal).__name__
+    orders = signal.coefficients.shape[-1] - 1
     if traced(signal):
         return f"<{kind}, traced, {orders} harmonics>"
     if np.ndim(signal.coefficients) > 1:
         lot = " x ".join(map(str, signal.coefficients.shape[:-1]))
-        low, high = float(np.min(signal.min)), float(np.max(signal.max))
+        low = float(np.min(signal.min))
+        high = float(np.max(signal.max))
         return (
             f"<{kind} of {lot} motions, {orders} harmonics: {number(low)} to"
             f" {number(high)}>"

@@ -23,10 +23,8 @@ def drive_sense(motion: Any, name: str) -> int:
     """
     topology = motion.topology
     signal = motion.force(name) if name in topology.mesh_names else motion.torque(name)
-    mean, (first, second) = (
-        float(signal.mean),
-        topology.link_ends[topology.link_index(name)[0]],
-    )
+    mean = float(signal.mean)
+    (first, second) = topology.link_ends[topology.link_index(name)[0]]
     if abs(mean) > ROUNDING * float(signal.peak):
         return 1 if mean > 0 else -1
     return 1 if first < second else -1
@@ -133,7 +131,8 @@ class Motion(Generic[SignalOf, ContactOf, NumberOf]):
         the mesh period, which is known of a mesh with ``stiffness_orders`` or
         ``transmission_error``; nan of those that are not recorded.
         """
-        period, force = self.mesh_order(a, b), cast(Any, self.force(a, b))
+        period = self.mesh_order(a, b)
+        force = cast(Any, self.force(a, b))
         known = max(force.orders, default=0.0)
         return np.array(
             [

@@ -169,7 +169,8 @@ class RecordedSignal(Summarized, OverCycles):
 
     def order(self, order: float) -> float:
         """Amplitude of one order of the cycle: quadratic mean over the cycles."""
-        turns, count = self.revolutions_per_cycle, len(self.amplitudes)
+        turns = self.revolutions_per_cycle
+        count = len(self.amplitudes)
         harmonic = round(order * turns)
         if abs(harmonic - order * turns) > 1e-9 or not 0 < harmonic <= count:
             allowed = f"a multiple of {1 / turns:g} up to {count / turns:g}"
@@ -181,7 +182,8 @@ class RecordedSignal(Summarized, OverCycles):
     def reversed(self) -> RecordedSignal:
         """The quantity with the other sign."""
         part = self.elastic_part and self.elastic_part.reversed()
-        high, low = -self.lowest, -self.highest
+        high = -self.lowest
+        low = -self.highest
         return dataclasses.replace(
             self, highest=high, lowest=low, mean=-self.mean, elastic_part=part
         )
@@ -310,7 +312,8 @@ class Motions(Motion):
     """
 
     def __init__(self, topology, motions):
-        self.topology, self.motions = topology, motions
+        self.topology = topology
+        self.motions = motions
 
     def _read(self, quantity, index, sense=1):
         if quantity == "power":

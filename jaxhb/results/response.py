@@ -149,7 +149,8 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         """Power taken by the loads in kW."""
         return self.load_power / 1e3
 
-    __repr__, _repr_html_ = response_line, response_html
+    __repr__ = response_line
+    _repr_html_ = response_html
 
     def __bool__(self) -> bool:
         if np.ndim(self.rpm):
@@ -227,10 +228,8 @@ class Response(Fields, Motion[Signal, Contact, Array]):
             case "deflection":
                 return self._signal(sense * self.deflections[..., index, :])
             case "transmission_error":
-                approach, error = (
-                    self.deflections[..., index, :],
-                    backlash.all_meshes(self._solved).error,
-                )
+                approach = self.deflections[..., index, :]
+                error = backlash.all_meshes(self._solved).error
                 if error is not None:
                     most = max(approach.shape[-1], error.shape[-1]) - 1
                     approach = fourier.resize(approach, most) + fourier.resize(
@@ -242,10 +241,8 @@ class Response(Fields, Motion[Signal, Contact, Array]):
                     [(a == index) - (b == index) for a, b in self.topology.mesh_ends],
                     dtype=float,
                 )
-                both, radius = (
-                    (self.forces, self.elastic_forces),
-                    self.radius[..., index, None],
-                )
+                both = (self.forces, self.elastic_forces)
+                radius = self.radius[..., index, None]
                 return self._signal(
                     *(
                         radius * namespace(f).einsum("g,...gk->...k", senses, f)
@@ -304,7 +301,8 @@ class Response(Fields, Motion[Signal, Contact, Array]):
                 passed = (
                     passed - self.elastic_forces[..., index - shafts, : bent.shape[-1]]
                 )
-        xp, rate = namespace(passed, bent), fourier.derivative(bent, self._frequency)
+        xp = namespace(passed, bent)
+        rate = fourier.derivative(bent, self._frequency)
         return 2 * xp.sum((passed * xp.conj(rate)).real, axis=-1)
 
     def deflection_samples(self, count: int) -> Array:

@@ -56,7 +56,8 @@ class Summarized:
         refuse_tracers(
             "extremes", self, instead="read .max, .min and .mean there", host=True
         )
-        low, high = float(self.min), float(self.max)
+        low = float(self.min)
+        high = float(self.max)
         return {
             "mean": float(self.mean),
             "min": low,
@@ -131,7 +132,8 @@ class Signal(Summarized):
     @property
     def phases_deg(self) -> Array:
         """Phases of the cosines in deg ``(..., K)``."""
-        xp, tail = namespace(self.coefficients), self.coefficients[..., 1:]
+        xp = namespace(self.coefficients)
+        tail = self.coefficients[..., 1:]
         # The angle of 0 has no derivative.
         return xp.angle(xp.where(tail == 0, 1.0, tail)) * (180 / np.pi)
 
@@ -277,7 +279,8 @@ def _warned_of_when_differentiated(name, values):
 
 @_warned_of_when_differentiated.defjvp
 def _with_warning(name, primals, tangents):
-    (values,), (changes,) = primals, tangents
+    (values,) = primals
+    (changes,) = tangents
     warnings.warn(
         f".{name} is differentiated at one time sample, and where teeth hammer such a"
         " derivative may have the wrong sign: differentiate .smooth_peak() or"
@@ -289,7 +292,8 @@ def _with_warning(name, primals, tangents):
 
 def p_norm(values, p):
     """``(mean |v|^p)^(1/p)`` over the last axis of values >= 0."""
-    xp, scale = namespace(values), values.max(axis=-1)
+    xp = namespace(values)
+    scale = values.max(axis=-1)
     # The scale keeps powers in range and cancels: it needs no derivative.
     scale = jax.lax.stop_gradient(scale) if xp is jnp else scale
     scale = xp.where(scale > 0, scale, 1.0)

@@ -66,7 +66,8 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
     stability: object = None
     started_from: float | None = None
 
-    __repr__, _repr_html_ = state_line, state_html
+    __repr__ = state_line
+    _repr_html_ = state_html
 
     @property
     def known(self) -> bool:
@@ -139,9 +140,11 @@ def orbit_state(response):
     """A periodic solution as the steady state that it would be; "unknown" where it
     solves no equations.
     """
-    status, notes = Status(int(response.status)), ()
+    status = Status(int(response.status))
+    notes = ()
     if not response.solved:
-        kind, notes = "unknown", (status.sentence,)
+        kind = "unknown"
+        notes = (status.sentence,)
     else:
         kind = kind_of_one_cycle(response.topology, response.contacts().values())
     period = int(kind != "unknown")
@@ -168,7 +171,8 @@ class SteadySweep:
     states: tuple
     direction: str
 
-    __repr__, _repr_html_ = states_line, states_html
+    __repr__ = states_line
+    _repr_html_ = states_html
 
     def __len__(self) -> int:
         return len(self.states)

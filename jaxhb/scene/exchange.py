@@ -106,9 +106,14 @@ class _Tors:
     """Nodes, shafts and gears that are found on the way through the components."""
 
     def __init__(self, source, components, structure):
-        self.source, self.errors, self.connections = source, [], {}
+        self.source = source
+        self.errors = []
+        self.connections = {}
         self.nodes, self.walked = [], set()
-        self.shafts, self.gears, self.meshes, self.notes = [], {}, [], []
+        self.shafts = []
+        self.gears = {}
+        self.meshes = []
+        self.notes = []
         self.excitations: dict[str, tuple[int, list]] = {}  # node and rows by element
         for name, count in Counter(
             component["name"] for component in components
@@ -377,9 +382,11 @@ class _Tors:
             for a, b, row in self.shafts
         ]
         rigid = RIGID * max((row["stiffness"] for row in shafts), default=1e6)
-        seats, radii = {}, self._radii()
+        seats = {}
+        radii = self._radii()
         for own, gear in self.gears.items():
-            place, radius = disks[gear["node"]], radii[own]
+            place = disks[gear["node"]]
+            radius = radii[own]
             # A disk has one radius: a further gear of the node sits on a disk of its
             # own.
             if place.get("radius", radius) != radius:
@@ -499,9 +506,11 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
     """
     whole = read_csv(text, source)
     lines = [line for line in whole.lines if any(line.cells)]
-    content, heads = {}, None
+    content = {}
+    heads = None
     for line in lines:
-        cells, where = line.cells, f"{source}, line {line.number}"
+        cells = line.cells
+        where = f"{source}, line {line.number}"
         if cells[0] in ("name", "from"):
             heads = _heads(list(cells), source, errors)
             continue

@@ -76,7 +76,8 @@ def load_scene(name: str | Path) -> DriveTrain:
     path = _find(name)
     errors = []
     content = _parse(path, errors)
-    whole, head = not errors, content.get("scene", {})
+    whole = not errors
+    head = content.get("scene", {})
     if not isinstance(head, dict):
         errors.append(
             f"{path.name}: 'scene' is {shown(head)}, must be a table. Write [scene]."
@@ -196,7 +197,9 @@ def _read_elements(
     """Make the elements, and name the tables that are not read, or not whole; sentences
     go to ``errors``.
     """
-    elements, read, lost = [], {}, set()
+    elements = []
+    read = {}
+    lost = set()
     count = sum(
         len(rows)
         for table, rows in content.items()
@@ -286,7 +289,8 @@ def _read_value(f, found, where: str, folder: Path, read: dict, errors: list[str
     """The value of a key: what is no table, or no list of tables, is found by the
     checks.
     """
-    kind, key = f.metadata["kind"], f.name
+    kind = f.metadata["kind"]
+    key = f.name
     if kind == "table" and isinstance(found, dict):
         return _read_element(
             f.metadata["of"], found, f"{where}, {key}", folder, read, errors

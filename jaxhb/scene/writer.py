@@ -242,10 +242,8 @@ def changed_scene(name, values, *, tolerances=None, remark=""):
         ]:
             train = load_scene(name)
             text.set("mesh", row, "stiffness", float(train.meshes.stiffness[row]))
-            listed, periods = (
-                train.topology.mesh_stiffness_orders[row],
-                train.topology.mesh_periods[row],
-            )
+            listed = train.topology.mesh_stiffness_orders[row]
+            periods = train.topology.mesh_periods[row]
             if listed:
                 numbers = train.meshes.stiffness_orders[row, : len(listed)].tolist()
                 orders = [
@@ -316,7 +314,9 @@ def copies_beside(
     None is written over another file or outside of the folder: a table of a name as
     ``../x.csv`` becomes ``x.csv``, unless its name leads to it from there, too.
     """
-    files, names, sources = {}, {}, {}
+    files = {}
+    names = {}
+    sources = {}
     for name, source in beside.items():
         if _leads_to(Path(folder) / name, source):
             continue
@@ -349,7 +349,8 @@ def _free_name(path: Path, source: Path, sources: dict[str, Path]) -> str:
     """The name of a file without its folders, numbered where another source has it
     already.
     """
-    name, number = path.name, 1
+    name = path.name
+    number = 1
     while name in sources and not _leads_to(sources[name], source):
         number += 1
         name = f"{path.stem} {number}{path.suffix}"

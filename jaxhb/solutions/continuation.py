@@ -100,11 +100,10 @@ def follow_curve(
     it p rises; ``visit(y, tangent)`` is called at the start, after every step and at
     the end.
     """
-    curve, visit = (
-        _Curve(linearize, simplify, most, control),
-        visit or (lambda y, tangent: None),
-    )
-    y, tangent = np.asarray(start), onward
+    curve = _Curve(linearize, simplify, most, control)
+    visit = visit or (lambda y, tangent: None)
+    y = np.asarray(start)
+    tangent = onward
     if onward is None:
         y, tangent = curve.reach(y, y[-1], np.inf)
         if tangent is None:
@@ -116,11 +115,16 @@ def follow_curve(
         curve.orientation = np.sign(tangent[-1])
         tangent = curve.orientation * tangent
     visit(y, tangent)
-    rise, length, steps, folds, turns = np.sign(tangent[-1]), control.first, 1, 0, 0
+    rise = np.sign(tangent[-1])
+    length = control.first
+    steps = 1
+    folds = 0
+    turns = 0
     while not curve.exhausted and turns <= TURNS and length >= LOST:
         trial = curve.correct(y + length * tangent, tangent, length)
         straight = trial.tangent @ tangent
-        on_curve, short = trial.error < control.near, length < control.corner
+        on_curve = trial.error < control.near
+        short = length < control.corner
         end = within[0] if trial.y[-1] <= within[0] else within[1]
         crossing = trial.y[-1] <= within[0] or trial.y[-1] >= within[1]
         if not on_curve:
@@ -130,11 +134,9 @@ def follow_curve(
                 # the tangent. The point fell on the far side of the knot, whose tangent
                 # leads on along the curve; where knots meet, several in turn. Steps
                 # stay long enough to fall on a far side at all.
-                tangent, length, turns = (
-                    trial.side,
-                    max(length, control.corner / 20),
-                    turns + 1,
-                )
+                tangent = trial.side
+                length = max(length, control.corner / 20)
+                turns = turns + 1
         elif not (straight > control.bent or short):
             length *= SHORTER
         elif crossing:
@@ -153,13 +155,11 @@ def follow_curve(
             elif trial.jacobians == 1 and straight > control.straight:
                 length = min(LONGER * length, control.longest)
             folds += int(trial.tangent[-1] * rise < 0)
-            y, tangent, rise, steps, turns = (
-                trial.y,
-                trial.tangent,
-                np.sign(trial.tangent[-1]),
-                steps + 1,
-                0,
-            )
+            y = trial.y
+            tangent = trial.tangent
+            rise = np.sign(trial.tangent[-1])
+            steps = steps + 1
+            turns = 0
             visit(y, tangent)
     return CurveEnd(y, tangent, False, steps, curve.jacobians, folds)
 
@@ -185,13 +185,17 @@ def locate_zero(
     """
     curve = _Curve(linearize, simplify, np.inf, control)
     y, tangent = before
-    near, far = 0.0, (after[0] - y) @ tangent
+    near = 0.0
+    far = (after[0] - y) @ tangent
     # A step leaves the tangent of its last Jacobian, not of its end: the change of sign
     # may lie beside the two points.
     start, found = ((at, curve.linearize(at, tangent)[2]) for at in (y, after[0]))
-    low, high, whole = test(*start), test(*found), abs(far)
+    low = test(*start)
+    high = test(*found)
+    whole = abs(far)
     for _ in range(most):
-        length, last = (near * high - far * low) / (high - low), found[1]
+        length = (near * high - far * low) / (high - low)
+        last = found[1]
         trial = curve.correct(y + length * tangent, tangent, whole)
         found = trial.y, curve.linearize(trial.y, tangent)[2]
         value = test(*found)
@@ -201,7 +205,8 @@ def locate_zero(
         ):
             break
         near, low = (far, high) if value * high < 0 else (near, low / 2)
-        far, high = length, value
+        far = length
+        high = value
     return found
 
 
@@ -214,13 +219,12 @@ class _Curve:
     """Newton's method on the equations of a curve; its Jacobians are counted."""
 
     def __init__(self, linearize, simplify, most, control):
-        self.equations, self.simplify, self.most, self.control = (
-            linearize,
-            simplify,
-            most,
-            control,
-        )
-        self.orientation, self.jacobians = 1.0, 0
+        self.equations = linearize
+        self.simplify = simplify
+        self.most = most
+        self.control = control
+        self.orientation = 1.0
+        self.jacobians = 0
 
     @property
     def exhausted(self):
@@ -289,5 +293,7 @@ class _Curve:
             following = _across(np.asarray(following), *plane)
             if not np.linalg.norm(following) < 0.5 * np.linalg.norm(change):
                 break
-            y, error, change = y + change, np.linalg.norm(value), following
+            y = y + change
+            error = np.linalg.norm(value)
+            change = following
         return y, error, change

@@ -50,7 +50,8 @@ LEAST_DAMPING = 0.01  # share of what is added from which it falls geometrically
 # Rate of deflection m/s up to which a friction is in proportion to it: damping that the
 # law of each mesh is given.
 SLIP = 1e6
-FORCING, KRYLOV_STEPS = 0.03, 40
+FORCING = 0.03
+KRYLOV_STEPS = 40
 
 
 class MapCurve:
@@ -66,12 +67,10 @@ class MapCurve:
         beginning: Beginning,
         most: float,
     ):
-        self.equation, self.plan, self.beginning, self.most = (
-            equation,
-            plan,
-            beginning,
-            most,
-        )
+        self.equation = equation
+        self.plan = plan
+        self.beginning = beginning
+        self.most = most
         self.packing = PackedPoint(equation, flank)
         # What makes changes of a point comparable with those of p.
         self.scale = np.linalg.norm(self.packing.pack(flank)) + 1e-300
@@ -91,7 +90,8 @@ class MapCurve:
     def start(self) -> np.ndarray:
         """y of p = 0: the linear motion."""
         linear = np.asarray(self.equation.equation.linear)
-        modes, law = self.equation.modes, self.equation.equation.law
+        modes = self.equation.modes
+        law = self.equation.equation.law
         nothing = SweepPoint(
             linear, np.zeros(2 * len(modes.rates)), np.zeros(np.shape(law.stiffness))
         )
@@ -103,9 +103,11 @@ class MapCurve:
 
     def at(self, p: float) -> SweepEquation:
         """The equation of sweeps with the law at p."""
-        equation, left = self.equation.equation, 1 - p
+        equation = self.equation.equation
+        left = 1 - p
         law = equation.law
-        epsilon, transition = np.asarray(law.epsilon), np.asarray(law.transition)
+        epsilon = np.asarray(law.epsilon)
+        transition = np.asarray(law.transition)
         least = np.maximum(epsilon, LEAST_EPSILON)
         geometric = least**p - p * (least - epsilon)
         widest = np.minimum(

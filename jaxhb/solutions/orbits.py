@@ -61,14 +61,17 @@ MARCHES = 80
 IDLE = 16
 # Marches of a search at most, all steps of these, and the share of both after which
 # nothing begins but curves.
-MOST, WORK, STARTED = 10000, 4e7, 0.75
+MOST = 10000
+WORK = 4e7
+STARTED = 0.75
 FEWEST, JACOBIANS = (
     150,
     150,
 )  # marches without which no curve begins; points of a curve at most
 # Share of state and force by which a cycle may miss its beginning, aimed at, and from
 # which a motion is near.
-CLOSED, NEARLY = 1e-6, 1e-3
+CLOSED = 1e-6
+NEARLY = 1e-3
 CURVE = continuation.StepControl(closed=1e-6, longest=0.2)
 LEAST_P = -0.1  # where a curve that turned back is given up
 
@@ -79,7 +82,9 @@ class _Map:
     """
 
     def __init__(self, train: SweptTrain, rpm: float, plan: SweepPlan):
-        self.train, self.rpm, self.plan = train, rpm, plan
+        self.train = train
+        self.rpm = rpm
+        self.plan = plan
         self.problem = problem_at(train.train, rpm, train.plan.excited)
         self.swept, self.condensed = swept.ready(
             self.problem, train.plan.active_meshes, train.modes, plan
@@ -116,7 +121,8 @@ class _Map:
     def response(self, ended: Settled, path) -> Response:
         """The Response of where an iteration ended."""
         found, ended = jax.tree.map(np.asarray, (self.swept, ended))
-        train, active_meshes = self.train, self.train.plan.active_meshes
+        train = self.train
+        active_meshes = self.train.plan.active_meshes
         given = (
             self.problem,
             active_meshes,
@@ -152,7 +158,8 @@ class OrbitSearch:
     """
 
     def __init__(self, train: SweptTrain, rpm: float):
-        self.train, self.rpm = train, rpm
+        self.train = train
+        self.rpm = rpm
         self.plans = train.sweep_plans(rpm)
         self.maps: dict[SweepPlan, _Map] = {}
         self.map = self._map_of(self.plans[0])
@@ -251,10 +258,8 @@ class OrbitSearch:
             )
             if np.isfinite(visited.missed[k]) and apart:
                 tried.append(seen)
-                cycle, missed = (
-                    int(visited.cycle[k]) + 1,
-                    float(visited.missed[k] / largest),
-                )
+                cycle = int(visited.cycle[k]) + 1
+                missed = float(visited.missed[k] / largest)
                 yield (
                     self._start(visited, k),
                     [March(cycle, self.map.plan.steps, missed)],
@@ -315,7 +320,8 @@ class OrbitSearch:
 
     def _near(self, start, path):
         """The Response of a motion near a start, if it is new."""
-        equation, plan = self.map.swept.sweeps, self.map.plan
+        equation = self.map.swept.sweeps
+        plan = self.map.plan
         point = swept.corrected(self.map.swept, start, plan)
         point, missed, marches = map_newton.close_cycle(
             equation, point, plan, tolerance=CLOSED

@@ -55,7 +55,8 @@ LEVEL_RATIO = (
 # Where the first level lies, over the highest harmonic excited and over that of the
 # highest mesh mode: below the mesh modes the truncated equations often have no solution
 # near the motion.
-ABOVE_EXCITATION, ABOVE_MODES = 2.0, 1.5
+ABOVE_EXCITATION = 2.0
+ABOVE_MODES = 1.5
 # Times the weakly strained modes at which the 2 N harmonics of an estimate see them
 SEES_MODES = 1.2
 BLIND_SHARE = 0.1  # of the tolerance that an estimate may use which does not see them
@@ -101,7 +102,8 @@ def meshes_leaving_contact(train, forces):
     # A mesh stays on its flank where its least force exceeds that of the knee, by more
     # the harder others hammer: their impacts come on top of the linear motion.
     side = np.where(forces.mean(-1) < 0, -1, 1)
-    lowest, highest = forces.min(-1, initial=np.inf), forces.max(-1, initial=-np.inf)
+    lowest = forces.min(-1, initial=np.inf)
+    highest = forces.max(-1, initial=-np.inf)
     least = np.where(side < 0, -highest, lowest)
     apart = gap & (least <= 0)
     half_peak_to_peak = np.where(apart, (highest - lowest) / 2, 0.0)
@@ -111,10 +113,8 @@ def meshes_leaving_contact(train, forces):
         & (least > backlash.law_of(train.meshes).knee_force + spare)
         & ~train.topology.mesh_varies
     )
-    flank, springs = (
-        np.where(stays, side, 0),
-        [(0, 0), (0, len(train.topology.springs))],
-    )
+    flank = np.where(stays, side, 0)
+    springs = [(0, 0), (0, len(train.topology.springs))]
     return (
         np.pad(flank, springs),
         train.topology.has_law & ~np.pad(stays, springs),
@@ -250,7 +250,8 @@ def _linear_mesh_forces(train, rpm, contact, harmonics):
 
 def _mesh_forces_of_host(train, rpm, harmonics):
     """The same without a program."""
-    (system, meshes), found = _linear_parts(train), []
+    (system, meshes) = _linear_parts(train)
+    found = []
     size = max(COLUMNS // (harmonics + 1), 1)
     for first in range(0, len(rpm), size):
         _, bends = motions_in_contact(

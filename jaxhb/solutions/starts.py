@@ -44,7 +44,8 @@ from jaxhb.train.drivetrain import DriveTrain
 # Of shooting, orbits at most: some have no harmonics near them, or lie beyond a turning
 # point that the steps displaced; and shots with the finest steps that the work has to
 # pay for: of larger trains fewer closed none.
-ORBITS, FINEST_SHOTS = 16, 4
+ORBITS = 16
+FINEST_SHOTS = 4
 # Work of the shots of each number of steps where one motion is asked for: some seconds.
 # Of eleven random trains that shooting solved, all but one took five shots or fewer.
 BRIEF = 1e7
@@ -127,8 +128,10 @@ class Case:
         """The plan of a march: above the mesh modes, below which the harmonics often
         have no solution nearby.
         """
-        known, plan = self.reached or self.plan, self.plan
-        harmonics, steps = plan.harmonics, max(plan.time_steps, self.resolving)
+        known = self.reached or self.plan
+        plan = self.plan
+        harmonics = plan.harmonics
+        steps = max(plan.time_steps, self.resolving)
         if self.request.harmonics is None:
             harmonics = max(
                 harmonics,
@@ -187,22 +190,19 @@ def refine(case, plan, given=None, event=None):
             case.next_level(plan.harmonics) if case.request.harmonics is None else None
         )
         if status == Status.PLAN_VIOLATED and any(plan.flank):
-            given, plan = None, planning.all_active(case.train, plan, case.request)
+            given = None
+            plan = planning.all_active(case.train, plan, case.request)
         elif status == Status.TOLERANCE_NOT_MET and higher:
             # The motion with too few harmonics is the start with more: the low ones
             # change little.
-            given, harmonics, plan = (
-                outcome.deflection,
-                higher,
-                dataclasses.replace(plan, harmonics=higher),
-            )
+            given = outcome.deflection
+            harmonics = higher
+            plan = dataclasses.replace(plan, harmonics=higher)
         else:
             case.response = dataclasses.replace(response, path=tuple(case.path))
-            case.reached, case.harmonics, case.solved = (
-                plan,
-                harmonics,
-                not status.another_start_may_help,
-            )
+            case.reached = plan
+            case.harmonics = harmonics
+            case.solved = not status.another_start_may_help
             return
 
 

@@ -114,7 +114,9 @@ class SweptTrain:
             if at_hand is None
             else self._padded(at_hand.deflections[list(self.plan.active)])
         )
-        path, outcomes, failures = [], [], 0
+        path = []
+        outcomes = []
+        failures = 0
         plans = self.sweep_plans(rpm, steps)
         for plan in plans:
             outcome, ended, events = solve_by_sweeps(
@@ -170,7 +172,8 @@ class SweptTrain:
 
     def _linear_start(self, rpm):
         """(x, x') ``(2S,)`` of the linear train at the beginning of a cycle."""
-        system, meshes = chain.assemble(self.train), law_meshes(self.train)
+        system = chain.assemble(self.train)
+        meshes = law_meshes(self.train)
         highest = listed_harmonic(self.train.topology)
         return linear_start(linear_motions(self.train, [rpm], system, meshes, highest))[
             0

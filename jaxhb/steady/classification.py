@@ -62,12 +62,10 @@ class Classifier:
 
     def __init__(self, train, speeds, request, exact, cycles, devices=()):
         self.devices = devices
-        self.train, self.speeds, self.request, self.exact = (
-            train,
-            speeds,
-            request,
-            exact,
-        )
+        self.train = train
+        self.speeds = speeds
+        self.request = request
+        self.exact = exact
         self.longest_record = LONGER if cycles.recorded is None else cycles.recorded
         self.cycles = dataclasses.replace(
             cycles, recorded=RECORDED if cycles.recorded is None else cycles.recorded
@@ -123,7 +121,8 @@ class Classifier:
         """
         if not indices or self.swept(1) is None:
             return {}
-        settle, states = partial(self._settled, motions), {}
+        settle = partial(self._settled, motions)
+        states = {}
         with contextlib.closing(side_by_side(settle, indices, self.devices)) as found:
             for index, state in zip(indices, found, strict=False):
                 if state is not None:
@@ -135,7 +134,8 @@ class Classifier:
         """The steady state of a speed at which sweeps end at a motion that attracts,
         else None.
         """
-        rpm, known = float(self.speeds[index]), self.known.get(index)
+        rpm = float(self.speeds[index])
+        known = self.known.get(index)
         at_hand = known.response if known is not None and known.period == 1 else None
         response = self.swept(1).solve(
             rpm, motion=motions.get(index), newton=False, at_hand=at_hand
@@ -172,10 +172,11 @@ class Classifier:
         """
         if not self.exact or index in self.apart:
             return None
-        rpm, given = (
-            self.speeds[index],
-            {"harmonics": self.request.harmonics, "tolerance": self.request.tolerance},
-        )
+        rpm = self.speeds[index]
+        given = {
+            "harmonics": self.request.harmonics,
+            "tolerance": self.request.tolerance,
+        }
         response = solve(self.train, rpm=float(rpm), start="linear", **given)
         attracted, stability, _ = (
             attracts(response) if response.solved else (False, None, "")
@@ -217,7 +218,8 @@ class Classifier:
                 program.cancel()
 
     def _marched(self, indices, motions, progress):
-        found, march = {}, partial(self._until_sure, motions=motions)
+        found = {}
+        march = partial(self._until_sure, motions=motions)
         with contextlib.closing(
             side_by_side(march, self._groups(indices), self.devices)
         ) as groups:
@@ -230,9 +232,12 @@ class Classifier:
         """Steady states of speeds that share steps; with the finest steps every motion
         is classified.
         """
-        found, spent, refinement = {}, dict.fromkeys(indices, 0), 1
+        found = {}
+        spent = dict.fromkeys(indices, 0)
+        refinement = 1
         while indices:
-            speeds, finer = self.speeds[indices], {}
+            speeds = self.speeds[indices]
+            finer = {}
             batch = Batch(
                 self.equations,
                 speeds,
@@ -261,7 +266,8 @@ class Classifier:
                     elif classification.needs_refinement:
                         finer[index] = batch.motion(march)
                         spent[index] += march.cycles
-            motions, refinement = finer, 2 * refinement
+            motions = finer
+            refinement = 2 * refinement
             refused = {
                 index: self.equations.too_long(self.speeds[index], refinement)
                 for index in finer
@@ -334,14 +340,15 @@ class _Classification:
     """
 
     def __init__(self, classifier, index, batch, march, spent, refinement):
-        self.classifier, self.index, self.batch, self.march = (
-            classifier,
-            index,
-            batch,
-            march,
-        )
-        self.refinement, self.spent, self.needs_refinement = refinement, spent, False
-        self.notes, missing = [], batch.equations.modes_and_missing[1]
+        self.classifier = classifier
+        self.index = index
+        self.batch = batch
+        self.march = march
+        self.refinement = refinement
+        self.spent = spent
+        self.needs_refinement = False
+        self.notes = []
+        missing = batch.equations.modes_and_missing[1]
         if np.any(classifier.train.shafts.loss_factor) or np.any(
             classifier.train.dampers.loss_factor
         ):
@@ -358,7 +365,8 @@ class _Classification:
 
     def state(self, period):
         """The steady state; None where the march has to go on, or needs refinement."""
-        classifier, march = self.classifier, self.march
+        classifier = self.classifier
+        march = self.march
         if not march.closure.finite:
             reason = (
                 "time integration gives no finite motion: check the scene for huge or"
@@ -396,13 +404,12 @@ class _Classification:
         )
 
     def _made(self, kind, period, **found):
-        cycles, classifier = self.spent + self.march.cycles, self.classifier
+        cycles = self.spent + self.march.cycles
+        classifier = self.classifier
         motion = found.pop("motion", None)
         motion = self.batch.motion(self.march) if motion is None else motion
-        rpm, known = (
-            classifier.speeds[self.index],
-            {"cycles": cycles, "notes": self.notes, "motion": motion},
-        )
+        rpm = classifier.speeds[self.index]
+        known = {"cycles": cycles, "notes": self.notes, "motion": motion}
         return state_of(classifier.train, rpm, kind, period, **known, **found)
 
     def _finer(self):
@@ -412,9 +419,12 @@ class _Classification:
         """Response (None where harmonic balance did not find the motion) and period of
         a march that returns.
         """
-        classifier, batch, march = self.classifier, self.batch, self.march
+        classifier = self.classifier
+        batch = self.batch
+        march = self.march
         while True:
-            trace, meshes = batch.traced(march, period), batch.equations.meshes
+            trace = batch.traced(march, period)
+            meshes = batch.equations.meshes
             known = classifier.known.get(self.index)
             common = (
                 known is not None
@@ -448,7 +458,8 @@ class _Classification:
         """The Response of a motion that repels and that the march passes by once more,
         None where it may be another.
         """
-        classifier, march = self.classifier, self.march
+        classifier = self.classifier
+        march = self.march
         if (
             march.closure.errors(period)[0] <= NEAR
         ):  # it may have come to one that attracts beside that
@@ -497,7 +508,8 @@ class _Classification:
 
     def _irregular(self):
         """Motion without a period, read from its record."""
-        equations, march = self.batch.equations, self.march
+        equations = self.batch.equations
+        march = self.march
         kept = (
             "nothing damps the vibration with which time integration begins: the motion"
             " without it"
@@ -523,7 +535,8 @@ class _Classification:
                 f"a vibration that teeth notice {slow}, and the record began after"
                 f" {before}: the loads may still change ({longer})"
             )
-        motion, record = self.batch.motion(march), record_of(equations, march)
+        motion = self.batch.motion(march)
+        record = record_of(equations, march)
         longer = self.classifier.longest_record - march.recorded
         if record.spread > SPREAD and longer > 0:
             # The motion from which a neighbour starts stays that of the shorter record.

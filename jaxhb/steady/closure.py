@@ -30,7 +30,8 @@ LEAVING = (
 )
 # Cycles in a window at least (as many as the period has), and cycles after which one is
 # looked for, at most.
-WINDOW, LONGEST_PERIOD = 3, 8
+WINDOW = 3
+LONGEST_PERIOD = 8
 
 PERIODS = range(1, LONGEST_PERIOD + 1)
 
@@ -38,18 +39,22 @@ PERIODS = range(1, LONGEST_PERIOD + 1)
 READ = 3 * max(WINDOW, LONGEST_PERIOD) + LONGEST_PERIOD
 # Cycles before a record, fewest and most, and steps times modes that these may take
 # beyond the fewest.
-TRANSIENT, WORK = (64, 1024), 4e6
+TRANSIENT = (64, 1024)
+WORK = 4e6
 # Times the decay of the slowest mode that teeth notice, that a transient is given
 DECAYS = 16.0
 # Cycles of a transient for the sake of such modes, at most: where cycles take long, and
 # where they do not; steps times modes that these may take beyond the fewer, some
 # seconds.
-SLOWEST, SLOW_WORK = (512, 10_000), 4e7
+SLOWEST = (512, 10_000)
+SLOW_WORK = 4e7
 
 
 # Cycles of a record by default, and of one whose extremes vary: by two standard
 # deviations of more than this share.
-RECORDED, LONGER, SPREAD = 64, 256, 0.05
+RECORDED = 64
+LONGER = 256
+SPREAD = 0.05
 
 
 @dataclass(frozen=True)
@@ -117,7 +122,8 @@ class Closure:
         """Largest closure error of period k in each of the last three windows, the
         latest first; else inf.
         """
-        window, scale = max(WINDOW, k), self.scale if scale is None else scale
+        window = max(WINDOW, k)
+        scale = self.scale if scale is None else scale
         last = np.array(self.cycles[-3 * window - k :])
         change = (np.abs(last[k:] - last[:-k]) / scale).max(axis=(1, 2))[::-1]
         windows = (change[i * window : (i + 1) * window] for i in range(3))

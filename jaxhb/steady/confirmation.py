@@ -24,7 +24,10 @@ SAME = 0.05
 # Share of the sum of all amplitudes below which those of longer periods are none: so
 # many times the truncation error, which is of one force and not of a sum, between
 # these; and up to which they may be what Newton's method has left of a start.
-TRUNCATED, REPEATS, WEAK, DOUBTED = 10.0, 1e-4, 5e-3, 0.1
+TRUNCATED = 10.0
+REPEATS = 1e-4
+WEAK = 5e-3
+DOUBTED = 0.1
 # Numbers of harmonics, one higher than the other, from which Newton's method is
 # started: with too few there may be no solution near the motion.
 LEVELS = 3
@@ -82,10 +85,8 @@ def solve_marched(
     reach = (deflection.shape[1] - 1) // 2
     given = np.zeros((len(train.topology.has_law), reach + 1), dtype=complex)
     given[train.topology.law_index] = fourier.analyze(deflection, reach)
-    given, case = (
-        active_deflections(plan, given),
-        starts.Case(train, march.rpm, request, plan),
-    )
+    given = active_deflections(plan, given)
+    case = starts.Case(train, march.rpm, request, plan)
     for _ in range(levels):
         starts.refine(case, plan, given, event)
         higher = case.next_level(plan.harmonics)
@@ -100,7 +101,8 @@ def solve_marched(
             )
         if request.harmonics or not higher:
             break
-        plan, event = dataclasses.replace(plan, harmonics=higher), None
+        plan = dataclasses.replace(plan, harmonics=higher)
+        event = None
     return None
 
 

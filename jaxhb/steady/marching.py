@@ -26,10 +26,12 @@ from jaxhb.train import chain
 # ``gear_train_30``, five speeds from 1422 to 2039 rpm, extremes of the elastic tooth
 # forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with 3.5 to 1.8 %, with 8
 # to 0.2 %.
-STEPS_PER_MODE_PERIOD, STEPS = 5, 256
+STEPS_PER_MODE_PERIOD = 5
+STEPS = 256
 # Steps of a cycle at most, with which a cycle of a small train takes a second or two;
 # and memory that they may take, B.
-MOST_STEPS, MEMORY = 2**18, 3 * 2**28
+MOST_STEPS = 2**18
+MEMORY = 3 * 2**28
 # Speeds of a batch, each a program, and how many speeds at least it is faster for than
 # smaller ones; on each device.
 BATCHES = (64, 41), (16, 8), (1, 1)
@@ -48,7 +50,8 @@ class Equations:
     """
 
     def __init__(self, train):
-        self.train, topology = train, train.topology
+        self.train = train
+        topology = train.topology
         self.system, self.meshes = chain.assemble(train), law_meshes(train)
         self.parts = partition(
             self.system,
@@ -104,7 +107,8 @@ class Equations:
         motion is the one that they keep up; rotation of the train and rings without
         spring, that decay over hours, bend no tooth.
         """
-        modes, meshes = self.modes, len(self.own)
+        modes = self.modes
+        meshes = len(self.own)
         static = (
             modes.observation[:meshes].T[:, :, None]
             * modes.forcing[:, None, :]
@@ -157,11 +161,10 @@ class Equations:
         the linear motion, the states, and of every quantity its values and their
         Fourier coefficients.
         """
-        links, disks = len(self.train.topology.link_names), self.train.topology.n_disks
-        slow, fast = (
-            2 * disks + 3 * links,
-            3 * len(self.own) + 2 * len(self.linear) + 2 * len(self.gears),
-        )
+        links = len(self.train.topology.link_names)
+        disks = self.train.topology.n_disks
+        slow = 2 * disks + 3 * links
+        fast = 3 * len(self.own) + 2 * len(self.linear) + 2 * len(self.gears)
         return 8 * (
             16 * len(self.own)
             + 2 * len(self.modes.rates)
@@ -250,7 +253,9 @@ class Batch:
     """
 
     def __init__(self, equations, rpm, steps, devices=()):
-        self.equations, self.steps, self.devices = equations, steps, devices
+        self.equations = equations
+        self.steps = steps
+        self.devices = devices
         self.linear_motion = equations.linear_motion(rpm)
         self.steppers = batch.steppers(
             equations.modes,
@@ -300,11 +305,9 @@ class Batch:
 
     def run(self, marches, record=False, count=cycles.CYCLES):
         """Some more cycles of some marches, recorded or not."""
-        devices, left, most = (
-            max(len(self.devices), 1),
-            list(marches),
-            RECORDED_SPEEDS if record else BATCHES[0][0],
-        )
+        devices = max(len(self.devices), 1)
+        left = list(marches)
+        most = RECORDED_SPEEDS if record else BATCHES[0][0]
         while left:
             fits = (
                 size
@@ -377,15 +380,12 @@ def _of(tree, indices):
 
 def record_of(equations, march):
     """The :class:`~jaxhb.results.record.Record` of a march's recorded cycles."""
-    topology, signals = (
-        equations.train.topology,
-        _signals(march, equations.train.topology.revolutions_per_cycle),
-    )
-    shafts, gears = equations.shafts, equations.gears
-    stiffness, radius = (
-        np.asarray(equations.system.stiffness),
-        np.asarray(equations.system.radius),
-    )
+    topology = equations.train.topology
+    signals = _signals(march, equations.train.topology.revolutions_per_cycle)
+    shafts = equations.shafts
+    gears = equations.gears
+    stiffness = np.asarray(equations.system.stiffness)
+    radius = np.asarray(equations.system.radius)
 
     def take(of):
         """The signals of a quantity, one of each shaft, mesh or the like."""
@@ -398,13 +398,13 @@ def record_of(equations, march):
         )
 
     # In the order of the outputs (jaxhb.integration.cycles).
-    disks, rates = take(topology.disk_names), take(topology.disk_names)
-    twists, twist_rates, torques = (
-        take(range(shafts)),
-        take(range(shafts)),
-        take(range(shafts)),
-    )
-    bent, forces = take(equations.linear), take(equations.linear)
+    disks = take(topology.disk_names)
+    rates = take(topology.disk_names)
+    twists = take(range(shafts))
+    twist_rates = take(range(shafts))
+    torques = take(range(shafts))
+    bent = take(equations.linear)
+    forces = take(equations.linear)
     deflections, elastic, total = (
         take(equations.own),
         take(equations.own),
@@ -414,10 +414,8 @@ def record_of(equations, march):
     assert next(signals, None) is None, "another order of the outputs"
 
     ends = radius[equations.system.tree.end_a][:shafts]
-    factors, springs = (
-        zip(twists, stiffness[:shafts], ends, strict=True),
-        {link for link, *_ in topology.springs},
-    )
+    factors = zip(twists, stiffness[:shafts], ends, strict=True)
+    springs = {link for link, *_ in topology.springs}
     # Of what acts beside a shaft the elastic part is not recorded by itself.
     bent_shafts = [
         None if i in springs else twist.scaled(k * r**2)
@@ -458,10 +456,8 @@ def _heat(equations, frequency, ends, twists, rates):
     """Mean power in W that shafts and dampers turn into heat: viscous from the rates,
     loss factors from the orders.
     """
-    viscous, loss = (
-        np.asarray(equations.system.viscous),
-        np.asarray(equations.system.loss * equations.system.stiffness),
-    )
+    viscous = np.asarray(equations.system.viscous)
+    loss = np.asarray(equations.system.loss * equations.system.stiffness)
     found = []
     for k, (radius, twist, rate) in enumerate(zip(ends, twists, rates, strict=True)):
         lossy = (
@@ -476,7 +472,8 @@ def _heat(equations, frequency, ends, twists, rates):
 def _signals(march, revolutions):
     """The quantities of a record, one after another."""
     highest, lowest, mean, square = _together(march, "max", "min", "mean", "square")
-    mean, rms = mean.mean(axis=0), np.sqrt(square.mean(axis=0))
+    mean = mean.mean(axis=0)
+    rms = np.sqrt(square.mean(axis=0))
     amplitudes = 2 * np.sqrt(
         sum(part["power"] for part in march.numbers)[:, 1:] / march.recorded
     )

@@ -215,18 +215,16 @@ class _SpeedSweep:
     """
 
     def __init__(self, classifier, march, start, progress, chunk, on_states):
-        self.classifier, self._march, self.chunk = classifier, march, chunk
-        self.train, self.speeds, request = (
-            classifier.train,
-            classifier.speeds,
-            classifier.request,
-        )
+        self.classifier = classifier
+        self._march = march
+        self.chunk = chunk
+        self.train = classifier.train
+        self.speeds = classifier.speeds
+        request = classifier.request
         self.progress = progress or (lambda count: None)
-        self._on_states, self._told, self.way = (
-            on_states or (lambda states, way: None),
-            {},
-            "up",
-        )
+        self._on_states = on_states or (lambda states, way: None)
+        self._told = {}
+        self.way = "up"
         self.start = (
             None if start is None else (motion_of(self.train, start), float(start.rpm))
         )
@@ -260,7 +258,8 @@ class _SpeedSweep:
         """Steady states of some speeds by index, marched in chunks, from ``{index:
         (motion, its speed in rpm)}`` or from teeth in contact.
         """
-        size, found = self.chunk or max(len(indices), 1), {}
+        size = self.chunk or max(len(indices), 1)
+        found = {}
         for first in range(0, len(indices), size):
             chunk = indices[first : first + size]
             given = {index: starts[index] for index in chunk if index in starts}
@@ -289,7 +288,8 @@ class _SpeedSweep:
 
     def _from_contact(self, indices):
         """Find what speeds do from teeth in contact, side by side."""
-        known, marching = self.classifier.known, []
+        known = self.classifier.known
+        marching = []
         for index in indices:
             if index in self.contact:
                 known[index] = self._contact(index)
@@ -309,7 +309,8 @@ class _SpeedSweep:
         self._from_contact(
             [index for index in range(len(self.speeds)) if index not in known]
         )
-        found, reached_from = dict(known), {}
+        found = dict(known)
+        reached_from = {}
         if self.start is not None:
             found |= self.chunk_by_chunk(
                 order[:1], {order[0]: self.start}, lambda count: None
@@ -348,7 +349,8 @@ class _SpeedSweep:
 
     def _contact(self, index):
         """The steady state of teeth in contact."""
-        response, rpm = self.contact[index], self.speeds[index]
+        response = self.contact[index]
+        rpm = self.speeds[index]
         if not response.solved:
             return unknown(self.train, rpm, Status(int(response.status)).sentence)
         kind = kind_of_one_cycle(self.train.topology, ())

@@ -171,11 +171,13 @@ def checked(
 
 def _expand_meshes(parts):
     """Put stiffness and orders in the place of the shorthands of sound meshes."""
-    fields, disks = [f.name for f in dataclasses.fields(Mesh)], parts.tables["disk"]
+    fields = [f.name for f in dataclasses.fields(Mesh)]
+    disks = parts.tables["disk"]
     for i, ends in parts.links("mesh"):
         if not parts.usable("mesh", i, *fields) or any(d >= len(disks) for d in ends):
             continue
-        mesh, gears = parts.tables["mesh"][i], [disks[d] for d in ends]
+        mesh = parts.tables["mesh"][i]
+        gears = [disks[d] for d in ends]
         known = all(
             parts.usable("disk", d, "radius", "teeth") and disks[d].radius for d in ends
         )
@@ -187,7 +189,8 @@ def _exact_radii(parts) -> list:
     """Radii that the numbers of teeth make exact, None where absent, for disks and
     rings.
     """
-    radius, teeth = [None] * len(parts.disk_names), [0] * len(parts.disk_names)
+    radius = [None] * len(parts.disk_names)
+    teeth = [0] * len(parts.disk_names)
     for i, disk in enumerate(parts.tables["disk"]):
         if parts.usable("disk", i, "radius", "teeth") and disk.radius is not None:
             radius[i], teeth[i] = disk.radius, int(disk.teeth or 0)
@@ -198,11 +201,9 @@ def _gearing(parts, root: int | None, radii):
     """Find the rotors seen from disk ``root``, the speed ratio of each disk (None:
     unknown) and locked loops.
     """
-    n, pairs, meshes = (
-        len(parts.disk_names),
-        train_checks.elastic_pairs(parts),
-        parts.links("mesh"),
-    )
+    n = len(parts.disk_names)
+    pairs = train_checks.elastic_pairs(parts)
+    meshes = parts.links("mesh")
     ends = [pair for _, pair in meshes]
     internal = [parts.tables["mesh"][i].kind == "internal" for i, _ in meshes]
     numbers = [math.nan if r is None else r for r in radii]
@@ -213,7 +214,8 @@ def _gearing(parts, root: int | None, radii):
         starts[joined[root]] = root
     kinds = all(parts.usable("mesh", i, "kind") for i, _ in meshes)
     gearing = connections.Gearing(n, pairs, ends, internal, numbers)
-    geared, rotors = {gearing.rotor[d] for pair in ends for d in pair}, None
+    geared = {gearing.rotor[d] for pair in ends for d in pair}
+    rotors = None
     for start in starts.values():
         if start == root:
             rotors = gearing.rotors(gearing.lead(start))
@@ -262,7 +264,8 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
             )
             need("torque", i, torque.harmonics, factor, "mean")
     for i, ends in parts.links("mesh"):
-        mesh, periods = parts.tables["mesh"][i], _mesh_periods(parts, ends, ratio)
+        mesh = parts.tables["mesh"][i]
+        periods = _mesh_periods(parts, ends, ratio)
         per_order = dict.fromkeys(OF_PERIOD, periods) | dict(
             zip(OF_GEARS, (ratio[d] for d in ends), strict=True)
         )
@@ -271,7 +274,8 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
     for i, disk in parts.seats("load"):
         need("load", i, parts.tables["load"][i].harmonics, ratio[disk])
     for i, disk in parts.seats("cylinder"):
-        cylinder, factor = parts.tables["cylinder"][i], ratio[disk]
+        cylinder = parts.tables["cylinder"][i]
+        factor = ratio[disk]
         need("cylinder", i, cylinder.gas_torque, factor, "gas_torque_mean")
         if factor is None:
             continue
@@ -323,7 +327,8 @@ def _topology(parts, rotors, reference_disk, cycle, ratio, head) -> Topology:
     """Collect the static half of the train; ``head`` : what the scene says of the
     whole.
     """
-    t, links = parts.tables, [*parts.tables["shaft"], *parts.tables["damper"]]
+    t = parts.tables
+    links = [*parts.tables["shaft"], *parts.tables["damper"]]
     seats = {
         table: tuple(parts.sits_on(table))
         for table in ("damper", "ground", "load", "torque", "cylinder")
@@ -442,7 +447,8 @@ def _computed_torques(cylinders, turn) -> dict:
     """
     kinds = {"source": [], "step": [], "gas_revolutions": [], "gas": [], "inertia": []}
     for c, per_order in zip(cylinders, turn, strict=True):
-        computed, turns = gas.source(c), gas.gas_revolutions(c)
+        computed = gas.source(c)
+        turns = gas.gas_revolutions(c)
         moves = None not in (c.stroke, c.rod) and train_checks.whole(per_order)
         kinds["source"].append(gas.source_word(c))
         kinds["step"].append(

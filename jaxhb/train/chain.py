@@ -222,7 +222,8 @@ def condense_chains(tree, root, teeth):
         """Disks and links from ``disk`` over ``link`` to a free end or, last of the
         disks, one that is kept.
         """
-        passed, links = [], [link]
+        passed = []
+        links = [link]
         while True:
             disk = sum(ends[links[-1]]) - disk
             passed.append(disk)
@@ -231,7 +232,9 @@ def condense_chains(tree, root, teeth):
                 return passed, links
             links += onward
 
-    through, hanging, plain = [], [], []
+    through = []
+    hanging = []
+    plain = []
     for begin in kept:
         for link in at[begin]:
             passed, links = walk(begin, link)
@@ -242,7 +245,8 @@ def condense_chains(tree, root, teeth):
                     through.append((passed[:-1], link, links[1:], begin, passed[-1]))
                 else:
                     plain.append(link)
-    rows, plain = [], sorted(plain)
+    rows = []
+    plain = sorted(plain)
     for chain, (passed, before, links, *_) in enumerate(through + hanging):
         rows += [
             (disk, chain, before, after)
@@ -283,17 +287,16 @@ def span_links(ends, disks, root):
             group[find(a)] = find(b)
     reached = breadth_first(neighbours(ends, disks, loops), root)
     outward = [disk for disk, *_ in reached]
-    above, via = (
-        {disk: before for disk, before, _ in reached},
-        {disk: link for disk, _, link in reached},
-    )
+    above = {disk: before for disk, before, _ in reached}
+    via = {disk: link for disk, _, link in reached}
     branches = {disk: [] for disk in outward}
     for disk in outward[1:]:
         branches[above[disk]].append(disk)
     weight = dict.fromkeys(outward, 1)
     for disk in reversed(outward[1:]):
         weight[above[disk]] += weight[disk]
-    order, stack = [], [root]
+    order = []
+    stack = [root]
     # The heaviest branch is eliminated first: the sweep then needs the fewest places
     while stack:
         disk = stack.pop()
@@ -303,11 +306,9 @@ def span_links(ends, disks, root):
     position = {disk: s for s, disk in enumerate(order)}
     parent = _index([position[above[d]] if above[d] >= 0 else disks for d in order])
     link = _index([via[d] for d in order])
-    end_a, end_b, node = (
-        _index([a for a, _ in ends]),
-        _index([b for _, b in ends]),
-        _index(order),
-    )
+    end_a = _index([a for a, _ in ends])
+    end_b = _index([b for _, b in ends])
+    node = _index(order)
     from_a = end_a[link] == node if len(ends) else np.ones(disks, bool)
     return Tree(node, parent, slots(parent), link, from_a, _index(loops), end_a, end_b)
 
@@ -318,7 +319,8 @@ def assemble(train):
     """
     refuse_varying(train.topology)
     xp = namespace(train)
-    topology, tree = train.topology, span(train.topology)
+    topology = train.topology
+    tree = span(train.topology)
     radius = displacement_radii(train)
     square = radius**2
     zeros = xp.zeros(len(topology.damper_names))
@@ -330,7 +332,9 @@ def assemble(train):
     gear_radius = xp.concatenate([xp.asarray(train.disks.radius), zeros])
     unit = xp.ones(len(topology.shaft_names) + len(topology.damper_names))
     mesh_a, mesh_b = (_index([ends[k] for ends in topology.mesh_ends]) for k in (0, 1))
-    meshes, shafts, dampers = train.meshes, train.shafts, train.dampers
+    meshes = train.meshes
+    shafts = train.shafts
+    dampers = train.dampers
     return System(
         tree=tree,
         radius=radius,
@@ -372,7 +376,8 @@ def drift(system, rigid, mean):
     rotation, weighted by inertia.
     """
     xp = namespace(mean)
-    mass, rigid = xp.asarray(system.mass), xp.asarray(rigid)
+    mass = xp.asarray(system.mass)
+    rigid = xp.asarray(rigid)
     share = (mass * rigid) @ mean / (mass @ rigid**2)
     return xp.where(
         system.floating, rigid.reshape((-1,) + (1,) * (mean.ndim - 1)) * share, 0.0

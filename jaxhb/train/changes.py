@@ -45,10 +45,17 @@ def _choose(train, values):
     ``epsilon`` and ``transition``, ``teeth`` the ``radius`` at the tooth pitch that the
     gear has), and sentences.
     """
-    numbers, faults, topology = {}, [], train.topology
-    laws, teeth = list(topology.mesh_damping_law), list(topology.teeth)
+    numbers = {}
+    faults = []
+    topology = train.topology
+    laws = list(topology.mesh_damping_law)
+    teeth = list(topology.teeth)
     for key, value in values.items():
-        table, field, index, fault, follow = None, "", 0, "", {}
+        table = None
+        field = ""
+        index = 0
+        fault = ""
+        follow = {}
         with contextlib.suppress(SceneError):  # told with the numbers
             table, field, index = locate(topology, key)
         if table == "mesh" and field in ("law", "damping_law"):
@@ -143,7 +150,8 @@ def locate(topology, key: str):
     outer, _, inner = name.rpartition(".")
     # A name may hold dots: an element called so goes before a table inside an element.
     if name not in topology.elements and inner in _INNER and outer in topology.elements:
-        name, field = outer, f"{inner}.{field}"
+        name = outer
+        field = f"{inner}.{field}"
     if name not in topology.elements:
         raise SceneError(
             f"{where}: there is no element {shown(name)} in"
@@ -166,7 +174,8 @@ def declared_field(table: str, field: str):
 def _locate(train, key: str):
     """Find table, field and index of ``"NAME.FIELD"`` that the train has."""
     table, field, index = locate(train.topology, key)
-    numbers, inner = getattr(train, TABLE_OF[table]), field
+    numbers = getattr(train, TABLE_OF[table])
+    inner = field
     where = f"{train.topology.title}, [[{table}]] {key[: -len(field) - 1]!r}"
     if "." in field:
         outer, _, inner = field.partition(".")
@@ -245,7 +254,9 @@ def read(train, key: str):
 
 def replace(train, values):
     """Change numbers; see :meth:`DriveTrain.replace`."""
-    before, (train, values, errors), changes = train, _choose(train, values), {}
+    before = train
+    (train, values, errors) = _choose(train, values)
+    changes = {}
     for key, value in values.items():
         try:
             table, field, index = _locate(train, key)
@@ -277,8 +288,10 @@ def replace(train, values):
 
 def _with(train, table, field, new):
     """The train with values ``{index: value}`` in the vector of one field."""
-    attribute, (outer, _, inner) = TABLE_OF[table], field.rpartition(".")
-    numbers, vector = getattr(train, attribute), _set(_vector(train, table, field), new)
+    attribute = TABLE_OF[table]
+    (outer, _, inner) = field.rpartition(".")
+    numbers = getattr(train, attribute)
+    vector = _set(_vector(train, table, field), new)
     if outer:
         inner, vector = (
             outer,
@@ -293,7 +306,8 @@ def in_contact(train):
     """The same train with the gaps of all meshes closed and all else as it is: "without
     backlash".
     """
-    topology, meshes = train.topology, train.meshes
+    topology = train.topology
+    meshes = train.meshes
     return dataclasses.replace(
         train,
         topology=dataclasses.replace(
@@ -354,10 +368,8 @@ def within_range(train):
     ]
     for cls, numbers in [*given, (Combustion, train.cylinders.combustion)]:
         for declared in dataclasses.fields(cls):
-            limits, values = (
-                declared.metadata.get("range"),
-                getattr(numbers, declared.name, None),
-            )
+            limits = declared.metadata.get("range")
+            values = getattr(numbers, declared.name, None)
             if limits is None or values is None:
                 continue
             # What is wrong is looked for, not what is right: nan is neither, and has
@@ -379,11 +391,10 @@ def within_range(train):
 
 def _value_errors(train, key, table, field, index, value) -> list[str]:
     """Check shape and, where it is concrete, range of a new value."""
-    where, row = (
-        f"{train.topology.title}, replace {shown(key)}",
-        _row(train, table, field, index),
-    )
-    wanted, found = np.shape(row), None
+    where = f"{train.topology.title}, replace {shown(key)}"
+    row = _row(train, table, field, index)
+    wanted = np.shape(row)
+    found = None
     with contextlib.suppress(ValueError):  # rows of different lengths have no shape
         found = np.shape(value)
     if found != wanted:
@@ -434,10 +445,8 @@ def _has_no_effect(train, table, field, index) -> str:
             "it has no effect, as the mesh has neither stiffness_orders nor"
             " transmission_error."
         )
-    link, key = (
-        derived.link_number(topology, table, index),
-        derived.WITH.get(field, field),
-    )
+    link = derived.link_number(topology, table, index)
+    key = derived.WITH.get(field, field)
     if field == "stiffness" and topology.has_key(link, "outer"):
         return (
             "the stiffness comes from length, outer, inner and shear_modulus. Change"
@@ -460,10 +469,8 @@ def _has_no_effect(train, table, field, index) -> str:
 
 
 def _has_no_effect_on_cylinder(train, field, index) -> str:
-    source, moves = (
-        train.topology.cylinder_source[index],
-        train.topology.cylinder_inertia[index] > 0,
-    )
+    source = train.topology.cylinder_source[index]
+    moves = train.topology.cylinder_inertia[index] > 0
     computed = source in gas.COMPUTED
     if (field in ("bore", "ambient_pressure") and not computed) or (
         field == "pressure" and source != "pressure"
@@ -519,15 +526,15 @@ def _check_ratios(before, after):
     """Refuse concrete radii that lock a loop or change the speed of a rotor with orders
     of its own.
     """
-    topology, radius = after.topology, after.disks.radius
+    topology = after.topology
+    radius = after.disks.radius
     if traced(radius):
         return
     radius = np.asarray(radius)
-    old, new = (
-        rotor_ratios(topology, np.asarray(before.disks.radius)),
-        rotor_ratios(topology, radius),
-    )
-    errors, where = [], topology.title
+    old = rotor_ratios(topology, np.asarray(before.disks.radius))
+    new = rotor_ratios(topology, radius)
+    errors = []
+    where = topology.title
     given = zip(
         topology.torque_names, topology.torque_disk, topology.torque_own, strict=True
     )

@@ -18,7 +18,8 @@ def neighbours(ends, nodes: int, without=()):
     """Of each node the others that links ``ends`` join it to, and these links: (other,
     link).
     """
-    found, without = [[] for _ in range(nodes)], set(without)
+    found = [[] for _ in range(nodes)]
+    without = set(without)
     for link, (a, b) in enumerate(ends):
         if link not in without:
             found[a].append((b, link))
@@ -30,7 +31,8 @@ def breadth_first(joined, root: int):
     """Nodes reached from a root over :func:`neighbours`, breadth first: (node, the one
     before, the link to it).
     """
-    seen, outward = {root}, [(root, -1, 0)]
+    seen = {root}
+    outward = [(root, -1, 0)]
     for node, _, _ in outward:
         for other, link in joined[node]:
             if other not in seen:
@@ -43,7 +45,9 @@ def pieces(n_disks: int, pairs) -> list[int]:
     """Number the connected pieces of disks 0..n_disks-1 joined by ``pairs``, by first
     appearance.
     """
-    joined, piece, count = neighbours(pairs, n_disks), [-1] * n_disks, 0
+    joined = neighbours(pairs, n_disks)
+    piece = [-1] * n_disks
+    count = 0
     for start in range(n_disks):
         if piece[start] < 0:
             for disk, *_ in breadth_first(joined, start):
@@ -79,18 +83,17 @@ class Gearing:
     """
 
     def __init__(self, n_disks: int, elastic_pairs, mesh_ends, mesh_internal, radius):
-        self._mesh_ends, self._mesh_internal, self._radius = (
-            mesh_ends,
-            mesh_internal,
-            radius,
-        )
+        self._mesh_ends = mesh_ends
+        self._mesh_internal = mesh_internal
+        self._radius = radius
         self.rotor = pieces(n_disks, elastic_pairs)
         count = max(self.rotor, default=-1) + 1
         self._pairs = [(self.rotor[a], self.rotor[b]) for a, b in mesh_ends]
         within = [m for m, (a, b) in enumerate(self._pairs) if a == b]
         self._joined = neighbours(self._pairs, count, within)
         self._path: list[tuple[tuple[int, int], ...]] = [()] * count
-        self._ratio, self._sense = [1.0] * count, [1] * count
+        self._ratio = [1.0] * count
+        self._sense = [1] * count
         self.locked: list[tuple[int, list[int], str]] = []
 
     def _led(self, mesh: int, here: int):
@@ -161,7 +164,8 @@ def exact_radii(radius, teeth, mesh_ends) -> list[float]:
     """Radii made exactly proportional to the numbers of teeth among gears that mesh and
     both have them.
     """
-    exact, done = list(radius), set()
+    exact = list(radius)
+    done = set()
     toothed = [pair for pair in mesh_ends if all(teeth[gear] for gear in pair)]
     joined = neighbours(toothed, len(exact))
     for start in dict.fromkeys(gear for pair in toothed for gear in pair):
@@ -198,10 +202,12 @@ def unheld(source, names, *, links, static, ground, loaded, main: int) -> list[s
     static stiffness; ``ground`` and ``loaded`` the disks on a ground and under a mean
     torque; ``main`` a disk of the main part.
     """
-    joined, part = pieces(len(names), links), pieces(len(names), static)
+    joined = pieces(len(names), links)
+    part = pieces(len(names), static)
     # Pieces that no link joins to the train have their own sentence.
     grounded = {part[d] for d in ground if joined[d] == joined[main]}
-    errors, members = [], members_of(part)
+    errors = []
+    members = members_of(part)
     if grounded and part[main] not in grounded:
         held = [i for i, p in enumerate(part) if p in grounded]
         errors.append(
@@ -235,7 +241,8 @@ def train_errors(train) -> list[str]:
     """Find what the numbers of a train leave loose or unheld; nothing where they are
     traced.
     """
-    topology, dampers = train.topology, train.dampers
+    topology = train.topology
+    dampers = train.dampers
     given = [*vars(train.torques).items(), *vars(train.cylinders).items()]
     if traced(
         dampers.stiffness, [values for name, values in given if name not in _NO_MEAN]
@@ -304,10 +311,8 @@ def speeds(train) -> np.ndarray:
 @np.errstate(over="ignore", invalid="ignore")
 def _loaded(train) -> list[int]:
     """Disks under a mean torque at some speed."""
-    topology, (torques, cylinders) = (
-        train.topology,
-        on_host((train.torques, train.cylinders)),
-    )
+    topology = train.topology
+    (torques, cylinders) = on_host((train.torques, train.cylinders))
     means = mean_torques(torques, cylinders, topology.gas_cycles, speeds(train))
     seats = [*topology.torque_disk, *topology.cylinder_disk]
     return np.flatnonzero(on_disks(topology.n_disks, seats, means).any(axis=0)).tolist()

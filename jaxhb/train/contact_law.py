@@ -21,7 +21,8 @@ KNEE_SHARE, GAP_SPRING_SHARE = (
     0.2,
     0.04,
 )  # of the mean force, at which stiffness is full, and that the gap carries
-TRANSITION, EPSILON = (0.004, 0.04), (1e-4, 1e-3)
+TRANSITION = (0.004, 0.04)
+EPSILON = (1e-4, 1e-3)
 """Smallest and largest that are chosen. Smaller ones cost steps in time and harmonics;
 teeth with hardly a mean load are moved by their impacts, whatever the width.
 """
@@ -73,7 +74,8 @@ def _least_mean_forces(train):
         chain,
     )  # here: it takes jax, which what has no mesh to decide on does without
 
-    speeds, rated = connections.speeds(train), train.torques.rated_rpm
+    speeds = connections.speeds(train)
+    rated = train.torques.rated_rpm
     # A torque that follows a power of the speed has a point at its rated speed alone.
     speeds = np.append(speeds, [] if rated is None else IDLE * rated)
     speeds = speeds[speeds > 0] if np.any(speeds > 0) else np.array([ANY_SPEED])
@@ -92,16 +94,15 @@ def _least_mean_forces(train):
 
 def _mean_torques(train, speeds):
     """Mean torque ``(n, S)`` N m on every disk at some speeds, loads included."""
-    topology, disks = train.topology, train.topology.n_disks
+    topology = train.topology
+    disks = train.topology.n_disks
     seats = [*topology.torque_disk, *topology.cylinder_disk]
     means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, speeds)
     torque = connections.on_disks(disks, seats, means)
     if not topology.load_disk:
         return torque
-    ratio, share = (
-        speed_ratios(train)[np.array(topology.rotor, dtype=int)],
-        train.loads.share,
-    )
+    ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
+    share = train.loads.share
     taken = share / (share @ ratio[np.array(topology.load_disk, dtype=int)])
     return torque + connections.on_disks(
         disks, topology.load_disk, -np.outer(torque @ ratio, taken)
@@ -112,14 +113,14 @@ def _passed_on(system, load):
     """Forces ``(L, n)`` N of the links of a tree, each that of the loads ``(S, n)`` N
     beyond it; 0 of links that close loops.
     """
-    tree, left, force = (
-        system.tree,
-        load.copy(),
-        np.zeros((len(system.stiffness), load.shape[-1])),
-    )
+    tree = system.tree
+    left = load.copy()
+    force = np.zeros((len(system.stiffness), load.shape[-1]))
     for place, up in enumerate(tree.parent[:-1].tolist()):
-        link, disk = tree.link[place], tree.node[place]
-        near, far = system.arm_a[link], -system.arm_b[link]
+        link = tree.link[place]
+        disk = tree.node[place]
+        near = system.arm_a[link]
+        far = -system.arm_b[link]
         if not tree.from_a[place]:
             near, far = far, near
         force[link] = left[disk] / near

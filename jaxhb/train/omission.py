@@ -14,11 +14,10 @@ SEATED = "ground", "load", "torque", "cylinder"  # tables of what sits on one di
 
 def without(train, names):
     """See :meth:`DriveTrain.without`."""
-    topology, title = train.topology, train.topology.title
-    elements, reference = (
-        topology.elements,
-        topology.disk_names[topology.reference_disk],
-    )
+    topology = train.topology
+    title = train.topology.title
+    elements = topology.elements
+    reference = topology.disk_names[topology.reference_disk]
     unknown = [name for name in names if name not in elements]
     if unknown:
         near = (
@@ -69,7 +68,8 @@ def _kept(topology, out):
         topology.n_disks, [ends for ends in closed if not lost.intersection(ends)]
     )
     disks = [d for d, p in enumerate(piece) if p == piece[topology.reference_disk]]
-    keep, there = {"disk": [d for d in disks if d < scene]}, set(disks)
+    keep = {"disk": [d for d in disks if d < scene]}
+    there = set(disks)
     seats = dict(zip(links, topology.link_ends, strict=True))
     for table in SEATED:
         seats |= {
@@ -118,7 +118,8 @@ def _topology(topology, keep, disks):
     """The topology of the elements that stay, numbered anew."""
     place = {disk: k for k, disk in enumerate(disks)}
     links = [link_number(topology, table, i) for table in LINKS for i in keep[table]]
-    number, keys = {link: k for k, link in enumerate(links)}, topology.link_keys
+    number = {link: k for k, link in enumerate(links)}
+    keys = topology.link_keys
     found = {}
     for field in dataclasses.fields(topology):
         table, _, what = field.name.partition("_")
@@ -146,7 +147,8 @@ def _topology(topology, keep, disks):
         *((on, len(keep["disk"]) + k) for k, on in enumerate(found["damper_disk"])),
     ]
     # Speeds follow from the radii of the train: here they are not looked at.
-    radii, reference = [float("nan")] * len(disks), place[topology.reference_disk]
+    radii = [float("nan")] * len(disks)
+    reference = place[topology.reference_disk]
     gearing = connections.Gearing(
         len(disks), elastic, found["mesh_ends"], found["mesh_internal"], radii
     )

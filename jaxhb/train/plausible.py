@@ -23,7 +23,8 @@ from jaxhb.train import connections
 if TYPE_CHECKING:
     from jaxhb.train.drivetrain import DriveTrain
 
-_NOT_MM, _NOT_BAR = "is it in m, not in mm?", "is it in Pa, not in bar?"
+_NOT_MM = "is it in m, not in mm?"
+_NOT_BAR = "is it in Pa, not in bar?"
 MOST_ERROR = 2e-4  # m, of a transmission error or runout: the coarsest gears
 
 USUAL = {
@@ -171,7 +172,8 @@ def _unusual(table, name, what, value, usual=None):
 
 def _sizes(train):
     """Fields of cylinders in other units; a field that is 0 is absent."""
-    cylinders, names = train.cylinders, train.topology.cylinder_names
+    cylinders = train.cylinders
+    names = train.topology.cylinder_names
     for field in (
         "bore",
         "stroke",
@@ -192,7 +194,8 @@ def _sizes(train):
 def _masses(train):
     cylinders = train.cylinders
     for i, name in enumerate(train.topology.cylinder_names):
-        mass, size = cylinders.reciprocating_mass[i], cylinders.bore[i]
+        mass = cylinders.reciprocating_mass[i]
+        size = cylinders.bore[i]
         if not 0 < size < 2 * USUAL["bore"][1] or not cylinders.stroke[i]:
             continue  # what is said of a bore in mm says enough
         ask = (
@@ -224,7 +227,9 @@ def _pressures(train):
     """Load, size and angle of the largest pressure, and what is on the other side of
     the piston, over the speeds.
     """
-    topology, cylinders, percent = train.topology, train.cylinders, _in_percent(train)
+    topology = train.topology
+    cylinders = train.cylinders
+    percent = _in_percent(train)
     for i, value in percent.items():
         yield from _unusual("cylinder", topology.cylinder_names[i], "load", value)
     # [speed, cylinder, angle] Pa from firing top dead centre on, at the speeds at which
@@ -232,22 +237,19 @@ def _pressures(train):
     cycles = gas_pressures(cylinders, topology.gas_cycles, connections.speeds(train))
     if not cycles.shape[-1]:
         return
-    peaks, least = cycles.max(axis=(0, 2)), cycles.min(axis=2).max(axis=0)
+    peaks = cycles.max(axis=(0, 2))
+    least = cycles.min(axis=2).max(axis=0)
     period = 360.0 * np.array(topology.cylinder_gas_revolutions)
     angles = cycles.argmax(axis=2) * period / cycles.shape[-1]
     # In the second half of the cycle the next firing is nearer: angles before it are
     # negative.
     angles -= period * (angles > period / 2)
-    farthest, compressing = (
-        np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0),
-        compressors(train),
-    )
+    farthest = np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0)
+    compressing = compressors(train)
     for i, name in enumerate(topology.cylinder_names):
-        peak, angle, source = (
-            peaks[i],
-            angles[farthest[i], i],
-            topology.cylinder_source[i],
-        )
+        peak = peaks[i]
+        angle = angles[farthest[i], i]
+        source = topology.cylinder_source[i]
         if source not in gas.COMPUTED:
             continue
         if i not in percent and peak > 0:
@@ -285,14 +287,16 @@ def _pressures(train):
 
 def _charges(train):
     """Charge pressures that follow the power because nothing else is known."""
-    burning, speeds = train.cylinders.combustion, connections.speeds(train)
+    burning = train.cylinders.combustion
+    speeds = connections.speeds(train)
     speeds = speeds[speeds > 0.0]  # scales that nobody gave have a point at 0
     if burning is None or not len(speeds):
         return
     charge, _ = gas.charge_pressures(train.cylinders, speeds)
     loads = gas.load_share(train.cylinders, speeds)
     for k, i in enumerate(burning.seats):
-        place, full = int(charge[:, k].argmin()), float(burning.charge_pressure[k])
+        place = int(charge[:, k].argmin())
+        full = float(burning.charge_pressure[k])
         if burning.charge_by[k] or abs(charge[place, k] / full - 1.0) < FOLLOWS:
             continue
         said = (
@@ -309,7 +313,8 @@ def compressors(train: DriveTrain) -> set[int]:
     """Cylinders that take power and have their largest pressure before every top dead
     centre.
     """
-    topology, speeds = train.topology, connections.speeds(train)
+    topology = train.topology
+    speeds = connections.speeds(train)
     one_revolution = np.array(topology.cylinder_gas_revolutions, dtype=int) == 1
     computed = np.array(
         [source in gas.COMPUTED for source in topology.cylinder_source], dtype=bool
@@ -329,7 +334,9 @@ def compressors(train: DriveTrain) -> set[int]:
 
 def _firings(train):
     """Cylinders of one rotor that fire at the same angle of its cycle."""
-    topology, factor, cranks = train.topology, train.cylinders.gas_factor, {}
+    topology = train.topology
+    factor = train.cylinders.gas_factor
+    cranks = {}
     for i, name in enumerate(topology.cylinder_names):
         if topology.cylinder_fires[i] and (factor is None or factor[i] > 0):
             computed = topology.cylinder_source[i] in gas.COMPUTED
@@ -393,7 +400,9 @@ def _in_percent(train):
     """Largest load of the cylinders that have it in percent, by their number; traces
     may count in percent as well.
     """
-    cylinders, traces, most = train.cylinders, train.cylinders.traces, USUAL["load"][1]
+    cylinders = train.cylinders
+    traces = train.cylinders.traces
+    most = USUAL["load"][1]
     if cylinders.load_share is None:
         return {}
     alike = set()
@@ -416,7 +425,8 @@ def _by_rotor(rotor, values):
 
 def _above_median(train):
     """Disks whose inertia is far above the median of their rotor, and this median."""
-    topology, inertia = train.topology, train.disks.inertia
+    topology = train.topology
+    inertia = train.disks.inertia
     for own, middle in _by_rotor(topology.rotor[: topology.n_scene_disks], inertia):
         yield from (
             (int(i), middle) for i in own[inertia[own] > INERTIA_OF_MEDIAN * middle]
@@ -425,7 +435,8 @@ def _above_median(train):
 
 def _disks(train):
     """Inertias far above the others of their rotor, and the radii of gears."""
-    topology, disks = train.topology, train.disks
+    topology = train.topology
+    disks = train.disks
     for i, middle in _above_median(train):
         usual = (
             f"{INERTIA_OF_MEDIAN:g} times the median of its rotor, {middle:.4g} kg m2"
@@ -448,7 +459,8 @@ def _inertias(train):
     """Throws far too heavy for their bore, and gears that are all far too heavy for
     their radius: whole trains in other units, which medians do not tell.
     """
-    topology, inertia = train.topology, train.disks.inertia
+    topology = train.topology
+    inertia = train.disks.inertia
     ask = "is it in kg m2, not in kg cm2?"
     sizes = np.maximum(train.cylinders.bore, train.cylinders.stroke) / 2.0
     throws = {
@@ -480,9 +492,11 @@ def _inertias(train):
 
 def _shafts(train):
     """Shafts too long, and stiffnesses that no shaft between disks of this size has."""
-    topology, shafts = train.topology, train.shafts
+    topology = train.topology
+    shafts = train.shafts
     for i, name in enumerate(topology.shaft_names if shafts.length is not None else ()):
-        length, outer = shafts.length[i], shafts.outer[i]
+        length = shafts.length[i]
+        outer = shafts.outer[i]
         low, high, *others = USUAL["length"]
         if length > 0.0:
             most = min(high, SLENDERNESS * outer)
@@ -495,7 +509,8 @@ def _shafts(train):
     )
     for own, middle in _by_rotor(rotor, shafts.stiffness):
         cube = _size(inertia[np.array(topology.rotor) == rotor[own[0]]].sum()) ** 3
-        least, most = STIFF[0] * cube, STIFF[1] * cube
+        least = STIFF[0] * cube
+        most = STIFF[1] * cube
         stiffer = shafts.stiffness[own]
         in_line = 1.0 / (1.0 / stiffer[stiffer >= middle]).sum()
         single = (shafts.stiffness[own] > max(least, STIFFNESS_OF_MEDIAN * middle)) & (
@@ -517,11 +532,9 @@ def _links(train):
     """Shafts far softer than the others of their rotor or with limits of others than
     cranks, and loss factors.
     """
-    topology, stiffness, strengths = (
-        train.topology,
-        train.shafts.stiffness,
-        train.shafts.tensile_strength,
-    )
+    topology = train.topology
+    stiffness = train.shafts.stiffness
+    strengths = train.shafts.tensile_strength
     for own, middle in _by_rotor(
         [topology.rotor[first] for first, _ in topology.shaft_ends], stiffness
     ):
@@ -588,15 +601,15 @@ def _internal(train):
 
 
 def _meshes(train):
-    topology, meshes, ratios = train.topology, train.meshes, tooth_damping_ratios(train)
+    topology = train.topology
+    meshes = train.meshes
+    ratios = tooth_damping_ratios(train)
     for name in (OF_PERIOD[1], *OF_GEARS):
         for i, rows in enumerate(
             getattr(meshes, name) if getattr(meshes, name) is not None else ()
         ):
-            size, ask = (
-                np.hypot(*rows.T).max(initial=0.0),
-                (0.0, MOST_ERROR, "m", "is it in m, not in um?"),
-            )
+            size = np.hypot(*rows.T).max(initial=0.0)
+            ask = (0.0, MOST_ERROR, "m", "is it in m, not in um?")
             yield from _unusual(
                 "mesh",
                 topology.mesh_names[i],
@@ -605,10 +618,8 @@ def _meshes(train):
                 ask,
             )
     for i in np.flatnonzero(topology.mesh_backlash):
-        radii, mesh = (
-            train.disks.radius[list(topology.mesh_ends[i])],
-            ("mesh", topology.mesh_names[i]),
-        )
+        radii = train.disks.radius[list(topology.mesh_ends[i])]
+        mesh = ("mesh", topology.mesh_names[i])
         yield from _unusual(*mesh, "backlash", meshes.backlash[i])
         if any(_far(radius, USUAL["radius"]) for radius in radii):
             continue  # what is said of the radius says enough

@@ -39,7 +39,8 @@ def read_speeds(text):
         raise ValueError(
             f"{text!r} is not A:B:COUNT, as 600:2450:20 (rpm, rpm, number of speeds)"
         )
-    first, last = read_speed(words[0]), read_speed(words[1])
+    first = read_speed(words[0])
+    last = read_speed(words[1])
     if not words[2].isdecimal() or int(words[2]) < 1:
         raise ValueError(f"{words[2]!r} must be a whole number of at least 1")
     count = int(words[2])

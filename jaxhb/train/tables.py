@@ -283,11 +283,13 @@ def _trace_table(cylinders) -> Traces | None:
         [sorted({float(getattr(t, key)) for t in row}) for row in own]
         for key in ("rpm", "load")
     )
-    rpm, load = gas.padded(speeds), gas.padded(loads)
+    rpm = gas.padded(speeds)
+    load = gas.padded(loads)
     pressure = np.zeros((len(seats), rpm.shape[1], load.shape[1], GAS_SAMPLES))
     for k, row in enumerate(own):
         for trace in row:
-            r, s = speeds[k].index(float(trace.rpm)), loads[k].index(float(trace.load))
+            r = speeds[k].index(float(trace.rpm))
+            s = loads[k].index(float(trace.load))
             pressure[k, r, s] = gas_cycle(trace.pressure, trace.table_firing_tdc)
     sizes = tuple((len(r), len(s)) for r, s in zip(speeds, loads, strict=True))
     return Traces(seats=seats, sizes=sizes, rpm=rpm, load=load, pressure=pressure)

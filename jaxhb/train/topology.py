@@ -337,7 +337,8 @@ class Topology:
                     f" {shown(name)}.{suggestion(name, self.link_names)}"
                 )
             return self._link_of[name], 1
-        a, b = self.disk_index(name), self.disk_index(other)
+        a = self.disk_index(name)
+        b = self.disk_index(other)
         hits = [
             (i, 1 if ends == (a, b) else -1)
             for i, ends in enumerate(self.link_ends)

@@ -54,7 +54,8 @@ def gear_errors(parts, rotor) -> list[str]:
     errors = []
     disks = parts.tables["disk"]
     for i, ends in parts.links("mesh"):
-        where, names = parts.where("mesh", i), [parts.disk_names[d] for d in ends]
+        where = parts.where("mesh", i)
+        names = [parts.disk_names[d] for d in ends]
         bare = [
             parts.disk_names[d]
             for d in ends
@@ -262,7 +263,8 @@ def mean_torques(parts, speeds) -> np.ndarray:
     """Mean torque of all given torques and cylinders on each disk, where known, N m
     [speeds, n_disks].
     """
-    seats, known = [], {}
+    seats = []
+    known = {}
     for table in ("torque", "cylinder"):
         found = [
             (parts.tables[table][i], disk)
@@ -326,7 +328,8 @@ def hold_errors(parts, main: int | None) -> list[str]:
     """
     if main is None or not parts.connected:
         return []
-    n, dampers = len(parts.tables["disk"]), parts.tables["damper"]
+    n = len(parts.tables["disk"])
+    dampers = parts.tables["damper"]
     rings = [
         (disk, n + k)
         for k, disk in parts.seats("damper")
@@ -367,7 +370,8 @@ def balance_errors(parts, ratio) -> list[str]:
         if any(ratio[d] is None for d in np.flatnonzero(mean)):
             return []
         power = np.array([ratio[d] * mean[d] for d in np.flatnonzero(mean)])
-        total, size = power.sum(), np.abs(power).sum()
+        total = power.sum()
+        size = np.abs(power).sum()
         if abs(total) > BALANCE_TOLERANCE * size:
             at = f" at {rpm:g} rpm" if rpm else ""
             return [

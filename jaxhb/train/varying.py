@@ -65,10 +65,8 @@ def with_constant_links(train, ratios, *, hz, amplitude, rpm):
     """Evaluate the links that vary; see :meth:`DriveTrain.with_constant_links`.
     ``ratios`` : of the rotors' speeds.
     """
-    topology, given = (
-        train.topology,
-        dict(zip(NEEDS, (hz, amplitude, rpm), strict=True)),
-    )
+    topology = train.topology
+    given = dict(zip(NEEDS, (hz, amplitude, rpm), strict=True))
     errors = _sentences(
         topology,
         [f for f in NEEDS if given[f] is None],
@@ -86,7 +84,8 @@ def with_constant_links(train, ratios, *, hz, amplitude, rpm):
             )
     if errors:
         raise SceneError(errors)
-    fixed, shafts = without_tables(train), len(topology.shaft_names)
+    fixed = without_tables(train)
+    shafts = len(topology.shaft_names)
     links, stiffer, damped = factors(
         train, hz, [amplitude] * len(topology.amplitude_links)
     )
@@ -146,17 +145,16 @@ def factors(train, hz, amplitudes):
     ``hz`` of the shape that follows; ``amplitudes``: an array of it in rad for each of
     the ``amplitude_links``.
     """
-    topology, xp = (
-        train.topology,
-        namespace(train.shafts, train.dampers, hz, *amplitudes),
-    )
+    topology = train.topology
+    xp = namespace(train.shafts, train.dampers, hz, *amplitudes)
     links = sorted({*topology.hz_links, *topology.amplitude_links})
     used = [(link, "over_hz", hz) for link in topology.hz_links]
     used += [
         (link, "over_amplitude", a)
         for link, a in zip(topology.amplitude_links, amplitudes, strict=True)
     ]
-    found, shafts = {link: [1.0, 1.0] for link in links}, len(topology.shaft_names)
+    found = {link: [1.0, 1.0] for link in links}
+    shafts = len(topology.shaft_names)
     for link, field, at in used:
         table, index = (
             (train.shafts, link) if link < shafts else (train.dampers, link - shafts)
@@ -175,7 +173,8 @@ def factors(train, hz, amplitudes):
 
 def scaled(values, index, by):
     """``values`` [n, ...] with those at ``index`` multiplied."""
-    xp, index = namespace(values, by), np.array(index, dtype=int)
+    xp = namespace(values, by)
+    index = np.array(index, dtype=int)
     if xp is np:
         values = np.array(values, dtype=np.float64)
         values[index] *= by
@@ -187,7 +186,9 @@ def order_stiffness(train, ratios, rpm):
     """Stiffness J n^2 Omega^2 of order-tuned dampers in N m/rad [..., n_dampers], at
     ``rpm`` [...] of the reference.
     """
-    xp, dampers, topology = namespace(train, rpm), train.dampers, train.topology
+    xp = namespace(train, rpm)
+    dampers = train.dampers
+    topology = train.topology
     rotor = np.array(topology.rotor, dtype=int)[
         np.array(topology.damper_disk, dtype=int)
     ]

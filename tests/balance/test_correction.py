@@ -20,7 +20,9 @@ from jaxhb.equations import fourier, reduced_model as reduced_models
 from jaxhb.equations.reduced_model import reduced_model
 from jaxhb.equations.state_space import paired, partition, state_space
 
-HARMONICS, SAMPLES, RPM = 48, 768, 12000.0
+HARMONICS = 48
+SAMPLES = 768
+RPM = 12000.0
 """The mesh modes lie at harmonic 13."""
 
 reduce = jax.jit(reduced_equation, static_argnums=1)
@@ -411,8 +413,10 @@ def test_what_takes_longest_to_decay_comes_first_and_what_does_not_move_last(cas
 
 def test_resting_on_the_flank_balances_constant_forces(case):
     problem, _, _ = case
-    model, force = surrogate_of(problem, 512), np.array([3.0, -2.0])
-    space, state = model.space, model.at_rest @ force
+    model = surrogate_of(problem, 512)
+    force = np.array([3.0, -2.0])
+    space = model.space
+    state = model.at_rest @ force
     speed = space.transition @ state + space.forcing @ force
     scale = np.abs(space.forcing @ force).max()
     np.testing.assert_allclose(speed, 0.0, rtol=0, atol=1e-9 * scale)

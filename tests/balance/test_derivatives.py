@@ -71,7 +71,8 @@ def batch():
         number, push, aux = jax.linearize(value, factors, has_aux=True)
         return (number, aux), jax.linear_transpose(push, factors)(1.0)[0], push(ALONG)
 
-    plain, linearised = np.tile(ONES, (5, 1)), jax.jit(jax.vmap(lane))
+    plain = np.tile(ONES, (5, 1))
+    linearised = jax.jit(jax.vmap(lane))
     lanes = plain.copy()
     lanes[1:, RPM] = 0.6, 1.0, 1.001, -1.0
     lanes[2, KEYS.index("flywheel.inertia")] = np.nan

@@ -154,10 +154,8 @@ def knee(l, at):
     """A spring of stiffness 1 that begins at a deflection, its slope rising over 8 % of
     it.
     """
-    inside, beyond = (
-        np.clip(l - (1 - SMOOTH) * at, 0, 2 * SMOOTH * at),
-        np.maximum(l - (1 + SMOOTH) * at, 0),
-    )
+    inside = np.clip(l - (1 - SMOOTH) * at, 0, 2 * SMOOTH * at)
+    beyond = np.maximum(l - (1 + SMOOTH) * at, 0)
     return inside**2 / (4 * SMOOTH * at) + beyond
 
 
@@ -171,10 +169,8 @@ def spring_torque(part, twist, rate, lossy):
         if play
         else twist
     )
-    torque, before = (
-        part.stiffness * (free + part.loss_factor * lossy) + part.damping * rate,
-        part.stiffness,
-    )
+    torque = part.stiffness * (free + part.loss_factor * lossy) + part.damping * rate
+    before = part.stiffness
     for at, stiffness in part.stages:
         torque = torque + (stiffness - before) * np.sign(twist) * knee(
             np.abs(twist), np.deg2rad(at)
@@ -216,9 +212,11 @@ def torque_balance(parts, angles, frequency, samples):
     """What the equations of motion leave ``(S, N+1)`` in N m: evaluated in time,
     Fourier integrals by plain sums.
     """
-    names, rows = dense.disk_names(parts), dense.links(parts)
+    names = dense.disk_names(parts)
+    rows = dense.links(parts)
     disks = {name: k for k, name in enumerate(names)}
-    n, t = np.arange(angles.shape[1]), 2 * np.pi * np.arange(samples) / samples
+    n = np.arange(angles.shape[1])
+    t = 2 * np.pi * np.arange(samples) / samples
     wave = np.exp(1j * np.outer(n, t)) * np.where(n == 0, 1, 2)[:, None]
     angle, rate, acceleration = (
         ((1j * n * frequency) ** k * angles @ wave).real for k in range(3)
@@ -256,11 +254,9 @@ def torque_balance(parts, angles, frequency, samples):
             )
             left[disks[p.disk]] += means / ratio[disks[p.disk]]
     for p, row in rows:
-        l, l_rate, ahead = (
-            row @ angle,
-            row @ rate,
-            (1j * (n > 0) * (row @ angles) @ wave).real,
-        )
+        l = row @ angle
+        l_rate = row @ rate
+        ahead = (1j * (n > 0) * (row @ angles) @ wave).real
         if isinstance(p, Mesh):
             teeth = next(
                 q.teeth for q in dense.of_kind(parts, Disk) if q.name == p.between[0]

@@ -68,7 +68,8 @@ def test_a_force_that_converged_is_right_however_small_the_load_is_beside_the_ga
     vibration as both gears are equally heavy along the teeth, whether they lie in the
     gap or in contact.
     """
-    stiffness, backlash = 1e11, 0.01
+    stiffness = 1e11
+    backlash = 0.01
     torque = load * stiffness * backlash / 2 * 0.05
     numbers = {
         "a|b.stiffness": stiffness,
@@ -82,8 +83,10 @@ def test_a_force_that_converged_is_right_however_small_the_load_is_beside_the_ga
     }
     train = pair.replace({**numbers, "drive.harmonics": [[0.4 * torque, 0.1 * torque]]})
     response = jaxhb.solve(train, rpm=0.05, harmonics=16, method=method)
-    status, force = Status(int(response.status)), response.force("a", "b")
-    mean, amplitude = torque / 0.05, abs(0.4 + 0.1j) * torque / 0.05 / 2
+    status = Status(int(response.status))
+    force = response.force("a", "b")
+    mean = torque / 0.05
+    amplitude = abs(0.4 + 0.1j) * torque / 0.05 / 2
     if (
         epsilon and not 1e-4 < load < 1e-1
     ):  # wholly in the gap or wholly in contact: two linear trains
@@ -112,15 +115,12 @@ def test_teeth_that_stay_in_the_gap_carry_the_torque_over_the_radius(
     """
     train = jaxhb.load_scene(DATA / "scenes" / scene)
     response = jaxhb.check(jaxhb.solve(train, rpm=rpm, harmonics=16, method=method))
-    radius, mass = (
-        np.asarray(train.disks.radius),
-        np.asarray(train.disks.inertia) / np.asarray(train.disks.radius) ** 2,
-    )
-    torque, wave = (
-        float(train.torques.mean[0]),
-        abs(complex(*np.asarray(train.torques.harmonics)[0, 0])),
-    )
-    frequency, together = 2 * np.pi * rpm / 60, mass[0] * mass[1] / mass.sum()
+    radius = np.asarray(train.disks.radius)
+    mass = np.asarray(train.disks.inertia) / np.asarray(train.disks.radius) ** 2
+    torque = float(train.torques.mean[0])
+    wave = abs(complex(*np.asarray(train.torques.harmonics)[0, 0]))
+    frequency = 2 * np.pi * rpm / 60
+    together = mass[0] * mass[1] / mass.sum()
     stiffness = 1e-3 * float(train.meshes.stiffness[0])
     amplitude = (
         wave
@@ -146,14 +146,10 @@ def test_plans_and_marches_know_the_forces_of_teeth_in_contact_however_far_the_t
     spring between them.
     """
     train = jaxhb.load_scene(DATA / "scenes" / scene)
-    radius, mass = (
-        np.asarray(train.disks.radius),
-        np.asarray(train.disks.inertia) / np.asarray(train.disks.radius) ** 2,
-    )
-    stiffness, together = (
-        float(train.meshes.stiffness[0]),
-        mass[0] * mass[1] / mass.sum(),
-    )
+    radius = np.asarray(train.disks.radius)
+    mass = np.asarray(train.disks.inertia) / np.asarray(train.disks.radius) ** 2
+    stiffness = float(train.meshes.stiffness[0])
+    together = mass[0] * mass[1] / mass.sum()
     wave = (
         complex(*np.asarray(train.torques.harmonics)[0, 0])
         / radius[0]
@@ -173,7 +169,8 @@ def light(pair, load):
     """The pair with a load of so many times the force of the gap, and the mean and the
     vibration of its tooth force.
     """
-    stiffness, backlash = 1e11, 0.01
+    stiffness = 1e11
+    backlash = 0.01
     torque = load * stiffness * backlash / 2 * 0.05
     numbers = {
         "a|b.stiffness": stiffness,
@@ -232,7 +229,8 @@ def test_the_speed_of_lift_off_does_not_depend_on_the_load(pair, load):
     2 / |0.4 + 0.1 i|``.
     """
     softer = {"a|b.stiffness": 1e9, "a|b.backlash": 1.0}
-    train, growth = light(pair, load)[0].replace(softer), 2 / abs(0.4 + 0.1j)
+    train = light(pair, load)[0].replace(softer)
+    growth = 2 / abs(0.4 + 0.1j)
     rpm = np.sqrt(1e9 / 2 * (1 - 1 / growth)) * 30 / np.pi
     found = jaxhb.lift_off(train, rpm=[0.5 * rpm, 1.05 * rpm])
     np.testing.assert_allclose(found.rpm, [rpm], rtol=1e-6)
@@ -288,7 +286,8 @@ def test_a_steady_state_keeps_no_vibration_of_its_start_where_nothing_damps_it(p
         pair.replace({"a|b.damping": 2000.0, **numbers}), rpm=20.0
     )
     assert state.kind == "periodic" and "nothing damps" in state.notes[0]
-    force, amplitude = state.force("a", "b"), abs(0.4 + 0.1j) * torque / 0.05 / 2
+    force = state.force("a", "b")
+    amplitude = abs(0.4 + 0.1j) * torque / 0.05 / 2
     found = [float(force.mean), float(force.max), float(force.min)]
     np.testing.assert_allclose(
         found, torque / 0.05 + amplitude * np.array([0, 1, -1]), rtol=1e-4

@@ -82,7 +82,8 @@ def mass_in_time(*, m, b, c, **_):
 
 def solve_by_hand(harmonics, samples):
     """Iterate of the one-mass problem from its linear solution."""
-    reduced, mass = by_hand(harmonics, **parameters()), mass_in_time(**parameters())
+    reduced = by_hand(harmonics, **parameters())
+    mass = mass_in_time(**parameters())
     return solver(
         reduced, train_of(reduced, mass, 256), reduced.linear, samples=samples
     )
@@ -109,7 +110,8 @@ def test_case_a4_harmonics_of_the_exact_galerkin_solution(harmonics):
 
 
 def test_sixteen_samples_a_harmonic_err_less_than_the_truncation():
-    harmonics, samples = 8, 128
+    harmonics = 8
+    samples = 128
     x = solve_by_hand(harmonics, samples).x[0]
     exact = complex_numbers(method_case(f"A4_hb_one_mass_N{harmonics}")[1]["x"])
     true = method_case("A7_true_periodic_one_mass")[1]

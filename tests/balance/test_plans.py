@@ -318,10 +318,8 @@ def test_one_plan_serves_speeds_in_contact_and_speeds_that_hammer(pair):
     assert jaxhb.plan(pair, rpm=3000.0, harmonics=50, active="all") == together
     parts = []
     for rpm in (*speeds, 5200.0):
-        planned, free = (
-            jaxhb.solve(pair, rpm=rpm, plan=together),
-            jaxhb.solve(pair, rpm=rpm, harmonics=50),
-        )
+        planned = jaxhb.solve(pair, rpm=rpm, plan=together)
+        free = jaxhb.solve(pair, rpm=rpm, harmonics=50)
         assert planned.converged and free.converged
         largest = np.abs(free.deflections).max()
         np.testing.assert_allclose(
@@ -468,10 +466,8 @@ def test_a_linear_response_is_the_same_bits_among_few_others_and_the_same_motion
         jaxhb.solve_speeds(train, rpm=rpm[of]) for of in (slice(5), slice(3, 4))
     )
     np.testing.assert_array_equal(few[3].angles, alone[0].angles)
-    many, rounding = (
-        jaxhb.solve_speeds(train, rpm=rpm),
-        1e-14 * np.abs(few.angles).max(),
-    )
+    many = jaxhb.solve_speeds(train, rpm=rpm)
+    rounding = 1e-14 * np.abs(few.angles).max()
     assert many.converged.all() and many.rpm.tolist() == rpm.tolist()
     np.testing.assert_allclose(many.angles[:5], few.angles, rtol=1e-10, atol=rounding)
     last = jaxhb.solve_speeds(train, rpm=rpm[-1:])  # in a batch that is padded
@@ -488,7 +484,8 @@ def test_a_linear_response_is_the_same_bits_among_few_others_and_the_same_motion
 def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes(
     pair,
 ):
-    train, rpm = jaxhb.load_scene("engine_with_damper"), 1900.0
+    train = jaxhb.load_scene("engine_with_damper")
+    rpm = 1900.0
     case = case_of(train, rpm)
     ((first, *_),) = starts.contact(case)
     ((march, *_),) = starts.from_sweeps(case)
@@ -555,15 +552,11 @@ def test_a_mesh_that_stays_loaded_beside_one_that_hammers_is_no_unknown():
 
 @pytest.mark.oracle
 def test_a_mesh_thought_loaded_that_leaves_its_flank_is_planned_again():
-    train, mesh = (
-        build(pinions_parts(pump=40.0), reference="flywheel"),
-        ("crank gear", "pump gear"),
-    )
+    train = build(pinions_parts(pump=40.0), reference="flywheel")
+    mesh = ("crank gear", "pump gear")
     careful = jaxhb.solve(train, rpm=1500.0, harmonics=192)
-    case, held = (
-        case_of(train, 1500.0, harmonics=192),
-        train.topology.mesh_names.index("|".join(mesh)),
-    )
+    case = case_of(train, 1500.0, harmonics=192)
+    held = train.topology.mesh_names.index("|".join(mesh))
     flank = tuple(
         careful.mesh(*mesh).drive_side if i == held else side
         for i, side in enumerate(case.plan.flank)
@@ -616,10 +609,8 @@ def test_nothing_computed_is_told_of_a_speed_that_is_not_solved(
         assert all(
             np.isnan(leaf).all() for leaf in jax.tree.leaves(getattr(response, name))
         ), name
-    force, contact = (
-        response.force("gear a", "gear b"),
-        response.mesh("gear a", "gear b"),
-    )
+    force = response.force("gear a", "gear b")
+    contact = response.mesh("gear a", "gear b")
     read = [
         force.max,
         force.min,
@@ -686,7 +677,8 @@ def test_mesh_forces_of_the_linear_train_are_those_of_the_program_that_long_trai
 ):
     train = jaxhb.load_scene("gear_train_30")
     request = Request.of(train)
-    contact, few = planning.contact_plan(train, request), np.array([700.0, 1800.0])
+    contact = planning.contact_plan(train, request)
+    few = np.array([700.0, 1800.0])
     host = planning._linear_mesh_forces(train, few, contact, 24)
     one_by_one = [
         planning._linear_mesh_forces(train, few[i : i + 1], contact, 24)[0]

@@ -150,7 +150,8 @@ def settled(case, goal=GOAL):
 
 def distance(case, motion, other):
     """Of two motions, over the vibration of the second."""
-    motion, other = jnp.asarray(motion), jnp.asarray(other)
+    motion = jnp.asarray(motion)
+    other = jnp.asarray(other)
     size = force_size(case.equation, motion - other)
     return float(size / vibration_size(case.equation, other))
 
@@ -395,7 +396,8 @@ def test_a_motion_is_where_sweeps_from_it_stay(hammering):
 
 def test_padding_by_idle_meshes_changes_nothing(hammering):
     """Arrays have room for 1, 2, 4, ... meshes and 32, 64, ... modes."""
-    train, rpm = hammering.train, RPM
+    train = hammering.train
+    rpm = RPM
     problem = problem_at(train, rpm, listed_harmonic(train.topology))
     meshes = ActiveMeshes(
         mask=np.array([1.0, 0.0]), index=np.zeros(2, np.int32), flank=np.zeros(1)
@@ -423,10 +425,8 @@ def test_without_rates_sweeps_end_where_they_do_with_them():
     case = case_of(pair(**TRAINS["damping always"]))
     equation = dataclasses.replace(case.equation, by_rate=False)
     plan = dataclasses.replace(case.plan, by_rate=False)
-    motion, short = (
-        settled(case),
-        settled(dataclasses.replace(case, equation=equation, plan=plan)),
-    )
+    motion = settled(case)
+    short = settled(dataclasses.replace(case, equation=equation, plan=plan))
     assert int(short.marches) == int(motion.marches)
     assert distance(case, short.deflection, motion.deflection) < ALGEBRAIC
 

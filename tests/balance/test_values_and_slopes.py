@@ -9,7 +9,8 @@ import pytest
 
 import jaxhb
 
-DAMPING, RPM = "viscous damper.damping", 2300.0
+DAMPING = "viscous damper.damping"
+RPM = 2300.0
 
 
 @pytest.mark.oracle

@@ -34,7 +34,8 @@ def dense_residual(x, w):
     """The equation of the link with 15 harmonics at a frequency, dense, and its
     Jacobian; [mean, cosines, sines].
     """
-    link, push = np.zeros(3), np.zeros((16, 3))
+    link = np.zeros(3)
+    push = np.zeros((16, 3))
     link[1:] = 1.0, -1.0
     push[:2, 0] = chain_task.MEAN, chain_task.SWING
     right = np.stack([np.broadcast_to(link, push.shape), push], axis=-1)
@@ -56,7 +57,9 @@ def dense_fold(x, w):
     """
 
     def singular(y):
-        x, v, w = y[: len(x0)], y[len(x0) : -1], y[-1]
+        x = y[: len(x0)]
+        v = y[len(x0) : -1]
+        w = y[-1]
         value, matrix = dense_residual(x, w)
         return np.concatenate([value, matrix @ v, [v @ v - 1]])
 
@@ -154,7 +157,8 @@ def test_columns_of_a_branch_do_not_depend_on_which_gear_is_named_first(tmp_path
     """A pair that hammers, its driven gear named second and first: forces are of either
     sign, columns the same.
     """
-    pair, twin = "gear a|gear b", "gear b|gear a"
+    pair = "gear a|gear b"
+    twin = "gear b|gear a"
     packaged = Path(jaxhb.__path__[0], "scene", "scenes")
     shutil.copy(packaged / "spur_pair_omega_squared.csv", tmp_path)
     text = (packaged / "spur_pair.toml").read_text(encoding="utf-8")
@@ -165,7 +169,8 @@ def test_columns_of_a_branch_do_not_depend_on_which_gear_is_named_first(tmp_path
     loaded = jaxhb.load_scene("spur_pair"), jaxhb.load_scene(tmp_path / "twin.toml")
     response, reversed_response = (jaxhb.solve(train, rpm=5000.0) for train in loaded)
     assert response.force(pair).mean > 0 > reversed_response.force(twin).mean
-    columns, reversed_columns = extremes(response), extremes(reversed_response)
+    columns = extremes(response)
+    reversed_columns = extremes(reversed_response)
     assert columns["largest_force"] == [response.force(pair).peak]
     for name, values in columns.items():
         assert reversed_columns[name] == pytest.approx(values, rel=1e-6), name
@@ -173,7 +178,8 @@ def test_columns_of_a_branch_do_not_depend_on_which_gear_is_named_first(tmp_path
 
 def test_a_number_of_the_train_is_followed_at_one_speed():
     """More drive closes the gap: the end of the branch is what a solve finds there."""
-    train, rpm = chain_train(3), float(rpm_of(1.2))
+    train = chain_train(3)
+    rpm = float(rpm_of(1.2))
     values = {"start": 1.0, "to": 1.3}
     branch = jaxhb.follow(
         train, "m1|m2.stiffness", **values, rpm=rpm, harmonics=15, tolerance=0.5
@@ -241,10 +247,8 @@ def test_a_branch_of_twice_the_period_leaves_at_a_period_doubling():
         # transition zone shifts that.
         if not doubled.stable[i] or abs(doubled.value[i] / point.value - 1) < 0.01:
             continue
-        speed, x = (
-            doubled.value[i] / natural,
-            doubled.response(i).deflection("a", "b").samples(4096),
-        )
+        speed = doubled.value[i] / natural
+        x = doubled.response(i).deflection("a", "b").samples(4096)
         state = x[0], (x[1] - x[-1]) * 2048 * speed / (4 * np.pi)
         exact = long_run(Pair(speed, epsilon=1e-3), state)
         assert exact.period == 2

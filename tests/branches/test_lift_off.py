@@ -7,14 +7,17 @@ import pytest
 
 import jaxhb
 
-HALF, NATURAL = 1e-4, 500.0
+HALF = 1e-4
+NATURAL = 500.0
 
 
 def pair(mean, amplitude, varying=()):
     """Two gears on a mesh of damping ratio 0.05, under a mean and an alternating force
     of order 1, N.
     """
-    inertia, radius, mass = 1.0, 0.5, 2.0
+    inertia = 1.0
+    radius = 0.5
+    mass = 2.0
     gears = [
         jaxhb.Disk(name=name, inertia=inertia, radius=radius, teeth=20) for name in "ab"
     ]

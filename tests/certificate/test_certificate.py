@@ -89,7 +89,8 @@ def test_the_theorem_fails_above_one_half_and_says_so():
 @pytest.mark.parametrize("harmonics", [8, 32])
 def test_one_mass_the_true_motion_lies_within_the_bound_and_hardly_nearer(harmonics):
     response = solved(harmonics)
-    found, h = certify(response), parameters()["h"]
+    found = certify(response)
+    h = parameters()["h"]
     fine = solved(384)
     count = 2**13
     apart = np.abs(
@@ -183,8 +184,12 @@ def test_a_singular_derivative_is_refused():
     """Method.md A4.2 (i): a motion inside the transition whose slopes 1 + a cos 2t are
     in parametric resonance.
     """
-    a, b, slopes, h = 0.200109342148869, 0.1, (0.05 / 0.7, 1 / 0.7), 2.0
-    c, eps = slopes[1], 0.05
+    a = 0.200109342148869
+    b = 0.1
+    slopes = (0.05 / 0.7, 1 / 0.7)
+    h = 2.0
+    c = slopes[1]
+    eps = 0.05
     kappa = (c - eps * c) / (0.2 * h)
     x = np.zeros(5, complex)
     x[0], x[2] = 0.4 * h + (1 - eps * c) / kappa, a / 2 / kappa
@@ -212,7 +217,8 @@ def test_a_singular_derivative_is_refused():
 
 def pair(**changes):
     """Two gears with shafts: separated teeth, damping in contact."""
-    loss, mean = changes.pop("loss", 0.0), changes.pop("mean", 80.0)
+    loss = changes.pop("loss", 0.0)
+    mean = changes.pop("mean", 80.0)
     law = {"stiffness": 2e8, "damping": 3e3, "damping_law": "contact"} | changes
     return jaxhb.build(
         [
@@ -272,8 +278,10 @@ def test_bounds_hold_for_both_laws_of_damping_and_for_loss_factors(changes):
     fine = jaxhb.solve(
         train, rpm=1500.0, harmonics=768, integrals="exact", start=response
     )
-    (value, force), (true_value, true_force) = forces(response), forces(fine)
-    apart, off = np.abs(value - true_value).max(), np.abs(force - true_force).max()
+    (value, force) = forces(response)
+    (true_value, true_force) = forces(fine)
+    apart = np.abs(value - true_value).max()
+    off = np.abs(force - true_force).max()
     assert apart <= found.deflection_bound[0] <= WITHIN * apart
     assert off <= found.force_bound[0] <= WITHIN * off
 
@@ -312,8 +320,10 @@ def test_whatever_is_read_of_a_response_lies_within_the_bound(train, rpm, harmon
         for signal, values, bound in zip(
             signals, (deflections, true_forces, elastic), bounds, strict=True
         ):
-            true, off = values[index], {}
-            low, high = true.min(), true.max()
+            true = values[index]
+            off = {}
+            low = true.min()
+            high = true.max()
             off["extremes"] = max(
                 abs(signal.max - high),
                 abs(signal.min - low),
@@ -390,7 +400,9 @@ def test_what_an_impulse_leaves_is_what_the_linearised_equation_answers():
     np.testing.assert_allclose((way.deflection[0] @ begin)[0], expected, rtol=1e-5)
 
 
-LEVELS, FINE, SAMPLES = (12, 17, 24, 34, 48, 68, 96), 256, 2**14
+LEVELS = (12, 17, 24, 34, 48, 68, 96)
+FINE = 256
+SAMPLES = 2**14
 """What aliases of force and stiffness is what their coefficients are at this harmonic,
 1e-8 of the stiffness.
 """
@@ -435,10 +447,8 @@ def truncated(train):
 
 def quantities(train, deflection):
     """Coefficients of what converges, each to its own number of harmonics."""
-    law, kept = (
-        jax.tree.map(np.asarray, law_meshes(train).law).expand(),
-        deflection.shape[1],
-    )
+    law = jax.tree.map(np.asarray, law_meshes(train).law).expand()
+    kept = deflection.shape[1]
     value = fourier.synthesize(deflection, SAMPLES)
     force, stiffness = (
         fourier.analyze(f(law, value), SAMPLES // 2)

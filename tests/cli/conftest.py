@@ -66,7 +66,8 @@ def call(folder, line, *files):
     words = [
         word for option in files for word in (f"--{option}", str(called.path(option)))
     ]
-    out, err = io.TextIOWrapper(io.BytesIO(), "utf-8", newline=""), io.StringIO()
+    out = io.TextIOWrapper(io.BytesIO(), "utf-8", newline="")
+    err = io.StringIO()
     with (
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),

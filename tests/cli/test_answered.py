@@ -58,7 +58,8 @@ def test_a_motion_known_from_recorded_cycles_is_an_answer(
     )
     called = run(f"{command} spur_pair --rpm 5000", "json", "csv")
     assert (called.status, called.err) == (0, "")
-    (record,), (row,) = records_of(called), called.rows
+    (record,) = records_of(called)
+    (row,) = called.rows
     assert (record["motion"]["kind"], record["converged"], record["status"]) == (
         "periodic",
         None,

@@ -84,10 +84,8 @@ def test_modal_torques_count_beside_those_of_their_mode_alone():
 
 def test_the_modal_torques_of_every_misfire_are_those_of_its_train(told):
     call = f"campbell {SCENE} --rpm 1000:2600 --misfire"
-    called, alone = (
-        told(f"{call} each", "json", "csv"),
-        told(f"{call} 'cylinder 3'", "json").json["critical_speeds"],
-    )
+    called = told(f"{call} each", "json", "csv")
+    alone = told(f"{call} 'cylinder 3'", "json").json["critical_speeds"]
     speeds = called.json["critical_speeds"]
     torques = {(c["order"], c["mode"]): c["modal_torque"] for c in alone}
     assert all(
@@ -114,7 +112,8 @@ def test_the_worst_misfire_is_that_of_the_forced_response_at_the_critical_speeds
     of a shaft.
     """
     called = told(f"campbell {scene} --rpm {rpm} --misfire each", "json")
-    worst, critical = called.json["worst_misfire"], called.json["critical_speeds"]
+    worst = called.json["worst_misfire"]
+    critical = called.json["critical_speeds"]
     speeds = ",".join(repr(speed) for speed in sorted({c["rpm"] for c in critical}))
     forced = told(f"forced {scene} --rpm {speeds} --misfire each", "json").json[
         "worst_misfire"

@@ -44,10 +44,12 @@ def test_a_scene_to_begin_with_is_written_and_has_nothing_to_note(here, run):
 
 
 def test_a_copy_has_the_tables_and_the_comments_of_its_scene(here, run):
-    said, table = run(f"new four.toml --from {ENGINE}").out, f"{ENGINE}_pressure.csv"
+    said = run(f"new four.toml --from {ENGINE}").out
+    table = f"{ENGINE}_pressure.csv"
     assert sorted(path.name for path in here.iterdir()) == ["four.toml", table]
     assert said.splitlines()[:2] == ["four.toml is written.", f"{table} is written."]
-    copy, train = jaxhb.load_scene("four.toml"), jaxhb.load_scene(ENGINE)
+    copy = jaxhb.load_scene("four.toml")
+    train = jaxhb.load_scene(ENGINE)
     assert copy.topology.name == "four" and np.array_equal(
         copy.cylinders.pressure, train.cylinders.pressure
     )
@@ -82,7 +84,9 @@ def test_there_is_nothing_to_note_on_a_packaged_scene_and_its_loads(name, told):
 
 def test_check_tells_torques_tooth_forces_and_damping(run):
     called = run(f"check {ENGINE}", "json")
-    text, record, train = called.words, called.json, jaxhb.load_scene(ENGINE)
+    text = called.words
+    record = called.json
+    train = jaxhb.load_scene(ENGINE)
     assert (
         "15 disks, 4 rotors, 11 shafts, 3 meshes (3 with backlash), 1 damper, 4"
         " cylinders; nothing to note." in text

@@ -85,7 +85,8 @@ def test_scenes_lists_every_packaged_scene(run):
 
 
 def test_every_command_and_all_together_show_examples(run):
-    commands, together = set(program.commands) - {"completion"}, run("--help")
+    commands = set(program.commands) - {"completion"}
+    together = run("--help")
     assert together.status == 0
     for command in commands:
         said = run(f"{command} --help").out

@@ -12,7 +12,9 @@ from jaxhb.report.figures.speeds import plot_forced
 from jaxhb.report.text.forced import SHOWN, readings
 
 CALL = "forced gear_train_30 --rpm 800:2400:5"
-SHAFT, MESH, DAMPER = "throw 2|throw 1", "crank gear|idler", "crank damper"
+SHAFT = "throw 2|throw 1"
+MESH = "crank gear|idler"
+DAMPER = "crank damper"
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +30,8 @@ def answer(told):
 
 
 def test_the_json_holds_every_element_in_full_precision(answer, response):
-    record, topology = answer.json, response.topology
+    record = answer.json
+    topology = response.topology
     assert list(record["disks"]) == list(topology.disk_names)
     assert list(record["shafts"]) == [*topology.shaft_names, *topology.damper_names]
     assert list(record["meshes"]) == list(topology.mesh_names)
@@ -193,7 +196,8 @@ def test_other_commands_refuse_links_that_vary_by_name(soft, command, run):
     assert run(f"{command} {soft} --links-at hz=50").status == 0
 
 
-DIESEL, NAMED = "forced six_cylinder_diesel", "cyl6|flywheel"
+DIESEL = "forced six_cylinder_diesel"
+NAMED = "cyl6|flywheel"
 RPM = np.linspace(1800.0, 2400.0, 4)
 
 
@@ -213,7 +217,8 @@ def test_what_was_changed_is_told_below_the_tables_and_a_misfire_above_them_too(
 
 def test_the_worst_of_all_misfires_is_that_of_python(told):
     called = told(f"{DIESEL} --rpm 1800:2400:4 --misfire each", "json", "csv", "plot")
-    record, train = called.json, jaxhb.load_scene("six_cylinder_diesel")
+    record = called.json
+    train = jaxhb.load_scene("six_cylinder_diesel")
     misfires = jaxhb.misfire_each(train, rpm=RPM, solve=jaxhb.forced_response)
     worst = misfires.worst(lambda r: r.torque(NAMED).half_peak_to_peak)
     wanted = {
@@ -296,7 +301,8 @@ def test_the_worst_misfire_is_that_with_the_largest_share_of_a_limit(run, tmp_pa
     scene = tmp_path / "e.toml"
     scene.write_text(text_of("slow_two_stroke.toml"))
     called = run(f"forced {scene} --rpm 80,85,120 --cut-off each", "json")
-    worst, text = called.json["worst_misfire"], called.out
+    worst = called.json["worst_misfire"]
+    text = called.out
     rows = {}
     for name, train in (
         {"": (loaded := jaxhb.load_scene(scene))} | loaded.cut_offs()

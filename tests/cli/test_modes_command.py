@@ -15,11 +15,10 @@ IDLE = text_of("idle.toml")
 
 
 def test_modes_are_those_of_python(told):
-    called, modes = (
-        told("modes gear_train_30", "json"),
-        jaxhb.natural_frequencies(jaxhb.load_scene("gear_train_30")),
-    )
-    record, link = called.json, "idler|cam gear A"
+    called = told("modes gear_train_30", "json")
+    modes = jaxhb.natural_frequencies(jaxhb.load_scene("gear_train_30"))
+    record = called.json
+    link = "idler|cam gear A"
     keys = {
         "frequencies_hz",
         "mesh_energy_share",
@@ -62,12 +61,11 @@ def test_the_table_and_the_json_tell_nodes_damping_ratios_and_kinds(told):
     """A viscous damper's ring turns freely: its motion of 0 Hz is told apart from that
     of the train.
     """
-    called, train = (
-        told("modes engine_with_damper", "json"),
-        jaxhb.load_scene("engine_with_damper"),
-    )
+    called = told("modes engine_with_damper", "json")
+    train = jaxhb.load_scene("engine_with_damper")
     modes = jaxhb.natural_frequencies(train)
-    ratios, record = damping_ratios(train, modes), called.json
+    ratios = damping_ratios(train, modes)
+    record = called.json
     assert record["damping_ratios"] == [None, None, *ratios[2:]]
     assert record["kinds"][:3] == ["rigid", "ring only", "elastic"]
     rows = [line.split(maxsplit=6) for line in called.out.splitlines()[2:]]

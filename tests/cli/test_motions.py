@@ -17,7 +17,8 @@ from jaxhb.results.status import NewtonOnSweeps, Sweeps
 
 MESH = "gear a|gear b"
 DAMPING = f"{MESH}.damping"
-PERIODIC, IRREGULAR = "two cycles", "none"
+PERIODIC = "two cycles"
+IRREGULAR = "none"
 SETTINGS = {
     PERIODIC: {DAMPING: 106.1},
     IRREGULAR: {"drive.mean": 12.5, "brake.mean": -12.5},
@@ -61,14 +62,13 @@ def call(period):
 
 @pytest.mark.parametrize("period", SETTINGS)
 def test_the_kind_and_the_numbers_are_those_of_the_motion(period, answers, told):
-    called, state = told(*call(period)), answers[period].state
+    called = told(*call(period))
+    state = answers[period].state
     record = called.json
-    motion, mesh, force, contact = (
-        record["motion"],
-        record["meshes"][MESH],
-        state.force(MESH),
-        state.mesh(MESH),
-    )
+    motion = record["motion"]
+    mesh = record["meshes"][MESH]
+    force = state.force(MESH)
+    contact = state.mesh(MESH)
     assert called.status == 0 and called.is_drawn
     assert (motion["kind"], motion["period"], motion["cycles"]) == (
         state.kind,
@@ -98,8 +98,10 @@ def test_the_kind_and_the_numbers_are_those_of_the_motion(period, answers, told)
 
 
 def test_a_motion_of_two_cycles_has_impacts_over_both_and_a_multiplier(answers, told):
-    called, found = told(*call(PERIODIC)), jaxhb.stability(answers[PERIODIC].response)
-    motion, mesh = called.json["motion"], called.json["meshes"][MESH]
+    called = told(*call(PERIODIC))
+    found = jaxhb.stability(answers[PERIODIC].response)
+    motion = called.json["motion"]
+    mesh = called.json["meshes"][MESH]
     assert (motion["stable"], motion["multiplier"]) == (True, found.largest)
     assert called.json["converged"] and called.json["status"] == "CONVERGED"
     # One impact in two cycles of 11.25 deg, in the second of them.
@@ -111,7 +113,8 @@ def test_a_motion_of_two_cycles_has_impacts_over_both_and_a_multiplier(answers, 
 
 def test_a_motion_that_never_repeats_has_a_distribution_and_no_solution(answers, told):
     called = told(*call(IRREGULAR))
-    record, said = called.json, called.out
+    record = called.json
+    said = called.out
     keys = (
         "converged",
         "status",
@@ -148,7 +151,8 @@ def test_a_motion_that_never_repeats_has_a_distribution_and_no_solution(answers,
 def test_an_orbit_is_the_solution_of_solve_and_the_word_for_its_stability(told):
     called = told("solve spur_pair --rpm 5000 --orbit", "json")
     response = jaxhb.solve_speeds(jaxhb.load_scene("spur_pair"), rpm=[5000.0])[0]
-    found, motion = jaxhb.stability(response), called.json["motion"]
+    found = jaxhb.stability(response)
+    motion = called.json["motion"]
     assert called.json["meshes"][MESH]["max"] == float(response.force(MESH).max)
     assert motion["orbit"] and motion["kind"] == "periodic"
     assert (motion["stable"], motion["multiplier"]) == (found.stable, found.largest)
@@ -165,7 +169,8 @@ def test_a_sweep_both_ways_tells_hysteresis(told):
     called = told(
         "sweep spur_pair --rpm 4500,5000 --direction both", "json", "csv", "plot"
     )
-    said, record = called.out, called.json
+    said = called.out
+    record = called.json
     assert said.startswith(
         "Upwards: Teeth separate at 1 of 2 speeds between 4500 and 5000 rpm: 5000 rpm."
     )
@@ -189,11 +194,13 @@ def test_a_periodic_solution_has_the_same_bits_alone_and_in_a_sweep():
     """One speed in contact, one with an unknown on a flank, two that hammer: of
     different plans.
     """
-    train, asked = jaxhb.load_scene("spur_pair"), Asked(orbit=True)
+    train = jaxhb.load_scene("spur_pair")
+    asked = Asked(orbit=True)
     rpm = [2000.0, 7950.0, 5000.0, 5600.0]
     sweep = answer_speeds(train, rpm, asked)["orbit"]
     assert [answer.state.response.harmonics for answer in sweep] == [16, 16, 128, 128]
-    by_newton, by_sweeps = (sweep[:2], sweep[2:])
+    by_newton = sweep[:2]
+    by_sweeps = sweep[2:]
     assert [answer.state.response.path[-1].active_meshes for answer in by_newton] == [
         0,
         1,
@@ -238,7 +245,8 @@ def test_the_picture_of_an_irregular_motion_shows_the_distribution_over_the_cycl
     answer = answers[IRREGULAR]
     digits = 0.5 * 10 ** (1 - DIGITS)
     extremes, below = figures_of(plot_cycle, answer)
-    torque, force = answer.gear_torque("gear a"), answer.force(MESH)
+    torque = answer.gear_torque("gear a")
+    force = answer.force(MESH)
     np.testing.assert_allclose(extremes.traces[0]["y"], torque.highest, rtol=digits)
     shares = [
         trace["y"][::3]
@@ -271,8 +279,10 @@ def test_pictures_of_an_irregular_motion_show_how_far_other_records_may_lie(
     """Bars with feet, 2 standard deviations up and down, at the largest force and at
     the extremes of a record.
     """
-    answer, digits = answers[IRREGULAR], {"rtol": 10.0 ** (1 - DIGITS)}
-    force, torque = answer.force(MESH), answer.gear_torque("gear a")
+    answer = answers[IRREGULAR]
+    digits = {"rtol": 10.0 ** (1 - DIGITS)}
+    force = answer.force(MESH)
+    torque = answer.gear_torque("gear a")
     assert force.spread.peak > 0.01 * force.peak
     traces = figures_of(plot_sweep, {"up": [answer]})[0].traces
     (bar,) = [trace for trace in traces if trace["name"] == OTHER_RECORDS]

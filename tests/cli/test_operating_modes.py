@@ -38,7 +38,8 @@ def test_files_of_all_modes_hold_what_each_alone_gives(forced):
 
 
 def test_the_worst_of_every_quantity_is_named_with_its_mode_and_speed(forced):
-    worst, head = forced["all"].json["worst"], "port clutch half peak-to-peak N m"
+    worst = forced["all"].json["worst"]
+    head = "port clutch half peak-to-peak N m"
     rows = [
         (float(r[head]), name, float(r["rpm"]))
         for name in MODES
@@ -133,7 +134,8 @@ def test_a_sweep_goes_over_the_phase_in_every_mode(run, tmp_path):
     line = f"sweep {PLANT} --rpm 350 --over turn.angle=0:360:3 --scenario all"
     found = run(f"{line} --out {tmp_path}/kept", "csv", "json")
     assert found.status == 0
-    train, head = jaxhb.load_scene(PLANT), "line torque half peak-to-peak N m"
+    train = jaxhb.load_scene(PLANT)
+    head = "line torque half peak-to-peak N m"
     for row in found.rows:
         mode = (
             train

@@ -26,7 +26,8 @@ OWN += (
 """What differs by the file, the time and the scene as it is written; the lines of the
 sketch begin at either end.
 """
-ROUNDED, NOTHING = 2e-3, 1e-8
+ROUNDED = 2e-3
+NOTHING = 1e-8
 """Of numbers that both have but for rounding to digits, and what is 0 but for
 rounding.
 """
@@ -80,7 +81,8 @@ def scenes(tmp_path_factory):
     """Files of every train and its twin, whose links have names that do not depend on
     their ends.
     """
-    folder, files = tmp_path_factory.mktemp("twins"), {}
+    folder = tmp_path_factory.mktemp("twins")
+    files = {}
     for title, text in TRAINS.items():
         names = (f"{place} link" for place in ("first", "second"))
         text = re.sub(
@@ -131,14 +133,13 @@ def write_measured(path, scene):
         jaxhb.load_scene(scene).replace({"line.stiffness": 9e5}),
         rpm=[250.0, 300.0, 350.0],
     )
-    speed, lines = (
-        response.speed("propeller"),
-        ["rpm,order,element,quantity,amplitude,phase"],
-    )
+    speed = response.speed("propeller")
+    lines = ["rpm,order,element,quantity,amplitude,phase"]
     for place, rpm in enumerate(response.rpm):
         for order in (2.0, 4.0, 6.0):
             k = list(speed.orders).index(order)
-            amplitude, phase = speed.amplitudes[place, k], speed.phases_deg[place, k]
+            amplitude = speed.amplitudes[place, k]
+            phase = speed.phases_deg[place, k]
             lines.append(f"{rpm},{order},propeller,speed,{amplitude:.12g},{phase:.12g}")
     path.write_text("\n".join(lines), encoding="utf-8")
 
@@ -151,7 +152,9 @@ def test_what_people_read_does_not_depend_on_which_end_of_a_link_is_named_first(
     word, _, options = command.partition(" ")
     if "measured" in options:
         write_measured(tmp_path / "measured.csv", scenes[train][0])
-    told, figures, pages = [], [], []
+    told = []
+    figures = []
+    pages = []
     for path in scenes[train]:
         called = run(f"{word} {path} {options}", *filter(None, [file]))
         assert called.status == 0, called.err

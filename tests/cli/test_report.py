@@ -58,10 +58,8 @@ def test_the_report_puts_a_misfire_beside_normal_running(run, small):
         "rpm",
         "mesh",
     ) and data.rpm.values.tolist() == [1500.0, 3000.0]
-    train, one = (
-        jaxhb.load_scene(small).misfire("two"),
-        data.sel(case="two not firing", rpm=3000.0),
-    )
+    train = jaxhb.load_scene(small).misfire("two")
+    one = data.sel(case="two not firing", rpm=3000.0)
     found = jaxhb.steady_state(train, rpm=3000.0).force("crank|pump").max
     without = jaxhb.linear_response(train, rpm=3000.0).force("crank|pump").max
     assert one.tooth_force_max.item() == pytest.approx(float(found), rel=1e-9)

@@ -112,7 +112,8 @@ def test_every_table_that_a_scene_may_name_is_copied(run, tmp_path):
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "charge.csv").write_text("0.0, 0.4\n1.0, 1.0\n")
     named = '[engine.combustion]\ncharge_over_load = "charge.csv"'
-    scene, copy = tmp_path / "in" / "engine.toml", tmp_path / "copy.toml"
+    scene = tmp_path / "in" / "engine.toml"
+    copy = tmp_path / "copy.toml"
     scene.write_text(text_of("two_strokes.toml").replace("[engine.combustion]", named))
     run(f"scene {scene} --out {copy}")
     assert (tmp_path / "charge.csv").is_file() and jaxhb.load_scene(
@@ -121,7 +122,8 @@ def test_every_table_that_a_scene_may_name_is_copied(run, tmp_path):
 
 
 def test_a_csv_file_becomes_a_scene(tmp_path, run):
-    table, out = tmp_path / "pair.csv", tmp_path / "pair.toml"
+    table = tmp_path / "pair.csv"
+    out = tmp_path / "pair.toml"
     table.write_text("name,inertia\na,1\nb,2\n\nfrom,to,stiffness\na,b,1e5\n")
     assert run(f"scene {table} --out {out} --quiet").out == ""
     assert "61.64" in run(f"modes {out}").out and "61.64" in run(f"modes {table}").out
@@ -139,10 +141,8 @@ def test_the_scene_command_needs_no_jax(scene):
 
 
 def test_the_worst_of_all_misfires_is_that_of_python(scene, run):
-    called, train = (
-        run(f"report {scene} --rpm 1200,1800 --misfire each", "json"),
-        jaxhb.load_scene(scene),
-    )
+    called = run(f"report {scene} --rpm 1200,1800 --misfire each", "json")
+    train = jaxhb.load_scene(scene)
     misfires = jaxhb.misfire_each(train, rpm=[1200.0, 1800.0])
     worst = misfires.worst(lambda r: r.torque("one", "two").half_peak_to_peak)
     found = called.json["worst_misfire"]

@@ -58,7 +58,8 @@ KEYS |= {
     "gears",
     "meshes",
 }
-HAMMERING, DIESEL = "solve spur_pair --rpm 5000", "solve six_cylinder_diesel --rpm 1500"
+HAMMERING = "solve spur_pair --rpm 5000"
+DIESEL = "solve six_cylinder_diesel --rpm 1500"
 
 
 @pytest.fixture(scope="module")
@@ -99,17 +100,16 @@ def test_a_hammering_pair_exits_0_and_its_file_follows_the_contract(hammering):
         == {"mean", "half_peak_to_peak", "amplitudes"} | turning
     )
     assert set(record["gears"]["gear a"]) == SIGNAL
-    mesh, without = record["meshes"][MESH], record["without_backlash"]["meshes"][MESH]
+    mesh = record["meshes"][MESH]
+    without = record["without_backlash"]["meshes"][MESH]
     assert set(mesh) >= SIGNAL | CONTACT and set(mesh["elastic"]) == SIGNAL
     assert mesh["separated_fraction"] > 0.1 and mesh["drive_side"] == 1
     assert without["separated_fraction"] == 0 and 0 < without["max"] < mesh["max"]
 
 
 def test_the_numbers_of_the_file_are_those_of_python(hammering, response):
-    force, contact = (
-        response.force("gear a", "gear b"),
-        response.mesh("gear a", "gear b"),
-    )
+    force = response.force("gear a", "gear b")
+    contact = response.mesh("gear a", "gear b")
     record = hammering.json
     mesh = record["meshes"][MESH]
     assert (mesh["max"], mesh["elastic"]["max"]) == (
@@ -136,11 +136,9 @@ def test_the_numbers_of_the_file_are_those_of_python(hammering, response):
 def test_a_computed_bound_is_told_in_words_with_its_margins_and_written_as_from_python(
     hammering, response
 ):
-    found, said, bound = (
-        jaxhb.certify(response),
-        hammering.out,
-        hammering.json["certificate"],
-    )
+    found = jaxhb.certify(response)
+    said = hammering.out
+    bound = hammering.json["certificate"]
     assert (bound["holds"], bound["reason"]) == (True, "")
     mesh = bound["meshes"][MESH]
     own = {
@@ -301,7 +299,8 @@ def test_a_sweep_writes_one_response_and_one_row_per_speed(told):
         "csv",
         "plot",
     )
-    record, rows = called.json, called.rows
+    record = called.json
+    rows = called.rows
     assert called.err == "" and called.is_drawn
     assert (
         record["rpm"] == [row["rpm"] for row in record["responses"]] == [2000.0, 5600.0]

@@ -198,10 +198,8 @@ def test_a_signal_ends_a_command_as_ctrl_c_does():
 
 @pytest.mark.parametrize(("line", "option"), reference("cases")["never written over"])
 def test_what_a_command_reads_is_never_written_over(line, option, scene, run):
-    table, link = (
-        scene.with_name("spur_pair_omega_squared.csv"),
-        scene.with_name("link"),
-    )
+    table = scene.with_name("spur_pair_omega_squared.csv")
+    link = scene.with_name("link")
     link.symlink_to(table)
     before = scene.read_bytes(), table.read_bytes()
     called = run(
@@ -286,10 +284,8 @@ def cache(tmp_path, monkeypatch):
 def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(
     orbit, run, cache, monkeypatch
 ):
-    call, solved = (
-        (f"sweep spur_pair --rpm 4600,5000,5400 --chunk 1 {orbit}", "json", "csv"),
-        [],
-    )
+    call = (f"sweep spur_pair --rpm 4600,5000,5400 --chunk 1 {orbit}", "json", "csv")
+    solved = []
     note = commands._SweepFiles.note
 
     def stop(self, found):
@@ -349,7 +345,8 @@ def test_a_report_that_is_stopped_goes_on_where_it_was(run, cache, monkeypatch):
 
 
 def test_what_a_stopped_command_left_is_forgotten_after_a_month(cache):
-    train, month = jaxhb.load_scene("spur_pair"), 86400 * resume.FORGOTTEN_AFTER
+    train = jaxhb.load_scene("spur_pair")
+    month = 86400 * resume.FORGOTTEN_AFTER
     folders = [resume.Kept([train], asked).folder.folder for asked in ("old", "recent")]
     for folder, age in zip(folders, (month + 60, month - 60), strict=True):
         (folder / "0 2000").mkdir(parents=True)

@@ -82,7 +82,8 @@ def test_a_search_goes_on_where_it_was_stopped_with_the_same_numbers(
     scene, tmp_path, monkeypatch
 ):
     """Stopped after every third part: what it had found is not solved again."""
-    train, rpm = jaxhb.load_scene(scene), np.linspace(900.0, 1200.0, 9)
+    train = jaxhb.load_scene(scene)
+    rpm = np.linspace(900.0, 1200.0, 9)
     asked = {"samples": 4, "seed": 0, "harmonics": 4}
     whole = jaxhb.tolerance(train, rpm=rpm, **asked)
     solved, at_once = Evaluator.solved, []
@@ -95,7 +96,8 @@ def test_a_search_goes_on_where_it_was_stopped_with_the_same_numbers(
         return solved(self, z, *args, **options)
 
     monkeypatch.setattr(Evaluator, "solved", counted)
-    stops, again = 0, None
+    stops = 0
+    again = None
     while again is None:
         try:
             again = jaxhb.tolerance(train, rpm=rpm, **asked, out=tmp_path / "kept")
@@ -160,7 +162,8 @@ def test_no_share_of_a_limit_is_told_where_the_rule_has_none(tmp_path, run):
     """At 1.05 of the rated speed, 126 rpm, the rule ends: 140 rpm has a stress, but no
     limit.
     """
-    path, name = tmp_path / "line.toml", "stress over continuous limit of shaft"
+    path = tmp_path / "line.toml"
+    name = "stress over continuous limit of shaft"
     path.write_text(
         text_of("propeller_shaft.toml")
         + '\n[tolerance]\n"shaft.outer" = { share = 0.01 }\n'

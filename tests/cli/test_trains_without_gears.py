@@ -70,10 +70,8 @@ def test_a_train_of_one_disk_is_told_by_its_angle_and_has_no_picture(
 
 def test_the_hardest_shaft_may_be_a_damper(scene):
     train = jaxhb.load_scene(scene(DISK, DAMPER))
-    answer, sweep = (
-        answer_one(train, 1000.0, Asked()),
-        answer_speeds(train, [1000.0, 1500.0], Asked()),
-    )
+    answer = answer_one(train, 1000.0, Asked())
+    sweep = answer_speeds(train, [1000.0, 1500.0], Asked())
     name = train.topology.damper_names[0]
     assert hardest_shaft([answer]) == hardest_shaft(sweep["up"]) == name
     torque = plot_cycle(answer).axes[0].get_lines()[0].get_ydata()

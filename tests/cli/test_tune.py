@@ -45,8 +45,10 @@ def tune(scene, tmp_path, run):
 def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, tmp_path, tune):
     called = tune("--set cyl2.damping=3", "plot")
     assert called.status == 0 and called.is_drawn
-    said, record = called.out, called.json
-    before, after = jaxhb.load_scene(scene), jaxhb.load_scene(tmp_path / "better.toml")
+    said = called.out
+    record = called.json
+    before = jaxhb.load_scene(scene)
+    after = jaxhb.load_scene(tmp_path / "better.toml")
     assert after.value("cyl2.damping") == 3.0
     for name, found in record["parameters"].items():
         assert found["before"] == pytest.approx(before.value(name), rel=1e-12)

@@ -13,7 +13,9 @@ from jaxhb.report.compute import Asked, answer_one
 from jaxhb.report.figures.cycle import cycle_figure
 
 SCENE = Path(__file__).parents[1] / "data" / "scenes" / "idle_rattle.toml"
-RPM, MESH, CLUTCH = 1000.0, "hub|counter gear", "clutch disc"
+RPM = 1000.0
+MESH = "hub|counter gear"
+CLUTCH = "clutch disc"
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +45,10 @@ def test_what_stands_beside_a_motion_is_that_of_the_scene_whose_meshes_have_no_b
 ):
     called = run(f"sweep {SCENE} --rpm {RPM}", "json", "csv", "netcdf", "plot")
     assert called.status == 0
-    largest, torque = closed.force(MESH).max, closed.torque(CLUTCH).half_peak_to_peak
-    (record,), (row,) = called.json["responses"], called.rows
+    largest = closed.force(MESH).max
+    torque = closed.torque(CLUTCH).half_peak_to_peak
+    (record,) = called.json["responses"]
+    (row,) = called.rows
     without = record["without_backlash"]
     assert without["meshes"][MESH]["max"] == pytest.approx(largest, rel=ALGEBRAIC)
     assert without["shafts"][CLUTCH]["half_peak_to_peak"] == pytest.approx(

@@ -47,7 +47,8 @@ def of_diameter(outer):
 @pytest.mark.parametrize("outer", [0.45, 0.46, 0.52, 0.585])
 def test_the_peak_between_the_speeds_is_that_of_a_fine_sweep(outer):
     train = of_diameter(outer)
-    checked, truth = check_between(train, RPM, TASK), share(train, FINE)
+    checked = check_between(train, RPM, TASK)
+    truth = share(train, FINE)
     value, speed = checked.worst(NAME)
     assert value == pytest.approx(truth.max(), rel=1e-3)
     assert speed == pytest.approx(FINE[truth.argmax()], rel=2e-3)

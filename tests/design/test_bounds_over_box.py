@@ -44,7 +44,8 @@ def pair():
 
 def torque_of(rpm, stiffness, damping, loss, inertia):
     """Amplitude of the torque of the shaft: one equation of the twist."""
-    omega, reduced = np.pi / 30 * rpm, inertia * INERTIA / (inertia + INERTIA)
+    omega = np.pi / 30 * rpm
+    reduced = inertia * INERTIA / (inertia + INERTIA)
     force = stiffness * (1 + 1j * loss) + 1j * omega * damping
     return np.abs(force * DRIVE * reduced / inertia / (force - reduced * omega**2))
 
@@ -233,7 +234,8 @@ ASKED = {
     ("scene", "rpm"), [("six_cylinder_diesel", 1200.0), ("engine_with_damper", 1000.0)]
 )
 def test_no_train_of_thousands_exceeds_the_bounds(scene, rpm):
-    train, of = jaxhb.load_scene(scene), ASKED[scene]
+    train = jaxhb.load_scene(scene)
+    of = ASKED[scene]
     if train.tolerance:
         known = read_tolerances(train)
     else:
@@ -374,7 +376,8 @@ def test_backlash_in_a_closed_loop_preloads_the_teeth():
     of = [Objective(quantity="tooth force peak", of=name) for name in ("a|b", "c|d")]
     bound, why = bounds(train, [12000.0], known, of)
     assert (why == "").all()
-    box, largest = box_of(train, tuple(known), tuple(of)), np.zeros(2)
+    box = box_of(train, tuple(known), tuple(of))
+    largest = np.zeros(2)
     for u in [
         *itertools.product((-1.0, 1.0), repeat=4),
         *np.random.default_rng(1).uniform(-1.0, 1.0, (10, 4)),

@@ -33,7 +33,8 @@ def pair():
 
 def torque_of(rpm, stiffness, damping, inertia):
     """Complex amplitude of the torque of the shaft: one equation of the twist."""
-    omega, reduced = np.pi / 30 * rpm, inertia / (1 + inertia)
+    omega = np.pi / 30 * rpm
+    reduced = inertia / (1 + inertia)
     force = stiffness + 1j * omega * damping
     return force * 5.0 * reduced / (force - reduced * omega**2)
 
@@ -61,7 +62,8 @@ def test_derivatives_of_residuals_are_those_of_differences():
     measured = rows(torque_of(RPM, *TRUE.values()))
     measured.phase[::2] = np.nan
     fit = Fit(pair(), measured, tuple(PARAMETERS), 0.03, {"a|b.damping": 1.0})
-    u, step = np.array([0.4, 0.5, 0.3]), 1e-6
+    u = np.array([0.4, 0.5, 0.3])
+    step = 1e-6
     slopes = fit.residuals(u)[1]
     for k in range(3):
         sides = [fit.residuals(u + step * sign * np.eye(3)[k])[0] for sign in (1, -1)]
@@ -73,7 +75,8 @@ def test_derivatives_of_residuals_are_those_of_differences():
 def test_true_numbers_lie_inside_the_intervals_as_often_as_they_say():
     # 40 fits of 3 numbers: 114 of 120 inside on average, fewer than 104 once in 10,000
     # seeds.
-    inside, rng = [], np.random.default_rng(5)
+    inside = []
+    rng = np.random.default_rng(5)
     torque = np.tile(torque_of(RPM, *TRUE.values()), 4)
     for _ in range(40):
         noisy = torque * (1 + 0.03 * (rng.normal(size=20) + 1j * rng.normal(size=20)))
@@ -109,12 +112,14 @@ def test_a_number_that_no_row_sees_is_told_as_open_and_a_prior_keeps_it():
 
 @pytest.mark.parametrize("phases", [True, False])
 def test_the_weak_cylinder_is_found_from_low_orders_of_the_flywheel(phases):
-    train, rng = jaxhb.load_scene("six_cylinder_diesel"), np.random.default_rng(7)
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    rng = np.random.default_rng(7)
     names = train.topology.cylinder_names
     truth = train.replace(
         {f"{name}.injection": 0.7 if name == names[4] else 1.0 for name in names}
     )
-    rpm, orders = np.array([1200.0, 1800.0, 2300.0]), np.arange(0.5, 3.5, 0.5)
+    rpm = np.array([1200.0, 1800.0, 2300.0])
+    orders = np.arange(0.5, 3.5, 0.5)
     own = (
         2
         * np.asarray(

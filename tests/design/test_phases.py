@@ -129,7 +129,8 @@ def test_the_angle_is_a_number_with_derivatives():
             .smooth_peak()
         )
 
-    slope, h = jax.grad(swing)(25.0), 1e-4
+    slope = jax.grad(swing)(25.0)
+    h = 1e-4
     assert float(slope) == pytest.approx(
         float(swing(25.0 + h) - swing(25.0 - h)) / (2 * h), rel=100 * GRADIENT
     )
@@ -180,7 +181,8 @@ def test_the_worst_phase_of_a_linear_train_is_that_of_all_phases_tried_out():
         for k in (1, 2)
         for field in ("gas_factor", "reciprocating_mass")
     }
-    own, others = none.replace({}), none.replace(quiet)
+    own = none.replace({})
+    others = none.replace(quiet)
     whole, rest = (
         jaxhb.forced_response(t, rpm=RPM).torque("line") for t in (own, others)
     )
@@ -223,10 +225,8 @@ def test_with_backlash_phases_are_solved_round_the_circle():
         f"{name}.gas_torque_mean": 2e4
         for name in ("port 1", "port 2", *(f"starboard {k}" for k in (1, 2, 3)))
     }
-    of, how = (
-        [Objective(quantity="tooth force", of="port mesh")],
-        {"rpm": [300.0], "phases": 12},
-    )
+    of = [Objective(quantity="tooth force", of="port mesh")]
+    how = {"rpm": [300.0], "phases": 12}
     linear, found = (
         jaxhb.worst_phase(
             built(phases=[TURN], backlash=gap).replace(heavy), "turn", of=of, **how

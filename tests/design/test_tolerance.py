@@ -26,7 +26,8 @@ def pair(tolerance=None):
 
 def torque_of(rpm, stiffness, damping):
     """Amplitude of the torque of the shaft: one equation of the twist."""
-    omega, reduced = np.pi / 30 * rpm, 2 / 3
+    omega = np.pi / 30 * rpm
+    reduced = 2 / 3
     force = stiffness + 1j * omega * damping
     return np.abs(force * DRIVE * reduced / (force - reduced * omega**2))
 
@@ -47,7 +48,8 @@ def found():
 
 def test_the_worst_case_is_that_of_the_closed_form(found):
     # The resonance is met inside the range at some speeds, at its end at others.
-    stiffness, damping = np.linspace(5.7e3, 7.7e3, 20001), 3.0
+    stiffness = np.linspace(5.7e3, 7.7e3, 20001)
+    damping = 3.0
     dense = [max(torque_of(rpm, stiffness, damping)) for rpm in RPM]
     np.testing.assert_allclose(
         found.nominal[:, 0], torque_of(RPM, 6.7e3, 4.0), rtol=1e-5
@@ -151,7 +153,8 @@ def test_the_worst_case_on_the_other_side_of_a_resonance_is_found_from_any_corne
     """Around this train the force rises with the stiffness of the rubber, and at its
     lower end is the worst case.
     """
-    train, rpm = jaxhb.load_scene("engine_with_damper"), 1963.6
+    train = jaxhb.load_scene("engine_with_damper")
+    rpm = 1963.6
     force = Objective(quantity="tooth force", of="crank gear|idler")
     found = [
         jaxhb.tolerance(train, rpm=rpm, of=[force], bounds=False, seed=seed).worst[0, 0]
@@ -187,7 +190,8 @@ def test_a_worst_case_inside_the_range_is_found_where_corners_lead_to_another():
     """Two resonances: corners lead to the one with stiff rubber in the cam damper, 5 %
     lower than that inside.
     """
-    train, rpm = jaxhb.load_scene("gear_train_30"), 1336.4
+    train = jaxhb.load_scene("gear_train_30")
+    rpm = 1336.4
     parts = {
         "crank damper": 2,
         "cam damper A": 2,
@@ -297,7 +301,8 @@ def absorbed():
 
 @pytest.mark.parametrize("kind", ["worst", "p95"])
 def test_a_robust_damper_is_better_within_the_tolerances_and_worse_without(kind):
-    train, rpm = absorbed(), np.linspace(800.0, 1150.0, 8)
+    train = absorbed()
+    rpm = np.linspace(800.0, 1150.0, 8)
     known = [Tolerance(name="absorber.stiffness", low=720.0, high=1080.0)]
     asked = {
         "parameters": [Parameter(name="absorber.damping", low=0.1, high=20.0)],

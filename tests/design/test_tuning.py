@@ -73,7 +73,8 @@ def test_a_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(
     found = trains.tuned_main_mass(
         trains.main_mass(ring, *start), bounds, ratios
     ).after.parameters
-    stiffness, damping = found.get("damper.stiffness", 0.0), found["damper.damping"]
+    stiffness = found.get("damper.stiffness", 0.0)
+    damping = found["damper.damping"]
     assert trains.exact_peak(ring, stiffness, damping) == pytest.approx(
         peak, abs=5e-4
     )  # four digits
@@ -153,7 +154,8 @@ def assessed():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
         patch.setattr("jaxhb.design.evaluation.plan_designs", planned)
-        made, z = bench(), np.array([[0.1, -0.3, 0.4], [0.8, 0.5, -1.0]])
+        made = bench()
+        z = np.array([[0.1, -0.3, 0.4], [0.8, 0.5, -1.0]])
         return made, made.at(
             z, made.unsolved(z), aim(np.ones((2, 4), dtype=bool)), rescues=4
         )
@@ -285,7 +287,8 @@ def assert_solves_tell_the_same(found):
 def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan):
     found = tuned(steps=2)
     label = "tooth force order 1 of crank gear|idler"
-    before, after = found.before.readings[label], found.after.readings[label]
+    before = found.before.readings[label]
+    after = found.after.readings[label]
     assert after.max() < 0.9 * before.max()
     assert (
         found.after.solved | ~found.before.solved
@@ -359,7 +362,8 @@ class Bowl:
     each component.
     """
 
-    rpm, peaks = np.array([1000.0, 1500.0]), 0
+    rpm = np.array([1000.0, 1500.0])
+    peaks = 0
     task = SimpleNamespace(objectives=(), named=lambda z: dict(enumerate(z.tolist())))
 
     def unsolved(self, z):
@@ -372,7 +376,8 @@ class Bowl:
     def at(self, z, near, aim, **_):
         status = np.zeros((len(z), 2), dtype=int)
         status[:, 1] = np.where((z > 1.0).any(1), jaxhb.Status.STALLED, 0)
-        value, gradient = ((z - 3) ** 2).sum(1), 2 * (z - 3)
+        value = ((z - 3) ** 2).sum(1)
+        gradient = 2 * (z - 3)
         found = {"status": status, "value": value, "gradient": gradient}
         return dataclasses.replace(near, z=z, **found, exact=np.zeros((len(z), 2, 0)))
 

@@ -38,7 +38,8 @@ def test_a_stiffness_from_dimensions_stores_the_shear_energy_of_the_shaft():
 @pytest.mark.parametrize("way", [{"magnifier": 25.0}, {"damping_ratio": 0.02}])
 def test_a_magnifier_is_the_amplification_at_resonance(way):
     a, b = AB
-    k, reduced = 1e6, 2.0 * 3.0 / 5.0
+    k = 1e6
+    reduced = 2.0 * 3.0 / 5.0
     hz = float(np.sqrt(k / reduced) / (2 * np.pi))
     link = Shaft(between=("a", "b"), stiffness=k, damping_hz=hz, **way)
     torques = [
@@ -53,7 +54,8 @@ def test_a_magnifier_is_the_amplification_at_resonance(way):
 
 def test_a_mesh_has_the_tooth_damping_ratio_at_its_own_frequency():
     masses = 2.0 / 0.1**2, 3.0 / 0.2**2
-    m, c = masses[0] * masses[1] / sum(masses), 1e8
+    m = masses[0] * masses[1] / sum(masses)
+    c = 1e8
     hz = np.sqrt(c / m) / (2 * np.pi)
     mesh = Mesh(between=("a", "b"), stiffness=c, damping_ratio=0.03, damping_hz=hz)
     made = jaxhb.build([*AB, mesh], reference="a", name="pair")
@@ -96,7 +98,8 @@ def test_the_derivative_to_a_dimension_is_that_of_differences():
         )
         return jax.numpy.stack([new.value("a|b.stiffness"), new.value("a|b.damping")])
 
-    at, direction = np.array([0.1, 0.05, 25.0]), 1e-3 * np.array([0.1, -0.05, 25.0])
+    at = np.array([0.1, 0.05, 25.0])
+    direction = 1e-3 * np.array([0.1, -0.05, 25.0])
     _, slope = jax.jvp(both, (at,), (direction,))
     near, far = (both(at + k * direction) - both(at - k * direction) for k in (1, 2))
     np.testing.assert_allclose(slope, (8 * near - far) / 12, rtol=GRADIENT)
@@ -175,10 +178,8 @@ def test_a_scene_of_elements_is_read_as_it_was_written(tmp_path):
     ]
     path = tmp_path / "scene.toml"
     path.write_text(elements_text(parts, name="one", reference="a", rated_rpm=1500.0))
-    made, read = (
-        jaxhb.build(parts, name="one", reference="a", rated_rpm=1500.0),
-        jaxhb.load_scene(path),
-    )
+    made = jaxhb.build(parts, name="one", reference="a", rated_rpm=1500.0)
+    read = jaxhb.load_scene(path)
     assert made.topology == read.topology and read.topology.rated_rpm == 1500.0
     for one, other in zip(jax.tree.leaves(made), jax.tree.leaves(read), strict=True):
         np.testing.assert_array_equal(one, other)
@@ -192,7 +193,8 @@ def test_a_scene_of_elements_is_read_as_it_was_written(tmp_path):
 
 def test_referred_numbers_keep_the_energies():
     made = jaxhb.load_scene("gear_train_30")
-    found, topology = jaxhb.referred(made), made.topology
+    found = jaxhb.referred(made)
+    topology = made.topology
     angle = np.random.default_rng(1).normal(size=topology.n_disks)
     reference = angle / found.factor
     ends = np.array(topology.link_ends)

@@ -91,7 +91,8 @@ def test_an_expanded_scene_is_the_same_train(six, tmp_path):
 
 
 def test_a_combustion_in_an_engine_is_expanded_with_a_value_for_each_cylinder(tmp_path):
-    path, out = tmp_path / "two.toml", tmp_path / "out.toml"
+    path = tmp_path / "two.toml"
+    out = tmp_path / "out.toml"
     path.write_text(text_of("two_strokes.toml"))
     train = load_scene(path)
     assert train.topology.cylinder_names == (

@@ -169,7 +169,8 @@ def test_hand_written_slopes_of_the_mesh_force_are_those_of_autodiff(in_contact)
         )
     )
     for law in random_laws():
-        l, rate = sweep_of(law), draw.normal(size=101)
+        l = sweep_of(law)
+        rate = draw.normal(size=101)
         stiffness, damping = backlash.mesh_slopes(law, 0.7, in_contact, l, rate)
         by_autodiff = slopes(law, 0.7, in_contact, l, rate)
         scale = law.stiffness + 0.7 * np.abs(rate).max() / law.width
@@ -180,7 +181,8 @@ def test_hand_written_slopes_of_the_mesh_force_are_those_of_autodiff(in_contact)
 
 
 def test_damping_in_contact_pulls_nothing_in_the_gap_and_damping_always_does():
-    l, rate = np.array([0.0, 0.1, -0.1, 0.4]), np.array([-2.0, -2.0, 2.0, -2.0])
+    l = np.array([0.0, 0.1, -0.1, 0.4])
+    rate = np.array([-2.0, -2.0, 2.0, -2.0])
     gated = backlash.mesh_force(DYADIC, 0.5, True, l, rate) - backlash.force(DYADIC, l)
     always = backlash.mesh_force(DYADIC, 0.5, False, l, rate) - backlash.force(
         DYADIC, l

@@ -59,7 +59,8 @@ def test_sweep_equals_dense_solve_on_random_trees_with_any_arms(size, place):
     draw = np.random.default_rng(size)
     for _ in range(20):
         parent, near, far = random_tree(draw, size), *draw.uniform(0.3, 3.0, (2, size))
-        link, node = random_line(draw, size, 4), random_line(draw, size, 4)
+        link = random_line(draw, size, 4)
+        node = random_line(draw, size, 4)
         load = draw.normal(size=(size, 4, 2)) + 1j * draw.normal(size=(size, 4, 2))
         exact = dense_solution(parent, near, far, link, node, load)
         for found, wanted in zip(
@@ -70,7 +71,9 @@ def test_sweep_equals_dense_solve_on_random_trees_with_any_arms(size, place):
 
 def test_matrix_sweep_with_toeplitz_links_equals_dense_solve():
     draw = np.random.default_rng(200)
-    size, harmonics, width = 7, 3, 7
+    size = 7
+    harmonics = 3
+    width = 7
     for _ in range(15):
         parent, near, far = random_tree(draw, size), *draw.uniform(0.5, 2.0, (2, size))
         c = 0.1 * (
@@ -104,7 +107,9 @@ def test_matrix_sweep_with_toeplitz_links_equals_dense_solve():
 def test_matrix_sweep_tells_when_a_pivot_breaks_down_though_the_whole_matrix_is_regular():
     # docs/theory A2: node 1 with its upper node held is at parametric resonance, m = 1,
     # b = 0.1, c = 1 + a cos 2t
-    m, b, a = 1.0, 0.1, 0.200109342148869
+    m = 1.0
+    b = 0.1
+    a = 0.200109342148869
     harmonics = 8
     n = np.arange(harmonics + 1)
     coefficients = np.zeros(2 * harmonics + 1, complex)
@@ -126,7 +131,8 @@ def test_matrix_sweep_tells_when_a_pivot_breaks_down_though_the_whole_matrix_is_
 
 def test_case_a1_soft_ground_costs_no_digits_of_displacements_and_forces():
     params, expected = method_case("A1_soft_ground_static")
-    c, q = numbers(params["c"]), numbers(params["q"])
+    c = numbers(params["c"])
+    q = numbers(params["q"])
     node = np.zeros((4, 1), complex)
     node[-1] = c[-1]
     x, force = sweep(
@@ -160,7 +166,8 @@ def tree_case(parent, slots, harmonics):
     """The dimensionless trees of A2: m_s = 1 + s/10, b = 1/5, c_s = 10 + s, p_s = 1/s,
     soft ground 1/2 at the root.
     """
-    n, s = np.array(harmonics), np.asarray(slots, float)
+    n = np.array(harmonics)
+    s = np.asarray(slots, float)
     node = -np.outer(1 + s / 10, n**2) + 0.2j * n
     node[-1] += 0.5
     link = np.repeat((10 + s)[:, None] + 0j, len(n), axis=1)

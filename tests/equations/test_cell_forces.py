@@ -15,10 +15,8 @@ HARMONICS = 16
 
 def equation(law, **changes):
     """Meshes with damping in contact, free of any train."""
-    linear, receptance = (
-        np.zeros((2, HARMONICS + 1), complex),
-        np.zeros((HARMONICS + 1, 2, 2), complex),
-    )
+    linear = np.zeros((2, HARMONICS + 1), complex)
+    receptance = np.zeros((HARMONICS + 1, 2, 2), complex)
     contact = np.array([True, False])
     given = linear, receptance, np.array(1.0), law, np.array([0.05, 0.03]), contact
     return condensation.CondensedEquation(*given, **changes)

@@ -23,7 +23,9 @@ from jaxhb.balance.problem import (
 from jaxhb.equations import condensation, dynamic_stiffness, fourier
 from jaxhb.equations.residual import ForceBalance
 
-HARMONICS, SAMPLES, RPM = 6, 96, 1500.0
+HARMONICS = 6
+SAMPLES = 96
+RPM = 1500.0
 
 evaluate = jax.jit(ForceBalance.residual)
 reduce = jax.jit(reduced_equation, static_argnums=1)
@@ -135,10 +137,8 @@ def test_receptances_with_chains_of_disks_folded_are_those_of_all_disks(parts):
         "motor" if any(getattr(p, "name", "") == "motor" for p in parts) else "flywheel"
     )
     problem = problem_at(build(parts, reference=reference), RPM, HARMONICS)
-    system, omega = (
-        jax.tree.map(jnp.asarray, problem.system),
-        dynamic_stiffness.frequencies(problem.frequency, 40),
-    )
+    system = jax.tree.map(jnp.asarray, problem.system)
+    omega = dynamic_stiffness.frequencies(problem.frequency, 40)
     columns = system.incidence(problem.meshes.link)
     found = jax.jit(dynamic_stiffness.receptance)(system, omega, columns)
     wanted = jax.jit(dynamic_stiffness._receptance_of_all_disks)(system, omega, columns)
@@ -195,10 +195,8 @@ def test_padding_with_idle_meshes_changes_nothing(case):
         np.array([1.0, 1.0, 0.0, 0.0]), np.array([0, 1, 0, 0]), np.zeros(2)
     )
     padded, _ = reduce(problem, HARMONICS, idle)
-    value, wanted = (
-        reduced_residual(padded, np.concatenate([l, 0 * l]), SAMPLES),
-        reduced_residual(reduced, l, SAMPLES),
-    )
+    value = reduced_residual(padded, np.concatenate([l, 0 * l]), SAMPLES)
+    wanted = reduced_residual(reduced, l, SAMPLES)
     np.testing.assert_allclose(
         value[:2], wanted, rtol=0, atol=ALGEBRAIC * np.abs(l).max()
     )

@@ -22,7 +22,8 @@ EXACT = 1e-13
 the largest force.
 """
 
-HARMONICS, MESHES = 6, 2
+HARMONICS = 6
+MESHES = 2
 
 
 @partial(jax.jit, static_argnames="samples")
@@ -34,7 +35,8 @@ def coefficients(law, viscous, gated, deflection, samples=None):
         else exact_integrals.quadrature(law, deflection)
     )
     rate = fourier.derivative(deflection, 1.3)
-    l, rate = rule.synthesize(deflection), rule.synthesize(rate)
+    l = rule.synthesize(deflection)
+    rate = rule.synthesize(rate)
     values = backlash.mesh_force(law.expand(), viscous[:, None], gated, l, rate)
     return rule.analyze(values, deflection.shape[-1] - 1)
 
@@ -173,7 +175,8 @@ def test_first_and_second_derivatives_are_those_of_differences():
     """In deflections, stiffness, epsilon, transition, backlash and damping;
     fourth-order differences: 1e-9 at worst.
     """
-    theta, gradients = packed(*motion(3)), []
+    theta = packed(*motion(3))
+    gradients = []
 
     def value(at):
         found, slopes = gradient(at, True)

@@ -65,12 +65,11 @@ def test_synthesis_is_the_fourier_sum_and_analysis_undoes_it(signals, samples):
 
 
 def test_derivative_is_that_of_the_fourier_sum(signals):
-    frequency, step = 3.0, 1e-5
+    frequency = 3.0
+    step = 1e-5
     shift = np.exp(1j * frequency * step * np.arange(N + 1))
-    ahead, behind = (
-        by_direct_sum(signals * shift, SAMPLES),
-        by_direct_sum(signals / shift, SAMPLES),
-    )
+    ahead = by_direct_sum(signals * shift, SAMPLES)
+    behind = by_direct_sum(signals / shift, SAMPLES)
     found = fourier.synthesize(fourier.derivative(signals, frequency), SAMPLES)
     np.testing.assert_allclose(
         found, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-6 * np.abs(found).max()
@@ -96,10 +95,8 @@ def test_host_arrays_are_transformed_on_the_host_with_the_same_result(signals):
     ]
     functions += [lambda x: fourier.resize(x, N + 2), lambda x: fourier.unpack(x.real)]
     for function in functions:
-        found, wanted = (
-            function(signals[:, :-1]),
-            function(jnp.asarray(signals[:, :-1])),
-        )
+        found = function(signals[:, :-1])
+        wanted = function(jnp.asarray(signals[:, :-1]))
         assert type(found) is np.ndarray and not isinstance(wanted, np.ndarray)
         np.testing.assert_allclose(found, wanted, rtol=0, atol=ALGEBRAIC * 30)
 

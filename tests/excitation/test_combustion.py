@@ -10,7 +10,9 @@ from jaxhb.excitation import gas
 from jaxhb.excitation.combustion import burnt_share, pressures
 from jaxhb.excitation.crank import slider_crank
 
-BORE, STROKE, ROD = 0.1, 0.12, 0.2
+BORE = 0.1
+STROKE = 0.12
+ROD = 0.2
 SWEPT = np.pi / 4 * BORE**2 * STROKE
 NUMBERS = {
     "compression_ratio": 16.0,
@@ -93,7 +95,8 @@ def integrated(heat):
 
 
 def test_the_pressure_solves_its_equation_and_converges_with_the_square_of_the_step():
-    wanted, errors = integrated(2500.0), []
+    wanted = integrated(2500.0)
+    errors = []
     for samples in (1440, 2880, 5760):
         motored, per_joule = one(samples)
         pressure = motored + 2500.0 * per_joule
@@ -108,10 +111,8 @@ def test_the_pressure_solves_its_equation_and_converges_with_the_square_of_the_s
 
 
 def test_a_two_stroke_cycle_has_no_gas_exchange_strokes():
-    two, four = (
-        one(revolutions=1, samples=7200)[0],
-        one(revolutions=2, samples=14400)[0],
-    )
+    two = one(revolutions=1, samples=7200)[0]
+    four = one(revolutions=2, samples=14400)[0]
     np.testing.assert_allclose(two[:3600], four[:3600], rtol=ALGEBRAIC)
     np.testing.assert_allclose(two[3600:], four[10800:], rtol=ALGEBRAIC)
 

@@ -272,7 +272,8 @@ def test_a_torque_with_a_rated_speed_grows_with_a_power_of_the_speed():
     + [("one.pressure", np.ones(7200), "the cylinder has no pressure table")],
 )
 def test_what_a_train_lacks_cannot_be_changed(key, value, sentence):
-    burning, table = Combustion(heat=1e3, **BURNING), trace(8e6)
+    burning = Combustion(heat=1e3, **BURNING)
+    table = trace(8e6)
     train = pair(
         cylinder("one", combustion=burning),
         cylinder("two", pressure=table),
@@ -292,7 +293,8 @@ def test_a_wiebe_cycle_comes_near_the_measured_gas_harmonics_of_a_v16():
     cycle can have such harmonics.
     """
     row = reference("excitation")["gas_tangential_pressure_harmonics"][0]
-    area, throw = np.pi / 4 * row["bore_m"] ** 2, row["crank_throw_m"]
+    area = np.pi / 4 * row["bore_m"] ** 2
+    throw = row["crank_throw_m"]
     mean = (
         row["order0_as_plotted"] / 2 * 1e6
     )  # plotted as harmonics are, twice the coefficient
@@ -327,7 +329,8 @@ def slopes_agree(train, numbers, rpm):
     """The derivative of a sum over torque harmonics along a random direction of numbers
     (name: size).
     """
-    draw, weight = np.random.default_rng(3), jnp.exp(1j * jnp.arange(17))
+    draw = np.random.default_rng(3)
+    weight = jnp.exp(1j * jnp.arange(17))
     direction = {
         name: size * draw.uniform(0.5, 1.5, np.shape(train.value(name)))
         for name, size in numbers.items()
@@ -374,7 +377,8 @@ def test_derivatives_to_the_numbers_of_a_combustion():
         "stroke": 1e-5,
         "rod": 1e-5,
     }
-    numbers, parts = {"heat.combustion.heat": 0.2, "imep.combustion.imep": 100.0}, []
+    numbers = {"heat.combustion.heat": 0.2, "imep.combustion.imep": 100.0}
+    parts = []
     for kind, value in (("heat", 2000.0), ("imep", 1e6)):
         numbers |= {f"{kind}.{name}": step for name, step in steps.items()}
         burning = Combustion(**{kind: value}, **BURNING)

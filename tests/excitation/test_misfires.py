@@ -12,8 +12,13 @@ from tolerances import ALGEBRAIC, GRADIENT
 from jaxhb.elements.elements import Combustion, Cylinder, SceneError, Trace
 from jaxhb.excitation.torques import excitation, highest_harmonic
 
-BORE, STROKE, ROD, AREA = 0.3, 0.4, 0.8, np.pi / 4 * 0.3**2
-RATIO, EXPONENT, CHARGE = 14.0, 1.32, 2.5e5
+BORE = 0.3
+STROKE = 0.4
+ROD = 0.8
+AREA = np.pi / 4 * 0.3**2
+RATIO = 14.0
+EXPONENT = 1.32
+CHARGE = 2.5e5
 CRANK = {
     "disk": "a",
     "name": "c",
@@ -96,7 +101,8 @@ def table(strokes=4, first=-180.0, step=0.5, compressed=motored, blowdown=0.0):
 @pytest.mark.parametrize("strokes", [2, 4])
 def test_the_misfire_of_a_combustion_is_the_polytrope_in_every_order(strokes):
     combustion = Combustion(**BURNING, stroke_cycle=strokes, exhaust_pressure=1.9e5)
-    cylinder, turns = Cylinder(**CRANK, combustion=combustion, orders=9), strokes // 2
+    cylinder = Cylinder(**CRANK, combustion=combustion, orders=9)
+    turns = strokes // 2
     found = torque(pair(cylinder).misfire("c"), 9 * 2)
 
     def pressure(a):
@@ -176,7 +182,8 @@ def test_a_compression_that_is_no_polytrope_is_mirrored_as_it_is():
 
 def test_the_injection_leads_from_the_misfire_to_the_cycle_as_it_is():
     train = pair(Cylinder(**CRANK, combustion=Combustion(**BURNING)))
-    idle, fired = torque(train.misfire("c")), torque(train)
+    idle = torque(train.misfire("c"))
+    fired = torque(train)
     half = torque(train.replace({"c.injection": 0.5}))
     np.testing.assert_allclose(
         half, (idle + fired) / 2, rtol=0, atol=ALGEBRAIC * abs(fired).max()
@@ -323,7 +330,8 @@ def test_a_cylinder_that_fires_every_second_cycle_compresses_alone_in_the_other(
     )
     one = pair(Cylinder(**CRANK, **given))
     skipping = pair(Cylinder(**CRANK, **given, fires_every=2), revolutions_per_cycle=4)
-    fired, idle = torque(one, 600), torque(one.misfire("c"), 600)
+    fired = torque(one, 600)
+    idle = torque(one.misfire("c"), 600)
     wanted = over_cycles(fired, idle, 2)[:60]
     # 600 harmonics of one cycle leave steps of the samples.
     np.testing.assert_allclose(

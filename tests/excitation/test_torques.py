@@ -74,7 +74,9 @@ def test_gas_torque_has_the_tangential_pressure_harmonics_of_the_reference():
 
 @pytest.mark.parametrize("ambient", [0.0, 101325.0])
 def test_cylinder_torque_is_the_direct_sum_of_gas_and_inertia(ambient):
-    rpm, alpha, scale = 1500.0, 130.0, [(1000.0, 0.5), (2000.0, 1.0)]
+    rpm = 1500.0
+    alpha = 130.0
+    scale = [(1000.0, 0.5), (2000.0, 1.0)]
     more = {
         "firing_angle": alpha,
         "ambient_pressure": ambient,
@@ -168,7 +170,8 @@ def test_mean_torque_of_the_excitation_is_that_of_the_host():
         Cylinder(disk="a", name="two", **CRANK, gas_torque_mean=30.0),
         Cylinder(disk="a", name="idle", **CRANK, gas_torque_mean=50.0, fires=False),
     ]
-    train, speeds = pair(*parts), np.array([800.0, 1700.0])
+    train = pair(*parts)
+    speeds = np.array([800.0, 1700.0])
     means = mean_torques(
         train.torques, train.cylinders, train.topology.gas_cycles, speeds
     )

@@ -108,10 +108,8 @@ def both(response, monkeypatch):
     monkeypatch.setattr(
         "jaxhb.floquet.stability.train_of", lambda response: response.train
     )
-    found, expected = (
-        stability(response),
-        np.linalg.eigvals(dense_monodromy(response).matrix),
-    )
+    found = stability(response)
+    expected = np.linalg.eigvals(dense_monodromy(response).matrix)
     return found, expected[np.argsort(-np.abs(expected))]
 
 
@@ -204,7 +202,8 @@ def mathieu(monkeypatch, count):
     monkeypatch.setattr(intervals, "FEWEST", count)
     params, wanted = method_case("A7_damped_mathieu_monodromy")
     b, c0, a = (float(params[k]) for k in ("b", "c0", "a"))
-    contact, gap = 3.0, 0.3
+    contact = 3.0
+    gap = 0.3
     mass = one_mass(
         mass=1,
         damping=b,
@@ -213,11 +212,10 @@ def mathieu(monkeypatch, count):
         transition=0.2,
         backlash=1.0,
     )
-    middle, swing = 0.4 + 0.2 * (c0 - gap) / (contact - gap), 0.2 * a / (contact - gap)
-    deflection, parts = (
-        np.array([[middle, 0.0, swing / 2]], dtype=complex),
-        partition(*mass),
-    )
+    middle = 0.4 + 0.2 * (c0 - gap) / (contact - gap)
+    swing = 0.2 * a / (contact - gap)
+    deflection = np.array([[middle, 0.0, swing / 2]], dtype=complex)
+    parts = partition(*mass)
     space = jax.tree.map(np.asarray, state_space(*mass, 1.0, parts))
     modes = unheld_modes(*mass, space, 1.0, parts)
     found = intervals.monodromy(
@@ -232,7 +230,8 @@ def mathieu(monkeypatch, count):
 
 def test_intervals_have_twice_the_order_of_their_polynomials(monkeypatch):
     """Eight with four degrees, where slopes are smooth."""
-    coarse, fine = mathieu(monkeypatch, 4), mathieu(monkeypatch, 8)
+    coarse = mathieu(monkeypatch, 4)
+    fine = mathieu(monkeypatch, 8)
     assert fine < 1e-5 and np.log2(coarse / fine) > 2 * intervals.DEGREES - 1
     assert mathieu(monkeypatch, 32) < 1e-9
 
@@ -243,7 +242,8 @@ def test_intervals_have_twice_the_order_of_their_polynomials(monkeypatch):
 def test_integrals_of_exponentials_with_polynomials_are_exact(x):
     moment, repeated = (a[0] for a in intervals._exponential_integrals(np.array([x])))
     node, weight = legendre.leggauss(200)
-    s, weight = (node + 1) / 2, weight / 2
+    s = (node + 1) / 2
+    weight = weight / 2
     polynomial = legendre.legvander(node, intervals.DEGREES - 1)
     inner = np.einsum(
         "sr,srq->sq",
@@ -263,12 +263,11 @@ def test_moments_of_slopes_are_those_of_a_fine_sum():
     interval.
     """
     for train in (pair(transition=0.05), pair(**VARYING)):
-        response, system = moving(train, 900.0, 2 * PLAY), chain.assemble(train)
+        response = moving(train, 900.0, 2 * PLAY)
+        system = chain.assemble(train)
         meshes = jax.tree.map(np.asarray, slopes.backlash.law_meshes(train))
-        frequency, parts = (
-            train.topology.cycle_frequency(900.0),
-            partition(system, meshes),
-        )
+        frequency = train.topology.cycle_frequency(900.0)
+        parts = partition(system, meshes)
         space = jax.tree.map(np.asarray, state_space(system, meshes, frequency, parts))
         reactions = slopes.reactions_of(
             unheld_modes(system, meshes, space, frequency, parts), meshes

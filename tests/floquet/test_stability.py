@@ -62,7 +62,8 @@ def test_moduli_and_labels_of_the_sharp_dead_zone_up_and_down():
     rows = reference("backlash_one_mass_exact")["kahraman_singh_form"]["rows"]
     train = one_mass(m=1.0, b=0.1, c=1.0, eps=0.0, h=2.0, q0=0.1, q1=0.05)
     train = train.replace({"a|b.transition": 0.01})
-    response, compared = "march", 0
+    response = "march"
+    compared = 0
     for row in rows:
         swing = 0.05 * row["Omega"] ** 2  # a sine: a quarter of a cycle later
         here = train.replace(
@@ -111,7 +112,9 @@ def test_a_pair_that_floats_on_a_varying_stiffness_has_two_roots_of_its_rotation
     """Above a parametric resonance the largest multiplier of the teeth is -1.02, and
     the product of both is what the damping takes in a cycle.
     """
-    damping, natural, omega = 0.05, 500.0, 2.08
+    damping = 0.05
+    natural = 500.0
+    omega = 2.08
     teeth = 20
     gears = [
         jaxhb.Disk(name=name, inertia=1.0, radius=0.5, teeth=teeth)
@@ -154,7 +157,8 @@ def test_the_rotation_against_a_soft_ground_is_labelled():
     quarter of their share.
     """
     found = jaxhb.stability(rattling())
-    inertia, damping = 0.03 + 0.05 / 4, 0.5 + 0.4 / 4
+    inertia = 0.03 + 0.05 / 4
+    damping = 0.5 + 0.4 / 4
     expected = np.exp(60 / 1500 * np.roots([inertia, damping, 0.5]))
     np.testing.assert_allclose(
         found.multipliers[found.rotation], np.sort(expected)[::-1], rtol=1e-3
@@ -168,7 +172,8 @@ def test_a_cycle_of_two_revolutions_has_the_squares_of_the_multipliers_of_one():
     repeated = dataclasses.replace(
         response, deflections=deflections, train=response.train.repeated(2)
     )
-    once, twice = of_teeth(response), of_teeth(repeated)
+    once = of_teeth(response)
+    twice = of_teeth(repeated)
     assert 0.01 < abs(once[0]) < 1
     np.testing.assert_allclose(
         np.sort_complex(twice), np.sort_complex(once**2), atol=1e-8
@@ -192,8 +197,10 @@ def test_a_train_in_contact_has_the_multipliers_of_its_damped_modes():
     response = jaxhb.solve(build(parts, reference="motor"), rpm=900.0)
     found = jaxhb.stability(response)
     at_one = dense.dynamic_stiffness(parts, 1.0)
-    elastic, viscous = dense.dynamic_stiffness(parts, 0.0).real, at_one.imag
-    one, none = np.eye(len(elastic)), np.zeros_like(elastic)
+    elastic = dense.dynamic_stiffness(parts, 0.0).real
+    viscous = at_one.imag
+    one = np.eye(len(elastic))
+    none = np.zeros_like(elastic)
     first = np.block([[none, one], [-elastic, -viscous]])
     roots = scipy.linalg.eigvals(
         first, np.block([[one, none], [none, elastic - at_one.real]])
@@ -219,7 +226,8 @@ def test_loss_factors_damp_each_mode_as_the_complex_stiffness_does():
     """
     train = jaxhb.load_scene("engine_with_damper")
     response = jaxhb.solve(train, rpm=1500.0)
-    found, modes = jaxhb.stability(response), jaxhb.damped_modes(train)
+    found = jaxhb.stability(response)
+    modes = jaxhb.damped_modes(train)
     period = 2 * np.pi / train.topology.cycle_frequency(1500.0)
     expected = np.sort(np.exp(period * modes.eigenvalues.real))[::-1][:4]
     turning = np.abs(found.multipliers[found.multipliers.imag > 0])[:4]

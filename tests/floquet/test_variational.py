@@ -35,7 +35,8 @@ def mathieu(steps):
     """
     params, wanted = method_case("A7_damped_mathieu_monodromy")
     b, c0, a = (float(params[k]) for k in ("b", "c0", "a"))
-    contact, gap = 3.0, 0.3
+    contact = 3.0
+    gap = 0.3
     mass = one_mass(
         mass=1,
         damping=b,
@@ -44,7 +45,8 @@ def mathieu(steps):
         transition=0.2,
         backlash=1.0,
     )
-    middle, swing = 0.4 + 0.2 * (c0 - gap) / (contact - gap), 0.2 * a / (contact - gap)
+    middle = 0.4 + 0.2 * (c0 - gap) / (contact - gap)
+    swing = 0.2 * a / (contact - gap)
     deflection = np.array([[middle, 0.0, swing / 2]], dtype=complex)
     space = jax.tree.map(np.asarray, space_of(*mass, 1.0, parts=partition(*mass)))
     found = variational.monodromy(

@@ -23,9 +23,11 @@ def dense(equations, batch, place, cycles):
     """Deflections ``(G, steps)`` of the last cycle by the dense stepper, from where its
     march begins.
     """
-    linear_motion, train = batch.linear_motion, equations.train
+    linear_motion = batch.linear_motion
+    train = equations.train
     rpm = float(batch.marches[place].rpm)
-    system, meshes = equations.system, equations.meshes
+    system = equations.system
+    meshes = equations.meshes
     load = (
         np.asarray(excitation(train, rpm, listed_harmonic(train.topology))[0])
         / np.asarray(system.radius)[:, None]
@@ -150,11 +152,9 @@ def test_any_number_of_cycles_is_one_program_and_the_same_motion():
 def test_modes_hold_the_motion_of_every_disk():
     equations = Equations(gearbox())
     batch = Batch(equations, np.array([700.0]), STEPS)
-    modes, linear, motion = (
-        equations.modes,
-        batch.linear_motion,
-        batch.motion(batch.marches[0]),
-    )
+    modes = equations.modes
+    linear = batch.linear_motion
+    motion = batch.motion(batch.marches[0])
     again = marching.motion_of(
         modes, marching.state_of(modes, motion[None], linear), linear
     )[0]

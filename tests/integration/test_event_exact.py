@@ -63,7 +63,8 @@ def adaptive(pair, state, end):
         def event(t, z, piece):
             return z[0] - level
 
-        event.terminal, event.direction = True, towards
+        event.terminal = True
+        event.direction = towards
         return event
 
     t, state = 0.0, np.array(state, float)
@@ -102,11 +103,9 @@ def test_irregular_motion_follows_an_adaptive_integration(
 )  # 2.5e-3: critical damping in the gap
 @pytest.mark.parametrize("damped_gap", [True, False])
 def test_the_tangent_map_is_the_derivative_of_the_motion(epsilon, damped_gap):
-    pair, state, step = (
-        Pair(0.7, epsilon=epsilon, damped_gap=damped_gap),
-        np.array([0.3, -0.2]),
-        1e-6,
-    )
+    pair = Pair(0.7, epsilon=epsilon, damped_gap=damped_gap)
+    state = np.array([0.3, -0.2])
+    step = 1e-6
     ahead = [
         np.subtract(cycle(pair, state + d).state, cycle(pair, state - d).state)
         for d in step * np.eye(2)

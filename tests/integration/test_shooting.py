@@ -88,11 +88,10 @@ def test_what_closes_a_cycle_is_the_same_with_and_without_samples():
 
 def test_a_correction_solves_the_linearised_equations():
     rng = np.random.default_rng(3)
-    count, size = 8, 4
-    slope, gap = (
-        0.8 * rng.normal(size=(count, size, size)),
-        rng.normal(size=(count, size)),
-    )
+    count = 8
+    size = 4
+    slope = 0.8 * rng.normal(size=(count, size, size))
+    gap = rng.normal(size=(count, size))
     change = np.asarray(shooting.closing(shooting.condense(slope), gap))
     left = np.einsum("kij,kj->ki", slope, change) - np.roll(change, -1, axis=0)
     np.testing.assert_allclose(left, -gap, atol=PATHS * np.abs(change).max())
@@ -102,7 +101,8 @@ def test_what_moves_nothing_is_left_out():
     """Free rotation and its undamped rate, and a mode forty times too fast for the
     steps, which answers statically.
     """
-    held, floating = floating_pair(grounded=True), floating_pair(grounded=False)
+    held = floating_pair(grounded=True)
+    floating = floating_pair(grounded=False)
     assert np.sum(shooting.moving(held.space) == 0) == 2  # the fast mode and its rate
     still = np.flatnonzero(np.asarray(shooting.moving(floating.space)) == 0)
     assert len(still) == 4

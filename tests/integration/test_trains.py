@@ -57,7 +57,8 @@ def adaptive(system, meshes, frequency, load, x, v, cycles, samples):
     disks, n = mass.size, np.arange(load.shape[1])
 
     def motion(t, y):
-        l, rate = columns.T @ y[:disks], columns.T @ y[disks:]
+        l = columns.T @ y[:disks]
+        rate = columns.T @ y[disks:]
         f, share = dense.law(law, l)
         f = f + r * rate * np.where(gated, share, 1.0)
         wave = np.exp(1j * n * frequency * t) * np.where(n == 0, 1, 2)

@@ -106,7 +106,8 @@ def two_stroke(**more):
 
 def test_a_two_stroke_has_all_whole_orders_to_15_with_and_without_a_misfire():
     train = jaxhb.build([*two_stroke(stroke_cycle=2)], revolutions_per_cycle=1)
-    firing, misfire = train, train.misfires()["cylinder 2"]
+    firing = train
+    misfire = train.misfires()["cylinder 2"]
     whole = [float(n) for n in range(1, 16)]
     assert (
         excited_orders(firing, rpm=[300.0])

@@ -43,7 +43,8 @@ def companion(parts):
     """Finite eigenvalues of (lambda^2 M + lambda B + K), K complex by loss factors, of
     disks that all have inertia.
     """
-    M, K = np.diag(inertia_of(parts)), dense.dynamic_stiffness(parts, 1e-30).real
+    M = np.diag(inertia_of(parts))
+    K = dense.dynamic_stiffness(parts, 1e-30).real
     loss = dense.dynamic_stiffness(parts, 1e-30).imag
     B = dense.dynamic_stiffness(parts, 1.0).imag - loss
     n = len(M)
@@ -148,7 +149,8 @@ def test_damping_ratios_and_decay_rates_are_those_of_the_closed_form():
 def test_a_massless_disk_that_relaxes_fast_hides_no_mode(relaxation):
     # Two disks J and links k, r in series: lambda^2 + lambda r/J + k/J = 0, and the
     # disk between them creeps at k/r.
-    J, k = 1e3, 1e5
+    J = 1e3
+    k = 1e5
     disks = [
         Disk(name=name, inertia=inertia)
         for name, inertia in (("a", J), ("between", 0.0), ("b", J))
@@ -158,7 +160,8 @@ def test_a_massless_disk_that_relaxes_fast_hides_no_mode(relaxation):
         for pair in (("a", "between"), ("between", "b"))
     ]
     train = build([*disks, *links])
-    modes, omega = damped_modes(train), np.sqrt(k / J)
+    modes = damped_modes(train)
+    omega = np.sqrt(k / J)
     np.testing.assert_allclose(modes.eigenvalues.imag, [omega], rtol=ALGEBRAIC)
     np.testing.assert_allclose(
         modes.decay_rates, [relaxation], rtol=1e-3

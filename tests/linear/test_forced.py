@@ -119,9 +119,11 @@ def test_power_is_the_mean_of_torque_times_speed_and_what_the_torques_bring_in(c
     for part, _ in dense.links(parts):
         ends = (part.disk, part.name) if isinstance(part, Damper) else part.between
         if isinstance(part, Mesh):
-            force, deflection = found.force(*ends), found.deflection(*ends)
+            force = found.force(*ends)
+            deflection = found.deflection(*ends)
         else:
-            force, deflection = found.torque(*ends), found.twist(*ends)
+            force = found.torque(*ends)
+            deflection = found.twist(*ends)
         rate = 1j * omega * deflection.coefficients
         mean = 2 * (force.coefficients * np.conj(rate)).real[:, 1:].sum(-1)
         apparent = 2 * np.abs(force.coefficients * rate)[:, 1:].sum(-1)
@@ -134,10 +136,8 @@ def test_it_is_the_periodic_response_of_the_same_train():
     train = build(
         linear_parts(gearbox_parts(grounded=False)), reference="motor", cycle=2
     )
-    found, one = (
-        jaxhb.forced_response(train, rpm=SPEEDS),
-        jaxhb.linear_response(train, rpm=SPEEDS[2]),
-    )
+    found = jaxhb.forced_response(train, rpm=SPEEDS)
+    one = jaxhb.linear_response(train, rpm=SPEEDS[2])
     for name in (
         "angles",
         "torques",

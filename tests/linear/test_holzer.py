@@ -155,7 +155,8 @@ def check_tables(parts, reference):
     """Compare Holzer's table at every frequency with the eigenvector of the dense
     matrices.
     """
-    train, names = build(parts, reference=reference), dense.disk_names(parts)
+    train = build(parts, reference=reference)
+    names = dense.disk_names(parts)
     for hz, shape in zip(*(a.T for a in elastic_modes(parts)), strict=True):
         table = holzer_table(train, hz=float(hz))
         found = np.zeros(len(names))
@@ -207,7 +208,8 @@ def test_equal_branches_with_nodes_where_they_meet_have_their_modes():
             Disk(name="tail", inertia=2.5),
             Shaft(between=("hub", "tail"), stiffness=5.0),
         ]
-        train, names = build(parts), dense.disk_names(parts)
+        train = build(parts)
+        names = dense.disk_names(parts)
         table = holzer_table(train, hz=np.sqrt(9.0 / 2.0) / (2 * np.pi))
         motion = np.zeros(len(names))
         motion[[names.index(name) for name in table.names]] = table.ordinate

@@ -28,10 +28,8 @@ def negative_pivots(parts, square):
             i = names.index(part.name)
             matrix[i][i] -= square * Fraction(part.inertia)
         else:
-            ends, k = (
-                getattr(part, "between", (getattr(part, "disk", None),)),
-                Fraction(part.stiffness),
-            )
+            ends = getattr(part, "between", (getattr(part, "disk", None),))
+            k = Fraction(part.stiffness)
             at = [names.index(name) for name in ends]
             for i in at:
                 for j in at:
@@ -85,7 +83,8 @@ def test_soft_mode_of_a_closed_loop_keeps_its_digits():
         Shaft(between=("1", "4"), stiffness=3e-4)
     ]
     omega = 2 * np.pi * jaxhb.natural_frequencies(build(parts)).frequencies_hz
-    square, near = Fraction(omega[1]) ** 2, Fraction(2e-9)
+    square = Fraction(omega[1]) ** 2
+    near = Fraction(2e-9)
     assert omega[0] == 0.0
     assert (
         negative_pivots(parts, square * (1 - near)) == 1
@@ -209,7 +208,8 @@ def holzer_sum(inertia, stiffness, square):
     """Sum of all inertia torques of a free chain at a decimal omega^2: its sign changes
     at natural frequencies.
     """
-    angle, torque = Decimal(1), Decimal(0)
+    angle = Decimal(1)
+    torque = Decimal(0)
     for J, k in zip(inertia, [*stiffness, 1.0], strict=True):
         torque += Decimal(J) * square * angle
         angle -= torque / Decimal(k)
@@ -217,11 +217,10 @@ def holzer_sum(inertia, stiffness, square):
 
 
 def test_soft_links_of_a_long_chain_keep_their_digits():
-    random, n = np.random.default_rng(7), 600
-    inertia, stiffness = (
-        10 ** random.uniform(-2, 0, n),
-        10 ** random.uniform(3, 6, n - 1),
-    )
+    random = np.random.default_rng(7)
+    n = 600
+    inertia = 10 ** random.uniform(-2, 0, n)
+    stiffness = 10 ** random.uniform(3, 6, n - 1)
     inertia[5::50], stiffness[[200, 450]] = 0.0, (1e-4, 3e-6)
     train = build(chain_parts(inertia.tolist(), stiffness.tolist()))
     modes = jaxhb.natural_frequencies(train, count=4)
@@ -249,5 +248,6 @@ def test_arrays_of_jax_make_no_difference():
     name = train.topology.shaft_names[0] + ".stiffness"
     changed = train.replace({name: jnp.asarray(train.value(name))})
     for modes in (jaxhb.natural_frequencies, jaxhb.damped_modes):
-        a, b = modes(train).shapes, modes(changed).shapes
+        a = modes(train).shapes
+        b = modes(changed).shapes
         assert isinstance(b, np.ndarray) and np.array_equal(a, b)

@@ -77,7 +77,8 @@ def test_values_are_the_dense_determinants(case):
 
 def continuant(J, k, square):
     """det(K - omega^2 M) / prod J of a free chain in exact arithmetic."""
-    left, last = Fraction(1), Fraction(0)
+    left = Fraction(1)
+    last = Fraction(0)
     for s, inertia in enumerate(J):
         held = Fraction(0) if s == 0 else Fraction(k[s - 1])
         diagonal = (
@@ -93,7 +94,8 @@ def continuant(J, k, square):
 def test_values_of_a_hundred_links_keep_twelve_digits_of_exact_rationals_beside_roots_too():
     # free chain of 101 disks with unequal dyadic numbers
     random = np.random.default_rng(5)
-    J, k = random.integers(3, 9, 101) / 4, random.integers(5, 50, 100) / 8
+    J = random.integers(3, 9, 101) / 4
+    k = random.integers(5, 50, 100) / 8
     train = build(chain_parts(J.tolist(), k.tolist()))
     roots = 2 * np.pi * jaxhb.natural_frequencies(train).frequencies_hz[[1, 40, 99]]
     beside = [roots * (1 + near) for near in (0.0, 1e-6, 1e-12)]
@@ -120,7 +122,8 @@ def test_a_closed_loop_keeps_its_digits_beside_a_double_root():
     omega = 2 * np.sin(np.pi * 7 / size) * (1 + np.array([1e-3, 1e-5, 1e-7]))
     found = characteristic(train, 1j * omega).value().real
     for one, number in zip(omega, found, strict=True):
-        now, last = 1 - Fraction(one) ** 2 / 2, Fraction(1)
+        now = 1 - Fraction(one) ** 2 / 2
+        last = Fraction(1)
         for _ in range(size - 1):
             now, last = 2 * (1 - Fraction(one) ** 2 / 2) * now - last, now
         np.testing.assert_allclose(number, float(2 * now - 2), rtol=ALGEBRAIC, atol=0)
@@ -129,7 +132,8 @@ def test_a_closed_loop_keeps_its_digits_beside_a_double_root():
 def test_a_chain_whose_determinant_overflows_has_a_modulus_and_a_phase():
     # uniform chain far above its frequencies: |D| = sinh((S) u) / sinh(u) x, 2 cosh u =
     # x - 2
-    size, x = 100, 1e6
+    size = 100
+    x = 1e6
     value = characteristic(
         build(chain_parts([1.0] * size, [1.0] * (size - 1))),
         np.array([1j * np.sqrt(x)]),
@@ -152,7 +156,8 @@ def test_a_chain_whose_determinant_overflows_has_a_modulus_and_a_phase():
 )
 def test_frequency_responses_are_the_dense_inverse(case, a, b):
     parts, reference = CASES[case]
-    names, hz = dense.disk_names(parts), np.array([0.11, 3.0, 55.0, 700.0])
+    names = dense.disk_names(parts)
+    hz = np.array([0.11, 3.0, 55.0, 700.0])
     wanted = np.linalg.inv(
         np.stack([dense.dynamic_stiffness(parts, 2 * np.pi * f) for f in hz])
     )[:, a, b]
@@ -170,7 +175,8 @@ def test_case_c_damped_approximation_and_its_error():
     shafts = [
         Shaft(between=p.between, stiffness=p.stiffness, damping=r) for p, r in undamped
     ]
-    train, omega = build(dense.of_kind(parts, Disk) + shafts), float(params["omega"])
+    train = build(dense.of_kind(parts, Disk) + shafts)
+    omega = float(params["omega"])
     found = damped_approximation(train, np.array([omega]))
     exact, approximate = (
         complex_numbers([expected[key]])[0] for key in ("exact", "approx")
@@ -199,10 +205,8 @@ def test_values_responses_and_the_error_of_the_approximation_have_the_derivative
     train = build(ring_with_tails())
 
     def value(numbers):
-        changed, omega = (
-            train.replace(dict(zip(keys, numbers[:-1], strict=True))),
-            jnp.array([3.0, 1.0]) * numbers[-1],
-        )
+        changed = train.replace(dict(zip(keys, numbers[:-1], strict=True)))
+        omega = jnp.array([3.0, 1.0]) * numbers[-1]
         found = characteristic(changed, 1j * omega)
         response = jnp.abs(frequency_response(changed, "1", "3", omega / (2 * jnp.pi)))
         error = damped_approximation(changed, omega).relative_error

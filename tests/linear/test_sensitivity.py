@@ -76,7 +76,8 @@ def test_sums_over_repeated_frequencies_have_the_derivatives_of_differences():
     )
     slopes = sums({"2.inertia": 1.0, "3|4.stiffness": 1.0})
     for key, slope in slopes.items():
-        up, down = of_host({key: 1 + h}), of_host({key: 1 - h})
+        up = of_host({key: 1 + h})
+        down = of_host({key: 1 - h})
         np.testing.assert_allclose(
             slope, (up - down) / (2 * h), rtol=0, atol=2e-6
         )  # h^2 of the third derivative

@@ -129,7 +129,8 @@ def test_coefficients_are_the_determinant_with_meshes_grounds_and_damping_of_dis
         Shaft(between=("3", "b"), stiffness=20.0, damping=0.5),
         jaxhb.Mesh(between=("c", "b"), stiffness=9e3),
     ]
-    train, p = build(parts, reference="1"), np.array([0.3 + 2j, 1j * 7.0])
+    train = build(parts, reference="1")
+    p = np.array([0.3 + 2j, 1j * 7.0])
     found = characteristic_coefficients(train)
     np.testing.assert_allclose(
         np.polyval(found, p), characteristic(train, p).value(), rtol=1e-11
@@ -147,7 +148,8 @@ def test_values_by_coefficients_in_double_precision_are_useless_where_the_recurs
     _, expected = method_case("C_large_chain_recurrence")
     train = build(chain_parts([1.0] * 30, [1.0] * 29))
     coefficients = np.array(characteristic_coefficients(train, exact=True), float)
-    x, wanted = 2.7, float(expected["R"]["S=30,x=2.7"])
+    x = 2.7
+    wanted = float(expected["R"]["S=30,x=2.7"])
     horner = np.polyval(coefficients, 1j * np.sqrt(x)).real / -x
     recursion = characteristic(train, np.array([1j * np.sqrt(x)])).value()[0].real / -x
     assert abs(horner / wanted - 1) > 1e-3 and abs(recursion / wanted - 1) < 1e-11

@@ -52,7 +52,8 @@ def hertz(stiffness):
 def test_every_linear_calculation_takes_the_stage_that_carries_the_mean(
     mean, stiffness
 ):
-    train, hz = clutch(mean), hertz(stiffness)
+    train = clutch(mean)
+    hz = hertz(stiffness)
     assert jaxhb.natural_frequencies(train).frequencies_hz[1] == pytest.approx(
         hz, rel=PATHS
     )
@@ -81,10 +82,8 @@ def test_every_linear_calculation_takes_the_stage_that_carries_the_mean(
 
 def test_small_vibrations_about_the_mean_are_those_of_the_motion_with_stages():
     train = clutch()
-    motion, linear = (
-        jaxhb.solve(train, rpm=900.0, harmonics=8),
-        jaxhb.forced_response(train, rpm=[900.0, 950.0]),
-    )
+    motion = jaxhb.solve(train, rpm=900.0, harmonics=8)
+    linear = jaxhb.forced_response(train, rpm=[900.0, 950.0])
     order = float(motion.torque("a", "b").order(2.0))
     assert float(linear.torque("a", "b").order(2.0)[0]) == pytest.approx(
         order, rel=1e-6
@@ -191,7 +190,10 @@ def test_links_of_more_than_1000_disks_are_taken_at_their_mean_load(loop):
     """A branched train: its links in equilibrium, and its angles those of a dense solve
     with the first disk held.
     """
-    disks, drive, knee, second = 1100, np.array([1200.0, -700.0]), 0.003, 5e5
+    disks = 1100
+    drive = np.array([1200.0, -700.0])
+    knee = 0.003
+    second = 5e5
     pairs = [(k - 1 if k % 5 else max(0, k - 6), k) for k in range(1, disks)] + [
         (2, 550)
     ] * loop
@@ -229,7 +231,8 @@ def test_links_of_more_than_1000_disks_are_taken_at_their_mean_load(loop):
     np.testing.assert_allclose(
         load.torque, sharp[staged], rtol=0.02, atol=0.1
     )  # knees are rounded
-    slope, offset = stiffness.copy(), np.zeros(len(pairs))
+    slope = stiffness.copy()
+    offset = np.zeros(len(pairs))
     slope[staged] = load.link_stiffness
     offset[staged] = load.torque - load.link_stiffness * twist[staged]
     applied = np.zeros(disks)

@@ -137,7 +137,8 @@ def test_bounds_of_barred_ranges_lie_where_the_interpolated_stress_meets_the_lim
 
 def test_stresses_tooth_torques_and_heat_are_those_of_the_samples(response):
     found = jaxhb.strength(response)
-    coupling, line = response.torque("coupling"), response.torque("wheel|mill")
+    coupling = response.torque("coupling")
+    line = response.torque("wheel|mill")
     for name, signal, (d, b) in (
         ("coupling", coupling, (0.055, 0.02)),
         ("wheel|mill", line, (0.08, 0.0)),
@@ -239,7 +240,8 @@ def test_above_the_rule_the_share_and_its_derivative_are_0():
 
 def test_a_steady_state_is_judged_as_the_motion_that_it_is(response):
     state = jaxhb.steady_state(geared(), rpm=RPM[4])
-    found, wanted = jaxhb.strength(state), jaxhb.strength(response)
+    found = jaxhb.strength(state)
+    wanted = jaxhb.strength(response)
     assert found.stresses["coupling"].stress == pytest.approx(
         wanted.stresses["coupling"].stress[4], rel=SAMPLED
     )

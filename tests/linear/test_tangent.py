@@ -7,8 +7,10 @@ import pytest
 import jaxhb
 from jaxhb.linear.tangent import at_mean_load
 
-GAP, STIFFNESS = 1e-4, 1e8
-EPSILON, TRANSITION = 1e-3, 0.04
+GAP = 1e-4
+STIFFNESS = 1e8
+EPSILON = 1e-3
+TRANSITION = 0.04
 
 
 def mesh(a, b, backlash=GAP, epsilon=EPSILON):
@@ -33,15 +35,11 @@ def pair(force, **law):
 
 
 def test_a_loaded_mesh_has_its_full_stiffness_an_idle_one_that_of_the_gap():
-    half, width, drop = (
-        (1 - TRANSITION) * GAP / 2,
-        TRANSITION * GAP,
-        STIFFNESS * (1 - EPSILON),
-    )
-    loaded, idle = (
-        at_mean_load(pair(1000.0), rpm=1000.0),
-        at_mean_load(pair(2.0), rpm=1000.0),
-    )
+    half = (1 - TRANSITION) * GAP / 2
+    width = TRANSITION * GAP
+    drop = STIFFNESS * (1 - EPSILON)
+    loaded = at_mean_load(pair(1000.0), rpm=1000.0)
+    idle = at_mean_load(pair(2.0), rpm=1000.0)
     assert loaded.force == pytest.approx(
         [1000.0], rel=1e-9
     ) and loaded.stiffness.tolist() == [STIFFNESS]
@@ -80,10 +78,8 @@ def test_the_natural_frequency_at_mean_load_is_that_of_the_slope():
 
 def test_mean_tooth_forces_of_a_train_without_loops_do_not_depend_on_the_law():
     train = jaxhb.load_scene("engine_with_damper")
-    found, linear = (
-        at_mean_load(train, rpm=1200.0),
-        jaxhb.forced_response(train, rpm=1200.0),
-    )
+    found = at_mean_load(train, rpm=1200.0)
+    linear = jaxhb.forced_response(train, rpm=1200.0)
     assert found.force == pytest.approx(
         [float(linear.force(mesh).mean) for mesh in found.names], rel=1e-6
     )

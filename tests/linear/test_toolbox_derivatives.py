@@ -16,7 +16,9 @@ from jaxhb import Damper, Disk, Ground, Load, Mesh, Shaft, Torque
 
 pytestmark = pytest.mark.oracle
 
-ORDER, HZ, RPM = 3.0, 31.0, 700.0
+ORDER = 3.0
+HZ = 31.0
+RPM = 700.0
 HEAVY = np.ones(6, bool)
 
 

@@ -19,8 +19,14 @@ from scipy.optimize import brentq
 import jaxhb
 
 RATED, ORDERS, ATMOSPHERE, CRANKCASE = 105.0, np.arange(1, 16), 101325.0, 1e5
-BORE, STROKE, ROD, MASS = 0.6, 2.292, 2.628, 5000.0
-FULL_CHARGE, IMEP, RATIO, BURNS_FOR = 3.2e5, 1.72e6, 13.0, 50.0
+BORE = 0.6
+STROKE = 2.292
+ROD = 2.628
+MASS = 5000.0
+FULL_CHARGE = 3.2e5
+IMEP = 1.72e6
+RATIO = 13.0
+BURNS_FOR = 50.0
 BEFORE, AFTER = 1.35, 1.28  # exponents of compression and of what has burnt
 FIRING = dict(zip((1, 5, 3, 4, 2, 6), 60.0 * np.arange(6), strict=True))
 INERTIA = np.array([*[8500.0] * 6, 6000.0, 600.0, 40000.0])
@@ -115,7 +121,9 @@ def torques(cycles, rpm, charge):
     its masses, N m.
     """
     charged, heated, idle = cycles
-    swept, area, a = volume(180.0) - volume(0.0), np.pi / 4 * BORE**2, np.deg2rad(ANGLE)
+    swept = volume(180.0) - volume(0.0)
+    area = np.pi / 4 * BORE**2
+    a = np.deg2rad(ANGLE)
     load = np.interp(rpm, SPEEDS, LOADS)
     fired = charge * charged + heated * (
         load * IMEP * swept - work(charge * charged)
@@ -155,7 +163,8 @@ def shares(cycles, rpm, *, lacking=None, compressing=True, full_charge=False):
     links += [
         (first, stiffness(name), damping(name)) for name, (first, *_) in SHAFTS.items()
     ]
-    frequencies, motion = ORDERS * rpm * np.pi / 30.0, np.zeros_like(torque)
+    frequencies = ORDERS * rpm * np.pi / 30.0
+    motion = np.zeros_like(torque)
     for i, omega in enumerate(frequencies):
         dynamic = np.diag(1j * omega * TO_GROUND - omega**2 * INERTIA)
         for first, spring, damper in links:

@@ -114,7 +114,8 @@ def test_links_over_frequency_are_evaluated_at_every_harmonic():
 
 
 def test_an_absorber_adds_inertia_times_square_of_order_and_speed():
-    train, rpm = train_of(order=1.5), 800.0
+    train = train_of(order=1.5)
+    rpm = 800.0
     stiffness = 0.05 * (1.5 * 2 * rpm / ONE_RADIAN_PER_SECOND) ** 2
     constant = train_of().replace({"absorber.stiffness": stiffness})
     found, wanted = (
@@ -134,7 +135,8 @@ def equivalent(signal):
 
 def test_links_over_amplitude_have_the_stiffness_of_the_amplitude_that_they_lead_to():
     ring = {"over_amplitude": OVER_AMPLITUDE, "damping": 2.0}
-    rpm, (level, *factors) = np.linspace(200.0, 3000.0, 57), np.array(OVER_AMPLITUDE).T
+    rpm = np.linspace(200.0, 3000.0, 57)
+    (level, *factors) = np.array(OVER_AMPLITUDE).T
     elements = parts(over_amplitude=OVER_AMPLITUDE)
     elements = [
         dataclasses.replace(p, **ring) if getattr(p, "name", "") == "ring" else p

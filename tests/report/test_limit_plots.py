@@ -77,7 +77,8 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
     response = jaxhb.forced_response(jaxhb.load_scene(scene), rpm=wanted.rpm)
     found = figures_of(plot_forced, {"": response}, readings(response))
     stress, tooth, heat = found[-3:]
-    row, rated = wanted.stresses["line shaft"], wanted.tooth_torques["pinion|wheel"]
+    row = wanted.stresses["line shaft"]
+    rated = wanted.tooth_torques["pinion|wheel"]
     assert told(stress, "stress", 1e-6 * row.stress)
     # Above 810 rpm the limits are constant, above 945 rpm there is none.
     steps = [810.0, 810.0, 945.0, 945.1]
@@ -89,7 +90,8 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
     )
     assert told(stress, "continuous limit", 1e-6 * limits[0])
     assert told(stress, "transient limit", 1e-6 * limits[1])
-    (shaded,), (one,) = stress.layout["shapes"], wanted.barred["line shaft"]
+    (shaded,) = stress.layout["shapes"]
+    (one,) = wanted.barred["line shaft"]
     assert (shaded["x0"], shaded["x1"]) == (one.low, one.high)
     # Thousands of N m are told in kN m, in the caption and in the title of the axis
     # too.
@@ -121,7 +123,8 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
 
 
 def test_the_picture_of_a_sweep_has_the_limits_of_the_motion(scene):
-    train, rpm = jaxhb.load_scene(scene), [360.0, 420.0, 480.0]
+    train = jaxhb.load_scene(scene)
+    rpm = [360.0, 420.0, 480.0]
     figures = figures_of(plot_sweep, answer_speeds(train, rpm, Asked()))
     found = (
         jaxhb.strength(jaxhb.solve_speeds(train, rpm=rpm)).stresses["line shaft"].stress

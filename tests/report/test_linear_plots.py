@@ -28,7 +28,8 @@ SCENES = ["gear_train_30", "engine_with_damper", DIESEL]
 )
 def test_every_link_lies_on_one_line_and_branches_begin_on_earlier_lines(train):
     topology = train.topology
-    ways, seen = train_lines(topology), set()
+    ways = train_lines(topology)
+    seen = set()
     links = [
         tuple(sorted(pair)) for way in ways for pair in zip(way, way[1:], strict=False)
     ]

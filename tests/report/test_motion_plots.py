@@ -144,7 +144,9 @@ def test_a_bifurcation_diagram_has_as_many_points_a_speed_as_the_motion_has_cycl
 def test_a_waterfall_has_a_stem_for_each_order_of_each_speed_in_one_scale(sweep):
     (axes,) = pictures.plot_waterfall(sweep, highest=3.0).axes
     _, stems, (_, scale) = lines(axes, style="-")
-    x, low, high = stems[0][::3], stems[1][::3], stems[1][1::3]
+    x = stems[0][::3]
+    low = stems[1][::3]
+    high = stems[1][1::3]
     largest = max(
         float(np.max(state.force("a|b").amplitudes)) for state in sweep if state.known
     )
@@ -163,7 +165,8 @@ def test_a_waterfall_has_a_stem_for_each_order_of_each_speed_in_one_scale(sweep)
 def test_a_branch_is_solid_where_stable_and_dashed_between_its_folds(loaded):
     branch, _ = loaded
     above, below = pictures.plot_branch(branch).axes
-    solid, dashed = lines(above, style="-"), lines(above, style="--")
+    solid = lines(above, style="-")
+    dashed = lines(above, style="--")
     assert (len(solid), len(dashed)) == (2, 1)
     ((x, y),) = dashed
     np.testing.assert_allclose([x[0], x[-1]], branch.folds, **ROUNDED)
@@ -193,7 +196,8 @@ def test_multipliers_beyond_1_are_marked_with_how_stability_is_lost():
     lost = SimpleNamespace(
         **vars(stable) | {"largest": 1.2}, stable=False, loses_by="period doubling"
     )
-    stable.stable, stable.loses_by = True, None
+    stable.stable = True
+    stable.loses_by = None
     (axes,) = pictures.plot_multipliers(
         [1000.0, 2000.0, 3000.0], [stable, lost, None]
     ).axes

@@ -54,7 +54,8 @@ def test_an_order_is_named_by_the_geared_rotor_that_makes_it_unless_the_referenc
 
 
 def test_tables_and_pictures_of_the_linear_train_name_the_rotor(train, monkeypatch):
-    rpm, names = np.linspace(300.0, 750.0, 7), order_names(train)
+    rpm = np.linspace(300.0, 750.0, 7)
+    names = order_names(train)
     found = campbell(train, rpm=rpm, orders=[0.8, 1.0, 3.0], count=2)
     text = campbell_text(found, 2, "plant", {}, names)
     assert "Orders: 0.8 (4 of propeller), 1, 3." in text

@@ -43,7 +43,8 @@ def made(tmp_path_factory):
     """A page from the command line, in a folder with blanks and umlauts: its file, the
     report and its parts.
     """
-    folder, kept = tmp_path_factory.mktemp("Prüfstand 2 – größer"), []
+    folder = tmp_path_factory.mktemp("Prüfstand 2 – größer")
+    kept = []
     (folder / "first.toml").write_text(SCENE, encoding="utf-8")
     other = SCENE.replace("damping = 5.0, power", "damping = 25.0, power")
     (folder / "second.toml").write_text(other, encoding="utf-8")
@@ -113,7 +114,8 @@ def test_irregularity_of_the_heaviest_disk_the_gears_and_the_loads_is_in_per_cen
     made,
 ):
     _, report, parts = made
-    normal, disks = report.cases[0].answers, ["Kurbel", "Räder", "Bremse"]
+    normal = report.cases[0].answers
+    disks = ["Kurbel", "Räder", "Bremse"]
     over, _, largest = tables(parts["Motion over the speed"])[-3:]
     assert list(largest.columns[0]) == disks
     for first, case in ((1, report.cases[0]), (5, report.cases[1])):
@@ -234,10 +236,8 @@ def test_a_second_design_without_the_cylinder_is_told_as_run_without_a_misfire(m
 
 def test_the_linear_parts_name_their_case_and_tell_the_misfire_too(made):
     _, report, parts = made
-    campbell, forced = (
-        parts["Campbell diagram and critical speeds"],
-        parts["Linear forced response"],
-    )
+    campbell = parts["Campbell diagram and critical speeds"]
+    forced = parts["Linear forced response"]
     (diagram,) = figures({"": campbell})
     assert diagram.caption.startswith("Campbell diagram, all cylinders firing: ")
     critical = tables(campbell)[1]
@@ -266,7 +266,8 @@ def test_the_linear_parts_name_their_case_and_tell_the_misfire_too(made):
 
 def test_the_verdict_names_the_hardest_impact_of_all_where_it_is_at_another_mesh(made):
     answer = made[1].cases[0].answers[2]
-    own, other = answer.contacts["Kurbel|Räder"], dataclasses.replace
+    own = answer.contacts["Kurbel|Räder"]
+    other = dataclasses.replace
     assert own.impacts_per_cycle and "of all" not in verdict(answer)
     longest = other(own, separated_fraction=0.5, hardest_impact=0.1)
     elsewhere = other(own, separated_fraction=0.1, hardest_impact=0.7)
@@ -280,7 +281,8 @@ def test_the_verdict_names_the_hardest_impact_of_all_where_it_is_at_another_mesh
         answered=True,
         doubt="",
     )
-    both.unstable, both.state = answer.unstable, answer.state
+    both.unstable = answer.unstable
+    both.state = answer.state
     assert verdict(both).endswith(
         " a cycle, the hardest at 0.10 m/s; the hardest of all at 0.70 m/s in other."
     )
@@ -336,10 +338,8 @@ def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the
         and "MAX_STEPS" in parts["Notes"].html
     )
     assert tables(parts["Accuracy and computed bounds"])[0].columns[1] == ["2 of 3"]
-    largest, row = (
-        tables(parts["Tooth forces"])[0],
-        tables(parts["Motion over the speed"])[0],
-    )
+    largest = tables(parts["Tooth forces"])[0]
+    row = tables(parts["Motion over the speed"])[0]
     without = (
         max(float(answers[i].linear.force("Kurbel|Räder").peak) for i in (0, 2)) / 1e3
     )

@@ -40,7 +40,8 @@ def test_nothing_differs_only_where_everything_is_equal(tmp_path):
     assert told(tmp_path, TWO, TWO.replace("Prüfstand", "Anlage"))[0].startswith(
         "Nothing differs"
     )
-    one, two = BURNING.replace("three", "four"), BURNING
+    one = BURNING.replace("three", "four")
+    two = BURNING
     (said,) = told(tmp_path, SCENE + one + two, SCENE + two + one)
     assert said.startswith(
         "Same numbers, tables and words of the elements, in another order or with other"

@@ -36,7 +36,8 @@ def told(scene, speeds, **settings):
         cases=[SimpleNamespace(answers=answers)],
         elements=elements,
     )
-    report.files, found = element_files(scene), {}
+    report.files = element_files(scene)
+    found = {}
     for table in excitation_tables(report):
         found.setdefault(
             re.split(" of |[:,] | given | over ", table.title)[0], []
@@ -59,7 +60,8 @@ def test_pressure_tables_are_told_by_file_peak_angle_and_what_changes_them_over_
     assert given["scale"].startswith(said) and given["scale"].endswith(
         ", six_cylinder_diesel_peak_pressure.csv"
     )
-    over_speed, means = tables["Gas"], tables["Mean torques"]
+    over_speed = tables["Gas"]
+    means = tables["Mean torques"]
     factor = np.loadtxt(FOLDER + "six_cylinder_diesel_peak_pressure.csv", delimiter=",")
     pressure = np.loadtxt(FOLDER + "six_cylinder_diesel_pressure.csv", delimiter=",")
     place = pressure[:, 1].argmax()

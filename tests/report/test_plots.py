@@ -40,7 +40,8 @@ def pair():
 def test_torque_and_force_are_drawn_with_gap_contact_shaded_for_its_share_of_the_cycle(
     pair,
 ):
-    response, linear = pair.response, pair.linear
+    response = pair.response
+    linear = pair.linear
     above, below = plot_cycle(pair, "gear b").axes
     after, before = above.get_lines()[:2]
     assert after.get_ydata().max() == pytest.approx(
@@ -353,10 +354,8 @@ def test_numbers_of_one_speed_are_marked_and_told_apart_without_colour():
 
 def test_a_title_longer_than_its_panel_is_high_stands_in_rows_with_room_beside_the_numbers():
     made = figure("", "rpm", "stress over continuous limit", [line([0.0], [1.0], "a")])
-    title, plainer = (
-        made.layout["yaxis"]["title"],
-        figure("", "rpm", "stress, MPa", [line([0.0], [1.0], "a")]),
-    )
+    title = made.layout["yaxis"]["title"]
+    plainer = figure("", "rpm", "stress, MPa", [line([0.0], [1.0], "a")])
     assert title["text"] == "stress over continuous<br>limit" and title["standoff"] > 0
     assert made.layout["margin"]["l"] > plainer.layout["margin"]["l"]
     assert drawn(made).axes[0].get_ylabel() == "stress over continuous\nlimit"

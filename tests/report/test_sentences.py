@@ -54,11 +54,9 @@ def test_speeds_are_listed_from_the_lowest_on_each_once():
 
 
 def test_speeds_that_a_tuning_could_not_solve_are_named():
-    rpm, good, bad = (
-        np.array([1000.0, 1857.5, 2000.0]),
-        np.array([True] * 3),
-        np.array([True, False, False]),
-    )
+    rpm = np.array([1000.0, 1857.5, 2000.0])
+    good = np.array([True] * 3)
+    bad = np.array([True, False, False])
     result = SimpleNamespace(
         before=SimpleNamespace(solved=bad), after=SimpleNamespace(solved=good)
     )
@@ -75,10 +73,8 @@ def test_speeds_that_a_tuning_could_not_solve_are_named():
 
 
 def test_two_designs_are_compared_at_the_speeds_that_both_have_solved():
-    chosen, rpm = (
-        Objective(quantity="tooth force", of="a|b"),
-        np.array([1000.0, 1800.0, 2000.0]),
-    )
+    chosen = Objective(quantity="tooth force", of="a|b")
+    rpm = np.array([1000.0, 1800.0, 2000.0])
     before = SimpleNamespace(
         solved=np.array([False, True, True]),
         readings={"tooth force of a|b": [np.nan, 9.0, 7.0]},

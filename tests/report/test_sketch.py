@@ -38,7 +38,8 @@ def train(request):
 
 
 def test_gears_in_mesh_touch_and_other_circles_lie_apart(train):
-    found, topology = Layout(train), train.topology
+    found = Layout(train)
+    topology = train.topology
     mates = {frozenset(topology.link_ends[link]) for link in found.touching}
     assert len(mates) == len(topology.mesh_names) or topology.name not in SCENES
     size = np.maximum(found.disk, found.pitch)
@@ -97,7 +98,8 @@ def test_a_shaft_that_closes_a_loop_passes_the_disks_between_its_ends():
         for ends in (("a", "b"), ("b", "c"), ("c", "a"))
     ]
     train = jaxhb.build(parts, revolutions_per_cycle=1)
-    found, lines = Layout(train), plot_train(train).axes[0].lines
+    found = Layout(train)
+    lines = plot_train(train).axes[0].lines
     points = np.concatenate(
         [line.get_xydata() for line in lines if len(line.get_xydata()) > 2]
     )

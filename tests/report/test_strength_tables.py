@@ -47,7 +47,8 @@ def test_forced_lists_what_is_worst_over_the_speeds_and_bars_ranges(
         "They do NOT hold for crankshafts: these have a rule of their own, IACS UR M53"
         in said
     )
-    found, stress = record["strength"], wanted.stresses["line shaft"]
+    found = record["strength"]
+    stress = wanted.stresses["line shaft"]
     line = found["stresses"]["line shaft"]
     assert (
         line["stress_Pa"] == stress.stress.tolist()
@@ -135,7 +136,8 @@ def test_the_csv_has_columns_of_the_limits(scene, wanted, command):
     assert main([command, str(scene), "--rpm", "420,600", "--csv", str(file)]) == 0
     with file.open() as text:
         rows = list(csv.DictReader(text))
-    stress, tooth = wanted.stresses["line shaft"], wanted.tooth_torques["pinion|wheel"]
+    stress = wanted.stresses["line shaft"]
+    tooth = wanted.tooth_torques["pinion|wheel"]
     for row, at in zip(rows, (4, 10), strict=True):
         found = [
             float(row[f"line shaft {what} Pa"])

@@ -256,7 +256,8 @@ def test_progress_that_cannot_be_written_ends_no_computation(failure, monkeypatc
 
 
 def test_a_quick_command_leaves_a_log_clean_and_a_quiet_one_a_terminal(monkeypatch):
-    log, terminal = io.StringIO(), Terminal()
+    log = io.StringIO()
+    terminal = Terminal()
     with Progress(2, log) as progress:
         progress.ended.wait(0.05)
     monkeypatch.setattr("jaxhb.cli.progress.INTERVAL", 0.01)

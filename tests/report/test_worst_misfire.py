@@ -22,7 +22,8 @@ from jaxhb.report.text.cases import misfires_text, worst_misfire, worst_misfires
 from jaxhb.report.text.columns import Table
 
 SPEEDS = [80.0, 85.0, 120.0]
-SHAFT, CRANK = "intermediate", "crank"
+SHAFT = "intermediate"
+CRANK = "crank"
 OF_CRANK = (
     'name = "crank"\ndiameter = 0.45\ntensile_strength = 6e8\nrule = "KR crankshaft'
     ' B"\n'

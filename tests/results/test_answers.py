@@ -105,7 +105,8 @@ def test_gaps_and_zeros_stand_in_place_of_what_is_not_solved_and_nothing_else_ch
 
 
 def test_what_is_left_out_is_told_once_for_each_status():
-    rpm, status = np.arange(100.0, 600.0, 100.0), np.array([0, 6, 6, 5, 1])
+    rpm = np.arange(100.0, 600.0, 100.0)
+    status = np.array([0, 6, 6, 5, 1])
     first, second = left_out(rpm, status, "scene")
     assert first.startswith(
         "scene at 400 rpm: UNBALANCED: the mean torques do not balance"

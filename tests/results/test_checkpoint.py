@@ -48,7 +48,8 @@ def swept(train, folder, **given):
 def same(one, other):
     """Whether two sweeps hold the same numbers to the last bit."""
     for state, wanted in zip(one, other, strict=True):
-        (index, arrays), (wanted_index, wanted_arrays) = pack(state), pack(wanted)
+        (index, arrays) = pack(state)
+        (wanted_index, wanted_arrays) = pack(wanted)
         assert index == wanted_index
         for array, wanted_array in zip(arrays, wanted_arrays, strict=True):
             np.testing.assert_array_equal(array, wanted_array)
@@ -180,7 +181,8 @@ def test_an_answer_is_the_same_bits_whatever_was_asked_beside_it(pair, kept):
     as from that motion alone.
     """
     _, whole = kept
-    rpm, starts = OMEGA * trains.ONE_RADIAN_PER_SECOND, [None, *whole]
+    rpm = OMEGA * trains.ONE_RADIAN_PER_SECOND
+    starts = [None, *whole]
     assert {state.started_from for state in whole} > {None}
     for speed, before, state in zip(rpm, starts, whole, strict=False):
         assert state.started_from in (None, before and before.rpm)

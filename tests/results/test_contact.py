@@ -10,8 +10,10 @@ from jaxhb.equations.backlash import Law
 from jaxhb.results.contact import contact_of
 
 LAW = Law(stiffness=2e8, epsilon=1e-3, transition=0.04, backlash=1e-4)
-GAP, KNEE = 0.96 * 0.5e-4, 1.04 * 0.5e-4
-AMPLITUDE, FREQUENCY = 1.5e-4, 50.0
+GAP = 0.96 * 0.5e-4
+KNEE = 1.04 * 0.5e-4
+AMPLITUDE = 1.5e-4
+FREQUENCY = 50.0
 
 FRACTION = 1e-6
 """Crossings are interpolated linearly between 4096 time samples: (2 pi / 4096)^2 / 8 of
@@ -42,7 +44,8 @@ def test_reverse_contact_is_that_on_the_flank_that_does_not_drive():
     mean = 0.7e-4
     ahead = np.arccos((GAP - mean) / AMPLITUDE) / np.pi
     behind = np.arccos((GAP + mean) / AMPLITUDE) / np.pi
-    driven, braked = contact(mean, drive=5.0), contact(mean, drive=-5.0)
+    driven = contact(mean, drive=5.0)
+    braked = contact(mean, drive=-5.0)
     assert (driven.drive_side, braked.drive_side) == (1, -1)
     assert driven.reverse_contact_fraction == pytest.approx(behind, abs=FRACTION)
     assert braked.reverse_contact_fraction == pytest.approx(ahead, abs=FRACTION)

@@ -29,7 +29,8 @@ def sweep(pair):
 
 
 def test_the_numbers_are_those_that_are_read_by_name(sweep):
-    data, state = sweep.to_xarray(), sweep[1]
+    data = sweep.to_xarray()
+    state = sweep[1]
     one = data.sel(rpm=5000.0)
     assert (
         data.kind.values.tolist() == ["contact", "periodic"]
@@ -111,7 +112,8 @@ def test_an_irregular_motion_has_the_extremes_of_its_record_and_no_phases(pair):
 
 
 def test_a_netcdf_file_gives_it_back(sweep, tmp_path):
-    data, file = sweep.to_xarray(), tmp_path / "sweep.nc"
+    data = sweep.to_xarray()
+    file = tmp_path / "sweep.nc"
     file.write_bytes(as_netcdf(data))
     with xarray.open_dataset(file, engine="scipy") as found:
         assert found.kind.values.tolist() == ["contact", "periodic"]

@@ -39,7 +39,8 @@ ONCE, AGAIN = made(), made()
 
 @pytest.mark.parametrize("name", ONCE)
 def test_what_is_made_twice_is_equal_and_has_one_hash(name):
-    first, second = ONCE[name], AGAIN[name]
+    first = ONCE[name]
+    second = AGAIN[name]
     assert first is not second and first == second and (first == second) is True
     assert hash(first) == hash(second) and len({first, second}) == 1
     assert first == copy.copy(first) and first != "another thing"

@@ -65,7 +65,9 @@ def test_torque_between_a_and_b_is_minus_that_between_b_and_a_and_that_of_the_li
         (("sleeve", "pinion"), geared.torque),
         (("pinion", "wheel"), geared.force),
     ):
-        one, other, named = method(*pair), method(*pair[::-1]), method("|".join(pair))
+        one = method(*pair)
+        other = method(*pair[::-1])
+        named = method("|".join(pair))
         for a, b, same in (
             (one, other, named),
             (one.elastic, other.elastic, named.elastic),
@@ -108,7 +110,8 @@ def test_gear_torque_is_what_a_gear_passes_on(geared):
 
 
 def test_twist_is_the_difference_of_the_angles_and_carries_the_elastic_torque(geared):
-    a, b = geared.disk("sleeve").coefficients, geared.disk("pinion").coefficients
+    a = geared.disk("sleeve").coefficients
+    b = geared.disk("pinion").coefficients
     twist = geared.twist("sleeve", "pinion")
     np.testing.assert_allclose(
         twist.coefficients, a - b, rtol=0, atol=ALGEBRAIC * np.abs(a).max()
@@ -170,10 +173,12 @@ def test_a_response_is_true_where_it_converged_and_a_sweep_is_neither(geared):
 def test_speed_and_acceleration_are_the_derivatives_of_the_angle_and_turn_with_the_rotor(
     geared,
 ):
-    count, omega = 720, 2 * np.pi * RPM / 60
+    count = 720
+    omega = 2 * np.pi * RPM / 60
     step = 2 * 2 * np.pi / omega / count  # s, of two revolutions
     for name, ratio in (("sleeve", 1.0), ("machine", 0.4)):
-        angle, speed = geared.disk(name).samples(count), geared.speed(name)
+        angle = geared.disk(name).samples(count)
+        speed = geared.speed(name)
         rate = (np.roll(angle, -1) - np.roll(angle, 1)) / (2 * step)
         np.testing.assert_allclose(speed.mean, ratio * omega, rtol=ALGEBRAIC)
         np.testing.assert_allclose(

@@ -13,7 +13,8 @@ from jaxhb import Signal
 from jaxhb.design.objectives import half_peak_to_peak
 from jaxhb.results.response import stack
 
-HARMONICS, RESOLUTION = 9, 4096
+HARMONICS = 9
+RESOLUTION = 4096
 SLOPE_WARNING = (
     "differentiated at one time sample, and where teeth hammer such a derivative may"
     " have the wrong sign"

@@ -158,7 +158,8 @@ def test_excitations_of_a_tors_file_drive_the_train_as_in_its_scene_and_in_close
     """Three coordinates, the pinion turning with three times the wheel's angle and
     against it, undamped.
     """
-    path, rpm = DATA / "scenes" / "gear_radius_tors.json", 700.0
+    path = DATA / "scenes" / "gear_radius_tors.json"
+    rpm = 700.0
     inertia = np.diag([40.0, 3.0 + 9 * 0.2, 1.5])
     stiffness = np.array(
         [[2e6, -2e6, 0.0], [-2e6, 2e6 + 9 * 5e5, -3 * 5e5], [0.0, -3 * 5e5, 5e5]]
@@ -323,7 +324,8 @@ def test_a_packaged_scene_comes_back_from_its_toml(tmp_path, name, expand):
     text, beside = scene_text(name, expand=expand)
     for file, source in beside.items():
         (tmp_path / file).write_bytes(source.read_bytes())
-    back, train = load_scene(write(tmp_path, "back.toml", text)), load_scene(name)
+    back = load_scene(write(tmp_path, "back.toml", text))
+    train = load_scene(name)
     assert same(back, train) and back.topology.name == name and back.tune == train.tune
 
 

@@ -108,7 +108,8 @@ def linked(folder, secret):
 def test_nothing_of_a_file_outside_of_the_folder_of_the_scene_is_quoted(
     tmp_path, named, line
 ):
-    secret, folder = tmp_path / "secret.csv", tmp_path / "scenes"
+    secret = tmp_path / "secret.csv"
+    folder = tmp_path / "scenes"
     folder.mkdir()
     secret.write_text(f"# a comment\n{line}\n")
     torque = (

@@ -94,10 +94,8 @@ def test_pressure_tables_and_padded_lists_have_a_number_that_memory_holds(tmp_pa
         " at most 1000. Give some of them gas_torque instead."
     )
     scale = ", ".join(f"[{rpm}, 1.0]" for rpm in range(2000))
-    long, short = (
-        f'[[torque]]\ndisk = "a"\nscale = [{scale}]\n',
-        '[[torque]]\ndisk = "a"\n',
-    )
+    long = f'[[torque]]\ndisk = "a"\nscale = [{scale}]\n'
+    short = '[[torque]]\ndisk = "a"\n'
     said = str(refusal(tmp_path, SOUND + long + 1000 * short))
     assert (
         "1001 elements with scale of up to 2000 rows, must be at most 2000000 together"

@@ -44,7 +44,8 @@ def test_each_fault_of_a_scene_is_told_and_nothing_else(tmp_path, case):
         if "scene" in FAULTY[case]
         else SOUND + FAULTY[case]["added"]
     )
-    said, wanted = refusal(tmp_path, text), FAULTY[case]["sentences"]
+    said = refusal(tmp_path, text)
+    wanted = FAULTY[case]["sentences"]
     assert len(said) == len(wanted), said
     assert [sum(text in sentence for sentence in said) for text in wanted] == [1] * len(
         wanted

@@ -73,7 +73,8 @@ def test_a_packaged_scene_is_written_byte_for_byte(name):
 
 def test_the_line_ends_of_the_user_stay(tmp_path, capsys):
     named = MIXED.replace("[scene]", '[scene]\nname = "mixed"')
-    path, written = tmp_path / "mixed.toml", tmp_path / "out.toml"
+    path = tmp_path / "mixed.toml"
+    written = tmp_path / "out.toml"
     path.write_bytes(named.replace("\n", "\r\n").encode())
     assert main(["scene", str(path), "--out", str(written)]) == 0
     assert written.read_bytes() == path.read_bytes()
@@ -104,7 +105,8 @@ def test_an_expanded_engine_stands_where_the_engine_was(mixed):
     assert [line for line in gone if line] == [
         line for line in engine.splitlines() if line not in text.splitlines()
     ]
-    read, rows = tomllib.loads(text), cylinder_rows(tomllib.loads(MIXED)["engine"])
+    read = tomllib.loads(text)
+    rows = cylinder_rows(tomllib.loads(MIXED)["engine"])
     assert read["cylinder"] == rows and "engine" not in read
     assert text.index("# the two cylinders\n[[cylinder]]") < text.index(
         "# what may change\n[tune]"
@@ -134,7 +136,8 @@ def test_cylinders_of_an_engine_come_behind_those_of_the_scene():
 
 def test_a_scene_of_lists_above_all_heads_can_be_written_and_expanded(tmp_path):
     text = text_of("inline.toml")
-    path, out = tmp_path / "inline.toml", tmp_path / "out.toml"
+    path = tmp_path / "inline.toml"
+    out = tmp_path / "out.toml"
     for given in (
         text,
         text + "\n# the torque\n[[torque]]\ndisk = 'a'\n",

@@ -23,7 +23,8 @@ def follow(share, start, most=400):
 
     @jax.jit
     def linearize(y, normal):
-        value, (slope,) = evaluate(y), jax.jacfwd(evaluate)(y)
+        value = evaluate(y)
+        (slope,) = jax.jacfwd(evaluate)(y)
         return value, shortest(value, slope), jnp.array([-slope[1], slope[0]]), slope
 
     @jax.jit

@@ -41,7 +41,8 @@ def curve_of(search, most=np.inf):
 def test_the_curve_begins_at_a_linear_law_and_ends_at_the_wanted_one():
     train, rpm, _ = random_case(np.random.default_rng([1, 73]))
     search = search_of(train, rpm)
-    curve, teeth = curve_of(search), search.map.swept.sweeps.teeth
+    curve = curve_of(search)
+    teeth = search.map.swept.sweeps.teeth
     assert np.any(teeth.contact_damping)
     motion = (
         np.random.default_rng(0).normal(size=(2, 50, 2))
@@ -81,7 +82,8 @@ def test_a_curve_has_no_more_marches_than_it_is_given(unsettled):
 
 
 def test_points_of_the_curve_are_motions_of_their_law(unsettled):
-    curve, seen = curve_of(unsettled), []
+    curve = curve_of(unsettled)
+    seen = []
     given = curve.linearize, curve.simplify, curve.start()
     continuation.follow_curve(
         *given, most=8, visit=lambda y, _: seen.append(y), control=orbits.CURVE

@@ -41,7 +41,8 @@ def pair(case, backlash=True, varying=True):
     """The pair of the published cases, one cycle a mesh period, its law nearly theirs;
     and its speed at Omega = 1.
     """
-    inertia, radius = 1.0, 0.5
+    inertia = 1.0
+    radius = 0.5
     mass = inertia / radius**2 / 2
     gears = [
         jaxhb.Disk(name=name, inertia=inertia, radius=radius, teeth=TEETH)
@@ -217,7 +218,8 @@ def integrated_idler(response, rpm):
         share = (
             1 + np.array([(0.2 + 0.1j) * first - 0.05j * first**2, 0.15 * second]).real
         )
-        teeth, own = (4e-6 + 2e-6j) * first, 6e-6 * np.exp(1j * omega * t)
+        teeth = (4e-6 + 2e-6j) * first
+        own = 6e-6 * np.exp(1j * omega * t)
         parts = np.array(
             [[teeth + own, 0.0], [1j * turn * teeth + 1j * omega * own, 0.0]]
         )
@@ -226,14 +228,10 @@ def integrated_idler(response, rpm):
     def fall(t, y):
         x, v = np.split(y, 2)
         share, error, error_rate = meshing(t)
-        l, rate = (
-            np.array([x[0] - x[1], x[2] - x[1]]) - error,
-            np.array([v[0] - v[1], v[2] - v[1]]) - error_rate,
-        )
-        inside, beyond = (
-            np.clip(np.abs(l) - gap, 0, width),
-            np.maximum(np.abs(l) - gap - width, 0),
-        )
+        l = np.array([x[0] - x[1], x[2] - x[1]]) - error
+        rate = np.array([v[0] - v[1], v[2] - v[1]]) - error_rate
+        inside = np.clip(np.abs(l) - gap, 0, width)
+        beyond = np.maximum(np.abs(l) - gap - width, 0)
         elastic = 1e-3 * l + (1 - 1e-3) * np.sign(l) * (
             inside**2 / (2 * width) + beyond
         )
@@ -281,7 +279,8 @@ def test_two_meshes_with_phases_and_runout_follow_their_equations(rpm):
 
 def test_whole_train_and_condensed_equation_agree():
     """Solved to rounding: what is compared is the methods, not where they stop."""
-    train, found = idler(), []
+    train = idler()
+    found = []
     for method in ("chain", "reduced"):
         plan = jaxhb.plan(train, rpm=1500.0, harmonics=80, method=method)
         plan = dataclasses.replace(plan, **TIGHT | {"max_steps": 24})
@@ -345,10 +344,8 @@ def test_gradients_are_those_of_differences():
 
 def test_a_longer_cycle_has_the_same_motion():
     train = idler()
-    one, two = (
-        jaxhb.solve(train, rpm=1500.0, harmonics=64),
-        jaxhb.solve(train.repeated(2), rpm=1500.0, harmonics=128),
-    )
+    one = jaxhb.solve(train, rpm=1500.0, harmonics=64)
+    two = jaxhb.solve(train.repeated(2), rpm=1500.0, harmonics=128)
     np.testing.assert_allclose(
         two.deflections[:, ::2], one.deflections, rtol=0, atol=1e-6 * HALF
     )

@@ -32,7 +32,8 @@ def pair():
 
 def test_a_motion_that_repels_is_closed_from_far_away(pair):
     """And the cycle that is closed there is one that the march repeats."""
-    flank, plan = pair.map.flank(), pair.map.plan
+    flank = pair.map.flank()
+    plan = pair.map.plan
     visited = pair._march(flank)
     assert np.nanmin(np.where(np.isfinite(visited[2]), visited[2], np.nan)) > 0
     equation = pair.map.swept.sweeps

@@ -85,7 +85,8 @@ def test_another_number_of_steps_compiles_nothing_where_it_follows_the_modes_of_
     """March and shot have two programs: where modes are too fast for the steps, these
     add their static response.
     """
-    train, compiled = jaxhb.load_scene("gear_train_30"), []
+    train = jaxhb.load_scene("gear_train_30")
+    compiled = []
     for time_steps in (fewer, more):
         plan = dataclasses.replace(PLAN, time_steps=time_steps)
         assert (

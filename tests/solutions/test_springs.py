@@ -59,10 +59,8 @@ def knee(x, at):
     """Force of a spring of 1 N m/rad that begins at a twist, in rad, its slope rising
     over 8 % of it.
     """
-    inside, beyond = (
-        np.clip(x - (1 - SMOOTH) * at, 0, 2 * SMOOTH * at),
-        np.maximum(x - (1 + SMOOTH) * at, 0),
-    )
+    inside = np.clip(x - (1 - SMOOTH) * at, 0, 2 * SMOOTH * at)
+    beyond = np.maximum(x - (1 + SMOOTH) * at, 0)
     return inside**2 / (4 * SMOOTH * at) + beyond
 
 
@@ -131,7 +129,8 @@ def test_motion_and_torque_follow_the_equations(more):
     found = fourier.sample(np.asarray(response.angles[0] - response.angles[1]), 512)
     np.testing.assert_allclose(found, twist[:-1], rtol=0, atol=1e-3 * size)
     np.testing.assert_allclose(twist[-1], twist[0], rtol=0, atol=1e-3 * size)
-    torque, wanted = response.torque("disc"), torque_of(twist, rate, **more)
+    torque = response.torque("disc")
+    wanted = torque_of(twist, rate, **more)
     ends = [wanted.max(), wanted.min()]
     np.testing.assert_allclose(
         [torque.max, torque.min], ends, rtol=0, atol=4e-3 * np.ptp(wanted)
@@ -163,7 +162,8 @@ def test_below_the_first_stage_the_shaft_is_linear():
 
 
 def test_gradients_are_those_of_differences():
-    names, step = ("disc.stages", "disc.stiffness", "disc.stops"), 1e-3
+    names = ("disc.stages", "disc.stiffness", "disc.stops")
+    step = 1e-3
     train = clutch(stages=[(2.0, 800.0)], stops=[(3.0, 1500.0)])
     (plan,) = planning.plan_speeds(
         train, np.array([RPM]), Request(harmonics=64, integrals="exact")
@@ -209,7 +209,8 @@ def test_what_is_not_served_is_refused():
 
 @pytest.mark.oracle
 def test_a_clutch_is_tuned_and_checked_by_marches():
-    train, rpm = clutch(**STAGED), np.linspace(500.0, 1200.0, 4)
+    train = clutch(**STAGED)
+    rpm = np.linspace(500.0, 1200.0, 4)
     given = [("stiffness", 50.0, 400.0), ("damping", 0.1, 4.0)]
     parameters = [
         Parameter(name=f"disc.{name}", low=low, high=high) for name, low, high in given

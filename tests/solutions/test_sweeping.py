@@ -123,13 +123,13 @@ def test_a_few_modes_of_a_long_train_respond_at_its_meshes_as_all_disks_do(long_
     exact, _ = reduced_equation(
         problem_at(long_train, RPM, plan.excited), 300, plan.active_meshes
     )
-    receptance, omega = (
-        np.asarray(exact.receptance),
-        float(exact.frequency) * np.arange(301),
-    )
+    receptance = np.asarray(exact.receptance)
+    omega = float(exact.frequency) * np.arange(301)
     # Deflections fall under a positive force: of a mode that is counted twice, half of
     # it and of its conjugate.
-    observed, rates, forcing = modes.deflections, modes.rates, modes.forcing
+    observed = modes.deflections
+    rates = modes.rates
+    forcing = modes.forcing
     response = sum(
         np.einsum("gm,mh,mk->hgk", a / 2, 1 / (1j * omega - b[:, None]), c)
         for a, b, c in (

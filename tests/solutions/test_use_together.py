@@ -12,7 +12,8 @@ import pytest
 import jaxhb
 
 RPM = (3000.0, 4000.0, 5000.0, 5500.0)
-THREADS, CALLS = 8, 40
+THREADS = 8
+CALLS = 40
 
 
 @pytest.fixture(scope="module")
@@ -43,10 +44,8 @@ def test_eight_threads_get_the_numbers_that_one_gets(train):
     "copied", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))]
 )
 def test_a_copy_of_a_train_and_of_an_answer_reads_the_same(train, copied):
-    response, steady = (
-        jaxhb.solve(train, rpm=5000.0),
-        jaxhb.steady_state(train, rpm=5000.0),
-    )
+    response = jaxhb.solve(train, rpm=5000.0)
+    steady = jaxhb.steady_state(train, rpm=5000.0)
     again = copied(response)
     assert (int(again.status), float(again.residual)) == (
         int(response.status),

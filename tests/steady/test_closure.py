@@ -68,7 +68,10 @@ def test_a_slow_mode_that_teeth_notice_is_given_time():
     """Two gears of radius 1 m; on the second a disk by a shaft, whose mode decays
     slowly, and one by a shaft so soft that the teeth do not notice it.
     """
-    inertia, tooth, soft, softest = 1.0, (1e6, 100.0), (1e4, 2.0), (1e-2, 1e-6)
+    inertia = 1.0
+    tooth = (1e6, 100.0)
+    soft = (1e4, 2.0)
+    softest = (1e-2, 1e-6)
     parts = [Disk(name=name, inertia=inertia, radius=1.0) for name in "ab"]
     parts += [Disk(name=name, inertia=inertia) for name in "cd"]
     parts += [

@@ -35,10 +35,8 @@ def test_teeth_in_contact_are_solved_where_their_march_would_be_too_long():
     whatever the law.
     """
     train = jaxhb.load_scene("first_scene")
-    state, linear = (
-        jaxhb.steady_state(train, rpm=0.5),
-        jaxhb.linear_response(train, rpm=0.5),
-    )
+    state = jaxhb.steady_state(train, rpm=0.5)
+    linear = jaxhb.linear_response(train, rpm=0.5)
     force, rigid = (
         motion.force("crank gear", "pump gear") for motion in (state, linear)
     )

@@ -9,7 +9,8 @@ import jaxhb
 from jaxhb.results.record import RecordedSignal
 from jaxhb.steady.closure import LONGER, RECORDED, SPREAD, Cycles
 
-EPSILON, SPEED = 1e-3, 1.1
+EPSILON = 1e-3
+SPEED = 1.1
 EXACT = next(
     row
     for row in reference("lightly_loaded_pair")["laws"][1]["rows"]

@@ -45,10 +45,8 @@ def test_teeth_that_the_linear_motion_holds_stay_in_contact():
         ("gear_train_30", 600.0, "contact"),
     ):
         train = jaxhb.load_scene(name)
-        found, linear = (
-            jaxhb.steady_state(train, rpm=speed),
-            jaxhb.linear_response(train, rpm=speed),
-        )
+        found = jaxhb.steady_state(train, rpm=speed)
+        linear = jaxhb.linear_response(train, rpm=speed)
         # at 600 rpm a mesh comes so near its gap that its law bends
         swept = kind == "contact"
         assert (found.kind, found.period, found.cycles > 0, found.notes) == (
@@ -71,10 +69,8 @@ def test_a_cycle_several_times_as_long_has_the_same_excitation_at_multiples_of_i
             harmonics = highest_harmonic(train)
             long = train.repeated(cycles)
             assert highest_harmonic(long) == cycles * harmonics
-            once, often = (
-                excitation(train, 1500.0, harmonics)[0],
-                excitation(long, 1500.0, cycles * harmonics)[0],
-            )
+            once = excitation(train, 1500.0, harmonics)[0]
+            often = excitation(long, 1500.0, cycles * harmonics)[0]
             np.testing.assert_allclose(often[:, ::cycles], once, rtol=1e-12)
             others = np.arange(often.shape[1]) % cycles != 0
             assert not often[:, others].any()
@@ -131,7 +127,8 @@ def test_the_packaged_train_hammers_irregularly_with_the_statistics_of_a_finer_i
     )
     orbit = jaxhb.integrate(train, rpm=2400.0, steps=4096, cycles=64)
     highest = np.empty((64, 4))
-    run, z = jax.jit(cycle), orbit.state
+    run = jax.jit(cycle)
+    z = orbit.state
     for c in range(64):
         z, trace = run(orbit.stepper, z)
         law = jax.tree.map(lambda a: np.asarray(a)[:, None], orbit.stepper.law)
@@ -159,7 +156,8 @@ def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is
         train, rpm=2400.0, cycles=Cycles(transient=8, recorded=16), exact=False
     )
     assert (state.record.cycles, state.cycles) == (16, 24)
-    response, ends = hammering, ("throw 1", "throw 2")
+    response = hammering
+    ends = ("throw 1", "throw 2")
     signals = [
         lambda r: r.force("crank gear", "idler"),
         lambda r: r.gear_torque("idler"),
@@ -175,7 +173,8 @@ def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is
         lambda r: r.speed("cam gear A"),
     ]
     for read in signals:
-        signal, other = read(state), read(response)
+        signal = read(state)
+        other = read(response)
         assert signal.min <= signal.mean <= signal.max
         assert signal.rms <= signal.peak
         assert signal.half_peak_to_peak == pytest.approx((signal.max - signal.min) / 2)
@@ -190,10 +189,8 @@ def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is
     for names in (("throw 1", "throw 2"), ("crank damper",)):
         assert 0.2 < state.power(*names) / response.power(*names) < 20
     assert np.isnan(state.power("crank gear|idler"))
-    forward, back = (
-        state.force("crank gear", "idler"),
-        state.force("idler", "crank gear"),
-    )
+    forward = state.force("crank gear", "idler")
+    back = state.force("idler", "crank gear")
     assert (back.max, back.min, back.mean) == (
         -forward.min,
         -forward.max,
@@ -209,7 +206,8 @@ def test_a_short_march_is_what_was_asked_and_its_record_is_read_as_a_response_is
 
 
 def test_a_record_of_a_periodic_motion_has_the_numbers_of_its_harmonics(hammering):
-    train, response = hammering.train, hammering
+    train = hammering.train
+    response = hammering
     equations = Equations(train)
     batch = Batch(equations, np.array([1800.0]), 4096)
     for _ in range(4):
@@ -218,7 +216,8 @@ def test_a_record_of_a_periodic_motion_has_the_numbers_of_its_harmonics(hammerin
     record = record_of(equations, batch.marches[0])
     topology = train.topology
     for i, name in enumerate(topology.mesh_names):
-        force, wanted = record.forces[i], response.force(name)
+        force = record.forces[i]
+        wanted = response.force(name)
         for found, expected in ((force, wanted), (force.elastic, wanted.elastic)):
             # the truncation error of the response is about 0.3 %, the error of 4096
             # steps 0.1 %
@@ -230,7 +229,8 @@ def test_a_record_of_a_periodic_motion_has_the_numbers_of_its_harmonics(hammerin
             expected.amplitudes[:40],
             atol=1e-3 * expected.amplitudes.max(),
         )
-        contact, found = response.mesh(name), record.contacts[i]
+        contact = response.mesh(name)
+        found = record.contacts[i]
         assert abs(contact.separated_fraction - found.separated_fraction) < 2e-3
         assert (
             abs(contact.reverse_contact_fraction - found.reverse_contact_fraction)
@@ -238,7 +238,8 @@ def test_a_record_of_a_periodic_motion_has_the_numbers_of_its_harmonics(hammerin
         )
         assert abs(len(contact.impacts) - found.impacts_per_cycle) <= 1
     for i, name in enumerate(topology.shaft_names + topology.damper_names):
-        torque, wanted = record.torques[i], response.torque(name)
+        torque = record.torques[i]
+        wanted = response.torque(name)
         for found, expected in ((torque, wanted), (torque.elastic, wanted.elastic)):
             size = expected.half_peak_to_peak + 1e-9
             assert abs(found.max - expected.max) < 0.01 * size
@@ -277,10 +278,8 @@ def test_a_sweep_keeps_the_motion_of_its_neighbour_where_another_is_as_large():
     """Two motions of two cycles, whose largest deflections differ by 3 % and their
     waves by a fifth.
     """
-    train, speeds = (
-        trains.pair_train(trains.Pair(1.0, epsilon=1e-3), transition=0.01),
-        rpm([3175 / 3000, 3200 / 3000]),
-    )
+    train = trains.pair_train(trains.Pair(1.0, epsilon=1e-3), transition=0.01)
+    speeds = rpm([3175 / 3000, 3200 / 3000])
     before, state = jaxhb.steady_state(train, rpm=speeds)
     alone, after = (
         jaxhb.steady_state(train, rpm=speeds[1], start=start)
@@ -321,7 +320,8 @@ def test_loss_factors_are_damping_in_the_march_and_themselves_in_the_answer():
     assert state.response.train is not None and state.stability.stable
     found = jaxhb.solve(train, rpm=1500.0, start=state.response)
     assert found.converged
-    mesh, shaft = ("crank gear", "cam gear"), ("flywheel", "crank gear")
+    mesh = ("crank gear", "cam gear")
+    shaft = ("flywheel", "crank gear")
     assert float(state.force(*mesh).max) == pytest.approx(
         float(found.force(*mesh).max), rel=0.01
     )

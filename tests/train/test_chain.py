@@ -77,16 +77,12 @@ def largest_error(found, exact, floor=0.0):
 
 def test_forces_spread_by_the_transpose_of_deflections_on_the_host_and_the_device():
     system = chain.assemble(build(gearbox_parts(), reference="motor"))
-    draw, disks, links = (
-        np.random.default_rng(8),
-        len(system.mass),
-        len(system.stiffness),
-    )
-    x, f, some = (
-        draw.normal(size=(disks, 3)),
-        draw.normal(size=(links, 3)),
-        np.array([links - 1, 2]),
-    )
+    draw = np.random.default_rng(8)
+    disks = len(system.mass)
+    links = len(system.stiffness)
+    x = draw.normal(size=(disks, 3))
+    f = draw.normal(size=(links, 3))
+    some = np.array([links - 1, 2])
     rows = np.zeros((links, disks))
     for link, (a, b) in enumerate(
         zip(system.tree.end_a, system.tree.end_b, strict=True)
@@ -119,7 +115,8 @@ def test_closed_loop_massless_disks_and_a_viscous_ring_equal_a_dense_solve_in_an
     """
     parts = gearbox_parts(grounded=grounded)
     train = build(parts, reference="motor")
-    names, system = dense.disk_names(parts), chain.assemble(train)
+    names = dense.disk_names(parts)
+    system = chain.assemble(train)
     assert list(train.topology.disk_names) == names and len(system.tree.loops) == 1
     assert system.floating == (not grounded)
     rigid = np.array([1.0] * 4 + [0.5] * 3 + [1 / 3] * 2 + [1.0, 1 / 3])
@@ -127,19 +124,19 @@ def test_closed_loop_massless_disks_and_a_viscous_ring_equal_a_dense_solve_in_an
         chain.rigid_shape(train, system.radius) / system.radius, rigid, rtol=ALGEBRAIC
     )
     T = random_torques(np.random.default_rng(9), names)
-    ring, hub = names.index("viscous ring"), names.index("motor")
+    ring = names.index("viscous ring")
+    hub = names.index("motor")
     T[hub, 0] -= rigid @ T[:, 0] * (not grounded)
     angles, transmitted = in_angles(train, T)
     exact = np.empty_like(angles)
     for k, omega in enumerate(OMEGA):
-        Z, load = dense.dynamic_stiffness(parts, omega), T[:, k]
+        Z = dense.dynamic_stiffness(parts, omega)
+        load = T[:, k]
         if omega == 0:  # the ring rests on its hub by convention
             Z[ring, ring], Z[ring, hub] = 1.0, -1.0
         if omega == 0 and not grounded:
-            Z, load = (
-                np.block([[Z, rigid[:, None]], [rigid[None, :], 0.0]]),
-                np.append(load, 0.0),
-            )
+            Z = np.block([[Z, rigid[:, None]], [rigid[None, :], 0.0]])
+            load = np.append(load, 0.0)
             angles[:, k] -= rigid * (rigid @ angles[:, k]) / (rigid @ rigid)
         exact[:, k] = np.linalg.solve(Z, load)[: len(names)]
     # the mean of an ungrounded gearbox: condition 1e5
@@ -184,7 +181,8 @@ def test_case_a1_time_is_scaled_by_the_cycle():
 
 def test_case_a1_two_gears_become_two_masses():
     params, expected = method_case("A1_gear_reduction_two_wheels")
-    (J1, J2), (r1, r2) = numbers(params["J"]), numbers(params["r"])
+    (J1, J2) = numbers(params["J"])
+    (r1, r2) = numbers(params["r"])
     disks = [
         Disk(name="a", inertia=J1, radius=r1),
         Disk(name="b", inertia=J2, radius=r2),

@@ -13,7 +13,9 @@ import jaxhb
 from jaxhb.equations.backlash import law_of
 from jaxhb.train.contact_law import _least_mean_forces
 
-STIFFNESS, BACKLASH, RADIUS = 1e8, 1e-4, 0.05
+STIFFNESS = 1e8
+BACKLASH = 1e-4
+RADIUS = 0.05
 WHOLE = STIFFNESS * BACKLASH / 2  # N
 HUNTING = Path(__file__).parents[1] / "data" / "scenes" / "hunting.toml"
 
@@ -40,7 +42,8 @@ def law(train):
 
 def test_teeth_are_stiff_above_a_fifth_of_their_mean_force_and_the_gap_carries_little():
     for mean in (7.0, 20.0, -20.0):
-        force, found = abs(mean) / RADIUS, law_of(pair(mean).meshes)
+        force = abs(mean) / RADIUS
+        found = law_of(pair(mean).meshes)
         assert found.knee_force[0] == pytest.approx(force / 5, rel=ALGEBRAIC)
         assert found.gap_spring_force[0] <= force / 25 * (1 + ALGEBRAIC)
 

@@ -413,7 +413,8 @@ def test_orders_that_new_teeth_would_change_are_not_left_as_they_were(
 
 
 def test_laws_of_a_mesh_change_by_their_words():
-    pair, mesh = load_scene("spur_pair"), "gear a|gear b"
+    pair = load_scene("spur_pair")
+    mesh = "gear a|gear b"
     changed = pair.replace(
         {f"{mesh}.damping_law": "contact", f"{mesh}.law": "fridman2009"}
     )

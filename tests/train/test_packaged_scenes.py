@@ -23,7 +23,8 @@ def test_every_packaged_scene_loads_and_has_a_description():
 
 
 def test_gear_train_30_is_its_specification():
-    spec, train = reference("gear_train_30"), load_scene("gear_train_30")
+    spec = reference("gear_train_30")
+    train = load_scene("gear_train_30")
     t = train.topology
     ring = {9: "crank damper", 17: "cam damper B", 30: "cam damper A"}
     name = {d["node"]: ring.get(d["node"], d["name"]) for d in spec["disks"]}
@@ -70,7 +71,8 @@ def test_scenes_have_the_natural_frequencies_of_the_reference():
 
 
 def test_valve_torques_follow_the_firing_of_their_cylinder():
-    spec, train = reference("gear_train_30")["excitation"], load_scene("gear_train_30")
+    spec = reference("gear_train_30")["excitation"]
+    train = load_scene("gear_train_30")
     torque, _, _ = excitation(train, 2000.0, 24)
     for bank, later in (("A", 0.0), ("B", 90.0)):
         for k, angle in enumerate(spec["firing_deg_crank"]["bank A, throw 1..5"]):
@@ -87,10 +89,8 @@ def test_valve_torques_follow_the_firing_of_their_cylinder():
 
 
 def test_six_cylinder_diesel_has_the_torque_harmonics_and_mean_of_the_reference():
-    spec, train = (
-        reference("six_cylinder_diesel_2008"),
-        load_scene("six_cylinder_diesel"),
-    )
+    spec = reference("six_cylinder_diesel_2008")
+    train = load_scene("six_cylinder_diesel")
     published = spec["cyl_torque_harmonics_2200rpm_exact_orders"]
     torque, _, _ = excitation(train, 2200.0, 24)
     order = np.array(published["order"])

@@ -68,7 +68,8 @@ def test_a_diameter_in_mm_is_refused(size):
 @pytest.mark.parametrize("name", SHAFTED)
 def test_stiffnesses_in_n_mm_are_noted_of_all_shafts_and_of_one(name):
     train = load_scene(name)
-    topology, stiffness = train.topology, train.shafts.stiffness
+    topology = train.topology
+    stiffness = train.shafts.stiffness
     milli = {
         f"{one}.stiffness": 1000.0 * k
         for one, k in zip(topology.shaft_names, stiffness, strict=True)
@@ -225,10 +226,8 @@ def compressor(unit=1.0):
     travel = (
         0.5 * (1 - np.cos(np.deg2rad(angle))) + 0.06
     )  # of the piston, with the clearance, over the stroke
-    expansion, compression = (
-        3.5e5 * (0.06 / travel) ** 1.3,
-        1e5 * (1.06 / travel) ** 1.3,
-    )
+    expansion = 3.5e5 * (0.06 / travel) ** 1.3
+    compression = 1e5 * (1.06 / travel) ** 1.3
     pressure = (
         np.where(
             angle < 180.0, np.maximum(expansion, 1e5), np.minimum(compression, 3.5e5)

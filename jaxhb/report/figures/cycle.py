@@ -130,17 +130,16 @@ def _period(answer, rows):
     """Signals over the period of the motion, with and without backlash; grey where the
     teeth are apart.
     """
-    backlash, traces, shapes, beside = (
-        any(answer.topology.mesh_backlash),
-        [],
-        [],
-        answer.without_backlash,
-    )
+    backlash = any(answer.topology.mesh_backlash)
+    traces = []
+    shapes = []
+    beside = answer.without_backlash
     # A motion that never repeats has no samples, one that is not known nothing at all.
     compared = (backlash or not answer.known) and beside.known and not beside.recorded
     motions = [(answer, 0)] * answer.known + [(beside, 1)] * compared
     periods = math.lcm(*(max(motion.state.period, 1) for motion, _ in motions))
-    step, end = max(1, periods // SPIKES), answer.cycle_deg * periods
+    step = max(1, periods // SPIKES)
+    end = answer.cycle_deg * periods
     for panel, (quantity, name) in enumerate(rows):
         for motion, style in motions:
             said = (
@@ -208,10 +207,8 @@ def _record(answer, rows):
             for one in (answer, answer.without_backlash)
         )
         factor = quantity.factor
-        cycles, more = (
-            np.arange(1, len(after.highest) + 1),
-            {"panel": panel, "showlegend": not panel},
-        )
+        cycles = np.arange(1, len(after.highest) + 1)
+        more = {"panel": panel, "showlegend": not panel}
         traces.append(
             marks(
                 cycles,
@@ -238,15 +235,11 @@ def _record(answer, rows):
             ("without backlash", (before.max, before.min), 1.6),
         )
         for style, (said, values, width) in enumerate(levels):
-            x, y = (
-                np.tile([1, len(cycles), np.nan], len(values)),
-                np.repeat(factor * np.array(values, float), 3),
-            )
+            x = np.tile([1, len(cycles), np.nan], len(values))
+            y = np.repeat(factor * np.array(values, float), 3)
             traces.append(line(x, y, said, style, look={"width": width}, **more))
-        extremes, spread = (
-            np.array([after.max, after.min]),
-            np.array([after.spread.max, after.spread.min]),
-        )
+        extremes = np.array([after.max, after.min])
+        spread = np.array([after.spread.max, after.spread.min])
         at = np.array([np.argmax(after.highest), np.argmin(after.lowest)]) + 1
         traces += spread_bars(
             at, factor * extremes, factor * spread, FOOT * len(cycles), **more
@@ -257,7 +250,8 @@ def _record(answer, rows):
 
 def _peaks(answer, names):
     """Share of the recorded cycles whose largest tooth force stays below a value."""
-    quantity, traces = forces(answer.train), []
+    quantity = forces(answer.train)
+    traces = []
     for number, name in enumerate(names):
         peaks = quantity.factor * np.sort(answer.force(name).peaks)
         shares = 100 * np.arange(1, len(peaks) + 1) / len(peaks)
@@ -265,10 +259,8 @@ def _peaks(answer, names):
         before = [quantity.factor * float(answer.without_backlash.force(name).peak)] * 2
         more = {"look": {"width": 0.8}, "showlegend": not number}
         traces.append(line(before, [0.0, 100.0], "without backlash", number, **more))
-    caption, title = (
-        "Cycles whose largest tooth force stays below a value",
-        "largest tooth force of a cycle",
-    )
+    caption = "Cycles whose largest tooth force stays below a value"
+    title = "largest tooth force of a cycle"
     return figure(
         caption,
         f"{title}, {quantity.unit}",
@@ -285,9 +277,11 @@ def plot_tuning(objectives, result):
     history, 1 at the start but for smoothing, a line where the smooth maximum was
     sharpened.
     """
-    figures, axis = [], speed_range(result.rpm)
+    figures = []
+    axis = speed_range(result.rpm)
     for objective in objectives:
-        name, (factor, unit) = label(objective), scaled_unit(objective.quantity)
+        name = label(objective)
+        (factor, unit) = scaled_unit(objective.quantity)
         designs = {"before": result.before, "after": result.after}
         traces = []
         for style, (said, design) in enumerate(designs.items()):

@@ -91,7 +91,8 @@ def _wrapped(text):
 
 def _draw(figure, panels):
     """Everything of one figure, by the names of its axes."""
-    x, top = figure.layout["xaxis"], next(iter(panels.values()))
+    x = figure.layout["xaxis"]
+    top = next(iter(panels.values()))
     _draw_axis(top, "x", x)
     for name, axes in panels.items():
         if axes is not top:
@@ -187,7 +188,8 @@ def _symbol(trace):
 
 def _look(trace, symbol):
     """Line and marker as matplotlib calls them."""
-    line, marker = trace.get("line", {}), trace.get("marker", {})
+    line = trace.get("line", {})
+    marker = trace.get("marker", {})
     colour = marker.get("color", line.get("color"))
     look = {
         "color": line.get("color", colour),
@@ -222,7 +224,8 @@ def _look(trace, symbol):
 
 def _draw_note(panels, note):
     """A text: at a place of the axes or of the data, moved by pixels."""
-    across, along = note.get("yref", "y"), note.get("xref", "x")
+    across = note.get("yref", "y")
+    along = note.get("xref", "x")
     style = {
         "fontsize": POINTS * note["font"]["size"],
         "ha": note.get("xanchor", "center"),

@@ -10,15 +10,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-WIDTH, PANEL, BOTTOM = 680, 155, 46
+WIDTH = 680
+PANEL = 155
+BOTTOM = 46
 """Pixels: what an A4 page has between its margins, the height of a panel, and what the
 axis below takes.
 """
 
-LEGEND_ROW, LETTER, KEY = 19, 4.9, 46
+LEGEND_ROW = 19
+LETTER = 4.9
+KEY = 46
 """Pixels of a row of the legend, of a letter in it, and of the line before its name."""
 
-AXIS, ROW = 62, 15
+AXIS = 62
+ROW = 15
 """Pixels left of a panel, with a title of one row, and of another row of the title."""
 
 TITLE_LETTER = 5.9  # pixels of a letter of the title of an axis
@@ -123,7 +128,8 @@ def figure(
     rows = (
         -(-keys // legend_columns(traces)) if keys > 1 else 0
     )  # one name needs no legend
-    above, gap = 12 + LEGEND_ROW * rows, 26
+    above = 12 + LEGEND_ROW * rows
+    gap = 26
     inside = height * len(panels) + gap * (len(panels) - 1)
     axis = {
         "showline": True,
@@ -235,9 +241,11 @@ def _readable(unit, largest):
     """
     factor = 1.0
     while factor * largest > MOST and unit in THOUSANDS:
-        factor, unit = 1e-3 * factor, THOUSANDS[unit]
+        factor = 1e-3 * factor
+        unit = THOUSANDS[unit]
     while 0 < factor * largest < LEAST and unit in THOUSANDTHS:
-        factor, unit = 1e3 * factor, THOUSANDTHS[unit]
+        factor = 1e3 * factor
+        unit = THOUSANDTHS[unit]
     if 0 < factor * largest < LEAST and unit in SMALL:
         thousands = -math.floor(math.log10(factor * largest) / 3)
         return factor * 1e3**thousands, f"1e-{3 * thousands} {unit}"
@@ -346,8 +354,11 @@ def spread_bars(x, values, spread, width, **more):
     x, values, spread = (
         np.asarray(column, float)[known] for column in (x, values, spread)
     )
-    gap, left, right = np.full(len(x), np.nan), x - width / 2, x + width / 2
-    high, low = values + spread, values - spread
+    gap = np.full(len(x), np.nan)
+    left = x - width / 2
+    right = x + width / 2
+    high = values + spread
+    low = values - spread
     across = np.stack([left, right, gap, x, x, gap, left, right, gap], axis=-1)
     up = np.stack([high, high, gap, high, low, gap, low, low, gap], axis=-1)
     look = {"color": "#ef6c00", "dash": "solid", "width": 2.2}
@@ -468,7 +479,8 @@ def top_of(traces):
 
 def speed_range(rpm):
     """Range of the axis of speeds, a little wider than they are."""
-    low, high = min(rpm), max(rpm)
+    low = min(rpm)
+    high = max(rpm)
     edge = 0.02 * (high - low) or 0.05 * high
     return (low - edge, high + edge)
 

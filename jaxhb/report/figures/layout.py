@@ -84,23 +84,23 @@ class Layout:
     """
 
     def __init__(self, train, named=True):
-        self.topology, self.named = train.topology, named
+        self.topology = train.topology
+        self.named = named
         self.disk, self.pitch = disk_radii(train)
         self.x, self.y = np.full((2, len(self.disk)), np.nan)
         self.names, self.touching = {}, set()
         self.circles = np.zeros((0, 3))  # x, y and radius of what is placed
         self._place()
-        places, radii = self.circles[:, :2], self.circles[:, 2:]
+        places = self.circles[:, :2]
+        radii = self.circles[:, 2:]
         self.low, self.high = (places - radii).min(0), (places + radii).max(0)
 
     def _place(self):
         """Rotor by rotor from the reference rotor on."""
         topology = self.topology
         elastic = len(topology.link_names) - len(topology.mesh_names)
-        shafts, mates = (
-            joined(topology, range(elastic)),
-            joined(topology, range(elastic, len(topology.link_names))),
-        )
+        shafts = joined(topology, range(elastic))
+        mates = joined(topology, range(elastic, len(topology.link_names)))
         first = ways(shafts, topology.rotor.index(topology.reference_rotor))
         self._take(first[0], self._line(first[0], 0, (0.0, 0.0), 1, 1))
         rotors = [first]
@@ -123,14 +123,14 @@ class Layout:
         direction : 1 to the right, -1 to the left; side : -1 with names below, 1 above
         """
         text = [self.topology.disk_names[disk] for disk in way]
-        disk, pitch = self.disk[way], self.pitch[way]
-        length, gear = (
-            LETTER * np.array([len(name) for name in text]) * self.named,
-            pitch > 0,
-        )
+        disk = self.disk[way]
+        pitch = self.pitch[way]
+        length = LETTER * np.array([len(name) for name in text]) * self.named
+        gear = pitch > 0
         half = np.maximum.reduce([disk, pitch, np.where(gear, length, LINE) / 2])
         along = np.concatenate([[0.0], np.cumsum(half[:-1] + half[1:] + GAP)])
-        x, y = at[0] + direction * (along - along[anchor]), at[1]
+        x = at[0] + direction * (along - along[anchor])
+        y = at[1]
         circles = [
             np.column_stack([x, np.full(len(way), y), np.maximum(disk, pitch)]),
             _row((x[0], y), (x[-1], y)),
@@ -154,11 +154,9 @@ class Layout:
         """Put a branch of shafts below or above its disk, straight or slanting, as near
         as it goes.
         """
-        start, both, places = (
-            np.array([self.x[disk], self.y[disk]]),
-            np.maximum(self.disk, self.pitch),
-            [],
-        )
+        start = np.array([self.x[disk], self.y[disk]])
+        both = np.maximum(self.disk, self.pitch)
+        places = []
         for away, side, slant in itertools.product(range(REACH), (-1, 1), SLANTS):
             link = np.array(
                 [slant, side * (both[disk] + both[way[0]] + GAP + 0.5 * away)]
@@ -177,10 +175,8 @@ class Layout:
 
     def _mesh(self, gear, other, way):
         """Put the line of a gear so that it touches its mate; whether there is room."""
-        centre, reach = (
-            np.array([self.x[gear], self.y[gear]]),
-            self.pitch[gear] + self.pitch[other],
-        )
+        centre = np.array([self.x[gear], self.y[gear]])
+        reach = self.pitch[gear] + self.pitch[other]
         own = np.argmax((self.circles == (*centre, self.pitch[gear])).all(axis=1))
         around = np.round(
             [(np.cos(angle), np.sin(angle)) for angle in np.deg2rad(ANGLES)], 12

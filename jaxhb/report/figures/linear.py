@@ -76,10 +76,8 @@ def plot_holzer(train, tables, natural):
         note(f"mode {mode}<br>{own:.4g} Hz", own, 0.0, **style)
         for mode, own in zeros.items()
     ]
-    caption, panels = (
-        "Holzer's residual, zero at natural frequencies",
-        [("residual, N m, from ordinates 1", None)],
-    )
+    caption = "Holzer's residual, zero at natural frequencies"
+    panels = [("residual, N m, from ordinates 1", None)]
     more = {"x_range": (0.0, highest), "height": 220, "annotations": notes}
     picture = drawn(
         figure(caption, "frequency, Hz", panels, traces, **more),
@@ -114,19 +112,20 @@ def plot_campbell(found, count, name, names=NUMBERS):
 
 def campbell_figure(found, count, title, names):
     """The figure of :func:`plot_campbell`; its title is that of the scene or case."""
-    low, high = float(found.rpm[0]), float(found.rpm[-1])
+    low = float(found.rpm[0])
+    high = float(found.rpm[-1])
     elastic = found.elastic(count)
     # Where modes or orders end, and at least the lowest mode.
-    modes, rays = found.frequencies_hz[:, elastic].max(axis=0), found.orders * high / 60
+    modes = found.frequencies_hz[:, elastic].max(axis=0)
+    rays = found.orders * high / 60
     top = max(
         min(modes.max(initial=0.0), rays.max(initial=0.0)), modes[:1].max(initial=0.0)
     )
-    top, traces = 1.08 * (top or 1.0), []
+    top = 1.08 * (top or 1.0)
+    traces = []
     for order in found.orders:
-        look, own = (
-            {"color": GREY, "dash": "dash", "width": 0.8},
-            [order * low / 60, order * high / 60],
-        )
+        look = {"color": GREY, "dash": "dash", "width": 0.8}
+        own = [order * low / 60, order * high / 60]
         traces.append(
             line(
                 [low, high],
@@ -203,7 +202,8 @@ def counting(found):
 
 def _mode_names(found, shown, top):
     """Names of the modes at the right, moved up where they would lie on one another."""
-    notes, lowest = [], 0.0
+    notes = []
+    lowest = 0.0
     for k in shown:
         hz = float(found.frequencies_hz[-1, k])
         what = f"{hz:.4g} Hz" if found.kinds[k] == ELASTIC else found.kinds[k]
@@ -218,7 +218,8 @@ def _mode_names(found, shown, top):
 
 def _ray_name(order, high, top, names):
     """The order where its ray leaves the picture."""
-    hz, style = order * high / 60, {"size": 9, "bgcolor": "white", "borderpad": 0}
+    hz = order * high / 60
+    style = {"size": 9, "bgcolor": "white", "borderpad": 0}
     if hz > top:
         return note(
             names.number(order), 60 * top / order, top, yanchor="bottom", **style
@@ -255,7 +256,8 @@ def shapes_figure(train, modes, chosen, ratios):
         modes.shapes / np.asarray(speed_ratios(train))[np.array(train.topology.rotor)]
     )
     shapes /= np.abs(shapes).max(axis=1, keepdims=True)
-    traces, notes = [], []
+    traces = []
+    notes = []
     for panel, k in enumerate(chosen):
         own = {"panel": panel, "showlegend": False}
         for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
@@ -290,10 +292,8 @@ def shapes_figure(train, modes, chosen, ratios):
     caption += "Dashed: branches, each begins at the disk named in brackets." * (
         len(lines) > 1
     )
-    panels, more = (
-        [("", (-1.15, 1.15))] * len(chosen),
-        {"annotations": notes, "x_range": (-0.5, starts[-1] - 1.5)},
-    )
+    panels = [("", (-1.15, 1.15))] * len(chosen)
+    more = {"annotations": notes, "x_range": (-0.5, starts[-1] - 1.5)}
     made = figure(caption, "", panels, traces, height=95, **more)
     said = {}  # of a branch the disk on which it hangs is in brackets
     for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
@@ -317,7 +317,9 @@ def mode_nodes(lines, starts, shape):
     """Places of the nodes: between disks that move against each other, and disks at
     rest between such.
     """
-    found, place, signs = [], {}, {}
+    found = []
+    place = {}
+    signs = {}
     for start, way in zip(starts, lines, strict=False):
         for i, (a, b) in enumerate(zip(way, way[1:], strict=False)):
             if shape[a] * shape[b] < 0:

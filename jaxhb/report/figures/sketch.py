@@ -61,10 +61,8 @@ def plot_train(train):
     figure = empty(*size)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_axis_off()
-    low, high = (
-        (found.low + found.high - size / unit) / 2,
-        (found.low + found.high + size / unit) / 2,
-    )
+    low = (found.low + found.high - size / unit) / 2
+    high = (found.low + found.high + size / unit) / 2
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     _draw_disks(axes, topology, found)
     _draw_links(axes, topology, found)
@@ -153,8 +151,10 @@ def _draw_disks(axes, topology, found):
 
 def _draw_links(axes, topology, found):
     """Shafts, links of dampers and meshes."""
-    shafts, dampers = len(topology.shaft_names), len(topology.damper_names)
-    loops, t = set(span(topology).loops.tolist()), np.linspace(0.0, 1.0, 41)[:, None]
+    shafts = len(topology.shaft_names)
+    dampers = len(topology.damper_names)
+    loops = set(span(topology).loops.tolist())
+    t = np.linspace(0.0, 1.0, 41)[:, None]
     for link, (a, b) in enumerate(topology.link_ends):
         ends = np.array([[found.x[a], found.y[a]], [found.x[b], found.y[b]]])
         way = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))

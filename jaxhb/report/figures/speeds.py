@@ -64,7 +64,8 @@ def plot_sweep(sweeps):
             over_speed(separation(train), meshes, cases, "Time out of contact"),
         ]
     else:
-        torque, shaft = shaft_torques(train), hardest_shaft(first)
+        torque = shaft_torques(train)
+        shaft = hardest_shaft(first)
         sums = dataclasses.replace(torque, variable="torque_sum_of_amplitudes")
         more = [
             line(
@@ -98,7 +99,8 @@ def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
     what has no linear motion beside it. ``more`` are further traces, ``layout`` is for
     :func:`figure`.
     """
-    first, several = cases[0].answers, len(names) > 1
+    first = cases[0].answers
+    several = len(names) > 1
     places = [answer.place for answer in first]
     backlash = (
         quantity.of_signal
@@ -106,11 +108,9 @@ def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
         and any(first[0].topology.mesh_backlash)
     )
     # Both directions have the same motion without backlash.
-    alike, traces, seen = (
-        all(case.answers[0].train is first[0].train for case in cases),
-        [],
-        [],
-    )
+    alike = all(case.answers[0].train is first[0].train for case in cases)
+    traces = []
+    seen = []
     for place, name in enumerate(names):
         for number, case in enumerate(cases):
             said = [plain(name)] * (several or not case.title) + [
@@ -130,10 +130,8 @@ def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
                     "style": place if several else 2 * number + 1,
                     "showlegend": not (several and place),
                 }
-                values, look = (
-                    quantity.without(case.answers, name),
-                    {"width": 0.8} if several else {},
-                )
+                values = quantity.without(case.answers, name)
+                look = {"width": 0.8} if several else {}
                 traces.append(
                     line(
                         places,
@@ -222,7 +220,8 @@ def plot_tolerance(spread):
 
 def tolerance_figures(spread):
     """The same as specifications, one for each quantity."""
-    rpm, figures = spread.rpm, []
+    rpm = spread.rpm
+    figures = []
     for j, (one, name) in enumerate(zip(spread.of, spread.labels, strict=True)):
         factor, _ = scaled_unit(one.quantity)
         traces = [
@@ -254,7 +253,9 @@ def plot_identified(found):
     """Measured and computed amplitudes over the speed, a panel for each element, the
     largest orders of each.
     """
-    rows, figures, names = found.measured, [], order_names(found.train)
+    rows = found.measured
+    figures = []
+    names = order_names(found.train)
     pairs = list(zip(rows.quantity, rows.element, strict=True))
     for quantity, element in dict.fromkeys(pairs):
         own = np.array([pair == (quantity, element) for pair in pairs])
@@ -298,10 +299,8 @@ def plot_identified(found):
                     size=6,
                 )
             )
-        caption, axis = (
-            f"{quantity} of {plain(element)}: amplitudes",
-            speed_range(np.unique(rows.rpm)),
-        )
+        caption = f"{quantity} of {plain(element)}: amplitudes"
+        axis = speed_range(np.unique(rows.rpm))
         figures.append(
             figure(caption, "speed, rpm", f"{quantity}, {unit}", traces, x_range=axis)
         )
@@ -353,7 +352,8 @@ def orders_figure(response, element, misfires, title=""):
     the case
     """
     factor, unit = element.shown
-    signal, rpm = element.of(response).signal, response.rpm
+    signal = element.of(response).signal
+    rpm = response.rpm
     converged = np.asarray(response.converged)
     certain = np.where(converged, factor, np.nan)
     traces = [
@@ -443,8 +443,11 @@ def limit_figure(judged, key, name, train):
     titles of their cases; train : as it runs, whose limits are drawn with their steps
     between the speeds
     """
-    kind, first, traces = LIMITED[key], next(iter(judged.values())), []
-    called, (factor, unit) = kind.called, kind.shown
+    kind = LIMITED[key]
+    first = next(iter(judged.values()))
+    traces = []
+    called = kind.called
+    (factor, unit) = kind.shown
     for number, (title, found) in enumerate(judged.items()):
         values = factor * np.asarray(
             getattr(getattr(found, key)[name], kind.field), float
@@ -500,7 +503,8 @@ def _limits(found, key, name, train):
     :class:`jaxhb.Strength` and on both sides of every step and corner that their rule
     has between them.
     """
-    row, kind = getattr(found, key)[name], LIMITED[key]
+    row = getattr(found, key)[name]
+    kind = LIMITED[key]
     if key != "stresses" or row.continuous is None:
         return found.rpm, [getattr(row, limit) for limit in kind.limits]
     corners = found.rated_rpm * np.array(corners_of(found.rules[name]))

@@ -47,7 +47,8 @@ def _longest(near, start, taken=()):
     """Disks from ``start`` to the one farthest from it, without those taken."""
     free = [[pair for pair in pairs if pair[0] not in taken] for pairs in near]
     outward = breadth_first(free, start)
-    before, path = {disk: other for disk, other, _ in outward}, [outward[-1][0]]
+    before = {disk: other for disk, other, _ in outward}
+    path = [outward[-1][0]]
     while path[-1] != start:
         path.append(before[path[-1]])
     return path[::-1]

@@ -40,7 +40,8 @@ def answer_record(answer, *, orders=None):
     def of_signal(signal):
         return _signal_record(signal, orders)
 
-    solved, state = answer.response, answer.state
+    solved = answer.response
+    state = answer.state
     numbers = "residual", "truncation_error", "power_defect"
     found = {
         "scene": answer.topology.name,
@@ -172,7 +173,9 @@ def _disk_record(answer, name, angle):
 
 
 def _mesh_record(answer, name, of_signal):
-    force, law, details = answer.force(name), answer.law(name), answer.details.get(name)
+    force = answer.force(name)
+    law = answer.law(name)
+    details = answer.details.get(name)
     impacts = details and [
         {
             "theta_deg": answer.state.period * answer.cycle_deg * one["cycle"],
@@ -198,7 +201,8 @@ def _meshing_record(answer, name):
     """Gear whine, transmission error and rattle of a mesh with a mesh period; nothing
     of others.
     """
-    topology, solution = answer.topology, answer.response
+    topology = answer.topology
+    solution = answer.response
     periods = topology.mesh_periods[topology.mesh_names.index(name)]
     if not periods or not answer.known:
         return {}
@@ -386,10 +390,8 @@ def netcdf(found, orders, *, along=None, every=False):
     )
     if along is None:
         return [as_netcdf(data)]
-    dim, ends = (
-        "value" if "value" in data.dims else "rpm",
-        np.cumsum([0, *map(len, found.values())]),
-    )
+    dim = "value" if "value" in data.dims else "rpm"
+    ends = np.cumsum([0, *map(len, found.values())])
     sets = [data.isel({dim: slice(*ends[i : i + 2])}) for i in range(len(found))]
     names = xarray.Variable(along, list(found), {"long_name": DIMENSIONS[along]})
     return [
@@ -398,7 +400,8 @@ def netcdf(found, orders, *, along=None, every=False):
 
 
 def _labelled(answers, orders, every):
-    topology, axis = answers[0].topology, answers[0].axis
+    topology = answers[0].topology
+    axis = answers[0].axis
     if orders is None and not every:
         orders = listed_harmonic(topology) / topology.revolutions_per_cycle
     data = to_xarray(
@@ -410,10 +413,8 @@ def _labelled(answers, orders, every):
     data.attrs |= {
         "motions": "periodic solutions" if answers[0].orbit else "steady states"
     }
-    flags, about = (
-        {None: -1, False: 0, True: 1},
-        {"long_name": "whether disturbances die away"},
-    )
+    flags = {None: -1, False: 0, True: 1}
+    about = {"long_name": "whether disturbances die away"}
     about |= {
         "flag_values": list(flags.values()),
         "flag_meanings": "not_known unstable stable",

@@ -14,7 +14,9 @@ from pathlib import Path
 
 from jaxhb._files import clear_parts, write_whole
 
-ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
+ANSWERED = 0
+NOT_ANSWERED = 1
+INTERRUPTED = 130
 STANDARD_OUTPUT = "-"
 STREAMED = ("--json", "--csv", "--trace")  # options whose file may be standard output
 _CHANGES = {

@@ -45,10 +45,8 @@ def differences(trains, designs):
             continue
         facts = [facts_of(one) for one in pair]
         for key in dict.fromkeys([*facts[0], *facts[1]]):
-            values, field = (
-                [one.get(key, (None,))[0] for one in facts],
-                (facts[0] | facts[1])[key][1],
-            )
+            values = [one.get(key, (None,))[0] for one in facts]
+            field = (facts[0] | facts[1])[key][1]
             if values[0] != values[1]:
                 rows.append(_row(name, key, field, values))
     if rows:

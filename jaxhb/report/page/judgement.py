@@ -32,10 +32,8 @@ def result(report):
     """What an engineer reads first: do the teeth hammer, how hard, and what of it is in
     doubt.
     """
-    blocks, worst = (
-        [f"With {_largest(case)}" for case in report.shown],
-        worst_misfire(report.cases),
-    )
+    blocks = [f"With {_largest(case)}" for case in report.shown]
+    worst = worst_misfire(report.cases)
     blocks += firing_lines(*(case.answers[0].train for case in report.cases))
     if len(report.cases) > 2 and worst:
         blocks.append(
@@ -64,7 +62,8 @@ def _largest(case):
     """What a case does over the speeds, and the largest number of all elements, in
     sentences.
     """
-    found, said = hardest_of([case]), " ".join(motion_sentences(case.answers))
+    found = hardest_of([case])
+    said = " ".join(motion_sentences(case.answers))
     if found is None:
         return f"{case.title}: {said} No speed has an answer."
     quantity = found.quantity
@@ -180,10 +179,8 @@ def judged(cases, against):
             f"{name} ({', '.join(titles)})" for name, titles in found.items()
         )
 
-    over, count = (
-        sum(one.share > 1 for one in shares),
-        "one case" if len(cases) == 1 else f"{len(cases)} cases",
-    )
+    over = sum(one.share > 1 for one in shares)
+    count = "one case" if len(cases) == 1 else f"{len(cases)} cases"
     how = (
         f"{over} of {len(shares)} ABOVE A LIMIT"
         if over

@@ -67,7 +67,8 @@ def modes(report):
 
 def campbell(report):
     """Natural frequencies over the speed, orders, critical speeds."""
-    low, high = min(report.rpm), max(report.rpm)
+    low = min(report.rpm)
+    high = max(report.rpm)
     low, high = (
         (low * (1 - ONE_SPEED), high * (1 + ONE_SPEED)) if low == high else (low, high)
     )
@@ -100,10 +101,8 @@ def campbell(report):
     )
     misfires = dict(zip(list(trains)[1:], others, strict=True))
     names = order_names(report.train)
-    blocks, left = (
-        campbell_parts(main, count, misfires, names),
-        len(torques) - len(chosen),
-    )
+    blocks = campbell_parts(main, count, misfires, names)
+    left = len(torques) - len(chosen)
     said = (
         f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of"
         " the largest of their mode"
@@ -119,7 +118,8 @@ def forced(report):
     """The linear forced response over the speeds: the worst of every element, orders of
     what swings most; of several misfires that which governs each element.
     """
-    low, high = min(report.rpm), max(report.rpm)
+    low = min(report.rpm)
+    high = max(report.rpm)
     speeds = np.unique(
         [*report.rpm, *(np.linspace(low, high, SPEEDS) if low < high else [])]
     )
@@ -128,7 +128,8 @@ def forced(report):
         for case in report.cases
     }
     title, first = next(iter(responses.items()))
-    found, good = readings(first), np.asarray(first.converged)
+    found = readings(first)
+    good = np.asarray(first.converged)
     chosen = (
         hardest_elements([one.at(good) for one in found])
         if len(speeds) > 1 and good.any()

@@ -43,7 +43,8 @@ def motions(report):
     irregularity.
     """
     cases = report.shown
-    quantity, blocks = quantities.main_quantity(report.train), []
+    quantity = quantities.main_quantity(report.train)
+    blocks = []
     if len(report.rpm) > 1:
         caption = f"{quantity.title} of all, {quantity.unit}, and the kind of motion"
         blocks.append(over_speed(quantity, [""], cases, caption))
@@ -59,7 +60,8 @@ def motions(report):
 
 def _misfires(report):
     """Every misfire: the largest number of all elements over the speeds."""
-    quantity, rows = quantities.main_quantity(report.train), []
+    quantity = quantities.main_quantity(report.train)
+    rows = []
     for case in report.cases:
         found = hardest_of([case])
         cells = (
@@ -74,16 +76,12 @@ def _misfires(report):
 
 def forces_over_speed(report):
     """Tooth forces and how long teeth are apart."""
-    blocks, apart = (
-        swings(quantities.forces(report.train), report.shown),
-        quantities.separation(report.train),
-    )
+    blocks = swings(quantities.forces(report.train), report.shown)
+    apart = quantities.separation(report.train)
     if any(report.train.topology.mesh_backlash) and len(report.rpm) > 1:
         for case in report.shown:
-            alone, caption = (
-                [dataclasses.replace(case, title="")],
-                f"Time out of contact, {case.title}",
-            )
+            alone = [dataclasses.replace(case, title="")]
+            caption = f"Time out of contact, {case.title}"
             blocks.append(over_speed(apart, apart.names, alone, caption))
     return blocks
 
@@ -107,12 +105,12 @@ def maxima(quantity, cases):
     """The largest number of every element over the speeds that have an answer, with and
     without backlash; of tooth forces the worst contact too.
     """
-    rpm, backlash = (
-        [answer.rpm for answer in cases[0].answers],
-        any(cases[0].answers[0].topology.mesh_backlash),
-    )
-    contact, marked = backlash and quantity.called == "tooth force", False
-    heads, rows = [quantity.element], [[name] for name in quantity.names]
+    rpm = [answer.rpm for answer in cases[0].answers]
+    backlash = any(cases[0].answers[0].topology.mesh_backlash)
+    contact = backlash and quantity.called == "tooth force"
+    marked = False
+    heads = [quantity.element]
+    rows = [[name] for name in quantity.names]
     for case in cases:
         heads += [("with" if backlash else quantity.unit, case.title), "at rpm"]
         heads += [("without", case.title), ("ratio", ratio)] * backlash
@@ -206,10 +204,8 @@ def second_design(report):
         ]
         for first, second in zip(report.shown, report.seconds, strict=False)
     ]
-    trains, designs = (
-        (report.train, report.seconds[0].answers[0].train),
-        (report.elements, report.second_elements),
-    )
+    trains = (report.train, report.seconds[0].answers[0].train)
+    designs = (report.elements, report.second_elements)
     blocks = [
         *(report.tuning or differences(trains, designs)),
         *_beside(pairs[0], BESIDE),

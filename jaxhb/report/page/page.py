@@ -75,10 +75,12 @@ def parts_of(report, sources):
     """All parts that concern the train; what fails is a sentence in the part, and on
     stderr.
     """
-    found, show = [], environment().get_template("show.html").module.show
+    found = []
+    show = environment().get_template("show.html").module.show
     for title, gather in sources.items():
         try:
-            blocks, failed = gather(report), False
+            blocks = gather(report)
+            failed = False
             html = "".join(map(show, blocks))
         except Exception as error:  # whatever it is, the other parts are of use
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
@@ -86,7 +88,8 @@ def parts_of(report, sources):
             print(
                 f"--html: {title!r} is missing from the page: {said}", file=sys.stderr
             )
-            blocks, failed = [f"This part could not be made: {said}"], True
+            blocks = [f"This part could not be made: {said}"]
+            failed = True
             html = show(blocks[0])
         found += [Part(title, html, blocks, failed)] if blocks else []
     return found

@@ -50,11 +50,9 @@ def train_data(report):
 
 
 def _meshes(train):
-    topology, meshes, radius = (
-        train.topology,
-        train.meshes,
-        1e3 * np.asarray(train.disks.radius),
-    )
+    topology = train.topology
+    meshes = train.meshes
+    radius = 1e3 * np.asarray(train.disks.radius)
     rows = []
     for i, ends in enumerate(topology.mesh_ends):
         teeth = [topology.teeth[disk] for disk in ends]
@@ -94,7 +92,9 @@ def excitation_tables(report):
     the speed, orders: a list of Table. Cylinders that differ in nothing but their
     firing angle and their throw are told by the first of them.
     """
-    names, first, seen = report.train.topology.cylinder_names, {}, {}
+    names = report.train.topology.cylinder_names
+    first = {}
+    seen = {}
     for name, files in zip(
         names, report.files.get("cylinder") or [{}] * len(names), strict=True
     ):
@@ -124,7 +124,8 @@ def _given(report, kind):
     """What the scene says of the elements of a kind: cells by name, by heads; without
     what it says of none.
     """
-    names, columns = getattr(report.train.topology, f"{kind}_names"), defaultdict(dict)
+    names = getattr(report.train.topology, f"{kind}_names")
+    columns = defaultdict(dict)
     for name, files in zip(
         names, report.files.get(kind) or [{}] * len(names), strict=True
     ):
@@ -166,8 +167,10 @@ def _cylinders(report, first):
     """Where the cylinders sit and fire, and their numbers, a column for those that have
     the same.
     """
-    columns, different = _given(report, "cylinder"), list(dict.fromkeys(first.values()))
-    disks, angles = columns.pop("disk", {}), columns.pop("firing angle deg", {})
+    columns = _given(report, "cylinder")
+    different = list(dict.fromkeys(first.values()))
+    disks = columns.pop("disk", {})
+    angles = columns.pop("firing angle deg", {})
     rows = [
         (name, disks[name], angles.get(name, "0"), own) for name, own in first.items()
     ]
@@ -199,33 +202,29 @@ def _gas(report, first):
     """Load, charge and peak pressure, its angle, mean effective pressure and mean
     torque of the cylinders over the speed.
     """
-    topology, cylinders, speeds = (
-        report.train.topology,
-        report.train.cylinders,
-        np.array(_some(report.rpm)),
-    )
+    topology = report.train.topology
+    cylinders = report.train.cylinders
+    speeds = np.array(_some(report.rpm))
     own = (
         np.ones(len(first))
         if cylinders.gas_factor is None
         else np.asarray(cylinders.gas_factor)
     )
-    factors, pressures = (
-        own * scale_at(cylinders, speeds),
-        own[:, None] * gas_pressures(cylinders, topology.gas_cycles, speeds),
-    )
-    rows, charges = [], charges_of(report.train, speeds)
+    factors = own * scale_at(cylinders, speeds)
+    pressures = own[:, None] * gas_pressures(cylinders, topology.gas_cycles, speeds)
+    rows = []
+    charges = charges_of(report.train, speeds)
     means = mean_torques(report.train.torques, cylinders, topology.gas_cycles, speeds)[
         :, len(topology.torque_names) :
     ]
     for i in sorted({topology.cylinder_names.index(name) for name in first.values()}):
-        turns, swept = (
-            topology.cylinder_gas_revolutions[i],
-            np.pi / 4 * cylinders.bore[i] ** 2 * cylinders.stroke[i],
-        )
+        turns = topology.cylinder_gas_revolutions[i]
+        swept = np.pi / 4 * cylinders.bore[i] ** 2 * cylinders.stroke[i]
         for k, speed in enumerate(speeds):
             cells = [NONE] * 3
             if topology.gas_cycles.computed[i]:
-                place, period = int(np.argmax(pressures[k, i])), 360.0 * turns
+                place = int(np.argmax(pressures[k, i]))
+                period = 360.0 * turns
                 angle = place * period / GAS_SAMPLES
                 cells = [
                     1e-5 * pressures[k, i, place],
@@ -309,7 +308,9 @@ def _orders(report, first):
     """Orders that the scene gives: of torques, of gas torques, of loads; those with the
     same amplitudes in a table.
     """
-    train, topology, found = report.train, report.train.topology, defaultdict(dict)
+    train = report.train
+    topology = report.train.topology
+    found = defaultdict(dict)
     number_of = order_names(train).number
     own = zip(
         topology.torque_names,
@@ -353,7 +354,8 @@ def _orders(report, first):
     tables = []
     for (unit, same), own in found.items():
         if same:
-            rows, names = next(iter(own.values())), list(own)
+            rows = next(iter(own.values()))
+            names = list(own)
             cells = [
                 [number_of(order) for order, _ in rows],
                 *alike([abs(value) for _, value in rows]),

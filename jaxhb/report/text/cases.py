@@ -56,7 +56,8 @@ def against(variable):
 
 
 def _driver(answer, name):
-    topology, side = answer.topology, answer.contacts[name].drive_side
+    topology = answer.topology
+    side = answer.contacts[name].drive_side
     first, second = topology.mesh_ends[topology.mesh_names.index(name)]
     return topology.disk_names[first if side > 0 else second] if side else NONE
 
@@ -115,10 +116,8 @@ def element_table(title, element, specs, *answers, names=None, groups=()):
     """A row for every element of a kind or of those ``names``, the columns of ``specs``
     for every answer.
     """
-    heads, rows = (
-        [element],
-        [[name] for name in names or names_of(answers[0].topology)[element]],
-    )
+    heads = [element]
+    rows = [[name] for name in names or names_of(answers[0].topology)[element]]
     for place, answer in enumerate(answers):
         for head, read, *write in specs:
             way = write[0] if write else "number"
@@ -159,7 +158,8 @@ def solve_text(answer):
 
 
 def _tables(answer):
-    topology, pair = answer.topology, [("with backlash", 1, 3), ("without", 4, 5)]
+    topology = answer.topology
+    pair = [("with backlash", 1, 3), ("without", 4, 5)]
     if topology.mesh_names:
         title = (
             "Tooth force, kN (elastic and damping; positive on the flank that drives,"
@@ -206,7 +206,8 @@ def meshing_table(answer):
     """Gear whine, transmission error and rattle of the meshes that have a mesh period,
     in a list.
     """
-    topology, solution = answer.topology, answer.response
+    topology = answer.topology
+    solution = answer.response
     names = [
         name
         for name, periods in zip(
@@ -326,10 +327,8 @@ def speed_tables(cases, place):
     angles), irregularity, heat.
     """
     answers = [case.answers[place] for case in cases]
-    train, doubts = (
-        answers[0].train,
-        [f", {one.doubt.upper()}".removesuffix(", ") for one in answers],
-    )
+    train = answers[0].train
+    doubts = [f", {one.doubt.upper()}".removesuffix(", ") for one in answers]
     titles = [f"{case.title}{doubt}" for case, doubt in zip(cases, doubts, strict=True)]
 
     def table(title, quantity, specs):
@@ -355,7 +354,8 @@ def speed_tables(cases, place):
         )
         return table(f"{quantity.title}, {quantity.unit}", quantity, specs)
 
-    tables, links = [], train.topology.shaft_and_damper_names
+    tables = []
+    links = train.topology.shaft_and_damper_names
     if train.topology.mesh_names:
         title = (
             "Largest tooth force, kN, with and without backlash; share of the time"
@@ -372,7 +372,8 @@ def speed_tables(cases, place):
         tables.append(
             swings((quantities.shaft_torques if links else quantities.angles)(train))
         )
-    turning, heats = quantities.irregularity(train), quantities.heat(train)
+    turning = quantities.irregularity(train)
+    heats = quantities.heat(train)
     tables.append(table(turning.title, turning, [("%", turning.variable, irregular)]))
     return [
         *tables,
@@ -448,7 +449,8 @@ def worst_misfires(cases):
     """The misfire that governs each element with a limit, as it is written, by names,
     the largest share first.
     """
-    normal, records = answers_strength(cases[0].answers), {}
+    normal = answers_strength(cases[0].answers)
+    records = {}
     for (key, name), worst in governing_misfires(cases).items():
         firing, firing_share = at_same_speed(worst, key, normal)
         record = {
@@ -478,7 +480,8 @@ def governing_table(cases):
     """The misfire that governs each element with a limit, beside normal running at the
     same speed; None without.
     """
-    normal, rows = answers_strength(cases[0].answers), []
+    normal = answers_strength(cases[0].answers)
+    rows = []
     for (key, name), worst in governing_misfires(cases).items():
         factor, unit = worst.kind.shown
         _, before = at_same_speed(worst, key, normal)
@@ -531,7 +534,8 @@ def _speed_table(cases, place):
     rows = []
     for case in cases:
         found = hardest_at(case, place)
-        quantity, value = found.quantity, found.quantity.factor * found.value
+        quantity = found.quantity
+        value = found.quantity.factor * found.value
         firing = rows[0][1] if rows else value
         row = [case.title, value, (value, firing), found.name or NONE]
         rows.append(row + [motion_word(found.answer)] * (quantity.element == "mesh"))

@@ -72,7 +72,8 @@ def aligned(heads, columns, groups=(), left=()):
     columns = [
         [head, *map(str, column)] for head, column in zip(heads, columns, strict=True)
     ]
-    widths, above = [max(map(len, column)) for column in columns], ""
+    widths = [max(map(len, column)) for column in columns]
+    above = ""
     for title, first, last in groups:
         room = sum(widths[first : last + 1]) + 2 * (last - first)
         widths[first] += max(0, len(title) - room)
@@ -107,7 +108,8 @@ def _with_places(value, places):
     """A number with so many decimals, a dash where it is not known, and a mark where it
     is doubtful.
     """
-    mark, value = DOUBT * isinstance(value, Doubtful), float(value)
+    mark = DOUBT * isinstance(value, Doubtful)
+    value = float(value)
     # Adding 0.0 after rounding turns -0.0 into 0.0.
     return (
         f"{round(value, places) + 0.0:.{places}f}{mark}"

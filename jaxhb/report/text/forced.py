@@ -136,7 +136,8 @@ class Reading:
 
     def main(self):
         """Places of the orders with the largest amplitudes, by rising order."""
-        places, largest = self.listed(), self.largest
+        places = self.listed()
+        largest = self.largest
         return np.sort(places[np.argsort(-largest[places], kind="stable")[:SHOWN]])
 
 
@@ -173,11 +174,9 @@ def forced_text(cases, found, worst=None, *, each):
     by the cylinder that does not fire, the ``worst`` misfires.
     """
     response = cases[""]
-    name, rpm, good = (
-        train_name(response.topology),
-        response.rpm,
-        np.asarray(response.converged),
-    )
+    name = train_name(response.topology)
+    rpm = response.rpm
+    good = np.asarray(response.converged)
     parts = [f"{name}: linear forced response, teeth in contact, {SPEED.span(rpm)}"]
     parts += firing_lines(*(one.train for one in cases.values()))
     if worst:
@@ -200,7 +199,9 @@ def forced_text(cases, found, worst=None, *, each):
 
 
 def _speed_table(one, good):
-    signal, places, (factor, unit) = one.signal, one.main(), one.shown
+    signal = one.signal
+    places = one.main()
+    (factor, unit) = one.shown
     sizes = [
         signal.half_peak_to_peak,
         signal.sum_of_amplitudes,
@@ -231,7 +232,8 @@ def worst_tables(response, found):
     """The largest half peak-to-peak, sum and amplitude of each element over the speeds
     that have an answer, and where they are: a table for each kind of element.
     """
-    good, names = np.asarray(response.converged), order_names(response.train)
+    good = np.asarray(response.converged)
+    names = order_names(response.train)
     heads = [
         ("half p-p", "size"),
         "at rpm",
@@ -241,18 +243,19 @@ def worst_tables(response, found):
         ("amplitude", "size"),
         "at rpm",
     ]
-    groups, tables = (
-        [("synthesis", 1, 2), ("sum of amplitudes", 3, 4), ("largest order", 5, 7)],
-        [],
-    )
+    groups = [("synthesis", 1, 2), ("sum of amplitudes", 3, 4), ("largest order", 5, 7)]
+    tables = []
     for own in by_kind(found) if good.any() else ():
-        factor, rows = own[0].shown[0], []
+        factor = own[0].shown[0]
+        rows = []
         for one in (reading.at(good) for reading in own):
-            signal, rpm = one.signal, one.response.rpm
+            signal = one.signal
+            rpm = one.response.rpm
             speed, order = np.unravel_index(
                 signal.amplitudes.argmax(), signal.amplitudes.shape
             )
-            moves, row = signal.amplitudes[speed, order] > 0, [one.name]
+            moves = signal.amplitudes[speed, order] > 0
+            row = [one.name]
             for values in (signal.half_peak_to_peak, signal.sum_of_amplitudes):
                 row += [
                     factor * values.max(),
@@ -281,10 +284,8 @@ def by_kind(found):
 def _over_speeds(found, what, heads, rows, groups=(), left=()):
     """A table of elements of one kind."""
     kind = found[0].kind
-    title, element = (
-        f"{TITLES[kind]}, {found[0].shown[1]}: {what}",
-        SIGNALS[KINDS[kind]][1],
-    )
+    title = f"{TITLES[kind]}, {found[0].shown[1]}: {what}"
+    element = SIGNALS[KINDS[kind]][1]
     return from_rows(title, [element, *heads], rows, groups, left)
 
 
@@ -326,10 +327,8 @@ def _record(response, found, orders):
         }
 
     def of_element(one):
-        amplitudes, phases = (
-            one.signal.amplitudes[:, kept],
-            one.signal.phases_deg[:, kept],
-        )
+        amplitudes = one.signal.amplitudes[:, kept]
+        phases = one.signal.phases_deg[:, kept]
         record = summary(one.signal) | {
             "amplitudes": amplitudes,
             "phases_deg": phases,
@@ -519,7 +518,9 @@ def _misfire_parts(cases, found, worst, each):
         for one in chosen
     )
     for one in chosen:
-        (factor, unit), (firing, _), rows = one.shown, one.most(), []
+        (factor, unit) = one.shown
+        (firing, _) = one.most()
+        rows = []
         for name, response in cases.items():
             value, rpm = one.of(response).most()
             rows.append(
@@ -542,10 +543,12 @@ def misfire_tables(found, worst, firing):
     ``firing`` is what the train is called without.
     """
     for own in by_kind(found):
-        factor, rows = own[0].shown[0], []
+        factor = own[0].shown[0]
+        rows = []
         limited = any(worst[one.name].share for one in own)
         for one in own:
-            most, (largest, _) = worst[one.name], one.most()
+            most = worst[one.name]
+            (largest, _) = one.most()
             where = (f"{most.rpm:g}", most.cylinder) if most.value else (NONE, NONE)
             row = [
                 one.name,

@@ -17,7 +17,8 @@ def identified_text(found):
     """Fitted numbers beside the scene's, what the data leave open, and how far orders
     are off before and after.
     """
-    rows, speeds = found.measured, len(np.unique(found.measured.rpm))
+    rows = found.measured
+    speeds = len(np.unique(found.measured.rpm))
     head = (
         f"{found.train.topology.title}: {len(rows.rpm)} measured amplitudes at {speeds}"
         " speeds, "
@@ -100,7 +101,9 @@ def _residuals(found, computed, names):
     ``computed``, by head, for each element and order, of which ``names`` tell; of the
     rows that were kept.
     """
-    rows, measured, size = [], found.measured, found.measured.amplitude
+    rows = []
+    measured = found.measured
+    size = found.measured.amplitude
     target = size * np.exp(1j * np.deg2rad(np.nan_to_num(measured.phase)))
     differences = [
         np.where(
@@ -201,10 +204,8 @@ def weak_text(found, names=NUMBERS):
         "",
     ]
     table = from_rows("Weak cylinder", heads, rows, left=(4,))
-    first, share = (
-        found.names[0],
-        f"{100 * found.gas_factor[0]:.0f} % of what the others do",
-    )
+    first = found.names[0]
+    share = f"{100 * found.gas_factor[0]:.0f} % of what the others do"
     if not found.explains:
         said = (
             "No verdict: no cylinder that alone differs explains the measurements, as"

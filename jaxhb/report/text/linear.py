@@ -31,7 +31,8 @@ def modes_text(modes, name, kinds, ratios, teeth=""):
     """Natural frequencies, nodes, damping ratios (nan: none), what moves; ``teeth``
     says how stiff they are.
     """
-    rows, loose = [], sum(kind == RIGID for kind in kinds)
+    rows = []
+    loose = sum(kind == RIGID for kind in kinds)
     for k, hz in enumerate(modes.frequencies_hz):
         shape = modes.shape(k)
         most = sorted(shape, key=lambda disk: -abs(shape[disk]))[:3]
@@ -79,10 +80,8 @@ def energies_text(modes, kinds):
     them of trees.
     """
     shown = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:FIRST]
-    kinetic, strain = (
-        ("disk", modes.names, modes.kinetic_share),
-        ("link", modes.link_names, modes.strain_share),
-    )
+    kinetic = ("disk", modes.names, modes.kinetic_share)
+    strain = ("link", modes.link_names, modes.strain_share)
     heads = [f"mode {k}" for k in shown]
     return [
         Table(
@@ -115,7 +114,8 @@ def approximations(train, rpm=None, response=None, *, closed=True):
     :func:`own_speed`; ``response``, a :class:`jaxhb.ForcedResponse` at these, tells
     which vibrations leave the stage; ``closed``: clearances are.
     """
-    topology, springs = train.topology, {}
+    topology = train.topology
+    springs = {}
     for link, kind, row in topology.springs:
         springs.setdefault(link, {}).setdefault(kind, []).append(row)
     asked = [own_speed(train)] if rpm is None else rpm
@@ -172,7 +172,8 @@ def _stage_sentence(loads, place):
             f"linear with {plain_number(slopes[0])} N m/rad, its stiffness at rest: no"
             " load balances the mean torques"
         )
-    first, last = loads[0].rpm, loads[-1].rpm
+    first = loads[0].rpm
+    last = loads[-1].rpm
     where = (
         f"at {first:g} rpm" if len(loads) == 1 else f"from {first:g} to {last:g} rpm"
     )
@@ -420,7 +421,8 @@ def campbell_text(found, count, name, misfires, names, teeth="", lines=(), worst
 
 def campbell_parts(found, count, misfires, names):
     """The tables of :func:`campbell_text`, and a sentence where there is none."""
-    shown, hz = found.shown(count), found.frequencies_hz
+    shown = found.shown(count)
+    hz = found.frequencies_hz
     constant = (hz[:, shown] == hz[0, shown]).all()
     heads = (
         ["Hz"]
@@ -490,18 +492,14 @@ def excited_most(found, misfires, cylinder, rpm):
 
 def _left_out(found, count):
     """A sentence on modes that are not told, in a list."""
-    shown, every, crossed = (
-        len(found.elastic(count)),
-        len(found.elastic(len(found.kinds))),
-        found.reached(),
-    )
+    shown = len(found.elastic(count))
+    every = len(found.elastic(len(found.kinds)))
+    crossed = found.reached()
     if shown == every:
         return []
-    highest, low, high = (
-        max(found.orders, default=0.0),
-        float(found.rpm[0]),
-        float(found.rpm[-1]),
-    )
+    highest = max(found.orders, default=0.0)
+    low = float(found.rpm[0])
+    high = float(found.rpm[-1])
     top = f"order {highest:g} at {high:g} rpm is {highest * high / 60:.4g} Hz"
     first = f"These are the {shown} lowest of {every} modes that strain links"
     if crossed <= shown:

@@ -50,7 +50,8 @@ def balance_line(response):
     """What the loads and the grounds take, and the power of the loads; "" without
     either.
     """
-    loads, grounds = torques_of(response, "load"), torques_of(response, "ground")
+    loads = torques_of(response, "load")
+    grounds = torques_of(response, "ground")
     # What balances leaves rounding, which would read as a torque.
     least = max(
         _rounding(response),
@@ -89,7 +90,8 @@ def _noted(responses, read):
     """The largest of the torques that are above 1 % of the largest mean torque, with
     its speed; "" without any.
     """
-    torques, rounding = list(map(read, responses)), _rounding(responses[0])
+    torques = list(map(read, responses))
+    rounding = _rounding(responses[0])
 
     def above(torque, response):
         on_disks = np.abs(
@@ -117,7 +119,8 @@ def torque_notes(responses):
     """A sentence per ground that takes much, and per load that drives though others
     should, at its worst speed.
     """
-    topology, found = responses[0].topology, []
+    topology = responses[0].topology
+    found = []
     for name in topology.ground_names:
         if said := _noted(
             responses, lambda one, name=name: abs(torques_of(one, "ground")[name])
@@ -126,7 +129,8 @@ def torque_notes(responses):
             found.append(
                 f"The ground {name!r} takes {said}, {share}: is a [[load]] missing?"
             )
-    train, fires = responses[0].train, np.flatnonzero(topology.cylinder_fires).tolist()
+    train = responses[0].train
+    fires = np.flatnonzero(topology.cylinder_fires).tolist()
     driven = (
         not compressors(train).issuperset(fires)
         or (np.asarray(train.torques.mean) > 0).any()

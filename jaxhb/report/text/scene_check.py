@@ -28,7 +28,8 @@ def referred_tables(train):
     """Inertias, stiffnesses and dampings, actual and referred to the reference rotor;
     what the train has, in tables.
     """
-    found, topology = referred(train), train.topology
+    found = referred(train)
+    topology = train.topology
     damping, stiffness = np.zeros((2, len(found.factor)))
     damping[: len(train.disks.damping)] = train.disks.damping
     np.add.at(
@@ -84,7 +85,8 @@ def _order_table(train, found):
     tuned = np.flatnonzero(found.order)
     if not len(tuned):
         return []
-    names, rings = train.topology.damper_names, len(train.disks.inertia) + tuned
+    names = train.topology.damper_names
+    rings = len(train.disks.inertia) + tuned
     growth = found.inertia[rings] * (found.order_referred[tuned] * 2 * np.pi / 60) ** 2
     columns = {
         "link": [names[i] for i in tuned],
@@ -101,7 +103,9 @@ def _order_table(train, found):
 
 def _varying_table(train, found):
     """The tables of links that vary, as stiffness and damping, in a list."""
-    topology, shafts, rows = train.topology, len(train.topology.shaft_names), []
+    topology = train.topology
+    shafts = len(train.topology.shaft_names)
+    rows = []
     for field, numbers in (
         ("over_hz", topology.hz_links),
         ("over_amplitude", topology.amplitude_links),
@@ -115,10 +119,8 @@ def _varying_table(train, found):
                 # Angles referred to the reference rotor are phi / i; frequencies are
                 # the same for all.
                 referred_at = at if field == "over_hz" else at / found.link_factor[i]
-                stiffness, damping = (
-                    stiffer * found.stiffness[i],
-                    damped * found.damping[i],
-                )
+                stiffness = stiffer * found.stiffness[i]
+                damping = damped * found.damping[i]
                 values = (
                     at,
                     referred_at,
@@ -168,7 +170,8 @@ MOST_OF_RATED = 20.0  # a mean torque over the rated torque that no gear is buil
 
 def scene_notes(responses):
     """All notes on a scene, of its mean motion at some speeds."""
-    train, speeds = responses[0].train, [float(response.rpm) for response in responses]
+    train = responses[0].train
+    speeds = [float(response.rpm) for response in responses]
     outside = once_alike(
         (rpm, note) for rpm in speeds for note in train.outside_traces(rpm)
     )
@@ -184,15 +187,14 @@ def _rated_notes(responses):
     """Rated torques of meshes that are far below the mean torque of their first
     gear.
     """
-    train, found = responses[0].train, []
+    train = responses[0].train
+    found = []
     topology = train.topology
     for i, name in enumerate(
         topology.mesh_names if train.meshes.rated_torque is not None else ()
     ):
-        radius, rated = (
-            float(train.disks.radius[topology.mesh_ends[i][0]]),
-            float(train.meshes.rated_torque[i]),
-        )
+        radius = float(train.disks.radius[topology.mesh_ends[i][0]])
+        rated = float(train.meshes.rated_torque[i])
         mean = (
             max(abs(float(response.force(name).mean)) for response in responses)
             * radius
@@ -304,7 +306,9 @@ def check_text(train, responses, speeds, notes):
 
 def _over_period(train):
     """A row for every mesh whose stiffness varies, or that has errors."""
-    topology, meshes, rows = train.topology, all_meshes(train), []
+    topology = train.topology
+    meshes = all_meshes(train)
+    rows = []
     given = meshes.variation, meshes.error
     for i, name in enumerate(topology.mesh_names):
         if name in topology.meshing:
@@ -336,10 +340,8 @@ def charges_of(train, speeds):
     if burning is None:
         return {}
     speeds = np.array(speeds, dtype=float)
-    loads, (charge, _) = (
-        load_share(train.cylinders, speeds),
-        charge_pressures(train.cylinders, speeds),
-    )
+    loads = load_share(train.cylinders, speeds)
+    (charge, _) = charge_pressures(train.cylinders, speeds)
     names = train.topology.cylinder_names
     return {
         names[i]: (loads[:, i].tolist(), (1e-5 * charge[:, k]).tolist())
@@ -375,7 +377,8 @@ def check_record(train, responses, notes):
     """What ``check --json`` writes but for the modes, SI units, lists over the speeds;
     ratios of two gears alone.
     """
-    ratios, keys = tooth_damping_ratios(train), ("stiffness", "damping", "backlash")
+    ratios = tooth_damping_ratios(train)
+    keys = ("stiffness", "damping", "backlash")
     return {
         "scene": train.topology.name,
         "rpm": [float(response.rpm) for response in responses],

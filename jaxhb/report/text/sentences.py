@@ -34,7 +34,8 @@ SHOWN_SPEEDS = 6
 
 def _stability_text(answer):
     """What is known of the stability of a motion, "" for nothing."""
-    found, period = answer.stability, answer.state.period
+    found = answer.stability
+    period = answer.state.period
     span = "a cycle" if period <= 1 else f"{period} cycles"
     if found is None:
         return f"stability not decided: {answer.undecided}" if answer.undecided else ""
@@ -83,7 +84,8 @@ def _spread_text(record):
 
 def motion_word(answer):
     """The kind of motion in a word or two, for a column of a table."""
-    state, parts = answer.state, []
+    state = answer.state
+    parts = []
     if answer.orbit:
         parts.append(status_word(answer.status))
     else:
@@ -105,7 +107,8 @@ def solution_text(answer):
     """How the harmonic solution went: status with what to try, harmonics, residual,
     truncation error; "" without.
     """
-    response, period = answer.response, answer.state.period
+    response = answer.response
+    period = answer.state.period
     if response is None:
         return ""
     said = (
@@ -117,7 +120,8 @@ def solution_text(answer):
         f"{said}; {answer.harmonics} harmonics of"
         f" {'the cycle' if period <= 1 else f'{period} cycles'}"
     )
-    residual, error = float(response.residual), float(response.truncation_error)
+    residual = float(response.residual)
+    error = float(response.truncation_error)
     if not residual and not error:
         return f"{line}, linear" + (
             ": every mesh keeps its flank"
@@ -140,7 +144,8 @@ def verdict(answer):
     """The answer in one sentence: do the teeth hammer, which mesh is apart longest,
     which has the hardest impact?
     """
-    topology, speed = answer.topology, answer.at
+    topology = answer.topology
+    speed = answer.at
     if not answer.known:
         return f"No answer at {speed}."
     if not topology.mesh_names:
@@ -159,13 +164,12 @@ def verdict(answer):
 
 
 def _hammering(answer, speed):
-    name, contacts = most_apart(answer), answer.contacts
+    name = most_apart(answer)
+    contacts = answer.contacts
     if name is None:
         return f"All teeth stay in contact at {speed}."
-    contact, hardest = (
-        contacts[name],
-        max(contacts, key=lambda mesh: contacts[mesh].hardest_impact),
-    )
+    contact = contacts[name]
+    hardest = max(contacts, key=lambda mesh: contacts[mesh].hardest_impact)
     said = f"{name} is apart {_percent(contact.separated_fraction)} of the time, "
     elsewhere = contacts[hardest].hardest_impact > contact.hardest_impact
     count = contact.impacts_per_cycle
@@ -212,7 +216,8 @@ def _places(places, axis):
 
 def notes(*answers):
     """Sentences on what to be careful about in answers of one train, at least one."""
-    axis, found = answers[0].axis, []
+    axis = answers[0].axis
+    found = []
     unstable = [answer for answer in answers if answer.unstable]
     if unstable:
         worst = max(unstable, key=lambda answer: answer.multiplier)
@@ -288,7 +293,8 @@ def remarks_text(remarks, head="Notes"):
 
 def _tooth_notes(known):
     """Traits of the tooth laws of answers that are known."""
-    found, through = [], []
+    found = []
+    through = []
     for name in known[0].topology.mesh_names if known else ():
         law = known[0].law(name)
         if law is None:
@@ -300,10 +306,8 @@ def _tooth_notes(known):
             "the mean tooth force of"
             f" {_kN(mean)}{speed_of(known, least) if max(means) > 1.05 * mean else ''}"
         )
-        soft, knee = (
-            "the spring in the gap carries up to",
-            "the teeth are stiff only above",
-        )
+        soft = "the spring in the gap carries up to"
+        knee = "the teeth are stiff only above"
         for what, force, share, remedy in (
             (soft, law.gap_spring_force, GAP_SPRING_SHARE, "lower epsilon"),
             (
@@ -340,7 +344,8 @@ def once_alike(notes_of, axis=SPEED):
     """Notes (place on the axis, text), once for those that differ in values alone, as
     it stands at the lowest place.
     """
-    alike, found = {}, []
+    alike = {}
+    found = []
     for place, note in sorted(notes_of, key=lambda told: told[0]):
         alike.setdefault(
             _VALUE.sub(lambda value: value["name"] or "#", note), []

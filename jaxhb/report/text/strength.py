@@ -73,10 +73,8 @@ class Limited:
         """The largest share of the first limit, nan without one, and its place: without
         one that of the largest number; None where nothing is known.
         """
-        numbers, limit = (
-            np.asarray(getattr(row, self.field), float),
-            getattr(row, next(iter(self.limits))),
-        )
+        numbers = np.asarray(getattr(row, self.field), float)
+        limit = getattr(row, next(iter(self.limits)))
         limit = np.asarray(np.nan if limit is None else limit, float)
         shares = numbers / np.where(np.isfinite(limit), limit, np.nan)
         judged_by = shares if np.isfinite(shares).any() else numbers
@@ -198,7 +196,8 @@ def strength_text(judged):
     """Tables of the worst of each element, of one :class:`jaxhb.Strength` or more by
     headings ("" without one).
     """
-    parts, limited = [], {}
+    parts = []
+    limited = {}
     for title, found in judged.items():
         own = [_table(found, kind) for kind in LIMITED if getattr(found, kind)]
         if any(row.continuous is not None for row in found.stresses.values()):
@@ -265,17 +264,14 @@ def _barred_text(found, rule):
         name: found.stresses[name] for name, own in found.rules.items() if own == rule
     }
     barred = [(name, one) for name in limited for one in found.barred[name]]
-    after, share, judged = (
-        f" after {rule}" * (rule != RULES[0]),
-        OF_RULE[rule].highest,
-        found.judged[rule],
-    )
-    first, rpm, rated = (
-        next(iter(limited.values())),
-        np.asarray(found.rpm),
-        found.rated_rpm,
-    )
-    within, said = np.isfinite(first.continuous), []
+    after = f" after {rule}" * (rule != RULES[0])
+    share = OF_RULE[rule].highest
+    judged = found.judged[rule]
+    first = next(iter(limited.values()))
+    rpm = np.asarray(found.rpm)
+    rated = found.rated_rpm
+    within = np.isfinite(first.continuous)
+    said = []
     if within.any():
         head = "Barred speed ranges" if barred else "No barred speed range"
         said = [
@@ -285,7 +281,8 @@ def _barred_text(found, rule):
         said += [
             _range_text(name, one, OF_RULE[rule].passed, rated) for name, one in barred
         ]
-        speeds, highest = rpm[within & np.isfinite(first.stress)], share * rated
+        speeds = rpm[within & np.isfinite(first.stress)]
+        highest = share * rated
         few = (
             f": resonances between them are NOT seen, take {ENOUGH} or more"
             if len(speeds) < ENOUGH
@@ -328,10 +325,8 @@ def _barred_text(found, rule):
 def _range_text(name, one, share, rated):
     """One barred range as a line."""
     low, high = (f"{speed:.4g}" for speed in (one.low, one.high))
-    low, high = (
-        f"{low} or below" if one.open_below else low,
-        f"{high} or above" if one.open_above else high,
-    )
+    low = f"{low} or below" if one.open_below else low
+    high = f"{high} or above" if one.open_above else high
     said = (
         f"  {name}: {low} to {high} rpm, {one.share:.2f} of the continuous limit at"
         f" {one.at:g} rpm"

@@ -37,7 +37,8 @@ def sweep_text(sweeps):
     """One row per speed: the mesh with the largest tooth force, or the shaft with the
     largest torque; by direction.
     """
-    parts, several = [], len(sweeps) > 1
+    parts = []
+    several = len(sweeps) > 1
     for way, answers in sweeps.items():
         head = f"{BLOCKS[way]}: " * several
         said = [*motion_sentences(answers), *firing_lines(answers[0].train)]
@@ -70,7 +71,8 @@ def turning_table(answers, title=""):
     """Irregularity of the heaviest disk of the reference rotor and heat of the dampers
     over the speed, in a list.
     """
-    dampers, disk = answers[0].topology.damper_names, heaviest(answers[0].train)
+    dampers = answers[0].topology.damper_names
+    disk = heaviest(answers[0].train)
     if not dampers:
         return []
     specs = [(disk, lambda answer: answer.irregularity(disk), irregular)]
@@ -180,7 +182,8 @@ def _verdict(answers):
     """Where the teeth separate, in one sentence."""
     if len(answers) == 1:
         return verdict(answers[0])
-    axis, places = answers[0].axis, [answer.place for answer in answers]
+    axis = answers[0].axis
+    places = [answer.place for answer in answers]
     answered = [answer for answer in answers if answer.answered]
     if not any(answers[0].topology.mesh_backlash):
         return f"No mesh with backlash: {axis.span(places)}."

@@ -19,7 +19,9 @@ def tolerance_parts(spread, checked):
     """Words and tables of a Spread: the worst case of each quantity, over the speeds,
     which numbers move it, where.
     """
-    title, rpm, solved = spread.train.topology.title, spread.rpm, spread.answered
+    title = spread.train.topology.title
+    rpm = spread.rpm
+    solved = spread.answered
     head = (
         f"{title} at {SPEED.span(rpm)}: {len(spread.tolerances)} tolerances;"
         f" {spread.evaluations} solves of a speed."
@@ -71,7 +73,8 @@ def _guarantee(spread):
     """Sentences on what is proved of the worst cases, and where and why it is not."""
     found = spread.answered[:, None] & spread.judged
     asked = spread.no_bound[found]
-    bounded, free = bool((asked == "").any()), bool((asked != "").any())
+    bounded = bool((asked == "").any())
+    free = bool((asked != "").any())
     loose = any(spread.train.topology.mesh_backlash)
     told = []
     if bounded:
@@ -115,7 +118,8 @@ def _worst_table(spread):
         one = spread.of[j]
         factor, _ = scaled_unit(one.quantity)
         at = [int(np.nanargmax(spread.nominal[:, j])), _largest(spread, j)]
-        old, new = factor * spread.nominal[at[0], j], factor * spread.worst[at[1], j]
+        old = factor * spread.nominal[at[0], j]
+        new = factor * spread.worst[at[1], j]
         rows.append([with_unit(one), count(old), f"{spread.rpm[at[0]]:g}"])
         rows[-1] += [
             count(new),
@@ -141,14 +145,16 @@ def _worst_table(spread):
 def _over_speeds(spread, j, checked):
     """One quantity over the speeds."""
     factor, _ = scaled_unit(spread.of[j].quantity)
-    sampled, bounded = len(spread.drawn) > 0, np.isfinite(spread.bound[:, j]).any()
+    sampled = len(spread.drawn) > 0
+    bounded = np.isfinite(spread.bound[:, j]).any()
     shares = [factor * spread.percentile(q)[:, j] for q in PERCENT] if sampled else []
     kinds = (
         [checked["nominal"], [own[j] for own in checked["worst"]]] if checked else []
     )
     rows = []
     for i, rpm in enumerate(spread.rpm):
-        nominal, worst = factor * spread.nominal[i, j], factor * spread.worst[i, j]
+        nominal = factor * spread.nominal[i, j]
+        worst = factor * spread.worst[i, j]
         row = [
             f"{rpm:g}",
             nominal,
@@ -176,7 +182,8 @@ def _moving(spread):
     for j in _told(spread):
         one = spread.of[j]
         i = _largest(spread, j)
-        slopes, size = spread.effects[i, j], spread.nominal[i, j]
+        slopes = spread.effects[i, j]
+        size = spread.nominal[i, j]
         order = [
             k
             for k in np.argsort(-np.abs(slopes), kind="stable")
@@ -206,7 +213,8 @@ def _moving(spread):
 
 def _places(spread):
     """The numbers of each worst case beside their ranges."""
-    train, places = spread.train, {j: _largest(spread, j) for j in _told(spread)}
+    train = spread.train
+    places = {j: _largest(spread, j) for j in _told(spread)}
     rows = []
     for k, one in enumerate(spread.tolerances):
         own = [plain_number(spread.numbers[i, j, k]) for j, i in places.items()]
@@ -276,9 +284,9 @@ def tolerance_record(spread, checked):
 def tolerance_rows(spread, checked):
     """Rows of ``tolerance --csv``, one for each speed and quantity, SI units."""
     names = [one.name for one in spread.tolerances]
-    effects, sampled = (
-        spread.effects,
-        {f"{q} %": spread.percentile(q) for q in PERCENT} if len(spread.drawn) else {},
+    effects = spread.effects
+    sampled = (
+        {f"{q} %": spread.percentile(q) for q in PERCENT} if len(spread.drawn) else {}
     )
     for i, rpm in enumerate(spread.rpm):
         for j, one in enumerate(spread.of):

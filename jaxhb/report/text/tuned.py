@@ -30,7 +30,8 @@ def tuned_record(train, asked, result):
     """What ``tune --json`` writes, in SI units: of the ``train`` as it was, ``asked``
     as its table, and a Tuning.
     """
-    before, after = result.before, result.after
+    before = result.before
+    after = result.after
     record = progress_record(train, asked["rpm"], result.history)
     if result.robust:
         designs = {
@@ -108,8 +109,10 @@ def tuned_parts(train, asked, result):
     """Before and after in the words of an engineer: what was won, parameters,
     quantities at their worst speeds.
     """
-    rpm, last = np.asarray(asked["rpm"]), result.history[-1]
-    won, rows = [], []
+    rpm = np.asarray(asked["rpm"])
+    last = result.history[-1]
+    won = []
+    rows = []
     for chosen, name, *both in _compared(asked, result):
         found = [_worst(rpm, values, chosen) for values in both]
         if len(won) < len(asked["objective"]):
@@ -200,7 +203,8 @@ def _peaks_between(asked, rpm, result):
     """Sentences on the last design: readings that are larger between the speeds asked
     for, and speeds there without a solution.
     """
-    checked, said = result.checked["after"], []
+    checked = result.checked["after"]
+    said = []
     for chosen, name, _, after in _readings(asked, result):
         if (
             chosen.quantity in OF_DESIGN
@@ -209,7 +213,8 @@ def _peaks_between(asked, rpm, result):
         ):
             continue
         value, speed = checked.worst(name)
-        at_grid, place = np.nanmax(after), int(np.nanargmax(after))
+        at_grid = np.nanmax(after)
+        place = int(np.nanargmax(after))
         if value > (1 + LARGER) * at_grid:
             most = f"{shown_value(chosen, value)} at {speed:.4g} rpm"
             said.append(
@@ -338,10 +343,12 @@ def _limits_exceeded(asked, rpm, result):
     """A sentence on the limits that the last design exceeds by more than what a penalty
     lets through.
     """
-    said, checked = [], result.checked.get("after")
+    said = []
+    checked = result.checked.get("after")
     for chosen, name, _, after in _readings(asked, result):
         value, at = _worst(rpm, after, chosen)
-        most, least = most_of(chosen), getattr(chosen, "least", None)
+        most = most_of(chosen)
+        least = getattr(chosen, "least", None)
         if checked and most is not None and name in checked.readings:
             value, at = checked.worst(name)
         over = most is not None and value > most + EXCESS * abs(most)
