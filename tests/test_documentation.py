@@ -21,9 +21,10 @@ from jaxhb.report.files.numbers import netcdf
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+SKILL = ROOT / "jaxhb" / ".agents" / "skills" / "jaxhb" / "SKILL.md"
 PAGES = {
     path: path.read_text(encoding="utf-8")
-    for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))
+    for path in (ROOT / "README.md", SKILL, *sorted(DOCS.rglob("*.md")))
 }
 INSTALLED = "python3 -m venv .venv && "
 MODULES = {"design", "report"}
