@@ -361,7 +361,7 @@ def test_a_sweep_that_cannot_be_kept_goes_on_without_and_says_so_once(
     run, cache, monkeypatch
 ):
     cache.write_text("no folder")
-    monkeypatch.setattr(_store, "_told", set())
+    monkeypatch.setattr(_store, "_printed", set())
     called = run("sweep spur_pair --rpm 5000", "csv")
     assert called.status == 0 and called.path("csv").exists()
     assert called.err.count("\n") == 1 and str(cache) in called.err
