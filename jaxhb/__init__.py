@@ -41,7 +41,7 @@ from pathlib import Path
 __version__ = "0.1.0"
 
 
-def _homes():
+def _homes() -> dict[str, str | None]:
     """The module of every public name, as the stub for type checkers has it."""
     stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
     return {
@@ -66,7 +66,7 @@ else:
     os.environ["JAX_ENABLE_X64"] = "1"  # jax reads it at its import, whoever imports it
 
 
-def __getattr__(name):
+def __getattr__(name: str):
     if name == "design":
         return importlib.import_module(".design", __name__)
     if name not in _HOME:
@@ -74,11 +74,10 @@ def __getattr__(name):
     from jaxhb._jax import load
 
     load()
-    found = globals()[name] = getattr(
-        importlib.import_module(f".{_HOME[name]}", __name__), name
-    )
-    return found
+    module = importlib.import_module(f".{_HOME[name]}", __name__)
+    globals()[name] = getattr(module, name)
+    return globals()[name]
 
 
-def __dir__():
+def __dir__() -> list[str]:
     return sorted(["__doc__", "__version__", "design", *__all__])

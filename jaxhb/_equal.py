@@ -1,14 +1,16 @@
 """Equality of trains and results: by the numbers that they hold, whoever made them."""
 
 import dataclasses
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from jaxhb._jax import traced
 
+Compared = TypeVar("Compared")
 
-def by_value(cls: type) -> type:
+
+def by_value(cls: type[Compared]) -> type[Compared]:
     """Give a dataclass of arrays an ``==`` by value and a hash that agrees with it;
     ``nan`` is equal to itself.
 
@@ -20,21 +22,22 @@ def by_value(cls: type) -> type:
     (True, False)
     """
 
-    def equal(self, other):
+    def equal(self, other: Any) -> Any:
         if type(other) is not type(self):
             return NotImplemented
         return self is other or value_key(self) == value_key(other)
 
-    def hashed(self):
+    def hashed(self) -> int:
         return hash(value_key(self))
 
-    cls.__eq__, cls.__hash__ = equal, hashed  # type: ignore[assignment,method-assign]
+    cls.__eq__ = equal  # type: ignore[method-assign]
+    cls.__hash__ = hashed  # type: ignore[method-assign]
     return cls
 
 
 def value_key(value: Any) -> Any:
-    """What is compared of a value: of arrays type, shape and bytes, of dataclasses the
-    fields that are compared.
+    """The key by which a value is compared: of arrays type, shape and bytes, of
+    dataclasses the fields that are compared.
     """
     if traced(value):  # its numbers are not known yet
         return "traced", *map(

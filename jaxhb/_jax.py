@@ -7,15 +7,15 @@ that touches ``jax.config``.
 
 import os
 import sys
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache, wraps
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import jax
 
     Array = jax.Array | np.ndarray
@@ -26,6 +26,8 @@ else:
 
 # Bytes of address space; with less the compiler of jax ends the process without a word
 LEAST_MEMORY = 2e9
+
+Tree = TypeVar("Tree")
 
 _jax: Any = None
 _waiting: list[type] = []
@@ -42,14 +44,13 @@ def too_little_memory() -> str:
     allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
     if allowed == resource.RLIM_INFINITY or allowed >= LEAST_MEMORY:
         return ""
-    needed = f"must be at least {LEAST_MEMORY / 1e9:g} GB"
     return (
-        f"the limit of memory (ulimit -v) is {allowed / 1e9:.2g} GB, {needed}."
-        " Raise it."
+        f"the limit of memory (ulimit -v) is {allowed / 1e9:.2g} GB, must be at least"
+        f" {LEAST_MEMORY / 1e9:g} GB. Raise it."
     )
 
 
-def load():
+def load() -> Any:
     """Import jax, in double precision for every array, and return it; MemoryError where
     too little is allowed.
     """
@@ -61,9 +62,8 @@ def load():
         import jax
 
         jax.config.update("jax_enable_x64", True)
-        os.environ.pop(
-            "JAX_ENABLE_X64", None
-        )  # jax has read it: processes started from now on are left alone
+        # jax has read it: processes started from now on are left alone.
+        os.environ.pop("JAX_ENABLE_X64", None)
         os.environ.update(vars(sys.modules[__package__])["_environment_before"])
         _jax = jax
         _register_waiting()
@@ -72,18 +72,19 @@ def load():
     return _jax
 
 
-_forked = _computed = False
+_forked = False
+_computed = False
 
 
-def _note_fork():
-    """Of a process forked from one in which jax had computed: the threads of jax are
-    not in it.
+def _note_fork() -> None:
+    """Note in a new process that it was forked from one in which jax had computed,
+    whose threads are not in it.
     """
     global _forked
     _forked = _computed
 
 
-def check_fork():
+def check_fork() -> None:
     """Refuse to compute where jax would wait for ever for threads that a fork has left
     behind.
     """
@@ -96,12 +97,12 @@ def check_fork():
         )
 
 
-def _loaded():
+def _loaded() -> Any:
     """jax if anything has imported it, else None: then no array is one of jax."""
     return load() if "jax" in sys.modules else None
 
 
-def pytree(cls):
+def pytree(cls: type[Tree]) -> type[Tree]:
     """Make a dataclass of arrays a pytree, at once or when jax is there."""
     _waiting.append(cls)
     if _jax is not None:
@@ -109,13 +110,13 @@ def pytree(cls):
     return cls
 
 
-def _register_waiting():
+def _register_waiting() -> None:
     """Register what :func:`pytree` was given before jax was there."""
     while _waiting:
         _jax.tree_util.register_dataclass(_waiting.pop())
 
 
-def namespace(*trees):
+def namespace(*trees: Any) -> Any:
     """jax.numpy if any leaf is a tracer or a device array, else numpy: reading results
     compiles nothing.
     """
@@ -126,25 +127,26 @@ def namespace(*trees):
 HOST_TYPES = frozenset(
     (np.ndarray, np.float64, np.int64, np.bool_, float, int, complex, bool, str)
 )
-"""Of leaves that are none of jax: a look into a set takes a tenth of a question to a
-class of jax.
+"""Types of leaves that are none of jax: a look into a set takes a tenth of the time of
+a question to a class of jax.
 """
 
 
-def _any_is(kind, trees):
+def _any_is(kind: type, trees: tuple) -> bool:
     """Whether any leaf is an instance of ``kind``, a class of jax."""
     if HOST_TYPES.issuperset(map(type, trees)):
         return False
     leaves = _jax.tree.leaves(trees)
-    by_type = dict(
-        zip(map(type, leaves), leaves, strict=True)
-    )  # those of one type are arrays all, or none is
+    # Leaves of one type are arrays all, or none is.
+    by_type = dict(zip(map(type, leaves), leaves, strict=True))
     return any(
-        isinstance(leaf, kind) for own, leaf in by_type.items() if own not in HOST_TYPES
+        isinstance(leaf, kind)
+        for leaf_type, leaf in by_type.items()
+        if leaf_type not in HOST_TYPES
     )
 
 
-def added(array, index, values):
+def added(array: Array, index: Any, values: Array) -> Array:
     """``array`` with ``values`` added at ``index``, where indices may repeat; of the
     host in place.
     """
@@ -154,7 +156,7 @@ def added(array, index, values):
     return load().numpy.asarray(array).at[index].add(values)
 
 
-def placed(array, index, values):
+def placed(array: Array, index: Any, values: Array) -> Array:
     """``array`` with ``values`` at ``index``, where no index repeats; of the host in
     place.
     """
@@ -164,13 +166,13 @@ def placed(array, index, values):
     return load().numpy.asarray(array).at[index].set(values, unique_indices=True)
 
 
-def traced(*trees):
+def traced(*trees: Any) -> bool:
     """Whether any leaf is being traced."""
     jax = _loaded()
     return bool(jax) and _any_is(jax.core.Tracer, trees)
 
 
-def staged():
+def staged() -> bool:
     """Whether ``jit`` is at work: what programs return is then traced, whatever their
     arguments.
     """
@@ -180,20 +182,22 @@ def staged():
     return bool(jax) and traced(jax.lax.full((), 0.0))
 
 
-def refuse_tracers(verb, *given, instead="", host=False):
-    """TypeError with a sentence where ``jit``, ``vmap`` or ``grad`` traces what a verb
-    is given, whose values decide, or ``jit`` what it computes, unless that is
-    arithmetic of the ``host``; ``instead`` says what to do besides.
+def refuse_tracers(
+    verb: str, *arguments: Any, instead: str = "", host: bool = False
+) -> None:
+    """TypeError with a sentence where ``jit``, ``vmap`` or ``grad`` traces the
+    arguments of a verb, whose values decide, or ``jit`` what it computes, unless that
+    is arithmetic of the ``host``; ``instead`` says what to do besides.
     """
-    if traced(given) or (not host and staged()):
-        also = f", and {instead}" if instead else ""
+    if traced(arguments) or (not host and staged()):
+        advice = f", and {instead}" if instead else ""
         raise TypeError(
             f"{verb} depends on values, so jit, vmap and grad cannot trace it: call it"
-            f" outside{also}"
+            f" outside{advice}"
         )
 
 
-def concrete(*trees):
+def concrete(*trees: Any) -> Any:
     """The values, as numpy arrays where differentiation outside ``jit`` and ``vmap``
     holds them; else still traced.
     """
@@ -204,7 +208,7 @@ def concrete(*trees):
     return values if traced(values) else jax.tree.map(np.asarray, values)
 
 
-def on_host(tree):
+def on_host(tree: Tree) -> Tree:
     """The tree with numpy arrays for its leaves, except those that are traced."""
 
     def moved(leaf):
@@ -214,9 +218,9 @@ def on_host(tree):
     return jax.tree.map(moved, tree) if jax else tree
 
 
-def kept(function):
-    """Make ``function(tree, *static)`` remember what it gave for the numbers of the
-    last trees of host arrays.
+def kept(function: Callable) -> Callable:
+    """Make ``function(tree, *static)`` remember its results for the numbers of the last
+    trees of host arrays.
 
     The speeds of a sweep share the numbers of their train: what depends on these alone
     is computed once. Numbers count and not arrays, as a train may hold a view of an
@@ -224,7 +228,7 @@ def kept(function):
     """
 
     @lru_cache(maxsize=8)
-    def known(leaves, structure, *static):
+    def by_numbers(leaves: tuple, structure: Any, *static: Any):
         arrays = [
             np.frombuffer(numbers, kind).reshape(shape)
             for numbers, kind, shape in leaves
@@ -232,22 +236,21 @@ def kept(function):
         return function(_loaded().tree.unflatten(structure, arrays), *static)
 
     @wraps(function)
-    def called(tree, *static):
-        if (
-            not _loaded() or namespace(tree) is not np
-        ):  # a scene that is only checked is read once, without jax
+    def remembering(tree, *static):
+        # A scene that is only checked is read once, without jax.
+        if not _loaded() or namespace(tree) is not np:
             return function(tree, *static)
         leaves, structure = _loaded().tree.flatten(tree)
-        numbers = (
-            (array.tobytes(), array.dtype.str, array.shape)
-            for array in map(np.asarray, leaves)
+        arrays = map(np.asarray, leaves)
+        numbers = tuple(
+            (array.tobytes(), array.dtype.str, array.shape) for array in arrays
         )
-        return known(tuple(numbers), structure, *static)
+        return by_numbers(numbers, structure, *static)
 
-    return called
+    return remembering
 
 
-def check_settings():
+def check_settings() -> None:
     """Refuse settings of jax under which numbers would be wrong, or jax fails or waits
     somewhere inside.
     """
@@ -272,13 +275,13 @@ def check_settings():
         )
 
 
-def debugging():
+def debugging() -> bool:
     """Whether jax stops at numbers that are not finite."""
     return load().config.jax_debug_nans or load().config.jax_debug_infs
 
 
 @contextmanager
-def not_debugging():
+def not_debugging() -> Iterator[None]:
     """Let programs have numbers that are not finite: they mask them, and a status tells
     of those that are left.
     """
@@ -286,7 +289,7 @@ def not_debugging():
         yield
 
 
-def keep_compiled(folder):
+def keep_compiled(folder: Path) -> None:
     """Let jax keep what it compiles in ``folder``, unless the user has chosen one."""
     config = load().config
     if config.jax_compilation_cache_dir is None:

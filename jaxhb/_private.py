@@ -1,5 +1,5 @@
-"""A folder of the user alone, and what is kept in it: read as it was written there, or
-not at all.
+"""A folder of the user alone, and its files: read as they were written there, or not at
+all.
 
 What is kept is believed, and programs are run, so that nobody else may have a part in
 it. The folder and every file are the user's, others may not write them, and no link is
@@ -14,6 +14,7 @@ import hashlib
 import os
 import secrets
 import stat
+from collections.abc import Iterable
 from pathlib import Path
 
 from jaxhb._files import write_whole
@@ -34,18 +35,18 @@ class PrivateFolder:
     lies in it.
     """
 
-    def __init__(self, path):
+    def __init__(self, path: str | Path):
         self.path = Path(path)
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
         check_private(self.path)
         self.key = self._key()
 
-    def read(self, name):
+    def read(self, name: str) -> memoryview | None:
         """The content of a file; None where there is none, and where it is not what was
         written, which is removed.
         """
         try:
-            content = read_private(self.path / name)
+            sealed = read_private(self.path / name)
         except FileNotFoundError:
             return None
         except NotPrivate:
@@ -53,29 +54,30 @@ class PrivateFolder:
             return None
         except OSError:
             return None
-        content, seal = memoryview(content)[:-SEAL_BYTES], content[-SEAL_BYTES:]
+        seal = sealed[-SEAL_BYTES:]
+        content = memoryview(sealed)[:-SEAL_BYTES]
         if secrets.compare_digest(self._seal(name, [content]), seal):
             return content
         self.remove(name)
         return None
 
-    def write(self, name, *parts):
+    def write(self, name: str, *parts: bytes) -> None:
         """Write a file, whole or not at all; an OSError where that fails."""
         write_whole({self.path / name: (*parts, self._seal(name, parts))}, mode=0o600)
 
-    def remove(self, name):
+    def remove(self, name: str) -> None:
         """Remove a file, if it can be."""
         with contextlib.suppress(OSError):
             (self.path / name).unlink()
 
-    def _seal(self, name, parts):
+    def _seal(self, name: str, parts: Iterable[bytes | memoryview]) -> bytes:
         seal = hashlib.blake2b(key=self.key, digest_size=SEAL_BYTES)
         seal.update(name.encode() + b"\0")
         for part in parts:
             seal.update(part)
         return seal.digest()
 
-    def _key(self):
+    def _key(self) -> bytes:
         """The secret of the folder; a new one where there is none that only the user
         can know.
         """
@@ -95,14 +97,14 @@ class PrivateFolder:
             f"{str(path)!r} cannot be read. Remove the folder: it is made again."
         )
 
-    def _make_key(self, path):
+    def _make_key(self, path: Path) -> None:
         """A new secret, unless another process is sooner: linked into place it never
         replaces one that is there.
         """
         part = path.with_name(f"{KEY}.{secrets.token_hex(8)}")
-        opened = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         try:
-            with os.fdopen(opened, "wb") as file:
+            with os.fdopen(descriptor, "wb") as file:
                 file.write(secrets.token_bytes(KEY_BYTES))
             try:
                 os.link(part, path)
@@ -114,7 +116,7 @@ class PrivateFolder:
             part.unlink(missing_ok=True)
 
 
-def check_private(folder):
+def check_private(folder: str | Path) -> None:
     """NotPrivate where a folder is not the user's, or others may write to it."""
     status = os.stat(folder)  # of what a link of the user leads to
     if not stat.S_ISDIR(status.st_mode):
@@ -127,7 +129,7 @@ def check_private(folder):
         )
 
 
-def read_private(path, *, hidden=False):
+def read_private(path: Path, *, hidden: bool = False) -> bytes:
     """The content of a regular file of the user that others cannot write, nor read if
     ``hidden``; else NotPrivate.
     """
@@ -135,13 +137,13 @@ def read_private(path, *, hidden=False):
     # A pipe would wait for somebody to write, and a link leads elsewhere.
     flags |= getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)
     try:
-        opened = os.open(path, flags)
+        descriptor = os.open(path, flags)
     except OSError as error:
         if error.errno in (errno.ELOOP, errno.ENXIO):  # a link, a socket
             raise NotPrivate(f"{str(path)!r} is no file.") from None
         raise
     try:
-        status = os.fstat(opened)
+        status = os.fstat(descriptor)
         readable = (
             hidden
             and hasattr(os, "getuid")
@@ -149,13 +151,13 @@ def read_private(path, *, hidden=False):
         )
         if not stat.S_ISREG(status.st_mode) or _foreign(status) or readable:
             raise NotPrivate(f"{str(path)!r} is no file of yours alone.")
-        with os.fdopen(opened, "rb", closefd=False) as file:
+        with os.fdopen(descriptor, "rb", closefd=False) as file:
             return file.read()
     finally:
-        os.close(opened)
+        os.close(descriptor)
 
 
-def is_private(path):
+def is_private(path: Path) -> bool:
     """Whether a path is a file or folder of the user that others cannot write, and no
     link.
     """
@@ -165,7 +167,7 @@ def is_private(path):
     ) and not _foreign(status)
 
 
-def _foreign(status):
+def _foreign(status: os.stat_result) -> bool:
     """Whether others own or may write what has this status."""
     if not hasattr(os, "getuid"):
         return False

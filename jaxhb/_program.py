@@ -7,23 +7,26 @@ from __future__ import annotations
 import inspect
 import os
 import re
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import cache, partial, update_wrapper
 from pathlib import Path
 from threading import Lock
+from typing import Any
 from weakref import WeakSet
 
 import jax
 import numpy as np
-from jax._src.config import (
-    trace_context,
-)  # what jit's own keys hold of the settings: it has no public name
+
+# The settings in jit's own keys: there is no public name for them.
+from jax._src.config import trace_context
 from jax.sharding import Mesh, PartitionSpec, SingleDeviceSharding
 
 from jaxhb import _jax, _store as _disk
 from jaxhb._jax import HOST_TYPES, staged, traced
 
-OPTIONS = {
+OPTIONS: dict[str, bool | int | str] = {
     # Kernels without its fusion dialects run as fast and compile in two thirds of the
     # time (jaxlib 0.9).
     "xla_cpu_use_fusion_emitters": False,
@@ -34,7 +37,7 @@ OPTIONS = {
     # time, and nothing won.
     "xla_disable_hlo_passes": "tree_reduction_rewriter",
 }
-"""Of the compiler for CPUs, each passed where it is known."""
+"""Options of the compiler for CPUs, each passed where the compiler knows it."""
 
 COMPILED_BETWEEN_COUNTS = 20
 """Programs compiled, several for a solve, after which the memory maps of the process
@@ -42,19 +45,50 @@ are counted again.
 """
 
 
+@dataclass(frozen=True)
+class Key:
+    """Everything that decides which executable a call runs.
+
+    program : the :class:`Program`; static : names and values of its static arguments;
+    structure : the pytree of the others; kinds : shape, type and weakness of their
+    leaves; settings : those of jax that change what is traced.
+    """
+
+    program: Program
+    static: tuple[tuple[str, Any], ...]
+    structure: Any
+    kinds: tuple[Hashable, ...]
+    settings: Any
+
+
+@dataclass(frozen=True)
+class Call:
+    """A call that the host makes: static arguments and arrays by name, and the
+    :class:`Key` of its executable.
+    """
+
+    static: Mapping[str, Any]
+    arrays: Mapping[str, Any]
+    key: Key
+
+
 class Program:
     """``jax.jit`` of a function. Only an outermost program has options, and a place in
     the store on disk.
     """
 
-    def __init__(self, function, static_argnames=()):
-        self.function, self.signature = function, inspect.signature(function)
+    __name__: str
+    __qualname__: str
+
+    def __init__(self, function: Callable, static_argnames: str | Sequence[str] = ()):
+        self.function = function
+        self.signature = inspect.signature(function)
         self.static = (
             (static_argnames,)
             if isinstance(static_argnames, str)
             else tuple(static_argnames)
         )
-        self.nested = jax.jit(function, static_argnames=static_argnames)
+        self.nested: Any = jax.jit(function, static_argnames=static_argnames)
         update_wrapper(self, function)
         _programs.add(self)
 
@@ -62,199 +96,175 @@ class Program:
         _jax.check_settings()
         if _jax.debugging():
             with _jax.not_debugging():
-                return self._called(args, kwargs)
-        return self._called(args, kwargs)
+                return self._run(args, kwargs)
+        return self._run(args, kwargs)
 
-    def _called(self, args, kwargs):
-        asked = self._question(args, kwargs)
-        if asked is None:
+    def _run(self, args: tuple, kwargs: dict):
+        call = self._call(args, kwargs)
+        if call is None:
             return self.nested(*args, **kwargs)
         _held.limit()
-        static, arguments, key = asked
-        found = _compiled.get(
-            key
-        )  # hashed once: that of a large train takes a tenth of a millisecond
-        if found is None or isinstance(found, Future):
-            found = self._made(static, arguments, key)
-        return found(arguments)
+        # Hashed once: the hash of a large train takes a tenth of a millisecond.
+        executable = _compiled.get(call.key)
+        if executable is None or isinstance(executable, Future):
+            executable = self._executable(call)
+        return executable(call.arrays)
 
-    def compile_ahead(self, *args, **kwargs):
+    def compile_ahead(self, *args, **kwargs) -> Future | None:
         """Begin to make what a call with such arguments will run, in a thread of its
         own; the call waits for it.
 
         Gives a Future, to be cancelled where no such call comes; None where the program
         is there, or cannot be made beforehand.
         """
-        asked = self._question(args, kwargs)
-        if asked is None:
-            return None
-        static, arguments, key = asked
-        if key[-1] != _settings_of_threads():
+        call = self._call(args, kwargs)
+        if call is None or call.key.settings != _settings_of_threads():
             return None
         with _making:
-            if key in _compiled:
+            if call.key in _compiled:
                 return None
-            _compiled[key] = made = _beside().submit(
-                self._outermost, static, arguments, key
-            )
-        return made
+            future = _compiler_threads().submit(self._outermost, call)
+            _compiled[call.key] = future
+        return future
 
-    def at_hand(self, *args, **kwargs):
+    def at_hand(self, *args, **kwargs) -> bool:
         """Whether a call with such arguments compiles nothing, as far as can be told
         without it.
         """
-        asked = self._question(args, kwargs)
+        call = self._call(args, kwargs)
         return (
-            asked is None
-            or asked[2] in _compiled
-            or _store.holds(self._name(asked[0], asked[2]))
+            call is None or call.key in _compiled or _store.holds(self._name(call.key))
         )
 
     def shapes(self, *args, **kwargs):
         """Shapes and types of what a call with such arguments gives; what is traced for
         them, the call compiles.
         """
-        asked = self._question(args, kwargs)
-        if asked is None:
+        call = self._call(args, kwargs)
+        if call is None:
             return jax.eval_shape(partial(self.nested, **kwargs), *args)
-        static, arguments, key = asked
-        traced = _traced[key] = self._trace(static, arguments)
-        return traced.out_info
+        _traced[call.key] = self._trace(call)
+        return _traced[call.key].out_info
 
-    def _made(self, static, arguments, key):
-        """The executable for arguments, made here unless another thread is at it."""
+    def _executable(self, call: Call) -> Callable:
+        """The executable of a call, made here unless another thread is at it."""
         with _making:
-            there = _compiled.get(key)
-            if (
-                isinstance(there, Future) and there.cancel()
-            ):  # it waits for another program: sooner here
-                there = None
-            if there is None:
-                made = _compiled[key] = Future()
-                made.set_running_or_notify_cancel()
+            held = _compiled.get(call.key)
+            # One that waits for another program is made here, which is sooner.
+            if isinstance(held, Future) and held.cancel():
+                held = None
+            if held is None:
+                future: Future = Future()
+                future.set_running_or_notify_cancel()
+                _compiled[call.key] = future
         try:
-            if there is None:
-                there = self._outermost(static, arguments, key)
-                made.set_result(there)
-            found = _compiled[key] = (
-                there.result() if isinstance(there, Future) else there
-            )
+            if held is None:
+                executable = self._outermost(call)
+                future.set_result(executable)
+            else:
+                executable = held.result() if isinstance(held, Future) else held
         except BaseException as failure:
-            _compiled.pop(key, None)
-            if there is None:
-                made.set_exception(failure)
+            _compiled.pop(call.key, None)
+            if held is None:
+                future.set_exception(failure)
             raise
-        return found
+        _compiled[call.key] = executable
+        return executable
 
-    def _question(self, args, kwargs):
-        """Static arguments and others by name, and the key of the executable that they
-        want; None where something is traced, or arrays lie elsewhere.
+    def _call(self, args: tuple, kwargs: dict) -> Call | None:
+        """The call with an executable; None where something is traced, or arrays lie
+        elsewhere.
         """
-        arguments = self.signature.bind(*args, **kwargs).arguments
-        static = {
-            name: arguments.pop(name) for name in self.static if name in arguments
-        }
-        leaves, tree = jax.tree.flatten(arguments)
+        arrays = self.signature.bind(*args, **kwargs).arguments
+        static = {name: arrays.pop(name) for name in self.static if name in arrays}
+        leaves, structure = jax.tree.flatten(arrays)
         if traced(leaves) or staged() or not _plain(leaves):
             return None
-        return (
-            static,
-            arguments,
-            (
-                self,
-                tuple(static.items()),
-                tree,
-                tuple(map(_kind, leaves)),
-                trace_context(),
-            ),
-        )
+        kinds = tuple(map(_kind, leaves))
+        key = Key(self, tuple(static.items()), structure, kinds, trace_context())
+        return Call(static, arrays, key)
 
-    def _outermost(self, static, arguments, key):
+    def _outermost(self, call: Call) -> Callable:
         """The executable of a program that the host calls, from the store or new."""
-        name = self._name(static, key)
-        traced = _traced.pop(key, None)
-        found = _store.load(name, arguments)
-        if found is not None:
+        name = self._name(call.key)
+        traced_before = _traced.pop(call.key, None)
+        stored = _store.load(name, call.arrays)
+        if stored is not None:
             _held.programs += 1
-            return found
+            return stored
         retrieved = _held.retrieved
-        made = (traced or self._trace(static, arguments)).lower().compile()
-        if (
-            _held.retrieved == retrieved
-        ):  # one out of jax's cache does not run any more when it is stored again
-            _store.save(name, made)
-        return made
+        compiled = (traced_before or self._trace(call)).lower().compile()
+        # One out of jax's cache does not run any more when it is stored again.
+        if _held.retrieved == retrieved:
+            _store.save(name, compiled)
+        return compiled
 
-    def _name(self, static, key):
-        """What an executable is kept by on disk."""
-        settings = re.sub(
-            " at 0x[0-9a-f]+", "", repr(key[4])
-        )  # addresses differ from process to process
+    def _name(self, key: Key) -> str:
+        """The name under which the store has an executable."""
+        # Addresses differ from process to process.
+        settings = re.sub(" at 0x[0-9a-f]+", "", repr(key.settings))
         return repr(
             (
                 self.__module__,
                 self.__qualname__,
-                static,
-                str(key[2]),
-                key[3],
+                dict(key.static),
+                str(key.structure),
+                key.kinds,
                 settings,
                 _known_options(),
             )
         )
 
-    def _trace(self, static, arguments):
-        def call(arguments):
-            return self.function(**arguments, **static)
+    def _trace(self, call: Call):
+        def function(arrays):
+            return self.function(**arrays, **call.static)
 
-        call.__name__ = self.__name__
-        if (
-            _store.own_folder is not None
-        ):  # else jax's cache has what other versions made, which is never stored
-            call.__name__ += "_" + _store.origin.hex()[:8]
-        return jax.jit(call, compiler_options=_known_options()).trace(arguments)
+        function.__name__ = self.__name__
+        # Without a store jax's cache has what other versions made, which is never
+        # stored.
+        if _store.own_folder is not None:
+            function.__name__ += "_" + _store.origin.hex()[:8]
+        return jax.jit(function, compiler_options=_known_options()).trace(call.arrays)
 
 
-_programs = WeakSet()
+_programs: WeakSet[Program] = WeakSet()
 
 
 SHARED_AXIS = "lanes"
 WHOLE = PartitionSpec()
-"""Of an array that every device has."""
+"""The :class:`~jax.sharding.PartitionSpec` of an array that every device has."""
 
 
-def along(axis):
-    """Of an array whose lanes lie along an axis, the
-    :class:`~jax.sharding.PartitionSpec`.
+def along(axis: int) -> PartitionSpec:
+    """The :class:`~jax.sharding.PartitionSpec` of an array whose lanes lie along an
+    axis.
     """
     return PartitionSpec(*[None] * axis, SHARED_AXIS)
 
 
 @cache
-def across(program, devices, given, made, **static):
+def across(program: Program, devices: tuple, in_specs, out_specs, **static):
     """A Program with its static arguments, its lanes cut into equal parts, one for each
     of the ``devices``.
 
-    given, made : what :func:`along` gives, or WHOLE, for the arrays of the positional
-    arguments and of the result
+    in_specs, out_specs : what :func:`along` gives, or WHOLE, for the arrays of the
+    positional arguments and of the result
     """
     mesh = Mesh(np.array(devices), (SHARED_AXIS,))
     function = partial(program.function, **static)
     cut = jax.shard_map(
-        function, mesh=mesh, in_specs=given, out_specs=made, check_vma=False
+        function, mesh=mesh, in_specs=in_specs, out_specs=out_specs, check_vma=False
     )
-    return jax.jit(
-        cut, compiler_options=_known_options() if devices[0].platform == "cpu" else None
-    )
+    on_processors = devices[0].platform == "cpu"
+    return jax.jit(cut, compiler_options=_known_options() if on_processors else None)
 
 
-_compiled = {}
-"""Executables of the process by program, static arguments, structure, shapes and types,
-and settings of jax; of one that is being made, the Future.
-"""
+_compiled: dict[Key, Any] = {}
+"""Executables of the process; of one that is being made, the Future."""
 
 
-_traced: dict = {}
-"""Of programs whose results were asked for beforehand, what was traced, by the same."""
+_traced: dict[Key, Any] = {}
+"""Traces of programs whose shapes were asked for before they were called."""
 
 
 _making = Lock()
@@ -262,13 +272,13 @@ _making = Lock()
 
 
 def _settings_of_threads():
-    """Those of a thread that has set none itself."""
+    """The settings of jax in a thread that has set none itself."""
     with ThreadPoolExecutor(1) as thread:
         return thread.submit(trace_context).result()
 
 
 @cache
-def _beside():
+def _compiler_threads() -> ThreadPoolExecutor:
     """The threads in which programs are made beforehand."""
     return ThreadPoolExecutor(os.cpu_count(), "jaxhb-compiler")
 
@@ -310,18 +320,17 @@ def cache_programs(
     >>> import jaxhb
     >>> folder = jaxhb.cache_programs()  # doctest: +SKIP
     """
-    found = keep_programs(
-        _disk.user_folder() if folder is None else Path(folder), limit
-    )
-    if found is not None:
+    base = _disk.user_folder() if folder is None else Path(folder)
+    programs = keep_programs(base, limit)
+    if programs is not None:
         _store.make_room()
-        folder = _store.jax_folder()
-        if folder is not None:
-            _jax.keep_compiled(folder)
-    return found
+        jax_folder = _store.jax_folder()
+        if jax_folder is not None:
+            _jax.keep_compiled(jax_folder)
+    return programs
 
 
-def keep_programs(folder, limit=_disk.LIMIT):
+def keep_programs(folder: Path | None, limit: int = _disk.LIMIT) -> Path | None:
     """Keep what a Program compiles in ``folder``; the sub-folder for it, None where
     nothing can be kept.
     """
@@ -330,7 +339,7 @@ def keep_programs(folder, limit=_disk.LIMIT):
     return _store.own_folder
 
 
-def _plain(leaves):
+def _plain(leaves: Sequence) -> bool:
     """Whether all arrays lie where programs run by default, and that is the processor
     of the host.
     """
@@ -352,7 +361,7 @@ def _plain(leaves):
     return all(array.sharding == here for array in arrays)
 
 
-def _kind(leaf):
+def _kind(leaf) -> tuple:
     """Shape and type of an argument, and whether its type gives way to others."""
     if type(leaf) is np.ndarray:
         return leaf.shape, leaf.dtype, False
@@ -365,8 +374,8 @@ def _kind(leaf):
     )
 
 
-def _known_options():
-    """Those of OPTIONS that the compiler knows."""
+def _known_options() -> dict[str, bool | int | str]:
+    """The OPTIONS that the compiler knows."""
     # By one thread: of several, one would read from jax's cache what another is writing
     # there, and warn.
     with _asking:
@@ -377,19 +386,17 @@ _asking = Lock()
 
 
 @cache
-def _options_compiler_knows():
-    known = dict(OPTIONS)
-    while known:
+def _options_compiler_knows() -> dict[str, bool | int | str]:
+    options = dict(OPTIONS)
+    while options:
         try:
-            jax.jit(lambda: 0, compiler_options=known).lower().compile()
-        except jax.errors.JaxRuntimeError as refusal:  # names what it does not know
-            unknown = next(
-                (name for name in known if name in str(refusal)), None
-            ) or next(iter(known))
-            del known[unknown]
+            jax.jit(lambda: 0, compiler_options=options).lower().compile()
+        except jax.errors.JaxRuntimeError as refusal:
+            named = [name for name in options if name in str(refusal)]
+            del options[named[0] if named else next(iter(options))]
         else:
             break
-    return known
+    return options
 
 
 class Held:
@@ -402,17 +409,19 @@ class Held:
     """
 
     def __init__(self):
-        self.programs = self.counted = self.retrieved = 0
+        self.programs = 0
+        self.counted = 0
+        self.retrieved = 0
         jax.monitoring.register_event_duration_secs_listener(self.listen)
 
-    def listen(self, event, _, **__):
+    def listen(self, event: str, _, **__):
         """Count the programs that are compiled, by whatever package, and those that
         jax's cache had.
         """
         self.programs += event == "/jax/core/compile/backend_compile_duration"
         self.retrieved += event == "/jax/compilation_cache/cache_retrieval_time_sec"
 
-    def limit(self, most=None, between=COMPILED_BETWEEN_COUNTS):
+    def limit(self, most: int | None = None, between: int = COMPILED_BETWEEN_COUNTS):
         """Drop programs if the process has too many memory maps."""
         if self.programs - self.counted < between:
             return
@@ -426,7 +435,7 @@ class Held:
                 jax.clear_caches()
 
 
-def _too_many_maps(most):
+def _too_many_maps(most: int | None) -> bool:
     """Whether the process has more memory maps than ``most``, by default half of those
     that there are.
     """

@@ -2,6 +2,8 @@
 
 import dataclasses
 import html
+from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -10,8 +12,10 @@ from jaxhb._jax import traced
 
 MOST_ROWS = 20  # rows of a table in a notebook
 
+Shown = TypeVar("Shown")
 
-def brief(cls):
+
+def brief(cls: type[Shown]) -> type[Shown]:
     """Give a dataclass a ``repr`` that tells the shapes of its arrays instead of their
     numbers, and ``==`` by value.
 
@@ -25,103 +29,91 @@ def brief(cls):
     """
 
     def line(self):
-        fields = [f.name for f in dataclasses.fields(self) if f.repr]
-        parts = ((name, getattr(self, name)) for name in fields)
-        texts = [f"{name}={value_text(v)}" for name, v in parts if v is not None]
+        fields = [field.name for field in dataclasses.fields(self) if field.repr]
+        values = {name: getattr(self, name) for name in fields}
+        texts = [
+            f"{name}={value_text(value)}"
+            for name, value in values.items()
+            if value is not None
+        ]
         return f"{type(self).__name__}({', '.join(texts)})"
 
-    cls.__repr__ = line
+    cls.__repr__ = line  # type: ignore[method-assign]
     return by_value(cls)
 
 
-def value_text(value):
+def value_text(value: Any) -> str:
     """A value in a few words: scalars as they are, of arrays type, shape and range, of
     collections the number.
     """
     if traced(value):
         return "traced"
     if hasattr(value, "dtype"):
-        return (
-            _array_text(np.asarray(value))
-            if np.size(value) != 1
-            else number(np.asarray(value).item())
-        )
-    items = list(value.values()) if isinstance(value, dict) else value
-    records = (
-        isinstance(items, tuple | list)
-        and len(items) > 1
-        and dataclasses.is_dataclass(items[0])
-    )
-    if records or (isinstance(items, tuple | list) and len(items) > 4):
-        return f"{len(items)} of {type(items[0]).__name__}"
+        array = np.asarray(value)
+        return number(array.item()) if array.size == 1 else _array_text(array)
+    if isinstance(value, dict | tuple | list):
+        members = list(value.values() if isinstance(value, dict) else value)
+        records = len(members) > 1 and dataclasses.is_dataclass(members[0])
+        if records or len(members) > 4:
+            return f"{len(members)} of {type(members[0]).__name__}"
     if isinstance(value, dict):
-        items = (f"{key!r}: {value_text(item)}" for key, item in value.items())
-        return f"{{{', '.join(items)}}}"
+        pairs = [f"{key!r}: {value_text(member)}" for key, member in value.items()]
+        return f"{{{', '.join(pairs)}}}"
     if isinstance(value, tuple | list):
         return f"({', '.join(map(value_text, value))})"
     return number(value) if isinstance(value, float) else repr(value)
 
 
-def _array_text(values):
+def _array_text(values: np.ndarray) -> str:
     shape = ", ".join(map(str, values.shape))
-    finite = (
-        values[np.isfinite(values)]
-        if values.dtype.kind == "f"
-        else values
-        if values.dtype.kind == "i"
-        else []
-    )
+    finite = values[:0]
+    if values.dtype.kind in "fi":
+        finite = values[np.isfinite(values)]
     span = f" {number(finite.min())} to {number(finite.max())}" if len(finite) else ""
     return f"{values.dtype}[{shape}]{span}"
 
 
-def number(value):
+def number(value: Any) -> str:
     """A number with at most four digits."""
-    return (
-        f"{value:.4g}"
-        if isinstance(value, int | float | np.number) and not isinstance(value, bool)
-        else str(value)
-    )
+    if isinstance(value, int | float | np.number) and not isinstance(value, bool):
+        return f"{value:.4g}"
+    return str(value)
 
 
-def span(values, unit):
+def span(values: Sequence[float] | np.ndarray, unit: str) -> str:
     """``8 speeds from 700 to 2450 rpm``."""
     values = np.asarray(values)
     plural = "s" * (len(values) != 1)
-    ends = (
-        f" from {number(values[0])} to {number(values[-1])} {unit}"
-        if len(values)
-        else ""
-    )
+    ends = ""
+    if len(values):
+        ends = f" from {number(values[0])} to {number(values[-1])} {unit}"
     return f"{len(values)} speed{plural}{ends}"
 
 
-def counts(names):
+def counts(names: Sequence[str] | np.ndarray) -> str:
     """``5 periodic, 3 contact``: how often each name occurs, the most frequent
     first.
     """
-    found, often = np.unique(np.asarray(names, dtype=str), return_counts=True)
+    words, often = np.unique(np.asarray(names, dtype=str), return_counts=True)
     return ", ".join(
-        f"{often[k]} {found[k]}" for k in np.argsort(-often, kind="stable")
+        f"{often[k]} {words[k]}" for k in np.argsort(-often, kind="stable")
     )
 
 
-def html_table(caption, head, rows):
+def html_table(caption: str, head: Sequence[str], rows: Sequence[Sequence]) -> str:
     """A table in HTML."""
     lines = "".join(
-        f"<tr>{''.join(f'<td>{html.escape(str(c))}</td>' for c in row)}</tr>"
+        f"<tr>{''.join(f'<td>{html.escape(str(cell))}</td>' for cell in row)}</tr>"
         for row in rows
     )
     titles = "".join(f"<th>{html.escape(title)}</th>" for title in head)
-    table = (
-        f"<table><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
-        if rows
-        else ""
-    )
+    table = ""
+    if rows:
+        table = f"<table><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
     return f"<p>{html.escape(caption)}</p>{table}"
 
 
-def ranges(speeds: list[float], chosen: list[float], to: str = "-") -> str:
+def ranges(speeds: Sequence[float], chosen: Sequence[float], to: str = "-") -> str:
     """``1500-2450`` for speeds that follow each other."""
     runs: list[list[float]] = []
     ordered = sorted(speeds)

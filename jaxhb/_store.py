@@ -16,8 +16,10 @@ import os
 import pickle
 import re
 import sys
+from collections.abc import Mapping, Sequence
 from functools import cache, cached_property
 from pathlib import Path
+from typing import Any
 
 import jax
 import jaxlib.version
@@ -66,20 +68,20 @@ class Store:
     user's own.
     """
 
-    def __init__(self, folder=None, limit=LIMIT):
+    def __init__(self, folder: Path | None = None, limit: int = LIMIT):
         self.folder = folder
         self.limit = limit
 
     @cached_property
-    def origin(self):
+    def origin(self) -> bytes:
         """Hash of what all entries of this process have in common."""
-        versions = sys.version, jax.__version__, jaxlib.version.__version__
+        versions = (sys.version, jax.__version__, jaxlib.version.__version__)
         flags = tuple(
             os.environ.get(name, "") for name in ("XLA_FLAGS", "LIBTPU_INIT_ARGS")
         )
         return blake2(package_hash(), repr((versions, flags, processor())).encode())
 
-    def load(self, key, arguments):
+    def load(self, key: str, arguments: Mapping[str, Any]) -> Any:
         """The executable of ``key`` for ``arguments``, a jax.stages.Compiled; None
         where there is none that works.
         """
@@ -90,9 +92,8 @@ class Store:
         if content is None:
             return None
         try:
-            lapack.prepare_lapack_call(
-                "potrf", np.float64
-            )  # else a loaded program that calls LAPACK crashes
+            # Without it a loaded program that calls LAPACK crashes.
+            lapack.prepare_lapack_call("potrf", np.float64)
             executable, result = pickle.loads(content)
             structures = (
                 jax.tree.structure(((arguments,), {})),
@@ -109,38 +110,38 @@ class Store:
             os.utime(self.private.path / name)
         return loaded
 
-    def holds(self, key):
+    def holds(self, key: str) -> bool:
         """Whether there is an executable of ``key``, which may turn out not to work."""
-        return (
-            self.private is not None and (self.private.path / self._name(key)).exists()
-        )
+        if self.private is None:
+            return False
+        return (self.private.path / self._name(key)).exists()
 
-    def save(self, key, compiled):
+    def save(self, key: str, compiled: Any) -> None:
         """Keep an executable, unless it cannot be or the disk is full: then the next
         process makes it again.
         """
         if self.private is None:
             return
         # A pullback among the results holds functions of jax that no file can.
-        unpickled = AttributeError, TypeError, pickle.PicklingError
-        with contextlib.suppress(OSError, ValueError, RuntimeError, *unpickled):
+        unpicklable = (AttributeError, TypeError, pickle.PicklingError)
+        failures = (OSError, ValueError, RuntimeError, *unpicklable)
+        with contextlib.suppress(*failures):
             executable, _, tree = serialize_executable.serialize(compiled)
-            content = pickle.dumps(
-                (executable, jax.tree.unflatten(tree, range(tree.num_leaves)))
-            )
+            result = jax.tree.unflatten(tree, range(tree.num_leaves))
+            content = pickle.dumps((executable, result))
             self.make_room(len(content))
             self.private.write(self._name(key), content)
 
-    def _name(self, key):
+    def _name(self, key: str) -> str:
         return blake2(self.origin, key.encode()).hex() + SUFFIX
 
     @property
-    def own_folder(self):
-        """The sub-folder of programs as a Path; None where nothing is kept."""
-        return self.private and self.private.path
+    def own_folder(self) -> Path | None:
+        """The sub-folder of programs; None where nothing is kept."""
+        return None if self.private is None else self.private.path
 
     @cached_property
-    def private(self):
+    def private(self) -> PrivateFolder | None:
         """The PrivateFolder of programs, made if need be; None where others could have
         written what is in it.
         """
@@ -154,10 +155,12 @@ class Store:
             pass
         return None
 
-    def jax_folder(self):
+    def jax_folder(self) -> Path | None:
         """The folder for jax's own cache, which believes what it finds: files of others
         are removed before.
         """
+        if self.own_folder is None:
+            return None
         folder = self.own_folder / JAX_SUBFOLDER
         try:
             folder.mkdir(mode=0o700, exist_ok=True)
@@ -172,34 +175,32 @@ class Store:
             return None
         return folder
 
-    def make_room(self, size=0):
+    def make_room(self, size: int = 0) -> None:
         """Remove programs until ``size`` more bytes fit, those not used for longest
         first, and what was half written by processes that were killed.
         """
+        if self.own_folder is None:
+            return
         clear_parts(self.own_folder, "[0-9a-f]" * 2 * _DIGEST + SUFFIX)
-        found = []
-        for folder, name in _REMOVABLE.items():
-            with (
-                contextlib.suppress(OSError),
-                os.scandir(self.own_folder / folder) as entries,
-            ):
+        programs = []
+        for subfolder, name in _REMOVABLE.items():
+            folder = self.own_folder / subfolder
+            with contextlib.suppress(OSError), os.scandir(folder) as entries:
                 for entry in entries:
-                    if name.fullmatch(entry.name) and entry.is_file(
-                        follow_symlinks=False
-                    ):
-                        found.append(
-                            (entry.stat().st_mtime, entry.stat().st_size, entry.path)
-                        )
-        total = size + sum(size for _, size, _ in found)
-        for _, own, path in sorted(found):
+                    is_file = entry.is_file(follow_symlinks=False)
+                    if is_file and name.fullmatch(entry.name):
+                        status = entry.stat()
+                        programs.append((status.st_mtime, status.st_size, entry.path))
+        total = size + sum(program_size for _, program_size, _ in programs)
+        for _, program_size, path in sorted(programs):
             if total <= self.limit:
                 return
             with contextlib.suppress(OSError):
                 os.unlink(path)
-                total -= own
+                total -= program_size
 
 
-def private_folder(base, *names):
+def private_folder(base: Path | str, *names: str) -> PrivateFolder:
     """The PrivateFolder of the name in the folder ``base``, of which and of all in
     between others have no part.
     """
@@ -211,17 +212,17 @@ def private_folder(base, *names):
     return PrivateFolder(folder)
 
 
-_told: set[str] = set()
+_printed: set[str] = set()
 
 
-def tell_once(sentence):
-    """Tell stderr a sentence, once in a process."""
-    if sentence not in _told:
-        _told.add(sentence)
+def tell_once(sentence: str) -> None:
+    """Print a sentence on stderr, once in a process."""
+    if sentence not in _printed:
+        _printed.add(sentence)
         print(f"jaxhb: {sentence}", file=sys.stderr)
 
 
-def sentence_of(error):
+def sentence_of(error: OSError) -> str:
     """An OSError in the words of a note."""
     if error.strerror is None:  # a NotPrivate says it all
         return str(error)
@@ -231,9 +232,9 @@ def sentence_of(error):
     )
 
 
-def user_folder():
-    """Where the user wants programs kept: the folder in JAXHB_CACHE, None if it is
-    "off", else in the user's cache.
+def user_folder() -> Path | None:
+    """The folder in which the user wants programs kept: that of JAXHB_CACHE, None if it
+    is "off", else in the user's cache.
     """
     chosen = os.environ.get(VARIABLE)
     if chosen:
@@ -242,22 +243,24 @@ def user_folder():
 
 
 @cache
-def package_hash():
+def package_hash() -> bytes:
     """Hash of the sources of the package."""
     sources = sorted(Path(__file__).parent.rglob("*.py"))
     return blake2(*(path.read_bytes() for path in sources))
 
 
-def blake2(*parts):
+def blake2(*parts: bytes) -> bytes:
     """BLAKE2 of several byte strings."""
-    found = hashlib.blake2b(digest_size=_DIGEST)
+    digest = hashlib.blake2b(digest_size=_DIGEST)
     for part in parts:
-        found.update(len(part).to_bytes(8, "little") + part)
-    return found.digest()
+        digest.update(len(part).to_bytes(8, "little") + part)
+    return digest.digest()
 
 
-def processor():
-    """What an executable depends on: another processor may lack its instructions."""
+def processor() -> Sequence[str]:
+    """The processor as an executable depends on it: another may lack its
+    instructions.
+    """
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
         return [

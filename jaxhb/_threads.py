@@ -1,17 +1,25 @@
-"""What is done for many speeds, in some threads side by side."""
+"""Work for many speeds, in some threads side by side."""
 
 import os
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextvars import copy_context
+from contextvars import Context, copy_context
+from typing import TypeVar
 
 import jax
 
 MOST_THREADS = 8  # each holds some memory
 
 
-def side_by_side(function, items, devices=()):
-    """Yield what a function makes of each of a list of items, in order; across several
-    devices one after another.
+Item = TypeVar("Item")
+Made = TypeVar("Made")
+
+
+def side_by_side(
+    function: Callable[[Item], Made], items: Sequence[Item], devices: Sequence = ()
+) -> Iterator[Made]:
+    """Yield the result of a function for each of a list of items, in order; across
+    several devices one after another.
     """
     if len(devices) > 1 or len(items) == 1:
         yield from map(function, items)
@@ -20,7 +28,7 @@ def side_by_side(function, items, devices=()):
     threads = ThreadPoolExecutor(min(2 * (os.cpu_count() or 1), MOST_THREADS), "jaxhb")
     device = jax.config.jax_default_device
 
-    def run(context, item):
+    def run(context: Context, item: Item) -> Made:
         with jax.default_device(device):
             return context.run(function, item)
 

@@ -57,5 +57,12 @@ def executables(program):
     """Number of executables that the process holds of a Program: one for each kind of
     arguments.
     """
-    held = (found for key, found in _program._compiled.items() if key[0] is program)
-    return sum(not (isinstance(found, Future) and found.cancelled()) for found in held)
+    held = [
+        executable
+        for key, executable in _program._compiled.items()
+        if key.program is program
+    ]
+    cancelled = [
+        isinstance(executable, Future) and executable.cancelled() for executable in held
+    ]
+    return len(held) - sum(cancelled)

@@ -84,7 +84,7 @@ def test_shapes_asked_for_beforehand_are_traced_once():
 def test_a_preparation_given_up_is_made_by_the_call():
     wait = threading.Event()
     square = _program.Program(lambda x: x * x)
-    threads = _program._beside()
+    threads = _program._compiler_threads()
     busy = [threads.submit(wait.wait) for _ in range(threads._max_workers)]
     made = square.compile_ahead(3.0)
     assert made.cancel() and executables(square) == 0

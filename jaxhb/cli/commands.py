@@ -2,13 +2,18 @@
 write for programs.
 """
 
-import sys
-from pathlib import Path
+from __future__ import annotations
 
-from jaxhb.cli.operating_modes import tell
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jaxhb.cli import arguments as cli
+from jaxhb.cli.operating_modes import compare
 from jaxhb.cli.progress import Progress
-from jaxhb.cli.resume import GOES_ON, Kept
-from jaxhb.report.answer import SPEED, Axis
+from jaxhb.cli.resume import GOES_ON, Unfinished
+from jaxhb.report.answer import SPEED, Answer, Axis
 from jaxhb.report.compute import (
     Asked,
     answer_one,
@@ -35,33 +40,42 @@ from jaxhb.report.text.tuned import (
 from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.solutions.misfires import alike
 from jaxhb.train.changes import scene_values
+from jaxhb.train.drivetrain import DriveTrain
+
+if TYPE_CHECKING:
+    from jaxhb.design.descent import Step
+    from jaxhb.design.evaluation import Reading
 
 EACH = "each"
 
 
-def solve(train, given, rpm, orders, trace, gear, plot, quiet, **_):
-    """One speed."""
-    check_files(train, given)
-    train = misfire_trains(train, given)[""]
-    with Progress(quiet=quiet) as progress:
-        answer = answer_one(train, rpm, Asked.of(given), progress.say)
-    why = numbers.untraceable(answer) if trace else ""
-    output.deliver(
-        given,
-        solve_text(answer),
-        json=lambda: numbers.on_scene(train) | numbers.both_record(answer, orders),
-        csv=lambda: output.rows_csv([numbers.answer_row(answer)]),
-        netcdf=lambda: numbers.netcdf({"": [answer]}, orders),
-        plot=lambda: plot_cycle(answer, gear),
-        **({} if why else {"trace": lambda: numbers.trace_csv(answer)}),
-    )
-    tell(given, lambda: of_answers([answer]))
-    return status(
-        [*([f"--trace: no file, {why}."] if why else []), *warnings([answer])]
-    )
+def solve(train: DriveTrain, arguments: cli.Solve) -> int:
+    """Answer one speed."""
+    check_files(train, arguments)
+    train = misfire_trains(train, arguments)[""]
+    with Progress(quiet=arguments.quiet) as progress:
+        question = Asked.of(arguments)
+        answer = answer_one(train, arguments.rpm, question, progress.say)
+    no_trace = numbers.untraceable(answer) if arguments.trace else ""
+    makers = {
+        "json": lambda: (
+            numbers.on_scene(train) | numbers.both_record(answer, arguments.orders)
+        ),
+        "csv": lambda: output.rows_csv([numbers.answer_row(answer)]),
+        "netcdf": lambda: numbers.netcdf({"": [answer]}, arguments.orders),
+        "plot": lambda: plot_cycle(answer, arguments.gear),
+    }
+    if not no_trace:
+        makers["trace"] = lambda: numbers.trace_csv(answer)
+    output.deliver(arguments, solve_text(answer), makers)
+    compare(arguments, lambda: of_answers([answer]))
+    failures = warnings([answer])
+    if no_trace:
+        failures = [f"--trace: no file, {no_trace}.", *failures]
+    return status(failures)
 
 
-def tune(train, given, plot, quiet, **options):
+def tune(train: DriveTrain, arguments: cli.Tune) -> int:
     """Change the numbers of a scene so that a response becomes small, as its [tune]
     table asks.
     """
@@ -69,338 +83,360 @@ def tune(train, given, plot, quiet, **options):
     from jaxhb.design.tuning import tune as search
 
     names = ("rpm", "optimizer", "robust", "steps", "starts", "seed", "tolerance")
-    asked = read_table(
-        train, {name: options[name] for name in names if options[name] is not None}
+    chosen = {name: getattr(arguments, name) for name in names}
+    table = read_table(
+        train, {name: value for name, value in chosen.items() if value is not None}
     )
-    kept = Kept([train], ("tune", asked))
-    with Progress(
-        0 if "robust" in asked else asked.get("steps", 0), quiet=quiet
-    ) as progress:  # steps of several
-        files = _TunedFiles(given, train, asked["rpm"], progress)
+    unfinished = Unfinished([train], ("tune", table))
+    # Several designs of a robust tuning go on at once: their steps are not counted.
+    steps = 0 if "robust" in table else table.get("steps", 0)
+    with Progress(steps, quiet=arguments.quiet) as progress:
+        files = _TunedFiles(arguments, train, table["rpm"], progress)
         progress.say("solving the scene as it is")
 
         def compute(folder):
             return search(
-                train, **asked, on_start=files.begin, on_step=files.note, out=folder
+                train, **table, on_start=files.begin, on_step=files.note, out=folder
             )
 
-        result = kept.run(
-            compute, lambda: files.left() + (f"; {GOES_ON}" if kept.folder else "")
-        )
-    record = tuned_record(train, asked, result)
+        def left():
+            return files.left() + (f"; {GOES_ON}" if unfinished.folder else "")
+
+        result = unfinished.run(compute, left)
+    record = tuned_record(train, table, result)
     files.write(result.after.parameters, record)
-    if plot:
-        output.write_files(
-            {plot: output.as_picture(plot, plot_tuning(asked["objective"], result))}
-        )
-    print("\n\n".join(tuned_parts(train, asked, result)))
+    if arguments.plot:
+        figure = plot_tuning(table["objective"], result)
+        output.write_files({arguments.plot: output.as_picture(arguments.plot, figure)})
+    print("\n\n".join(tuned_parts(train, table, result)))
     if not result.interrupted:  # who stops a tuning does not wait for more
-        with Progress(quiet=quiet) as progress:
-            checked = check_designs(train, asked, result, progress.say)
+        with Progress(quiet=arguments.quiet) as progress:
+            checked = check_designs(train, table, result, progress.say)
         files.write(result.after.parameters, record | {"steady_state": checked})
         print(f"\n{check_text(checked)}")
-    print(f"\nThe tuned scene is {given.output}, all numbers are in {given.json}.")
+    print(
+        f"\nThe tuned scene is {arguments.output}, all numbers are in {arguments.json}."
+    )
     if result.interrupted:
-        if kept.folder:
+        if unfinished.folder:
             print(f"It was stopped; {GOES_ON}.")
         return output.INTERRUPTED
-    kept.forget()
+    unfinished.forget()
     return output.ANSWERED if result.after.solved.all() else output.NOT_ANSWERED
 
 
 class _TunedFiles:
-    """The files of a tuning, whole at every moment: what is best so far, and its
+    """The files of a tuning, whole at every moment: the best design so far, and its
     history.
     """
 
-    def __init__(self, given, train, rpm, progress):
-        self.given = given
+    def __init__(
+        self,
+        arguments: cli.Tune,
+        train: DriveTrain,
+        rpm: Iterable[float],
+        progress: Progress,
+    ):
+        self.arguments = arguments
         self.train = train
-        self.rpm = rpm
+        self.rpm = list(rpm)
         self.progress = progress
-        self.history = []
-        self.start = None
-        _, beside = changed_scene(given.scene, {})
-        self.copies = copies_beside(beside, Path(given.output).parent)
+        self.history: list[Step] = []
+        self.start: Reading | None = None
+        assert arguments.output is not None  # named where it was not given
+        _, tables = changed_scene(arguments.scene, {})
+        self.copies = copies_beside(tables, Path(arguments.output).parent)
         output.make_folders(self.copies.files)
 
-    def begin(self, reading):
-        """What is known of the scene as it is."""
+    def begin(self, reading: Reading) -> None:
+        """Note the readings of the scene as it is."""
         self.start = reading
         self.progress.say(
             f"solving the scene as it is: {reading.solved.sum()} of {len(self.rpm)}"
             " speeds are solved"
         )
 
-    def left(self):
-        """What a tuning that is stopped leaves, in a sentence; before its first step
+    def left(self) -> str:
+        """A sentence on what a tuning that is stopped leaves; before its first step
         the speeds that are solved.
         """
         if self.history:
-            return f"the best design so far is {self.given.output!r}"
-        done = 0 if self.start is None else int(self.start.solved.sum())
-        there = ""
-        if done:
-            record = output.changes(self.given) | start_record(
+            return f"the best design so far is {self.arguments.output!r}"
+        solved = 0 if self.start is None else int(self.start.solved.sum())
+        place = ""
+        if solved:
+            record = output.changes(self.arguments) | start_record(
                 self.train, self.rpm, self.start
             )
-            output.write_files({self.given.json: output.as_json(record)})
-            there = f", and their numbers are in {self.given.json!r}"
-        said = (
-            f"no design is there yet and no scene is written; {done} of {len(self.rpm)}"
-            " speeds of the scene as it is"
+            output.write_files({self.arguments.json: output.as_json(record)})
+            place = f", and their numbers are in {self.arguments.json!r}"
+        return (
+            f"no design is there yet and no scene is written; {solved} of"
+            f" {len(self.rpm)} speeds of the scene as it is are solved{place}"
         )
-        return f"{said} are solved{there}"
 
-    def note(self, step):
-        """One step more."""
+    def note(self, step: Step) -> None:
+        """Write the design and the history after one more step."""
         self.history.append(step)
         self.write(step.parameters, progress_record(self.train, self.rpm, self.history))
         self.progress.advance(1 if step.number else 0)
-        told = (
+        self.progress.say(
             f"step {step.number}: objective {step.objective:.4g}, a share of what it"
-            " was at the start"
+            f" was at the start, with a smooth maximum of {100 * step.width:g} %"
         )
-        self.progress.say(f"{told}, with a smooth maximum of {100 * step.width:g} %")
 
-    def write(self, parameters, record):
-        """The scene with these parameters, and a record."""
+    def write(self, parameters: Mapping[str, float], record: dict) -> None:
+        """Write the scene with these parameters, and a record."""
         from jaxhb.design.robust import moved_ranges  # imports scipy
 
-        given = self.given
-        values = scene_values(self.train, dict(given.set) | parameters)
-        ranges = moved_ranges(self.train, parameters)
+        arguments = self.arguments
+        values = scene_values(self.train, dict(arguments.set) | dict(parameters))
         text, _ = changed_scene(
-            given.scene,
+            arguments.scene,
             values,
-            tolerances=ranges,
-            remark=f"{given.scene}, tuned by jaxhb tune.",
+            tolerances=moved_ranges(self.train, parameters),
+            remark=f"{arguments.scene}, tuned by jaxhb tune.",
         )
-        record = output.changes(given) | record
         scene = self.copies.renamed(text).encode()
+        json = output.as_json(output.changes(arguments) | record)
         output.write_files(
-            self.copies.files
-            | {
-                given.output: scene,
-                given.json: output.as_json(record),
-            }
+            self.copies.files | {arguments.output: scene, arguments.json: json}
         )
 
 
-def check_files(train, given):
+def check_files(
+    train: DriveTrain, arguments: cli.Solve | cli.Sweep | cli.Report
+) -> None:
     """Refuse a picture of nothing before anything is computed."""
-    if given.plot and not train.topology.link_names:
+    topology = train.topology
+    if arguments.plot and not topology.link_names:
         raise output.OutputError(
             "--plot: the train has no gears, shafts or dampers, so there is no torque"
             " to draw."
         )
-    if getattr(given, "gear", None):
-        index = train.topology.disk_index(given.gear)
-        if not any(index in ends for ends in train.topology.mesh_ends):
-            known = ", ".join(repr(name) for name in train.topology.gear_names)
+    gear = getattr(arguments, "gear", None)
+    if gear:
+        index = topology.disk_index(gear)
+        if not any(index in ends for ends in topology.mesh_ends):
+            gears = ", ".join(map(repr, topology.gear_names)) or "none"
             raise output.OutputError(
-                f"--gear: {given.gear!r} carries no mesh. Gears: {known or 'none'}."
+                f"--gear: {gear!r} carries no mesh. Gears: {gears}."
             )
 
 
-def misfire_trains(train, given, *, each=False):
+def misfire_trains(
+    train: DriveTrain, arguments: cli.Firing, *, each: bool = False
+) -> dict[str, DriveTrain]:
     """Trains by the cylinders that do not fire: under "" that of ``--misfire`` and
     ``--cut-off``; of ``each``, which some commands take, the train as it runs, and
     every cylinder in turn; these share programs.
     """
-    asked = {"--misfire": given.misfire, "--cut-off": given.cut_off}
-    every = [option for option, names in asked.items() if EACH in names]
-    if not every or EACH in train.topology.cylinder_names:
-        return {"": train.misfire(*given.misfire).cut_off(*given.cut_off)}
-    option = every[0]
+    misfire = arguments.misfire
+    cut_off = arguments.cut_off
+    options = {"--misfire": misfire, "--cut-off": cut_off}
+    in_turn = [option for option, names in options.items() if EACH in names]
+    if not in_turn or EACH in train.topology.cylinder_names:
+        return {"": train.misfire(*misfire).cut_off(*cut_off)}
+    option = in_turn[0]
     if not each:
-        with_it = "report, forced and campbell take every cylinder in turn"
         raise output.OutputError(
-            f"{option} {EACH}: only jaxhb {with_it}. Name one, or use one of them."
+            f"{option} {EACH}: only jaxhb report, forced and campbell take every"
+            " cylinder in turn. Name one, or use one of them."
         )
-    if len(given.misfire) + len(given.cut_off) > 1:
-        others = (
-            "Leave out the other"
-            f" {' and '.join(name for name, names in asked.items() if names)}"
-        )
+    if len(misfire) + len(cut_off) > 1:
+        used = " and ".join(name for name, names in options.items() if names)
         raise output.OutputError(
-            f"{option} {EACH}: takes every cylinder in turn. {others}."
+            f"{option} {EACH}: takes every cylinder in turn. Leave out the other"
+            f" {used}."
         )
     if not train.topology.firing_cylinders:
-        told = "no cylinder of the train fires. Name what misfires, or leave it out"
-        raise output.OutputError(f"{option} {EACH}: {told}.")
-    cut_off = EACH in given.cut_off
-    return {"": alike(train, cut_off=cut_off)} | (
-        train.cut_offs() if cut_off else train.misfires()
-    )
+        raise output.OutputError(
+            f"{option} {EACH}: no cylinder of the train fires. Name what misfires, or"
+            " leave it out."
+        )
+    without_gas = EACH in cut_off
+    cases = train.cut_offs() if without_gas else train.misfires()
+    return {"": alike(train, cut_off=without_gas)} | cases
 
 
-def status(failures):
+def status(failures: Iterable[str]) -> int:
     """The exit status; stderr is told what has no answer, and what to try."""
-    for sentence in dict.fromkeys(failures):
+    sentences = list(dict.fromkeys(failures))
+    for sentence in sentences:
         print(sentence, file=sys.stderr)
-    return output.NOT_ANSWERED if failures else output.ANSWERED
+    return output.NOT_ANSWERED if sentences else output.ANSWERED
 
 
-def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet, **_):
-    """Many speeds, or many values of a number."""
-    check_files(train, given)
-    if orbit and direction:
+def sweep(train: DriveTrain, arguments: cli.Sweep) -> int:
+    """Answer many speeds, or many values of a number."""
+    check_files(train, arguments)
+    rpm = arguments.rpm
+    if arguments.orbit and arguments.direction:
         raise output.OutputError(
             "--direction: periodic solutions (--orbit) do not depend on it. Leave one"
             " of them out."
         )
-    if over and len(rpm) > 1:
+    if arguments.over and len(rpm) > 1:
         raise output.OutputError(
             f"--over: it goes over one number at one speed, and --rpm names {len(rpm)}."
         )
-    train, asked = misfire_trains(train, given)[""], Asked.of(given)
-    axis, values = SPEED, rpm
-    if over:
-        name, values = over
+    train = misfire_trains(train, arguments)[""]
+    question = Asked.of(arguments)
+    axis = SPEED
+    values = rpm
+    if arguments.over:
+        name, values = arguments.over
         axis = Axis(name, parameter_unit(train, name))
-        for value in (
-            values
-        ):  # what is refused is refused before anything is computed or written
+        # What is refused is refused before anything is computed or written.
+        for value in values:
             train.replace({name: value})
-    files = _SweepFiles(train, given, axis)
-    kept = Kept(
-        [train], ("sweep", axis, values, rpm, direction, asked, chunk), elsewhere=folder
+    files = _SweepFiles(train, arguments, axis)
+    direction = arguments.direction
+    unfinished = Unfinished(
+        [train],
+        ("sweep", axis, values, rpm, direction, question, arguments.chunk),
+        elsewhere=arguments.folder,
     )
 
-    def compute(place):
-        how = {"direction": direction or "up", "kept": {"out": place, "chunk": chunk}}
-        how |= {"progress": progress.advance, "told": files.note}
+    def compute(folder):
+        options = {
+            "direction": direction or "up",
+            "kept": {"out": folder, "chunk": arguments.chunk},
+            "progress": progress.advance,
+            "told": files.note,
+        }
         if axis == SPEED:
-            return answer_speeds(train, values, asked, say=progress.say, **how)
+            return answer_speeds(train, values, question, say=progress.say, **options)
         progress.say(f"values of {axis.name}")
-        return answer_values(train, rpm[0], axis, values, asked, **how)
+        return answer_values(train, rpm[0], axis, values, question, **options)
 
-    with Progress(len(values), quiet=quiet) as progress:
-        found = kept.run(
-            compute,
-            lambda: files.left(len(values)) + (f"; {GOES_ON}" if kept.folder else ""),
-        )
+    def left():
+        goes_on = f"; {GOES_ON}" if unfinished.folder else ""
+        return files.left(len(values)) + goes_on
+
+    with Progress(len(values), quiet=arguments.quiet) as progress:
+        answers = unfinished.run(compute, left)
         progress.say("reading the results")
-        output.deliver(
-            given,
-            sweep_text(found),
-            json=lambda: files.json(found, complete=True),
-            csv=lambda: files.csv(found),
-            netcdf=lambda: files.netcdf(found),
-            plot=lambda: plot_sweep(found),
-        )
-    tell(
-        given,
-        lambda: [one for answers in found.values() for one in of_answers(answers)],
-    )
-    kept.forget()
-    return status(
-        warnings([answer for answers in found.values() for answer in answers])
-    )
+        makers = {
+            "json": lambda: files.json(answers, complete=True),
+            "csv": lambda: files.csv(answers),
+            "netcdf": lambda: files.netcdf(answers),
+            "plot": lambda: plot_sweep(answers),
+        }
+        output.deliver(arguments, sweep_text(answers), makers)
+    every_answer = [answer for several in answers.values() for answer in several]
+    compare(arguments, lambda: of_answers(every_answer))
+    unfinished.forget()
+    return status(warnings(every_answer))
 
 
 class _SweepFiles:
-    """What was found so far, and the files that hold it."""
+    """The answers so far by direction, and the files that hold them."""
 
-    def __init__(self, train, given, axis):
+    def __init__(self, train: DriveTrain, arguments: cli.Sweep, axis: Axis):
         self.train = train
-        self.given = given
+        self.arguments = arguments
         self.axis = axis
-        self.found = {}
-        self.records = {}
-        self.both = given.direction == "both"
+        self.answers: dict[str, list[Answer]] = {}
+        self.records: dict[int, tuple[Answer, bytes]] = {}
+        self.both = arguments.direction == "both"
         # The highest that JSON lists; None: all.
-        self.orders = None if given.full else given.orders or numbers.NO_ORDERS
+        self.orders: float | None = arguments.orders or numbers.NO_ORDERS
+        if arguments.full:
+            self.orders = None
 
-    def note(self, found):
-        """Write what is known so far; a JSON file of all orders is too large to be
+    def note(self, answers: Mapping[str, list[Answer]]) -> None:
+        """Write the answers so far; a JSON file of all orders is too large to be
         written again and again.
         """
-        self.found = {way: answers for way, answers in found.items() if answers}
-        self._write("csv", *([] if self.given.full else ["json"]))
+        self.answers = {way: several for way, several in answers.items() if several}
+        self._write(["csv"] if self.arguments.full else ["csv", "json"])
 
-    def _write(self, *options):
-        """Write files that were asked for, as soon as anything is known; their
+    def _write(self, options: Iterable[str]) -> str:
+        """Write files that were asked for, as soon as there is an answer; their
         names.
         """
-        names = {
-            option: getattr(self.given, option) for option in options if self.found
-        }
-        names = {
+        if not self.answers:
+            return ""
+        names = {option: getattr(self.arguments, option) for option in options}
+        written = {
             option: name
             for option, name in names.items()
             if name and name != output.STANDARD_OUTPUT
         }
         output.write_files(
-            {name: getattr(self, option)(self.found) for option, name in names.items()}
+            {
+                name: getattr(self, option)(self.answers)
+                for option, name in written.items()
+            }
         )
-        return " and ".join(map(repr, names.values()))
+        return " and ".join(map(repr, written.values()))
 
-    def left(self, total):
-        """What a sweep that is stopped leaves, in a sentence."""
-        ways = ("up", "down") if self.both else tuple(self.found) or ("",)
-        done = min(len(self.found.get(way, ())) for way in ways)
-        names = self._write("json", "csv", "netcdf")
+    def left(self, total: int) -> str:
+        """A sentence on what a sweep that is stopped leaves."""
+        ways = ("up", "down") if self.both else tuple(self.answers) or ("",)
+        done = min(len(self.answers.get(way, ())) for way in ways)
+        names = self._write(["json", "csv", "netcdf"])
         counted = "speeds" if self.axis == SPEED else "values"
         return f"{done} of {total} {counted} are done{f' in {names}' if names else ''}"
 
-    def json(self, found, *, complete=False):
-        """One list of answers is called responses, two by their directions."""
-        first = next(iter(found.values()))
+    def json(self, answers: Mapping[str, list[Answer]], *, complete: bool = False):
+        """The JSON file: one list of answers is called responses, two by their
+        directions.
+        """
+        first = next(iter(answers.values()))
         lists = {
-            way if self.both else "responses": map(self._record, own)
-            for way, own in found.items()
+            way if self.both else "responses": map(self._record, several)
+            for way, several in answers.items()
         }
-        direction = None if "orbit" in found else self.given.direction or "up"
-        head = {
+        head: dict[str, Any] = {
             "rpm": [answer.rpm for answer in first],
-            "direction": direction,
+            "direction": (
+                None if "orbit" in answers else self.arguments.direction or "up"
+            ),
             "complete": complete,
+            "orders": self.orders,
         }
-        head["orders"] = self.orders
         if self.axis != SPEED:
             head["over"] = {
                 "name": self.axis.name,
                 "unit": self.axis.unit,
-                "values": [a.place for a in first],
+                "values": [answer.place for answer in first],
             }
         elif complete:
             judged = {
-                way: strength_record(answers_strength(answers))
-                for way, answers in found.items()
+                way: strength_record(answers_strength(several))
+                for way, several in answers.items()
             }
             if all(judged.values()):  # the scene gives limits
-                records = {way: one["strength"] for way, one in judged.items()}
+                records = {way: record["strength"] for way, record in judged.items()}
                 head["strength"] = records if self.both else [*records.values()][0]
-        return output.as_json(
-            output.changes(self.given) | numbers.on_scene(self.train) | head, **lists
-        )
+        changes = output.changes(self.arguments)
+        return output.as_json(changes | numbers.on_scene(self.train) | head, **lists)
 
-    def _record(self, answer):
-        """The record of an answer as bytes, made once but for those of all orders."""
-        if self.given.full:
+    def _record(self, answer: Answer) -> bytes:
+        """The record of an answer, made once but for those of all orders."""
+        if self.arguments.full:
             return output.as_bytes(numbers.both_record(answer))
         if id(answer) not in self.records:
-            self.records[id(answer)] = (
-                answer,
-                output.as_bytes(numbers.both_record(answer, self.orders)),
-            )
+            record = output.as_bytes(numbers.both_record(answer, self.orders))
+            self.records[id(answer)] = (answer, record)
         return self.records[id(answer)][1]
 
-    def csv(self, found):
-        """One row per answer."""
-        heads = [] if self.axis == SPEED else [self.axis.label]
-        answers = [(way, answer) for way, own in found.items() for answer in own]
-        rows = [
-            numbers.answer_row(a, **dict.fromkeys(heads, a.place), direction=way)
-            for way, a in answers
-        ]
+    def csv(self, answers: Mapping[str, list[Answer]]) -> list[bytes]:
+        """The CSV file, one row per answer."""
+        rows = []
+        for way, several in answers.items():
+            for answer in several:
+                first = {} if self.axis == SPEED else {self.axis.label: answer.place}
+                rows.append(numbers.answer_row(answer, **first, direction=way))
         return output.rows_csv(rows)
 
-    def netcdf(self, found):
-        """Labelled arrays."""
-        along = "direction" if len(found) > 1 else None
+    def netcdf(self, answers: Mapping[str, list[Answer]]) -> list[bytes]:
+        """The NetCDF file."""
         return numbers.netcdf(
-            found, self.given.orders, along=along, every=self.given.full
+            answers,
+            self.arguments.orders,
+            along="direction" if len(answers) > 1 else None,
+            every=self.arguments.full,
         )

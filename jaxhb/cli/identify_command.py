@@ -1,10 +1,16 @@
 """The command of measurements: fit numbers of a scene, or find the weak cylinder."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
+from jaxhb.cli import arguments as cli
 from jaxhb.cli.progress import Progress
-from jaxhb.design.identification import identify as search, weak_cylinder
-from jaxhb.design.measurements import read_measured
+from jaxhb.design.identification import (
+    Identification,
+    identify as search,
+    weak_cylinder,
+)
+from jaxhb.design.measurements import Measured, read_measured
 from jaxhb.design.quantities import Parameter
 from jaxhb.design.tolerances import read_tolerances
 from jaxhb.report.figures.speeds import plot_identified
@@ -19,71 +25,85 @@ from jaxhb.report.text.identified import (
 from jaxhb.scene.files import load_scene
 from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.train.changes import scene_values
+from jaxhb.train.drivetrain import DriveTrain
+
+Bounds = tuple[str, tuple[float, float]]
+"""``NAME.FIELD`` and its bounds."""
 
 
-def identify(train, given, measured, fit, noise, weak, plot, quiet, **_):
+def identify(train: DriveTrain, arguments: cli.Identify) -> int:
     """Fit numbers of a scene to measured orders."""
-    rows = read_measured(measured, train)
-    if weak:
-        if fit or given.output or plot:
-            raise output.OutputError(
-                "--weak-cylinder: it fits no number. Leave out --fit, --output and"
-                " --plot."
-            )
-        found = weak_cylinder(train, rows, noise=noise)
-        said = weak_text(found, order_names(train))
-        output.deliver(
-            given,
-            said,
-            json=lambda: {"scene": train.topology.name} | weak_record(found),
-        )
-        return output.ANSWERED if found.explains else output.NOT_ANSWERED
-    parameters, priors = _asked(train, fit)
-    with Progress(quiet=quiet) as progress:
+    rows = read_measured(arguments.measured, train)
+    if arguments.weak:
+        return _find_weak_cylinder(train, rows, arguments)
+    parameters, priors = _parameters(train, arguments.fit)
+    with Progress(quiet=arguments.quiet) as progress:
         progress.say("fitting the measurements")
-        found = search(train, rows, parameters=parameters, noise=noise, priors=priors)
-    output.deliver(
-        given,
-        identified_text(found),
-        json=lambda: identified_record(found),
-        plot=lambda: plot_identified(found),
-    )
-    if given.output:
-        _write(given, found)
-        if not quiet:
-            print(f"\nThe scene with the fitted numbers is {given.output}.")
+        fitted = search(
+            train, rows, parameters=parameters, noise=arguments.noise, priors=priors
+        )
+    makers = {
+        "json": lambda: identified_record(fitted),
+        "plot": lambda: plot_identified(fitted),
+    }
+    output.deliver(arguments, identified_text(fitted), makers)
+    if arguments.output:
+        _write(arguments, arguments.output, fitted)
+        if not arguments.quiet:
+            print(f"\nThe scene with the fitted numbers is {arguments.output}.")
     return output.ANSWERED
 
 
-def _asked(train, fit):
+def _find_weak_cylinder(
+    train: DriveTrain, rows: Measured, arguments: cli.Identify
+) -> int:
+    """Name the cylinder that explains measured orders."""
+    if arguments.fit or arguments.output or arguments.plot:
+        raise output.OutputError(
+            "--weak-cylinder: it fits no number. Leave out --fit, --output and --plot."
+        )
+    weak = weak_cylinder(train, rows, noise=arguments.noise)
+    scene = {"scene": train.topology.name}
+    text = weak_text(weak, order_names(train))
+    output.deliver(arguments, text, {"json": lambda: scene | weak_record(weak)})
+    return output.ANSWERED if weak.explains else output.NOT_ANSWERED
+
+
+def _parameters(
+    train: DriveTrain, fit: Sequence[Bounds]
+) -> tuple[list[Parameter], dict[str, float]]:
     """Parameters and priors: of ``--fit``, or those of the [tolerance] table, whose
     deviations are priors.
     """
-    known = [] if fit else read_tolerances(train)
-    bounds = fit or [(one.name, (one.low, one.high)) for one in known]
-    scales = (("log" if low > 0 else "linear") for _, (low, _) in bounds)
-    made = [
-        Parameter(name=name, low=a, high=b, scale=s)
-        for (name, (a, b)), s in zip(bounds, scales, strict=True)
+    tolerances = [] if fit else read_tolerances(train)
+    bounds = fit or [(row.name, (row.low, row.high)) for row in tolerances]
+    parameters = [
+        Parameter(name=name, low=low, high=high, scale="log" if low > 0 else "linear")
+        for name, (low, high) in bounds
     ]
-    return made, {one.name: one.std for one in known if one.std}
+    return parameters, {row.name: row.std for row in tolerances if row.std}
 
 
-def _write(given, found):
-    """The scene with fitted numbers, and their deviations as its tolerances."""
-    values = dict(given.set) | {
-        p.name: float(v) for p, v in zip(found.parameters, found.values, strict=True)
-    }
-    known = {
-        p.name: {"std": float(f"{s:.4g}")}
-        for p, s in zip(found.parameters, found.std, strict=True)
-        if s > 0
-    }
-    remark = f"{given.scene}, fitted to {Path(given.measured).name} by jaxhb identify."
-    whole = load_scene(given.scene).replace(values)  # a scenario may leave elements out
-    text, beside = changed_scene(
-        given.scene, scene_values(whole, values), tolerances=known, remark=remark
+def _write(arguments: cli.Identify, path: str, fitted: Identification) -> None:
+    """Write the scene with fitted numbers, and their deviations as its tolerances."""
+    names = [parameter.name for parameter in fitted.parameters]
+    values = dict(arguments.set) | dict(
+        zip(names, map(float, fitted.values), strict=True)
     )
-    copies = copies_beside(beside, Path(given.output).parent)
+    tolerances = {
+        name: {"std": float(f"{deviation:.4g}")}
+        for name, deviation in zip(names, fitted.std, strict=True)
+        if deviation > 0
+    }
+    measured = Path(arguments.measured).name
+    # A scenario may leave elements out.
+    whole = load_scene(arguments.scene).replace(values)
+    text, tables = changed_scene(
+        arguments.scene,
+        scene_values(whole, values),
+        tolerances=tolerances,
+        remark=f"{arguments.scene}, fitted to {measured} by jaxhb identify.",
+    )
+    copies = copies_beside(tables, Path(path).parent)
     output.make_folders(copies.files)
-    output.write_files(copies.files | {given.output: copies.renamed(text).encode()})
+    output.write_files(copies.files | {path: copies.renamed(text).encode()})

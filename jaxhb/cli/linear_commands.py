@@ -1,17 +1,21 @@
 """Commands of the linear train: compute, print for people, write for programs."""
 
 import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
+from jaxhb.cli import arguments as cli
 from jaxhb.cli.commands import misfire_trains, status
-from jaxhb.cli.operating_modes import tell
+from jaxhb.cli.operating_modes import compare
 from jaxhb.linear.critical import (
     ELASTIC,
+    Campbell,
     campbell as campbell_of,
     excited_orders,
     mode_kinds,
     modes_of,
 )
-from jaxhb.linear.forced import forced_response
+from jaxhb.linear.forced import ForcedResponse, forced_response
 from jaxhb.linear.holzer import holzer_table
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.strength import strength
@@ -23,7 +27,7 @@ from jaxhb.report.files.numbers import not_firing_record
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, deliver, rows_csv
 from jaxhb.report.orders import order_names
 from jaxhb.report.selection import case_title, train_name
-from jaxhb.report.text import forced as told, linear as linear_text
+from jaxhb.report.text import forced as forced_text, linear as linear_text
 from jaxhb.report.text.scene_check import (
     ANY_SPEED,
     check_record,
@@ -37,17 +41,18 @@ from jaxhb.report.text.strength import strength_text
 from jaxhb.results.dataset import as_netcdf
 from jaxhb.train.chain import span
 from jaxhb.train.changes import linearised
+from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.varying import varying
 
 MOST_OF_CHECK = 500  # disks of which a check has all modes; of more it has the lowest
 LOWEST = 20  # modes of these
 
 
-def check(train, given, rpm, links_at, **_):
-    """What a scene comes to: mean torques, tooth forces and damping, modes and
+def check(train: DriveTrain, arguments: cli.Check) -> int:
+    """Tell what a scene comes to: mean torques, tooth forces and damping, modes and
     notes.
     """
-    speeds = rpm or own_speeds(train)
+    speeds = arguments.rpm or own_speeds(train)
     response = forced_response(train, rpm=speeds or [ANY_SPEED], harmonics=1)
     responses = [
         dataclasses.replace(response[k], train=train) for k in range(len(response))
@@ -55,233 +60,254 @@ def check(train, given, rpm, links_at, **_):
     remarks = scene_notes(responses) + table_notes(train)
     parts = check_text(train, responses, speeds, remarks)
     record = check_record(train, responses, remarks)
-    constant = _constant(train, None, links_at)
+    constant = _constant(train, None, arguments.links_at)
     if varying(constant.topology):
         parts.append("Links vary: natural frequencies need --links-at, as hz=30.")
     else:
-        many = train.topology.n_disks > MOST_OF_CHECK
-        found, kinds, ratios = modes_of(constant, LOWEST if many else None)
-        parts.append(
-            linear_text.modes_text(
-                found, train.topology.name, kinds, ratios, linear_text.in_contact(train)
-            )
+        disks = train.topology.n_disks
+        modes, kinds, ratios = modes_of(
+            constant, LOWEST if disks > MOST_OF_CHECK else None
         )
-        if len(kinds) < train.topology.n_disks and many:
-            parts.append(
-                f"These are the {len(kinds)} lowest modes of {train.topology.n_disks}"
-                " disks."
-            )
-        record |= {"modes": linear_text.modes_record(found, kinds, ratios)}
+        teeth = linear_text.in_contact(train)
+        parts.append(
+            linear_text.modes_text(modes, train.topology.name, kinds, ratios, teeth)
+        )
+        if len(kinds) < disks and disks > MOST_OF_CHECK:
+            parts.append(f"These are the {len(kinds)} lowest modes of {disks} disks.")
+        record |= {"modes": linear_text.modes_record(modes, kinds, ratios)}
         parts += remarks_text(linear_text.approximations(constant), "Of the modes")
-    deliver(given, "\n\n".join([*parts, *remarks_text(remarks)]), json=lambda: record)
-    return status(told.forced_failures(response))
+    text = "\n\n".join([*parts, *remarks_text(remarks)])
+    deliver(arguments, text, {"json": lambda: record})
+    return status(forced_text.forced_failures(response))
 
 
-def modes(train, given, at, links_at, plot, **_):
+def modes(train: DriveTrain, arguments: cli.Modes) -> int:
     """Natural frequencies of a scene."""
-    (train,), teeth, below, more = _with_teeth(
-        at, links_at, None, _constant(train, at, links_at)
-    )
-    found, kinds, ratios = modes_of(train)
+    constant = _constant(train, arguments.at, arguments.links_at)
+    teeth = _with_teeth(arguments, None, [constant])
+    (train,) = teeth.trains
+    modes, kinds, ratios = modes_of(train)
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
-    if plot and not elastic:
+    if arguments.plot and not elastic:
         raise OutputError(
             "--plot: no mode strains a link, so there is no shape to draw."
         )
-    energies = (
-        linear_text.energies_text(found, kinds)
-        if len(span(train.topology).loops)
-        else []
-    )
-    deliver(
-        given,
-        "\n\n".join(
-            [
-                linear_text.modes_text(
-                    found, train.topology.name, kinds, ratios, teeth
-                ),
-                *energies,
-                *below,
-                *remarks_text(train.topology.notes),
-            ]
-        ),
-        json=lambda: linear_text.modes_record(found, kinds, ratios) | more,
-        plot=lambda: plot_modes(train, found, elastic, ratios),
-    )
-    return ANSWERED
-
-
-def holzer(train, given, at, links_at, hz, mode, plot, **_):
-    """Holzer's tables."""
-    (train,), teeth, below, more = _with_teeth(
-        at, links_at, None, _constant(train, at, links_at)
-    )
-    name, found = train.topology.title, natural_frequencies(train)
-    kinds = mode_kinds(found, train.topology.damper_names)
-    natural = {k: float(frequency) for k, frequency in enumerate(found.frequencies_hz)}
-    asked = [(None, one) for one in hz] or [
-        (k, natural[k]) for k in linear_text.chosen_modes(kinds, name, mode)
+    parts = [
+        linear_text.modes_text(modes, train.topology.name, kinds, ratios, teeth.title)
     ]
-    tables = [(k, holzer_table(train, hz=one)) for k, one in asked]
-    zeros = {k: one for k, one in natural.items() if kinds[k] == ELASTIC}
-    deliver(
-        given,
-        "\n\n".join(
-            [
-                linear_text.holzer_text(tables, name, teeth),
-                *below,
-                *remarks_text(train.topology.notes),
-            ]
-        ),
-        json=lambda: linear_text.holzer_record(tables, name) | more,
-        plot=lambda: plot_holzer(train, tables, zeros),
-    )
+    if len(span(train.topology).loops):
+        parts += linear_text.energies_text(modes, kinds)
+    parts += [*teeth.notes, *remarks_text(train.topology.notes)]
+    makers = {
+        "json": lambda: linear_text.modes_record(modes, kinds, ratios) | teeth.record,
+        "plot": lambda: plot_modes(train, modes, elastic, ratios),
+    }
+    deliver(arguments, "\n\n".join(parts), makers)
     return ANSWERED
 
 
-def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
+def holzer(train: DriveTrain, arguments: cli.Holzer) -> int:
+    """Holzer's tables."""
+    constant = _constant(train, arguments.at, arguments.links_at)
+    teeth = _with_teeth(arguments, None, [constant])
+    (train,) = teeth.trains
+    name = train.topology.title
+    modes = natural_frequencies(train)
+    kinds = mode_kinds(modes, train.topology.damper_names)
+    natural_hz = {k: float(hz) for k, hz in enumerate(modes.frequencies_hz)}
+    tables = [(None, holzer_table(train, hz=hz)) for hz in arguments.hz]
+    if not tables:
+        chosen = linear_text.chosen_modes(kinds, name, arguments.mode)
+        tables = [(k, holzer_table(train, hz=natural_hz[k])) for k in chosen]
+    zeros = {k: hz for k, hz in natural_hz.items() if kinds[k] == ELASTIC}
+    parts = [linear_text.holzer_text(tables, name, teeth.title)]
+    parts += [*teeth.notes, *remarks_text(train.topology.notes)]
+    makers = {
+        "json": lambda: linear_text.holzer_record(tables, name) | teeth.record,
+        "plot": lambda: plot_holzer(train, tables, zeros),
+    }
+    deliver(arguments, "\n\n".join(parts), makers)
+    return ANSWERED
+
+
+def campbell(train: DriveTrain, arguments: cli.Campbell) -> int:
     """Natural frequencies and orders over the speed."""
-    trains = misfire_trains(train, given, each=True)
-    name, lines = train_name(trains[""].topology), firing_lines(*trains.values())
-    every, teeth, below, more = _with_teeth(at, links_at, rpm, *trains.values())
-    orders = orders or {
-        order for one in every for order in excited_orders(one, rpm=rpm)
+    rpm = arguments.rpm
+    count = arguments.modes
+    trains = misfire_trains(train, arguments, each=True)
+    name = train_name(trains[""].topology)
+    names = order_names(train)
+    lines = firing_lines(*trains.values())
+    teeth = _with_teeth(arguments, rpm, list(trains.values()))
+    by_cylinder = dict(zip(trains, teeth.trains, strict=True))
+    excited = {
+        order
+        for one_train in teeth.trains
+        for order in excited_orders(one_train, rpm=rpm)
     }
-    asked = {"rpm": rpm, "orders": orders, "count": modes, "links_at": dict(links_at)}
+    orders = arguments.orders or sorted(excited)
     misfires = {
-        cylinder: campbell_of(one, **asked)
-        for cylinder, one in zip(trains, every, strict=True)
+        cylinder: campbell_of(
+            one_train,
+            rpm=rpm,
+            orders=orders,
+            count=count,
+            links_at=dict(arguments.links_at),
+        )
+        for cylinder, one_train in by_cylinder.items()
     }
-    found, names = misfires.pop(""), order_names(train)
+    diagram = misfires.pop("")
     titles = {cylinder: case_title(trains[cylinder], cylinder) for cylinder in trains}
-    responses = _at_critical_speeds(
-        found, dict(zip(trains, every, strict=True)), links_at
+    responses = _at_critical_speeds(diagram, by_cylinder, arguments.links_at)
+    worst = None
+    compared = []
+    if responses:
+        worst = forced_text.hardest_misfire(responses)
+        compared = forced_text.critical_misfire_text(responses, worst, titles[""])
+    text = linear_text.campbell_text(
+        diagram, count, name, misfires, names, teeth.title, lines, compared
     )
-    worst = told.hardest_misfire(responses) if responses else None
-    compared = (
-        told.critical_misfire_text(responses, worst, titles[""]) if responses else []
-    )
-    deliver(
-        given,
-        "\n\n".join(
-            [
-                linear_text.campbell_text(
-                    found, modes, name, misfires, names, teeth, lines, compared
-                ),
-                *below,
-                *remarks_text(train.topology.notes),
-            ]
-        ),
-        json=lambda: (
-            linear_text.campbell_record(found, modes, name, misfires, worst)
+    makers = {
+        "json": lambda: (
+            linear_text.campbell_record(diagram, count, name, misfires, worst)
             | not_firing_record(*trains.values())
-            | more
+            | teeth.record
         ),
-        csv=lambda: as_csv(*linear_text.campbell_rows(found, misfires, titles)),
-        plot=lambda: plot_campbell(found, modes, name, names),
-    )
+        "csv": lambda: as_csv(*linear_text.campbell_rows(diagram, misfires, titles)),
+        "plot": lambda: plot_campbell(diagram, count, name, names),
+    }
+    parts = [text, *teeth.notes, *remarks_text(train.topology.notes)]
+    deliver(arguments, "\n\n".join(parts), makers)
     return ANSWERED
 
 
-def _at_critical_speeds(found, trains, links_at):
+def _at_critical_speeds(
+    diagram: Campbell, trains: Mapping[str, DriveTrain], links_at: Sequence
+) -> dict[str, ForcedResponse]:
     """Linear forced responses at the critical speeds, by the cylinder that does not
     fire; empty without such a case.
     """
-    speeds = sorted({c.rpm for c in found.critical})
+    speeds = sorted({critical.rpm for critical in diagram.critical})
     if len(trains) == 1 or not speeds:
         return {}
-    constant = {
-        cylinder: _constant(train, None, links_at) for cylinder, train in trains.items()
-    }
     return {
-        cylinder: forced_response(train, rpm=speeds)
-        for cylinder, train in constant.items()
+        cylinder: forced_response(_constant(train, None, links_at), rpm=speeds)
+        for cylinder, train in trains.items()
     }
 
 
-def forced(train, given, rpm, element, orders, netcdf, plot, **_):
+def forced(train: DriveTrain, arguments: cli.Forced) -> int:
     """Linear forced response over the speed, with --misfire each beside it that of
     every cylinder in turn.
     """
-    trains = misfire_trains(train, given, each=True)
-    if len(trains) > 1 and netcdf:
+    rpm = arguments.rpm
+    orders = arguments.orders
+    trains = misfire_trains(train, arguments, each=True)
+    if len(trains) > 1 and arguments.netcdf:
         raise OutputError(
             "--netcdf: it holds one train, and --misfire each takes several. Leave one"
             " of them out."
         )
-    cases = {name: forced_response(one, rpm=rpm) for name, one in trains.items()}
-    titles = {
-        name: case_title(trains[name], name) if len(cases) > 1 else "" for name in cases
+    cases = {
+        cylinder: forced_response(one_train, rpm=rpm)
+        for cylinder, one_train in trains.items()
     }
+    titles = dict.fromkeys(cases, "")
+    if len(cases) > 1:
+        titles = {
+            cylinder: case_title(trains[cylinder], cylinder) for cylinder in cases
+        }
     failures = [
         sentence
-        for name, one in cases.items()
-        for sentence in told.forced_failures(one, titles[name])
+        for cylinder, response in cases.items()
+        for sentence in forced_text.forced_failures(response, titles[cylinder])
     ]
     response = cases[""]
-    if not any(one.converged.any() for name, one in cases.items() if name):
+    if not any(case.converged.any() for cylinder, case in cases.items() if cylinder):
         cases = {"": response}  # no misfire has an answer to compare with
-    found, judged = (
-        told.readings(response, element),
-        {name: strength(one) for name, one in cases.items()},
-    )
-    worst = told.worst_of(cases, found, judged) if len(cases) > 1 else None
-    parts = [told.forced_text(cases, found, worst, each=bool(element))]
+    readings = forced_text.readings(response, arguments.element)
+    judged = {cylinder: strength(case) for cylinder, case in cases.items()}
+    worst = None
+    if len(cases) > 1:
+        worst = forced_text.worst_of(cases, readings, judged)
+    parts = [
+        forced_text.forced_text(cases, readings, worst, each=bool(arguments.element))
+    ]
     parts += strength_text(
-        {f"With {titles[name]}" if worst else "": one for name, one in judged.items()}
+        {
+            f"With {titles[cylinder]}" if worst else "": case
+            for cylinder, case in judged.items()
+        }
     )
     notes = linear_text.approximations(train, rpm, response)
     parts += remarks_text([*train.topology.notes, *notes])
-    deliver(
-        given,
-        "\n\n".join(parts),
-        json=lambda: (
+    makers = {
+        "json": lambda: (
             not_firing_record(*trains.values())
-            | told.forced_record(cases, found, judged, worst, orders=orders)
+            | forced_text.forced_record(cases, readings, judged, worst, orders=orders)
             | {"notes": notes}
         ),
         # An order that a response does not have has no column there: its amplitude is
         # 0.
-        csv=lambda: rows_csv(told.forced_rows(cases, found, judged), missing=0.0),
-        netcdf=lambda: [as_netcdf(response.to_xarray(orders=orders))],
-        plot=lambda: plot_forced(cases, found, worst),
-    )
-    tell(given, lambda: of_forced(cases, found, judged))
+        "csv": lambda: rows_csv(
+            forced_text.forced_rows(cases, readings, judged), missing=0.0
+        ),
+        "netcdf": lambda: [as_netcdf(response.to_xarray(orders=orders))],
+        "plot": lambda: plot_forced(cases, readings, worst),
+    }
+    deliver(arguments, "\n\n".join(parts), makers)
+    compare(arguments, lambda: of_forced(cases, readings, judged))
     return status(failures)
 
 
-def _constant(train, at, links_at):
+def _constant(
+    train: DriveTrain, at: float | None, links_at: Sequence[tuple[str, float]]
+) -> DriveTrain:
     """The train with links as they are at ``--links-at``, and at the speed of
     ``--at``.
     """
-    given = ({} if at is None else {"rpm": at}) | dict(links_at)
-    return train.with_constant_links(**given) if given else train
+    places = ({} if at is None else {"rpm": at}) | dict(links_at)
+    return train.with_constant_links(**places) if places else train
 
 
-def _with_teeth(at, links_at, rpm, *trains):
-    """Trains with teeth as ``--at`` asks, those of the first: how stiff they are, lines
-    and notes to print below, a record; ``rpm`` are the speeds asked for, None without
-    any.
+@dataclass(frozen=True)
+class _Teeth:
+    """Trains with teeth as ``--at`` says: ``title``, how stiff they are; ``notes`` to
+    print below, and their ``record``.
     """
+
+    trains: list[DriveTrain]
+    title: str
+    notes: list[str]
+    record: dict
+
+
+def _with_teeth(
+    arguments: cli.Modes, rpm: Sequence[float] | None, trains: list[DriveTrain]
+) -> _Teeth:
+    """Trains with teeth in contact, or with the slopes at the mean load of ``--at``;
+    ``rpm`` are the speeds of the command, None without any.
+    """
+    at = arguments.at
     first = trains[0]
-    notes = linear_text.approximations(
+    remarks = linear_text.approximations(
         first, rpm if at is None else [at], closed=at is None
     )
-    record = {"notes": notes}
+    record = {"notes": remarks}
     if at is None:
-        return trains, linear_text.in_contact(first), remarks_text(notes), record
-    load = at_mean_load(_constant(first, at, links_at), rpm=at)
+        title = linear_text.in_contact(first)
+        return _Teeth(trains, title, remarks_text(remarks), record)
+    load = at_mean_load(_constant(first, at, arguments.links_at), rpm=at)
     # Links that vary go on doing so: only the equilibrium needed them constant.
-    made = [
+    linear = [
         dataclasses.replace(
-            linearised(with_slopes(one, load)), meshes=load.train.meshes
+            linearised(with_slopes(train, load)), meshes=load.train.meshes
         )
-        for one in trains
+        for train in trains
     ]
-    told = [linear_text.mean_load_text(load, at), *remarks_text(notes)]
-    return (
-        made,
+    return _Teeth(
+        linear,
         f"teeth at the mean load of {at:g} rpm",
-        told,
+        [linear_text.mean_load_text(load, at), *remarks_text(remarks)],
         linear_text.mean_load_record(load, at) | record,
     )

@@ -5,12 +5,13 @@ computes is in other modules.
 import os
 import sys
 import traceback
+from collections.abc import Callable, Sequence
 
 import click
 from click.shell_completion import get_completion_class, shell_complete
 
 from jaxhb import __version__
-from jaxhb.cli import options
+from jaxhb.cli import arguments as cli, options
 from jaxhb.cli.options import Command, of_elements, of_scenes, option
 from jaxhb.cli.streams import Ended, guarded, tell
 from jaxhb.cli.values import (
@@ -78,7 +79,7 @@ STATUS = (
 )
 
 
-def main(argv=None):
+def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line on words, by default those of the process; its exit status,
     as its help tells it.
 
@@ -92,7 +93,7 @@ def main(argv=None):
     return guarded(lambda: _run(sys.argv[1:] if argv is None else argv))
 
 
-def _run(words):
+def _run(words: Sequence[str]) -> int:
     # Not click's own main: it would end the process on a closed pipe, and turn Ctrl-C
     # into another error.
     try:
@@ -100,8 +101,8 @@ def _run(words):
             return shell_complete(program, {}, PROGRAM, VARIABLE, os.environ[VARIABLE])
         with program.make_context(PROGRAM, list(words), obj=words) as context:
             return program.invoke(context)
-    except click.exceptions.Exit as shown:  # of --help and --version
-        return shown.exit_code
+    except click.exceptions.Exit as ended:  # of --help and --version
+        return ended.exit_code
     except click.UsageError as fault:
         sentence = cut(fault.format_message(), LONGEST_SENTENCE)
         where = fault.ctx.command_path if fault.ctx else PROGRAM
@@ -145,7 +146,7 @@ def _run(words):
         return 3
 
 
-def _folder_is_there():
+def _folder_is_there() -> bool:
     """Whether the working folder was not removed."""
     try:
         os.getcwd()
@@ -159,19 +160,20 @@ class Program(click.Group):
     of all.
     """
 
-    def list_commands(self, ctx):
+    def list_commands(self, ctx: click.Context) -> list[str]:
         """Their names."""
         return list(self.commands)
 
-    def format_epilog(self, ctx, formatter):
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Examples and exit status."""
-        shown = [
+        epilogs = [command.epilog or "" for command in self.commands.values()]
+        examples = [
             line
-            for one in self.commands.values()
-            for line in one.epilog.splitlines()
+            for epilog in epilogs
+            for line in epilog.splitlines()
             if "  jaxhb " in line
         ]
-        formatter.write("\n".join(["", "Examples:", *shown, ""]))
+        formatter.write("\n".join(["", "Examples:", *examples, ""]))
         super().format_epilog(ctx, formatter)
 
 
@@ -193,13 +195,20 @@ def program():
     """
 
 
-def command(status, *examples):
-    """Declare a command: its help ends with examples and what its exit status tells."""
+def command(arguments: type | None, work: str, status: str, *examples: str) -> Callable:
+    """Declare a command: the class of its options, the module that does its work, and
+    the end of its help, which are examples and what its exit status tells.
+    """
     lines = "".join(f"  jaxhb {example}\n" for example in examples)
-    return program.command(cls=Command, epilog=f"\b\nExamples:\n{lines}\n{status}")
+    return program.command(
+        cls=Command,
+        arguments=arguments,
+        work=work,
+        epilog=f"\b\nExamples:\n{lines}\n{status}",
+    )
 
 
-@command(DONE, "new my_engine.toml")
+@command(cli.New, "inputs", DONE, "new my_engine.toml")
 @click.argument(
     "file", metavar="FILE.toml", type=click.Path(), help="the scene to write"
 )
@@ -218,13 +227,17 @@ def new():
     """
 
 
-@command(DONE, "scenes")
+@command(None, "inputs", DONE, "scenes")
 def scenes():
     """List the packaged scenes and what they are."""
 
 
 @command(
-    DONE, "scene six_cylinder_diesel --expand", "scene gear_train_30 --plot train.png"
+    cli.Scene,
+    "inputs",
+    DONE,
+    "scene six_cylinder_diesel --expand",
+    "scene gear_train_30 --plot train.png",
 )
 @options.SCENE_ARGUMENT
 @options.QUIET
@@ -248,7 +261,7 @@ def scene():
     """
 
 
-@command(LINEAR_STATUS, "check my_engine.toml")
+@command(cli.Check, "linear_commands", LINEAR_STATUS, "check my_engine.toml")
 @options.SCENE
 @option(
     "--rpm A:B:COUNT",
@@ -266,7 +279,7 @@ def check():
     """
 
 
-@command(DONE, "modes six_cylinder_diesel")
+@command(cli.Modes, "linear_commands", DONE, "modes six_cylinder_diesel")
 @options.SCENE
 @options.MEAN_LOAD
 @option("--json FILE", "write frequencies and shapes for programs")
@@ -277,7 +290,7 @@ def modes():
     """Natural frequencies in Hz, undamped, and mode shapes."""
 
 
-@command(DONE, "holzer six_cylinder_diesel --mode 1 2")
+@command(cli.Holzer, "linear_commands", DONE, "holzer six_cylinder_diesel --mode 1 2")
 @options.SCENE
 @options.MEAN_LOAD
 @option(
@@ -299,6 +312,8 @@ def holzer():
 
 
 @command(
+    cli.Campbell,
+    "linear_commands",
     LINEAR_STATUS,
     "campbell six_cylinder_diesel --rpm 600:2600 --orders 3,4.5,6,9 --plot"
     " campbell.png",
@@ -337,6 +352,8 @@ def campbell():
 
 
 @command(
+    cli.Forced,
+    "linear_commands",
     LINEAR_STATUS,
     'forced six_cylinder_diesel --rpm 1000:2600:65 --element "cyl6|flywheel" --plot'
     " orders.png",
@@ -363,6 +380,8 @@ def forced():
 
 
 @command(
+    cli.Solve,
+    "commands",
     STATUS,
     "solve gear_train_30 --rpm 1800 --plot cycle.png",
     'solve gear_train_30 --rpm 1800 --misfire "cylinder A1" --set "crank'
@@ -390,7 +409,10 @@ def solve():
 
 
 @command(
-    STATUS, "sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png"
+    cli.Sweep,
+    "commands",
+    STATUS,
+    "sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png",
 )
 @options.SCENE
 @options.RPM
@@ -436,6 +458,8 @@ def sweep():
 
 
 @command(
+    cli.Report,
+    "page_command",
     STATUS,
     'report gear_train_30 --rpm 600,1200,1800,2450 --misfire "cylinder A1" --plot'
     " crank_gear.png",
@@ -484,7 +508,7 @@ def report():
     """
 
 
-@command(SEARCHED, "tune engine_with_damper --plot tuned.png")
+@command(cli.Tune, "commands", SEARCHED, "tune engine_with_damper --plot tuned.png")
 @options.SCENE_OF_TUNING
 @option(
     "--rpm A:B:COUNT",
@@ -518,6 +542,8 @@ def tune():
 
 
 @command(
+    cli.Tolerance,
+    "tolerance_command",
     SEARCHED,
     "tolerance my_engine.toml --rpm 800:2400:17 --samples 200 --plot tolerance.png",
     'tolerance my_engine.toml --rpm 1800 --of "tooth force of crank gear|idler" --csv'
@@ -553,6 +579,8 @@ def tolerance():
 
 
 @command(
+    cli.Phase,
+    "tolerance_command",
     LINEAR_STATUS,
     'phase two_engines.toml --rpm 200:700:51 --of "shaft torque of line" --csv'
     " phases.csv",
@@ -573,11 +601,7 @@ def tolerance():
     "phases of the scan (default: 24; without backlash 16 for each harmonic)",
     whole,
 )
-@option(
-    "--json FILE",
-    "all numbers in full precision, SI units; -: on standard output instead of the"
-    " tables",
-)
+@options.JSON
 @option("--csv FILE", "write one row per speed and quantity for spreadsheets, SI units")
 def phase():
     """Two engines on one gear: the worst angle between them.
@@ -589,6 +613,8 @@ def phase():
 
 
 @command(
+    cli.Identify,
+    "identify_command",
     FITTED,
     'identify my_engine.toml measured.csv --fit "cyl6|flywheel.stiffness=1e6:4e6"'
     " --output fitted.toml",
@@ -621,11 +647,7 @@ def phase():
     "--output FILE.toml",
     "write the scene with the fitted numbers and their [tolerance]",
 )
-@option(
-    "--json FILE",
-    "all numbers in full precision, SI units; -: on standard output instead of the"
-    " tables",
-)
+@options.JSON
 @options.plot("what was measured and what is computed over the speed")
 def identify():
     """Which stiffness, damping or cylinder explains a measurement?
@@ -636,7 +658,7 @@ def identify():
     """
 
 
-SHELLS = "bash", "zsh", "fish", "powershell"
+SHELLS = ("bash", "zsh", "fish", "powershell")
 
 
 @program.command(epilog=DONE)
@@ -647,15 +669,15 @@ SHELLS = "bash", "zsh", "fish", "powershell"
     type=click.Choice(SHELLS),
     help=", ".join(SHELLS),
 )
-def completion(shell):
+def completion(shell: str) -> int:
     """Print what makes a shell complete commands, options and names.
 
     In ~/.bashrc: eval "$(jaxhb completion bash)"; for fish: jaxhb completion fish |
     source.
     """
-    click.echo(
-        get_completion_class(shell)(program, {}, PROGRAM, VARIABLE).source(), nl=False
-    )
+    completer = get_completion_class(shell)
+    assert completer is not None  # every one of SHELLS has one
+    click.echo(completer(program, {}, PROGRAM, VARIABLE).source(), nl=False)
     return 0
 
 

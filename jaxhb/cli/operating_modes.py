@@ -3,265 +3,274 @@ installation: one after the other, their numbers in one file, and for every quan
 mode in which it is largest.
 """
 
+from __future__ import annotations
+
 import csv
+import dataclasses
 import itertools
 import json
 import re
 import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from jaxhb.cli import inputs
+from jaxhb.cli import arguments as cli
+from jaxhb.cli.inputs import check_files
 from jaxhb.report.files import output
 from jaxhb.scene.csv_tables import unguarded
 from jaxhb.scene.files import load_scene
+from jaxhb.train.drivetrain import DriveTrain
+
+if TYPE_CHECKING:
+    from jaxhb.report.files.compared import Compared
 
 EVERY = "all"
 AS_WRITTEN = "as written"
 EACH = "each"
-OWN_FILES = (
-    "plot",
-    "netcdf",
-    "html",
-    "trace",
-    "folder",
-)  # options whose file each mode has for itself
+SEPARATE = ("plot", "netcdf", "html", "trace", "folder")
+"""Arguments that are files of which each mode has one."""
+
+MERGED = ("json", "csv")
+"""Arguments that are files which hold all modes."""
 
 
-def modes(given):
-    """The scenarios that are asked for, None for the scene as written; and their
-    titles.
+def modes(arguments: cli.Changed) -> dict[str, str | None]:
+    """The scenarios that are asked for by their titles, None for the scene as
+    written.
     """
-    asked = list(dict.fromkeys(given.get("scenario") or ()))
-    if EVERY in asked:
-        known = load_scene(given["scene"]).scenarios
-        if EVERY not in known:
-            if len(asked) > 1 or not known:
-                why = (
-                    "takes all there are. Leave out the other --scenario"
-                    if known
-                    else "the scene has no scenario"
+    if not isinstance(arguments, cli.Computed):
+        return {AS_WRITTEN: None}
+    chosen: list[str | None] = list(dict.fromkeys(arguments.scenarios))
+    if EVERY in chosen:
+        scenarios = load_scene(arguments.scene).scenarios
+        if EVERY not in scenarios:
+            if not scenarios:
+                raise output.OutputError(
+                    f"--scenario {EVERY}: the scene has no scenario."
                 )
-                raise output.OutputError(f"--scenario {EVERY}: {why}.")
-            asked = [None, *known]
-    return {name or AS_WRITTEN: name for name in asked or [None]}
+            if len(chosen) > 1:
+                raise output.OutputError(
+                    f"--scenario {EVERY}: takes all there are. Leave out the other"
+                    " --scenario."
+                )
+            chosen = [None, *scenarios]
+    return {name or AS_WRITTEN: name for name in chosen or [None]}
 
 
-def each(run, given, asked, read):
-    """``run(train, given)`` of a command for every mode of :func:`modes`; its exit
+def each(
+    run: Callable[[DriveTrain, Any], int],
+    arguments: Any,
+    scenarios: Mapping[str, str | None],
+    read: Callable[[Any], DriveTrain],
+) -> int:
+    """``run(train, arguments)`` of a command for every mode of :func:`modes`; its exit
     status, the highest of all.
 
     JSON and CSV files hold all modes, other files have the mode in their name.
     """
-    if given.get("measured"):
+    if isinstance(arguments, cli.Identify):
         raise output.OutputError(
             "--scenario: a measurement was taken in one of them. Name one."
         )
-    inputs._check_files(given)
-    merged = [option for option in ("json", "csv") if option in given]
-    streamed = output.STANDARD_OUTPUT in [
-        given.get(option) for option in (*merged, "trace")
-    ]
-    if given.get("trace") == output.STANDARD_OUTPUT:
+    check_files(arguments)
+    trace = getattr(arguments, "trace", None)
+    if trace == output.STANDARD_OUTPUT:
         raise output.OutputError(
             "--trace: each scenario has a file of its own. Give a name."
         )
+    skipped = _skipped(arguments, scenarios)
+    if len(skipped) == len(scenarios):
+        reasons = [f"--scenario {title!r}: {why}" for title, why in skipped.items()]
+        raise output.OutputError("; ".join(reasons))
+    merged = {name: getattr(arguments, name, None) for name in MERGED}
+    quiet = arguments.quiet or output.STANDARD_OUTPUT in merged.values()
     with tempfile.TemporaryDirectory() as folder:
-        own = {}
-        status = []
-        skipped = _skipped(given, asked)
-        if len(skipped) == len(asked):
-            raise output.OutputError(
-                "; ".join(
-                    f"--scenario {title!r}: {why}" for title, why in skipped.items()
-                )
-            )
-        for k, (title, name) in enumerate(asked.items()):
+        by_title = {}
+        for number, (title, name) in enumerate(scenarios.items()):
             if title in skipped:
                 continue
             files = {
-                option: _named(given[option], title)
-                for option in OWN_FILES
-                if given.get(option)
+                option: _with_title(path, title)
+                for option in SEPARATE
+                if (path := getattr(arguments, option, None))
             }
             files |= {
-                option: f"{folder}/{k}.{option}" for option in merged if given[option]
+                option: f"{folder}/{number}.{option}"
+                for option, path in merged.items()
+                if path
             }
-            own[title] = (
-                given
-                | files
-                | {
-                    "scenario": name,
-                    "quiet": given["quiet"] or streamed,
-                    "compared": [],
-                }
+            by_title[title] = dataclasses.replace(
+                arguments, **files, scenario=name, quiet=quiet, compared=[]
             )
         # What one of them refuses is refused before the first is computed.
-        trains = {title: read(changed) for title, changed in own.items()}
+        trains = {}
+        for title, one_mode in by_title.items():
+            check_files(one_mode)
+            trains[title] = read(one_mode)
+        statuses: list[int] = []
         try:
-            for title, changed in own.items():
-                if not changed["quiet"]:
-                    print(
-                        *["\n"] * bool(status),
-                        f"Mode: {title}\n\n",
-                        sep="",
-                        end="",
-                        flush=True,
-                    )
-                status.append(run(trains[title], changed))
+            for title, one_mode in by_title.items():
+                if not quiet:
+                    gap = "\n\n" if statuses else ""
+                    print(f"{gap}Mode: {title}\n\n", end="", flush=True)
+                statuses.append(run(trains[title], one_mode))
         except KeyboardInterrupt as stop:
-            done = dict(itertools.islice(own.items(), len(status)))
-            files = ", ".join(_write(given, done, skipped)[1]) if done else ""
-            kept = f": their numbers are in {files}" if files else ""
-            stop.__notes__ = [f"{len(status)} of {len(own)} modes are done{kept}"]
+            done = dict(itertools.islice(by_title.items(), len(statuses)))
+            numbers = ""
+            if done:
+                written = _write(arguments, done, skipped, _worst(done))
+                numbers = f": their numbers are in {', '.join(written)}" * bool(written)
+            stop.__notes__ = [
+                f"{len(statuses)} of {len(by_title)} modes are done{numbers}"
+            ]
             raise
-        worst, _ = _write(given, own, skipped)
-    if not (given["quiet"] or streamed):
+        worst = _worst(by_title)
+        _write(arguments, by_title, skipped, worst)
+    if not quiet:
         parts = [f"Skipped: {title}, {why}" for title, why in skipped.items()]
-        parts += [_table(worst)] if worst else []
+        if worst:
+            parts.append(_table(worst))
         print("".join(f"\n{part}\n" for part in parts), end="")
-    return max(status)
+    return max(statuses)
 
 
-def _skipped(given, asked):
+def _skipped(
+    arguments: cli.Computed, scenarios: Mapping[str, str | None]
+) -> dict[str, str]:
     """Modes that lack what an option names, or in which no cylinder fires though
     ``each`` asks for one, and why.
     """
-    whole = load_scene(given["scene"])
+    whole = load_scene(arguments.scene)
+    in_turn = isinstance(arguments, cli.Firing) and EACH in (
+        *arguments.misfire,
+        *arguments.cut_off,
+    )
     skipped = {}
-    for title, name in asked.items():
+    for title, name in scenarios.items():
         train = whole if name is None else whole.scenario(name)
         lacking = [
             (option, element)
-            for option, element in _named_elements(given)
+            for option, element in _named_elements(arguments)
             if element in whole.topology.elements
             and element not in train.topology.elements
         ]
         if lacking:
             option, element = lacking[0]
             skipped[title] = f"which has no {element!r} that {option} names."
-        elif (
-            EACH in (*given.get("misfire", ()), *given.get("cut_off", ()))
-            and not train.topology.firing_cylinders
-        ):
+        elif in_turn and not train.topology.firing_cylinders:
             skipped[title] = "in which no cylinder fires."
     return skipped
 
 
-def _named_elements(given):
+def _named_elements(arguments: cli.Computed) -> Iterator[tuple[str, str]]:
     """Elements that options of a command name, (option, element)."""
-    for option in ("misfire", "cut_off", "element"):
-        yield from (
-            (f"--{option.replace('_', '-')}", name) for name in given.get(option) or ()
-        )
-    yield from (
-        ("--of", str(name).rpartition(" of ")[2]) for name in given.get("of") or ()
-    )
-    yield from (
-        (f"--{option}", given[key])
-        for option, key in (("gear", "gear"), ("phase", "name"))
-        if given.get(key)
-    )
-    settings = [("--set", key) for key, _ in given.get("set") or ()]
-    settings += [("--over", given["over"][0])] if given.get("over") else []
+    for name in ("misfire", "cut_off", "element"):
+        for element in getattr(arguments, name, ()):
+            yield f"--{name.replace('_', '-')}", element
+    for quantity in getattr(arguments, "of", ()):
+        yield "--of", str(quantity).rpartition(" of ")[2]
+    for option, name in (("--gear", "gear"), ("--phase", "name")):
+        element = getattr(arguments, name, None)
+        if element:
+            yield option, element
+    settings = [("--set", key) for key, _ in arguments.set]
+    if isinstance(arguments, cli.Sweep) and arguments.over:
+        settings.append(("--over", arguments.over[0]))
     for option, key in settings:
-        name = key.rpartition(".")[0]
-        yield option, name.removesuffix(".combustion").removesuffix(".traces")
+        element = key.rpartition(".")[0]
+        yield option, element.removesuffix(".combustion").removesuffix(".traces")
 
 
-def _write(given, own, skipped):
-    """Write JSON and CSV of modes that are done; the largest values of all, and the
-    files written.
+def _write(
+    arguments: Any,
+    by_title: Mapping[str, Any],
+    skipped: Mapping[str, str],
+    worst: Mapping[str, Mapping],
+) -> list[str]:
+    """Write JSON and CSV of modes that are done, and the largest values of all; the
+    names of the files.
     """
-    worst = _worst({title: changed["compared"] for title, changed in own.items()})
-    contents = {}
-    if given.get("csv"):
-        rows = {}
-        for title, changed in own.items():
-            with Path(changed["csv"]).open(encoding="utf-8", newline="") as text:
-                heads, *lines = (
+    contents: dict[str, Iterable[bytes]] = {}
+    if getattr(arguments, "csv", None):
+        heads: dict[str, None] = {}
+        rows = []
+        for title, one_mode in by_title.items():
+            with Path(one_mode.csv).open(encoding="utf-8", newline="") as text:
+                names, *lines = (
                     [unguarded(cell) for cell in cells] for cells in csv.reader(text)
                 )
-                rows[title] = [dict(zip(heads, cells, strict=True)) for cells in lines]
-        heads = list(
-            dict.fromkeys(
-                head for several in rows.values() for row in several for head in row
-            )
-        )
-        lines = [
-            [title, *map(row.get, heads)]
-            for title, several in rows.items()
-            for row in several
-        ]
-        contents[given["csv"]] = output.as_csv(["scenario", *heads], lines)
-    if given.get("json"):
+            heads |= dict.fromkeys(names)
+            rows += [(title, dict(zip(names, cells, strict=True))) for cells in lines]
+        cells = [[title, *map(row.get, heads)] for title, row in rows]
+        contents[arguments.csv] = output.as_csv(["scenario", *heads], cells)
+    if getattr(arguments, "json", None):
         records = {
-            title: json.loads(Path(one["json"]).read_text("utf-8"))
-            for title, one in own.items()
+            title: json.loads(Path(one_mode.json).read_text("utf-8"))
+            for title, one_mode in by_title.items()
         }
-        contents[given["json"]] = output.as_json(
+        contents[arguments.json] = output.as_json(
             {"scenarios": records, "worst": worst, "skipped": skipped}
         )
     output.write_files(contents)
-    return worst, list(contents)
+    return list(contents)
 
 
-def _named(name, title):
+def _with_title(name: str, title: str) -> str:
     """The name of a file with that of the mode in it."""
     path = Path(name)
-    own = re.sub(r"[^\w.-]+", "_", title)
-    return str(path.with_name(f"{path.stem}_{own}{path.suffix}"))
+    word = re.sub(r"[^\w.-]+", "_", title)
+    return str(path.with_name(f"{path.stem}_{word}{path.suffix}"))
 
 
-def tell(given, compared):
-    """Hand on what is compared over the modes, made by a function, to the table of the
-    largest of all; where the command runs alone nothing is made.
+def compare(arguments: cli.Computed, numbers: Callable[[], Iterable[Compared]]) -> None:
+    """Hand on the numbers that are compared over the modes, made by a function; where
+    the command runs alone nothing is made.
     """
-    if hasattr(given, "compared"):
-        given.compared.extend(compared())
+    if arguments.compared is not None:
+        arguments.compared.extend(numbers())
 
 
-def _worst(compared):
-    """Of every quantity of all modes its largest value, with the mode, the case and the
-    place; ``compared`` are lists of :class:`jaxhb.report.files.compared.Compared` by
-    mode.
+def _worst(by_title: Mapping[str, cli.Computed]) -> dict[str, dict]:
+    """The largest value of every quantity of all modes, with the mode, the case and the
+    place.
     """
-    largest = {}
-    for title, numbers in compared.items():
-        for one in numbers:
-            if one.value > (largest[one.key][1].value if one.key in largest else 0.0):
-                largest[one.key] = title, one
+    largest: dict[str, tuple[str, Compared]] = {}
+    for title, one_mode in by_title.items():
+        for number in one_mode.compared or ():
+            before = largest[number.key][1].value if number.key in largest else 0.0
+            if number.value > before:
+                largest[number.key] = (title, number)
     return {
         key: {
-            "value": one.value,
-            "unit": one.unit,
+            "value": number.value,
+            "unit": number.unit,
             "scenario": title,
-            "case": one.case,
-            one.axis: one.place,
+            "case": number.case,
+            number.axis: number.place,
         }
-        for key, (title, one) in largest.items()
+        for key, (title, number) in largest.items()
     }
 
 
-def _table(worst):
-    """The same for people."""
+def _table(worst: Mapping[str, Mapping]) -> str:
+    """The largest values of all modes, for people."""
     from jaxhb.report.quantities import shown_unit
     from jaxhb.report.text.columns import from_rows, plain_number
 
     lines = []
-    for head, one in worst.items():
-        value, si, mode, case, place = one.values()
-        factor, unit = shown_unit(si)
-        where = f"{mode}, {case}" if case else mode
+    for key, row in worst.items():
+        value, si_unit, mode, case, place = row.values()
+        factor, unit = shown_unit(si_unit)
         lines.append(
             [
-                head.removesuffix(f" {si}"),
+                key.removesuffix(f" {si_unit}"),
                 plain_number(factor * value),
                 unit,
                 f"{place:g}",
-                where,
+                f"{mode}, {case}" if case else mode,
             ]
         )
-    at = f"at {list(worst[head])[-1]}"
-    return from_rows(
-        "Largest over all modes", ["", "value", "unit", at, "mode"], lines, left=(2, 4)
-    )
+    axis = list(row)[-1]
+    heads = ["", "value", "unit", f"at {axis}", "mode"]
+    return from_rows("Largest over all modes", heads, lines, left=(2, 4))

@@ -2,16 +2,19 @@
 what of them is beyond click.
 """
 
+import dataclasses
 import gc
 import importlib
 import os
 import re
+from collections.abc import Callable, Sequence
 from functools import reduce
-from types import SimpleNamespace
+from typing import Any
 
 import click
 from click.shell_completion import BashComplete, CompletionItem, add_completion_class
 
+from jaxhb.cli import arguments as cli
 from jaxhb.cli.values import place, positive, setting, share, whole
 from jaxhb.report.files.output import OutputError
 from jaxhb.train.speeds import read_speed, read_speeds
@@ -23,17 +26,18 @@ class QuotingBash(BashComplete):
     stands after backslashes.
     """
 
-    def format_completion(self, item):
+    def format_completion(self, item: CompletionItem) -> str:
         """One line; bash takes one backslash away when it reads it."""
-        typed = os.environ["COMP_WORDS"].split("\n")[int(os.environ["COMP_CWORD"]) :]
-        quoted = typed and typed[0].startswith(("'", '"'))
-        value = (
-            item.value if quoted else re.sub(r"([^\w./~@%+:=,-])", r"\\\1", item.value)
-        )
+        words = os.environ["COMP_WORDS"].split("\n")[int(os.environ["COMP_CWORD"]) :]
+        value = item.value
+        if not (words and words[0].startswith(("'", '"'))):
+            value = re.sub(r"([^\w./~@%+:=,-])", r"\\\1", value)
         return f"{item.type},{value}".replace("\\", "\\\\")
 
 
-def of_scenes(context, parameter, begun):
+def of_scenes(
+    context: click.Context, parameter: click.Parameter, begun: str
+) -> list[CompletionItem]:
     """Packaged scenes that a word may become, and files where it becomes none."""
     from jaxhb.scene.files import scene_names
 
@@ -41,20 +45,19 @@ def of_scenes(context, parameter, begun):
     return [CompletionItem(begun, type="file"), *names]
 
 
-def of_elements(*tables):
-    """What proposes the names of elements of the scene of the line."""
+def of_elements(*tables: str) -> Callable:
+    """Propose the names of elements of these tables of the scene of the line."""
 
-    def names(context, parameter, begun):
+    def names(
+        context: click.Context, parameter: click.Parameter, begun: str
+    ) -> list[str]:
         from jaxhb.elements.elements import SceneError
         from jaxhb.scene.files import load_scene
 
         try:
             elements = load_scene(context.params["scene"]).topology.elements
-        except (
-            SceneError,
-            OSError,
-            TypeError,
-        ):  # there is none on the line, or none that can be read
+        except (SceneError, OSError, TypeError):
+            # There is none on the line, or none that can be read.
             return []
         return [
             name
@@ -65,22 +68,10 @@ def of_elements(*tables):
     return names
 
 
-OWN_LINKS = (
-    "check",
-    "modes",
-    "holzer",
-    "campbell",
-)  # see to --links-at themselves, at speeds of their own
-MODULES = dict.fromkeys(("new", "scenes", "scene"), "inputs") | dict.fromkeys(
-    ("solve", "sweep", "tune"), "commands"
-)
-MODULES |= {
-    "report": "page_command",
-    "tolerance": "tolerance_command",
-    "identify": "identify_command",
-    "phase": "tolerance_command",
-}  # where the work is; of the others in linear_commands.py
-SPEEDS = "--rpm", "--speed", "--speeds"
+CONSTANT_LINKS_BY_THEMSELVES = ("check", "modes", "holzer", "campbell")
+"""Commands that see to --links-at themselves, at speeds of their own."""
+
+SPEEDS = ("--rpm", "--speed", "--speeds")
 NO_SPEED = (
     "Natural frequencies do not depend on the speed; --at R takes the teeth as under"
     " the mean load of R rpm."
@@ -93,118 +84,135 @@ class Command(click.Command):
     """A command that takes no option for a value, reads ``--mode 1 2``, and knows under
     which words a speed may stand.
 
-    Its work is the function of its name in a module of this folder, imported when it
-    runs.
+    ``work`` is the module of this folder that has the function of its name, imported
+    when it runs; ``arguments`` the class of :mod:`jaxhb.cli.arguments` that holds its
+    options.
     """
 
-    def invoke(self, ctx):
-        """The exit status of that function: of the options, and but for those of
-        inputs.py of the train first.
-        """
+    def __init__(self, name: str, *, work: str, arguments: type | None, **options: Any):
+        super().__init__(name, **options)
+        self.function_name = name
+        self.work = work
+        self.arguments = arguments
+
+    def invoke(self, ctx: click.Context) -> int:
+        """Run the function of the command; its exit status."""
         from jaxhb.cli import inputs, operating_modes
 
-        given, module = ctx.params, MODULES.get(self.name, "linear_commands")
         for first, second in (("hz", "mode"), ("tuned", "tune")):
-            if given.get(first) and given.get(second):
+            if ctx.params.get(first) and ctx.params.get(second):
                 raise click.UsageError(
                     f"--{first} and --{second} exclude each other.", ctx
                 )
-        if module == "inputs":
-            return getattr(inputs, self.name)(**given)
-        asked = operating_modes.modes(given)
-
-        def read(given):
-            return inputs.read(given, self.name not in OWN_LINKS)
-
-        given = given | (
-            {"scenario": [*asked.values()][0]}
-            if len(asked) == 1 and "scenario" in given
-            else {}
+        if self.arguments is None:
+            return getattr(inputs, self.function_name)()
+        arguments = self.arguments(**ctx.params)
+        if not isinstance(arguments, cli.Changed):
+            return getattr(inputs, self.function_name)(arguments)
+        scenarios = operating_modes.modes(arguments)
+        constant_links = self.name not in CONSTANT_LINKS_BY_THEMSELVES
+        train = None
+        if len(scenarios) == 1:
+            if isinstance(arguments, cli.Computed):
+                (scenario,) = scenarios.values()
+                arguments = dataclasses.replace(arguments, scenario=scenario)
+            if isinstance(arguments, cli.Tune):
+                arguments = inputs.checked_tuning(arguments)
+            else:
+                inputs.check_files(arguments)
+            # It takes a fraction of the time of importing jax.
+            train = inputs.read(arguments, constant_links)
+        _prepare_to_compute()
+        function = getattr(
+            importlib.import_module(f"jaxhb.cli.{self.work}"), self.function_name
         )
-        train = (
-            read(given) if len(asked) == 1 else None
-        )  # takes a fraction of the time of importing jax
-        from jaxhb._jax import too_little_memory
-
-        refusal = too_little_memory()
-        if refusal:
-            raise OutputError(refusal)
-        from jaxhb._program import keep_programs
-        from jaxhb._store import user_folder
-
-        keep_programs(user_folder())
-        # With Python's 700 or so new objects between collections these take a third of
-        # the time of tracing.
-        gc.set_threshold(50_000)
-        function = getattr(importlib.import_module(f"jaxhb.cli.{module}"), self.name)
-
-        def run(train, given):
-            return function(train, SimpleNamespace(**given), **given)
-
         if train is not None:
-            return run(train, given)
+            return function(train, arguments)
         from jaxhb.cli.resume import as_one
 
         with as_one():
-            return operating_modes.each(run, given, asked, read)
+            return operating_modes.each(
+                function,
+                arguments,
+                scenarios,
+                lambda one_mode: inputs.read(one_mode, constant_links),
+            )
 
-    def parse_args(self, ctx, args):
-        """As click, but for what the class says; every fault knows its command."""
-        options = [
-            one
-            for one in self.params
-            if isinstance(one, click.Option) and not one.is_flag
-        ]
-        valued = {name: one for one in options for name in one.opts}
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse as click does, but for what the class says; every fault knows its
+        command.
+        """
+        valued = {
+            name: parameter
+            for parameter in self.params
+            if isinstance(parameter, click.Option) and not parameter.is_flag
+            for name in parameter.opts
+        }
         if ctx.resilient_parsing and args and args[-1] in valued:
-            args = args[
-                :-1
-                # Its value is being completed, by the scene, of which click would not
-                # know then
-            ]
-        words = []
-        several = None
+            # Its value is being completed, by the scene, of which click would not know.
+            args = args[:-1]
         try:
-            for word in args:
-                if word.startswith("--"):
-                    if words and words[-1] in valued and not ctx.resilient_parsing:
-                        raise click.BadOptionUsage(
-                            words[-1], f"Option {words[-1]!r} requires an argument."
-                        )
-                    several = (
-                        word
-                        if word in valued and valued[word].metavar.endswith(MORE)
-                        else None
-                    )
-                elif several and words[-1] != several:
-                    words.append(several)
-                words.append(word)
-            return super().parse_args(ctx, words)
+            return super().parse_args(ctx, _spread(args, valued, ctx))
         except click.UsageError as fault:
             fault.ctx = fault.ctx or ctx
-            meant = (
-                "Did you mean '--rpm'?"
-                if "--rpm" in valued
-                else NO_SPEED
-                if "--at" in valued
-                else ""
-            )
-            if (
-                meant
-                and isinstance(fault, click.NoSuchOption)
-                and fault.option_name in SPEEDS
-            ):
-                fault.message = f"{fault.message} {meant}"
-                fault.possibilities = None
+            if isinstance(fault, click.NoSuchOption) and fault.option_name in SPEEDS:
+                advice = NO_SPEED if "--at" in valued else ""
+                if "--rpm" in valued:
+                    advice = "Did you mean '--rpm'?"
+                if advice:
+                    message = f"{fault.message} {advice}"
+                    raise click.NoSuchOption(
+                        fault.option_name, message, ctx=fault.ctx
+                    ) from None
             raise
 
 
-def _reader(read):
+def _spread(
+    args: Sequence[str], valued: dict[str, click.Option], ctx: click.Context
+) -> list[str]:
+    """Words as click takes them: ``--mode 1 2`` becomes ``--mode 1 --mode 2``; an
+    option without its value is a fault.
+    """
+    words: list[str] = []
+    several = None
+    for word in args:
+        if word.startswith("--"):
+            if words and words[-1] in valued and not ctx.resilient_parsing:
+                raise click.BadOptionUsage(
+                    words[-1], f"Option {words[-1]!r} requires an argument."
+                )
+            metavar = valued[word].metavar if word in valued else None
+            several = word if metavar and metavar.endswith(MORE) else None
+        elif several and words[-1] != several:
+            words.append(several)
+        words.append(word)
+    return words
+
+
+def _prepare_to_compute() -> None:
+    """Refuse where memory is too little, and set what must be set before jax is
+    imported.
+    """
+    from jaxhb._jax import too_little_memory
+
+    refusal = too_little_memory()
+    if refusal:
+        raise OutputError(refusal)
+    from jaxhb._program import keep_programs
+    from jaxhb._store import user_folder
+
+    keep_programs(user_folder())
+    # With Python's 700 or so new objects between collections these take a third of the
+    # time of tracing.
+    gc.set_threshold(50_000)
+
+
+def _reader(read: Callable[[str], Any]) -> Callable[[str], Any]:
     """A type of click from a function of a word, whose ValueError says what is
     wrong.
     """
 
-    def value(word):
+    def value(word: str) -> Any:
         try:
             return read(word)
         except ValueError as error:
@@ -213,27 +221,41 @@ def _reader(read):
     return value
 
 
-def option(spelled, text, read=None, *, to=None, **more):
+def option(
+    spelled: str,
+    text: str,
+    read: Callable[[str], Any] | Sequence[str] | None = None,
+    *,
+    to: str | None = None,
+    **more: Any,
+) -> Callable:
     """An option as its help spells it, ``--rpm A:B:COUNT``, without a second word a
     switch; named ``to`` in Python.
 
-    ``read`` is a function of the word or a sequence of words to choose from. Where they
-    name files the shell completes them.
+    ``read`` is a function of the word or a sequence of words to choose from; ``more``
+    goes to click. Where they name files the shell completes them.
     """
     name, _, metavar = spelled.partition(" ")
     if metavar.startswith(("FILE", "DIR")):
         more["type"] = click.Path()
+    elif callable(read):
+        more["type"] = _reader(read)
     elif read is not None:
-        more["type"] = _reader(read) if callable(read) else click.Choice(read)
-    more |= {"metavar": metavar} if metavar else {"is_flag": True}
-    more |= {"multiple": True} if metavar.endswith(MORE) else {}
-    return click.option(*filter(None, (name, to)), help=text, **more)
+        more["type"] = click.Choice(read)
+    if metavar:
+        more["metavar"] = metavar
+    else:
+        more["is_flag"] = True
+    if metavar.endswith(MORE):
+        more["multiple"] = True
+    names = (name,) if to is None else (name, to)
+    return click.option(*names, help=text, **more)
 
 
-def together(*options):
+def together(*options: Callable) -> Callable:
     """One decorator of several options, shown in this order."""
     return lambda function: reduce(
-        lambda made, one: one(made), reversed(options), function
+        lambda decorated, option: option(decorated), reversed(options), function
     )
 
 
@@ -260,6 +282,7 @@ SCENE = together(
         "--scenario NAME",
         "take what [scenario.NAME] of the scene changes; may be repeated, and all:"
         " every one in turn, in which each quantity is largest",
+        to="scenarios",
         multiple=True,
     ),
     option(
@@ -319,64 +342,67 @@ GEAR = option(
 )
 
 
-def misfire(more=""):
+def misfire(more: str = "") -> Callable:
     """Cylinders that do not fire, and that are cut off."""
-    named = {"multiple": True, "shell_complete": of_elements("cylinder")}
-    without_injection = (
-        "this cylinder does not fire: no injection, compression stays (as rules of"
-        " classification ask)"
-    )
-    without_gas = (
-        "this cylinder has no gas torque at all, neither of combustion nor of"
-        " compression"
-    )
+    cylinders = of_elements("cylinder")
     return together(
         option(
-            "--misfire CYLINDER", f"{without_injection}; may be repeated{more}", **named
+            "--misfire CYLINDER",
+            "this cylinder does not fire: no injection, compression stays (as rules of"
+            f" classification ask); may be repeated{more}",
+            multiple=True,
+            shell_complete=cylinders,
         ),
-        option("--cut-off CYLINDER", f"{without_gas}; may be repeated{more}", **named),
+        option(
+            "--cut-off CYLINDER",
+            "this cylinder has no gas torque at all, neither of combustion nor of"
+            f" compression; may be repeated{more}",
+            multiple=True,
+            shell_complete=cylinders,
+        ),
     )
 
 
 EACH_MISFIRE = misfire("; each: every cylinder in turn, and which is the worst")
 
 
-def certify(where=""):
+def certify(where: str = "") -> Callable:
     """A computed bound."""
-    text = (
+    return option(
+        "--certify",
         f"a computed bound on how far off tooth forces can be{where}: double precision,"
-        " no proof; half a minute"
+        " no proof; half a minute",
     )
-    return option("--certify", text)
 
 
-def plot(picture):
+def plot(picture: str) -> Callable:
     """A picture."""
     return option(
         "--plot FILE.png", f"draw {picture} (.png, .svg, .pdf; needs jaxhb[plot])"
     )
 
 
-def files(picture, *, spectra=True):
+JSON = option(
+    "--json FILE",
+    "all numbers in full precision, SI units; -: on standard output instead of the"
+    " tables",
+)
+ORDERS = option(
+    "--orders M",
+    "list amplitudes in files up to this order (default: all; of a sweep none)",
+    positive,
+)
+CSV = option("--csv FILE", "write one row per answer for spreadsheets, SI units")
+NETCDF = option(
+    "--netcdf FILE.nc",
+    "write labelled arrays (xarray, ncview, MATLAB, ...; needs jaxhb[data])",
+)
+
+
+def files(picture: str, *, spectra: bool = True) -> Callable:
     """Files of numbers, where ``spectra`` are among them with an option of their own,
     and a picture.
     """
-    orders = option(
-        "--orders M",
-        "list amplitudes in files up to this order (default: all; of a sweep none)",
-        positive,
-    )
-    return together(
-        option(
-            "--json FILE",
-            "all numbers in full precision, SI units; -: on standard output instead of"
-            " the tables",
-        ),
-        *([orders] if spectra else []),
-        plot(picture),
-        option("--csv FILE", "write one row per answer for spreadsheets, SI units"),
-        option(
-            "--netcdf FILE.nc",
-            "write labelled arrays (xarray, ncview, MATLAB, ...; needs jaxhb[data])",
-        ),
-    )
+    if spectra:
+        return together(JSON, ORDERS, plot(picture), CSV, NETCDF)
+    return together(JSON, plot(picture), CSV, NETCDF)

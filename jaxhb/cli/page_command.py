@@ -6,21 +6,26 @@ import dataclasses
 import hashlib
 import platform
 import shlex
+from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import click
 
 from jaxhb import __version__
+from jaxhb.cli import arguments as cli
 from jaxhb.cli.commands import EACH, check_files, misfire_trains, status
-from jaxhb.cli.operating_modes import tell
+from jaxhb.cli.operating_modes import compare
 from jaxhb.cli.progress import Progress
-from jaxhb.cli.resume import GOES_ON, Kept
+from jaxhb.cli.resume import Unfinished
 from jaxhb.design.table import read_table
 from jaxhb.design.tolerances import read_tolerances
 from jaxhb.design.worst_case import tolerance as search
 from jaxhb.elements.elements import TABLES, table_of
+from jaxhb.report.answer import Case
 from jaxhb.report.compute import Asked, certificate_of, check_spread, solve_cases
 from jaxhb.report.figures.cycle import plot_cycle
 from jaxhb.report.figures.speeds import tolerance_figures
@@ -35,7 +40,7 @@ from jaxhb.report.files.output import (
 )
 from jaxhb.report.page.parts import Report, shown_misfire
 from jaxhb.report.selection import case_title, cylinder_of, idle_title
-from jaxhb.report.text import cases as told
+from jaxhb.report.text import cases as case_text
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.tolerances import tolerance_parts
 from jaxhb.report.text.tuned import tuned_parts
@@ -45,225 +50,331 @@ from jaxhb.scene.input_files import read_bytes
 from jaxhb.scene.writer import element_files, elements_of, scene_text
 from jaxhb.solutions.misfires import alike
 from jaxhb.train.changes import scene_values
+from jaxhb.train.drivetrain import DriveTrain
 
 SECOND = "second design"
 TUNED = "tuned design"
 SAMPLE = 100  # trains within the tolerances
 
 
-def report(train, given, rpm, at, orders, gear, plot, certify, tune, html, quiet, **_):
+@dataclass(frozen=True)
+class _Computed:
+    """Everything that a report computes.
+
+    place : number of the speed that is shown in full; seconds : cases of a second
+    design; tuning, tolerances : words, tables and figures on how it was tuned and on
+    what the tolerances do
+    """
+
+    cases: list[Case]
+    place: int
+    seconds: list[Case]
+    tuning: tuple
+    tolerances: tuple
+
+
+def report(train: DriveTrain, arguments: cli.Report) -> int:
     """Several speeds, normal and misfiring, with backlash and without."""
-    check_files(train, given)
+    rpm = arguments.rpm
+    at = arguments.at
+    check_files(train, arguments)
     if at is not None and at not in rpm:
         raise OutputError(
             f"--at: {at:g} rpm is not one of the speeds of --rpm. Add it."
         )
-    other, trains = _checked_page(train, given), misfire_trains(train, given, each=True)
-    each, misfire = len(trains) > 1, given.misfire or given.cut_off
-    trains = {case_title(one, cylinder): one for cylinder, one in trains.items()}
+    second = _checked_page(train, arguments)
+    trains = misfire_trains(train, arguments, each=True)
+    each = len(trains) > 1
+    misfire = bool(arguments.misfire or arguments.cut_off)
     if misfire and not each:
-        limping = next(iter(trains.values()))
-        trains = {case_title(train): train, idle_title(limping.topology): limping}
+        (misfiring,) = trains.values()
+        cases = {case_title(train): train, idle_title(misfiring.topology): misfiring}
+    else:
+        cases = {case_title(case, cylinder): case for cylinder, case in trains.items()}
     # A computed bound takes half a minute: only the speed that is shown in full gets
     # one, at the end.
-    asked, designs = (
-        dataclasses.replace(Asked.of(given), certify=False),
-        [*trains.values(), *filter(None, [other])],
-    )
-    kept = Kept(designs, ("report", rpm, asked))
-
-    def compute(folder):
-        tell = {"say": progress.say, "advance": progress.advance}
-        cases = solve_cases(trains, rpm, asked, folder=folder, **tell)
-        found = told.hardest_of(cases[:1]) if at is None else None
-        place = found.place if found else rpm.index(at) if at is not None else 0
-        for answers in [case.answers for case in cases] if certify else []:
-            certificate = certificate_of(answers[place], progress.say)
-            answers[place] = dataclasses.replace(
-                answers[place], certificate=certificate
-            )
-        second, tuning = (
-            _tuned(train, progress, place_in(folder, TUNED)) if tune else (other, ())
+    question = dataclasses.replace(Asked.of(arguments), certify=False)
+    designs = [*cases.values(), *([] if second is None else [second])]
+    unfinished = Unfinished(designs, ("report", rpm, question))
+    second_designs = 1 + misfire if second is not None or arguments.tune else 0
+    runs = len(cases) + second_designs
+    with Progress(runs * len(rpm), quiet=arguments.quiet) as progress:
+        computed = unfinished.run(
+            lambda folder: _compute(
+                train, cases, second, arguments, question, progress, folder
+            ),
+            unfinished.left,
         )
-        shown = shown_misfire(cases)
-        designs = _second_designs(second, shown, given, each) if second else {}
-        own = place_in(folder, "of the tuned design" if tune else SECOND)
-        known = (
-            _tolerances(train, rpm, given, progress.say, place_in(folder, "tolerances"))
-            if given.tolerances
-            else ()
-        )
-        return (
-            cases,
-            place,
-            solve_cases(designs, rpm, asked, folder=own, **tell),
-            tuning,
-            known,
-        )
-
-    runs = len(designs) + tune + bool(misfire and (other or tune))
-    with Progress(runs * len(rpm), quiet=quiet) as progress:
-        left = f"no file is written, but what was found is kept; {GOES_ON}"
-        cases, place, seconds, *beside = kept.run(
-            compute, lambda: left if kept.folder else "nothing more is written"
-        )
-    worst, whole = {}, True
+    worst = {}
     if each:
         worst = {
-            "worst_misfire": told.worst_misfire(cases),
-            "worst_misfires": told.worst_misfires(cases),
+            "worst_misfire": case_text.worst_misfire(computed.cases),
+            "worst_misfires": case_text.worst_misfires(computed.cases),
         }
-    if html:
+        text = case_text.misfires_text(computed.cases)
+    else:
+        text = case_text.cases_text(computed.cases)
+    page = None
+    whole = True
+    if arguments.html:
         from jaxhb.report.page.page import as_page
 
-        page, whole = as_page(_report_of(given, cases, place, seconds, *beside))
-    deliver(
-        given,
-        "\n\n".join(
-            filter(
-                None,
-                [
-                    told.misfires_text(cases) if each else told.cases_text(cases),
-                    second_text(cases, seconds),
-                ],
+        page, whole = as_page(_report_of(arguments, computed))
+    _deliver(arguments, text, cases, computed, worst, page)
+    unfinished.forget()
+    answers = [answer for case in computed.cases for answer in case.answers]
+    exit_status = status(warnings(answers))
+    return exit_status if whole else NOT_ANSWERED
+
+
+def _compute(
+    train: DriveTrain,
+    trains: dict[str, DriveTrain],
+    second: DriveTrain | None,
+    arguments: cli.Report,
+    question: Asked,
+    progress: Progress,
+    folder: Any,
+) -> _Computed:
+    """Answer all cases of both designs, those of the ``train`` in ``trains`` by their
+    titles; answers are kept in the ``folder``.
+    """
+    rpm = arguments.rpm
+    cases = solve_cases(
+        trains,
+        rpm,
+        question,
+        folder=folder,
+        say=progress.say,
+        advance=progress.advance,
+    )
+    hardest = case_text.hardest_of(cases[:1])
+    if arguments.at is not None:
+        place = rpm.index(arguments.at)
+    else:
+        place = hardest.place if hardest else 0
+    if arguments.certify:
+        for case in cases:
+            certificate = certificate_of(case.answers[place], progress.say)
+            case.answers[place] = dataclasses.replace(
+                case.answers[place], certificate=certificate
             )
-        ),
-        json=lambda: (
+    tuning: tuple = ()
+    if arguments.tune:
+        second, tuning = _tuned(train, progress, place_in(folder, TUNED))
+    designs = {}
+    if second is not None:
+        designs = _second_designs(second, shown_misfire(cases), arguments)
+    tolerances: tuple = ()
+    if arguments.tolerances:
+        tolerances = _tolerances(
+            train, arguments, progress.say, place_in(folder, "tolerances")
+        )
+    second_folder = "of the tuned design" if arguments.tune else SECOND
+    seconds = solve_cases(
+        designs,
+        rpm,
+        question,
+        folder=place_in(folder, second_folder),
+        say=progress.say,
+        advance=progress.advance,
+    )
+    return _Computed(cases, place, seconds, tuning, tolerances)
+
+
+def _deliver(
+    arguments: cli.Report,
+    text: str,
+    trains: dict[str, DriveTrain],
+    computed: _Computed,
+    worst: dict,
+    page: Any,
+) -> None:
+    """Write and print what was computed."""
+    cases = computed.cases
+    orders = arguments.orders
+    answers = {case.title: case.answers for case in cases}
+    makers = {
+        "json": lambda: (
             on_scene(*trains.values()) | cases_record(cases, orders=orders) | worst
         ),
-        csv=lambda: rows_csv(
+        "csv": lambda: rows_csv(
             [
                 answer_row(answer, case=case.title)
                 for case in cases
                 for answer in case.answers
             ]
         ),
-        netcdf=lambda: netcdf(
-            {case.title: case.answers for case in cases}, orders, along="case"
-        ),
-        plot=lambda: plot_cycle(cases[0].answers[place], gear),
-        html=lambda: page,
+        "netcdf": lambda: netcdf(answers, orders, along="case"),
+        "plot": lambda: plot_cycle(cases[0].answers[computed.place], arguments.gear),
+        "html": lambda: page,
+    }
+    parts = [text, second_text(cases, computed.seconds)]
+    deliver(arguments, "\n\n".join(filter(None, parts)), makers)
+    compare(
+        arguments,
+        lambda: [
+            number for case in cases for number in of_answers(case.answers, case.title)
+        ],
     )
-    tell(
-        given,
-        lambda: [one for case in cases for one in of_answers(case.answers, case.title)],
-    )
-    kept.forget()
-    answered = status(warnings([answer for case in cases for answer in case.answers]))
-    return answered if whole else NOT_ANSWERED
 
 
-def _checked_page(train, given):
+def _checked_page(train: DriveTrain, arguments: cli.Report) -> DriveTrain | None:
     """The second design where its scene is given; refuses what no page can tell, before
     anything is computed.
     """
-    if (given.tuned or given.tune) and not given.html:
-        told_of = (
-            f"--{'tune' if given.tune else 'tuned'}: the second design appears on the"
-            " page only"
+    if (arguments.tuned or arguments.tune) and not arguments.html:
+        raise OutputError(
+            f"--{'tune' if arguments.tune else 'tuned'}: the second design appears on"
+            " the page only. Add --html FILE.html."
         )
-        raise OutputError(f"{told_of}. Add --html FILE.html.")
-    if given.tolerances and not given.html:
+    if arguments.tolerances and not arguments.html:
         raise OutputError(
             "--tolerances: they appear on the page only. Add --html FILE.html."
         )
-    if given.tune:
+    if arguments.tune:
         read_table(train)
-    if given.tolerances:
+    if arguments.tolerances:
         read_tolerances(train)
-    return load_scene(given.tuned) if given.tuned else None
+    return load_scene(arguments.tuned) if arguments.tuned else None
 
 
-def _tuned(train, progress, folder):
+def _tuned(
+    train: DriveTrain, progress: Progress, folder: Any
+) -> tuple[DriveTrain, tuple]:
     """The train tuned as its [tune] table asks, and words and tables on that."""
     from jaxhb.design.tuning import tune
 
-    asked = read_table(train)
+    table = read_table(train)
     progress.say("tuning, as the [tune] table asks")
-    line = "tuning: step {0.number}, objective {0.objective:.4g}"
-    result = tune(
-        train, **asked, on_step=lambda step: progress.say(line.format(step)), out=folder
-    )
-    return result.train, tuple(tuned_parts(train, asked, result))
+
+    def note(step):
+        progress.say(f"tuning: step {step.number}, objective {step.objective:.4g}")
+
+    result = tune(train, **table, on_step=note, out=folder)
+    return result.train, tuple(tuned_parts(train, table, result))
 
 
-def _tolerances(train, rpm, given, say, folder):
+def _tolerances(
+    train: DriveTrain, arguments: cli.Report, say: Callable[[str], None], folder: Any
+) -> tuple:
     """Figures, words and tables on what the tolerances of the scene do."""
-    asked = {
-        "harmonics": given.harmonics,
-        "tolerance": given.tolerance,
-        "samples": SAMPLE,
-        "progress": say,
-    }
-    spread = search(train, rpm=rpm, **asked, out=folder)
-    return *tolerance_figures(spread), *tolerance_parts(
-        spread, check_spread(spread, say)
+    spread = search(
+        train,
+        rpm=arguments.rpm,
+        harmonics=arguments.harmonics,
+        tolerance=arguments.tolerance,
+        samples=SAMPLE,
+        progress=say,
+        out=folder,
     )
+    parts = tolerance_parts(spread, check_spread(spread, say))
+    return (*tolerance_figures(spread), *parts)
 
 
-def _second_designs(second, misfire, given, each):
+def _second_designs(
+    second: DriveTrain, misfire: Case | None, arguments: cli.Report
+) -> dict[str, DriveTrain]:
     """The second design by title, as it runs and with the misfire that the page shows
     of the first, if it has that cylinder; of every misfire in turn, programs are those
     of the first design where numbers alone differ.
     """
-    title = TUNED if given.tune else f"{SECOND} ({Path(given.tuned).stem})"
+    title = TUNED
+    if not arguments.tune:
+        assert arguments.tuned is not None  # a second design is tuned or given
+        title = f"{SECOND} ({Path(arguments.tuned).stem})"
     if misfire is None:
         return {title: second}
-    if each:
-        cut_off = EACH in given.cut_off
-        trains = second.cut_offs() if cut_off else second.misfires()
-        misfiring = trains.get(cylinder_of(misfire.title))
-        second = alike(second, cut_off=cut_off) if trains else second
-    else:
-        known = {*given.misfire, *given.cut_off} <= set(second.topology.cylinder_names)
-        misfiring = (
-            second.misfire(*given.misfire).cut_off(*given.cut_off) if known else None
-        )
-    return {title: second} | (
-        {} if misfiring is None else {f"{title}, {misfire.title}": misfiring}
-    )
+    misfiring = None
+    if EACH in (*arguments.misfire, *arguments.cut_off):
+        cut_off = EACH in arguments.cut_off
+        cases = second.cut_offs() if cut_off else second.misfires()
+        misfiring = cases.get(cylinder_of(misfire.title))
+        if cases:
+            second = alike(second, cut_off=cut_off)
+    elif {*arguments.misfire, *arguments.cut_off} <= {*second.topology.cylinder_names}:
+        misfiring = second.misfire(*arguments.misfire).cut_off(*arguments.cut_off)
+    if misfiring is None:
+        return {title: second}
+    return {title: second, f"{title}, {misfire.title}": misfiring}
 
 
-def second_text(cases, seconds):
-    """What a second design does to the largest tooth force (torque, angle), a line for
-    each of its cases.
+def second_text(cases: list[Case], seconds: list[Case]) -> str:
+    """A line for each case of a second design on what it does to the largest tooth
+    force (torque, angle).
     """
     lines = []
     for case, first in zip(seconds, [cases[0], shown_misfire(cases)], strict=False):
-        found = told.hardest_of([case])
-        before = told.hardest_of([first])
-        if found is None or before is None:
+        after = case_text.hardest_of([case])
+        before = case_text.hardest_of([first])
+        if after is None or before is None:
             lines.append(
                 f"The {case.title}: no largest value, one of the designs has no answer."
             )
             continue
-        alike = found.quantity.title == before.quantity.title and before.value > 0
-        change = f" ({100 * (found.value / before.value - 1):+.1f} %)" if alike else ""
+        change = ""
+        if after.quantity.title == before.quantity.title and before.value > 0:
+            change = f" ({100 * (after.value / before.value - 1):+.1f} %)"
         lines.append(
-            f"The {case.title}: {found.quantity.small_title} {found.said}; first"
+            f"The {case.title}: {after.quantity.small_title} {after.said}; first"
             f" design: {before.said}{change}."
         )
     return "\n".join(lines)
 
 
-def _report_of(given, cases, place, seconds, tuning, tolerances):
+def _report_of(arguments: cli.Report, computed: _Computed) -> Report:
     """The :class:`Report` of what was computed."""
-    accuracy = f"{given.harmonics} harmonics, as asked"
-    if not given.harmonics:
-        most = f"at most {100 * given.tolerance:g} %"
+    train = computed.cases[0].answers[0].train
+    elements = _written_elements(train, arguments)
+    present = train.topology.elements
+    names = {
+        kind: [name for name, element in elements.items() if table_of(element) == kind]
+        for kind in TABLES
+    }
+    files = {
+        kind: [
+            file
+            for name, file in zip(names[kind], rows, strict=True)
+            if name in present
+        ]
+        for kind, rows in element_files(arguments.scene).items()
+    }
+    return Report(
+        computed.cases,
+        place=computed.place,
+        asked=arguments.at is not None,
+        gear=arguments.gear,
+        seconds=computed.seconds,
+        tuning=computed.tuning,
+        tolerances=computed.tolerances,
+        facts=_facts(arguments),
+        description=scene_description(arguments.scene),
+        scene=scene_text(arguments.scene)[0],
+        elements={name: row for name, row in elements.items() if name in present},
+        second_elements=elements_of(arguments.tuned) if arguments.tuned else {},
+        files=files,
+    )
+
+
+def _facts(arguments: cli.Report) -> dict[str, str]:
+    """The origin of a page."""
+    accuracy = f"{arguments.harmonics} harmonics, as asked"
+    if not arguments.harmonics:
         accuracy = (
-            f"truncation error {most} of the largest tooth force, or not converged"
+            f"truncation error at most {100 * arguments.tolerance:g} % of the largest"
+            " tooth force, or not converged"
         )
     packages = ", ".join(
         f"{name} {version(name)}" for name in ("jax", "jaxlib", "numpy", "plotly")
     )
     facts = {
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "scene": _file(given.scene),
+        "scene": _file(arguments.scene),
     }
-    facts |= {"second design": _file(given.tuned)} if given.tuned else {}
-    facts |= {
-        "changes": changed_text(given) or "none",
+    if arguments.tuned:
+        facts["second design"] = _file(arguments.tuned)
+    return facts | {
+        "changes": changed_text(arguments) or "none",
         "command": shlex.join(["jaxhb", *click.get_current_context().obj]),
         "accuracy": accuracy,
         "versions": (
@@ -271,8 +382,11 @@ def _report_of(given, cases, place, seconds, tuning, tolerances):
             f" {platform.platform()}"
         ),
     }
-    train = cases[0].answers[0].train
-    changed = train.scenarios.get(given.scenario, {}) | dict(given.set)
+
+
+def _written_elements(train: DriveTrain, arguments: cli.Report) -> dict[str, Any]:
+    """Elements as the scene says them, with what a scenario and --set change."""
+    changed = train.scenarios.get(arguments.scenario or "", {}) | dict(arguments.set)
     settings = {
         key: value
         for key, value in changed.items()
@@ -280,54 +394,22 @@ def _report_of(given, cases, place, seconds, tuning, tolerances):
     }
     # Rows of the file are those of the whole train, of which a scenario may leave some
     # out.
-    written = elements_of(
-        given.scene, scene_values(load_scene(given.scene).replace(settings), settings)
-    )
-    for key in (
-        changed.keys() - settings.keys() - {"without"}
-    ):  # cylinders that fire, and rows
+    whole = load_scene(arguments.scene).replace(settings)
+    elements = elements_of(arguments.scene, scene_values(whole, settings))
+    # Cylinders that fire, and rows.
+    for key in changed.keys() - settings.keys() - {"without"}:
         name, _, field = key.rpartition(".")
-        written[name] = dataclasses.replace(written[name], **{field: changed[key]})
-    names = {
-        kind: [n for n, e in written.items() if table_of(e) == kind] for kind in TABLES
-    }
-    there = train.topology
-    files = {
-        kind: [
-            own
-            for name, own in zip(names[kind], rows, strict=True)
-            if name in there.elements
-        ]
-        for kind, rows in element_files(given.scene).items()
-    }
-    return Report(
-        cases,
-        place=place,
-        asked=given.at is not None,
-        gear=given.gear,
-        seconds=seconds,
-        tuning=tuning,
-        tolerances=tolerances,
-        facts=facts,
-        description=scene_description(given.scene),
-        scene=scene_text(given.scene)[0],
-        elements={
-            name: element for name, element in written.items() if name in there.elements
-        },
-        second_elements=elements_of(given.tuned) if given.tuned else {},
-        files=files,
-    )
+        elements[name] = dataclasses.replace(elements[name], **{field: changed[key]})
+    return elements
 
 
-def _file(name):
-    """A file by name and the checksum of what is in it and in the tables that it
+def _file(name: str) -> str:
+    """The name of a scene, and the checksum of its file and the tables that it
     names.
     """
     path = _find(name)
-    beside = sorted(scene_text(name)[1].items())
-    digest = hashlib.sha256(
-        b"".join(map(read_bytes, [path, *(table for _, table in beside)]))
-    )
+    tables = [table for _, table in sorted(scene_text(name)[1].items())]
+    digest = hashlib.sha256(b"".join(map(read_bytes, [path, *tables])))
     return (
         f"{path.name}, SHA-256 {digest.hexdigest()[:32]} (with the tables that it"
         " names)"

@@ -6,12 +6,11 @@ import contextlib
 import sys
 import threading
 import time
+from typing import TextIO
 
 BEGUN = "computing"  # before anything is said
-INTERVAL, LOGGED = (
-    0.5,
-    30.0,
-)  # seconds between lines on a terminal, and where stderr is none
+INTERVAL = 0.5  # seconds between lines on a terminal
+LOGGED = 30.0  # the same where stderr is none
 
 
 class Progress:
@@ -19,14 +18,17 @@ class Progress:
     steps; a count only of several.
     """
 
-    def __init__(self, total=1, stream=None, quiet=False):
+    def __init__(
+        self, total: int = 1, stream: TextIO | None = None, quiet: bool = False
+    ):
         self.total = total
         self.done = 0
         self.text = ""
         self.width = 0
         self.stream = None if quiet else stream or sys.stderr
         self.terminal = self.stream is not None and self.stream.isatty()
-        self.begin, self.ended = time.monotonic(), threading.Event()
+        self.begin = time.monotonic()
+        self.ended = threading.Event()
         self.thread = threading.Thread(target=self._tick, daemon=True)
 
     def __enter__(self):
@@ -41,27 +43,26 @@ class Progress:
         if self.terminal:
             self._write(f"\r{'':<{self.width}}\r")
 
-    def say(self, text):
-        """What is being done, without a further step."""
+    def say(self, text: str) -> None:
+        """Show what is being done, without a further step."""
         self.text = text
 
-    def advance(self, count):
+    def advance(self, count: int) -> None:
         """Count ``count`` further steps."""
         self.done += count
 
-    def _tick(self):
+    def _tick(self) -> None:
         while not self.ended.wait(INTERVAL if self.terminal else LOGGED):
             count = f"{self.done} of {self.total}" if self.total > 1 else ""
-            line = (
-                f"{': '.join(filter(None, [count, self.text])) or BEGUN}"
-                f" ({time.monotonic() - self.begin:.0f} s)"
-            )
+            text = ": ".join(filter(None, [count, self.text])) or BEGUN
+            line = f"{text} ({time.monotonic() - self.begin:.0f} s)"
             self._write(f"\r{line:<{self.width}}" if self.terminal else f"{line}\n")
             self.width = len(line)
 
-    def _write(self, text):
-        with contextlib.suppress(
-            OSError, ValueError
-        ):  # a log that is full or closed ends no computation
+    def _write(self, text: str) -> None:
+        if self.stream is None:
+            return
+        # A log that is full or closed ends no computation.
+        with contextlib.suppress(OSError, ValueError):
             self.stream.write(text)
             self.stream.flush()

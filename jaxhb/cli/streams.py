@@ -8,19 +8,16 @@ import io
 import os
 import signal
 import sys
+from collections.abc import Callable, Iterable, Iterator
 
-CLOSED, UNWRITABLE = (
-    141,
-    2,
-    # Exit status: the reader of the output had enough, as after SIGPIPE; it cannot be
-    # written
-)
+CLOSED = 141  # exit status: the reader of the output had enough, as after SIGPIPE
+UNWRITABLE = 2  # exit status: the output cannot be written
 
 
 class Ended(KeyboardInterrupt):
     """A signal that asks the process to end; commands clean up as after Ctrl-C."""
 
-    def __init__(self, number):
+    def __init__(self, number: int):
         super().__init__()
         self.status = 128 + number
 
@@ -30,19 +27,19 @@ class _Closed(io.TextIOBase):
     printed would be lost unseen.
     """
 
-    def write(self, text):
+    def write(self, text: str) -> int:
         raise OSError(errno.EBADF, "it is closed")
 
-    def writelines(self, lines):
+    def writelines(self, lines: Iterable) -> None:
         self.write("")
 
     @property
-    def buffer(self):
+    def buffer(self) -> "_Closed":
         """Takes bytes as little as the stream takes text."""
         return self
 
 
-def _take_closed_streams():
+def _take_closed_streams() -> None:
     """Put the null device in the place of closed standard streams: the next file that
     is opened would be taken for them.
     """
@@ -54,21 +51,19 @@ def _take_closed_streams():
     if sys.stdout is None:
         sys.stdout = _Closed()
     if sys.stderr is None:
-        sys.stderr = (
-            io.StringIO()
-        )  # what is printed to none would go to standard output
+        # What is printed to none would go to standard output.
+        sys.stderr = io.StringIO()
 
 
-def guarded(run):
+def guarded(run: Callable[[], int]) -> int:
     """The exit status of ``run()``, which prints; what is wrong with standard output is
     told in a sentence.
     """
     _take_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure") and stream.errors == "strict":
-            stream.reconfigure(
-                errors="backslashreplace"
-            )  # any name can be written, whatever the encoding lacks
+            # Any name can be written, whatever the encoding lacks.
+            stream.reconfigure(errors="backslashreplace")
     with _ending_by_signals():
         try:
             status = run()
@@ -76,20 +71,17 @@ def guarded(run):
         except OSError as error:
             closed = isinstance(error, BrokenPipeError)
             status = CLOSED if closed else UNWRITABLE
-            with contextlib.suppress(
-                OSError, ValueError
-            ):  # else the interpreter tries again when it exits
+            # Else the interpreter tries again when it exits.
+            with contextlib.suppress(OSError, ValueError):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            why = (
-                "was closed before all of it was written"
-                if closed
-                else f"cannot be written: {error.strerror}"
-            )
-            tell(f"standard output {why}.")
+            reason = f"cannot be written: {error.strerror}"
+            if closed:
+                reason = "was closed before all of it was written"
+            tell(f"standard output {reason}.")
     return status
 
 
-def tell(sentence):
+def tell(sentence: str) -> None:
     """Print a sentence on standard error, if that can be written."""
     with contextlib.suppress(OSError, AttributeError, ValueError):
         print(sentence, file=sys.stderr)
@@ -97,20 +89,18 @@ def tell(sentence):
 
 
 @contextlib.contextmanager
-def _ending_by_signals():
+def _ending_by_signals() -> Iterator[None]:
     """Raise :class:`Ended` where the system asks the process to end, in the main thread
     alone.
     """
 
-    def end(number, _):
+    def end(number: int, _) -> None:
         raise Ended(number)
 
     before = {}
     with contextlib.suppress(ValueError):  # another thread than the main one
-        for number in (
-            signal.SIGTERM,
-            getattr(signal, "SIGHUP", signal.SIGTERM),
-        ):  # Windows has no SIGHUP
+        hangup = getattr(signal, "SIGHUP", signal.SIGTERM)  # Windows has none
+        for number in (signal.SIGTERM, hangup):
             if signal.getsignal(number) == signal.SIG_DFL:
                 before[number] = signal.signal(number, end)
     try:

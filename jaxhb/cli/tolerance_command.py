@@ -6,11 +6,12 @@ import re
 
 import numpy as np
 
+from jaxhb.cli import arguments as cli
 from jaxhb.cli.commands import status
-from jaxhb.cli.operating_modes import tell
+from jaxhb.cli.operating_modes import compare
 from jaxhb.cli.progress import Progress
-from jaxhb.cli.resume import GOES_ON, Kept
-from jaxhb.design.phases import worst_phase
+from jaxhb.cli.resume import Unfinished
+from jaxhb.design.phases import WorstPhase, worst_phase
 from jaxhb.design.quantities import QUANTITIES, Objective, unit_of
 from jaxhb.design.tolerances import read_tolerances
 from jaxhb.design.worst_case import tolerance as search
@@ -27,154 +28,160 @@ from jaxhb.report.text.tolerances import (
     tolerance_record,
     tolerance_rows,
 )
+from jaxhb.train.drivetrain import DriveTrain
 
 
-def tolerance(train, given, rpm, of, samples, seed, plot, quiet, **_):
-    """What the tolerances of a scene do to its response."""
+def tolerance(train: DriveTrain, arguments: cli.Tolerance) -> int:
+    """Find what the tolerances of a scene do to its response."""
     tolerances = read_tolerances(train)
-    asked = {
-        "samples": samples or 0,
-        "seed": seed or 0,
-        "harmonics": given.harmonics,
-        "tolerance": given.tolerance,
-    }
-    quantities = tuple(map(asked_quantity, of))
-    kept = Kept([train], ("tolerance", rpm, quantities, tolerances, asked))
-    with Progress(quiet=quiet) as progress:
+    quantities = tuple(map(read_quantity, arguments.of))
+    samples = arguments.samples or 0
+    seed = arguments.seed or 0
+    accuracy = (arguments.harmonics, arguments.tolerance)
+    unfinished = Unfinished(
+        [train],
+        ("tolerance", arguments.rpm, quantities, tolerances, samples, seed, accuracy),
+    )
+    with Progress(quiet=arguments.quiet) as progress:
 
         def compute(folder):
             return search(
                 train,
-                rpm=np.array(rpm),
+                rpm=np.array(arguments.rpm),
                 of=quantities,
-                **asked,
+                samples=samples,
+                seed=seed,
+                harmonics=arguments.harmonics,
+                tolerance=arguments.tolerance,
                 progress=progress.say,
                 out=folder,
             )
 
-        left = f"no file is written, but what was found is kept; {GOES_ON}"
-        spread = kept.run(
-            compute, lambda: left if kept.folder else "nothing more is written"
-        )
+        spread = unfinished.run(compute, unfinished.left)
         checked = check_spread(spread, progress.say)
-    output.deliver(
-        given,
-        "\n\n".join(tolerance_parts(spread, checked)),
-        json=lambda: numbers.on_scene(train) | tolerance_record(spread, checked),
-        csv=lambda: output.rows_csv(list(tolerance_rows(spread, checked))),
-        netcdf=lambda: [numbers.as_netcdf(spread.to_xarray())],
-        plot=lambda: plot_tolerance(spread),
-    )
-    tell(given, lambda: of_worst(tolerance_rows(spread, checked)))
-    kept.forget()
+    rows = list(tolerance_rows(spread, checked))
+    makers = {
+        "json": lambda: numbers.on_scene(train) | tolerance_record(spread, checked),
+        "csv": lambda: output.rows_csv(rows),
+        "netcdf": lambda: [numbers.as_netcdf(spread.to_xarray())],
+        "plot": lambda: plot_tolerance(spread),
+    }
+    output.deliver(arguments, "\n\n".join(tolerance_parts(spread, checked)), makers)
+    compare(arguments, lambda: of_worst(rows))
+    unfinished.forget()
     return output.ANSWERED if spread.answered.all() else output.NOT_ANSWERED
 
 
-def asked_quantity(text):
+def read_quantity(text: str) -> Objective:
     """The Objective of ``"QUANTITY of ELEMENT"``, where a quantity may end in an
     order.
     """
-    name, found, element = text.partition(" of ")
-    order = re.fullmatch(r"(.*) ([\d.]+)", name)
-    name, order = (order[1], float(order[2])) if order else (name, None)
-    if not found or name not in QUANTITIES:
-        known = 'write "QUANTITY of ELEMENT", as "tooth force of crank gear|idler"'
+    name, separator, element = text.partition(" of ")
+    order = None
+    ordered = re.fullmatch(r"(.*) ([\d.]+)", name)
+    if ordered:
+        name = ordered[1]
+        order = float(ordered[2])
+    if not separator or name not in QUANTITIES:
         raise output.OutputError(
-            f"--of: {text!r}: {known}.{suggestion(name, QUANTITIES)}"
+            f'--of: {text!r}: write "QUANTITY of ELEMENT", as "tooth force of crank'
+            f' gear|idler".{suggestion(name, QUANTITIES)}'
         )
     return Objective(quantity=name, of=element, order=order)
 
 
-def phase(train, given, rpm, name, of, phases, quiet, **_):
-    """The worst phase of an engine."""
-    known = train.topology.phase_names
-    if name is None and len(known) != 1:
-        near = (
-            suggestion("", known)
-            if known
-            else " The scene has no [[phase]]: docs/how_to/strength.md has one."
+def phase(train: DriveTrain, arguments: cli.Phase) -> int:
+    """Find the worst phase of an engine."""
+    names = train.topology.phase_names
+    if arguments.name is None and len(names) != 1:
+        advice = " The scene has no [[phase]]: docs/how_to/strength.md has one."
+        if names:
+            advice = suggestion("", names)
+        raise SceneError(f"{train.topology.title}: --phase: name one.{advice}")
+    name = arguments.name or names[0]
+    quantities = tuple(map(read_quantity, arguments.of))
+    with Progress(quiet=arguments.quiet) as progress:
+        worst = worst_phase(
+            train,
+            name,
+            rpm=arguments.rpm,
+            of=quantities,
+            phases=arguments.phases,
+            progress=progress.say,
         )
-        raise SceneError(f"{train.topology.title}: --phase: name one.{near}")
-    name = name or known[0]
-    quantities = tuple(map(asked_quantity, of))
-    with Progress(quiet=quiet) as progress:
-        found = worst_phase(
-            train, name, rpm=rpm, of=quantities, phases=phases, progress=progress.say
-        )
+    rows = _phase_rows(worst)
     record = {
         "phase": name,
-        "circle_deg": found.circle,
+        "circle_deg": worst.circle,
         "angle_deg": train.value(f"{name}.angle"),
-        "rpm": found.rpm,
+        "rpm": worst.rpm,
+        "phases": rows,
+        "left_out": worst.left_out,
     }
-    rows = [
-        {"rpm": speed, "quantity": label, "unit": unit_of(one.quantity)}
-        | {
-            key: getattr(found, key)[i, j]
-            for key in ("nominal", "worst", "angle", "best", "best_angle")
-        }
-        for i, speed in enumerate(found.rpm)
-        for j, (label, one) in enumerate(zip(found.labels, found.of, strict=True))
-    ]
-    output.deliver(
-        given,
-        _phase_text(train, found),
-        json=lambda: (
-            numbers.on_scene(train)
-            | record
-            | {
-                "phases": rows,
-                "left_out": found.left_out,
-            }
-        ),
-        csv=lambda: output.rows_csv(rows),
-    )
-    tell(given, lambda: of_worst(rows))
-    return status(list(found.left_out))
+    makers = {
+        "json": lambda: numbers.on_scene(train) | record,
+        "csv": lambda: output.rows_csv(rows),
+    }
+    output.deliver(arguments, _phase_text(train, worst), makers)
+    compare(arguments, lambda: of_worst(rows))
+    return status(worst.left_out)
 
 
-def _phase_text(train, found):
+def _phase_rows(worst: WorstPhase) -> list[dict]:
+    """A row by heads for each speed and quantity."""
+    rows = []
+    for i, speed in enumerate(worst.rpm):
+        for j, objective in enumerate(worst.of):
+            rows.append(
+                {
+                    "rpm": speed,
+                    "quantity": worst.labels[j],
+                    "unit": unit_of(objective.quantity),
+                    "nominal": worst.nominal[i, j],
+                    "worst": worst.worst[i, j],
+                    "angle": worst.angle[i, j],
+                    "best": worst.best[i, j],
+                    "best_angle": worst.best_angle[i, j],
+                }
+            )
+    return rows
+
+
+def _phase_text(train: DriveTrain, worst: WorstPhase) -> str:
     """A row for each quantity, at the speed at which its worst phase is worst."""
     rows = []
-    own = float(train.value(f"{found.name}.angle"))
-    for j, one in enumerate(found.of):
-        solved = np.flatnonzero(np.isfinite(found.worst[:, j]))
-        factor, unit = shown_unit(unit_of(one.quantity))
+    for j, objective in enumerate(worst.of):
+        solved = np.flatnonzero(np.isfinite(worst.worst[:, j]))
+        factor, unit = shown_unit(unit_of(objective.quantity))
         if not len(solved):
-            rows.append([found.labels[j], *["-"] * 6, unit])
+            rows.append([worst.labels[j], *["-"] * 6, unit])
             continue
-        i = solved[np.argmax(found.worst[solved, j])]
-        cells = [
-            plain_number(factor * values[i, j])
-            for values in (found.nominal, found.worst, found.best)
-        ]
-        at = [f"{angle[i, j]:.1f}" for angle in (found.angle, found.best_angle)]
+        i = solved[np.argmax(worst.worst[solved, j])]
         rows.append(
             [
-                found.labels[j],
-                f"{found.rpm[i]:g}",
-                cells[0],
-                cells[1],
-                at[0],
-                cells[2],
-                at[1],
+                worst.labels[j],
+                f"{worst.rpm[i]:g}",
+                plain_number(factor * worst.nominal[i, j]),
+                plain_number(factor * worst.worst[i, j]),
+                f"{worst.angle[i, j]:.1f}",
+                plain_number(factor * worst.best[i, j]),
+                f"{worst.best_angle[i, j]:.1f}",
                 unit,
             ]
         )
-    said = (
-        f"{found.name}, turned through {found.circle:g} deg of its rotor,"
-        f" {len(found.rpm)} speeds"
-    )
+    angle = float(train.value(f"{worst.name}.angle"))
     heads = [
         "",
         "at rpm",
-        f"at {own:g} deg",
+        f"at {angle:g} deg",
         "worst",
         "at deg",
         "best",
         "at deg",
         "unit",
     ]
-    return from_rows(
-        f"{train_name(train.topology)}: phase {said}", heads, rows, left=(7,)
+    title = (
+        f"{train_name(train.topology)}: phase {worst.name}, turned through"
+        f" {worst.circle:g} deg of its rotor, {len(worst.rpm)} speeds"
     )
+    return from_rows(title, heads, rows, left=(7,))

@@ -10,39 +10,39 @@ from jaxhb.train.speeds import MOST_SPEEDS, read_speeds
 RANGE_COUNT = 33  # speeds of a range that has no count
 
 
-def one_speed(text):
+def one_speed(text: str) -> float:
     """A speed in rpm, where a command takes no more than one."""
     speeds = speed_range(text)
     if len(speeds) > 1:
-        commands = "jaxhb sweep and jaxhb report take several"
         raise ValueError(
-            f"{text!r} are {len(speeds)} speeds, and this command takes one: {commands}"
+            f"{text!r} are {len(speeds)} speeds, and this command takes one: jaxhb"
+            " sweep and jaxhb report take several"
         )
     return speeds[0]
 
 
-def speed_range(text):
+def speed_range(text: str) -> list[float]:
     """Speeds in rpm from ``A:B[:COUNT]`` or ``R1,R2,...``."""
     return read_speeds(f"{text}:{RANGE_COUNT}" if text.count(":") == 1 else text)
 
 
-def orders(text):
+def orders(text: str) -> list[float]:
     """Orders from ``N1,N2,...``."""
     return [positive(word) for word in text.split(",")]
 
 
-def positive(text, below=math.inf, told=""):
+def positive(text: str, below: float = math.inf, bound: str = "") -> float:
     """A number greater than 0."""
     value = _number(text)
     if not 0 < value < below:
-        raise ValueError(f"{text!r} must be a number greater than 0{told}")
+        raise ValueError(f"{text!r} must be a number greater than 0{bound}")
     return value
 
 
-share = partial(positive, below=1.0, told=" and less than 1, as 0.01 for 1 %")
+share = partial(positive, below=1.0, bound=" and less than 1, as 0.01 for 1 %")
 
 
-def whole(text, least=1):
+def whole(text: str, least: int = 1) -> int:
     """A whole number."""
     if not text.isdecimal() or int(text) < least:
         raise ValueError(f"{text!r} must be a whole number of at least {least}")
@@ -52,7 +52,7 @@ def whole(text, least=1):
 count = partial(whole, least=0)
 
 
-def setting(text):
+def setting(text: str) -> tuple[str, float | str]:
     """``(NAME.FIELD, VALUE)``, the value a number or a word."""
     key, equals, word = text.rpartition("=")
     value = _number(word)
@@ -61,16 +61,15 @@ def setting(text):
         raise ValueError(
             f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"'
         )
-    if math.isnan(value) and (
-        not word.isidentifier() or word.lower() in ("nan", "inf", "infinity")
-    ):
+    is_word = word.isidentifier() and word.lower() not in ("nan", "inf", "infinity")
+    if math.isnan(value) and not is_word:
         raise ValueError(
             f"{text!r}: {word} is no number; values are numbers in SI units, as 3.6e4"
         )
     return key.strip(), word if math.isnan(value) else value
 
 
-def over(text):
+def over(text: str) -> tuple[str, list[float]]:
     """``(NAME.FIELD, [values])`` from ``NAME.FIELD=A:B:COUNT`` or ``=V1,V2,...``."""
     key, equals, values = text.rpartition("=")
     words = values.split(":")
@@ -80,40 +79,35 @@ def over(text):
             last = float(words[1])
             steps = int(words[2])
             most = min(steps, MOST_SPEEDS + 1)
-            found = [first + (last - first) * i / (steps - 1) for i in range(most)]
+            numbers = [first + (last - first) * i / (steps - 1) for i in range(most)]
         else:
-            found = [float(word) for word in values.split(",")]
+            numbers = [float(word) for word in values.split(",")]
     except (ValueError, ZeroDivisionError):
-        found = []
-    if not equals or len(found) < 2 or not all(map(math.isfinite, found)):
-        example = '"crank damper.damping=100:400:13" or =100,200,400'
+        numbers = []
+    if not equals or len(numbers) < 2 or not all(map(math.isfinite, numbers)):
         raise ValueError(
             f"{text!r} is not NAME.FIELD=A:B:COUNT with a COUNT of at least 2, as"
-            f" {example}"
+            ' "crank damper.damping=100:400:13" or =100,200,400'
         )
-    if len(found) > MOST_SPEEDS:
+    if len(numbers) > MOST_SPEEDS:
         raise ValueError(
             f"{text!r} asks for more than {MOST_SPEEDS} values: give fewer"
         )
-    return key.strip(), found
+    return key.strip(), numbers
 
 
-def bounded(text):
+def bounded(text: str) -> tuple[str, tuple[float, float]]:
     """``(NAME.FIELD, (LOW, HIGH))`` from ``NAME.FIELD=LOW:HIGH``."""
     key, equals, words = text.rpartition("=")
-    low, high = (
-        map(_number, words.split(":"))
-        if words.count(":") == 1
-        else (math.nan, math.nan)
-    )
-    if not equals or not low < high:
+    ends = [_number(word) for word in words.split(":")]
+    if not equals or len(ends) != 2 or not ends[0] < ends[1]:
         raise ValueError(
             f'{text!r} is not NAME.FIELD=LOW:HIGH, as "cyl6|flywheel.stiffness=1e6:4e6"'
         )
-    return key.strip(), (low, high)
+    return key.strip(), (ends[0], ends[1])
 
 
-def place(text):
+def place(text: str) -> tuple[str, float]:
     """``(hz | amplitude | rpm, VALUE)``."""
     name, _, number = text.partition("=")
     value = _number(number)
@@ -125,7 +119,7 @@ def place(text):
     return name, value
 
 
-def _number(text):
+def _number(text: str) -> float:
     """A finite number, or nan."""
     try:
         value = float(text)

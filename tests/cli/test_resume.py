@@ -7,7 +7,7 @@ import os
 import pytest
 
 import jaxhb
-from jaxhb.cli.resume import GOES_ON, Kept, as_one
+from jaxhb.cli.resume import GOES_ON, Unfinished, as_one
 
 
 @pytest.fixture
@@ -18,17 +18,17 @@ def train(tmp_path, monkeypatch):
 
 def done(train, asked):
     """The folder of a command that has run."""
-    kept = Kept([train], asked)
+    kept = Unfinished([train], asked)
     kept.run(lambda folder: (folder.folder / "found").write_text(""), str)
     kept.forget()
     return kept.folder.folder
 
 
 def test_what_a_command_has_kept_is_there_until_it_is_done(train):
-    kept = Kept([train], ("sweep", [900.0]))
+    kept = Unfinished([train], ("sweep", [900.0]))
     folder = kept.folder.folder
-    assert folder.is_dir() and Kept([train], ("sweep", [900.0])).folder.folder == folder
-    assert Kept([train], ("sweep", [900.0000001])).folder.folder != folder
+    assert folder.is_dir() and Unfinished([train], ("sweep", [900.0])).folder.folder == folder
+    assert Unfinished([train], ("sweep", [900.0000001])).folder.folder != folder
     kept.forget()
     assert not folder.exists()
 
@@ -61,11 +61,11 @@ def test_what_commands_of_several_scenarios_have_kept_is_there_until_all_are_don
 def test_a_folder_in_which_others_could_write_is_not_used_and_that_is_told_once(
     train, which, capsys
 ):
-    folder = Kept([train], which).folder.folder
+    folder = Unfinished([train], which).folder.folder
     {"the cache": folder.parents[1], "all that is under way": folder.parent}.get(
         which, folder
     ).chmod(0o777)
-    assert Kept([train], which).folder is None and Kept([train], which).folder is None
+    assert Unfinished([train], which).folder is None and Unfinished([train], which).folder is None
     told = capsys.readouterr().err
     assert (
         told.count("is not kept on disk") == 1

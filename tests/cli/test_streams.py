@@ -347,12 +347,12 @@ def test_a_report_that_is_stopped_goes_on_where_it_was(run, cache, monkeypatch):
 def test_what_a_stopped_command_left_is_forgotten_after_a_month(cache):
     train = jaxhb.load_scene("spur_pair")
     month = 86400 * resume.FORGOTTEN_AFTER
-    folders = [resume.Kept([train], asked).folder.folder for asked in ("old", "recent")]
+    folders = [resume.Unfinished([train], asked).folder.folder for asked in ("old", "recent")]
     for folder, age in zip(folders, (month + 60, month - 60), strict=True):
         (folder / "0 2000").mkdir(parents=True)
         (folder / "0 2000" / "sweep.json").write_text("")
         os.utime(folder, (time.time() - age,) * 2)
-    own = resume.Kept([train], "another command")
+    own = resume.Unfinished([train], "another command")
     assert [folder.exists() for folder in folders] == [False, True]
     own.forget()  # there is none
 
@@ -361,7 +361,7 @@ def test_a_sweep_that_cannot_be_kept_goes_on_without_and_says_so_once(
     run, cache, monkeypatch
 ):
     cache.write_text("no folder")
-    monkeypatch.setattr(_store, "_told", set())
+    monkeypatch.setattr(_store, "_printed", set())
     called = run("sweep spur_pair --rpm 5000", "csv")
     assert called.status == 0 and called.path("csv").exists()
     assert called.err.count("\n") == 1 and str(cache) in called.err

@@ -194,9 +194,9 @@ def changed_text(arguments):
     return f"Asked with {', '.join(said)}." if said else ""
 
 
-def deliver(arguments, text, **makers):
-    """Make all that was asked for, then write it, then print, unless a file is standard
-    output; all or nothing.
+def deliver(arguments, text, makers):
+    """Make all that was asked for by ``makers``, functions by the names of their files,
+    then write it, then print, unless a file is standard output; all or nothing.
 
     Of a record, what is in ``json``, the file tells too what was changed in the scene;
     ``plot`` is a matplotlib figure.

@@ -1,0 +1,237 @@
+"""The options of every command as values, by the names under which
+:mod:`jaxhb.cli.main` declares them.
+
+A class has the options of one command; those that several commands take are in classes
+that it inherits. Files are named by their paths, None where none is asked for.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from jaxhb.report.files.compared import Compared
+
+Setting = tuple[str, float | str]
+"""``NAME.FIELD`` and the value that it gets."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """Options of all commands that read a scene."""
+
+    scene: str
+    quiet: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class New(Arguments):
+    """Options of ``jaxhb new``, which writes ``file`` as a copy of the ``scene``."""
+
+    file: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene(Arguments):
+    """Options of ``jaxhb scene``."""
+
+    expand: bool
+    out: str | None
+    referred: bool
+    plot: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Changed(Arguments):
+    """Values of the scene that a command changes."""
+
+    set: tuple[Setting, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Computed(Changed):
+    """Options of all commands that compute the train as a scenario leaves it.
+
+    scenarios : those asked for; scenario : the one that this run takes, None for the
+    scene as written; links_at : where links that vary become constant; compared : what
+    is compared over several scenarios, None where there is one.
+    """
+
+    scenarios: tuple[str, ...]
+    scenario: str | None = None
+    links_at: tuple[tuple[str, float], ...]
+    viscous: float | None
+    compared: "list[Compared] | None" = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Firing:
+    """Cylinders that do not fire, and those that have no gas torque at all."""
+
+    misfire: tuple[str, ...]
+    cut_off: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accuracy:
+    """Number of harmonics, or the largest truncation error."""
+
+    harmonics: int | None
+    tolerance: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion(Accuracy):
+    """The motion asked for: a periodic solution, or what the train does."""
+
+    orbit: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Files:
+    """Files of numbers and a picture."""
+
+    json: str | None
+    csv: str | None
+    netcdf: str | None
+    plot: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spectra(Files):
+    """Files with amplitudes up to an order, None for all."""
+
+    orders: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check(Computed):
+    """Options of ``jaxhb check``."""
+
+    rpm: list[float] | None
+    json: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Modes(Computed):
+    """Options of ``jaxhb modes``."""
+
+    at: float | None
+    json: str | None
+    plot: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Holzer(Modes):
+    """Options of ``jaxhb holzer``: frequencies, or modes by their numbers."""
+
+    hz: tuple[float, ...]
+    mode: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Campbell(Modes, Firing):
+    """Options of ``jaxhb campbell``; ``modes`` is how many are drawn."""
+
+    rpm: list[float]
+    orders: list[float] | None
+    modes: int
+    csv: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Forced(Computed, Firing, Spectra):
+    """Options of ``jaxhb forced``; ``element`` are those told speed by speed."""
+
+    rpm: list[float]
+    element: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solve(Computed, Firing, Motion, Spectra):
+    """Options of ``jaxhb solve``."""
+
+    rpm: float
+    certify: bool
+    trace: str | None
+    gear: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep(Computed, Firing, Motion, Spectra):
+    """Options of ``jaxhb sweep``; ``over`` is the number of the scene that it goes over
+    instead of the speed, and its values.
+    """
+
+    rpm: list[float]
+    direction: str | None
+    full: bool
+    over: tuple[str, list[float]] | None
+    folder: str | None
+    chunk: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report(Computed, Firing, Motion, Spectra):
+    """Options of ``jaxhb report``."""
+
+    rpm: list[float]
+    at: float | None
+    gear: str | None
+    certify: bool
+    html: str | None
+    tuned: str | None
+    tolerances: bool
+    tune: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tune(Changed):
+    """Options of ``jaxhb tune``; those that are None are as the [tune] table says."""
+
+    rpm: list[float] | None
+    optimizer: str | None
+    robust: str | None
+    steps: int | None
+    starts: int | None
+    seed: int | None
+    tolerance: float | None
+    output: str | None
+    json: str | None
+    plot: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tolerance(Computed, Accuracy, Files):
+    """Options of ``jaxhb tolerance``."""
+
+    rpm: list[float]
+    of: tuple[str, ...]
+    samples: int | None
+    seed: int | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Phase(Computed):
+    """Options of ``jaxhb phase``; ``name`` is the [[phase]] that is turned."""
+
+    rpm: list[float]
+    name: str | None
+    of: tuple[str, ...]
+    phases: int | None
+    json: str | None
+    csv: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Identify(Computed):
+    """Options of ``jaxhb identify``; ``fit`` are numbers and their bounds, ``weak``
+    asks for the weak cylinder instead.
+    """
+
+    measured: str
+    fit: tuple[tuple[str, tuple[float, float]], ...]
+    noise: float
+    weak: bool
+    output: str | None
+    json: str | None
+    plot: str | None
