@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxhb._jax import Array
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation.mean_torques import mean_torques
 from jaxhb.train import connections
@@ -92,7 +93,7 @@ def _least_mean_forces(train: DriveTrain) -> np.ndarray:
     if shared and len(load) <= DENSE_DISKS and np.all(np.isfinite(load)):
         rows, stiffness = system.springs()
         motion = np.linalg.lstsq((rows.T * stiffness) @ rows, load, rcond=None)[0]
-        force = system.stiffness[:, None] * system.deflections(motion)
+        force: Array = system.stiffness[:, None] * system.deflections(motion)
     else:
         force = _passed_on(system, load)
     least = np.abs(force[len(train.topology.shaft_and_damper_names) :]).min(axis=-1)
