@@ -612,14 +612,15 @@ def _damping_errors(link: Shaft | Damper | Mesh) -> list[str]:
     """Check that a link has one damping, a share of the critical one with its
     frequency.
     """
-    ways = _present_keys(link, "damping", "magnifier", "damping_ratio")
+    damping_keys = _present_keys(link, "damping", "magnifier", "damping_ratio")
     shares = _present_keys(link, "magnifier", "damping_ratio")
     frequency = _present_keys(link, "damping_hz")
     if shares:
-        ways += _present_keys(link, "loss_factor")
-    if len(ways) > 1:
+        damping_keys += _present_keys(link, "loss_factor")
+    if len(damping_keys) > 1:
         return [
-            f"{ways[0]} is given together with {_joined(ways[1:])}. Keep one of them."
+            f"{damping_keys[0]} is given together with {_joined(damping_keys[1:])}."
+            " Keep one of them."
         ]
     if shares and not frequency:
         return [

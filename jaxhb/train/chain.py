@@ -202,7 +202,8 @@ def _pinned(topology: Topology, tree: Tree) -> np.ndarray:
     """Whether each link is that of a damper whose ring hangs on it alone, with no
     spring beside it: bool ``(L,)``.
     """
-    ends, first_damper = topology.link_ends, len(topology.shaft_names)
+    ends = topology.link_ends
+    first_damper = len(topology.shaft_names)
     sprung = {link for link, kind, _ in topology.springs if kind != "friction"}
 
     def hangs(link: int) -> bool:

@@ -127,10 +127,10 @@ def _passed_on(system: System, load: np.ndarray) -> np.ndarray:
     for position, parent in enumerate(tree.parent[:-1].tolist()):
         link = tree.link[position]
         disk = tree.node[position]
-        near = system.arm_a[link]
-        far = -system.arm_b[link]
+        arm_near = system.arm_a[link]
+        arm_far = -system.arm_b[link]
         if not tree.from_a[position]:
-            near, far = far, near
-        force[link] = remaining[disk] / near
-        remaining[tree.node[parent]] -= far * force[link]
+            arm_near, arm_far = arm_far, arm_near
+        force[link] = remaining[disk] / arm_near
+        remaining[tree.node[parent]] -= arm_far * force[link]
     return force

@@ -69,6 +69,7 @@ def _computed(train: DriveTrain, number: int) -> str:
 
 
 def _is_zero(values: Array | None, number: int) -> bool:
+    """Whether a number of an element is there, not traced, and 0."""
     return (
         values is not None
         and not traced(values)
