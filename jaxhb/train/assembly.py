@@ -117,17 +117,13 @@ def checked(
         raise SceneError(dict.fromkeys([*errors, *too_large]))
     numbers = {"revolutions_per_cycle": cycle, "rated_rpm": rated_rpm}
     head_errors = []
+    where = f"{source}, [scene]"
     for field in dataclasses.fields(Head):
         if field.name in numbers:
-            head_errors += (
-                value_checks.field_errors(
-                    f"{source}, [scene]", field, numbers[field.name]
-                )
-                or []
-            )
-    errors += head_errors + checks.reference_errors(
-        parts, reference, disks_read=disks_read
-    )
+            value = numbers[field.name]
+            head_errors += value_checks.field_errors(where, field, value) or []
+    errors += head_errors
+    errors += checks.reference_errors(parts, reference, disks_read=disks_read)
     errors += train_checks.connection_errors(parts)
     rotor = connections.pieces(len(parts.disk_names), train_checks.elastic_pairs(parts))
     errors += train_checks.reference_error(parts, reference, rotor)
