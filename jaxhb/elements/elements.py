@@ -88,6 +88,11 @@ def not_negative(unit: str, default: Any = REQUIRED, remedy: str = "") -> Any:
     return quantity(unit, default, least=0.0, remedy=remedy)
 
 
+def cross_size(default: Any, *, kind: str = "number", **limits: Any) -> Any:
+    """Declare a diameter or width in m, at most 5 m: larger numbers are in mm."""
+    return quantity("m", default, kind=kind, most=5.0, remedy="Give it in m.", **limits)
+
+
 def choice(default: str, *words: str) -> Any:
     """Declare a word out of several, the first by default."""
     return declared("choice", default, words=(default, *words))
@@ -201,8 +206,6 @@ _OVER_AMPLITUDE = ("amplitude", "factor of stiffness", "factor of damping")
 _HARMONICS = ("order", "Re", "Im")
 _PRESSURE = ("angle", "pressure")
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
-# No shaft is thicker: what is more is in mm.
-_IN_METRES: dict[str, Any] = {"most": 5.0, "remedy": "Give it in m."}
 RULES = (
     "M68",
     *(f"KR {of}crankshaft {kind}" for of in ("", "generator ") for kind in "AB"),
@@ -291,13 +294,13 @@ class Shaft(Spring):
     over_amplitude: tuple = rows(_OVER_AMPLITUDE)
     name: str | None = declared("name", None)
     length: float | None = positive("m", None)
-    outer: float | None = quantity("m", None, above=0.0, **_IN_METRES)
-    inner: float = quantity("m", 0.0, least=0.0, **_IN_METRES)
+    outer: float | None = cross_size(None, above=0.0)
+    inner: float = cross_size(0.0, least=0.0)
     shear_modulus: float | None = quantity(
         "Pa", None, least=1e5, remedy="Give it in Pa: steel has about 8e10."
     )
-    diameter: float | None = quantity("m", None, above=0.0, **_IN_METRES)
-    bore: float = quantity("m", 0.0, least=0.0, **_IN_METRES)
+    diameter: float | None = cross_size(None, above=0.0)
+    bore: float = cross_size(0.0, least=0.0)
     stress_concentration: float | None = quantity(
         "", None, above=0.0, most=1.0, remedy=_FORM_FACTOR
     )
@@ -354,7 +357,7 @@ class Mesh(Link):
     contact_ratio: float | None = quantity(
         "", None, kind="shorthand", least=1.0, most=4.0
     )
-    width: float | None = quantity("m", None, kind="shorthand", above=0.0, **_IN_METRES)
+    width: float | None = cross_size(None, kind="shorthand", above=0.0)
     helix: float = quantity("deg", 0.0, kind="shorthand", above=-45.0, below=45.0)
     orders: int = quantity("", 4, kind="count", least=1.0)
     name: str | None = declared("name", None)
