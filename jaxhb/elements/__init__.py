@@ -1,4 +1,4 @@
-"""What a train can be made of: one dataclass for each kind of element, and the checks
-of single elements. What the engineer wrote goes in, sentences on what is wrong with it
-come out.
+"""Elements of a train, one dataclass for each kind, and the checks of single elements.
+
+Elements hold what the engineer wrote; the checks return sentences on what is wrong.
 """

@@ -8,9 +8,13 @@ orders of the scene, ``harmonics`` or ``gas_torque``. ``without = [ELEMENT, ...]
 leaves elements out, as a clutch that is open.
 """
 
+from __future__ import annotations
+
 import dataclasses
 from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
+from typing import Any
 
 from jaxhb.elements.elements import (
     TABLES,
@@ -27,9 +31,11 @@ from jaxhb.elements.engine import Engine, cylinders, engine_errors
 from jaxhb.elements.value_checks import TOGETHER, field_errors, row_errors
 
 
-def read_scenarios(parts, scenarios) -> tuple[dict, list[str]]:
-    """Values by scenario and ``"ELEMENT.FIELD"``, and sentences on what names no number
-    of an element.
+def read_scenarios(
+    parts: Parts, scenarios: Any
+) -> tuple[dict[str, dict[str, Any]], list[str]]:
+    """Values by scenario and ``"ELEMENT.FIELD"``, and sentences on keys that name no
+    number of an element.
     """
     if scenarios is None:
         return {}, []
@@ -40,39 +46,53 @@ def read_scenarios(parts, scenarios) -> tuple[dict, list[str]]:
             f"{parts.source}: 'scenario' must hold a table for each scenario. Write"
             " [scenario.NAME]."
         ]
-    found = {name: dict(_flat(values)) for name, values in scenarios.items()}
-    # Of two tables with one name the first counts; the name has its own sentence.
+    by_name = {name: dict(_flat(values)) for name, values in scenarios.items()}
+    # The first of two tables with one name counts; the name has its own sentence.
     places = {
-        n: (t, i)
-        for t in reversed(TABLES)
-        for i, n in enumerate(parts.names[t])
-        if isinstance(n, str)
+        element_name: (table, index)
+        for table in reversed(TABLES)
+        for index, element_name in enumerate(parts.names[table])
+        if isinstance(element_name, str)
     }
     near = Suggestions(places)
     errors = [
         f"{parts.source}, [scenario.{cut(name)}]: {text}"
-        for name, values in found.items()
+        for name, values in by_name.items()
         for key, value in values.items()
-        for text in _errors(parts, places, near, key, value)
+        for text in _scenario_errors(parts, places, near, key, value)
     ]
-    return found, errors
+    return by_name, errors
 
 
-def _flat(values, before=""):
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Pairs of dotted keys and values of nested tables."""
     for key, value in values.items():
         if isinstance(value, dict):
-            yield from _flat(value, f"{before}{key}.")
+            yield from _flat(value, f"{prefix}{key}.")
         else:
-            yield f"{before}{key}", value
+            yield f"{prefix}{key}", value
 
 
-def _errors(parts, places, near, key, value) -> list[str]:
+def _scenario_errors(
+    parts: Parts,
+    places: Mapping[str, tuple[str, int]],
+    near: Suggestions,
+    key: str,
+    value: Any,
+) -> list[str]:
+    """Sentences on one key of a scenario and its value."""
     name, dot, field = key.rpartition(".")
     if key == "without":
         names = value if isinstance(value, list) else [value]
-        lost = [n for n in names if not (isinstance(n, str) and n in places)]
-        return [f"without: there is no element {shown(n)}.{near(n)}" for n in lost]
+        unknown = [
+            element
+            for element in names
+            if not (isinstance(element, str) and element in places)
+        ]
+        return [
+            f"without: there is no element {shown(element)}.{near(element)}"
+            for element in unknown
+        ]
     if not dot:
         return [
             f"{shown(key)} names no field. Write 'NAME.FIELD', as 'coupling.stiffness'."
@@ -83,23 +103,23 @@ def _errors(parts, places, near, key, value) -> list[str]:
         return _combustion_errors(parts, places[outer], outer, field, value)
     if name not in places:
         return [f"there is no element {shown(name)} in {shown(key)}.{near(name)}"]
-    (table, i) = places[name]
-    taken = ("number", "flag")
+    (table, index) = places[name]
+    kinds = ("number", "flag")
     fields = {
-        f.name: f
-        for f in dataclasses.fields(TABLES[table])
-        if f.metadata["kind"] in taken
+        declared.name: declared
+        for declared in dataclasses.fields(TABLES[table])
+        if declared.metadata["kind"] in kinds
     }
-    if field in ("harmonics", "gas_torque") and (
-        rows := getattr(parts.tables[table][i], field, None)
-    ):
+    has_orders = field in ("harmonics", "gas_torque")
+    rows = getattr(parts.tables[table][index], field, None) if has_orders else None
+    if rows:
         errors = row_errors(field, ("order", "Re", "Im"), value)
         orders = [row[0] for row in rows]
         if errors or [row[0] for row in value] == orders:
             return [f"{name!r}: {text}" for text in errors]
+        listed = ", ".join(f"{order:g}" for order in orders)
         return [
-            f"{key} has other orders than the scene, must have"
-            f" {', '.join(f'{o:g}' for o in orders)}, in this order."
+            f"{key} has other orders than the scene, must have {listed}, in this order."
         ]
     if field not in fields:
         return [
@@ -111,16 +131,18 @@ def _errors(parts, places, near, key, value) -> list[str]:
     return field_errors(repr(name), fields[field], value) or []
 
 
-def _combustion_errors(parts, place, name, field, value) -> list[str]:
-    """The same of a number of the combustion of a cylinder."""
-    table, i = place
-    combustion = getattr(parts.tables[table][i], "combustion", None)
+def _combustion_errors(
+    parts: Parts, place: tuple[str, int], name: str, field: str, value: Any
+) -> list[str]:
+    """Sentences on a number of the combustion of a cylinder in a scenario."""
+    table, index = place
+    combustion = getattr(parts.tables[table][index], "combustion", None)
     if not isinstance(combustion, Combustion):
         return [f"{name!r} has no combustion. Build the scene with one."]
     fields = {
-        f.name: f
-        for f in dataclasses.fields(combustion)
-        if f.metadata["kind"] == "number"
+        declared.name: declared
+        for declared in dataclasses.fields(combustion)
+        if declared.metadata["kind"] == "number"
     }
     if field not in fields:
         return [
@@ -138,15 +160,19 @@ LINKS = ("shaft", "mesh")
 class Parts:
     """The elements of a scene by table, with the names and places that sentences use.
 
-    ``bad`` collects (table, index, field) of what a sentence was said about; the checks
-    of the whole train leave it out. ``complete`` is False where some table of the scene
+    ``bad`` collects (table, index, field) of values with a sentence; the checks of the
+    whole train leave them out. ``complete`` is False where some table of the scene
     could not be read. Engines are replaced by their cylinders, which come last;
-    ``engine_errors`` are sentences on those that cannot be.
+    ``engine_errors`` are sentences on engines whose cylinders cannot be made.
     """
 
-    def __init__(self, elements, source: str, *, complete: bool = True):
-        self.source, self.complete, self.bad = source, complete, set()
-        self.tables = {table: [] for table in TABLES}
+    def __init__(
+        self, elements: Iterable[Any], source: str, *, complete: bool = True
+    ) -> None:
+        self.source = source
+        self.complete = complete
+        self.bad: set[tuple[str, int, str]] = set()
+        self.tables: dict[str, list[Any]] = {table: [] for table in TABLES}
         engines = [element for element in elements if isinstance(element, Engine)]
         for element in elements:
             if isinstance(element, Engine):
@@ -160,67 +186,73 @@ class Parts:
                 )
             self.tables[table_of(element)].append(element)
         self._put_engines(engines)
-        self.names = {
-            table: [getattr(e, "name", None) for e in rows]
+        self.names: dict[str, list[Any]] = {
+            table: [getattr(element, "name", None) for element in rows]
             for table, rows in self.tables.items()
         }
         self._give_names()
         self.disk_names = [*self.names["disk"], *self.names["damper"]]
         self.disk_of = {
-            name: i for i, name in enumerate(self.disk_names) if isinstance(name, str)
+            name: index
+            for index, name in enumerate(self.disk_names)
+            if isinstance(name, str)
         }
         self._count = Counter(name for name in self.disk_names if isinstance(name, str))
-        # What joins the disks is settled here, and asked for by every check.
-        self._links = {}
-        self._seats = {}
+        # Links and seats are found once: every check reads them.
+        self._links: dict[str, list[tuple[int, tuple[int, int]]]] = {}
+        self._seats: dict[str, list[tuple[int, int]]] = {}
 
-    def _put_engines(self, engines):
+    def _put_engines(self, engines: Iterable[Engine]) -> None:
         """Put the cylinders of engines behind those of the scene."""
-        given = list(self.tables["cylinder"])
-        self.engine_errors = []
-        self._engine_of = [""] * len(given)
-        known = [
-            e.name
+        scene_cylinders = list(self.tables["cylinder"])
+        self.engine_errors: list[str] = []
+        self._engine_of = [""] * len(scene_cylinders)
+        disk_names = [
+            element.name
             for table in ("disk", "damper")
-            for e in self.tables[table]
-            if isinstance(e.name, str)
+            for element in self.tables[table]
+            if isinstance(element.name, str)
         ]
         for engine in engines:
             name = f" {engine.name!r}" if isinstance(engine.name, str) else ""
             where = f"{self.source}, [engine]{name}"
-            errors = engine_errors(engine, where, known)
+            errors = engine_errors(engine, where, disk_names)
             disks = engine.disks if isinstance(engine.disks, tuple | list) else ()
-            for i, cylinder in enumerate(given):
+            for index, cylinder in enumerate(scene_cylinders):
                 if cylinder.disk in disks:
                     text = (
                         f"it sits on {cylinder.disk!r}, a disk of an [engine], which"
                         " makes its cylinders"
                     )
                     errors.append(
-                        f"{self.where('cylinder', i)}: {text}. Remove one of them."
+                        f"{self.where('cylinder', index)}: {text}. Remove one of them."
                     )
             if errors:
-                # Its cylinders are missing: what follows from that is no fault of the
-                # train.
+                # Its cylinders are missing, which is no fault of the rest of the train.
                 self.complete = False
                 self.engine_errors += errors
                 continue
-            made = cylinders(engine)
-            self.tables["cylinder"] += made
-            self._engine_of += [where] * len(made)
+            engine_cylinders = cylinders(engine)
+            self.tables["cylinder"] += engine_cylinders
+            self._engine_of += [where] * len(engine_cylinders)
 
-    def rows(self):
-        """Table, number and element of all elements."""
+    def rows(self) -> Iterator[tuple[str, int, Any]]:
+        """Table, index and element of all elements."""
         return (
-            (table, i, element)
+            (table, index, element)
             for table, rows in self.tables.items()
-            for i, element in enumerate(rows)
+            for index, element in enumerate(rows)
         )
 
-    def _give_names(self):
+    def _give_names(self) -> None:
+        """Name the elements that have no name by the disks that they join or sit on."""
         count = Counter()
-        for table, i, element in self.rows():
-            if self.names[table][i] is not None or table in ("disk", "damper", "phase"):
+        for table, index, element in self.rows():
+            if self.names[table][index] is not None or table in (
+                "disk",
+                "damper",
+                "phase",
+            ):
                 continue
             if table in LINKS:
                 ends = (
@@ -230,28 +262,28 @@ class Parts:
                     end if isinstance(end, str) else shown(end) for end in ends
                 )
             else:
-                named = isinstance(element.disk, str)
-                disk = element.disk if named else shown(element.disk)
+                is_text = isinstance(element.disk, str)
+                disk = element.disk if is_text else shown(element.disk)
                 base = f"{disk}:{table}"
             count[base] += 1
-            self.names[table][i] = base if count[base] == 1 else f"{base}#{count[base]}"
+            self.names[table][index] = (
+                base if count[base] == 1 else f"{base}#{count[base]}"
+            )
 
     def where(self, table: str, i: int) -> str:
-        """Say which element: ``gears.toml, [[shaft]] no. 3 'coupling'``."""
+        """Say where an element stands: ``gears.toml, [[shaft]] no. 3 'coupling'``."""
         if table == "cylinder" and self._engine_of[i]:
             return self._engine_of[i]
         name = getattr(self.tables[table][i], "name", None)
-        return (
-            f"{self.source}, [[{table}]] no."
-            f" {i + 1}{f' {shown(name)}' if isinstance(name, str) else ''}"
-        )
+        title = f" {shown(name)}" if isinstance(name, str) else ""
+        return f"{self.source}, [[{table}]] no. {i + 1}{title}"
 
     def usable(self, table: str, i: int, *fields: str) -> bool:
         """Tell whether fields of an element can be computed with."""
         return not any((table, i, name) in self.bad for name in fields)
 
-    def disk(self, name) -> int | None:
-        """Index of a disk or ring, None where the name is not that of exactly one."""
+    def disk(self, name: Any) -> int | None:
+        """Index of a disk or ring; None unless exactly one has the name."""
         return (
             self.disk_of[name]
             if isinstance(name, str) and self._count[name] == 1
@@ -261,64 +293,67 @@ class Parts:
     def links(self, table: str) -> list[tuple[int, tuple[int, int]]]:
         """Index and disks of the links of a table whose ends are known."""
         if table not in self._links:
-            found = []
+            links = []
             for i, element in enumerate(self.tables[table]):
                 pair = (
                     element.between if isinstance(element.between, tuple | list) else ()
                 )
                 ends = [disk for disk in map(self.disk, pair) if disk is not None]
                 if len(pair) == len(ends) == 2 and ends[0] != ends[1]:
-                    found.append((i, (ends[0], ends[1])))
-            self._links[table] = found
+                    links.append((i, (ends[0], ends[1])))
+            self._links[table] = links
         return self._links[table]
 
     def seats(self, table: str) -> list[tuple[int, int]]:
-        """Index and disk of the elements of a table that sit on a known disk, not on
-        their own ring.
+        """Index and disk of the elements of a table that sit on a known disk, except
+        dampers on their own ring.
         """
         if table not in self._seats:
-            found = [
+            all_seats = [
                 (i, self.disk(element.disk))
                 for i, element in enumerate(self.tables[table])
             ]
-            rings = len(self.tables["disk"])
-            own = {i: rings + i for i, _ in found} if table == "damper" else {}
+            n_disks = len(self.tables["disk"])
+            ring_of = (
+                {i: n_disks + i for i, _ in all_seats} if table == "damper" else {}
+            )
             self._seats[table] = [
-                (i, d) for i, d in found if d is not None and d != own.get(i)
+                (i, disk)
+                for i, disk in all_seats
+                if disk is not None and disk != ring_of.get(i)
             ]
         return self._seats[table]
 
     def phased(self, i: int) -> dict[str, list[int]]:
-        """Cylinders and torques that a phase names, by table; of a name that is none,
-        the cylinders of that engine.
+        """Indices of the cylinders and torques that a phase names, by table; the name
+        of an engine stands for its cylinders.
         """
-        named = self.tables["phase"][i].of
-        named = (
-            {name for name in named if isinstance(name, str)}
-            if isinstance(named, tuple | list)
-            else set()
-        )
+        members = self.tables["phase"][i].of
+        listed = members if isinstance(members, tuple | list) else ()
+        names = {name for name in listed if isinstance(name, str)}
         return {
-            table: sorted({k for name in named for k in at.get(name, ())})
-            for table, at in self._phased.items()
+            table: sorted(
+                {index for name in names for index in indices_of.get(name, ())}
+            )
+            for table, indices_of in self._phased.items()
         }
 
     @cached_property
     def _phased(self) -> dict[str, dict[str, list[int]]]:
-        """Cylinders and torques by the names that a phase may give: their own, and for
-        cylinders that of the engine.
+        """Indices of cylinders and torques by the names that a phase may give: their
+        own, and for cylinders that of the engine.
         """
-        found: dict[str, dict[str, list[int]]] = {
+        by_table: dict[str, dict[str, list[int]]] = {
             "cylinder": defaultdict(list),
             "torque": defaultdict(list),
         }
-        for table, at in found.items():
-            for k, name in enumerate(self.names[table]):
-                at[str(name)].append(k)
-        for k, name in enumerate(self.names["cylinder"]):
+        for table, indices_of in by_table.items():
+            for index, name in enumerate(self.names[table]):
+                indices_of[str(name)].append(index)
+        for index, name in enumerate(self.names["cylinder"]):
             # "port" is the engine of the cylinders "port 1", "port A2", ...
-            found["cylinder"][str(name).rpartition(" ")[0]].append(k)
-        return found
+            by_table["cylinder"][str(name).rpartition(" ")[0]].append(index)
+        return by_table
 
     def ends(self, table: str) -> list[tuple[int, int]]:
         """Pairs of disks that the links of a table join."""
@@ -330,68 +365,70 @@ class Parts:
 
     @property
     def connected(self) -> bool:
-        """Tell whether it is known what every link joins."""
-        found = [(self.tables[t], len(self.links(t))) for t in LINKS]
-        found.append((self.tables["damper"], len(self.seats("damper"))))
-        known = all(len(rows) == known for rows, known in found)
+        """Tell whether it is known which disks every link joins."""
+        counts = [(self.tables[table], len(self.links(table))) for table in LINKS]
+        counts.append((self.tables["damper"], len(self.seats("damper"))))
         return (
             self.complete
-            and known
+            and all(len(rows) == n_placed for rows, n_placed in counts)
             and all(self.disk(name) is not None for name in self.disk_names)
         )
 
 
 def element_errors(parts: Parts) -> list[str]:
-    """Find what is wrong with each element by itself: keys, values, rows; and mark it
-    in ``parts.bad``.
+    """Find everything wrong with each element by itself: keys, values, rows; and mark
+    it in ``parts.bad``.
     """
     errors = []
-    for table, i, element in parts.rows():
-        where = parts.where(table, i)
-        for f in fields_of(element):
-            value = getattr(element, f.name)
-            # Defaults are sound.
-            found = None if value is f.default else field_errors(where, f, value)
-            if found is not None:
-                parts.bad.add((table, i, f.name))
-                errors += found
-        check, field = TOGETHER.get(table, (lambda element: [], ""))
-        if found := check(element):
-            parts.bad.add((table, i, field))
-            errors += [f"{where}: {text}" for text in found]
+    for table, index, element in parts.rows():
+        where = parts.where(table, index)
+        for field in fields_of(element):
+            value = getattr(element, field.name)
+            if value is field.default:
+                continue  # defaults are sound
+            sentences = field_errors(where, field, value)
+            if sentences is not None:
+                parts.bad.add((table, index, field.name))
+                errors += sentences
+        if table in TOGETHER:
+            check, doubtful_field = TOGETHER[table]
+            texts = check(element)
+            if texts:
+                parts.bad.add((table, index, doubtful_field))
+                errors += [f"{where}: {text}" for text in texts]
     return errors
 
 
 def name_errors(parts: Parts) -> list[str]:
     """Find names that stand for several elements."""
-    first = {}
+    first_place = {}
     errors = []
     for table in TABLES:
-        for i, name in enumerate(parts.names[table]):
-            place = f"[[{table}]] no. {i + 1}"
-            if isinstance(name, str) and first.setdefault(name, place) != place:
+        for index, name in enumerate(parts.names[table]):
+            place = f"[[{table}]] no. {index + 1}"
+            if isinstance(name, str) and first_place.setdefault(name, place) != place:
                 errors.append(
                     f"{parts.source}, {place}: the name {shown(name)} is taken by"
-                    f" {first[name]}. Rename."
+                    f" {first_place[name]}. Rename."
                 )
     return errors
 
 
-def reference_errors(parts: Parts, reference, *, disks_read: bool) -> list[str]:
+def reference_errors(parts: Parts, reference: Any, *, disks_read: bool) -> list[str]:
     """Find references to disks that do not exist, if all were read, and links that join
     a disk to itself.
     """
     errors = []
-    known = [name for name in parts.disk_names if isinstance(name, str)]
-    near = Suggestions(known)
+    disk_names = [name for name in parts.disk_names if isinstance(name, str)]
+    near = Suggestions(disk_names)
     if disks_read and not parts.tables["disk"]:
         errors.append(f"{parts.source}: there is no [[disk]]. Give at least one.")
-    for table, i, element in parts.rows():
-        where = parts.where(table, i)
-        pair = getattr(element, "between", (getattr(element, "disk", None),))
+    for table, index, element in parts.rows():
+        where = parts.where(table, index)
+        names = getattr(element, "between", (getattr(element, "disk", None),))
         ends = (
-            [end for end in pair if isinstance(end, str)]
-            if isinstance(pair, tuple | list)
+            [end for end in names if isinstance(end, str)]
+            if isinstance(names, tuple | list)
             else []
         )
         unknown = (

@@ -1,39 +1,42 @@
 """Numbers of links that follow from others: stiffness from dimensions, damping from a
 magnifier or a damping ratio.
 
-Solves read stiffness and damping alone. What they follow from is kept beside them, and
-:meth:`DriveTrain.replace` changes both together.
+Solves read stiffness and damping alone. The numbers that they follow from are stored
+beside them, and :meth:`DriveTrain.replace` changes both together.
 """
 
 import dataclasses
 import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from jaxhb._jax import Number
+from jaxhb.elements.elements import Damper, Mesh, Shaft
 
 LINKS = ("shaft", "damper", "mesh")  # tables of links in the order of their numbers
 DIMENSIONS = ("length", "outer", "inner", "shear_modulus")
 DAMPING = ("magnifier", "damping_ratio", "damping_hz")
 OPTIONAL = (
-    *(
-        "length",
-        "outer",
-        "shear_modulus",
-        *DAMPING,
-        "diameter",
-        "stress_concentration",
-        "tensile_strength",
-    ),
+    "length",
+    "outer",
+    "shear_modulus",
+    *DAMPING,
+    "diameter",
+    "stress_concentration",
+    "tensile_strength",
     "yield_strength",
-    *("power_limit", "rated_torque", "clearance", "friction", "slip_speed"),
+    "power_limit",
+    "rated_torque",
+    "clearance",
+    "friction",
+    "slip_speed",
 )
 """Keys that a link has or has not, so that None differs from 0; ``inner`` and ``bore``
-are 0 where not given.
+are 0 where absent.
 """
 
-WITH = {
-    "inner": "outer",
-    "bore": "diameter",
-}  # keys that only have a meaning beside another one
+# Keys that only have a meaning beside another one
+WITH = {"inner": "outer", "bore": "diameter"}
 
 
 def shaft_stiffness(
@@ -81,94 +84,110 @@ def viscous_damping(
     return stiffness * share / (2.0 * math.pi * hz)
 
 
-def completed(link):
+def completed(link: Shaft | Damper | Mesh) -> Shaft | Damper | Mesh:
     """A sound link with the stiffness and the damping that follow from its other
     keys.
     """
-    values = {}
-    if getattr(link, "outer", None) is not None:
-        values["stiffness"] = shaft_stiffness(
-            *(getattr(link, name) for name in DIMENSIONS)
+    values: dict[str, Any] = {}
+    stiffness: Number | None = link.stiffness
+    if isinstance(link, Shaft) and link.outer is not None:
+        # A sound shaft with an outer diameter has the other dimensions as well.
+        assert link.length is not None
+        assert link.shear_modulus is not None
+        stiffness = shaft_stiffness(
+            link.length, link.outer, link.inner, link.shear_modulus
         )
+        values["stiffness"] = stiffness
     if link.damping_hz is not None:
-        given = {"magnifier": link.magnifier, "damping_ratio": link.damping_ratio}
+        assert stiffness is not None  # every sound link has one by now
         values["damping"] = viscous_damping(
-            values.get("stiffness", link.stiffness), link.damping_hz, **given
+            stiffness,
+            link.damping_hz,
+            magnifier=link.magnifier,
+            damping_ratio=link.damping_ratio,
         )
     return dataclasses.replace(link, **values) if values else link
 
 
-def link_keys(links) -> tuple[tuple[str, ...], ...]:
-    """Which of :data:`OPTIONAL` each link has; empty where none has any."""
-    found = tuple(
+def link_keys(links: Sequence[Shaft | Damper | Mesh]) -> tuple[tuple[str, ...], ...]:
+    """Keys out of :data:`OPTIONAL` that each link has; empty where no link has any."""
+    keys = tuple(
         tuple(key for key in OPTIONAL if getattr(link, key, None) is not None)
         for link in links
     )
-    return found if any(found) else ()
+    return keys if any(keys) else ()
 
 
 def link_number(topology, table: str, index: int) -> int:
-    """Number among the links of element ``index`` of a table."""
-    before = {"shaft": 0, "damper": len(topology.shaft_names)}
-    return index + before.get(
-        table, len(topology.link_names) - len(topology.mesh_names)
-    )
+    """Number of element ``index`` of a table among all links."""
+    first = {"shaft": 0, "damper": len(topology.shaft_names)}
+    return index + first.get(table, len(topology.link_names) - len(topology.mesh_names))
 
 
-def followers(before, after, changes):
-    """What follows from changed numbers of links: (table, "stiffness" or "damping",
-    {index: value}).
+def followers(
+    before, after, changes: Mapping[tuple[str, str], Mapping[int, Any]]
+) -> Iterator[tuple[str, str, dict[int, Number]]]:
+    """Numbers that follow from changed numbers of links: (table, "stiffness" or
+    "damping", {index: value}).
 
     ``changes``: ``{(table, field): {index: value}}`` that lead from the train
-    ``before`` to ``after``. Both scale with what they follow from, so that links made
-    constant or viscous meanwhile stay so.
+    ``before`` to ``after``. Both scale with the numbers that they follow from, so that
+    links made constant or viscous meanwhile stay so.
     """
     topology = before.topology
     for table in LINKS if topology.link_keys else ():
-        old, new = (
-            getattr(train, "meshes" if table == "mesh" else f"{table}s")
-            for train in (before, after)
-        )
-        sized = sorted(
+        attribute = "meshes" if table == "mesh" else f"{table}s"
+        old_links = getattr(before, attribute)
+        new_links = getattr(after, attribute)
+        resized = sorted(
             {i for name in DIMENSIONS for i in changes.get((table, name), ())}
         )
         stiffness = {
-            i: new.stiffness[i] * _stiffness(new, i) / _stiffness(old, i) for i in sized
+            i: new_links.stiffness[i]
+            * _stiffness(new_links, i)
+            / _stiffness(old_links, i)
+            for i in resized
         }
         if stiffness:
             yield table, "stiffness", stiffness
-        moved = {*sized, *changes.get((table, "stiffness"), ())}
-        moved |= {i for name in DAMPING for i in changes.get((table, name), ())}
-        damped = sorted(
+        changed_links = {*resized, *changes.get((table, "stiffness"), ())}
+        changed_links |= {i for name in DAMPING for i in changes.get((table, name), ())}
+        damped_links = sorted(
             i
-            for i in moved
+            for i in changed_links
             if topology.has_key(link_number(topology, table, i), "damping_hz")
         )
-        ratio = {
-            i: stiffness.get(i, new.stiffness[i]) / old.stiffness[i] for i in damped
+        stiffness_ratio = {
+            i: stiffness.get(i, new_links.stiffness[i]) / old_links.stiffness[i]
+            for i in damped_links
         }
-        keys = {i: topology.link_keys[link_number(topology, table, i)] for i in damped}
+        keys = {
+            i: topology.link_keys[link_number(topology, table, i)] for i in damped_links
+        }
         damping = {
             i: (
-                new.damping[i]
-                * ratio[i]
-                * _share(new, i, keys[i])
-                / _share(old, i, keys[i])
+                new_links.damping[i]
+                * stiffness_ratio[i]
+                * _share(new_links, i, keys[i])
+                / _share(old_links, i, keys[i])
             )
-            for i in damped
+            for i in damped_links
         }
         if damping:
             yield table, "damping", damping
 
 
-def _stiffness(shafts, i):
+def _stiffness(shafts, i: int) -> Number:
+    """Stiffness in N m/rad of shaft ``i`` from its dimensions."""
     inner = 0.0 if shafts.inner is None else shafts.inner[i]
     return shaft_stiffness(
         shafts.length[i], shafts.outer[i], inner, shafts.shear_modulus[i]
     )
 
 
-def _share(links, i, keys):
-    """Damping over stiffness."""
-    way = "magnifier" if "magnifier" in keys else "damping_ratio"
-    return viscous_damping(1.0, links.damping_hz[i], **{way: getattr(links, way)[i]})
+def _share(links, i: int, keys: Sequence[str]) -> Number:
+    """Damping over stiffness of link ``i``, from the keys that it has."""
+    hz = links.damping_hz[i]
+    if "magnifier" in keys:
+        return viscous_damping(1.0, hz, magnifier=links.magnifier[i])
+    return viscous_damping(1.0, hz, damping_ratio=links.damping_ratio[i])

@@ -1,7 +1,7 @@
-"""What a drive train is made of, as the engineer writes it: one frozen dataclass for
-each ``[[table]]`` of a scene, with unit and range of every number.
+"""Elements of a drive train as the engineer writes them: one frozen dataclass for each
+``[[table]]`` of a scene, with unit and range of every number.
 
-The elements only hold what was written. Nothing is checked when one is made;
+Elements only hold what was written. Nothing is checked when one is made;
 :func:`jaxhb.train.assembly.build` checks all of them together. Every numeric field
 carries its unit and its allowed range, which the checks and the sentences of the errors
 read. Units are SI, angles at the border in degrees.
@@ -10,6 +10,7 @@ read. Units are SI, angles at the border in degrees.
 import dataclasses
 import difflib
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cache, reduce
 from operator import ge, gt, le, lt, or_
@@ -18,7 +19,7 @@ from typing import Any
 
 @dataclass(frozen=True, kw_only=True)
 class Range:
-    """The numbers a field may take, with its unit and what to do about a number
+    """Numbers that a field may take, with their unit and the remedy for a number
     outside.
     """
 
@@ -29,17 +30,21 @@ class Range:
     most: float | None = None
     remedy: str = ""
 
-    def excludes(self, values) -> Any:
+    def excludes(self, values: Any) -> Any:
         """Whether numbers, or arrays of them, lie outside the range; nan does not."""
-        wrong = (le, self.above), (lt, self.least), (ge, self.below), (gt, self.most)
+        bounds = (le, self.above), (lt, self.least), (ge, self.below), (gt, self.most)
         return reduce(
             or_,
-            (is_wrong(values, end) for is_wrong, end in wrong if end is not None),
+            (
+                lies_beyond(values, end)
+                for lies_beyond, end in bounds
+                if end is not None
+            ),
             False,
         )
 
     def words(self) -> str:
-        """Say the range: ``greater than 0 N m/rad``."""
+        """Say the range in words: ``greater than 0 N m/rad``."""
         unit = f" {self.unit}" if self.unit else ""
         limits = {
             "greater than": self.above,
@@ -52,130 +57,134 @@ class Range:
             for words, limit in limits.items()
             if limit is not None
         ]
-        return (
-            " and ".join(parts)
-            or f"a finite number{f' in {self.unit}' if self.unit else ''}"
-        )
+        in_unit = f" in {self.unit}" if self.unit else ""
+        return " and ".join(parts) or f"a finite number{in_unit}"
 
 
 REQUIRED = dataclasses.MISSING
 
 
-def declared(kind: str, default: Any = REQUIRED, **metadata) -> Any:
-    """A field of an element; what each kind takes stands in
-    :mod:`jaxhb.elements.value_checks`.
+def declared(kind: str, default: Any = REQUIRED, **metadata: Any) -> Any:
+    """Declare a field of an element; :mod:`jaxhb.elements.value_checks` says what each
+    kind takes.
     """
     return field(default=default, metadata={"kind": kind, **metadata})
 
 
 def quantity(
-    unit: str, default: Any = REQUIRED, *, kind: str = "number", **limits
+    unit: str, default: Any = REQUIRED, *, kind: str = "number", **limits: Any
 ) -> Any:
+    """Declare a number in a unit, within the ``limits`` of a :class:`Range`."""
     return declared(kind, default, range=Range(unit=unit, **limits))
 
 
 def positive(unit: str, default: Any = REQUIRED, remedy: str = "") -> Any:
+    """Declare a number greater than 0."""
     return quantity(unit, default, above=0.0, remedy=remedy)
 
 
 def not_negative(unit: str, default: Any = REQUIRED, remedy: str = "") -> Any:
+    """Declare a number of at least 0."""
     return quantity(unit, default, least=0.0, remedy=remedy)
 
 
+def cross_size(default: Any, *, kind: str = "number", **limits: Any) -> Any:
+    """Declare a diameter or width in m, at most 5 m: larger numbers are in mm."""
+    return quantity("m", default, kind=kind, most=5.0, remedy="Give it in m.", **limits)
+
+
 def choice(default: str, *words: str) -> Any:
+    """Declare a word out of several, the first by default."""
     return declared("choice", default, words=(default, *words))
 
 
 def rows(columns: tuple[str, ...], default: Any = ()) -> Any:
+    """Declare a table of numbers with these columns."""
     return declared("rows", default, columns=columns)
 
 
-TOLD = 12  # sentences of an error that are printed
+MOST_SENTENCES = 12  # of an error that are printed
 LONGEST_SENTENCE = 1000  # characters that are printed of each
 LARGEST = 1e60  # of any number, in SI units: products of five stay finite
 SMALLEST = 1e-60  # of a number that is not 0: so do quotients
 
 
 class SceneError(ValueError):
-    """What is wrong with a scene or with a request to change it: one sentence a line,
-    all of them at once.
+    """Everything wrong with a scene or with a request to change it, one sentence a
+    line.
 
-    ``sentences`` holds all; its text the first dozen and the number of the others.
+    ``sentences`` holds all; its text the first dozen and the number of the rest.
     """
 
-    def __init__(self, sentences):
+    def __init__(self, sentences: str | Iterable[str]) -> None:
         self.sentences = (
             (sentences,) if isinstance(sentences, str) else tuple(sentences)
         )
-        more = len(self.sentences) - TOLD
-        told = self.sentences[: TOLD if more > 1 else None]
-        lines = [cut(text, LONGEST_SENTENCE) for text in told]
-        super().__init__(
-            "\n".join([*lines, *[f"... and {more} more faults."] * (more > 1)])
-        )
+        left_out = len(self.sentences) - MOST_SENTENCES
+        printed = self.sentences[: MOST_SENTENCES if left_out > 1 else None]
+        lines = [cut(text, LONGEST_SENTENCE) for text in printed]
+        if left_out > 1:
+            lines.append(f"... and {left_out} more faults.")
+        super().__init__("\n".join(lines))
 
 
 QUOTED = 60  # characters of a value that a sentence quotes
 
 
-def shown(value) -> str:
-    """Write a value into a sentence, cut after :data:`QUOTED` characters."""
+def shown(value: Any) -> str:
+    """Write a value as a sentence quotes it, cut after :data:`QUOTED` characters."""
     # Beyond float64; and repr refuses more than 4300 digits.
     if isinstance(value, int) and value.bit_length() > 1023:
-        return (
-            f"an integer of about {int(value.bit_length() * math.log10(2.0)) + 1}"
-            " digits"
-        )
+        digits = int(value.bit_length() * math.log10(2.0)) + 1
+        return f"an integer of about {digits} digits"
+    # Cut before it is written: a long list would be written whole.
+    quoted = value[: QUOTED + 1] if isinstance(value, str | list | tuple) else value
     try:
-        # What is cut off is not written first.
-        text = repr(
-            value[: QUOTED + 1] if isinstance(value, str | list | tuple) else value
-        )
+        text = repr(quoted)
     except ValueError:
         return "a value too long to be written"
     return text if len(text) <= QUOTED + 2 else f"{text[:QUOTED]}…"
 
 
 def cut(text: str, most: int = 4 * QUOTED) -> str:
-    """Shorten a text that stands in a sentence without quotes, as a path or what a
-    library says.
+    """Shorten a text that stands in a sentence without quotes, as a path or the message
+    of a library.
     """
     return text if len(text) <= most else f"{text[:most]}…"
 
 
-def suggestion(word: str, known) -> str:
+def suggestion(word: Any, choices: Iterable[str]) -> str:
     """Say what was probably meant: `` Did you mean 'stiffness'?``, or the choices where
     nothing is near.
     """
-    known = list(known)
+    words = list(choices)
     near = difflib.get_close_matches(
-        word if isinstance(word, str) else "", known, n=1, cutoff=0.6
+        word if isinstance(word, str) else "", words, n=1, cutoff=0.6
     )
     if near:
         return f" Did you mean {shown(near[0])}?"
-    if not known:
+    if not words:
         return ""
-    return (
-        f" Known: {', '.join(map(shown, known[:8]))}{', …' if len(known) > 8 else ''}."
-    )
+    listed = ", ".join(map(shown, words[:8]))
+    return f" Known: {listed}{', …' if len(words) > 8 else ''}."
 
 
 class Suggestions:
-    """:func:`suggestion` for the first words that are not known: each is compared with
-    all names of a scene.
+    """Suggest by :func:`suggestion` for the first :data:`MOST_SENTENCES` unknown words:
+    each is compared with all names of a scene.
     """
 
-    def __init__(self, known):
-        self._known = list(known)
-        self._left = TOLD
+    def __init__(self, choices: Iterable[str]) -> None:
+        self._choices = list(choices)
+        self._left = MOST_SENTENCES
 
-    def __call__(self, word) -> str:
+    def __call__(self, word: Any) -> str:
         self._left -= 1
-        return suggestion(word, self._known) if self._left >= 0 else ""
+        return suggestion(word, self._choices) if self._left >= 0 else ""
 
 
 def fields_of(element: Any) -> tuple[dataclasses.Field, ...]:
-    """The declared fields of an element."""
+    """Declared fields of an element."""
     # Classes are hashable.
     return _fields_of_class(type(element))  # type: ignore[arg-type]
 
@@ -186,8 +195,8 @@ def _fields_of_class(cls: Any) -> tuple[dataclasses.Field, ...]:
 
 
 class Unread:
-    """Stands for a value that could not be read and about which a sentence has been
-    said.
+    """Placeholder for a value that could not be read and that has its sentence
+    already.
     """
 
 
@@ -197,8 +206,6 @@ _OVER_AMPLITUDE = ("amplitude", "factor of stiffness", "factor of damping")
 _HARMONICS = ("order", "Re", "Im")
 _PRESSURE = ("angle", "pressure")
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
-# No shaft is thicker: what is more is in mm.
-_IN_METRES: dict[str, Any] = {"most": 5.0, "remedy": "Give it in m."}
 RULES = (
     "M68",
     *(f"KR {of}crankshaft {kind}" for of in ("", "generator ") for kind in "AB"),
@@ -230,8 +237,7 @@ class Disk:
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """What shafts, dampers and meshes have in common: other ways to give their viscous
-    damping.
+    """Ways in which shafts, dampers and meshes may give their viscous damping.
 
     ``magnifier`` M, the dynamic magnifier, or ``damping_ratio`` D, Lehr's, holds at the
     frequency ``damping_hz`` (:func:`jaxhb.viscous_damping`).
@@ -244,8 +250,8 @@ class Link:
 
 @dataclass(frozen=True, kw_only=True)
 class Spring(Link):
-    """What shafts and dampers have in common: play, stages, stops and dry friction, as
-    clutch discs, dual-mass flywheels and splines have them.
+    """Play, stages, stops and dry friction of shafts and dampers, as clutch discs,
+    dual-mass flywheels and splines have them.
 
     ``stiffness`` holds at small twist, or with a ``clearance``, the whole free play,
     once that is used up. ``stages`` = rows of (twist in deg, N m/rad): from that twist
@@ -288,13 +294,13 @@ class Shaft(Spring):
     over_amplitude: tuple = rows(_OVER_AMPLITUDE)
     name: str | None = declared("name", None)
     length: float | None = positive("m", None)
-    outer: float | None = quantity("m", None, above=0.0, **_IN_METRES)
-    inner: float = quantity("m", 0.0, least=0.0, **_IN_METRES)
+    outer: float | None = cross_size(None, above=0.0)
+    inner: float = cross_size(0.0, least=0.0)
     shear_modulus: float | None = quantity(
         "Pa", None, least=1e5, remedy="Give it in Pa: steel has about 8e10."
     )
-    diameter: float | None = quantity("m", None, above=0.0, **_IN_METRES)
-    bore: float = quantity("m", 0.0, least=0.0, **_IN_METRES)
+    diameter: float | None = cross_size(None, above=0.0)
+    bore: float = cross_size(0.0, least=0.0)
     stress_concentration: float | None = quantity(
         "", None, above=0.0, most=1.0, remedy=_FORM_FACTOR
     )
@@ -351,7 +357,7 @@ class Mesh(Link):
     contact_ratio: float | None = quantity(
         "", None, kind="shorthand", least=1.0, most=4.0
     )
-    width: float | None = quantity("m", None, kind="shorthand", above=0.0, **_IN_METRES)
+    width: float | None = cross_size(None, kind="shorthand", above=0.0)
     helix: float = quantity("deg", 0.0, kind="shorthand", above=-45.0, below=45.0)
     orders: int = quantity("", 4, kind="count", least=1.0)
     name: str | None = declared("name", None)
@@ -471,8 +477,8 @@ class Combustion:
 
 @dataclass(frozen=True, kw_only=True)
 class CrankSlider:
-    """What a ``[[cylinder]]`` and an ``[engine]`` have in common: geometry, gas and
-    what is kept of the torques.
+    """Geometry, gas and orders of the torques that a ``[[cylinder]]`` and an
+    ``[engine]`` share.
     """
 
     bore: float | None = positive("m", None)
@@ -544,8 +550,8 @@ class Phase:
 
 @dataclass(frozen=True, kw_only=True)
 class Head:
-    """``[scene]``: what belongs to the whole train; ``notes`` are texts that every
-    check and report tells.
+    """``[scene]``: settings of the whole train; ``notes`` are texts that every check
+    and report repeats.
     """
 
     name: str | None = declared("name", None)
@@ -556,7 +562,7 @@ class Head:
     rated_rpm: float | None = positive("rpm", None)
 
 
-def table_of(element) -> str:
+def table_of(element: Any) -> str:
     """Name the ``[[table]]`` that describes an element: ``table_of(Disk(...)) ==
     "disk"``.
     """
@@ -569,34 +575,32 @@ TABLES: dict[str, Any] = {
 }
 
 
-def facts_of(element, before=""):
-    """All that a scene says of an element: value and declared field by name, as
+def facts_of(
+    element: Any, before: str = ""
+) -> dict[str, tuple[Any, dataclasses.Field]]:
+    """Everything a scene says of an element: value and declared field by name, as
     "stiffness", "combustion.start" or "traces no. 1.rpm"; None where a scene may be
     silent and is.
     """
-    found = {}
-    for one in dataclasses.fields(element):
-        value = getattr(element, one.name)
-        name = before + one.name
+    facts = {}
+    for declared in dataclasses.fields(element):
+        value = getattr(element, declared.name)
+        name = before + declared.name
         if dataclasses.is_dataclass(value):
-            found |= facts_of(value, f"{name}.")
-        elif one.metadata["kind"] == "tables":
+            facts |= facts_of(value, f"{name}.")
+        elif declared.metadata["kind"] == "tables":
             for k, inner in enumerate(value or ()):
-                found |= facts_of(inner, f"{name} no. {k + 1}.")
-        elif one.name != "name":
-            rows = (
-                tuple(map(tuple, value))
-                if one.metadata["kind"] == "rows" and value is not None
-                else value
-            )
-            found[name] = (
-                ", ".join(rows) if one.metadata["kind"] == "pair" else rows,
-                one,
-            )
-    return found
+                facts |= facts_of(inner, f"{name} no. {k + 1}.")
+        elif declared.name != "name":
+            if declared.metadata["kind"] == "rows" and value is not None:
+                value = tuple(map(tuple, value))
+            elif declared.metadata["kind"] == "pair":
+                value = ", ".join(value)
+            facts[name] = (value, declared)
+    return facts
 
 
-def unit_of(declared):
-    """The SI unit of a declared field, "" without."""
+def unit_of(declared: dataclasses.Field) -> str:
+    """SI unit of a declared field, "" without one."""
     span = declared.metadata.get("range")
     return span.unit if span else ""

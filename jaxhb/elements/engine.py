@@ -5,9 +5,12 @@
 import dataclasses
 import math
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from jaxhb.elements.elements import (
+    Combustion,
     CrankSlider,
     Cylinder,
     choice,
@@ -21,8 +24,7 @@ from jaxhb.elements.value_checks import field_errors, number_like
 
 @dataclass(frozen=True, kw_only=True)
 class Engine(CrankSlider):
-    """``[engine]``: what its cylinders have in common, where they sit and when they
-    fire.
+    """``[engine]``: data that its cylinders share, where they sit and when they fire.
 
     Cylinders in line are called 1, 2, ...; of a vee engine, which has a ``bank_angle``,
     A1, A2, ..., B1, B2, ... ``disks`` names the disk of every cylinder in this order,
@@ -52,7 +54,7 @@ _COMMON = {
     for f in dataclasses.fields(CrankSlider)
     if f.name not in ("name", "firing_angle")
 }
-_OWN = (
+_OF_ENGINE = (
     "cylinders",
     "disks",
     "firing_order",
@@ -61,39 +63,36 @@ _OWN = (
     "firing",
     "firing_intervals",
 )
-_DEFAULTS = {f.name: f.default for f in dataclasses.fields(Engine)}
+_DEFAULTS: dict[str, Any] = {f.name: f.default for f in dataclasses.fields(Engine)}
 
 
-def cylinder_rows(engine: dict) -> list[dict]:
+def cylinder_rows(engine: dict[str, Any]) -> list[dict[str, Any]]:
     """Make the rows of the ``[[cylinder]]`` entries from the keys of a sound
     ``[engine]``.
     """
-    given = _DEFAULTS | engine
-    labels = _labels(given)
-    angles = firing_angles(given)
-    disks = list(given["disks"])
+    settings = _DEFAULTS | engine
+    labels = _labels(settings)
+    angles = firing_angles(settings)
+    disks = list(settings["disks"])
     # Where disks are throws, bank B sits on those of bank A.
     disks = disks * (len(labels) // len(disks))
-    later = given["firing_angle"]
+    offset = settings["firing_angle"]
     rows = []
     for i, label in enumerate(labels):
         row = {"name": f"{engine.get('name') or 'cylinder'} {label}", "disk": disks[i]}
         row |= {
-            key: _of_cylinder(f, engine[key], i)
-            for key, f in _COMMON.items()
+            key: _of_cylinder(field, engine[key], i)
+            for key, field in _COMMON.items()
             if key in engine
         }
-        row["firing_angle"] = angles[label] + (
-            later[i] if isinstance(later, tuple | list) else later
-        )
-        burning = row.get("combustion")
-        strokes = {"stroke_cycle": given["stroke_cycle"]}
-        if burning:
-            row["combustion"] = (
-                burning | strokes
-                if isinstance(burning, dict)
-                else replace(burning, **strokes)
-            )
+        own_offset = offset[i] if isinstance(offset, tuple | list) else offset
+        row["firing_angle"] = angles[label] + own_offset
+        combustion = row.get("combustion")
+        stroke_cycle = settings["stroke_cycle"]
+        if isinstance(combustion, dict) and combustion:
+            row["combustion"] = combustion | {"stroke_cycle": stroke_cycle}
+        elif combustion:
+            row["combustion"] = replace(combustion, stroke_cycle=stroke_cycle)
         rows.append(row)
     return rows
 
@@ -103,75 +102,89 @@ def cylinders(engine: Engine) -> list[Cylinder]:
     return [Cylinder(**row) for row in cylinder_rows(vars(engine))]
 
 
-def _of_cylinder(f, value, i):
-    """The value of cylinder i where there is one for each."""
-    if f.metadata["kind"] in ("number", "flag") and isinstance(value, tuple | list):
+def _of_cylinder(field: dataclasses.Field, value: Any, i: int) -> Any:
+    """Value of cylinder ``i`` where a field has one for each, else the value of all."""
+    if field.metadata["kind"] in ("number", "flag") and isinstance(value, tuple | list):
         return value[i]
-    if f.metadata["kind"] == "table" and value is not None:
-        inner = {g.name: g for g in dataclasses.fields(f.metadata["of"])}
+    if field.metadata["kind"] == "table" and value is not None:
+        inner_fields = {
+            inner_field.name: inner_field
+            for inner_field in dataclasses.fields(field.metadata["of"])
+        }
         values = value if isinstance(value, dict) else vars(value)
-        picked = {key: _of_cylinder(inner[key], v, i) for key, v in values.items()}
+        picked = {
+            key: _of_cylinder(inner_fields[key], inner_value, i)
+            for key, inner_value in values.items()
+        }
         return picked if isinstance(value, dict) else type(value)(**picked)
     return value
 
 
-def _labels(given) -> list[str]:
-    """Cylinders in the order of the lists: 1, 2, ... or A1, ..., B1, ..."""
-    count = int(given["cylinders"])
-    if given["bank_angle"] is None:
+def _labels(settings: Mapping[str, Any]) -> list[str]:
+    """Labels of the cylinders in the order of the lists: 1, 2, ... or A1, ..., B1,
+    ...
+    """
+    count = int(settings["cylinders"])
+    if settings["bank_angle"] is None:
         return [str(k + 1) for k in range(count)]
     return [f"{bank}{k + 1}" for bank in "AB" for k in range(count // 2)]
 
 
-def firing_angles(given: dict) -> dict[str, float]:
+def firing_angles(settings: Mapping[str, Any]) -> dict[str, float]:
     """Firing angle (deg) of every cylinder, counted from the first of the firing
     order.
     """
-    order = [str(label) for label in given["firing_order"]]
-    cycle = 180.0 * given["stroke_cycle"]
-    if given["firing_intervals"] is not None:
-        passed = [math.fsum(given["firing_intervals"][:k]) for k in range(len(order))]
-        return dict(zip(order, passed, strict=True))
-    even = {label: k * cycle / len(order) for k, label in enumerate(order)}
-    if given["bank_angle"] is None or given["firing"] == "even":
-        return even
-    first = [label for label in order if label[0] == "A"]
-    angles = {label: k * cycle / len(first) for k, label in enumerate(first)}
-    begin = even[first[0]]
+    order = [str(label) for label in settings["firing_order"]]
+    cycle = 180.0 * settings["stroke_cycle"]
+    if settings["firing_intervals"] is not None:
+        angles_in_order = [
+            math.fsum(settings["firing_intervals"][:k]) for k in range(len(order))
+        ]
+        return dict(zip(order, angles_in_order, strict=True))
+    even_angles = {label: k * cycle / len(order) for k, label in enumerate(order)}
+    if settings["bank_angle"] is None or settings["firing"] == "even":
+        return even_angles
+    bank_a = [label for label in order if label[0] == "A"]
+    angles = {label: k * cycle / len(bank_a) for k, label in enumerate(bank_a)}
+    first_angle = even_angles[bank_a[0]]
     for label in order:
         if label[0] == "B":
-            passing = angles["A" + label[1:]] + given["bank_angle"]
+            dead_centre = angles["A" + label[1:]] + settings["bank_angle"]
             # A four-stroke cylinder is at top dead centre twice a cycle, and fires
             # where that is nearer to even firing.
-            turns = [
-                passing + 360.0 * turn
-                for turn in range(int(given["stroke_cycle"]) // 2)
+            dead_centres = [
+                dead_centre + 360.0 * turn
+                for turn in range(int(settings["stroke_cycle"]) // 2)
             ]
-            apart = [
-                abs((turn + begin - even[label] + cycle / 2) % cycle - cycle / 2)
-                for turn in turns
+            distances = [
+                abs(
+                    (angle + first_angle - even_angles[label] + cycle / 2) % cycle
+                    - cycle / 2
+                )
+                for angle in dead_centres
             ]
-            angles[label] = turns[apart.index(min(apart))]
+            angles[label] = dead_centres[distances.index(min(distances))]
     start = angles[order[0]]
     return {label: (angles[label] - start) % cycle for label in order}
 
 
-def engine_errors(engine: Engine, where: str, disk_names) -> list[str]:
-    """Find what is wrong with an engine by itself; ``disk_names`` are the disks there
-    are.
+def engine_errors(engine: Engine, where: str, disk_names: Sequence[str]) -> list[str]:
+    """Find everything wrong with an engine by itself; ``disk_names`` are those of the
+    train.
     """
-    found = {
-        f.name: _field_errors(engine, where, f, engine)
-        for f in dataclasses.fields(engine)
+    by_field = {
+        field.name: _field_errors(engine, where, field, engine)
+        for field in dataclasses.fields(engine)
     }
-    errors = [text for sentences in found.values() for text in sentences]
-    own = [] if any(found[name] for name in _OWN) else _own_errors(engine, disk_names)
-    return errors + [f"{where}: {text}" for text in own]
+    errors = [text for sentences in by_field.values() for text in sentences]
+    faulty = any(by_field[name] for name in _OF_ENGINE)
+    together = [] if faulty else _together_errors(engine, disk_names)
+    return errors + [f"{where}: {text}" for text in together]
 
 
-def _own_errors(engine, disk_names) -> list[str]:
-    """Check what makes the cylinders of an engine whose own fields are sound by
-    themselves.
+def _together_errors(engine: Engine, disk_names: Sequence[str]) -> list[str]:
+    """Check the fields that make the cylinders of an engine against each other, where
+    each is sound by itself.
     """
     texts = []
     if engine.stroke_cycle not in (2, 4):
@@ -187,11 +200,11 @@ def _own_errors(engine, disk_names) -> list[str]:
         return texts
     labels = _labels(vars(engine))
     texts += _disk_errors(engine, len(labels), disk_names)
-    found = _order_errors([str(label) for label in engine.firing_order], labels)
-    found += _interval_errors(engine, len(labels))
-    # Of a faulty firing order there are no angles.
-    texts += found or _bank_errors(engine)
-    # 4 is also what an absent key reads: only another number contradicts the engine.
+    firing_errors = _order_errors([str(label) for label in engine.firing_order], labels)
+    firing_errors += _interval_errors(engine, len(labels))
+    # A faulty firing order has no angles.
+    texts += firing_errors or _bank_errors(engine)
+    # An absent key reads 4 as well: only another number contradicts the engine.
     strokes = getattr(engine.combustion, "stroke_cycle", 4)
     if number_like(strokes) and strokes not in (4, engine.stroke_cycle):
         texts.append(
@@ -201,76 +214,83 @@ def _own_errors(engine, disk_names) -> list[str]:
     return texts
 
 
-def _field_errors(engine, where, f, holder) -> list[str]:
+def _field_errors(
+    engine: Engine, where: str, field: dataclasses.Field, holder: Engine | Combustion
+) -> list[str]:
     """Sentences on a field of an engine, of its combustion on each field; lists hold
     one value for each cylinder.
     """
-    value = getattr(holder, f.name)
-    if f.metadata["kind"] == "table" and isinstance(value, f.metadata["of"]):
+    value = getattr(holder, field.name)
+    if field.metadata["kind"] == "table" and isinstance(value, field.metadata["of"]):
         fields = dataclasses.fields(value)
         return [
             text
-            for g in fields
-            for text in _field_errors(engine, f"{where}, {f.name}", g, value)
+            for inner_field in fields
+            for text in _field_errors(
+                engine, f"{where}, {field.name}", inner_field, value
+            )
         ]
-    per_cylinder = f.name in _COMMON or f.name == "firing_angle" or holder is not engine
+    per_cylinder = (
+        field.name in _COMMON or field.name == "firing_angle" or holder is not engine
+    )
     if not (
         per_cylinder
-        and f.metadata["kind"] in ("number", "flag")
+        and field.metadata["kind"] in ("number", "flag")
         and isinstance(value, tuple | list)
     ):
-        return field_errors(where, f, value) or []
+        return field_errors(where, field, value) or []
     if not number_like(engine.cylinders):
         return []
     if len(value) != engine.cylinders:
         return [
-            f"{where}: {f.name} has {len(value)} values, must have one, or"
+            f"{where}: {field.name} has {len(value)} values, must have one, or"
             f" {engine.cylinders}: one for each cylinder."
         ]
     return [
         text
-        for k, v in enumerate(value)
-        for text in field_errors(f"{where}, value {k + 1}", f, v) or []
+        for k, own_value in enumerate(value)
+        for text in field_errors(f"{where}, value {k + 1}", field, own_value) or []
     ]
 
 
-def _disk_errors(engine, count, disk_names) -> list[str]:
+def _disk_errors(engine: Engine, count: int, disk_names: Sequence[str]) -> list[str]:
+    """Check that an engine names disks of the train, one for each cylinder or throw."""
     vee = engine.bank_angle is not None
     allowed = (count // 2, count) if vee else (count,)
     if len(engine.disks) not in allowed:
-        one = (
+        expected = (
             f"{count // 2} (one for each throw) or {count} (one for each cylinder)"
             if vee
             else f"{count}"
         )
-        return [f"disks has {len(engine.disks)} names, must have {one}."]
+        return [f"disks has {len(engine.disks)} names, must have {expected}."]
     unknown = [name for name in engine.disks if name not in disk_names]
     return [
         *dict.fromkeys(
-            f"disks: there is no disk {shown(n)}.{suggestion(n, disk_names)}"
-            for n in unknown
+            f"disks: there is no disk {shown(name)}.{suggestion(name, disk_names)}"
+            for name in unknown
         )
     ]
 
 
-def _order_errors(order, labels) -> list[str]:
+def _order_errors(order: Sequence[str], labels: Sequence[str]) -> list[str]:
     """Check that a firing order names every cylinder once."""
-    half = labels[len(labels) // 2 - 1]
-    range_of = (
+    last_of_a = labels[len(labels) // 2 - 1]
+    all_labels = (
         f"1 to {labels[-1]}"
         if labels[0] == "1"
-        else f"A1 to {half} and B1 to B{half[1:]}"
+        else f"A1 to {last_of_a} and B1 to B{last_of_a[1:]}"
     )
     errors = [
-        f"firing_order names {name!r}, which is no cylinder: they are {range_of}."
+        f"firing_order names {name!r}, which is no cylinder: they are {all_labels}."
         " Correct it."
         for name in dict.fromkeys(order)
         if name not in labels
     ]
     errors += [
-        f"firing_order names {name!r} {n} times, must name it once."
-        for name, n in Counter(order).items()
-        if n > 1
+        f"firing_order names {name!r} {times} times, must name it once."
+        for name, times in Counter(order).items()
+        if times > 1
     ]
     lacking = [name for name in labels if name not in order]
     if lacking:
@@ -281,7 +301,8 @@ def _order_errors(order, labels) -> list[str]:
     return errors
 
 
-def _interval_errors(engine, count) -> list[str]:
+def _interval_errors(engine: Engine, count: int) -> list[str]:
+    """Check that firing intervals are one for each cylinder and add up to a cycle."""
     intervals = engine.firing_intervals
     cycle = 180.0 * engine.stroke_cycle
     if intervals is None:
@@ -291,7 +312,10 @@ def _interval_errors(engine, count) -> list[str]:
             "firing_intervals and firing = 'even' are both given. Keep one of them."
         ]
     if (
-        not all(number_like(v) and math.isfinite(v) and v >= 0 for v in intervals)
+        not all(
+            number_like(interval) and math.isfinite(interval) and interval >= 0
+            for interval in intervals
+        )
         or len(intervals) != count
     ):
         return [
@@ -307,17 +331,18 @@ def _interval_errors(engine, count) -> list[str]:
     return []
 
 
-def _bank_errors(engine) -> list[str]:
-    """Check that the cylinders fire in their order where the crank and the bank angle
-    say when.
+def _bank_errors(engine: Engine) -> list[str]:
+    """Check that the cylinders fire in their order at the angles that the crank and the
+    bank angle give.
     """
     angles = firing_angles(vars(engine))
-    wanted = [str(label) for label in engine.firing_order]
-    found = sorted(wanted, key=lambda label: round(angles[label], 6))
-    if found == wanted:
+    firing_order = [str(label) for label in engine.firing_order]
+    by_angle = sorted(firing_order, key=lambda label: round(angles[label], 6))
+    if by_angle == firing_order:
         return []
+    order = ", ".join(by_angle)
     return [
         f"with the bank angle of {engine.bank_angle:g} deg the cylinders fire in the"
-        f" order {', '.join(found)}, not in that of firing_order. Correct one of them,"
+        f" order {order}, not in that of firing_order. Correct one of them,"
         " or give firing = 'even' or firing_intervals."
     ]

@@ -10,18 +10,26 @@ Deflections of this package are along the pitch circle: there it is times cos^2 
 
 import dataclasses
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+
+from jaxhb.elements.elements import Disk, Mesh
 
 PRESSURE_ANGLE = math.radians(20.0)
 # Share of the mesh period in which a pair takes over or gives up its load, at most
 FLANK = 0.1
 
 
-def table_orders(rows, count):
-    """Mean in N/m, and rows (order, Re, Im) of shares of it, of a stiffness with
-    straight lines between its rows (share of the mesh period, N/m) and from the last
-    one on to the first.
+def table_orders(
+    rows: Sequence[tuple[float, float]], count: int
+) -> tuple[float, tuple[tuple[float, float, float], ...]]:
+    """Mean in N/m of a stiffness over the mesh period, and rows (order, Re, Im) of
+    shares of the mean.
+
+    The stiffness has straight lines between its ``rows`` (share of the mesh period,
+    N/m), and from the last one on to the first.
 
     >>> mean, orders = table_orders(
     ...     [(0.0, 1e8), (0.5, 3e8)], 1
@@ -29,31 +37,37 @@ def table_orders(rows, count):
     >>> mean, [round(float(part), 6) for part in orders[0]]
     (200000000.0, [1.0, -0.405285, -0.0])
     """
-    at, value = np.array([row for row in rows if row[0] < 1.0], dtype=float).T
-    at = np.append(at, at[0] + 1.0)
+    position, value = np.array([row for row in rows if row[0] < 1.0], dtype=float).T
+    position = np.append(position, position[0] + 1.0)
     value = np.append(value, value[0])
-    length = np.diff(at)
+    width = np.diff(position)
     slope = np.diff(value)
-    mean = float(np.sum(length * (value[1:] + value[:-1]) / 2))
+    mean = float(np.sum(width * (value[1:] + value[:-1]) / 2))
     order = np.arange(1, count + 1)
-    # Integrated by parts: of a continuous function with straight lines only the changes
-    # of slope are left.
-    turn = np.exp(-2j * np.pi * order[:, None] * at)
-    share = (
-        2 * (np.diff(turn, axis=1) @ (slope / length)) / (2 * np.pi * order) ** 2 / mean
+    # Integrated by parts: only the changes of slope are left of a continuous function
+    # with straight lines.
+    rotation = np.exp(-2j * np.pi * order[:, None] * position)
+    shares = (
+        2
+        * (np.diff(rotation, axis=1) @ (slope / width))
+        / (2 * np.pi * order) ** 2
+        / mean
     )
     return mean, tuple(
-        (float(k), s.real, s.imag) for k, s in zip(order, share, strict=True)
+        (float(n), share.real, share.imag)
+        for n, share in zip(order, shares, strict=True)
     )
 
 
-def contact_orders(contact_ratio, count, overlap=0.0):
+def contact_orders(
+    contact_ratio: float, count: int, overlap: float = 0.0
+) -> tuple[tuple[float, float, float], ...]:
     """Rows (order, Re, Im) of shares of the mean stiffness of teeth of a transverse
     contact ratio.
 
-    A pair enters at 0 of the mesh period; one more than otherwise is in contact for
-    what the ratio exceeds a whole number. Flanks are straight. Helical teeth enter one
-    after another along the width: with the ``overlap`` ratio their stiffness is an
+    A pair enters at 0 of the mesh period; one more than otherwise is in contact for the
+    excess of the ratio over a whole number. Flanks are straight. Helical teeth enter
+    one after another along the width: with the ``overlap`` ratio their stiffness is an
     average over so many mesh periods.
 
     >>> [
@@ -62,70 +76,81 @@ def contact_orders(contact_ratio, count, overlap=0.0):
     [1.0, 0.0, -0.3416]
     """
     pairs = math.floor(contact_ratio)
-    longer = contact_ratio - pairs
+    excess = contact_ratio - pairs
     order = np.arange(1, count + 1)
-    height = 0.75 / (0.75 * contact_ratio + 0.25)
-    flank = np.sinc(order * min(FLANK, longer, 1.0 - longer)) * np.sinc(order * overlap)
-    share = (
+    step = 0.75 / (0.75 * contact_ratio + 0.25)
+    flank = np.sinc(order * min(FLANK, excess, 1.0 - excess)) * np.sinc(order * overlap)
+    shares = (
         2
-        * height
-        * longer
-        * np.sinc(order * longer)
+        * step
+        * excess
+        * np.sinc(order * excess)
         * flank
-        * np.exp(-1j * np.pi * order * longer)
+        * np.exp(-1j * np.pi * order * excess)
     )
-    return tuple((float(k), s.real, s.imag) for k, s in zip(order, share, strict=True))
+    return tuple(
+        (float(n), share.real, share.imag)
+        for n, share in zip(order, shares, strict=True)
+    )
 
 
-def standard_contact_ratio(teeth, helix):
+def standard_contact_ratio(teeth: Sequence[int], helix: float) -> float:
     """Transverse contact ratio of two external standard gears, addendum one normal
     module, ``helix`` in rad.
     """
     a, b = teeth
     angle = math.atan(math.tan(PRESSURE_ANGLE) / math.cos(helix))
-    reach = [
+    reaches = [
         math.sqrt((z / 2 + math.cos(helix)) ** 2 - (z / 2 * math.cos(angle)) ** 2)
         for z in (a, b)
     ]
-    return (sum(reach) - (a + b) / 2 * math.sin(angle)) / (math.pi * math.cos(angle))
+    return (sum(reaches) - (a + b) / 2 * math.sin(angle)) / (math.pi * math.cos(angle))
 
 
-def standard_stiffness(teeth, width, helix, contact_ratio):
+def standard_stiffness(
+    teeth: Sequence[int], width: float, helix: float, contact_ratio: float
+) -> float:
     """Mean stiffness in N/m along the pitch circle of two external standard gears:
     ``width`` m, ``helix`` rad.
 
     >>> round(standard_stiffness((30, 40), 0.02, 0.0, 1.7) / 1e6)
     357
     """
-    equivalent = [z / math.cos(helix) ** 3 for z in teeth]
-    flexibility = 0.04723 + 0.15551 / equivalent[0] + 0.25791 / equivalent[1]
-    pair = 0.8 * 0.975 * math.cos(helix) / flexibility
+    equivalent_teeth = [z / math.cos(helix) ** 3 for z in teeth]
+    flexibility = (
+        0.04723 + 0.15551 / equivalent_teeth[0] + 0.25791 / equivalent_teeth[1]
+    )
+    pair_stiffness = 0.8 * 0.975 * math.cos(helix) / flexibility
     angle = math.atan(math.tan(PRESSURE_ANGLE) / math.cos(helix))
     # N/(mm um) x m: 1e9 N/m.
-    return pair * (0.75 * contact_ratio + 0.25) * 1e9 * width * math.cos(angle) ** 2
+    return (
+        pair_stiffness
+        * (0.75 * contact_ratio + 0.25)
+        * 1e9
+        * width
+        * math.cos(angle) ** 2
+    )
 
 
-def expanded(mesh, gears):
-    """A sound mesh of two :class:`~jaxhb.Disk` with the stiffness and its orders that
-    its shorthands stand for.
+def expanded(mesh: Mesh, gears: Sequence[Disk]) -> Mesh:
+    """A sound mesh of two :class:`~jaxhb.Disk` with its shorthands replaced by the
+    stiffness and the orders that they stand for.
     """
-    values = {}
-    teeth = [gear.teeth for gear in gears]
+    values: dict[str, Any] = {}
     helix = math.radians(mesh.helix)
     if mesh.stiffness_table:
-        values["stiffness"], values["stiffness_orders"] = table_orders(
-            mesh.stiffness_table, mesh.orders
-        )
+        mean, orders = table_orders(mesh.stiffness_table, mesh.orders)
+        values["stiffness"] = mean
+        values["stiffness_orders"] = orders
     ratio = mesh.contact_ratio
     overlap = 0.0
     if mesh.width is not None:
+        # A sound mesh with a width joins gears with teeth.
+        teeth = [gear.teeth for gear in gears if gear.teeth]
+        radius = gears[0].radius
+        assert radius is not None
         # The smaller gear is the first of the formula. A module is 2 r cos(beta) / z.
-        overlap = (
-            mesh.width
-            * abs(math.tan(helix))
-            * teeth[0]
-            / (2 * math.pi * gears[0].radius)
-        )
+        overlap = mesh.width * abs(math.tan(helix)) * teeth[0] / (2 * math.pi * radius)
         values["stiffness"] = standard_stiffness(
             sorted(teeth),
             mesh.width,

@@ -1,23 +1,31 @@
-"""Checks of the values of an element: fields, tables, what a link is given by, where
-gas torque comes from.
+"""Checks of the values of an element: fields, tables, ways to define a link, sources of
+the gas torque.
 """
+
+from __future__ import annotations
 
 import dataclasses
 import itertools
 import math
 from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
 from jaxhb._jax import traced
 from jaxhb.elements.elements import (
     LARGEST,
+    MOST_SENTENCES,
     RULES,
     SMALLEST,
-    TOLD,
     Combustion,
+    Cylinder,
+    Damper,
+    Mesh,
+    Shaft,
+    Torque,
     Trace,
     Unread,
     fields_of,
@@ -27,8 +35,11 @@ from jaxhb.elements.elements import (
 from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
 
+if TYPE_CHECKING:
+    from jaxhb.elements.checks import Parts
 
-def number_like(value) -> bool:
+
+def number_like(value: Any) -> TypeGuard[float]:
     """Tell whether a value is a number and no truth value."""
     if isinstance(value, bool):
         return False
@@ -39,201 +50,216 @@ def number_like(value) -> bool:
     return not isinstance(value, str)
 
 
-def field_errors(where, f, value) -> list[str] | None:
-    """Sentences on one field; None where it is sound, none where they have been said
-    already.
+def field_errors(where: str, field: dataclasses.Field, value: Any) -> list[str] | None:
+    """Sentences on one field; None where it is sound, an empty list where its sentences
+    exist already.
     """
     if isinstance(value, Unread):
         return []
     if value is None:
-        return [_missing(where, f)] if f.default is not None else None
-    if f.metadata["kind"] in ("table", "tables"):
-        return _table_errors(where, f, value)
-    return [f"{where}: {text}" for text in _value_errors(f, value)] or None
+        return [_missing(where, field)] if field.default is not None else None
+    if field.metadata["kind"] in ("table", "tables"):
+        return _table_errors(where, field, value)
+    return [f"{where}: {text}" for text in _value_errors(field, value)] or None
 
 
-def _table_errors(where, f, value) -> list[str] | None:
+def _table_errors(where: str, field: dataclasses.Field, value: Any) -> list[str] | None:
     """Sentences on a table inside an element, or on a list of them; None where all is
     sound.
     """
-    cls = f.metadata["of"]
-    several = f.metadata["kind"] == "tables"
+    cls = field.metadata["of"]
+    several = field.metadata["kind"] == "tables"
     rows = value if several else [value]
     if not _is_list(rows) or not rows or not all(isinstance(row, cls) for row in rows):
-        wanted = (
-            f"one table or more. Write [[….{f.name}]]"
+        expected = (
+            f"one table or more. Write [[….{field.name}]]"
             if several
-            else f"a table. Write [….{f.name}]"
+            else f"a table. Write [….{field.name}]"
         )
-        return [f"{where}: {f.name} is {shown(value)}, must be {wanted}."]
-    said = [
+        return [f"{where}: {field.name} is {shown(value)}, must be {expected}."]
+    by_field = [
         field_errors(
-            f"{where}, {f.name}{f' no. {k + 1}' if several else ''}",
-            g,
-            getattr(row, g.name),
+            f"{where}, {field.name}{f' no. {k + 1}' if several else ''}",
+            inner_field,
+            getattr(row, inner_field.name),
         )
         for k, row in enumerate(rows)
-        for g in fields_of(row)
+        for inner_field in fields_of(row)
     ]
-    return (
-        [text for sentences in said for text in sentences or ()]
-        if any(s is not None for s in said)
-        else None
-    )
+    if all(sentences is None for sentences in by_field):
+        return None
+    return [text for sentences in by_field for text in sentences or ()]
 
 
 LONGEST_NAME = 100  # characters: tables and pictures show names
 _NAME = f"a text of at most {LONGEST_NAME} characters"
 
-_KINDS: dict[str, Any] = {
+_KINDS: dict[str, tuple[Callable[[Any], Any], str, str]] = {
     "name": (
-        lambda v: isinstance(v, str) and 0 < len(v) <= LONGEST_NAME,
+        lambda value: isinstance(value, str) and 0 < len(value) <= LONGEST_NAME,
         _NAME,
         "a text, unique over all tables",
     ),
-    "disk": (lambda v: isinstance(v, str) and v, "a text", "the name of a disk"),
-    "pair": (
-        lambda v: _is_list(v) and [type(e) for e in v] == [str, str],
-        *["the names of two disks"] * 2,
+    "disk": (
+        lambda value: isinstance(value, str) and value,
+        "a text",
+        "the name of a disk",
     ),
-    "flag": (lambda v: isinstance(v, bool), "true or false", "a value"),
-    "list": (lambda v: _is_list(v), "a list", "a list"),
+    "pair": (
+        lambda value: _is_list(value) and [type(end) for end in value] == [str, str],
+        "the names of two disks",
+        "the names of two disks",
+    ),
+    "flag": (lambda value: isinstance(value, bool), "true or false", "a value"),
+    "list": (lambda value: _is_list(value), "a list", "a list"),
 }
-"""What a field of a kind takes: a test, and the words for what it is not and for what
-is missing.
+"""A test of the values of each kind of field, and the words for a value that fails it
+and for a missing one.
 """
 
 
-def _is_list(value) -> bool:
+def _is_list(value: Any) -> TypeGuard[Sequence[Any]]:
     return isinstance(value, tuple | list)
 
 
-def _is_there(value) -> bool:
-    """Tell whether a key is given, not as no rows."""
+def _is_present(value: Any) -> bool:
+    """Tell whether a key is given, with rows if it takes rows."""
     return value is not None and not (_is_list(value) and not value)
 
 
-def _missing(where, f) -> str:
+def _missing(where: str, field: dataclasses.Field) -> str:
     """Sentence for a key that is not there."""
-    limits = f.metadata.get("range")
-    kind = f.metadata["kind"]
-    wanted = (
-        limits.words() if limits else _KINDS[kind][2] if kind in _KINDS else "a value"
-    )
-    if kind == "rows":
-        wanted = (
-            f"rows of {', '.join(f.metadata['columns'])}, or the name of a CSV file"
-        )
-    return f"{where}: the key {f.name!r} is missing. Give {wanted}."
+    limits = field.metadata.get("range")
+    kind = field.metadata["kind"]
+    expected = "a value"
+    if limits:
+        expected = limits.words()
+    elif kind == "rows":
+        columns = ", ".join(field.metadata["columns"])
+        expected = f"rows of {columns}, or the name of a CSV file"
+    elif kind in _KINDS:
+        expected = _KINDS[kind][2]
+    return f"{where}: the key {field.name!r} is missing. Give {expected}."
 
 
-def _value_errors(f, value) -> list[str]:
+def _value_errors(field: dataclasses.Field, value: Any) -> list[str]:
     """Check one value against the kind and the range of its field."""
-    kind = f.metadata["kind"]
+    kind = field.metadata["kind"]
     if kind in ("number", "count", "shorthand"):
-        return value_errors(f, value)
+        return value_errors(field, value)
     if kind == "rows":
-        return row_errors(f.name, f.metadata["columns"], value)
+        return row_errors(field.name, field.metadata["columns"], value)
     if kind == "choice":
-        words = [w for w in f.metadata["words"] if w]
-        if value in f.metadata["words"]:
+        words = [word for word in field.metadata["words"] if word]
+        if value in field.metadata["words"]:
             return []
-        wanted = " or ".join(repr(w) for w in words)
+        expected = " or ".join(repr(word) for word in words)
         near = suggestion(value, words)
     else:
-        test, wanted, _ = _KINDS[kind]
+        test, expected, _ = _KINDS[kind]
         if test(value):
             return []
         near = ""
-    return [f"{f.name} is {shown(value)}, must be {wanted}.{near}"]
+    return [f"{field.name} is {shown(value)}, must be {expected}.{near}"]
 
 
-def value_errors(f, value) -> list[str]:
+def value_errors(field: dataclasses.Field, value: Any) -> list[str]:
     """Check a number against the range in its field's metadata; sentences without the
     element.
     """
-    limits = f.metadata["range"]
+    limits = field.metadata["range"]
     remedy = ""
     unit = f" {limits.unit}" if limits.unit else ""
     number = float(value) if number_like(value) else math.nan
     if not number_like(value) and traced(value):
-        there = (
+        remedy_outside = (
             "build the train outside, and change it there by train.replace, whose"
             " numbers may be traced"
         )
-        return [f"{f.name} is traced by jit, vmap or grad, must be a number: {there}."]
+        return [
+            f"{field.name} is traced by jit, vmap or grad, must be a number:"
+            f" {remedy_outside}."
+        ]
     if not number_like(value) and (
         isinstance(value, bool) or not isinstance(value, int)
     ):
-        found = shown(value)
-        wanted = f"a number{f' in {limits.unit}' if limits.unit else ''}"
+        actual = shown(value)
+        expected = f"a number{f' in {limits.unit}' if limits.unit else ''}"
     elif not math.isfinite(number):
-        found = f"{number if number_like(value) else shown(value)}{unit}"
-        wanted = "a finite number"
+        actual = f"{number if number_like(value) else shown(value)}{unit}"
+        expected = "a finite number"
     elif abs(number) > LARGEST:
-        found = f"{number:g}{unit}"
-        wanted = f"at most {LARGEST:g} in size"
+        actual = f"{number:g}{unit}"
+        expected = f"at most {LARGEST:g} in size"
     elif 0.0 < abs(number) < SMALLEST:
-        found = f"{number:g}{unit}"
-        wanted = f"0 or at least {SMALLEST:g} in size"
-    elif f.metadata["kind"] == "count" and number != int(number):
-        found = f"{number:g}"
-        wanted = "a whole number"
+        actual = f"{number:g}{unit}"
+        expected = f"0 or at least {SMALLEST:g} in size"
+    elif field.metadata["kind"] == "count" and number != int(number):
+        actual = f"{number:g}"
+        expected = "a whole number"
     elif limits.excludes(number):
-        absent = "" if f.default is dataclasses.MISSING else " or leave the key out"
-        found = f"{number:g}{unit}"
-        wanted = limits.words()
+        absent = "" if field.default is dataclasses.MISSING else " or leave the key out"
+        actual = f"{number:g}{unit}"
+        expected = limits.words()
         remedy = f" {limits.remedy or f'Correct the value{absent}.'}"
     else:
         return []
-    return [f"{f.name} is {found}, must be {wanted}.{remedy}"]
+    return [f"{field.name} is {actual}, must be {expected}.{remedy}"]
 
 
-def row_errors(name, columns, rows) -> list[str]:
+def row_errors(name: str, columns: Sequence[str], rows: Any) -> list[str]:
     """Check a table of numbers: its columns, finiteness, and the growth of its first
     column.
     """
-    wanted = ", ".join(columns)
+    header = ", ".join(columns)
     if not _is_list(rows):
-        return [f"{name} is {shown(rows)}, must be a list of rows [{wanted}]."]
-    for k, row in enumerate(rows):
+        return [f"{name} is {shown(rows)}, must be a list of rows [{header}]."]
+    for i, row in enumerate(rows):
         if not (
             _is_list(row)
             and len(row) == len(columns)
-            and all(number_like(v) for v in row)
+            and all(number_like(number) for number in row)
         ):
             return [
-                f"{name}, row {k + 1} is {shown(row)}, must be {len(columns)} numbers"
-                f" [{wanted}]."
+                f"{name}, row {i + 1} is {shown(row)}, must be {len(columns)} numbers"
+                f" [{header}]."
             ]
-        if not all(abs(float(v)) <= LARGEST for v in row):
+        if not all(abs(float(number)) <= LARGEST for number in row):
             return [
-                f"{name}, row {k + 1} is {shown(list(row))}, must be finite numbers, at"
+                f"{name}, row {i + 1} is {shown(list(row))}, must be finite numbers, at"
                 f" most {LARGEST:g} in size."
             ]
     first = [float(row[0]) for row in rows]
     if columns[0] == "order":
-        wrong = [k for k, order in enumerate(first) if order <= 0.0]
-        twice = [(order, times) for order, times in Counter(first).items() if times > 1]
+        not_positive = [i for i, order in enumerate(first) if order <= 0.0]
+        repeated = [
+            (order, times) for order, times in Counter(first).items() if times > 1
+        ]
         errors = [
-            f"{name}, row {k + 1}: order is {first[k]:g}, must be greater than 0. Give"
+            f"{name}, row {i + 1}: order is {first[i]:g}, must be greater than 0. Give"
             " the mean by its own key."
-            for k in wrong[:TOLD]
+            for i in not_positive[:MOST_SENTENCES]
         ]
         errors += [
             f"{name}: order {order:g} stands {times} times. Add the rows."
-            for order, times in twice[:TOLD]
+            for order, times in repeated[:MOST_SENTENCES]
         ]
-        more = max(len(wrong) - TOLD, 0) + max(len(twice) - TOLD, 0)
-        return [*errors, f"{name}: {more} more rows are so."] if more else errors
-    for k, (before, here) in enumerate(pairwise(first), start=2):
-        if here <= before:
-            cure = (
-                "Leave out one of the two rows" if here == before else "Sort the rows"
+        left_out = max(len(not_positive) - MOST_SENTENCES, 0) + max(
+            len(repeated) - MOST_SENTENCES, 0
+        )
+        return (
+            [*errors, f"{name}: {left_out} more rows are so."] if left_out else errors
+        )
+    for i, (previous, current) in enumerate(pairwise(first), start=2):
+        if current <= previous:
+            remedy = (
+                "Leave out one of the two rows"
+                if current == previous
+                else "Sort the rows"
             )
             return [
-                f"{name}, row {k}: {columns[0]} {here:g} after {before:g}; must"
-                f" increase. {cure}."
+                f"{name}, row {i}: {columns[0]} {current:g} after {previous:g}; must"
+                f" increase. {remedy}."
             ]
     if columns[0] in ("hz", "amplitude"):
         # 5e-324 is the least number above 0.
@@ -243,13 +269,13 @@ def row_errors(name, columns, rows) -> list[str]:
             (1, "greater than 0", 5e-324),
         )
         outside = (
-            f"{name}, row {k + 1}: {columns[column]} is {row[column]:g}, must be"
+            f"{name}, row {i + 1}: {columns[column]} is {row[column]:g}, must be"
             f" {words}. Correct the row."
-            for k, row in enumerate(rows)
+            for i, row in enumerate(rows)
             for column, words, least in rules
             if not row[column] >= least
         )
-        return list(itertools.islice(outside, TOLD))
+        return list(itertools.islice(outside, MOST_SENTENCES))
     if columns[0] == "rpm" and first and first[0] < 0.0:
         return [
             f"{name}, row 1: rpm is {first[0]:g}, must be at least 0. Speeds are"
@@ -258,10 +284,8 @@ def row_errors(name, columns, rows) -> list[str]:
     return _span_errors(name, first, rows) if columns[0] == "angle" else []
 
 
-def _span_errors(name, angle, rows) -> list[str]:
-    """Check that a pressure table covers one gas cycle, but for one step at the
-    most.
-    """
+def _span_errors(name: str, angle: Sequence[float], rows: Any) -> list[str]:
+    """Check that a pressure table covers one gas cycle but for one step at most."""
     if len(angle) < 2:
         return [f"{name} has {len(angle)} rows, needs at least 2."]
     span = angle[-1] - angle[0]
@@ -284,7 +308,7 @@ def _span_errors(name, angle, rows) -> list[str]:
     ]
 
 
-_ASKED = {
+_STRENGTH_KEYS = {
     "diameter": "diameter (or outer) in m",
     "stress_concentration": (
         "stress_concentration (C_K of the form, 1 for an integral flange, less"
@@ -294,9 +318,9 @@ _ASKED = {
 }
 
 
-def shaft_errors(shaft) -> list[str]:
-    """Check that a shaft has one stiffness and one damping, and what its stages and its
-    limits need.
+def shaft_errors(shaft: Shaft) -> list[str]:
+    """Check that a shaft has one stiffness and one damping, and that its stages and
+    limits have all they need.
     """
     return (
         _stiffness_errors(shaft)
@@ -306,11 +330,11 @@ def shaft_errors(shaft) -> list[str]:
     )
 
 
-def _spring_errors(link) -> list[str]:
+def _spring_errors(link: Shaft | Damper) -> list[str]:
     """Check play, stages and stops of a shaft or damper."""
     columns = ("twist", "stiffness")
     texts = []
-    sound = [
+    sound_tables = [
         name
         for name in ("stages", "stops")
         if not row_errors(name, columns, getattr(link, name))
@@ -320,11 +344,13 @@ def _spring_errors(link) -> list[str]:
         "stages": ("greater than 0 deg", "at least 0"),
         "stops": ("other than 0 deg", "greater than 0"),
     }
-    for name, k, (twist, stiffness) in (
-        (n, k, row) for n in sound for k, row in enumerate(getattr(link, n), 1)
+    for name, i, (twist, stiffness) in (
+        (table, i, row)
+        for table in sound_tables
+        for i, row in enumerate(getattr(link, table), 1)
     ):
-        where = f"{name}, row {k}"
-        (twists, least) = allowed[name]
+        where = f"{name}, row {i}"
+        (twists, least_stiffness) = allowed[name]
         if twist == 0.0 or (name == "stages" and twist < 0.0):
             texts.append(
                 f"{where}: twist is {twist:g} deg, must be {twists}. Stiffness at rest"
@@ -337,8 +363,8 @@ def _spring_errors(link) -> list[str]:
             )
         if stiffness < 0.0 or (name == "stops" and stiffness == 0.0):
             texts.append(
-                f"{where}: stiffness is {stiffness:g} N m/rad, must be {least}. Correct"
-                " the row."
+                f"{where}: stiffness is {stiffness:g} N m/rad, must be"
+                f" {least_stiffness}. Correct the row."
             )
     if link.clearance is not None and link.stiffness == 0:
         texts.append(
@@ -350,70 +376,76 @@ def _spring_errors(link) -> list[str]:
             "slip_speed is given without friction. Give the friction torque in N m, or"
             " leave it out."
         )
-    ways = [
+    springs = [
         key
         for key in ("clearance", "stages", "stops", "friction")
-        if _is_there(getattr(link, key))
+        if _is_present(getattr(link, key))
     ]
-    varies = [
+    varying_keys = [
         key
         for key in ("over_hz", "over_amplitude", "order")
-        if _is_there(getattr(link, key, None))
+        if _is_present(getattr(link, key, None))
     ]
-    if ways and varies:
+    if springs and varying_keys:
         texts.append(
-            f"{ways[0]} is given together with {varies[0]}, which only linear links"
-            " have. Keep one of them."
+            f"{springs[0]} is given together with {varying_keys[0]}, which only linear"
+            " links have. Keep one of them."
         )
     return texts
 
 
-def mesh_errors(mesh) -> list[str]:
-    """Check what the law of a mesh is made of, and that it has one damping."""
+def mesh_errors(mesh: Mesh) -> list[str]:
+    """Check the numbers of the law of a mesh, its orders, and that it has one
+    damping.
+    """
     texts = _damping_errors(mesh)
-    both = [key for key in ("epsilon", "transition") if getattr(mesh, key) is not None]
-    if mesh.law and both:
+    law_keys = [
+        key for key in ("epsilon", "transition") if getattr(mesh, key) is not None
+    ]
+    if mesh.law and law_keys:
         texts.append(
-            f"law = {shown(mesh.law)} is given together with {' and '.join(both)}. Keep"
-            " one of them."
+            f"law = {shown(mesh.law)} is given together with {' and '.join(law_keys)}."
+            " Keep one of them."
         )
-    sound = [
+    sound_tables = [
         name
         for name in OF_PERIOD
         if not row_errors(name, ("order", "Re", "Im"), getattr(mesh, name))
     ]
     texts += [
-        f"{name}, row {k}: order {row[0]:g} of the mesh period must be a whole number."
+        f"{name}, row {i}: order {row[0]:g} of the mesh period must be a whole number."
         " Give what repeats with the revolution of a gear as first_gear_error or"
         " second_gear_error."
-        for name in sound
-        for k, row in enumerate(getattr(mesh, name), 1)
+        for name in sound_tables
+        for i, row in enumerate(getattr(mesh, name), 1)
         if row[0] != int(row[0])
     ]
     texts += _shorthand_errors(mesh)
     return texts + (
-        stiffness_errors(mesh.stiffness_orders) if "stiffness_orders" in sound else []
+        stiffness_errors(mesh.stiffness_orders)
+        if "stiffness_orders" in sound_tables
+        else []
     )
 
 
-def _shorthand_errors(mesh) -> list[str]:
+def _shorthand_errors(mesh: Mesh) -> list[str]:
     """Check that a mesh has one stiffness, and one way to its orders."""
-    own = [
+    stiffness_keys = [
         key
         for key in ("stiffness", "stiffness_table", "width")
-        if _is_there(getattr(mesh, key))
+        if _is_present(getattr(mesh, key))
     ]
-    ways = [
+    order_keys = [
         key
         for key in ("stiffness_orders", "stiffness_table", "contact_ratio")
         if getattr(mesh, key)
     ]
-    both = [keys for keys in (own, ways) if keys[1:]]
+    doubled = [keys for keys in (stiffness_keys, order_keys) if keys[1:]]
     texts = [
-        f"{first} is given together with {_and(others)}. Keep one of them."
-        for first, *others in both
+        f"{first} is given together with {_joined(rest)}. Keep one of them."
+        for first, *rest in doubled
     ]
-    if not own:
+    if not stiffness_keys:
         texts.append(
             "the key 'stiffness' is missing. Give greater than 0 N/m, a"
             " stiffness_table, or the width in m."
@@ -431,13 +463,13 @@ def _shorthand_errors(mesh) -> list[str]:
     table = mesh.stiffness_table
     if not table or row_errors("stiffness_table", ("share", "stiffness"), table):
         return texts
-    (first, begin) = table[0]
-    (last, end) = table[-1]
-    (where, low) = min(table, key=lambda row: row[1])
-    if low <= 0.0:
+    (first, first_stiffness) = table[0]
+    (last, last_stiffness) = table[-1]
+    (lowest_at, lowest) = min(table, key=lambda row: row[1])
+    if lowest <= 0.0:
         texts.append(
-            f"stiffness_table: the stiffness is {low:g} N/m at {where:g}, must be"
-            " greater than 0. Correct it."
+            f"stiffness_table: the stiffness is {lowest:g} N/m at {lowest_at:g}, must"
+            " be greater than 0. Correct it."
         )
     if first < 0.0 or last > 1.0 or len(table) < 2:
         span = f"{len(table)} rows from {first:g} to {last:g}"
@@ -445,42 +477,44 @@ def _shorthand_errors(mesh) -> list[str]:
             f"stiffness_table has {span}, must have at least 2 from 0 to 1, shares of"
             " the mesh period."
         )
-    elif last == 1.0 and (first > 0.0 or begin != end):
-        found = "none" if first > 0.0 else f"{begin:g} N/m"
-        found = f"{found} at 0 and {end:g} N/m at 1"
+    elif last == 1.0 and (first > 0.0 or first_stiffness != last_stiffness):
+        at_0 = "none" if first > 0.0 else f"{first_stiffness:g} N/m"
         texts.append(
-            f"stiffness_table is not periodic: it has {found}. Give both, equal, or"
-            " leave out the row at 1."
+            f"stiffness_table is not periodic: it has {at_0} at 0 and"
+            f" {last_stiffness:g} N/m at 1. Give both, equal, or leave out the row at"
+            " 1."
         )
     return texts
 
 
-def stiffness_errors(rows) -> list[str]:
+def stiffness_errors(rows: Sequence[tuple[float, float, float]]) -> list[str]:
     """Check that a stiffness stays above 0 all over the mesh period."""
     angle = np.linspace(0.0, 2 * np.pi, 720, endpoint=False)
-    share = 1.0 + sum(
+    shares = 1.0 + sum(
         re * np.cos(order * angle) - im * np.sin(order * angle)
         for order, re, im in rows
     )
-    if np.min(share) > 0.0:
+    if np.min(shares) > 0.0:
         return []
     return [
-        f"stiffness_orders make the stiffness {np.min(share):.3g} of its mean at"
-        f" {np.argmin(share) / 2:g} deg of the mesh period, must be greater than 0."
+        f"stiffness_orders make the stiffness {np.min(shares):.3g} of its mean at"
+        f" {np.argmin(shares) / 2:g} deg of the mesh period, must be greater than 0."
         " Correct the rows: they are shares of the mean."
     ]
 
 
-def damper_errors(damper) -> list[str]:
+def damper_errors(damper: Damper) -> list[str]:
     """Check that a damper's ring is held by something, and that it has one damping."""
     if damper.stiffness != 0 or damper.damping != 0:
         return _damping_errors(damper) + _spring_errors(damper)
-    way = _given(damper, "magnifier", "damping_ratio")
-    if way:
+    damping_keys = _present_keys(damper, "magnifier", "damping_ratio")
+    if damping_keys:
         needs = (
             "needs a stiffness greater than 0 N m/rad, of which the damping is a share"
         )
-        return [f"{way[0]} {needs}. Give a stiffness, or the damping in N m s/rad."]
+        return [
+            f"{damping_keys[0]} {needs}. Give a stiffness, or the damping in N m s/rad."
+        ]
     if damper.order is None:
         return [
             "damping and stiffness are both 0, so that the ring is loose. Give at least"
@@ -489,7 +523,7 @@ def damper_errors(damper) -> list[str]:
     return _damping_errors(damper)
 
 
-def torque_errors(torque) -> list[str]:
+def torque_errors(torque: Torque) -> list[str]:
     """Check that a power of the speed has a speed at which the torque holds."""
     if torque.speed_exponent is not None and torque.rated_rpm is None:
         return [
@@ -499,26 +533,28 @@ def torque_errors(torque) -> list[str]:
     return []
 
 
-def _given(link, *keys) -> list[str]:
-    """``key = value unit`` of the keys that a link can have and that are given, not as
-    0.
+def _present_keys(link: Shaft | Damper | Mesh, *keys: str) -> list[str]:
+    """``key = value unit`` of each of the ``keys`` that a link can have and has, other
+    than as 0.
     """
-    found = []
+    texts = []
     for key in keys:
         value = getattr(link, key, None)
         if value is not None and not (number_like(value) and value == 0):
             unit = next(
-                f.metadata["range"].unit for f in fields_of(link) if f.name == key
+                field.metadata["range"].unit
+                for field in fields_of(link)
+                if field.name == key
             )
-            found.append(
+            texts.append(
                 f"{key} = {value:g} {unit}".rstrip() if plain_number(value) else key
             )
-    return found
+    return texts
 
 
-def plain_number(value) -> bool:
-    """Whether a value is a number that can be printed, no text, no truth value and not
-    infinite.
+def plain_number(value: Any) -> TypeGuard[float]:
+    """Tell whether a value is a number that can be printed: no text, no truth value and
+    not infinite.
     """
     return (
         isinstance(value, int | float)
@@ -527,19 +563,23 @@ def plain_number(value) -> bool:
     )
 
 
-def _and(words) -> str:
-    words = list(words)
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+def _joined(texts: Iterable[str]) -> str:
+    """Join texts by commas and a last "and"."""
+    words = list(texts)
+    if len(words) > 1:
+        return f"{', '.join(words[:-1])} and {words[-1]}"
+    return "".join(words)
 
 
-def _stiffness_errors(shaft) -> list[str]:
-    sizes = _given(shaft, "length", "outer", "inner", "shear_modulus")
+def _stiffness_errors(shaft: Shaft) -> list[str]:
+    """Check that a shaft has a stiffness, or dimensions that give one."""
+    sizes = _present_keys(shaft, "length", "outer", "inner", "shear_modulus")
     if shaft.stiffness is not None:
         if not sizes:
             return []
-        own = (_given(shaft, "stiffness") or ["stiffness"])[0]
-        rest = "Keep stiffness, or length, outer, inner and shear_modulus."
-        return [f"{own} is given together with {_and(sizes)}. {rest}"]
+        stiffness = (_present_keys(shaft, "stiffness") or ["stiffness"])[0]
+        remedy = "Keep stiffness, or length, outer, inner and shear_modulus."
+        return [f"{stiffness} is given together with {_joined(sizes)}. {remedy}"]
     lacking = [
         key
         for key in ("length", "outer", "shear_modulus")
@@ -550,13 +590,14 @@ def _stiffness_errors(shaft) -> list[str]:
         return [f"{text}, or length, outer and inner in m and shear_modulus in Pa."]
     if lacking:
         return [
-            f"{_and(sizes)} without {_and(lacking)} give no stiffness. Give the rest,"
-            " or stiffness in N m/rad."
+            f"{_joined(sizes)} without {_joined(lacking)} give no stiffness. Give the"
+            " rest, or stiffness in N m/rad."
         ]
     return _hole_errors(shaft, "inner", "outer")
 
 
-def _hole_errors(shaft, hole: str, around: str) -> list[str]:
+def _hole_errors(shaft: Shaft, hole: str, around: str) -> list[str]:
+    """Check that a hole is smaller than the diameter ``around`` it."""
     inside = getattr(shaft, hole)
     outside = getattr(shaft, around)
     if not (number_like(inside) and number_like(outside)) or inside < outside:
@@ -567,58 +608,65 @@ def _hole_errors(shaft, hole: str, around: str) -> list[str]:
     ]
 
 
-def _damping_errors(link) -> list[str]:
-    ways = _given(link, "damping", "magnifier", "damping_ratio")
-    shares = _given(link, "magnifier", "damping_ratio")
-    at = _given(link, "damping_hz")
+def _damping_errors(link: Shaft | Damper | Mesh) -> list[str]:
+    """Check that a link has one damping, a share of the critical one with its
+    frequency.
+    """
+    damping_keys = _present_keys(link, "damping", "magnifier", "damping_ratio")
+    shares = _present_keys(link, "magnifier", "damping_ratio")
+    frequency = _present_keys(link, "damping_hz")
     if shares:
-        ways += _given(link, "loss_factor")
-    if len(ways) > 1:
-        return [f"{ways[0]} is given together with {_and(ways[1:])}. Keep one of them."]
-    if shares and not at:
+        damping_keys += _present_keys(link, "loss_factor")
+    if len(damping_keys) > 1:
+        return [
+            f"{damping_keys[0]} is given together with {_joined(damping_keys[1:])}."
+            " Keep one of them."
+        ]
+    if shares and not frequency:
         return [
             f"{shares[0]} is given without damping_hz. Give the frequency in Hz at"
             " which it holds."
         ]
-    if at and not shares:
+    if frequency and not shares:
         return [
-            f"{at[0]} is given without magnifier or damping_ratio. Give one of them, or"
-            " leave it out."
+            f"{frequency[0]} is given without magnifier or damping_ratio. Give one of"
+            " them, or leave it out."
         ]
     return []
 
 
-def _section_errors(shaft) -> list[str]:
+def _section_errors(shaft: Shaft) -> list[str]:
+    """Check the section of a shaft, and the numbers that its stress limits need."""
     texts = []
-    bore = _given(shaft, "bore")
+    bore = _present_keys(shaft, "bore")
     if bore and shaft.diameter is None:
         texts.append(
             f"{bore[0]} is given without diameter. Give the outer diameter in m."
         )
     elif bore:
         texts += _hole_errors(shaft, "bore", "diameter")
-    asked = _given(shaft, "stress_concentration", "tensile_strength")
-    form = "stress_concentration"
-    other = shaft.rule in RULES[1:]
+    asking = _present_keys(shaft, "stress_concentration", "tensile_strength")
+    form_factor = "stress_concentration"
+    other_rule = shaft.rule in RULES[1:]
     lacking = [
         key
-        for key in _ASKED
+        for key in _STRENGTH_KEYS
         if getattr(shaft, key) is None and (key != "diameter" or shaft.outer is None)
     ]
-    if other:
-        asked = ["rule"]
-        lacking = [key for key in lacking if key != form]
-    if asked and lacking:
-        rule = shaft.rule if other else "IACS UR M68"
+    if other_rule:
+        asking = ["rule"]
+        lacking = [key for key in lacking if key != form_factor]
+    if asking and lacking:
+        rule = shaft.rule if other_rule else "IACS UR M68"
         limits = (
-            f"{_and(asked)} {'ask' if len(asked) > 1 else 'asks'} for the stress limits"
-            f" of {rule}"
+            f"{_joined(asking)} {'ask' if len(asking) > 1 else 'asks'} for the stress"
+            f" limits of {rule}"
         )
         texts.append(
-            f"{limits}, without {_and(lacking)}. Give"
-            f" {_and(_ASKED[key] for key in lacking)}."
+            f"{limits}, without {_joined(lacking)}. Give"
+            f" {_joined(_STRENGTH_KEYS[key] for key in lacking)}."
         )
-    unread = form if other else "yield_strength"
+    unread = form_factor if other_rule else "yield_strength"
     if getattr(shaft, unread) is not None and shaft.rule in RULES:
         texts.append(
             f"{unread} has no part in the limits of {shaft.rule}. Leave it out, or name"
@@ -627,55 +675,59 @@ def _section_errors(shaft) -> list[str]:
     return texts
 
 
-MOST_PRESSURES = (
-    1000  # pressure tables on their grid: 0.6 MB each while a scene is checked
-)
+# Pressure tables on their grid: 0.6 MB each while a scene is checked
+MOST_PRESSURES = 1000
 # Rows of a key over all elements, the shorter lists padded as the longest
 MOST_ROWS = 2_000_000
 
 
-def size_errors(parts) -> list[str]:
-    """Find lists that would take more memory than a train may; nothing is computed of
+def size_errors(parts: Parts) -> list[str]:
+    """Find lists that would take more memory than a train may; nothing is computed from
     them.
     """
     errors = []
     for table, elements in parts.tables.items():
-        for f in fields_of(elements[0]) if elements else ():
+        for field in fields_of(elements[0]) if elements else ():
             rows = (
-                [getattr(element, f.name) for element in elements]
-                if f.metadata["kind"] == "rows"
+                [getattr(element, field.name) for element in elements]
+                if field.metadata["kind"] == "rows"
                 else []
             )
             longest = max((len(row) for row in rows if _is_list(row)), default=0)
             if longest * len(rows) > MOST_ROWS:
-                told = f"{len(rows)} elements with {f.name} of up to {longest} rows"
-                errors.append(
-                    f"{parts.source}, [[{table}]]: {told}, must be at most {MOST_ROWS}"
-                    " together. Thin them out."
+                excess = (
+                    f"{len(rows)} elements with {field.name} of up to {longest} rows"
                 )
-    sources = [c for c in parts.tables["cylinder"] if gas.source(c)]
+                errors.append(
+                    f"{parts.source}, [[{table}]]: {excess}, must be at most"
+                    f" {MOST_ROWS} together. Thin them out."
+                )
+    sources = [
+        cylinder for cylinder in parts.tables["cylinder"] if gas.source(cylinder)
+    ]
     tables = len(sources) * max(
-        (len(c.traces) for c in sources if _is_list(c.traces)), default=1
+        (len(cylinder.traces) for cylinder in sources if _is_list(cylinder.traces)),
+        default=1,
     )
     if tables > MOST_PRESSURES:
-        told = (
+        excess = (
             f"{len(sources)} cylinders need {tables} pressure tables, must be at most"
             f" {MOST_PRESSURES}"
         )
         errors.append(
-            f"{parts.source}, [[cylinder]]: {told}. Give some of them gas_torque"
+            f"{parts.source}, [[cylinder]]: {excess}. Give some of them gas_torque"
             " instead."
         )
     return errors
 
 
-def rated_errors(parts, rated_rpm) -> list[str]:
-    """Check that the rated speed is there where limits depend on it."""
+def rated_errors(parts: Parts, rated_rpm: float | None) -> list[str]:
+    """Check that the rated speed is given where limits depend on it."""
     shafts = zip(parts.names["shaft"], parts.tables["shaft"], strict=True)
     judged = [name for name, shaft in shafts if shaft.tensile_strength is not None]
     if rated_rpm is not None or not judged:
         return []
-    names = _and(map(repr, judged[:8])) + (", …" if len(judged) > 8 else "")
+    names = _joined(map(repr, judged[:8])) + (", …" if len(judged) > 8 else "")
     text = (
         f"the key 'rated_rpm' is missing; the stress limits of {names} depend on the"
         " speed over it"
@@ -686,13 +738,13 @@ def rated_errors(parts, rated_rpm) -> list[str]:
     ]
 
 
-def cylinder_errors(cylinder) -> list[str]:
-    """Check that a cylinder has one source of its gas torque and the numbers this
+def cylinder_errors(cylinder: Cylinder) -> list[str]:
+    """Check that a cylinder has one source of its gas torque and the numbers that this
     source needs.
     """
-    found = [key for key in gas.COMPUTED if getattr(cylinder, key) is not None]
-    given = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
-    sources = [*found, *["gas_torque"] * given]
+    computed = [key for key in gas.COMPUTED if getattr(cylinder, key) is not None]
+    has_torque = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
+    sources = [*computed, "gas_torque"] if has_torque else computed
     errors = []
     if len(sources) > 1:
         several = "both" if len(sources) == 2 else "all"
@@ -705,15 +757,16 @@ def cylinder_errors(cylinder) -> list[str]:
             "neither pressure nor gas_torque is given. Give one of them, or set fires ="
             " false."
         )
-    needed = []
-    why = found[0] if found else "reciprocating_mass"
-    if found:
-        needed = ["bore", "stroke", "rod"]
+    needed_keys = []
+    reason = computed[0] if computed else "reciprocating_mass"
+    if computed:
+        needed_keys = ["bore", "stroke", "rod"]
     elif number_like(cylinder.reciprocating_mass) and cylinder.reciprocating_mass > 0:
-        needed = ["stroke", "rod"]
-    missing = [key for key in needed if getattr(cylinder, key) is None]
+        needed_keys = ["stroke", "rod"]
+    missing = [key for key in needed_keys if getattr(cylinder, key) is None]
     errors += [
-        f"the key {key!r} is missing; {why} needs it. Give it in m." for key in missing
+        f"the key {key!r} is missing; {reason} needs it. Give it in m."
+        for key in missing
     ]
     if (
         number_like(cylinder.rod)
@@ -724,19 +777,19 @@ def cylinder_errors(cylinder) -> list[str]:
             f"rod is {cylinder.rod:g} m, must be longer than half the stroke"
             f" ({cylinder.stroke / 2:g} m). Correct rod or stroke."
         )
-    if cylinder.load and not {"traces", "combustion"} & set(found):
+    if cylinder.load and not {"traces", "combustion"} & set(computed):
         errors.append(
             "load is given without traces or combustion, which it acts on. Give scale"
             " instead."
         )
-    if number_like(cylinder.fires_every) and cylinder.fires_every > 1 and not found:
-        why = (
+    if number_like(cylinder.fires_every) and cylinder.fires_every > 1 and not computed:
+        reason = (
             "only pressure, traces and combustion tell what a cycle without injection"
             " does"
         )
         errors.append(
-            f"fires_every is {cylinder.fires_every:g}, but {why}. Give gas_torque with"
-            " orders of its own."
+            f"fires_every is {cylinder.fires_every:g}, but {reason}. Give gas_torque"
+            " with orders of its own."
         )
     errors += (
         _trace_errors(cylinder.traces)
@@ -750,8 +803,8 @@ def cylinder_errors(cylinder) -> list[str]:
     )
 
 
-def _trace_errors(traces) -> list[str]:
-    """Check that traces stand at every pair of their speeds and loads, once, and have
+def _trace_errors(traces: Sequence[Any]) -> list[str]:
+    """Check that traces stand once at every pair of their speeds and loads, and have
     the same gas cycle.
     """
     traces = [trace for trace in traces if isinstance(trace, Trace)]
@@ -759,11 +812,12 @@ def _trace_errors(traces) -> list[str]:
         return []
     count = Counter((float(trace.rpm), float(trace.load)) for trace in traces)
     errors = [
-        f"traces: {n} of them are for {rpm:g} rpm and load {load:g}. Keep one."
-        for (rpm, load), n in count.items()
-        if n > 1
+        f"traces: {times} of them are for {rpm:g} rpm and load {load:g}. Keep one."
+        for (rpm, load), times in count.items()
+        if times > 1
     ]
-    speeds, loads = ({key[k] for key in count} for k in (0, 1))
+    speeds = {rpm for rpm, _ in count}
+    loads = {load for _, load in count}
     lacking = sorted({(rpm, load) for rpm in speeds for load in loads} - set(count))
     if lacking:
         rpm, load = lacking[0]
@@ -786,15 +840,15 @@ def _trace_errors(traces) -> list[str]:
     return errors
 
 
-def _combustion_errors(combustion) -> list[str]:
+def _combustion_errors(combustion: Combustion) -> list[str]:
     """Check that either the heat or the mean pressure is given, and the strokes of a
     cycle.
     """
-    given = [getattr(combustion, key) is not None for key in ("heat", "imep")]
+    present = [getattr(combustion, key) is not None for key in ("heat", "imep")]
     errors = []
-    if all(given):
+    if all(present):
         errors.append("combustion: heat and imep are both given. Keep one of them.")
-    if not any(given):
+    if not any(present):
         errors.append("combustion: neither heat nor imep is given. Give one of them.")
     if combustion.charge_over_load and combustion.charge_over_rpm:
         errors.append(
@@ -806,15 +860,15 @@ def _combustion_errors(combustion) -> list[str]:
         ("charge_over_rpm", ("rpm", "factor")),
     ):
         table = getattr(combustion, name)
-        least = (
+        least_factor = (
             None
             if row_errors(name, columns, table)
             else min((row[1] for row in table), default=1.0)
         )
-        if least is not None and least <= 0.0:
+        if least_factor is not None and least_factor <= 0.0:
             errors.append(
-                f"combustion: the least factor of {name} is {least:g}, must be greater"
-                " than 0. Correct it."
+                f"combustion: the least factor of {name} is {least_factor:g}, must be"
+                " greater than 0. Correct it."
             )
     if number_like(combustion.stroke_cycle) and combustion.stroke_cycle not in (2, 4):
         errors.append(
@@ -824,13 +878,13 @@ def _combustion_errors(combustion) -> list[str]:
     return errors
 
 
-TOGETHER = {
+TOGETHER: dict[str, tuple[Callable[[Any], list[str]], str]] = {
     "shaft": (shaft_errors, "stiffness"),
     "mesh": (mesh_errors, "law"),
     "damper": (damper_errors, "stiffness"),
     "torque": (torque_errors, "speed_exponent"),
     "cylinder": (cylinder_errors, "fires"),
 }
-"""Checks of several fields of an element together, and the field that they put in
+"""Checks of several fields of an element together, and the field that each puts in
 doubt.
 """

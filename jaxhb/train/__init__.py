@@ -1,4 +1,5 @@
-"""The drive train: arrays of numbers over a fixed topology. Elements go in, checked
-together; a train comes out, which reads and changes its numbers by name and lays its
-links out as a tree.
+"""The drive train: arrays of numbers over a fixed topology.
+
+:mod:`jaxhb.train.assembly` checks elements together and builds a train, which reads and
+changes its numbers by name and lays its links out as a tree.
 """

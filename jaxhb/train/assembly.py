@@ -2,24 +2,25 @@
 are raised at once.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from jaxhb.elements import checks, derived, meshing, value_checks
-from jaxhb.elements.elements import Head, Mesh, SceneError
+from jaxhb.elements.elements import Cylinder, Damper, Head, Mesh, SceneError, Shaft
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
 from jaxhb.excitation import gas
 from jaxhb.train import connections, contact_law, tables, train_checks
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
 
-ORDERS, ORDERS_OF_TWO_STROKES = (
-    12.0,
-    15.0,
-)  # largest that are kept of computed torques, where a scene says nothing
+# Largest orders of computed torques, where a scene says nothing
+ORDERS = 12.0
+ORDERS_OF_TWO_STROKES = 15.0
 
 
 def build(
@@ -68,38 +69,41 @@ def build(
     >>> train.value("a|b.stiffness")
     10000.0
     """
-    beside = {
-        "tune": tune,
-        "tolerance": tolerance,
-        "scenarios": scenarios,
-        "source": source,
-    }
     return checked(
-        elements, name, reference, revolutions_per_cycle, rated_rpm, **beside
+        elements,
+        name,
+        reference,
+        revolutions_per_cycle,
+        rated_rpm,
+        tune=tune,
+        tolerance=tolerance,
+        scenarios=scenarios,
+        source=source,
     )
 
 
 def checked(
-    elements,
-    name,
-    reference,
-    cycle,
-    rated_rpm,
+    elements: Iterable[Any],
+    name: str,
+    reference: Any,
+    cycle: Any,
+    rated_rpm: Any,
     *,
-    tune,
-    tolerance,
-    scenarios,
-    source,
-    notes=(),
-    findings=(),
-    complete=True,
-    disks_read=True,
+    tune: Mapping[str, Any] | None,
+    tolerance: Mapping[str, Any] | None,
+    scenarios: Any,
+    source: str,
+    notes: tuple[str, ...] = (),
+    findings: Iterable[str] = (),
+    complete: bool = True,
+    disks_read: bool = True,
 ) -> DriveTrain:
-    """As :func:`build`, with sentences found before; ``complete`` is False where tables
-    of the scene were not read, and ``disks_read`` where disks or rings may be among
-    them.
+    """Build a train as :func:`build` does, or raise its errors after the sentences
+    ``findings`` of the reader.
 
-    Every check runs on what is sound, and all sentences are raised together.
+    ``complete`` is False where tables of the scene were not read, and ``disks_read``
+    where disks or rings may be among them. Every check runs on the sound part of the
+    scene, and all sentences are raised together.
     """
     parts = checks.Parts(elements, source, complete=complete)
     errors = [
@@ -108,113 +112,127 @@ def checked(
         *checks.element_errors(parts),
         *checks.name_errors(parts),
     ]
-    if too_large := value_checks.size_errors(parts):
+    too_large = value_checks.size_errors(parts)
+    if too_large:
         raise SceneError(dict.fromkeys([*errors, *too_large]))
     numbers = {"revolutions_per_cycle": cycle, "rated_rpm": rated_rpm}
-    told = [
-        (f, numbers.get(f.name)) for f in dataclasses.fields(Head) if f.name in numbers
-    ]
-    head_errors = [
-        text
-        for f, value in told
-        for text in value_checks.field_errors(f"{source}, [scene]", f, value) or ()
-    ]
-    errors += head_errors + checks.reference_errors(
-        parts, reference, disks_read=disks_read
-    )
+    head_errors = []
+    where = f"{source}, [scene]"
+    for field in dataclasses.fields(Head):
+        if field.name in numbers:
+            value = numbers[field.name]
+            head_errors += value_checks.field_errors(where, field, value) or []
+    errors += head_errors
+    errors += checks.reference_errors(parts, reference, disks_read=disks_read)
     errors += train_checks.connection_errors(parts)
     rotor = connections.pieces(len(parts.disk_names), train_checks.elastic_pairs(parts))
     errors += train_checks.reference_error(parts, reference, rotor)
     errors += train_checks.gear_errors(parts, rotor)
     errors += train_checks.inertia_errors(parts)
-    main = 0 if reference is None and parts.disk_names else parts.disk(reference)
+    main_disk = 0 if reference is None and parts.disk_names else parts.disk(reference)
     # Without a reference the first disk stands for it if there is one rotor; else
     # speeds would be guessed.
-    known = reference is not None or (parts.connected and max(rotor, default=0) == 0)
+    one_rotor = parts.connected and max(rotor, default=0) == 0
+    root = main_disk if reference is not None or one_rotor else None
     radii = _exact_radii(parts)
     _expand_meshes(parts)
-    rotors, ratio, locked = _gearing(parts, main if known else None, radii)
+    rotors, ratio, locked = _gearing(parts, root, radii)
     errors += train_checks.loop_errors(parts, locked)
     if not head_errors:
         errors += train_checks.cycle_errors(parts, _harmonic_needs(parts, ratio), cycle)
-    errors += train_checks.hold_errors(parts, main)
+    errors += train_checks.hold_errors(parts, main_disk)
     errors += train_checks.balance_errors(parts, ratio) if not locked else []
     errors += train_checks.phase_errors(parts, ratio)
     errors += value_checks.rated_errors(parts, rated_rpm)
-    scenarios, unknown = checks.read_scenarios(parts, scenarios)
-    errors += unknown
+    scenarios, scenario_errors = checks.read_scenarios(parts, scenarios)
+    errors += scenario_errors
     if errors:
-        raise SceneError(
-            dict.fromkeys(errors)
-        )  # what cylinders of one engine share is said once
+        # Each once: cylinders of one engine share sentences.
+        raise SceneError(dict.fromkeys(errors))
+    # Without errors every disk has a rotor and a ratio.
+    assert rotors is not None
+    assert main_disk is not None
     disks = parts.tables["disk"]
     parts.tables["disk"] = [
-        dataclasses.replace(d, radius=r) for d, r in zip(disks, radii, strict=False)
+        dataclasses.replace(disk, radius=radius)
+        for disk, radius in zip(disks, radii, strict=False)
     ]
     # As text: a topology is hashed, and dictionaries are not.
-    beside = {"scenarios": scenarios, "tune": tune or {}, "tolerance": tolerance or {}}
+    settings = {
+        "scenarios": scenarios,
+        "tune": tune or {},
+        "tolerance": tolerance or {},
+    }
     head: dict[str, Any] = {
-        key: json.dumps(table, default=str) for key, table in beside.items()
+        key: json.dumps(table, default=str) for key, table in settings.items()
     }
     head |= {
         "name": name,
         "rated_rpm": None if rated_rpm is None else float(rated_rpm),
         "notes": notes,
     }
-    topology = _topology(parts, rotors, main, float(cycle), ratio, head)
-    # Only now: nothing follows from keys that a sentence was said about.
+    topology = _topology(parts, rotors, main_disk, float(cycle), ratio, head)
+    # Only now: nothing follows from keys with an error.
     for table in derived.LINKS:
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
     train = DriveTrain(topology=topology, **tables.of_elements(parts.tables))
     return contact_law.with_contact_law(train, parts.tables["mesh"])
 
 
-def _expand_meshes(parts):
+def _expand_meshes(parts: checks.Parts) -> None:
     """Put stiffness and orders in the place of the shorthands of sound meshes."""
-    fields = [f.name for f in dataclasses.fields(Mesh)]
+    fields = [field.name for field in dataclasses.fields(Mesh)]
     disks = parts.tables["disk"]
     for i, ends in parts.links("mesh"):
-        if not parts.usable("mesh", i, *fields) or any(d >= len(disks) for d in ends):
+        if not parts.usable("mesh", i, *fields) or any(
+            disk >= len(disks) for disk in ends
+        ):
             continue
         mesh = parts.tables["mesh"][i]
-        gears = [disks[d] for d in ends]
-        known = all(
-            parts.usable("disk", d, "radius", "teeth") and disks[d].radius for d in ends
+        gears = [disks[disk] for disk in ends]
+        sound_gears = all(
+            parts.usable("disk", disk, "radius", "teeth") and disks[disk].radius
+            for disk in ends
         )
-        if known and (mesh.width is None or all(gear.teeth for gear in gears)):
+        if sound_gears and (mesh.width is None or all(gear.teeth for gear in gears)):
             parts.tables["mesh"][i] = meshing.expanded(mesh, gears)
 
 
-def _exact_radii(parts) -> list:
+def _exact_radii(parts: checks.Parts) -> list[float | None]:
     """Radii that the numbers of teeth make exact, None where absent, for disks and
     rings.
     """
-    radius = [None] * len(parts.disk_names)
+    radii: list[float | None] = [None] * len(parts.disk_names)
     teeth = [0] * len(parts.disk_names)
     for i, disk in enumerate(parts.tables["disk"]):
         if parts.usable("disk", i, "radius", "teeth") and disk.radius is not None:
-            radius[i], teeth[i] = disk.radius, int(disk.teeth or 0)
-    return connections.exact_radii(radius, teeth, parts.ends("mesh"))
+            radii[i] = disk.radius
+            teeth[i] = int(disk.teeth or 0)
+    return connections.exact_radii(radii, teeth, parts.ends("mesh"))
 
 
-def _gearing(parts, root: int | None, radii):
+def _gearing(
+    parts: checks.Parts, root: int | None, radii: Sequence[float | None]
+) -> tuple[
+    connections.Rotors | None, list[float | None], list[tuple[int, list[int], str]]
+]:
     """Find the rotors seen from disk ``root``, the speed ratio of each disk (None:
     unknown) and locked loops.
     """
-    n = len(parts.disk_names)
+    n_disks = len(parts.disk_names)
     pairs = train_checks.elastic_pairs(parts)
     meshes = parts.links("mesh")
     ends = [pair for _, pair in meshes]
     internal = [parts.tables["mesh"][i].kind == "internal" for i, _ in meshes]
-    numbers = [math.nan if r is None else r for r in radii]
-    # Piece by piece: a locked loop is told wherever it lies.
-    joined = connections.pieces(n, pairs + ends)
-    starts = {joined[d]: d for d in reversed(range(n))}
+    numbers = [math.nan if radius is None else radius for radius in radii]
+    # Piece by piece: a locked loop has its sentence wherever it lies.
+    piece = connections.pieces(n_disks, pairs + ends)
+    starts = {piece[disk]: disk for disk in reversed(range(n_disks))}
     if root is not None:
-        starts[joined[root]] = root
-    kinds = all(parts.usable("mesh", i, "kind") for i, _ in meshes)
-    gearing = connections.Gearing(n, pairs, ends, internal, numbers)
-    geared = {gearing.rotor[d] for pair in ends for d in pair}
+        starts[piece[root]] = root
+    kinds_known = all(parts.usable("mesh", i, "kind") for i, _ in meshes)
+    gearing = connections.Gearing(n_disks, pairs, ends, internal, numbers)
+    geared = {gearing.rotor[disk] for pair in ends for disk in pair}
     rotors = None
     for start in starts.values():
         if start == root:
@@ -223,54 +241,63 @@ def _gearing(parts, root: int | None, radii):
             gearing.lead(start)
     # A kind that cannot be read leaves senses unknown, but not ratios.
     locked = [
-        (meshes[m][0], disks, why)
-        for m, disks, why in gearing.locked
-        if kinds or "senses" not in why
+        (meshes[mesh][0], disks, why)
+        for mesh, disks, why in gearing.locked
+        if kinds_known or "senses" not in why
     ]
     # Without meshes all disks turn alike, whatever the reference is.
     if parts.complete and not parts.tables["mesh"]:
-        return rotors, [1.0] * n, locked
+        return rotors, [1.0] * n_disks, locked
     if rotors is None or root is None:
-        return rotors, [None] * n, locked
-    reached = [
-        k == rotors.rotor[root] or bool(path) for k, path in enumerate(rotors.path)
+        return rotors, [None] * n_disks, locked
+    is_reached = [
+        rotor == rotors.rotor[root] or bool(path)
+        for rotor, path in enumerate(rotors.path)
     ]
-    values = [
-        r if ok and math.isfinite(r) else None
-        for r, ok in zip(rotors.ratio, reached, strict=True)
+    ratios = [
+        ratio if ok and math.isfinite(ratio) else None
+        for ratio, ok in zip(rotors.ratio, is_reached, strict=True)
     ]
-    return rotors, [values[k] for k in rotors.rotor], locked
+    return rotors, [ratios[rotor] for rotor in rotors.rotor], locked
 
 
-def _harmonic_needs(parts, ratio) -> list[tuple]:
-    """Harmonics per revolution of the reference rotor, whole over the cycle: (table, i,
-    text, value, key of mean).
+def _harmonic_needs(
+    parts: checks.Parts, ratio: Sequence[float | None]
+) -> list[tuple[str, int, str, float, str]]:
+    """Harmonics per revolution of the reference rotor that must be whole over the
+    cycle: (table, i, text, value, key of the mean).
     """
-    needs = []
+    needs: list[tuple[str, int, str, float, str]] = []
 
-    def need(table, i, rows, factor, mean="", of=""):
-        orders = _orders(rows) if factor is not None else ()
-        needs.extend((table, i, f"order {o:g}{of}", o * factor, mean) for o in orders)
+    def need(
+        table: str,
+        i: int,
+        rows: Any,
+        factor: float | None,
+        mean: str = "",
+        of: str = "",
+    ) -> None:
+        """Note the orders of rows, which turn ``factor`` times a revolution."""
+        if factor is not None:
+            needs.extend(
+                (table, i, f"order {order:g}{of}", order * factor, mean)
+                for order in _orders(rows)
+            )
 
     seat = dict(parts.seats("torque"))
     for i, torque in enumerate(parts.tables["torque"]):
         if parts.usable("torque", i, "orders_of"):
-            factor = (
-                1.0
-                if torque.orders_of != "own"
-                else ratio[seat[i]]
-                if i in seat
-                else None
-            )
+            factor: float | None = 1.0
+            if torque.orders_of == "own":
+                factor = ratio[seat[i]] if i in seat else None
             need("torque", i, torque.harmonics, factor, "mean")
     for i, ends in parts.links("mesh"):
         mesh = parts.tables["mesh"][i]
         periods = _mesh_periods(parts, ends, ratio)
-        per_order = dict.fromkeys(OF_PERIOD, periods) | dict(
-            zip(OF_GEARS, (ratio[d] for d in ends), strict=True)
-        )
-        for name, factor in per_order.items():
-            need("mesh", i, getattr(mesh, name), factor, of=f" of {name}")
+        turns_per_order = [(name, periods) for name in OF_PERIOD]
+        turns_per_order += zip(OF_GEARS, (ratio[disk] for disk in ends), strict=True)
+        for name, turns in turns_per_order:
+            need("mesh", i, getattr(mesh, name), turns, of=f" of {name}")
     for i, disk in parts.seats("load"):
         need("load", i, parts.tables["load"][i].harmonics, ratio[disk])
     for i, disk in parts.seats("cylinder"):
@@ -280,14 +307,12 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
         if factor is None:
             continue
         if gas.source(cylinder) and parts.usable("cylinder", i, *gas.COMPUTED):
-            turns = gas.gas_revolutions(cylinder)
-            turns *= (
-                int(cylinder.fires_every)
-                if parts.usable("cylinder", i, "fires_every")
-                else 1
-            )
-            text = f"one gas cycle of {turns} revolution{'s' if turns > 1 else ''}"
-            needs.append(("cylinder", i, text, factor / turns, ""))
+            revolutions = gas.gas_revolutions(cylinder)
+            if parts.usable("cylinder", i, "fires_every"):
+                revolutions *= int(cylinder.fires_every)
+            plural = "s" if revolutions > 1 else ""
+            text = f"one gas cycle of {revolutions} revolution{plural}"
+            needs.append(("cylinder", i, text, factor / revolutions, ""))
         moving = (
             parts.usable("cylinder", i, "stroke", "reciprocating_mass")
             and cylinder.stroke is not None
@@ -299,168 +324,195 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
     return needs
 
 
-def _mesh_periods(parts, ends, ratio):
+def _mesh_periods(
+    parts: checks.Parts, ends: tuple[int, int], ratio: Sequence[float | None]
+) -> float | None:
     """Mesh periods per revolution of the reference rotor, from the gear that has teeth;
     None where that is unknown.
     """
     disks = parts.tables["disk"]
-    gears = [
-        d
-        for d in ends
-        if d < len(disks) and ratio[d] is not None and parts.usable("disk", d, "teeth")
-    ]
-    return next((disks[d].teeth * ratio[d] for d in gears if disks[d].teeth), None)
+    for disk in ends:
+        own_ratio = ratio[disk]
+        is_known = disk < len(disks) and parts.usable("disk", disk, "teeth")
+        if is_known and own_ratio is not None and disks[disk].teeth:
+            return disks[disk].teeth * own_ratio
+    return None
 
 
-def _orders(rows) -> list[float]:
+def _orders(rows: Any) -> list[float]:
     """Orders of the sound rows of a table of harmonics."""
-    rows = (
-        [row for row in rows if isinstance(row, tuple | list) and row]
-        if isinstance(rows, tuple | list)
-        else []
-    )
-    found = [float(row[0]) for row in rows if value_checks.number_like(row[0])]
-    return [order for order in found if math.isfinite(order) and order > 0.0]
+    if not isinstance(rows, tuple | list):
+        return []
+    firsts = [row[0] for row in rows if isinstance(row, tuple | list) and row]
+    orders = [float(first) for first in firsts if value_checks.number_like(first)]
+    return [order for order in orders if math.isfinite(order) and order > 0.0]
 
 
-def _topology(parts, rotors, reference_disk, cycle, ratio, head) -> Topology:
-    """Collect the static half of the train; ``head`` : what the scene says of the
-    whole.
+def _topology(
+    parts: checks.Parts,
+    rotors: connections.Rotors,
+    reference_disk: int,
+    cycle: float,
+    ratio: Sequence[Any],
+    settings: Mapping[str, Any],
+) -> Topology:
+    """Collect the static half of the train; ``settings`` are the fields that the scene
+    gives for the whole train.
     """
-    t = parts.tables
-    links = [*parts.tables["shaft"], *parts.tables["damper"]]
+    elements = parts.tables
+    links = [*elements["shaft"], *elements["damper"]]
     seats = {
         table: tuple(parts.sits_on(table))
         for table in ("damper", "ground", "load", "torque", "cylinder")
     }
-    own = [
-        ratio[d] if e.orders_of == "own" else 1.0
-        for d, e in zip(seats["torque"], t["torque"], strict=True)
-    ]
-    named: dict[str, Any] = {
-        f"{table}_names": tuple(n)
-        for table, n in parts.names.items()
+    fields: dict[str, Any] = {
+        f"{table}_names": tuple(names)
+        for table, names in parts.names.items()
         if table != "disk"
     }
-    named |= {f"{table}_disk": disks for table, disks in seats.items()}
-    turn = [_whole(ratio[d] * cycle) for d in seats["cylinder"]]
+    fields |= {f"{table}_disk": disks for table, disks in seats.items()}
+    fields |= settings
+    torque_factors = [
+        ratio[disk] if torque.orders_of == "own" else 1.0
+        for disk, torque in zip(seats["torque"], elements["torque"], strict=True)
+    ]
+    cylinder_turns = [_whole(ratio[disk] * cycle) for disk in seats["cylinder"]]
+    fields |= _computed_torques(elements["cylinder"], cylinder_turns)
 
-    def harmonics(rows, per_order):
+    def harmonics(
+        tables: Iterable[Sequence[Any]], per_order: Iterable[float]
+    ) -> tuple[tuple[int, ...], ...]:
+        """Harmonics of the cycle of the orders of every element."""
         return tuple(
-            tuple(round(row[0] * factor) for row in own)
-            for own, factor in zip(rows, per_order, strict=True)
+            tuple(round(row[0] * factor) for row in rows)
+            for rows, factor in zip(tables, per_order, strict=True)
         )
 
-    phased = [parts.phased(i) for i in range(len(t["phase"]))]
+    phased = [parts.phased(i) for i in range(len(elements["phase"]))]
     for table in ("cylinder", "torque"):
-        named[f"phase_{table}s"] = tuple(tuple(own[table]) for own in phased)
-    on = [
-        seats["cylinder" if own["cylinder"] else "torque"][
-            [*own["cylinder"], *own["torque"]][0]
-        ]
-        for own in phased
-    ]
+        fields[f"phase_{table}s"] = tuple(tuple(members[table]) for members in phased)
+    phased_disks = []
+    for members in phased:
+        table = "cylinder" if members["cylinder"] else "torque"
+        phased_disks.append(seats[table][members[table][0]])
+    meshes = elements["mesh"]
     mesh_ends = tuple(parts.ends("mesh"))
     per_revolution = [_mesh_periods(parts, ends, ratio) or 0.0 for ends in mesh_ends]
-    needed = [any(getattr(m, name) for name in OF_PERIOD) for m in t["mesh"]]
+    needs_periods = [any(getattr(mesh, name) for name in OF_PERIOD) for mesh in meshes]
     periods = [
-        round(p * cycle) if need else 0
-        for p, need in zip(per_revolution, needed, strict=True)
+        round(number * cycle) if is_needed else 0
+        for number, is_needed in zip(per_revolution, needs_periods, strict=True)
     ]
-    turns = [[ratio[ends[k]] * cycle for ends in mesh_ends] for k in (0, 1)]
-    for field, per_order in zip(
-        (*OF_PERIOD, *OF_GEARS), (periods, periods, *turns), strict=True
+    first_turns = [ratio[first] * cycle for first, _ in mesh_ends]
+    second_turns = [ratio[second] * cycle for _, second in mesh_ends]
+    for name, per_order in zip(
+        (*OF_PERIOD, *OF_GEARS),
+        (periods, periods, first_turns, second_turns),
+        strict=True,
     ):
-        named[f"mesh_{field}"] = harmonics(
-            [getattr(m, field) for m in t["mesh"]], per_order
-        )
+        rows = [getattr(mesh, name) for mesh in meshes]
+        fields[f"mesh_{name}"] = harmonics(rows, per_order)
     return Topology(
         revolutions_per_cycle=cycle,
         disk_names=tuple(parts.disk_names),
-        n_scene_disks=len(t["disk"]),
-        teeth=tuple(int(d.teeth or 0) for d in t["disk"]),
+        n_scene_disks=len(elements["disk"]),
+        teeth=tuple(int(disk.teeth or 0) for disk in elements["disk"]),
         rotor=rotors.rotor,
         n_rotors=len(rotors.ratio),
         reference_disk=reference_disk,
         reference_rotor=rotors.rotor[reference_disk],
         rotor_path=rotors.path,
         shaft_ends=tuple(parts.ends("shaft")),
-        shaft_rules=tuple(shaft.rule for shaft in t["shaft"]),
+        shaft_rules=tuple(shaft.rule for shaft in elements["shaft"]),
         mesh_ends=mesh_ends,
         mesh_periods=tuple(periods),
-        mesh_internal=tuple(m.kind == "internal" for m in t["mesh"]),
-        mesh_backlash=tuple(m.backlash is not None for m in t["mesh"]),
-        mesh_damping_law=tuple(m.damping_law for m in t["mesh"]),
-        torque_own=tuple(e.orders_of == "own" for e in t["torque"]),
+        mesh_internal=tuple(mesh.kind == "internal" for mesh in meshes),
+        mesh_backlash=tuple(mesh.backlash is not None for mesh in meshes),
+        mesh_damping_law=tuple(mesh.damping_law for mesh in meshes),
+        torque_own=tuple(torque.orders_of == "own" for torque in elements["torque"]),
         torque_harmonics=harmonics(
-            [e.harmonics for e in t["torque"]], [factor * cycle for factor in own]
+            [torque.harmonics for torque in elements["torque"]],
+            [factor * cycle for factor in torque_factors],
         ),
         load_harmonics=harmonics(
-            [e.harmonics for e in t["load"]], [ratio[d] * cycle for d in seats["load"]]
+            [load.harmonics for load in elements["load"]],
+            [ratio[disk] * cycle for disk in seats["load"]],
         ),
-        cylinder_harmonics=harmonics([c.gas_torque or () for c in t["cylinder"]], turn),
-        cylinder_turn=tuple(turn),
-        phase_turn=tuple(_whole(ratio[disk] * cycle) for disk in on),
-        cylinder_series=tuple(c.kinematics == "mendes2008" for c in t["cylinder"]),
-        cylinder_fires=tuple(c.fires for c in t["cylinder"]),
-        cylinder_cut_off=(False,) * len(t["cylinder"]),
-        cylinder_every=tuple(int(c.fires_every) for c in t["cylinder"]),
+        cylinder_harmonics=harmonics(
+            [cylinder.gas_torque or () for cylinder in elements["cylinder"]],
+            cylinder_turns,
+        ),
+        cylinder_turn=tuple(cylinder_turns),
+        phase_turn=tuple(_whole(ratio[disk] * cycle) for disk in phased_disks),
+        cylinder_series=tuple(
+            cylinder.kinematics == "mendes2008" for cylinder in elements["cylinder"]
+        ),
+        cylinder_fires=tuple(cylinder.fires for cylinder in elements["cylinder"]),
+        cylinder_cut_off=(False,) * len(elements["cylinder"]),
+        cylinder_every=tuple(
+            int(cylinder.fires_every) for cylinder in elements["cylinder"]
+        ),
         link_keys=derived.link_keys(
-            [link for table in derived.LINKS for link in t[table]]
+            [link for table in derived.LINKS for link in elements[table]]
         ),
-        hz_links=tuple(i for i, e in enumerate(links) if e.over_hz),
-        amplitude_links=tuple(i for i, e in enumerate(links) if e.over_amplitude),
+        hz_links=tuple(i for i, link in enumerate(links) if link.over_hz),
+        amplitude_links=tuple(i for i, link in enumerate(links) if link.over_amplitude),
         order_links=tuple(
-            i for i, e in enumerate(links) if getattr(e, "order", None) is not None
+            i
+            for i, link in enumerate(links)
+            if getattr(link, "order", None) is not None
         ),
-        springs=tuple(spring for i, e in enumerate(links) for spring in _springs(i, e)),
-        **head,
-        **named,
-        **_computed_torques(t["cylinder"], turn),
+        springs=tuple(
+            spring for i, link in enumerate(links) for spring in _springs(i, link)
+        ),
+        **fields,
     )
 
 
-def _whole(number):
-    """What is whole to 1e-6 is whole: ratios of radii round."""
+def _whole(number: float) -> float:
+    """Round a number that is whole to 1e-6: ratios of radii round."""
     return float(round(number)) if train_checks.whole(number) else number
 
 
-def _springs(link, element):
-    """What acts beside the stiffness of a shaft or damper, as ``springs`` of the
-    topology has it.
+def _springs(link: int, element: Shaft | Damper) -> Iterator[tuple[int, str, int]]:
+    """Springs that act beside the stiffness of a shaft or damper, as ``springs`` of the
+    topology holds them.
     """
-    yield from (
-        (link, name, 0)
-        for name in ("clearance", "friction")
-        if getattr(element, name) is not None
-    )
-    yield from (
-        (link, name, row)
-        for name in ("stages", "stops")
-        for row in range(len(getattr(element, name)))
-    )
+    for name in ("clearance", "friction"):
+        if getattr(element, name) is not None:
+            yield link, name, 0
+    for name in ("stages", "stops"):
+        for row in range(len(getattr(element, name))):
+            yield link, name, row
 
 
-def _computed_torques(cylinders, turn) -> dict:
-    """Where the gas torque of each cylinder comes from, and how many harmonics are
-    computed.
+def _computed_torques(
+    cylinders: Sequence[Cylinder], turns_per_cycle: Sequence[float]
+) -> dict[str, tuple[Any, ...]]:
+    """Source of the gas torque of each cylinder, and numbers of harmonics to compute,
+    as fields of the topology.
     """
-    kinds = {"source": [], "step": [], "gas_revolutions": [], "gas": [], "inertia": []}
-    for c, per_order in zip(cylinders, turn, strict=True):
-        computed = gas.source(c)
-        turns = gas.gas_revolutions(c)
-        moves = None not in (c.stroke, c.rod) and train_checks.whole(per_order)
-        kinds["source"].append(gas.source_word(c))
-        kinds["step"].append(
-            round(per_order / (turns * c.fires_every)) if computed else 0
-        )
-        kinds["gas_revolutions"].append(turns)
+    columns: dict[str, list[Any]] = {
+        "source": [],
+        "step": [],
+        "gas_revolutions": [],
+        "gas": [],
+        "inertia": [],
+    }
+    for cylinder, turns in zip(cylinders, turns_per_cycle, strict=True):
+        is_computed = gas.source(cylinder) is not None
+        revolutions = gas.gas_revolutions(cylinder)
+        # Of all gas cycles from one with injection to the next
+        span = revolutions * cylinder.fires_every
+        has_crank = cylinder.stroke is not None and cylinder.rod is not None
+        largest = ORDERS_OF_TWO_STROKES if is_computed and revolutions == 1 else ORDERS
+        orders = cylinder.orders or largest
         # 1e-9 keeps a product that rounds below a whole number.
-        orders = c.orders or (
-            ORDERS_OF_TWO_STROKES if computed and turns == 1 else ORDERS
-        )
-        kinds["gas"].append(
-            math.floor(orders * turns * c.fires_every + 1e-9) if computed else 0
-        )
-        kinds["inertia"].append(math.floor(orders + 1e-9) if moves else 0)
-    return {f"cylinder_{kind}": tuple(values) for kind, values in kinds.items()}
+        gas_harmonics = math.floor(orders * revolutions * cylinder.fires_every + 1e-9)
+        moves = has_crank and train_checks.whole(turns)
+        columns["source"].append(gas.source_word(cylinder))
+        columns["step"].append(round(turns / span) if is_computed else 0)
+        columns["gas_revolutions"].append(revolutions)
+        columns["gas"].append(gas_harmonics if is_computed else 0)
+        columns["inertia"].append(math.floor(orders + 1e-9) if moves else 0)
+    return {f"cylinder_{name}": tuple(column) for name, column in columns.items()}

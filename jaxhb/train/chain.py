@@ -11,18 +11,26 @@ The elimination order is a list of nodes, each before its parent: Fridman's numb
 branch) is another way to write the same tree.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import functools
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
 
-from jaxhb._jax import added, namespace
+from jaxhb._jax import Array, added, namespace
 from jaxhb.equations.block_sweep import Slots, slots
 from jaxhb.equations.kinematics import displacement_radii, speed_ratios
 from jaxhb.train.connections import breadth_first, neighbours
 from jaxhb.train.varying import refuse_varying
+
+if TYPE_CHECKING:
+    from jaxhb.train.drivetrain import DriveTrain
+    from jaxhb.train.topology import Topology
 
 ALL = slice(None)  # every link
 
@@ -38,7 +46,7 @@ class Condensation:
     the c chains: begin and end, the disks that they lie between, first the t that do,
     and end of those with one free end: ``(t,)`` and ``(c,)``. kept ``(K,)``: the other
     disks; begin, end and ``tree`` count these. The links of ``tree`` are the t chains
-    and after them ``plain``, links between disks that are kept.
+    and after them ``plain``, links between disks that remain.
     """
 
     disk: np.ndarray
@@ -49,7 +57,7 @@ class Condensation:
     end: np.ndarray
     kept: np.ndarray
     plain: np.ndarray
-    tree: "Tree"
+    tree: Tree
 
 
 @jax.tree_util.register_dataclass
@@ -62,9 +70,9 @@ class Tree:
     at the root; slots : of the sweep; link : ``(S,)`` link to the parent, 0 at the
     root; from_a : ``(S,)`` whether the node is the link's first end; loops : ``(n,)``
     links outside the tree; end_a, end_b : ``(L,)`` disks that each link joins;
-    condensation : what is left of it between the teeth, if that is known; pinned : bool
-    ``(L,)``, the links that hold the mean of what hangs on them where they have no
-    stiffness, if that is known.
+    condensation : the chains between the teeth, if they are known; pinned : bool
+    ``(L,)``, the links that hold the mean of the part that hangs on them where they
+    have no stiffness, if that is known.
     """
 
     node: np.ndarray
@@ -107,13 +115,14 @@ class System:
     arm_b: jax.Array
     floating: np.ndarray
 
-    def _arms(self, links, ndim):
+    def _arms(self, links: slice | np.ndarray, ndim: int) -> tuple[Array, Array]:
+        """Arms a and b of links, shaped to multiply arrays of ``ndim`` dimensions."""
         shape = (-1,) + (1,) * (ndim - 1)
         return self.arm_a[links].reshape(shape), self.arm_b[links].reshape(shape)
 
-    def _at_ends(self, links, at_a, at_b):
-        """Sums ``(S, ...)`` on the disks of what the links put at their two ends, ``(n,
-        ...)`` each.
+    def _at_ends(self, links: slice | np.ndarray, at_a: Array, at_b: Array) -> Array:
+        """Sums ``(S, ...)`` on the disks of numbers ``(n, ...)`` at the two ends of
+        links.
         """
         xp = namespace(self, at_a)
         sums = xp.zeros((len(self.mass), *at_a.shape[1:]), at_a.dtype)
@@ -121,7 +130,9 @@ class System:
             added(sums, self.tree.end_a[links], at_a), self.tree.end_b[links], at_b
         )
 
-    def deflections(self, displacement, links=ALL):
+    def deflections(
+        self, displacement: Array, links: slice | np.ndarray = ALL
+    ) -> Array:
         """Deflections D x ``(n, ...)``, ``a x_a - b x_b`` of each link, from
         displacements ``(S, ...)``.
         """
@@ -131,38 +142,39 @@ class System:
             - arm_b * displacement[self.tree.end_b[links]]
         )
 
-    def spread(self, force, links=ALL):
+    def spread(self, force: Array, links: slice | np.ndarray = ALL) -> Array:
         """Forces D^T f ``(S, ...)`` on the disks, a f and -b f at the ends of each
         link, from forces ``(n, ...)``.
         """
         arm_a, arm_b = self._arms(links, force.ndim)
         return self._at_ends(links, arm_a * force, -arm_b * force)
 
-    def incidence(self, links=ALL):
+    def incidence(self, links: slice | np.ndarray = ALL) -> Array:
         """Columns of D^T ``(S, n)``: a at the first end of each link and -b at the
         second.
         """
         return self.spread(np.eye(len(self.arm_a[links])), links)
 
-    def springs(self):
-        """Links and grounds as rows ``(L + S, S)`` of what they resist, with their
-        stiffness ``(L + S,)`` in N/m.
+    def springs(self) -> tuple[Array, Array]:
+        """Links and grounds as rows ``(L + S, S)`` of the motion that each resists,
+        with their stiffness ``(L + S,)`` in N/m.
         """
         xp = namespace(self)
         rows = xp.concatenate([xp.asarray(self.incidence()).T, xp.eye(len(self.mass))])
-        return rows, xp.concatenate(
+        stiffness = xp.concatenate(
             [xp.asarray(self.stiffness), xp.asarray(self.ground)]
         )
+        return rows, stiffness
 
-    def held_stiffness(self):
-        """``(S,)`` N/m of every disk with all others held: the diagonal of K."""
+    def held_stiffness(self) -> Array:
+        """``(S,)`` N/m of every disk with all other disks held: the diagonal of K."""
         return self.ground + self._at_ends(
             ALL, self.arm_a**2 * self.stiffness, self.arm_b**2 * self.stiffness
         )
 
 
 @functools.lru_cache(maxsize=256)
-def span(topology):
+def span(topology: Topology) -> Tree:
     """The elimination :class:`Tree` of a topology: rooted at the first grounded disk,
     stiff links first.
 
@@ -186,92 +198,102 @@ def span(topology):
     )
 
 
-def _pinned(topology, tree):
-    """Whether each link ``(L,)`` is that of a damper whose ring hangs on it alone, with
-    no spring beside it.
+def _pinned(topology: Topology, tree: Tree) -> np.ndarray:
+    """Whether each link is that of a damper whose ring hangs on it alone, with no
+    spring beside it: bool ``(L,)``.
     """
-    ends, first = topology.link_ends, len(topology.shaft_names)
+    ends = topology.link_ends
+    first_damper = len(topology.shaft_names)
     sprung = {link for link, kind, _ in topology.springs if kind != "friction"}
 
-    def hangs(link):
+    def hangs(link: int) -> bool:
+        """Whether nothing but ``link`` joins a ring to its hub."""
         hub, ring = ends[link]
-        others = neighbours(ends, topology.n_disks, [link]) if len(tree.loops) else None
-        return others is None or ring not in {
-            disk for disk, *_ in breadth_first(others, hub)
+        rest = neighbours(ends, topology.n_disks, [link]) if len(tree.loops) else None
+        return rest is None or ring not in {
+            disk for disk, *_ in breadth_first(rest, hub)
         }
 
-    dampers = range(first, first + len(topology.damper_names))
-    return np.isin(
-        np.arange(len(ends)),
-        [link for link in dampers if link not in sprung and hangs(link)],
-    )
+    dampers = range(first_damper, first_damper + len(topology.damper_names))
+    pinned = [link for link in dampers if link not in sprung and hangs(link)]
+    return np.isin(np.arange(len(ends)), pinned)
 
 
-def condense_chains(tree, root, teeth):
-    """The :class:`Condensation` of a tree in which the disks ``teeth`` and ``root`` are
-    kept, and all that branch.
+def condense_chains(tree: Tree, root: int, teeth: Iterable[int]) -> Condensation:
+    """Condense the chains of a tree; the disks ``teeth`` and ``root`` remain, and all
+    that branch.
     """
     ends = list(zip(tree.end_a.tolist(), tree.end_b.tolist(), strict=True))
     disks = len(tree.node)
-    at = [[link for _, link in joined] for joined in neighbours(ends, disks)]
-    wanted = {root, *teeth, *(disk for index in tree.loops for disk in ends[index])}
-    kept = [disk for disk in range(disks) if disk in wanted or len(at[disk]) > 2]
-    number = {disk: i for i, disk in enumerate(kept)}
+    links_at = [[link for _, link in joined] for joined in neighbours(ends, disks)]
+    needed = {root, *teeth, *(disk for link in tree.loops for disk in ends[link])}
+    remaining = [
+        disk for disk in range(disks) if disk in needed or len(links_at[disk]) > 2
+    ]
+    number = {disk: i for i, disk in enumerate(remaining)}
 
-    def walk(disk, link):
-        """Disks and links from ``disk`` over ``link`` to a free end or, last of the
-        disks, one that is kept.
+    def walk(disk: int, link: int) -> tuple[list[int], list[int]]:
+        """Disks and links from ``disk`` over ``link`` to a free end or to a disk that
+        remains, the last of the disks.
         """
         passed = []
         links = [link]
         while True:
             disk = sum(ends[links[-1]]) - disk
             passed.append(disk)
-            onward = [index for index in at[disk] if index != links[-1]]
+            onward = [index for index in links_at[disk] if index != links[-1]]
             if disk in number or not onward:
                 return passed, links
             links += onward
 
-    through = []
-    hanging = []
+    # Chains: their disks, the link before these, the link after each, both end disks.
+    through: list[tuple[list[int], int, list[int], int, int]] = []
+    hanging: list[tuple[list[int], int, list[int], int, int]] = []
     plain = []
-    for begin in kept:
-        for link in at[begin]:
-            passed, links = walk(begin, link)
-            if passed[-1] not in number:
-                hanging.append((passed[::-1], link, links[::-1], begin, begin))
-            elif (begin, link) < (passed[-1], links[-1]):  # seen from both ends
+    for start in remaining:
+        for link in links_at[start]:
+            passed, links = walk(start, link)
+            end = passed[-1]
+            if end not in number:
+                hanging.append((passed[::-1], link, links[::-1], start, start))
+            elif (start, link) < (end, links[-1]):  # seen from both ends
                 if links[1:]:
-                    through.append((passed[:-1], link, links[1:], begin, passed[-1]))
+                    through.append((passed[:-1], link, links[1:], start, end))
                 else:
                     plain.append(link)
+    plain.sort()
     rows = []
-    plain = sorted(plain)
-    for chain, (passed, before, links, *_) in enumerate(through + hanging):
+    for chain, (passed, before, links, _, _) in enumerate(through + hanging):
         rows += [
             (disk, chain, before, after)
             for disk, after in zip(passed, links, strict=True)
         ]
-    begin = [number[begin] for *_, begin, _ in through]
-    end = [number[end] for *_, end in through + hanging]
-    joints = [
-        *zip(begin, end, strict=False),
-        *(tuple(number[d] for d in ends[i]) for i in plain),
-    ]
-    small = span_links(joints, len(kept), number[root])
+    starts = [number[start] for *_, start, _ in through]
+    chain_ends = [number[end] for *_, end in through + hanging]
+    joints = list(zip(starts, chain_ends, strict=False))
+    joints += [(number[ends[link][0]], number[ends[link][1]]) for link in plain]
     columns = np.array(rows, dtype=np.int32).reshape(-1, 4).T
     return Condensation(
-        *columns, _index(begin), _index(end), _index(kept), _index(plain), small
+        disk=columns[0],
+        chain=columns[1],
+        before=columns[2],
+        after=columns[3],
+        begin=_index(starts),
+        end=_index(chain_ends),
+        kept=_index(remaining),
+        plain=_index(plain),
+        tree=span_links(joints, len(remaining), number[root]),
     )
 
 
-def span_links(ends, disks, root):
+def span_links(ends: Sequence[Sequence[int]], disks: int, root: int) -> Tree:
     """Spanning tree of links ``ends`` over ``disks`` nodes as a :class:`Tree`; earlier
     links are preferred.
     """
     group = list(range(disks))
 
-    def find(disk):
+    def find(disk: int) -> int:
+        """The disk that stands for all that are joined to a disk so far."""
         while group[disk] != disk:
             group[disk] = group[group[disk]]
             disk = group[disk]
@@ -287,9 +309,9 @@ def span_links(ends, disks, root):
             group[find(a)] = find(b)
     reached = breadth_first(neighbours(ends, disks, loops), root)
     outward = [disk for disk, *_ in reached]
-    above = {disk: before for disk, before, _ in reached}
+    above = {disk: previous for disk, previous, _ in reached}
     via = {disk: link for disk, _, link in reached}
-    branches = {disk: [] for disk in outward}
+    branches: dict[int, list[int]] = {disk: [] for disk in outward}
     for disk in outward[1:]:
         branches[above[disk]].append(disk)
     weight = dict.fromkeys(outward, 1)
@@ -301,11 +323,13 @@ def span_links(ends, disks, root):
     while stack:
         disk = stack.pop()
         order.append(disk)
-        stack += sorted(branches[disk], key=weight.get, reverse=True)
+        stack += sorted(branches[disk], key=weight.__getitem__, reverse=True)
     order.reverse()
-    position = {disk: s for s, disk in enumerate(order)}
-    parent = _index([position[above[d]] if above[d] >= 0 else disks for d in order])
-    link = _index([via[d] for d in order])
+    position = {disk: position for position, disk in enumerate(order)}
+    parent = _index(
+        [position[above[disk]] if above[disk] >= 0 else disks for disk in order]
+    )
+    link = _index([via[disk] for disk in order])
     end_a = _index([a for a, _ in ends])
     end_b = _index([b for _, b in ends])
     node = _index(order)
@@ -313,7 +337,7 @@ def span_links(ends, disks, root):
     return Tree(node, parent, slots(parent), link, from_a, _index(loops), end_a, end_b)
 
 
-def assemble(train):
+def assemble(train: DriveTrain) -> System:
     """The :class:`System` of a drive train without links that vary; every number stays
     differentiable.
     """
@@ -331,7 +355,8 @@ def assemble(train):
     ring_at = square[_index(topology.damper_disk)]
     gear_radius = xp.concatenate([xp.asarray(train.disks.radius), zeros])
     unit = xp.ones(len(topology.shaft_names) + len(topology.damper_names))
-    mesh_a, mesh_b = (_index([ends[k] for ends in topology.mesh_ends]) for k in (0, 1))
+    mesh_a = _index([a for a, _ in topology.mesh_ends])
+    mesh_b = _index([b for _, b in topology.mesh_ends])
     meshes = train.meshes
     shafts = train.shafts
     dampers = train.dampers
@@ -360,30 +385,30 @@ def assemble(train):
     )
 
 
-def _index(values):
+def _index(values: Collection[int]) -> np.ndarray:
+    """Integers as a host array."""
     return np.array(values, dtype=np.int32)
 
 
-def rigid_shape(train, radius):
+def rigid_shape(train: DriveTrain, radius: Array) -> Array:
     """``(S,)`` displacements of the motion in which no link deflects: speed ratio x R
     of each disk's rotor.
     """
     return speed_ratios(train)[_index(train.topology.rotor)] * radius
 
 
-def drift(system, rigid, mean):
-    """What mean displacements ``(S, ...)`` of a floating train hold of its rigid
-    rotation, weighted by inertia.
+def drift(system: System, rigid: Array, mean: Array) -> Array:
+    """Share of the rigid rotation in mean displacements ``(S, ...)`` of a floating
+    train, weighted by inertia; 0 of a train that a ground holds.
     """
     xp = namespace(mean)
     mass = xp.asarray(system.mass)
     rigid = xp.asarray(rigid)
     share = (mass * rigid) @ mean / (mass @ rigid**2)
-    return xp.where(
-        system.floating, rigid.reshape((-1,) + (1,) * (mean.ndim - 1)) * share, 0.0
-    )
+    column = rigid.reshape((-1,) + (1,) * (mean.ndim - 1))
+    return xp.where(system.floating, column * share, 0.0)
 
 
-def to_angles(system, displacement):
+def to_angles(system: System, displacement: Array) -> Array:
     """Angles phi = x / R in rad of displacements ``(S, ...)`` in m."""
     return displacement / system.radius.reshape((-1,) + (1,) * (displacement.ndim - 1))

@@ -2,12 +2,16 @@
 on the host or under tracing.
 """
 
+from __future__ import annotations
+
 import contextlib
 import dataclasses
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxhb._jax import load, traced
+from jaxhb._jax import Array, load, traced
 from jaxhb.elements import derived, value_checks
 from jaxhb.elements.elements import (
     LARGEST,
@@ -26,6 +30,10 @@ from jaxhb.train.connections import RATIO_TOLERANCE
 from jaxhb.train.tables import LAW_OF_FRIDMAN
 from jaxhb.train.varying import NEEDS
 
+if TYPE_CHECKING:
+    from jaxhb.train.drivetrain import DriveTrain
+    from jaxhb.train.topology import Topology
+
 _WORDS = {
     f.name: f.metadata["words"]
     for f in dataclasses.fields(Mesh)
@@ -37,7 +45,9 @@ _NO_BACKLASH = (
 )
 
 
-def _choose(train, values):
+def _choose(
+    train: DriveTrain, values: Mapping[str, Any]
+) -> tuple[DriveTrain, dict[str, Any], list[str]]:
     """Take laws and numbers of teeth, which are no numbers of the train, from
     ``{"NAME.FIELD": value}``.
 
@@ -55,17 +65,17 @@ def _choose(train, values):
         field = ""
         index = 0
         fault = ""
-        follow = {}
+        followed: dict[str, float] = {}
         with contextlib.suppress(SceneError):  # told with the numbers
             table, field, index = locate(topology, key)
         if table == "mesh" and field in ("law", "damping_law"):
-            known = [word for word in _WORDS[field] if word]
+            words = [word for word in _WORDS[field] if word]
             if not topology.mesh_backlash[index]:
                 fault = _NO_BACKLASH
-            elif value not in known:
-                fault = f"{field} is {shown(value)}.{suggestion(value, known)}"
+            elif value not in words:
+                fault = f"{field} is {shown(value)}.{suggestion(value, words)}"
             elif field == "law":
-                follow = LAW_OF_FRIDMAN
+                followed = LAW_OF_FRIDMAN
             else:
                 laws[index] = value
         elif table == "disk" and field == "teeth":
@@ -83,7 +93,7 @@ def _choose(train, values):
                     f"teeth is {shown(value)}, must be a whole number of at least 1."
                 )
             else:
-                follow = {
+                followed = {
                     "radius": (
                         np.asarray(train.disks.radius)[index]
                         * int(value)
@@ -93,42 +103,49 @@ def _choose(train, values):
                 teeth[index] = int(value)
         else:
             numbers.setdefault(key, value)
-        for own, number in follow.items():
-            other = f"{key.removesuffix(field)}{own}"
-            numbers[other] = given = values.get(other, number)
+        for followed_field, number in followed.items():
+            followed_key = f"{key.removesuffix(field)}{followed_field}"
+            chosen_value = values.get(followed_key, number)
+            numbers[followed_key] = chosen_value
             if (
-                value_checks.number_like(given)
-                and abs(float(given) - number) > RATIO_TOLERANCE * number
+                value_checks.number_like(chosen_value)
+                and abs(float(chosen_value) - number) > RATIO_TOLERANCE * number
             ):
                 fault = (
-                    f"it makes {own} {number:.6g}, but {other!r} is given as"
-                    f" {given:.6g}. Keep one of them."
+                    f"it makes {followed_field} {number:.6g}, but {followed_key!r} is"
+                    f" given as {chosen_value:.6g}. Keep one of them."
                 )
-        faults += [f"{topology.title}, replace {shown(key)}: {fault}"] if fault else []
-    chosen = {"mesh_damping_law": tuple(laws), "teeth": tuple(teeth)}
-    if any(getattr(topology, name) != new for name, new in chosen.items()):
-        train = dataclasses.replace(
-            train, topology=dataclasses.replace(topology, **chosen)
+        if fault:
+            faults.append(f"{topology.title}, replace {shown(key)}: {fault}")
+    if tuple(laws) != topology.mesh_damping_law or tuple(teeth) != topology.teeth:
+        changed = dataclasses.replace(
+            topology, mesh_damping_law=tuple(laws), teeth=tuple(teeth)
         )
+        train = dataclasses.replace(train, topology=changed)
     return train, numbers, faults
 
 
-def scene_values(train, settings):
-    """What a scene file has to say of the settings ``{"NAME.FIELD": value}`` of a train
-    that they made, by table, row and field.
+def scene_values(
+    train: DriveTrain, settings: Mapping[str, Any]
+) -> dict[tuple[str, int, str], Any]:
+    """Values that a scene file needs for the settings ``{"NAME.FIELD": value}`` of a
+    train that they made, by table, row and field.
     """
-    found = {}
+    by_place = {}
     for key, value in settings.items():
         table, field, index = locate(train.topology, key)
         if (table, field) == ("mesh", "law"):
-            found |= {
-                (table, index, own): number for own, number in LAW_OF_FRIDMAN.items()
+            by_place |= {
+                (table, index, law_field): number
+                for law_field, number in LAW_OF_FRIDMAN.items()
             }
             continue
-        found[table, index, field] = int(value) if field == "teeth" else value
+        by_place[table, index, field] = int(value) if field == "teeth" else value
         if field == "teeth":
-            found[table, index, "radius"] = float(np.asarray(train.disks.radius)[index])
-    return found
+            by_place[table, index, "radius"] = float(
+                np.asarray(train.disks.radius)[index]
+            )
+    return by_place
 
 
 TABLE_OF = {table: f"{table}s" for table in TABLES} | {"mesh": "meshes"}
@@ -136,7 +153,7 @@ _VARYING = {key: links for links, (key, _) in NEEDS.items()}
 _INNER = {"traces": Trace, "combustion": Combustion}
 
 
-def locate(topology, key: str):
+def locate(topology: Topology, key: str) -> tuple[str, str, int]:
     """Find table, field and index of ``"NAME.FIELD"``; a field may be
     ``"combustion.start"``.
     """
@@ -161,18 +178,17 @@ def locate(topology, key: str):
     return table, field, index
 
 
-def declared_field(table: str, field: str):
-    """The field of an element, with its unit and range, of a field of a table; None
-    where there is none.
+def declared_field(table: str, field: str) -> dataclasses.Field | None:
+    """Declared field of an element, with its unit and range, for a field of a table;
+    None where there is none.
     """
     outer, _, inner = field.rpartition(".")
-    return {
-        f.name: f for f in dataclasses.fields(_INNER.get(outer, TABLES[table]))
-    }.get(inner)
+    cls = _INNER.get(outer, TABLES[table])
+    return {declared.name: declared for declared in dataclasses.fields(cls)}.get(inner)
 
 
-def _locate(train, key: str):
-    """Find table, field and index of ``"NAME.FIELD"`` that the train has."""
+def _locate(train: DriveTrain, key: str) -> tuple[str, str, int]:
+    """Table, field and index of ``"NAME.FIELD"`` that the train has."""
     table, field, index = locate(train.topology, key)
     numbers = getattr(train, TABLE_OF[table])
     inner = field
@@ -183,9 +199,9 @@ def _locate(train, key: str):
         if numbers is None or index not in numbers.seats:
             raise SceneError(f"{where}: it has no {outer}. Build the scene with one.")
     fields = [
-        f.name
-        for f in dataclasses.fields(numbers)
-        if f.name not in _INNER and not f.metadata.get("static")
+        declared.name
+        for declared in dataclasses.fields(numbers)
+        if declared.name not in _INNER and not declared.metadata.get("static")
     ]
     if inner not in fields:
         raise SceneError(
@@ -198,9 +214,9 @@ def _locate(train, key: str):
     return table, field, index
 
 
-def _vector(train, table, field):
-    """A field of a table over its elements; gas factors and injections that nobody gave
-    are 1.
+def _vector(train: DriveTrain, table: str, field: str) -> Any:
+    """A field of a table over its elements; gas factors and injections that the scene
+    does not give are 1.
     """
     numbers = getattr(train, TABLE_OF[table])
     outer, _, inner = field.rpartition(".")
@@ -209,73 +225,70 @@ def _vector(train, table, field):
     return np.ones(len(train.topology.cylinder_names)) if absent else vector
 
 
-def _place(train, field, index):
-    """Where an element stands in the vector of a field."""
+def _place(train: DriveTrain, field: str, index: int) -> int:
+    """Index of an element in the vector of a field."""
     outer = field.rpartition(".")[0]
     return getattr(train.cylinders, outer).seats.index(index) if outer else index
 
 
-def _row(train, table, field, index):
+def _row(train: DriveTrain, table: str, field: str, index: int) -> Any:
     """The part of a row that the scene gave (harmonics and traces are padded)."""
     place = _place(train, field, index)
     row = _vector(train, table, field)[place]
     if field in ("stages", "stops"):
         link = derived.link_number(train.topology, table, index)
-        return row[
-            : sum((link, field) == spring[:2] for spring in train.topology.springs)
-        ]
+        count = sum((link, field) == spring[:2] for spring in train.topology.springs)
+        return row[:count]
     if field in ("harmonics", "gas_torque", *OF_PERIOD, *OF_GEARS):
-        return row[
-            : len(
-                getattr(
-                    train.topology,
-                    f"mesh_{field}" if table == "mesh" else f"{table}_harmonics",
-                )[index]
-            )
-        ]
+        orders = f"mesh_{field}" if table == "mesh" else f"{table}_harmonics"
+        return row[: len(getattr(train.topology, orders)[index])]
     if field == "combustion.exhaust_pressure":
-        return gas.full_exhaust_pressure(train.cylinders.combustion)[place]
+        combustion = train.cylinders.combustion
+        assert combustion is not None  # the field was located in it
+        return gas.full_exhaust_pressure(combustion)[place]
     if field.startswith("traces."):
-        speeds, loads = train.cylinders.traces.sizes[place]
-        parts = {
+        traces = train.cylinders.traces
+        assert traces is not None  # the field was located in them
+        speeds, loads = traces.sizes[place]
+        given_parts = {
             "traces.rpm": np.s_[:speeds],
             "traces.load": np.s_[:loads],
             "traces.pressure": np.s_[:speeds, :loads],
         }
-        return row[parts[field]]
+        return row[given_parts[field]]
     return row
 
 
-def read(train, key: str):
-    """Read one number; see :meth:`DriveTrain.value`."""
-    row = _row(train, *_locate(train, key))
+def read(train: DriveTrain, key: str) -> Any:
+    """Read one number or array; see :meth:`DriveTrain.value`."""
+    table, field, index = _locate(train, key)
+    row = _row(train, table, field, index)
     return float(row) if isinstance(row, np.floating) else row
 
 
-def replace(train, values):
+def replace(train: DriveTrain, values: Mapping[str, Any]) -> DriveTrain:
     """Change numbers; see :meth:`DriveTrain.replace`."""
     before = train
-    (train, values, errors) = _choose(train, values)
-    changes = {}
+    train, values, errors = _choose(train, values)
+    changes: dict[tuple[str, str], dict[int, Any]] = {}
     for key, value in values.items():
         try:
             table, field, index = _locate(train, key)
         except SceneError as error:
             errors += error.sentences
             continue
-        if isinstance(value, list | tuple) and traced(
-            value
-        ):  # rows with traced numbers: numpy cannot join them
+        if isinstance(value, list | tuple) and traced(value):
+            # Rows with traced numbers: numpy cannot join them.
             value = load().numpy.asarray(value)
         errors += _value_errors(train, key, table, field, index, value)
         changes.setdefault((table, field), {})[_place(train, field, index)] = value
     if errors:
         raise SceneError(errors)
     changed = train
-    for (table, field), new in changes.items():
-        changed = _with(changed, table, field, new)
-    for table, field, new in derived.followers(train, changed, changes):
-        changed = _with(changed, table, field, new)
+    for (table, field), new_values in changes.items():
+        changed = _with(changed, table, field, new_values)
+    for table, field, new_values in derived.followers(train, changed, changes):
+        changed = _with(changed, table, field, new_values)
     if ("disk", "radius") in changes:
         _check_ratios(before, changed)
     # Mean torques take integrals over a cycle: only where they, or what holds them, may
@@ -286,28 +299,29 @@ def replace(train, values):
     return changed
 
 
-def _with(train, table, field, new):
+def _with(
+    train: DriveTrain, table: str, field: str, new_values: Mapping[int, Any]
+) -> DriveTrain:
     """The train with values ``{index: value}`` in the vector of one field."""
     attribute = TABLE_OF[table]
-    (outer, _, inner) = field.rpartition(".")
+    outer, _, inner = field.rpartition(".")
     numbers = getattr(train, attribute)
-    vector = _set(_vector(train, table, field), new)
+    vector = _set(_vector(train, table, field), new_values)
     if outer:
-        inner, vector = (
-            outer,
-            dataclasses.replace(getattr(numbers, outer), **{inner: vector}),
-        )
-    return dataclasses.replace(
-        train, **{attribute: dataclasses.replace(numbers, **{inner: vector})}
-    )
+        inner_table = dataclasses.replace(getattr(numbers, outer), **{inner: vector})
+        changed = dataclasses.replace(numbers, **{outer: inner_table})
+    else:
+        changed = dataclasses.replace(numbers, **{inner: vector})
+    changes: dict[str, Any] = {attribute: changed}
+    return dataclasses.replace(train, **changes)
 
 
-def in_contact(train):
+def in_contact(train: DriveTrain) -> DriveTrain:
     """The same train with the gaps of all meshes closed and all else as it is: "without
     backlash".
     """
     topology = train.topology
-    meshes = train.meshes
+    meshes: Any = train.meshes
     return dataclasses.replace(
         train,
         topology=dataclasses.replace(
@@ -317,94 +331,95 @@ def in_contact(train):
     )
 
 
-def linearised(train):
-    """The same in contact, and beyond that with teeth of their mean stiffness, shafts
-    and dampers of one: linear.
+def linearised(train: DriveTrain) -> DriveTrain:
+    """The train in contact, with teeth of their mean stiffness and shafts and dampers
+    of one stiffness: linear.
     """
     train = in_contact(train)
     constant = ((),) * len(train.topology.mesh_names)
+    meshes: Any = train.meshes
     return dataclasses.replace(
         train,
         topology=dataclasses.replace(
             train.topology, mesh_stiffness_orders=constant, springs=()
         ),
-        meshes=dataclasses.replace(train.meshes, stiffness_orders=None),
+        meshes=dataclasses.replace(meshes, stiffness_orders=None),
     )
 
 
-def _set(vector, new):
+def _set(vector: Array, new_values: Mapping[int, Any]) -> Array:
     """Put values at their indices: on the host by a copy, under tracing in one
     scatter.
     """
-    if isinstance(vector, np.ndarray) and not traced(new):
-        vector = vector.copy()
-        for index, value in new.items():
-            value = np.asarray(value, dtype=np.float64)
-            vector[(index, *(slice(n) for n in value.shape))] = value
-        return vector
+    if isinstance(vector, np.ndarray) and not traced(new_values):
+        changed = vector.copy()
+        for index, value in new_values.items():
+            row = np.asarray(value, dtype=np.float64)
+            place: tuple[Any, ...] = (index, *(slice(n) for n in row.shape))
+            changed[place] = row
+        return changed
     import jax.numpy as jnp
 
-    vector = jnp.asarray(vector)
-    if vector.ndim == 1:
-        return vector.at[np.array(list(new))].set(
-            jnp.stack([jnp.asarray(v, dtype=jnp.float64) for v in new.values()])
-        )
-    for index, value in new.items():
-        value = jnp.asarray(value, dtype=jnp.float64)
-        vector = vector.at[(index, *(slice(n) for n in value.shape))].set(value)
-    return vector
+    scattered = jnp.asarray(vector)
+    if scattered.ndim == 1:
+        rows = [jnp.asarray(value, dtype=jnp.float64) for value in new_values.values()]
+        return scattered.at[np.array(list(new_values))].set(jnp.stack(rows))
+    for index, value in new_values.items():
+        new_row = jnp.asarray(value, dtype=jnp.float64)
+        place = (index, *(slice(n) for n in new_row.shape))
+        scattered = scattered.at[place].set(new_row)
+    return scattered
 
 
-def within_range(train):
+def within_range(train: DriveTrain) -> Array:
     """Whether every number lies in the range of its field, a bool that may be traced;
     nan does not count as outside.
     """
     import jax.numpy as jnp
 
     inside = [jnp.array(True)]
-    given = [
+    tables: list[tuple[Any, Any]] = [
         (TABLES[table], getattr(train, attribute))
         for table, attribute in TABLE_OF.items()
     ]
-    for cls, numbers in [*given, (Combustion, train.cylinders.combustion)]:
+    tables.append((Combustion, train.cylinders.combustion))
+    for cls, numbers in tables:
         for declared in dataclasses.fields(cls):
             limits = declared.metadata.get("range")
             values = getattr(numbers, declared.name, None)
             if limits is None or values is None:
                 continue
-            # What is wrong is looked for, not what is right: nan is neither, and has
-            # its own status.
+            # Numbers outside are counted, not those inside: nan is neither, and has its
+            # own status.
             values = jnp.asarray(values)
             outside = limits.excludes(values)
-            # 0 stands for a key that is not given, but for those that the reader fills
+            # 0 stands for a key that is absent, except for those that the reader fills
             # in.
-            zero_if_absent = declared.default is None and declared.name not in (
-                "epsilon",
-                "transition",
-                "stiffness",
-            )
-            inside.append(
-                ~jnp.any(outside & (values != 0.0) if zero_if_absent else outside)
-            )
+            filled_in = ("epsilon", "transition", "stiffness")
+            if declared.default is None and declared.name not in filled_in:
+                outside = outside & (values != 0.0)
+            inside.append(~jnp.any(outside))
     return jnp.all(jnp.stack(inside))
 
 
-def _value_errors(train, key, table, field, index, value) -> list[str]:
+def _value_errors(
+    train: DriveTrain, key: str, table: str, field: str, index: int, value: Any
+) -> list[str]:
     """Check shape and, where it is concrete, range of a new value."""
     where = f"{train.topology.title}, replace {shown(key)}"
     row = _row(train, table, field, index)
-    wanted = np.shape(row)
-    found = None
+    shape = np.shape(row)
+    new_shape = None
     with contextlib.suppress(ValueError):  # rows of different lengths have no shape
-        found = np.shape(value)
-    if found != wanted:
+        new_shape = np.shape(value)
+    if new_shape != shape:
         return [
-            f"{where}: the value has shape {found}, must have {wanted}. Map over a"
+            f"{where}: the value has shape {new_shape}, must have {shape}. Map over a"
             " batch with jax.vmap."
         ]
-    missing = _has_no_effect(train, table, field, index)
+    no_effect = _has_no_effect(train, table, field, index)
     if traced(value):
-        return [f"{where}: {missing}"] if missing else []
+        return [f"{where}: {no_effect}"] if no_effect else []
     number = np.asarray(value)
     if number.dtype.kind not in "fiu" or not np.all(np.abs(number) <= LARGEST):
         return [
@@ -412,10 +427,10 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
             f" {LARGEST:g} in size."
         ]
     # A value that is there already changes nothing, and is no fault.
-    if missing and (traced(row) or not np.all(np.asarray(row) == number)):
-        return [f"{where}: {missing}"]
+    if no_effect and (traced(row) or not np.all(np.asarray(row) == number)):
+        return [f"{where}: {no_effect}"]
     declared = declared_field(table, field)
-    if declared is None or wanted or declared.metadata["kind"] != "number":
+    if declared is None or shape or declared.metadata["kind"] != "number":
         return []
     if declared.default is None and number == 0.0 and not traced(row) and row == 0.0:
         return []  # the scene gave none, which stands as 0
@@ -425,7 +440,7 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
     ]
 
 
-def _has_no_effect(train, table, field, index) -> str:
+def _has_no_effect(train: DriveTrain, table: str, field: str, index: int) -> str:
     """Say why a number has no effect in a train of this topology; empty where it has
     one.
     """
@@ -453,14 +468,14 @@ def _has_no_effect(train, table, field, index) -> str:
             " these."
         )
     if field == "damping" and topology.has_key(link, "damping_hz"):
-        way = "magnifier" if topology.has_key(link, "magnifier") else "damping_ratio"
-        return f"the damping comes from {way} and damping_hz. Change these."
-    given = (
+        source = "magnifier" if topology.has_key(link, "magnifier") else "damping_ratio"
+        return f"the damping comes from {source} and damping_hz. Change these."
+    is_built_in = (
         link in getattr(topology, _VARYING[field])
         if field in _VARYING
         else topology.has_key(link, key)
     )
-    if (field in _VARYING or key in derived.OPTIONAL) and not given:
+    if (field in _VARYING or key in derived.OPTIONAL) and not is_built_in:
         return (
             f"it has no effect, as the {table} was built without {key}. Build the scene"
             " with it."
@@ -468,7 +483,8 @@ def _has_no_effect(train, table, field, index) -> str:
     return ""
 
 
-def _has_no_effect_on_cylinder(train, field, index) -> str:
+def _has_no_effect_on_cylinder(train: DriveTrain, field: str, index: int) -> str:
+    """Say why a number of a cylinder has no effect; empty where it has one."""
     source = train.topology.cylinder_source[index]
     moves = train.topology.cylinder_inertia[index] > 0
     computed = source in gas.COMPUTED
@@ -485,7 +501,9 @@ def _has_no_effect_on_cylinder(train, field, index) -> str:
             " the scene with one of them."
         )
     if field in ("combustion.heat", "combustion.imep"):
-        by_work = train.cylinders.combustion.by_work[_place(train, field, index)]
+        combustion = train.cylinders.combustion
+        assert combustion is not None  # the field was located in it
+        by_work = combustion.by_work[_place(train, field, index)]
         if by_work != (field == "combustion.imep"):
             return (
                 f"it has no effect, as the scene gives {'imep' if by_work else 'heat'}"
@@ -508,7 +526,7 @@ def _has_no_effect_on_cylinder(train, field, index) -> str:
     return ""
 
 
-def _periods(topology, ratios, index):
+def _periods(topology: Topology, ratios: np.ndarray, index: int) -> float:
     """Mesh periods of a mesh in a revolution of the reference rotor; 1 where no gear
     has teeth.
     """
@@ -522,7 +540,7 @@ def _periods(topology, ratios, index):
     )
 
 
-def _check_ratios(before, after):
+def _check_ratios(before: DriveTrain, after: DriveTrain) -> None:
     """Refuse concrete radii that lock a loop or change the speed of a rotor with orders
     of its own.
     """
@@ -535,30 +553,30 @@ def _check_ratios(before, after):
     new = rotor_ratios(topology, radius)
     errors = []
     where = topology.title
-    given = zip(
+    torques = zip(
         topology.torque_names, topology.torque_disk, topology.torque_own, strict=True
     )
-    own = [*zip(topology.cylinder_names, topology.cylinder_disk, strict=True)]
+    counted = list(zip(topology.cylinder_names, topology.cylinder_disk, strict=True))
     # A phase counts on the rotor, whatever the orders of a torque count on.
     turned = {k for row in topology.phase_torques for k in row}
-    own += [
+    counted += [
         (name, disk)
-        for k, (name, disk, is_own) in enumerate(given)
-        if is_own or k in turned
+        for k, (name, disk, counts_own) in enumerate(torques)
+        if counts_own or k in turned
     ]
     pulsating = zip(
         topology.load_names, topology.load_disk, topology.load_harmonics, strict=True
     )
-    own += [(name, disk) for name, disk, orders in pulsating if orders]
-    for place, field in enumerate(OF_GEARS):
-        listed = zip(
+    counted += [(name, disk) for name, disk, orders in pulsating if orders]
+    for end, field in enumerate(OF_GEARS):
+        gear_orders = zip(
             topology.mesh_names,
             topology.mesh_ends,
             getattr(topology, f"mesh_{field}"),
             strict=True,
         )
-        own += [(name, ends[place]) for name, ends, orders in listed if orders]
-    for name, disk in own:
+        counted += [(name, ends[end]) for name, ends, orders in gear_orders if orders]
+    for name, disk in counted:
         rotor = topology.rotor[disk]
         if abs(new[rotor] / old[rotor] - 1.0) > RATIO_TOLERANCE:
             errors.append(
@@ -568,26 +586,26 @@ def _check_ratios(before, after):
                 " radii."
             )
     for index, name in enumerate(topology.mesh_names):
-        periods = [
-            _periods(train.topology, ratios, index)
-            for train, ratios in ((before, old), (after, new))
-        ]
+        old_periods = _periods(before.topology, old, index)
+        new_periods = _periods(topology, new, index)
         if (
             topology.mesh_periods[index]
-            and abs(periods[1] / periods[0] - 1.0) > RATIO_TOLERANCE
+            and abs(new_periods / old_periods - 1.0) > RATIO_TOLERANCE
         ):
             errors.append(
-                f"{where}: the new gears of mesh {name!r} have {periods[1]:.6g} mesh"
-                f" periods in a revolution of the reference, not {periods[0]:.6g}, so"
+                f"{where}: the new gears of mesh {name!r} have {new_periods:.6g} mesh"
+                f" periods in a revolution of the reference, not {old_periods:.6g}, so"
                 " that its orders fit no more. Build the scene anew with them."
             )
     for name, (a, b) in zip(topology.mesh_names, topology.mesh_ends, strict=True):
-        slip = new[topology.rotor[a]] * radius[a] / (new[topology.rotor[b]] * radius[b])
-        if abs(slip - 1.0) > RATIO_TOLERANCE:
+        mismatch = (
+            new[topology.rotor[a]] * radius[a] / (new[topology.rotor[b]] * radius[b])
+        )
+        if abs(mismatch - 1.0) > RATIO_TOLERANCE:
             errors.append(
                 f"{where}: the new radii lock the closed loop through mesh {name!r}:"
-                f" its ratios multiply to {slip:.6g}, must be 1. Change all radii of"
-                " the loop together."
+                f" its ratios multiply to {mismatch:.6g}, must be 1. Change all radii"
+                " of the loop together."
             )
         teeth = [topology.teeth[disk] for disk in (a, b)]
         if (

@@ -1,6 +1,10 @@
-"""How the disks hang together, pieces, rotors and closed loops, and what holds them."""
+"""Connections of the disks: pieces, rotors and closed loops, and what holds them."""
 
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,26 +13,33 @@ from jaxhb.elements.elements import shown
 from jaxhb.excitation.gas import FAR
 from jaxhb.excitation.mean_torques import mean_torques
 
+if TYPE_CHECKING:
+    from jaxhb.train.drivetrain import DriveTrain
+
 # Share by which the ratios around a closed loop may miss 1: radii are given with so
 # many digits
 RATIO_TOLERANCE = 1e-6
 
 
-def neighbours(ends, nodes: int, without=()):
-    """Of each node the others that links ``ends`` join it to, and these links: (other,
-    link).
+def neighbours(
+    ends: Iterable[Sequence[int]], nodes: int, without: Iterable[int] = ()
+) -> list[list[tuple[int, int]]]:
+    """Nodes that the links ``ends`` join each node to, and these links: a list of
+    (other, link) for each node.
     """
-    found = [[] for _ in range(nodes)]
-    without = set(without)
+    joined = [[] for _ in range(nodes)]
+    skipped = set(without)
     for link, (a, b) in enumerate(ends):
-        if link not in without:
-            found[a].append((b, link))
-            found[b].append((a, link))
-    return found
+        if link not in skipped:
+            joined[a].append((b, link))
+            joined[b].append((a, link))
+    return joined
 
 
-def breadth_first(joined, root: int):
-    """Nodes reached from a root over :func:`neighbours`, breadth first: (node, the one
+def breadth_first(
+    joined: Sequence[Sequence[tuple[int, int]]], root: int
+) -> list[tuple[int, int, int]]:
+    """Nodes reached from a root over :func:`neighbours`, breadth first: (node, the node
     before, the link to it).
     """
     seen = {root}
@@ -41,7 +52,7 @@ def breadth_first(joined, root: int):
     return outward
 
 
-def pieces(n_disks: int, pairs) -> list[int]:
+def pieces(n_disks: int, pairs: Iterable[Sequence[int]]) -> list[int]:
     """Number the connected pieces of disks 0..n_disks-1 joined by ``pairs``, by first
     appearance.
     """
@@ -56,12 +67,12 @@ def pieces(n_disks: int, pairs) -> list[int]:
     return piece
 
 
-def members_of(piece: list[int]) -> list[list[int]]:
+def members_of(piece: Sequence[int]) -> list[list[int]]:
     """Disks of each piece."""
-    found = [[] for _ in range(max(piece, default=-1) + 1)]
-    for disk, k in enumerate(piece):
-        found[k].append(disk)
-    return found
+    members = [[] for _ in range(max(piece, default=-1) + 1)]
+    for disk, number in enumerate(piece):
+        members[number].append(disk)
+    return members
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,85 +93,102 @@ class Gearing:
     (mesh, disks of the loop, why).
     """
 
-    def __init__(self, n_disks: int, elastic_pairs, mesh_ends, mesh_internal, radius):
+    def __init__(
+        self,
+        n_disks: int,
+        elastic_pairs: Sequence[tuple[int, int]],
+        mesh_ends: Sequence[tuple[int, int]],
+        mesh_internal: Sequence[bool],
+        radius: Sequence[float],
+    ) -> None:
         self._mesh_ends = mesh_ends
         self._mesh_internal = mesh_internal
         self._radius = radius
         self.rotor = pieces(n_disks, elastic_pairs)
         count = max(self.rotor, default=-1) + 1
         self._pairs = [(self.rotor[a], self.rotor[b]) for a, b in mesh_ends]
-        within = [m for m, (a, b) in enumerate(self._pairs) if a == b]
+        within = [mesh for mesh, (a, b) in enumerate(self._pairs) if a == b]
         self._joined = neighbours(self._pairs, count, within)
         self._path: list[tuple[tuple[int, int], ...]] = [()] * count
         self._ratio = [1.0] * count
         self._sense = [1] * count
         self.locked: list[tuple[int, list[int], str]] = []
 
-    def _led(self, mesh: int, here: int):
-        """Where a mesh leads from a rotor: its gears (driving, driven), ratio and sense
-        there.
+    def _follow(self, mesh: int, rotor: int) -> tuple[tuple[int, int], float, int]:
+        """Follow a mesh from a rotor to the next: its gears (driving, driven), and the
+        ratio and the sense of rotation there.
         """
         ends = self._mesh_ends[mesh]
-        driver, driven = ends if self._pairs[mesh][0] == here else ends[::-1]
-        ahead = self._ratio[here] * self._radius[driver] / self._radius[driven]
-        return (
-            (driver, driven),
-            ahead,
-            self._sense[here] * (1 if self._mesh_internal[mesh] else -1),
-        )
+        driver, driven = ends if self._pairs[mesh][0] == rotor else ends[::-1]
+        next_ratio = self._ratio[rotor] * self._radius[driver] / self._radius[driven]
+        next_sense = self._sense[rotor] * (1 if self._mesh_internal[mesh] else -1)
+        return (driver, driven), next_ratio, next_sense
 
     def lead(self, reference: int) -> set[int]:
-        """Lead from the rotor of disk ``reference`` to all that meshes reach: these."""
+        """Lead speeds from the rotor of disk ``reference`` over all meshes, and return
+        the rotors that they reach.
+        """
         tree = breadth_first(self._joined, self.rotor[reference])
-        rank = {there: k for k, (there, _, _) in enumerate(tree)}
-        for there, here, mesh in tree[1:]:
-            gears, self._ratio[there], self._sense[there] = self._led(mesh, here)
-            self._path[there] = (*self._path[here], gears)
-        closing = {mesh for there in rank for _, mesh in self._joined[there]} - {
-            mesh for _, _, mesh in tree[1:]
-        }
+        rank = {rotor: position for position, (rotor, _, _) in enumerate(tree)}
+        for next_rotor, rotor, mesh in tree[1:]:
+            gears, ratio, sense = self._follow(mesh, rotor)
+            self._ratio[next_rotor] = ratio
+            self._sense[next_rotor] = sense
+            self._path[next_rotor] = (*self._path[rotor], gears)
+        meshes = {mesh for rotor in rank for _, mesh in self._joined[rotor]}
+        closing = meshes - {mesh for _, _, mesh in tree[1:]}
         for mesh in sorted(closing):
             # Reached a second time: both ways must give one speed and one sense.
-            here, there = sorted(self._pairs[mesh], key=rank.__getitem__)
-            gears, ahead, turn = self._led(mesh, here)
-            share = ahead / self._ratio[there]
-            if abs(share - 1.0) > RATIO_TOLERANCE:
-                why = f"its ratios multiply to {share:.6g}"
-            elif turn != self._sense[there]:
+            rotor, next_rotor = sorted(self._pairs[mesh], key=rank.__getitem__)
+            gears, next_ratio, next_sense = self._follow(mesh, rotor)
+            mismatch = next_ratio / self._ratio[next_rotor]
+            if abs(mismatch - 1.0) > RATIO_TOLERANCE:
+                why = f"its ratios multiply to {mismatch:.6g}"
+            elif next_sense != self._sense[next_rotor]:
                 why = "its senses of rotation contradict each other"
             else:
                 continue
             self.locked.append(
-                (mesh, _loop(self._path[here], self._path[there], gears), why)
+                (mesh, _loop(self._path[rotor], self._path[next_rotor], gears), why)
             )
         return set(rank)
 
-    def rotors(self, reached: set[int]) -> Rotors:
-        """The rotors, those that are not among ``reached`` with ratio 1 and an empty
+    def rotors(self, reached: Collection[int]) -> Rotors:
+        """The rotors; those that are not among ``reached`` have ratio 1 and an empty
         path.
         """
         return Rotors(
             rotor=tuple(self.rotor),
             path=tuple(
-                path if k in reached else () for k, path in enumerate(self._path)
+                path if rotor in reached else ()
+                for rotor, path in enumerate(self._path)
             ),
             ratio=tuple(
-                ratio if k in reached else 1.0 for k, ratio in enumerate(self._ratio)
+                ratio if rotor in reached else 1.0
+                for rotor, ratio in enumerate(self._ratio)
             ),
         )
 
 
-def _loop(path_a, path_b, closing) -> list[int]:
+def _loop(
+    path_a: Sequence[tuple[int, int]],
+    path_b: Sequence[tuple[int, int]],
+    closing: tuple[int, int],
+) -> list[int]:
     """Gears round the loop closed between the ends of two paths."""
     shared = 0
     while shared < min(len(path_a), len(path_b)) and path_a[shared] == path_b[shared]:
         shared += 1
-    there = [gear for step in path_a[shared:] for gear in step]
+    outward = [gear for step in path_a[shared:] for gear in step]
     back = [gear for step in reversed(path_b[shared:]) for gear in reversed(step)]
-    return list(dict.fromkeys([*there, *closing, *back]))
+    return list(dict.fromkeys([*outward, *closing, *back]))
 
 
-def exact_radii(radius, teeth, mesh_ends) -> list[float]:
+def exact_radii(
+    radius: Sequence[float | None],
+    teeth: Sequence[int],
+    mesh_ends: Sequence[tuple[int, int]],
+) -> list[float | None]:
     """Radii made exactly proportional to the numbers of teeth among gears that mesh and
     both have them.
     """
@@ -171,10 +199,12 @@ def exact_radii(radius, teeth, mesh_ends) -> list[float]:
     for start in dict.fromkeys(gear for pair in toothed for gear in pair):
         if start in done:
             continue
+        first_radius = radius[start]
+        assert first_radius is not None  # a disk with teeth that count is a gear
         for gear, *_ in breadth_first(joined, start)[1:]:
             done.add(gear)
             # From the first gear, not along the way: each radius is rounded once.
-            exact[gear] = radius[start] * teeth[gear] / teeth[start]
+            exact[gear] = first_radius * teeth[gear] / teeth[start]
     return exact
 
 
@@ -188,13 +218,22 @@ _NO_MEAN = (
 """Numbers of torques and cylinders that no mean torque depends on."""
 
 
-def names_of(names, indices, most: int = 8) -> str:
+def names_of(names: Sequence[str], indices: Sequence[int], most: int = 8) -> str:
     """List names for a sentence."""
-    listed = ", ".join(shown(names[i]) for i in indices[:most])
+    listed = ", ".join(shown(names[index]) for index in indices[:most])
     return listed + (f", … ({len(indices)} in all)" if len(indices) > most else "")
 
 
-def unheld(source, names, *, links, static, ground, loaded, main: int) -> list[str]:
+def unheld(
+    source: str,
+    names: Sequence[str],
+    *,
+    links: Iterable[Sequence[int]],
+    static: Iterable[Sequence[int]],
+    ground: Sequence[int],
+    loaded: Iterable[int],
+    main: int,
+) -> list[str]:
     """Find parts behind viscous links that the only ground holds, or on which a mean
     torque acts.
 
@@ -203,49 +242,49 @@ def unheld(source, names, *, links, static, ground, loaded, main: int) -> list[s
     torque; ``main`` a disk of the main part.
     """
     joined = pieces(len(names), links)
-    part = pieces(len(names), static)
+    piece = pieces(len(names), static)
     # Pieces that no link joins to the train have their own sentence.
-    grounded = {part[d] for d in ground if joined[d] == joined[main]}
+    grounded = {piece[disk] for disk in ground if joined[disk] == joined[main]}
     errors = []
-    members = members_of(part)
-    if grounded and part[main] not in grounded:
-        held = [i for i, p in enumerate(part) if p in grounded]
+    members = members_of(piece)
+    if grounded and piece[main] not in grounded:
+        held_disks = [disk for disk, number in enumerate(piece) if number in grounded]
         errors.append(
-            f"{source}: the [[ground]] on {names_of(names, held)} holds the train only"
-            " through links without static stiffness. Ground a disk that is joined by"
-            f" shafts or meshes to {names[main]!r}."
+            f"{source}: the [[ground]] on {names_of(names, held_disks)} holds the train"
+            " only through links without static stiffness. Ground a disk that is joined"
+            f" by shafts or meshes to {names[main]!r}."
         )
-    for p in sorted(
-        {part[d] for d in loaded if joined[d] == joined[main]} - grounded - {part[main]}
-    ):
+    in_main = {piece[disk] for disk in loaded if joined[disk] == joined[main]}
+    for number in sorted(in_main - grounded - {piece[main]}):
         errors.append(
-            f"{source}: a mean torque acts on {names_of(names, members[p])}, which no"
-            " static stiffness holds. Give the damper a stiffness, ground the disk, or"
-            " remove the mean torque."
+            f"{source}: a mean torque acts on {names_of(names, members[number])}, which"
+            " no static stiffness holds. Give the damper a stiffness, ground the disk,"
+            " or remove the mean torque."
         )
     return errors
 
 
-def touches(changes) -> bool:
+def touches(changes: Collection[tuple[str, str]]) -> bool:
     """Tell whether changed fields ((table, field), ...) can decide what is held."""
-    means = any(
+    moves_means = any(
         table in ("torque", "cylinder") and field not in _NO_MEAN
         for table, field in changes
     )
-    return means or not {("damper", "stiffness"), ("damper", "damping")}.isdisjoint(
-        changes
-    )
+    return moves_means or not {
+        ("damper", "stiffness"),
+        ("damper", "damping"),
+    }.isdisjoint(changes)
 
 
-def train_errors(train) -> list[str]:
-    """Find what the numbers of a train leave loose or unheld; nothing where they are
-    traced.
+def train_errors(train: DriveTrain) -> list[str]:
+    """Find parts that the numbers of a train leave loose or unheld; nothing where they
+    are traced.
     """
     topology = train.topology
     dampers = train.dampers
-    given = [*vars(train.torques).items(), *vars(train.cylinders).items()]
+    fields = [*vars(train.torques).items(), *vars(train.cylinders).items()]
     if traced(
-        dampers.stiffness, [values for name, values in given if name not in _NO_MEAN]
+        dampers.stiffness, [values for name, values in fields if name not in _NO_MEAN]
     ):
         return []
     stiff = np.asarray(dampers.stiffness) > 0.0
@@ -265,7 +304,7 @@ def train_errors(train) -> list[str]:
     static = [
         *topology.shaft_ends,
         *topology.mesh_ends,
-        *((disk, ring) for disk, ring, held in rings if held),
+        *((disk, ring) for disk, ring, is_held in rings if is_held),
     ]
     return errors + unheld(
         topology.title,
@@ -278,7 +317,7 @@ def train_errors(train) -> list[str]:
     )
 
 
-def on_disks(disks: int, seats, torques) -> np.ndarray:
+def on_disks(disks: int, seats: Sequence[int], torques: np.ndarray) -> np.ndarray:
     """Sum torques [..., n] that act on the disks ``seats`` [n]: [..., disks]."""
     total = np.zeros((*torques.shape[:-1], disks))
     places = np.array(seats, dtype=int)
@@ -286,7 +325,7 @@ def on_disks(disks: int, seats, torques) -> np.ndarray:
     return total
 
 
-def speeds(train) -> np.ndarray:
+def speeds(train: DriveTrain) -> np.ndarray:
     """Speeds (rpm) at which torques have a point: of scales, loads, traces, charge
     pressures and rated speeds; [0] without any.
     """
@@ -298,18 +337,22 @@ def speeds(train) -> np.ndarray:
         cylinders.load_rpm,
     ]
     points += [cylinders.traces.rpm] if cylinders.traces is not None else []
-    burning = cylinders.combustion
-    if burning is not None and burning.charge_at is not None:
-        points.append(burning.charge_at[[by == "rpm" for by in burning.charge_by]])
-    found = np.unique(
+    combustion = cylinders.combustion
+    if combustion is not None and combustion.charge_at is not None:
+        points.append(
+            combustion.charge_at[
+                [quantity == "rpm" for quantity in combustion.charge_by]
+            ]
+        )
+    distinct = np.unique(
         np.concatenate([np.ravel(rpm) for rpm in points if rpm is not None])
     )
     # Points that fill up grids are no speeds.
-    return found[found < FAR] if len(found) else np.zeros(1)
+    return distinct[distinct < FAR] if len(distinct) else np.zeros(1)
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def _loaded(train) -> list[int]:
+def _loaded(train: DriveTrain) -> list[int]:
     """Disks under a mean torque at some speed."""
     topology = train.topology
     (torques, cylinders) = on_host((train.torques, train.cylinders))

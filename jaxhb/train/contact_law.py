@@ -4,42 +4,50 @@ none: from their mean loads.
 Teeth have their full stiffness above the force ``c (epsilon + transition) h / 2``, and
 the spring in the gap carries up to ``epsilon c h / 2``. Both are chosen small beside
 the smallest mean force that the mesh has at the speeds at which the scene gives
-torques. They are numbers of the train from then on: what changes a mean torque later
+torques. They are numbers of the train from then on: a mean torque that changes later
 leaves them.
 """
 
+from __future__ import annotations
+
 import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxhb._jax import Array
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation.mean_torques import mean_torques
 from jaxhb.train import connections
 from jaxhb.train.varying import without_tables
 
-KNEE_SHARE, GAP_SPRING_SHARE = (
-    0.2,
-    0.04,
-)  # of the mean force, at which stiffness is full, and that the gap carries
+if TYPE_CHECKING:
+    from jaxhb.elements.elements import Mesh
+    from jaxhb.train.chain import System
+    from jaxhb.train.drivetrain import DriveTrain
+
+# Shares of the mean force: at which the stiffness is full, and which the gap carries
+KNEE_SHARE = 0.2
+GAP_SPRING_SHARE = 0.04
 TRANSITION = (0.004, 0.04)
 EPSILON = (1e-4, 1e-3)
-"""Smallest and largest that are chosen. Smaller ones cost steps in time and harmonics;
-teeth with hardly a mean load are moved by their impacts, whatever the width.
+"""Smallest and largest choice. Smaller numbers cost steps in time and harmonics; teeth
+with hardly a mean load are moved by their impacts, whatever the width.
 """
 
 ANY_SPEED = 1000.0  # rpm, where no torque depends on the speed
 IDLE = 1 / 3  # of a rated speed, from which on a train runs
-DENSE_DISKS = (
-    1000  # up to which loads that several ways share are found with dense matrices
-)
+# Up to which loads that several ways share are computed with dense matrices
+DENSE_DISKS = 1000
 
 
-def with_contact_law(train, meshes):
-    """The train with the laws of its ``meshes``, elements as given, where these leave
+def with_contact_law(train: DriveTrain, meshes: Sequence[Mesh]) -> DriveTrain:
+    """Complete the laws of the meshes of a train where their elements ``meshes`` leave
     numbers open.
     """
     gaps = np.array(train.topology.mesh_backlash, dtype=bool)
-    opened = {
+    undecided = {
         key: (
             gaps
             & np.array(
@@ -49,30 +57,30 @@ def with_contact_law(train, meshes):
         )
         for key in ("epsilon", "transition")
     }
-    if not any(rows.any() for rows in opened.values()):
+    if not any(rows.any() for rows in undecided.values()):
         return train
-    table = train.meshes
+    table: Any = train.meshes
     # Force at the flank of a gap that is filled with the full stiffness.
-    whole = table.stiffness * table.backlash / 2
-    share = _least_mean_forces(train) / np.where(gaps & (whole > 0), whole, 1.0)
-    epsilon = np.where(
-        opened["epsilon"], np.clip(GAP_SPRING_SHARE * share, *EPSILON), table.epsilon
+    full_force = table.stiffness * table.backlash / 2
+    share = _least_mean_forces(train) / np.where(
+        gaps & (full_force > 0), full_force, 1.0
     )
-    width = np.clip(KNEE_SHARE * share - epsilon, *TRANSITION)
-    transition = np.where(opened["transition"], width, table.transition)
+    gap_spring = np.clip(GAP_SPRING_SHARE * share, EPSILON[0], EPSILON[1])
+    epsilon = np.where(undecided["epsilon"], gap_spring, table.epsilon)
+    width = np.clip(KNEE_SHARE * share - epsilon, TRANSITION[0], TRANSITION[1])
+    transition = np.where(undecided["transition"], width, table.transition)
     return dataclasses.replace(
         train, meshes=dataclasses.replace(table, epsilon=epsilon, transition=transition)
     )
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def _least_mean_forces(train):
+def _least_mean_forces(train: DriveTrain) -> np.ndarray:
     """Smallest mean tooth force ``(M,)`` N of every mesh over the speeds at which the
     scene gives torques, all teeth in contact.
     """
-    from jaxhb.train import (
-        chain,
-    )  # here: it takes jax, which what has no mesh to decide on does without
+    # Here: it imports jax, which a train without a mesh to decide on does without.
+    from jaxhb.train import chain
 
     speeds = connections.speeds(train)
     rated = train.torques.rated_rpm
@@ -85,14 +93,14 @@ def _least_mean_forces(train):
     if shared and len(load) <= DENSE_DISKS and np.all(np.isfinite(load)):
         rows, stiffness = system.springs()
         motion = np.linalg.lstsq((rows.T * stiffness) @ rows, load, rcond=None)[0]
-        force = system.stiffness[:, None] * system.deflections(motion)
+        force: Array = system.stiffness[:, None] * system.deflections(motion)
     else:
         force = _passed_on(system, load)
     least = np.abs(force[len(train.topology.shaft_and_damper_names) :]).min(axis=-1)
     return np.nan_to_num(least, nan=0.0)
 
 
-def _mean_torques(train, speeds):
+def _mean_torques(train: DriveTrain, speeds: np.ndarray) -> np.ndarray:
     """Mean torque ``(n, S)`` N m on every disk at some speeds, loads included."""
     topology = train.topology
     disks = train.topology.n_disks
@@ -103,26 +111,26 @@ def _mean_torques(train, speeds):
         return torque
     ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
     share = train.loads.share
-    taken = share / (share @ ratio[np.array(topology.load_disk, dtype=int)])
+    load_share = share / (share @ ratio[np.array(topology.load_disk, dtype=int)])
     return torque + connections.on_disks(
-        disks, topology.load_disk, -np.outer(torque @ ratio, taken)
+        disks, topology.load_disk, -np.outer(torque @ ratio, load_share)
     )
 
 
-def _passed_on(system, load):
+def _passed_on(system: System, load: np.ndarray) -> np.ndarray:
     """Forces ``(L, n)`` N of the links of a tree, each that of the loads ``(S, n)`` N
     beyond it; 0 of links that close loops.
     """
     tree = system.tree
-    left = load.copy()
+    remaining = load.copy()
     force = np.zeros((len(system.stiffness), load.shape[-1]))
-    for place, up in enumerate(tree.parent[:-1].tolist()):
-        link = tree.link[place]
-        disk = tree.node[place]
-        near = system.arm_a[link]
-        far = -system.arm_b[link]
-        if not tree.from_a[place]:
-            near, far = far, near
-        force[link] = left[disk] / near
-        left[tree.node[up]] -= far * force[link]
+    for position, parent in enumerate(tree.parent[:-1].tolist()):
+        link = tree.link[position]
+        disk = tree.node[position]
+        arm_near = system.arm_a[link]
+        arm_far = -system.arm_b[link]
+        if not tree.from_a[position]:
+            arm_near, arm_far = arm_far, arm_near
+        force[link] = remaining[disk] / arm_near
+        remaining[tree.node[parent]] -= arm_far * force[link]
     return force

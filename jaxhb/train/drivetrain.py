@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -56,13 +57,13 @@ class DriveTrain:
     cylinders: Cylinders
     phases: Phases | None = None
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return (
             f"<DriveTrain {self.topology.name or 'without a name'}:"
             f" {self.topology.parts_text}>"
         )
 
-    def _repr_html_(self):
+    def _repr_html_(self) -> str:
         return html_table(
             repr(self)[1:-1], ["elements", "number", "names"], self.topology.parts_rows
         )
@@ -132,7 +133,8 @@ class DriveTrain:
             )
         omega = 2.0 * np.pi * hz
 
-        def viscous(table):
+        def viscous(table: Any) -> Any:
+            """A table of links with its loss factors in the damping."""
             damping = table.damping + table.loss_factor * table.stiffness / omega
             return dataclasses.replace(
                 table, damping=damping, loss_factor=0.0 * table.loss_factor
@@ -197,15 +199,17 @@ class DriveTrain:
 
     @property
     def scenarios(self) -> dict[str, dict[str, Any]]:
-        """Values of every ``[scenario.NAME]`` of the scene, and what it leaves out
-        (``without``).
+        """Values of every ``[scenario.NAME]`` of the scene, and the elements that it
+        leaves out (``without``).
         """
         return json.loads(self.topology.scenarios)
 
     def scenario(self, name: str) -> DriveTrain:
-        """Return the train of its ``[scenario.NAME]``: :meth:`without` what it leaves
-        out, with the cylinders that fire there, and its values by :meth:`replace`, with
-        the errors of both.
+        """Return the train of its ``[scenario.NAME]``.
+
+        It is the train :meth:`without` the elements that the scenario leaves out, with
+        the cylinders that fire there, and with its values by :meth:`replace`; the
+        errors of both.
 
         >>> parts = [
         ...     jaxhb.Disk(name="a", inertia=1.0),
@@ -218,26 +222,23 @@ class DriveTrain:
         8000.0
         """
         if name not in self.scenarios:
-            others = (
-                suggestion(name, self.scenarios)
-                if self.scenarios
-                else " The scene has none."
-            )
+            near = suggestion(name, self.scenarios)
+            remark = near if self.scenarios else " The scene has none."
             raise SceneError(
-                f"{self.topology.title}: there is no scenario {shown(name)}.{others}"
+                f"{self.topology.title}: there is no scenario {shown(name)}.{remark}"
             )
         values = dict(self.scenarios[name])
         train = self.without(*values.pop("without", ()))
         names = train.topology.cylinder_names
-        both = zip(names, train.topology.cylinder_fires, strict=True)
+        fires_by_name = zip(names, train.topology.cylinder_fires, strict=True)
         fires = tuple(
-            values.pop(f"{cylinder}.fires", fires) for cylinder, fires in both
+            values.pop(f"{cylinder}.fires", fires) for cylinder, fires in fires_by_name
         )
         topology = dataclasses.replace(train.topology, cylinder_fires=fires)
         # Rows are (order, Re, Im), of the orders that the train has.
         numbers = {
-            key: np.array(v)[:, 1:] if isinstance(v, list) else v
-            for key, v in values.items()
+            key: np.array(value)[:, 1:] if isinstance(value, list) else value
+            for key, value in values.items()
         }
         return dataclasses.replace(train, topology=topology).replace(numbers)
 
@@ -272,10 +273,12 @@ class DriveTrain:
         >>> train.topology.cylinder_fires
         (True, True, False, True, True, True)
         """
-        asked = [name not in cylinders for name in self._known_cylinders(cylinders)]
+        injected = [name not in cylinders for name in self._known_cylinders(cylinders)]
         fires = tuple(
-            stays and before
-            for stays, before in zip(asked, self.topology.cylinder_fires, strict=True)
+            is_injected and fires_now
+            for is_injected, fires_now in zip(
+                injected, self.topology.cylinder_fires, strict=True
+            )
         )
         return dataclasses.replace(
             self, topology=dataclasses.replace(self.topology, cylinder_fires=fires)
@@ -286,30 +289,35 @@ class DriveTrain:
         all, neither of combustion nor of compression, as with valves that stay open;
         the inertia torque stays. :class:`SceneError` as :meth:`misfire`.
         """
-        cut = [name in cylinders for name in self._known_cylinders(cylinders)]
-        both = zip(cut, self.topology.cylinder_cut_off, strict=True)
-        cut_off = tuple(cut or before for cut, before in both)
+        newly_cut = [name in cylinders for name in self._known_cylinders(cylinders)]
+        cut_off = tuple(
+            is_cut or was_cut
+            for is_cut, was_cut in zip(
+                newly_cut, self.topology.cylinder_cut_off, strict=True
+            )
+        )
         return dataclasses.replace(
             self, topology=dataclasses.replace(self.topology, cylinder_cut_off=cut_off)
         )
 
-    def _known_cylinders(self, cylinders) -> tuple[str, ...]:
-        """Names of all cylinders; refuses ``cylinders`` that are none of them."""
+    def _known_cylinders(self, cylinders: Sequence[str]) -> tuple[str, ...]:
+        """Names of all cylinders; refuses ``cylinders`` with a name that none has."""
         names = self.topology.cylinder_names
         unknown = [name for name in cylinders if name not in names]
         if unknown:
             where = self.topology.title
             raise SceneError(
                 [
-                    f"{where}: there is no cylinder {shown(n)}.{suggestion(n, names)}"
-                    for n in unknown
+                    f"{where}: there is no cylinder"
+                    f" {shown(name)}.{suggestion(name, names)}"
+                    for name in unknown
                 ]
             )
         return names
 
     def misfires(self) -> dict[str, DriveTrain]:
-        """Return the trains in which each cylinder that fires in turn does not, by the
-        name of this cylinder.
+        """Return the trains without one cylinder each that fires: every such cylinder
+        in turn does not, by its name.
 
         As by :meth:`misfire`, but their injections alone differ: they share all that is
         compiled, and can be stacked.
@@ -324,8 +332,8 @@ class DriveTrain:
         }
 
     def cut_offs(self) -> dict[str, DriveTrain]:
-        """Return the trains in which each cylinder that fires in turn is cut off, by
-        the name of this cylinder.
+        """Return the trains with one cylinder each cut off that fires, every such
+        cylinder in turn, by its name.
 
         As by :meth:`cut_off`, but their gas factors alone differ: they share all that
         is compiled, and can be stacked.
@@ -336,8 +344,8 @@ class DriveTrain:
         }
 
     def not_firing(self) -> list[str]:
-        """Say what is computed of cylinders without injection or gas torque, a sentence
-        for those alike.
+        """Say what is computed of cylinders without injection or gas torque, one
+        sentence for those alike.
 
         Injections and gas factors that are traced count as there. Empty where every
         cylinder fires.

@@ -1,4 +1,4 @@
-"""Cylinders that do not fire: what is computed of them, in sentences."""
+"""Sentences on cylinders that do not fire, and on what is computed of them."""
 
 from __future__ import annotations
 
@@ -6,35 +6,41 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxhb._jax import traced
+from jaxhb._jax import Array, traced
 from jaxhb.excitation.gas import COMPUTED
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from jaxhb.train.drivetrain import DriveTrain
 
 COMPRESSING = "no injection, compression stays"
 CUT_OFF = "cut off, no gas torque at all"
-UNTOLD = "no gas torque at all, as compression cannot be told from a given gas_torque"
+NO_COMPRESSION = (
+    "no gas torque at all, as compression cannot be told from a given gas_torque"
+)
 NOTHING = "no gas torque, the scene gives none"
-"""What is computed of a cylinder that does not fire."""
+"""Words for what is computed of a cylinder that does not fire."""
 
 
 NAMED = 6  # cylinders in a sentence; of more the first and the last
 
 
 def not_firing(*trains: DriveTrain) -> list[str]:
-    """See :meth:`DriveTrain.not_firing`; of several trains what holds in any of
-    them.
+    """Say what is computed of cylinders without injection or gas torque, in any of some
+    trains; see :meth:`DriveTrain.not_firing`.
     """
     alike: dict[str, dict[str, None]] = {}
     for train in trains:
         for number, name in enumerate(train.topology.cylinder_names):
-            if said := _computed(train, number):
-                alike.setdefault(said, {})[name] = None
-    return [f"{_listed(list(names))}: {said}" for said, names in alike.items()]
+            state = _computed(train, number)
+            if state:
+                alike.setdefault(state, {})[name] = None
+    return [f"{_listed(list(names))}: {state}" for state, names in alike.items()]
 
 
-def _listed(names):
+def _listed(names: Sequence[str]) -> str:
+    """Names in a sentence; of many the first and the last."""
     return (
         ", ".join(names)
         if len(names) <= NAMED
@@ -50,8 +56,8 @@ def is_cut_off(train: DriveTrain, cylinder: str) -> bool:
     )
 
 
-def _computed(train, number) -> str:
-    """What is computed of one cylinder, "" of one that fires."""
+def _computed(train: DriveTrain, number: int) -> str:
+    """Words for what is computed of one cylinder, "" of one that fires."""
     cycles = train.topology.gas_cycles
     if cycles.cut_off[number] or _is_zero(train.cylinders.gas_factor, number):
         return CUT_OFF
@@ -59,10 +65,11 @@ def _computed(train, number) -> str:
         return ""
     if cycles.source[number] in COMPUTED:
         return COMPRESSING
-    return UNTOLD if cycles.source[number] == "harmonics" else NOTHING
+    return NO_COMPRESSION if cycles.source[number] == "harmonics" else NOTHING
 
 
-def _is_zero(values, number) -> bool:
+def _is_zero(values: Array | None, number: int) -> bool:
+    """Whether a number of an element is there, not traced, and 0."""
     return (
         values is not None
         and not traced(values)

@@ -1,108 +1,133 @@
-"""A train without some of its elements, as with a clutch open: what they carried, and
-what no link joins to the reference disk any more, goes with them.
+"""A train without some of its elements, as with a clutch open: everything that they
+carry goes with them, and everything that no link joins to the reference disk any more.
 """
 
+from __future__ import annotations
+
 import dataclasses
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from jaxhb.elements.derived import LINKS, link_number
 from jaxhb.elements.elements import SceneError, shown, suggestion
 from jaxhb.train import connections
 from jaxhb.train.changes import TABLE_OF
 
-SEATED = "ground", "load", "torque", "cylinder"  # tables of what sits on one disk
+if TYPE_CHECKING:
+    from jaxhb.train.drivetrain import DriveTrain
+    from jaxhb.train.topology import Topology
+
+# Tables of elements that sit on one disk
+SEATED = ("ground", "load", "torque", "cylinder")
 
 
-def without(train, names):
-    """See :meth:`DriveTrain.without`."""
+def without(train: DriveTrain, names: Sequence[str]) -> DriveTrain:
+    """Leave elements out; see :meth:`DriveTrain.without`."""
     topology = train.topology
     title = train.topology.title
     elements = topology.elements
     reference = topology.disk_names[topology.reference_disk]
     unknown = [name for name in names if name not in elements]
     if unknown:
-        near = (
+        sentences = (
             f"{title}, without: there is no element"
-            f" {shown(n)}.{suggestion(n, elements)}"
-            for n in unknown
+            f" {shown(name)}.{suggestion(name, elements)}"
+            for name in unknown
         )
-        raise SceneError(list(near))
+        raise SceneError(list(sentences))
     if reference in names:
         raise SceneError(
             f"{title}, without: {reference!r} is the reference disk, to which the speed"
             " belongs. Make a disk that stays the reference."
         )
-    keep, disks = _kept(topology, {elements[name] for name in names})
-    given = {table: (own, getattr(train, own)) for table, own in TABLE_OF.items()}
-    tables = {
-        own: rows if rows is None else _rows(rows, keep[table])
-        for table, (own, rows) in given.items()
-    }
+    keep, disks = _remaining(topology, {elements[name] for name in names})
+    tables: dict[str, Any] = {}
+    for table, attribute in TABLE_OF.items():
+        numbers = getattr(train, attribute)
+        tables[attribute] = None if numbers is None else _rows(numbers, keep[table])
     changed = dataclasses.replace(
         train, topology=_topology(topology, keep, disks), **tables
     )
-    if errors := connections.train_errors(changed):
+    errors = connections.train_errors(changed)
+    if errors:
         raise SceneError(errors)
     return changed
 
 
-def _kept(topology, out):
-    """Numbers of the elements that stay by table, and of the disks, where (table,
+def _remaining(
+    topology: Topology, out: Collection[tuple[str, int]]
+) -> tuple[dict[str, list[int]], list[int]]:
+    """Numbers of the remaining elements by table, and of the disks, where (table,
     number) are left ``out``.
     """
-    scene = topology.n_scene_disks
+    n_scene_disks = topology.n_scene_disks
     links = [
-        (table, i)
+        (table, index)
         for table in LINKS
-        for i in range(len(getattr(topology, f"{table}_names")))
+        for index in range(len(getattr(topology, f"{table}_names")))
     ]
-    closed = [
+    closed_ends = [
         ends
         for link, ends in zip(links, topology.link_ends, strict=True)
         if link not in out
     ]
-    lost = {i for table, i in out if table == "disk"} | {
-        scene + i for table, i in out if table == "damper"
+    lost_disks = {index for table, index in out if table == "disk"} | {
+        n_scene_disks + index for table, index in out if table == "damper"
     }
     # A disk that is left out joins nothing: what hung on it alone goes with it.
     piece = connections.pieces(
-        topology.n_disks, [ends for ends in closed if not lost.intersection(ends)]
+        topology.n_disks,
+        [ends for ends in closed_ends if not lost_disks.intersection(ends)],
     )
-    disks = [d for d, p in enumerate(piece) if p == piece[topology.reference_disk]]
-    keep = {"disk": [d for d in disks if d < scene]}
-    there = set(disks)
-    seats = dict(zip(links, topology.link_ends, strict=True))
+    disks = [
+        disk
+        for disk, number in enumerate(piece)
+        if number == piece[topology.reference_disk]
+    ]
+    keep = {"disk": [disk for disk in disks if disk < n_scene_disks]}
+    remaining_disks = set(disks)
+    seats: dict[tuple[str, int], tuple[int, ...]] = dict(
+        zip(links, topology.link_ends, strict=True)
+    )
     for table in SEATED:
         seats |= {
-            (table, i): (disk,)
-            for i, disk in enumerate(getattr(topology, f"{table}_disk"))
+            (table, index): (disk,)
+            for index, disk in enumerate(getattr(topology, f"{table}_disk"))
         }
     for table in (*LINKS, *SEATED):
-        own = [
-            i
-            for (kind, i), on in seats.items()
-            if kind == table and there.issuperset(on)
+        joined = [
+            index
+            for (kind, index), disks_below in seats.items()
+            if kind == table and remaining_disks.issuperset(disks_below)
         ]
-        keep[table] = [i for i in own if (table, i) not in out]
+        keep[table] = [index for index in joined if (table, index) not in out]
+    cylinders = set(keep["cylinder"])
+    torques = set(keep["torque"])
     phased = zip(topology.phase_cylinders, topology.phase_torques, strict=True)
-    both = {*keep["cylinder"]}, {*keep["torque"]}
-    stays = [
-        any(own.intersection(row) for own, row in zip(both, rows, strict=True))
-        for rows in phased
+    phase_stays = [
+        not (
+            cylinders.isdisjoint(phased_cylinders)
+            and torques.isdisjoint(phased_torques)
+        )
+        for phased_cylinders, phased_torques in phased
     ]
     keep["phase"] = [
-        i for i, there in enumerate(stays) if there and ("phase", i) not in out
+        index
+        for index, stays in enumerate(phase_stays)
+        if stays and ("phase", index) not in out
     ]
     return keep, disks
 
 
-def _rows(table, keep):
-    """The rows of a table that stay; of a table inside it those that belong to them."""
-    found = {}
+def _rows(table: Any, keep: Sequence[int]) -> Any:
+    """A table with the rows to keep; of a table inside it those that belong to them."""
+    columns = {}
     for field in dataclasses.fields(table):
         values = getattr(table, field.name)
         if dataclasses.is_dataclass(values):
-            rows = [k for k, seat in enumerate(values.seats) if seat in keep]
-            seats = tuple(keep.index(values.seats[k]) for k in rows)
+            inner: Any = values
+            rows = [k for k, seat in enumerate(inner.seats) if seat in keep]
+            seats = tuple(keep.index(inner.seats[k]) for k in rows)
             values = (
                 dataclasses.replace(_rows(values, rows), seats=seats) if rows else None
             )
@@ -110,52 +135,64 @@ def _rows(table, keep):
             values = tuple(values[i] for i in keep)
         elif values is not None:
             values = values[keep]
-        found[field.name] = values
-    return type(table)(**found)
+        columns[field.name] = values
+    return type(table)(**columns)
 
 
-def _topology(topology, keep, disks):
-    """The topology of the elements that stay, numbered anew."""
+def _topology(
+    topology: Topology, keep: Mapping[str, Sequence[int]], disks: Sequence[int]
+) -> Topology:
+    """The topology of the remaining elements, numbered anew."""
     place = {disk: k for k, disk in enumerate(disks)}
-    links = [link_number(topology, table, i) for table in LINKS for i in keep[table]]
+    links = [
+        link_number(topology, table, index) for table in LINKS for index in keep[table]
+    ]
     number = {link: k for k, link in enumerate(links)}
     keys = topology.link_keys
-    found = {}
+    fields: dict[str, Any] = {}
     for field in dataclasses.fields(topology):
-        table, _, what = field.name.partition("_")
+        table, _, suffix = field.name.partition("_")
         if table not in keep or field.name == "disk_names":
             continue
-        rows = [getattr(topology, field.name)[i] for i in keep[table]]
-        if what == "disk":
+        rows: list[Any] = [
+            getattr(topology, field.name)[index] for index in keep[table]
+        ]
+        if suffix == "disk":
             rows = [place[disk] for disk in rows]
-        elif what == "ends":
+        elif suffix == "ends":
             rows = [(place[a], place[b]) for a, b in rows]
-        elif what in ("cylinders", "torques"):  # of a phase
-            own = keep[what.removesuffix("s")]
-            rows = [tuple(own.index(i) for i in row if i in own) for row in rows]
-        found[field.name] = tuple(rows)
+        elif suffix in ("cylinders", "torques"):  # of a phase
+            indices = keep[suffix.removesuffix("s")]
+            rows = [
+                tuple(indices.index(index) for index in row if index in indices)
+                for row in rows
+            ]
+        fields[field.name] = tuple(rows)
     varying = {
         name: getattr(topology, name)
         for name in ("hz_links", "amplitude_links", "order_links")
     }
-    found |= {
-        name: tuple(number[i] for i in own if i in number)
-        for name, own in varying.items()
+    fields |= {
+        name: tuple(number[link] for link in varying_links if link in number)
+        for name, varying_links in varying.items()
     }
     elastic = [
-        *found["shaft_ends"],
-        *((on, len(keep["disk"]) + k) for k, on in enumerate(found["damper_disk"])),
+        *fields["shaft_ends"],
+        *(
+            (disk, len(keep["disk"]) + k)
+            for k, disk in enumerate(fields["damper_disk"])
+        ),
     ]
     # Speeds follow from the radii of the train: here they are not looked at.
-    radii = [float("nan")] * len(disks)
+    radii: list[float] = [float("nan")] * len(disks)
     reference = place[topology.reference_disk]
     gearing = connections.Gearing(
-        len(disks), elastic, found["mesh_ends"], found["mesh_internal"], radii
+        len(disks), elastic, fields["mesh_ends"], fields["mesh_internal"], radii
     )
     rotors = gearing.rotors(gearing.lead(reference))
     return dataclasses.replace(
         topology,
-        **found,
+        **fields,
         disk_names=tuple(topology.disk_names[disk] for disk in disks),
         n_scene_disks=len(keep["disk"]),
         teeth=tuple(topology.teeth[disk] for disk in keep["disk"]),

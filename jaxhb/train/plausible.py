@@ -1,15 +1,16 @@
-"""Numbers that the format allows and an engineer would look at twice: each note names
-element, value and usual range.
+"""Notes on numbers that the format allows and an engineer would look at twice: each
+names element, value and usual range.
 
-A number far outside of what engines and gears have is nearly always in another unit,
-has the other sign, or is counted from another angle. The ranges are wide: they hold
-from model engines to ship diesels.
+A number far outside of the values in engines and gears is nearly always in another
+unit, has the other sign, or is counted from another angle. The ranges are wide: they
+hold from model engines to ship diesels.
 """
 
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,11 +24,16 @@ from jaxhb.train import connections
 if TYPE_CHECKING:
     from jaxhb.train.drivetrain import DriveTrain
 
+    Note = tuple[str, str, str]
+    """Table and name of an element, and the text."""
+    Usual = tuple[float, float, str, str]
+    """Least and most of a number, its unit and the question of a note."""
+
 _NOT_MM = "is it in m, not in mm?"
 _NOT_BAR = "is it in Pa, not in bar?"
 MOST_ERROR = 2e-4  # m, of a transmission error or runout: the coarsest gears
 
-USUAL = {
+USUAL: dict[str, Usual] = {
     "bore": (0.02, 1.2, "m", _NOT_MM),
     "stroke": (0.02, 4.5, "m", _NOT_MM),
     "rod": (0.03, 8.0, "m", _NOT_MM),
@@ -54,7 +60,7 @@ USUAL = {
     "power_limit": (10.0, 1e6, "W", "is it in W, not in kW?"),
     "backlash": (2e-5, 1e-3, "m", _NOT_MM),
 }
-"""Least and most of numbers, with their unit and what to ask."""
+"""Least and most of numbers, with their unit and the question of a note."""
 
 PEAK_ANGLE = -15.0, 45.0
 """deg after firing top dead centre: the pressure of compression alone is largest just
@@ -64,9 +70,8 @@ ATMOSPHERE = 3e4, 2.2e5
 """Pa, least pressure of a cycle that tells absolute pressures: overpressures fall to 0,
 and those of a charged engine that stay above may be either.
 """
-FOLLOWS = (
-    0.05  # share by which a charge pressure may change with the power without a note
-)
+# Share by which a charge pressure may change with the power without a note
+CHARGE_CHANGE = 0.05
 TOGETHER = 1.0  # deg between two firings that count as one
 INERTIA_OF_MEDIAN = 500.0
 """Inertia over the median of the disks of the rotor: 400 for a car behind its gearbox
@@ -127,10 +132,10 @@ def plausibility(train: DriveTrain) -> list[str]:
     """Find numbers of a train, not traced, that are allowed but far from usual: a note
     for each, empty where none is.
 
-    The notes of the scene come first, as on what of a file of another program was not
-    read. Notes on numbers name the elements, the value and the usual range: of sizes,
-    pressures and their angles, firings, masses, loads, torques that drive, disks and
-    shafts far from the others of their rotor, loss factors, gears and their teeth.
+    The notes of the scene come first, as on the parts of a file of another program that
+    were not read. Notes on numbers name the elements, the value and the usual range: of
+    sizes, pressures and their angles, firings, masses, loads, torques that drive, disks
+    and shafts far from the others of their rotor, loss factors, gears and their teeth.
 
     >>> train = jaxhb.load_scene("gear_train_30")
     >>> plausibility(train)
@@ -143,35 +148,39 @@ def plausibility(train: DriveTrain) -> list[str]:
     train = on_host(train)
     of_cylinders = _sizes, _masses, _pressures, _charges, _firings, _drives
     of_links = _disks, _inertias, _shafts, _links, _meshes, _internal
-    alike = {}
+    alike: dict[tuple[str, str], list[str]] = {}
     for table, name, text in (
         note for rule in (*of_cylinders, *of_links) for note in rule(train)
     ):
         alike.setdefault((table, text), []).append(name)
-    found = [
+    notes = [
         f"[[{table}]] {connections.names_of(names, range(len(names)))}: {text}"
         for (table, text), names in alike.items()
     ]
-    return [*train.topology.notes, *found]
+    return [*train.topology.notes, *notes]
 
 
-def _far(value, limits):
+def _far(value: float, limits: tuple[float, float] | Usual) -> bool:
+    """Whether a value is outside of limits."""
     return not limits[0] <= value <= limits[1]
 
 
-def _unusual(table, name, what, value, usual=None):
-    """The note, or none, on a number of an element that is out of its range
-    (:data:`USUAL`).
+def _unusual(
+    table: str, name: str, quantity: str, value: float, usual: Usual | None = None
+) -> Iterator[Note]:
+    """The note, or none, on a number of an element outside of its usual range, by
+    default that of :data:`USUAL`.
     """
-    low, high, unit, ask = usual or USUAL[what]
+    low, high, unit, question = usual or USUAL[quantity]
     if _far(value, (low, high)):
         unit = f" {unit}" if unit else ""
-        said = f"{what} is {value:.4g}{unit}, usual {low:.2g} to {high:.2g}{unit}"
-        yield table, name, _EXPONENT.sub(r"e\1", said) + (f": {ask}" if ask else "")
+        text = f"{quantity} is {value:.4g}{unit}, usual {low:.2g} to {high:.2g}{unit}"
+        remark = f": {question}" if question else ""
+        yield table, name, _EXPONENT.sub(r"e\1", text) + remark
 
 
-def _sizes(train):
-    """Fields of cylinders in other units; a field that is 0 is absent."""
+def _sizes(train: DriveTrain) -> Iterator[Note]:
+    """Notes on fields of cylinders in other units; a field that is 0 is absent."""
     cylinders = train.cylinders
     names = train.topology.cylinder_names
     for field in (
@@ -183,49 +192,50 @@ def _sizes(train):
         "combustion.imep",
     ):
         outer, _, inner = field.rpartition(".")
-        table = getattr(cylinders, outer) if outer else cylinders
-        seats = () if table is None else table.seats if outer else range(len(names))
+        table: Any = getattr(cylinders, outer) if outer else cylinders
+        seats: Sequence[int] = range(len(names))
+        if outer:
+            seats = () if table is None else table.seats
         for i, value in zip(seats, getattr(table, inner, ()), strict=True):
             absent = value == 0 or (field == "rod" and cylinders.stroke[i] == 0)
             if not absent and _far(abs(value), USUAL[field]):  # an imep may be negative
                 yield from _unusual("cylinder", names[i], field, value)
 
 
-def _masses(train):
+def _masses(train: DriveTrain) -> Iterator[Note]:
+    """Notes on reciprocating masses that are unusual for their bore."""
     cylinders = train.cylinders
     for i, name in enumerate(train.topology.cylinder_names):
         mass = cylinders.reciprocating_mass[i]
-        size = cylinders.bore[i]
-        if not 0 < size < 2 * USUAL["bore"][1] or not cylinders.stroke[i]:
-            continue  # what is said of a bore in mm says enough
-        ask = (
+        bore = cylinders.bore[i]
+        if not 0 < bore < 2 * USUAL["bore"][1] or not cylinders.stroke[i]:
+            continue  # the note on a bore in mm says enough
+        question = (
             "is it in kg, of one cylinder?"
             if mass
             else "without it there is no inertia torque"
         )
-        longer = (
-            cylinders.stroke[i] / size
-            if cylinders.stroke[i] > LONG_STROKE * size
+        stroke_factor = (
+            cylinders.stroke[i] / bore
+            if cylinders.stroke[i] > LONG_STROKE * bore
             else 1.0
         )
         usual = (
-            MASS_PER_CUBE[0] * size**3,
-            MASS_PER_CUBE[1] * size**3 * longer,
+            MASS_PER_CUBE[0] * bore**3,
+            MASS_PER_CUBE[1] * bore**3 * stroke_factor,
             "kg",
-            ask,
+            question,
         )
-        for *element, said in _unusual(
+        in_mm = f" kg for a bore of {1e3 * bore:.4g} mm:"
+        for table, _, text in _unusual(
             "cylinder", name, "reciprocating_mass", mass, usual
         ):
-            yield (
-                *element,
-                said.replace(" kg:", f" kg for a bore of {1e3 * size:.4g} mm:"),
-            )
+            yield table, name, text.replace(" kg:", in_mm)
 
 
-def _pressures(train):
-    """Load, size and angle of the largest pressure, and what is on the other side of
-    the piston, over the speeds.
+def _pressures(train: DriveTrain) -> Iterator[Note]:
+    """Notes on load, size and angle of the largest pressure, and on the pressure on the
+    other side of the piston, over the speeds.
     """
     topology = train.topology
     cylinders = train.cylinders
@@ -253,60 +263,57 @@ def _pressures(train):
         if source not in gas.COMPUTED:
             continue
         if i not in percent and peak > 0:
-            least_of_peak, *others = USUAL["the largest pressure"]
-            usual = (
-                LEAST_OF_COMPRESSOR if i in compressing else least_of_peak,
-                *others,
-            )
+            low, high, unit, question = USUAL["the largest pressure"]
+            if i in compressing:
+                low = LEAST_OF_COMPRESSOR
+            usual = (low, high, unit, question)
             yield from _unusual("cylinder", name, "the largest pressure", peak, usual)
         if peak > 0 and i not in compressing and _far(angle, PEAK_ANGLE):
             where = f"{abs(angle):.4g} deg {'after' if angle > 0 else 'before'}"
-            usual = f"{-PEAK_ANGLE[0]:g} deg before to {PEAK_ANGLE[1]:g} deg after"
-            ask = "is table_firing_tdc the angle at which the table fires?"
+            span = f"{-PEAK_ANGLE[0]:g} deg before to {PEAK_ANGLE[1]:g} deg after"
+            question = "is table_firing_tdc the angle at which the table fires?"
             if source == "combustion":
-                ask = "do start and duration count from there?"
-            yield (
-                "cylinder",
-                name,
-                (
-                    f"the pressure is largest {where} firing top dead centre, usual"
-                    f" {usual}: {ask}"
-                ),
-            )
+                question = "do start and duration count from there?"
+            text = f"the pressure is largest {where} firing top dead centre, usual"
+            yield "cylinder", name, f"{text} {span}: {question}"
         # Models give absolute pressures, tables may give overpressures.
         if not cylinders.ambient_pressure[i] and (
             source == "combustion" or not _far(least[i], ATMOSPHERE)
         ):
-            ask = (
+            question = (
                 "the pressure in the cylinder is absolute, and the crankcase has about"
                 " 1e5 Pa"
             )
-            usual = (*USUAL["ambient_pressure"][:3], ask)
+            low, high, unit, _ = USUAL["ambient_pressure"]
+            usual = (low, high, unit, question)
             yield from _unusual("cylinder", name, "ambient_pressure", 0.0, usual)
 
 
-def _charges(train):
-    """Charge pressures that follow the power because nothing else is known."""
-    burning = train.cylinders.combustion
+def _charges(train: DriveTrain) -> Iterator[Note]:
+    """Notes on charge pressures that follow the power because nothing else is known."""
+    combustion = train.cylinders.combustion
     speeds = connections.speeds(train)
-    speeds = speeds[speeds > 0.0]  # scales that nobody gave have a point at 0
-    if burning is None or not len(speeds):
+    speeds = speeds[speeds > 0.0]  # absent scales have a point at 0
+    if combustion is None or not len(speeds):
         return
     charge, _ = gas.charge_pressures(train.cylinders, speeds)
     loads = gas.load_share(train.cylinders, speeds)
-    for k, i in enumerate(burning.seats):
-        place = int(charge[:, k].argmin())
-        full = float(burning.charge_pressure[k])
-        if burning.charge_by[k] or abs(charge[place, k] / full - 1.0) < FOLLOWS:
+    for k, i in enumerate(combustion.seats):
+        slowest = int(charge[:, k].argmin())
+        full = float(combustion.charge_pressure[k])
+        if (
+            combustion.charge_by[k]
+            or abs(charge[slowest, k] / full - 1.0) < CHARGE_CHANGE
+        ):
             continue
-        said = (
-            f"the charge pressure follows the power: {charge[place, k]:.4g} Pa at"
-            f" {speeds[place]:g} rpm"
+        text = (
+            f"the charge pressure follows the power: {charge[slowest, k]:.4g} Pa at"
+            f" {speeds[slowest]:g} rpm"
         )
-        said += f" (load {loads[place, i]:.3g}), {full:.4g} Pa at full load"
-        said = _EXPONENT.sub(r"e\1", said)
-        ask = "give charge_over_load or charge_over_rpm where it is known"
-        yield "cylinder", train.topology.cylinder_names[i], f"{said}: {ask}"
+        text += f" (load {loads[slowest, i]:.3g}), {full:.4g} Pa at full load"
+        text = _EXPONENT.sub(r"e\1", text)
+        question = "give charge_over_load or charge_over_rpm where it is known"
+        yield "cylinder", train.topology.cylinder_names[i], f"{text}: {question}"
 
 
 def compressors(train: DriveTrain) -> set[int]:
@@ -324,53 +331,55 @@ def compressors(train: DriveTrain) -> set[int]:
     cycles = gas_pressures(train.cylinders, topology.gas_cycles, speeds)
     angles = cycles.argmax(axis=2) * 360.0 / cycles.shape[-1]
     angles -= 360.0 * (angles > 180.0)
-    before = ((angles >= COMPRESSOR_ANGLE[0]) & (angles <= COMPRESSOR_ANGLE[1])).all(
-        axis=0
-    )
+    peaks_before = (
+        (angles >= COMPRESSOR_ANGLE[0]) & (angles <= COMPRESSOR_ANGLE[1])
+    ).all(axis=0)
     means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, speeds)
-    takes = (means[:, len(topology.torque_names) :] < 0.0).all(axis=0)
-    return set(np.flatnonzero(one_revolution & computed & before & takes).tolist())
+    takes_power = (means[:, len(topology.torque_names) :] < 0.0).all(axis=0)
+    return set(
+        np.flatnonzero(one_revolution & computed & peaks_before & takes_power).tolist()
+    )
 
 
-def _firings(train):
-    """Cylinders of one rotor that fire at the same angle of its cycle."""
+def _firings(train: DriveTrain) -> Iterator[Note]:
+    """Notes on cylinders of one rotor that fire at the same angle of its cycle."""
     topology = train.topology
     factor = train.cylinders.gas_factor
-    cranks = {}
+    cranks: dict[tuple[int, float], list[tuple[float, str]]] = {}
     for i, name in enumerate(topology.cylinder_names):
         if topology.cylinder_fires[i] and (factor is None or factor[i] > 0):
             computed = topology.cylinder_source[i] in gas.COMPUTED
-            own_cycle = (
+            gas_turns = (
                 topology.cylinder_gas_revolutions[i] * topology.cylinder_every[i]
             )
-            turns = own_cycle if computed else topology.cylinder_turn[i]
+            turns = gas_turns if computed else topology.cylinder_turn[i]
             crank = cranks.setdefault(
                 (topology.rotor[topology.cylinder_disk[i]], 360.0 * turns), []
             )
             crank.append((train.cylinders.firing_angle[i] % (360.0 * turns), name))
     for (_, cycle), firings in cranks.items():
-        together = {}
+        together: dict[tuple[str, ...], float] = {}
         for angle, _ in firings:
-            near = [
+            firing_together = [
                 name
-                for other, name in firings
-                if abs((other - angle + cycle / 2) % cycle - cycle / 2) < TOGETHER
+                for other_angle, name in firings
+                if abs((other_angle - angle + cycle / 2) % cycle - cycle / 2) < TOGETHER
             ]
-            together.setdefault(tuple(near), angle)
+            together.setdefault(tuple(firing_together), angle)
         for names, angle in together.items():
             even = (
                 f"usual one every {cycle:g} / {len(firings)} ="
                 f" {cycle / len(firings):.4g} deg"
             )
-            said = (
+            text = (
                 f"they fire together, at {angle:g} deg, {even}: has each its own"
                 " firing_angle?"
             )
-            yield from (("cylinder", name, said) for name in names if len(names) > 1)
+            yield from (("cylinder", name, text) for name in names if len(names) > 1)
 
 
-def _drives(train):
-    """Given torques that drive though cylinders do."""
+def _drives(train: DriveTrain) -> Iterator[Note]:
+    """Notes on torques that drive though cylinders do."""
     topology = train.topology
     if not any(topology.cylinder_fires):
         return
@@ -385,18 +394,12 @@ def _drives(train):
         topology.torque_names, means[:, :count].max(axis=0, initial=0.0), strict=True
     ):
         if mean > 0:
-            ask = "what takes power has a negative mean"
-            yield (
-                "torque",
-                name,
-                (
-                    f"it drives with a mean of {mean:.4g} N m, usual below 0 beside"
-                    f" cylinders: {ask}"
-                ),
-            )
+            question = "what takes power has a negative mean"
+            text = f"it drives with a mean of {mean:.4g} N m, usual below 0 beside"
+            yield "torque", name, f"{text} cylinders: {question}"
 
 
-def _in_percent(train):
+def _in_percent(train: DriveTrain) -> dict[int, float]:
     """Largest load of the cylinders that have it in percent, by their number; traces
     may count in percent as well.
     """
@@ -405,7 +408,7 @@ def _in_percent(train):
     most = USUAL["load"][1]
     if cylinders.load_share is None:
         return {}
-    alike = set()
+    alike: set[int] = set()
     if traces is not None:
         sizes = zip(traces.seats, traces.load, traces.sizes, strict=True)
         alike = {seat for seat, load, (_, loads) in sizes if load[:loads].max() > most}
@@ -413,55 +416,58 @@ def _in_percent(train):
     return {i: value for i, value in largest if value > most and i not in alike}
 
 
-def _by_rotor(rotor, values):
-    """Of each rotor its elements with values above 0, and the median of these."""
-    for own in (
-        np.flatnonzero((np.array(rotor) == r) & (values > 0))
-        for r in sorted(set(rotor))
-    ):
-        if own.size:
-            yield own, np.median(values[own])
+def _by_rotor(
+    rotor: Sequence[int] | np.ndarray, values: np.ndarray
+) -> Iterator[tuple[np.ndarray, float]]:
+    """Elements of each rotor with values above 0, and the median of these."""
+    for number in sorted(set(rotor)):
+        members = np.flatnonzero((np.array(rotor) == number) & (values > 0))
+        if members.size:
+            yield members, np.median(values[members])
 
 
-def _above_median(train):
+def _above_median(train: DriveTrain) -> Iterator[tuple[int, float]]:
     """Disks whose inertia is far above the median of their rotor, and this median."""
     topology = train.topology
     inertia = train.disks.inertia
-    for own, middle in _by_rotor(topology.rotor[: topology.n_scene_disks], inertia):
+    for members, median in _by_rotor(topology.rotor[: topology.n_scene_disks], inertia):
         yield from (
-            (int(i), middle) for i in own[inertia[own] > INERTIA_OF_MEDIAN * middle]
+            (int(i), median)
+            for i in members[inertia[members] > INERTIA_OF_MEDIAN * median]
         )
 
 
-def _disks(train):
-    """Inertias far above the others of their rotor, and the radii of gears."""
+def _disks(train: DriveTrain) -> Iterator[Note]:
+    """Notes on inertias far above the others of their rotor, and on the radii of
+    gears.
+    """
     topology = train.topology
     disks = train.disks
-    for i, middle in _above_median(train):
+    for i, median in _above_median(train):
         usual = (
-            f"{INERTIA_OF_MEDIAN:g} times the median of its rotor, {middle:.4g} kg m2"
+            f"{INERTIA_OF_MEDIAN:g} times the median of its rotor, {median:.4g} kg m2"
         )
-        said = (
+        text = (
             f"inertia is {disks.inertia[i]:.4g} kg m2, usual up to {usual}: is it in kg"
             " m2, not in kg cm2?"
         )
-        yield "disk", topology.disk_names[i], said
+        yield "disk", topology.disk_names[i], text
     for i in sorted({disk for ends in topology.mesh_ends for disk in ends}):
         yield from _unusual("disk", topology.disk_names[i], "radius", disks.radius[i])
 
 
-def _size(inertia):
+def _size(inertia: float) -> float:
     """Radius (m) of a steel cylinder as long as its radius that has an inertia."""
     return (2.0 * inertia / (np.pi * STEEL)) ** 0.2
 
 
-def _inertias(train):
-    """Throws far too heavy for their bore, and gears that are all far too heavy for
-    their radius: whole trains in other units, which medians do not tell.
+def _inertias(train: DriveTrain) -> Iterator[Note]:
+    """Notes on throws far too heavy for their bore, and on gears that are all far too
+    heavy for their radius: whole trains in other units, which medians do not show.
     """
     topology = train.topology
     inertia = train.disks.inertia
-    ask = "is it in kg m2, not in kg cm2?"
+    question = "is it in kg m2, not in kg cm2?"
     sizes = np.maximum(train.cylinders.bore, train.cylinders.stroke) / 2.0
     throws = {
         disk: size
@@ -471,90 +477,94 @@ def _inertias(train):
     gears = {
         disk: train.disks.radius[disk] for ends in topology.mesh_ends for disk in ends
     }
-    told = {i for i, _ in _above_median(train)}
-    for what, radii in {"bore and stroke": throws, "pitch circle": gears}.items():
+    noted = {i for i, _ in _above_median(train)}
+    for measure, radii in {"bore and stroke": throws, "pitch circle": gears}.items():
         usual = {
-            d: INERTIA_OF_SIZE * np.pi / 2.0 * STEEL * r**5 for d, r in radii.items()
+            disk: INERTIA_OF_SIZE * np.pi / 2.0 * STEEL * radius**5
+            for disk, radius in radii.items()
         }
         heavy = [
-            d
-            for d, most in usual.items()
-            if d < topology.n_scene_disks and inertia[d] > most
+            disk
+            for disk, most in usual.items()
+            if disk < topology.n_scene_disks and inertia[disk] > most
         ]
         if len(heavy) == len(radii):
-            for d in heavy if told.isdisjoint(heavy) else ():
-                said = (
-                    f"inertia is {inertia[d]:.4g} kg m2, usual up to {usual[d]:.2g} kg"
-                    f" m2 for its {what}: {ask}"
+            for disk in heavy if noted.isdisjoint(heavy) else ():
+                text = (
+                    f"inertia is {inertia[disk]:.4g} kg m2, usual up to"
+                    f" {usual[disk]:.2g} kg m2 for its {measure}: {question}"
                 )
-                yield "disk", topology.disk_names[d], _EXPONENT.sub(r"e\1", said)
+                yield "disk", topology.disk_names[disk], _EXPONENT.sub(r"e\1", text)
 
 
-def _shafts(train):
-    """Shafts too long, and stiffnesses that no shaft between disks of this size has."""
+def _shafts(train: DriveTrain) -> Iterator[Note]:
+    """Notes on shafts too long, and on stiffnesses that no shaft between disks of this
+    size has.
+    """
     topology = train.topology
     shafts = train.shafts
     for i, name in enumerate(topology.shaft_names if shafts.length is not None else ()):
         length = shafts.length[i]
         outer = shafts.outer[i]
-        low, high, *others = USUAL["length"]
+        low, high, unit, question = USUAL["length"]
         if length > 0.0:
             most = min(high, SLENDERNESS * outer)
-            yield from _unusual(
-                "shaft", name, "length", length, (min(low, most), most, *others)
-            )
+            usual = (min(low, most), most, unit, question)
+            yield from _unusual("shaft", name, "length", length, usual)
     inertia = np.concatenate([train.disks.inertia, train.dampers.inertia])
     rotor = np.array(
         [topology.rotor[first] for first, _ in topology.shaft_ends], dtype=int
     )
-    for own, middle in _by_rotor(rotor, shafts.stiffness):
-        cube = _size(inertia[np.array(topology.rotor) == rotor[own[0]]].sum()) ** 3
+    for members, median in _by_rotor(rotor, shafts.stiffness):
+        cube = _size(inertia[np.array(topology.rotor) == rotor[members[0]]].sum()) ** 3
         least = STIFF[0] * cube
         most = STIFF[1] * cube
-        stiffer = shafts.stiffness[own]
-        in_line = 1.0 / (1.0 / stiffer[stiffer >= middle]).sum()
-        single = (shafts.stiffness[own] > max(least, STIFFNESS_OF_MEDIAN * middle)) & (
-            shafts.stiffness[own] < most
-        )
-        for i in own if least < in_line < most else own[single]:
-            said = (
+        stiffer = shafts.stiffness[members]
+        in_line = 1.0 / (1.0 / stiffer[stiffer >= median]).sum()
+        single = (
+            shafts.stiffness[members] > max(least, STIFFNESS_OF_MEDIAN * median)
+        ) & (shafts.stiffness[members] < most)
+        for i in members if least < in_line < most else members[single]:
+            text = (
                 f"stiffness is {shafts.stiffness[i]:.4g} N m/rad, usual up to"
                 f" {least:.2g} N m/rad beside these inertias"
             )
             yield (
                 "shaft",
                 topology.shaft_names[i],
-                _EXPONENT.sub(r"e\1", f"{said}: is it in N m/rad, not in N mm/rad?"),
+                _EXPONENT.sub(r"e\1", f"{text}: is it in N m/rad, not in N mm/rad?"),
             )
 
 
-def _links(train):
-    """Shafts far softer than the others of their rotor or with limits of others than
-    cranks, and loss factors.
+def _links(train: DriveTrain) -> Iterator[Note]:
+    """Notes on shafts far softer than the others of their rotor or with limits for
+    other shafts than cranks, and on loss factors.
     """
     topology = train.topology
     stiffness = train.shafts.stiffness
     strengths = train.shafts.tensile_strength
-    for own, middle in _by_rotor(
+    for members, median in _by_rotor(
         [topology.rotor[first] for first, _ in topology.shaft_ends], stiffness
     ):
-        for i in own[MEDIAN_OF_STIFFNESS * stiffness[own] < middle]:
+        for i in members[MEDIAN_OF_STIFFNESS * stiffness[members] < median]:
             usual = (
                 f"at least 1/{MEDIAN_OF_STIFFNESS:g} of the median of its rotor,"
-                f" {middle:.4g} N m/rad"
+                f" {median:.4g} N m/rad"
             )
-            said = (
+            text = (
                 f"stiffness is {stiffness[i]:.4g} N m/rad, usual {usual}: is it in N"
                 " m/rad, not in kN m/rad?"
             )
-            yield "shaft", topology.shaft_names[i], _EXPONENT.sub(r"e\1", said)
+            yield "shaft", topology.shaft_names[i], _EXPONENT.sub(r"e\1", text)
     for table, links in (("shaft", train.shafts), ("damper", train.dampers)):
         for name, value in zip(
             getattr(topology, f"{table}_names"), links.loss_factor, strict=True
         ):
             yield from _unusual(table, name, "loss_factor", value)
         for name, value in zip(
-            getattr(topology, f"{table}_names"), _given(links.power_limit), strict=False
+            getattr(topology, f"{table}_names"),
+            _or_empty(links.power_limit),
+            strict=False,
         ):
             if value > 0.0:
                 yield from _unusual(table, name, "power_limit", value)
@@ -565,79 +575,79 @@ def _links(train):
             and throws.issuperset(ends)
             and topology.shaft_rules[i] == RULES[0]
         ):
-            said = (
+            text = (
                 "tensile_strength sets the limits of IACS UR M68, which do not hold for"
                 " crankshafts: UR M53 does,"
             )
             yield (
                 "shaft",
                 topology.shaft_names[i],
-                f"{said} and it lies between two disks with cylinders",
+                f"{text} and it lies between two disks with cylinders",
             )
 
 
-def _given(vector):
-    """The numbers of a field over its elements, none where no element has it."""
+def _or_empty(vector: np.ndarray | None) -> Iterable[Any]:
+    """Numbers of a field over its elements, none where no element has it."""
     return () if vector is None else vector
 
 
-def _internal(train):
-    """Ring gears that are no larger than the gears inside them."""
+def _internal(train: DriveTrain) -> Iterator[Note]:
+    """Notes on ring gears that are no larger than the gears inside them."""
     topology = train.topology
     for name, ends, internal in zip(
         topology.mesh_names, topology.mesh_ends, topology.mesh_internal, strict=True
     ):
         small, large = sorted(float(train.disks.radius[disk]) for disk in ends)
         if internal and large < INTERNAL_RATIO * small:
-            said = (
+            text = (
                 f"its gears have radii of {small:.4g} and {large:.4g} m, and kind is"
                 " 'internal'"
             )
             yield (
                 "mesh",
                 name,
-                f"{said}: a ring is larger than the gear inside it; is it external?",
+                f"{text}: a ring is larger than the gear inside it; is it external?",
             )
 
 
-def _meshes(train):
+def _meshes(train: DriveTrain) -> Iterator[Note]:
+    """Notes on errors, backlash, stiffness and damping of meshes."""
     topology = train.topology
     meshes = train.meshes
     ratios = tooth_damping_ratios(train)
-    for name in (OF_PERIOD[1], *OF_GEARS):
-        for i, rows in enumerate(
-            getattr(meshes, name) if getattr(meshes, name) is not None else ()
-        ):
-            size = np.hypot(*rows.T).max(initial=0.0)
-            ask = (0.0, MOST_ERROR, "m", "is it in m, not in um?")
+    for field in (OF_PERIOD[1], *OF_GEARS):
+        for i, rows in enumerate(_or_empty(getattr(meshes, field))):
+            amplitude = np.hypot(rows[:, 0], rows[:, 1]).max(initial=0.0)
             yield from _unusual(
                 "mesh",
                 topology.mesh_names[i],
-                f"the largest amplitude of {name}",
-                size,
-                ask,
+                f"the largest amplitude of {field}",
+                amplitude,
+                (0.0, MOST_ERROR, "m", "is it in m, not in um?"),
             )
-    for i in np.flatnonzero(topology.mesh_backlash):
+    for i in np.flatnonzero(topology.mesh_backlash).tolist():
         radii = train.disks.radius[list(topology.mesh_ends[i])]
-        mesh = ("mesh", topology.mesh_names[i])
-        yield from _unusual(*mesh, "backlash", meshes.backlash[i])
+        name = topology.mesh_names[i]
+        yield from _unusual("mesh", name, "backlash", meshes.backlash[i])
         if any(_far(radius, USUAL["radius"]) for radius in radii):
-            continue  # what is said of the radius says enough
+            continue  # the note on the radius says enough
         size = 2 * radii.min()
-        ask = (
+        question = (
             f"steel teeth on a gear of {1e3 * size:.4g} mm have 20 N/(mm um) of their"
             " face width; is it in N/m?"
         )
         usual = (
-            *(STIFFNESS_OF_WIDTH * share * size for share in WIDTH_OF_DIAMETER),
+            STIFFNESS_OF_WIDTH * WIDTH_OF_DIAMETER[0] * size,
+            STIFFNESS_OF_WIDTH * WIDTH_OF_DIAMETER[1] * size,
             "N/m",
-            ask,
+            question,
         )
-        stiff = list(_unusual(*mesh, "stiffness", meshes.stiffness[i], usual))
+        stiff = list(_unusual("mesh", name, "stiffness", meshes.stiffness[i], usual))
         yield from stiff
         if np.isfinite(ratios[i]) and not stiff:
-            what = (
+            quantity = (
                 f"damping is {meshes.damping[i]:.4g} N s/m: the damping ratio of the"
                 " two gears alone"
             )
-            yield from _unusual(*mesh, what, ratios[i], (*TOOTH_DAMPING, "", ""))
+            low, high = TOOTH_DAMPING
+            yield from _unusual("mesh", name, quantity, ratios[i], (low, high, "", ""))

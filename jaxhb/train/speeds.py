@@ -1,10 +1,17 @@
-"""Speeds as text, the same on the command line and in scene files; and as numbers that
-are refused.
+"""Speeds as text, the same on the command line and in scene files, and checks of speeds
+as numbers.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 from jaxhb.elements.elements import SceneError, shown
+
+if TYPE_CHECKING:
+    from jaxhb._jax import Numbers
+    from jaxhb.train.drivetrain import DriveTrain
 
 # Speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles
 # stay below
@@ -13,7 +20,7 @@ MOST_SPEEDS = 100_000  # of a range: answers of so many small trains fill a giga
 _TOO_FAST = f"must be at most {HIGHEST_RPM:.0f} rpm: give revolutions per minute"
 
 
-def read_speed(text):
+def read_speed(text: str) -> float:
     """A speed in rpm; :class:`ValueError` with a sentence if it is no number greater
     than 0 and at most 1e6.
     """
@@ -28,7 +35,7 @@ def read_speed(text):
     return value
 
 
-def read_speeds(text):
+def read_speeds(text: str) -> list[float]:
     """Speeds in rpm from ``A:B:COUNT``, equally spaced, or ``R1,R2,...``;
     :class:`ValueError` if it is neither.
     """
@@ -55,9 +62,9 @@ def read_speeds(text):
     return [first + (last - first) * i / max(count - 1, 1) for i in range(count)]
 
 
-def check_speed(train, rpm, *, many=False):
+def check_speed(train: DriveTrain, rpm: Numbers, *, many: bool = False) -> None:
     """Refuse a speed that is not a positive number or beyond any train, and several
-    speeds where one is wanted.
+    speeds unless ``many`` are allowed.
 
     One that is traced is not known yet: where it is no speed, a status says so. In a
     process forked after a solve nothing can be computed, whatever the speed.
@@ -71,20 +78,20 @@ def check_speed(train, rpm, *, many=False):
         return
     name = train.topology.title
     try:
-        given = np.asarray(rpm)
+        speeds = np.asarray(rpm)
     except ValueError:  # rows of different lengths
-        given = np.array(None)
-    if given.size and given.dtype.kind not in "iuf":
+        speeds = np.array(None)
+    if speeds.size and speeds.dtype.kind not in "iuf":
         raise SceneError(
             f"{name}: the speed is {shown(rpm)}, must be a number greater than 0 rpm."
         )
-    values = np.atleast_1d(given)
+    values = np.atleast_1d(speeds)
     if values.ndim > 1:
         raise SceneError(
             f"{name}: the speeds are an array of {' x '.join(map(str, values.shape))},"
             " must be numbers in one row."
         )
-    if given.ndim and not many:
+    if speeds.ndim and not many:
         raise SceneError(
             f"{name}: {values.size} speeds were given where one is solved: use"
             " jaxhb.solve_speeds."

@@ -3,12 +3,22 @@ from elements.
 """
 
 import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jaxhb.elements import derived
-from jaxhb.elements.elements import Combustion, Damper, Disk, Ground, Mesh, Shaft
+from jaxhb.elements.elements import (
+    Combustion,
+    Cylinder,
+    Damper,
+    Disk,
+    Ground,
+    Mesh,
+    Shaft,
+    Torque,
+)
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
 from jaxhb.excitation import gas
 from jaxhb.excitation.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle, table
@@ -21,36 +31,36 @@ backlash, where a scene gives none.
 """
 
 LAW_OF_FRIDMAN = {"epsilon": 0.03, "transition": 0.2}
-"""The same of the law (18) of Fridman 2009, ``law = "fridman2009"``."""
+"""The same numbers in the law (18) of Fridman 2009, ``law = "fridman2009"``."""
+
+# Fields of links that hold rows
+ROWS = ("over_hz", "over_amplitude", "stages", "stops", *OF_PERIOD, *OF_GEARS)
 
 
-ROWS = "over_hz", "over_amplitude", "stages", "stops", *OF_PERIOD, *OF_GEARS  # of links
-
-
-def vectors_of(element):
+def vectors_of(element: type) -> Callable[[type], type]:
     """Give a class one vector for each number of an element, and for its rows over
     frequency, amplitude or orders.
 
-    0 stands for a number that is absent. Those that not all links have, and most rows,
-    are None where none has them.
+    0 stands for a number that is absent. Numbers that not all links have, and most
+    rows, are None where no link has them.
     """
 
-    def declare(cls):
-        kept = [
-            f
-            for f in dataclasses.fields(element)
-            if f.metadata["kind"] == "number" or f.name in ROWS
+    def declare(cls: type) -> type:
+        fields = [
+            field
+            for field in dataclasses.fields(element)
+            if field.metadata["kind"] == "number" or field.name in ROWS
         ]
-        absent = (
+        may_be_none = (
             *derived.OPTIONAL,
             *derived.WITH,
             *(name for name in ROWS if not name.startswith("over_")),
         )
-        optional = {f.name: None for f in kept if f.name in absent}
-        needed = [f.name for f in kept if f.name not in optional]
-        cls.__annotations__ = dict.fromkeys([*needed, *optional], Array)
-        for name, absent in optional.items():
-            setattr(cls, name, absent)
+        optional = [field.name for field in fields if field.name in may_be_none]
+        required = [field.name for field in fields if field.name not in optional]
+        cls.__annotations__ = dict.fromkeys([*required, *optional], Array)
+        for name in optional:
+            setattr(cls, name, None)
         return table(cls)
 
     return declare
@@ -113,7 +123,7 @@ class Loads:
 
 @table
 class Phases:
-    """Angles by which what each phase names comes later, deg of its rotor,
+    """Angle in deg of its rotor by which each phase delays its cylinders and torques,
     [n_phases].
     """
 
@@ -169,30 +179,34 @@ class Cylinders:
     injection: Array | None = None
 
 
-def column(elements, name: str, absent: float = 0.0) -> np.ndarray:
+def column(elements: Sequence[Any], name: str, absent: float = 0.0) -> np.ndarray:
     """Collect one field over elements, ``absent`` for None."""
-    values = [getattr(e, name) for e in elements]
-    return np.array([absent if v is None else v for v in values], dtype=np.float64)
+    values = [getattr(element, name) for element in elements]
+    return np.array(
+        [absent if value is None else value for value in values], dtype=np.float64
+    )
 
 
-def _harmonics(rows) -> np.ndarray:
+def _harmonics(rows: Sequence[Any]) -> np.ndarray:
     """Stack the (Re, Im) of rows (order, Re, Im), padded by zeros."""
-    out = np.zeros((len(rows), max((len(row or ()) for row in rows), default=0), 2))
+    stacked = np.zeros((len(rows), max((len(row or ()) for row in rows), default=0), 2))
     for i, row in enumerate(rows):
         if row:
-            out[i, : len(row)] = np.asarray(row, dtype=np.float64)[:, 1:]
-    return out
+            stacked[i, : len(row)] = np.asarray(row, dtype=np.float64)[:, 1:]
+    return stacked
 
 
-def _scales(elements) -> dict[str, np.ndarray]:
+def _scales(elements: Sequence[Any]) -> dict[str, np.ndarray]:
     """Stack the scales, padded by their last point; the factor is 1 without a scale."""
-    out = _padded([e.scale for e in elements], (0.0, 1.0), 2)
-    return {"scale_rpm": out[..., 0].copy(), "scale_factor": out[..., 1].copy()}
+    points = _padded([element.scale for element in elements], (0.0, 1.0), 2)
+    return {"scale_rpm": points[..., 0].copy(), "scale_factor": points[..., 1].copy()}
 
 
-def _padded(rows, absent, least: int = 1) -> np.ndarray:
-    """Stack lists of rows [n, K, columns], those without any of the row ``absent``, the
-    shorter ones padded by their last row; K is ``least`` at least.
+def _padded(
+    rows: Sequence[Any], absent: tuple[float, ...], least: int = 1
+) -> np.ndarray:
+    """Stack lists of rows [n, K, columns]; lists without any hold the row ``absent``,
+    shorter ones repeat their last row; K is at least ``least``.
     """
     rows = [row or (absent,) for row in rows]
     longest = max([least, *map(len, rows)])
@@ -200,29 +214,33 @@ def _padded(rows, absent, least: int = 1) -> np.ndarray:
     return np.array(padded, dtype=np.float64).reshape(len(rows), longest, len(absent))
 
 
-def _collected(cls, elements, own=()):
-    """A table: what is its ``own``, and fields of its elements; None for one that may
-    be absent and that none has.
+def _collected(
+    cls: type[Any], elements: Sequence[Any], special: Mapping[str, Any] | None = None
+) -> Any:
+    """Collect a table: its ``special`` fields, and the others from its elements; None
+    for a field that may be absent and that no element has.
     """
-    found = dict(own)
-    for f in (f for f in dataclasses.fields(cls) if f.name not in found):
-        given = [getattr(e, f.name) for e in elements]
-        if f.default is None and not any(given):
-            found[f.name] = None
-        elif f.name in ("harmonics", "gas_torque", *OF_PERIOD, *OF_GEARS):
-            found[f.name] = _harmonics(given)
-        elif f.name in ("stages", "stops"):
-            found[f.name] = _padded(given, (0.0, 0.0))
-        elif f.name.startswith("over_"):
-            rows = _padded(given, (0.0, 1.0, 1.0), 2)
-            found[f.name] = rows if any(given) else rows[:, :0]
+    columns = dict(special or {})
+    for field in dataclasses.fields(cls):
+        if field.name in columns:
+            continue
+        values = [getattr(element, field.name) for element in elements]
+        if field.default is None and not any(values):
+            columns[field.name] = None
+        elif field.name in ("harmonics", "gas_torque", *OF_PERIOD, *OF_GEARS):
+            columns[field.name] = _harmonics(values)
+        elif field.name in ("stages", "stops"):
+            columns[field.name] = _padded(values, (0.0, 0.0))
+        elif field.name.startswith("over_"):
+            rows = _padded(values, (0.0, 1.0, 1.0), 2)
+            columns[field.name] = rows if any(values) else rows[:, :0]
         else:
-            found[f.name] = column(elements, f.name)
-    return cls(**found)
+            columns[field.name] = column(elements, field.name)
+    return cls(**columns)
 
 
-def of_elements(elements: dict) -> dict:
-    """The tables of a train from the sound elements of each table of a scene."""
+def of_elements(elements: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
+    """Tables of a train from the sound elements of each table of a scene."""
     return {
         "disks": _collected(Disks, elements["disk"]),
         "shafts": _collected(Shafts, elements["shaft"]),
@@ -236,101 +254,126 @@ def of_elements(elements: dict) -> dict:
     }
 
 
-def _with_law(mesh):
-    """A mesh with the numbers of its law."""
+def _with_law(mesh: Mesh) -> Mesh:
+    """A mesh with the numbers of its law where it has none."""
     law = LAW_OF_FRIDMAN if mesh.law else LAW
     return dataclasses.replace(
-        mesh, **{key: value for key, value in law.items() if getattr(mesh, key) is None}
+        mesh,
+        epsilon=law["epsilon"] if mesh.epsilon is None else mesh.epsilon,
+        transition=law["transition"] if mesh.transition is None else mesh.transition,
     )
 
 
-def torque_table(torques) -> Torques:
-    """Collect the given torques."""
-    rated = any(t.rated_rpm is not None for t in torques)
+def torque_table(torques: Sequence[Torque]) -> Torques:
+    """Collect the torques that a scene gives."""
+    rated = any(torque.rated_rpm is not None for torque in torques)
     exponent = column(torques, "speed_exponent", absent=2.0) if rated else None
     return _collected(Torques, torques, _scales(torques) | {"speed_exponent": exponent})
 
 
-def cylinder_table(cylinders) -> Cylinders:
+def cylinder_table(cylinders: Sequence[Cylinder]) -> Cylinders:
     """Collect the cylinders; the pressure on its uniform grid."""
-    tabled = any(c.pressure for c in cylinders)
+    has_tables = any(cylinder.pressure for cylinder in cylinders)
     # Without tables no samples: every program would take them.
-    pressure = np.zeros((len(cylinders), GAS_SAMPLES if tabled else 0))
-    for i, c in enumerate(cylinders):
-        if c.pressure:
-            pressure[i] = gas_cycle(c.pressure, c.table_firing_tdc)
-    own = {
+    pressure = np.zeros((len(cylinders), GAS_SAMPLES if has_tables else 0))
+    for i, cylinder in enumerate(cylinders):
+        if cylinder.pressure:
+            pressure[i] = gas_cycle(cylinder.pressure, cylinder.table_firing_tdc)
+    special: dict[str, Any] = {
         "rod": column(cylinders, "rod", absent=1.0),
         "pressure": pressure,
         "traces": _trace_table(cylinders),
         "combustion": _combustion_table(cylinders),
     }
     for name in ("gas_factor", "injection"):
-        scattered = any(getattr(c, name) is not None for c in cylinders)
-        own[name] = column(cylinders, name, absent=1.0) if scattered else None
+        scattered = any(getattr(cylinder, name) is not None for cylinder in cylinders)
+        special[name] = column(cylinders, name, absent=1.0) if scattered else None
     return _collected(
-        Cylinders, cylinders, own | _scales(cylinders) | _shares(cylinders)
+        Cylinders, cylinders, special | _scales(cylinders) | _shares(cylinders)
     )
 
 
-def _trace_table(cylinders) -> Traces | None:
+def _trace_table(cylinders: Sequence[Any]) -> Traces | None:
     """Collect the traces; None where no cylinder has any."""
-    seats = tuple(i for i, c in enumerate(cylinders) if gas.source(c) == "traces")
+    seats = tuple(
+        i for i, cylinder in enumerate(cylinders) if gas.source(cylinder) == "traces"
+    )
     if not seats:
         return None
-    own = [cylinders[i].traces for i in seats]
-    speeds, loads = (
-        [sorted({float(getattr(t, key)) for t in row}) for row in own]
-        for key in ("rpm", "load")
-    )
+    traces = [cylinders[i].traces for i in seats]
+    speeds = [sorted({float(trace.rpm) for trace in row}) for row in traces]
+    loads = [sorted({float(trace.load) for trace in row}) for row in traces]
     rpm = gas.padded(speeds)
     load = gas.padded(loads)
     pressure = np.zeros((len(seats), rpm.shape[1], load.shape[1], GAS_SAMPLES))
-    for k, row in enumerate(own):
+    for k, row in enumerate(traces):
         for trace in row:
             r = speeds[k].index(float(trace.rpm))
             s = loads[k].index(float(trace.load))
             pressure[k, r, s] = gas_cycle(trace.pressure, trace.table_firing_tdc)
-    sizes = tuple((len(r), len(s)) for r, s in zip(speeds, loads, strict=True))
+    sizes = tuple(
+        (len(own_speeds), len(own_loads))
+        for own_speeds, own_loads in zip(speeds, loads, strict=True)
+    )
     return Traces(seats=seats, sizes=sizes, rpm=rpm, load=load, pressure=pressure)
 
 
-def _combustion_table(cylinders) -> Combustions | None:
+def _combustion_table(cylinders: Sequence[Any]) -> Combustions | None:
     """Collect the combustions; None where no cylinder has one."""
-    seats = tuple(i for i, c in enumerate(cylinders) if gas.source(c) == "combustion")
+    seats = tuple(
+        i
+        for i, cylinder in enumerate(cylinders)
+        if gas.source(cylinder) == "combustion"
+    )
     if not seats:
         return None
-    own = [cylinders[i].combustion for i in seats]
+    combustions = [cylinders[i].combustion for i in seats]
     names = [
-        f.name for f in dataclasses.fields(Combustion) if f.metadata["kind"] == "number"
+        field.name
+        for field in dataclasses.fields(Combustion)
+        if field.metadata["kind"] == "number"
     ]
-    tables = [c.charge_over_load or c.charge_over_rpm for c in own]
-    tabled = any(tables)
+    tables = [
+        combustion.charge_over_load or combustion.charge_over_rpm
+        for combustion in combustions
+    ]
+    has_factors = any(tables)
+    numbers = {
+        name: np.array(
+            [float(getattr(combustion, name) or 0.0) for combustion in combustions]
+        )
+        for name in names
+    }
+    charge_by = []
+    for combustion in combustions:
+        if combustion.charge_over_load:
+            charge_by.append("load")
+        else:
+            charge_by.append("rpm" if combustion.charge_over_rpm else "")
+    charge_at = None
+    charge_factor = None
+    if has_factors:
+        charge_at = gas.padded(
+            [[position for position, _ in rows or ((0.0, 1.0),)] for rows in tables]
+        )
+        charge_factor = _padded(tables, (0.0, 1.0))[..., 1].copy()
     return Combustions(
         seats=seats,
         revolutions=tuple(gas.gas_revolutions(cylinders[i]) for i in seats),
-        by_work=tuple(c.imep is not None for c in own),
-        charge_by=tuple(
-            "load" if c.charge_over_load else "rpm" if c.charge_over_rpm else ""
-            for c in own
-        ),
-        charge_at=(
-            gas.padded([[at for at, _ in rows or ((0.0, 1.0),)] for rows in tables])
-            if tabled
-            else None
-        ),
-        charge_factor=_padded(tables, (0.0, 1.0))[..., 1].copy() if tabled else None,
-        **{
-            name: np.array([float(getattr(c, name) or 0.0) for c in own])
-            for name in names
-        },
+        by_work=tuple(combustion.imep is not None for combustion in combustions),
+        charge_by=tuple(charge_by),
+        charge_at=charge_at,
+        charge_factor=charge_factor,
+        **numbers,
     )
 
 
-def _shares(cylinders) -> dict[str, np.ndarray | None]:
+def _shares(cylinders: Sequence[Any]) -> dict[str, np.ndarray | None]:
     """Speeds and loads of every cylinder, [nc, L]; None where no load counts."""
-    if not any(gas.source(c) in ("traces", "combustion") for c in cylinders):
+    if not any(
+        gas.source(cylinder) in ("traces", "combustion") for cylinder in cylinders
+    ):
         return {"load_rpm": None, "load_share": None}
-    rows = [c.load or ((0.0, 1.0),) for c in cylinders]
-    rpm = gas.padded([[rpm for rpm, _ in row] for row in rows])
+    rows = [cylinder.load or ((0.0, 1.0),) for cylinder in cylinders]
+    rpm = gas.padded([[speed for speed, _ in row] for row in rows])
     return {"load_rpm": rpm, "load_share": _padded(rows, (0.0, 1.0))[..., 1].copy()}

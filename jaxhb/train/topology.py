@@ -1,4 +1,4 @@
-"""What of a drive train is fixed when a program is compiled: names, connections,
+"""Static half of a drive train, fixed when a program is compiled: names, connections,
 rotors, orders.
 
 Everything here is text, integers, floats and tuples of them, so that a
@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxhb._jax import Number
 from jaxhb.elements.elements import TABLES, SceneError, shown, suggestion
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD
 from jaxhb.excitation.gas import GasCycles
@@ -31,7 +32,7 @@ class Topology:
     .. ``mesh_second_gear_error``; ``mesh_periods`` of each cycle, 0 where none are
     needed; ``cylinder_source`` what the gas torque of each cylinder comes from;
     ``cylinder_step`` the harmonics of the cycle per harmonic of the gas cycle (0 where
-    no pressure is given) and ``cylinder_turn`` per order of the own rotor;
+    no pressure is given) and ``cylinder_turn`` per order of its own rotor;
     ``cylinder_gas`` and ``cylinder_inertia`` how many harmonics of the gas cycle and
     how many orders of the own rotor are computed; ``cylinder_fires`` whether each is
     injected, ``cylinder_cut_off`` whether it has no gas torque at all,
@@ -48,7 +49,7 @@ class Topology:
     ``rated_rpm`` is the rated speed of the reference rotor, with ``reference_disk``;
     ``notes`` are those of the scene.
 
-    Its ``repr`` is whole: keys of compiled programs and of kept sweeps are made of it.
+    Its ``repr`` is whole: it makes keys of compiled programs and of stored sweeps.
     """
 
     name: str
@@ -113,21 +114,21 @@ class Topology:
     tolerance: str = "{}"
     notes: tuple[str, ...] = ()
 
-    def __eq__(self, other):
+    def __eq__(self, other: object) -> bool:
         if not isinstance(other, Topology):
             return NotImplemented
-        # Compared at every call of a program: the kept hash tells most apart at once.
+        # Compared at every call of a program: the stored hash tells most apart at once.
         return hash(self) == hash(other) and self._key == other._key
 
-    def __hash__(self):
+    def __hash__(self) -> int:
         return self._hash
 
     @cached_property
-    def _key(self):
-        return tuple(getattr(self, f.name) for f in dataclasses.fields(self))
+    def _key(self) -> tuple[Any, ...]:
+        return tuple(getattr(self, field.name) for field in dataclasses.fields(self))
 
     @cached_property
-    def _hash(self):
+    def _hash(self) -> int:
         return hash(self._key)
 
     @cached_property
@@ -138,7 +139,7 @@ class Topology:
 
     @cached_property
     def gas_cycles(self) -> GasCycles:
-        """How the gas of each cylinder works."""
+        """Source, firing and revolutions of the gas cycle of each cylinder."""
         return GasCycles(
             source=self.cylinder_source,
             fires=self.cylinder_fires,
@@ -150,40 +151,40 @@ class Topology:
     @cached_property
     def firing_cylinders(self) -> tuple[str, ...]:
         """Names of the cylinders that are injected and not cut off."""
-        each = zip(
+        cylinders = zip(
             self.cylinder_names, self.cylinder_fires, self.cylinder_cut_off, strict=True
         )
-        return tuple(name for name, fires, cut in each if fires and not cut)
+        return tuple(name for name, fires, cut in cylinders if fires and not cut)
 
     @property
-    def parts_text(self):
-        """``26 disks, 4 meshes``: how many elements of each kind there are."""
-        found = [
-            (kind if n == 1 else "meshes" if kind == "mesh" else f"{kind}s", n)
-            for kind, n, _ in self.parts_rows
-        ]
-        return ", ".join(f"{n} {kind}" for kind, n in found)
+    def parts_text(self) -> str:
+        """Number of elements of each kind: ``26 disks, 4 meshes``."""
+        plurals = {"mesh": "meshes"}
+        return ", ".join(
+            f"1 {kind}" if count == 1 else f"{count} {plurals.get(kind, f'{kind}s')}"
+            for kind, count, _ in self.parts_rows
+        )
 
     @property
-    def parts_rows(self):
-        """Kind, number and first names of the elements, a row for each kind that there
-        is.
+    def parts_rows(self) -> list[list[Any]]:
+        """Kind, number and first names of the elements, a row for each kind in the
+        train.
         """
         return [
-            [k, len(n), ", ".join(n[:12]) + ", …" * (len(n) > 12)]
-            for k, n in self._names.items()
-            if n
+            [kind, len(names), ", ".join(names[:12]) + ", …" * (len(names) > 12)]
+            for kind, names in self._names.items()
+            if names
         ]
 
-    def cycle_frequency(self, rpm):
+    def cycle_frequency(self, rpm: Number) -> Any:
         """Omega = 2 pi rpm / (60 revolutions_per_cycle) in rad/s, of the cycle at
         ``rpm`` of the reference rotor.
         """
         return 2 * math.pi * rpm / 60 / self.revolutions_per_cycle
 
     def repeated(self, cycles: int) -> Topology:
-        """The same with a cycle ``cycles`` times as long; harmonic n of the cycle
-        becomes harmonic ``cycles n``.
+        """The same topology with a cycle ``cycles`` times as long; harmonic n of the
+        cycle becomes harmonic ``cycles n``.
         """
         numbers: dict[str, Any] = {
             "revolutions_per_cycle": cycles * self.revolutions_per_cycle
@@ -198,13 +199,14 @@ class Topology:
             *of_meshes,
         ):
             numbers[name] = tuple(
-                tuple(cycles * n for n in row) for row in getattr(self, name)
+                tuple(cycles * harmonic for harmonic in row)
+                for row in getattr(self, name)
             )
         return dataclasses.replace(self, **numbers)
 
     @property
     def title(self) -> str:
-        """Name of the scene as sentences have it."""
+        """Name of the scene in sentences."""
         return self.name or "scene"
 
     @property
@@ -219,13 +221,15 @@ class Topology:
         """
         rows = [getattr(self, f"mesh_{name}") for name in (*OF_PERIOD, *OF_GEARS)]
         return [
-            name for name, *own in zip(self.mesh_names, *rows, strict=True) if any(own)
+            name
+            for name, *orders in zip(self.mesh_names, *rows, strict=True)
+            if any(orders)
         ]
 
     @property
     def has_law(self) -> np.ndarray:
         """Whether a mesh is no constant spring, as it has backlash or its stiffness
-        varies; then the ``springs``, which all are none: ``(E,)``.
+        varies; then the same of the ``springs``, which are none either: bool ``(E,)``.
         """
         meshes = np.array(self.mesh_backlash, dtype=bool) | self.mesh_varies
         return np.concatenate([meshes, np.ones(len(self.springs), dtype=bool)])
@@ -288,11 +292,11 @@ class Topology:
         return bool(self.link_keys) and key in self.link_keys[link]
 
     @cached_property
-    def _disk_of(self):
+    def _disk_of(self) -> dict[str, int]:
         return {name: i for i, name in enumerate(self.disk_names)}
 
     @cached_property
-    def _link_of(self):
+    def _link_of(self) -> dict[str, int]:
         return {name: i for i, name in enumerate(self.link_names)}
 
     @cached_property
@@ -327,7 +331,7 @@ class Topology:
         else :class:`SceneError`.
 
         The sense is -1 where the disks are given against the order of ``between``.
-        Where several links join them one is asked for by its name.
+        Of several links that join them a name picks one.
         """
         where = self.title
         if other is None:
@@ -340,14 +344,14 @@ class Topology:
         a = self.disk_index(name)
         b = self.disk_index(other)
         hits = [
-            (i, 1 if ends == (a, b) else -1)
-            for i, ends in enumerate(self.link_ends)
+            (link, 1 if ends == (a, b) else -1)
+            for link, ends in enumerate(self.link_ends)
             if set(ends) == {a, b}
         ]
         if not hits:
             near = [
-                n
-                for n, ends in zip(self.link_names, self.link_ends, strict=True)
+                link_name
+                for link_name, ends in zip(self.link_names, self.link_ends, strict=True)
                 if a in ends or b in ends
             ]
             raise SceneError(
@@ -355,7 +359,7 @@ class Topology:
                 f" {', '.join(near)}."
             )
         if len(hits) > 1:
-            names = ", ".join(repr(self.link_names[i]) for i, _ in hits)
+            names = ", ".join(repr(self.link_names[link]) for link, _ in hits)
             raise SceneError(
                 f"{where}: several links join {name!r} and {other!r}: {names}. Ask for"
                 " one by its name."

@@ -1,16 +1,26 @@
 """Checks of a train as a whole: connections, gears, orders and cycle, what holds the
 train, mean balance.
 
-Each check leaves out what is not known because another sentence was said about it.
+Each check leaves out data in doubt, which have another sentence already.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Collection, Iterable, Sequence
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.elements import Combustion, Suggestions, Torque, shown
+from jaxhb.elements.checks import Parts
+from jaxhb.elements.elements import (
+    Combustion,
+    Cylinder,
+    Suggestions,
+    Torque,
+    shown,
+)
 from jaxhb.equations.kinematics import OF_PERIOD
 from jaxhb.excitation import gas
 from jaxhb.excitation.mean_torques import mean_torques as mean_torques_at
@@ -27,39 +37,41 @@ rounding of the sums.
 """
 
 
-def elastic_pairs(parts) -> list[tuple[int, int]]:
+def elastic_pairs(parts: Parts) -> list[tuple[int, int]]:
     """Disk pairs of one rotor: shafts, and dampers with their rings."""
-    n = len(parts.tables["disk"])
-    return parts.ends("shaft") + [(d, n + k) for k, d in parts.seats("damper")]
+    n_disks = len(parts.tables["disk"])
+    return parts.ends("shaft") + [
+        (disk, n_disks + i) for i, disk in parts.seats("damper")
+    ]
 
 
-def connection_errors(parts) -> list[str]:
+def connection_errors(parts: Parts) -> list[str]:
     """Find pieces of the train that no link joins."""
     if not parts.connected:
         return []
     names = parts.disk_names
-    first, *others = members_of(
+    first, *rest = members_of(
         pieces(len(names), elastic_pairs(parts) + parts.ends("mesh"))
     ) or [[]]
     return [
         f"{parts.source}: the train falls into pieces that no link joins:"
-        f" {names_of(names, first)} and {names_of(names, other)}. Join them by a"
+        f" {names_of(names, first)} and {names_of(names, piece)}. Join them by a"
         " [[shaft]] or a [[mesh]]."
-        for other in others
+        for piece in rest
     ]
 
 
-def gear_errors(parts, rotor) -> list[str]:
+def gear_errors(parts: Parts, rotor: Sequence[int]) -> list[str]:
     """Check that every mesh joins gears of two rotors, and teeth against radii."""
     errors = []
     disks = parts.tables["disk"]
     for i, ends in parts.links("mesh"):
         where = parts.where("mesh", i)
-        names = [parts.disk_names[d] for d in ends]
+        names = [parts.disk_names[disk] for disk in ends]
         bare = [
-            parts.disk_names[d]
-            for d in ends
-            if d >= len(disks) or disks[d].radius is None
+            parts.disk_names[disk]
+            for disk in ends
+            if disk >= len(disks) or disks[disk].radius is None
         ]
         errors += [
             f"{where}: disk {name!r} has no radius. Give its pitch radius in m."
@@ -71,59 +83,69 @@ def gear_errors(parts, rotor) -> list[str]:
                 " two: the shafts between them lock the mesh. Remove the mesh or a"
                 " shaft."
             )
-        if bare or not all(parts.usable("disk", d, "radius", "teeth") for d in ends):
-            continue
-        a, b = (disks[d] for d in ends)
-        keys = [*OF_PERIOD, "stiffness_table", "contact_ratio", "width"]
-        needing = [
-            f
-            for f in keys
-            if parts.usable("mesh", i, f) and getattr(parts.tables["mesh"][i], f)
-        ]
-        bare = [
-            name for name, disk in zip(names, (a, b), strict=True) if not disk.teeth
-        ]
-        if "width" in needing and bare or needing and len(bare) == 2:
-            errors.append(
-                f"{where}: {needing[-1]} is given, and {' and '.join(map(repr, bare))}"
-                f" {'has' if len(bare) == 1 else 'have'} no teeth. Give"
-                f" {'its number' if len(bare) == 1 else 'their numbers'} of teeth."
-            )
-        if (
-            a.teeth
-            and b.teeth
-            and abs(a.teeth / b.teeth * b.radius / a.radius - 1.0) > TEETH_TOLERANCE
+        if bare or not all(
+            parts.usable("disk", disk, "radius", "teeth") for disk in ends
         ):
-            # Their ratio is in doubt: it decides nothing more.
-            parts.bad |= {("disk", d, "radius") for d in ends}
+            continue
+        first, second = (disks[disk] for disk in ends)
+        mesh = parts.tables["mesh"][i]
+        keys = [*OF_PERIOD, "stiffness_table", "contact_ratio", "width"]
+        keys_that_need_teeth = [
+            key for key in keys if parts.usable("mesh", i, key) and getattr(mesh, key)
+        ]
+        toothless = [
+            name
+            for name, gear in zip(names, (first, second), strict=True)
+            if not gear.teeth
+        ]
+        needs_all = "width" in keys_that_need_teeth
+        if (needs_all and toothless) or (keys_that_need_teeth and len(toothless) == 2):
+            gears = " and ".join(map(repr, toothless))
+            have = "has" if len(toothless) == 1 else "have"
+            numbers = "its number" if len(toothless) == 1 else "their numbers"
             errors.append(
-                f"{where}: teeth {a.teeth}:{b.teeth} = {a.teeth / b.teeth:.6g} but"
-                f" radii {a.radius:g}:{b.radius:g} m = {a.radius / b.radius:.6g}; must"
-                " agree to 0.1 %. Correct teeth or radii."
+                f"{where}: {keys_that_need_teeth[-1]} is given, and {gears} {have} no"
+                f" teeth. Give {numbers} of teeth."
+            )
+        if not (first.teeth and second.teeth):
+            continue
+        tooth_ratio = first.teeth / second.teeth
+        if abs(tooth_ratio * second.radius / first.radius - 1.0) > TEETH_TOLERANCE:
+            # Their ratio is in doubt: it decides nothing more.
+            parts.bad |= {("disk", disk, "radius") for disk in ends}
+            errors.append(
+                f"{where}: teeth {first.teeth}:{second.teeth} = {tooth_ratio:.6g} but"
+                f" radii {first.radius:g}:{second.radius:g} m ="
+                f" {first.radius / second.radius:.6g}; must agree to 0.1 %. Correct"
+                " teeth or radii."
             )
     return errors
 
 
-def reference_error(parts, reference, rotor) -> list[str]:
+def reference_error(parts: Parts, reference: Any, rotor: Sequence[int]) -> list[str]:
     """Ask for the reference where there are several rotors."""
     if reference is not None or not parts.connected or max(rotor, default=0) == 0:
         return []
-    first = [parts.disk_names[rotor.index(k)] for k in range(max(rotor) + 1)]
-    shown = ", ".join(repr(name) for name in first[:8])
+    first_disks = [
+        parts.disk_names[rotor.index(number)] for number in range(max(rotor) + 1)
+    ]
+    listed = ", ".join(repr(name) for name in first_disks[:8])
     return [
         f"{parts.source}, [scene]: the key 'reference' is missing; there are"
         f" {max(rotor) + 1} rotors. Name a disk of the rotor whose rpm is given, one of"
-        f" {shown}."
+        f" {listed}."
     ]
 
 
-def loop_errors(parts, locked) -> list[str]:
+def loop_errors(
+    parts: Parts, locked: Iterable[tuple[int, Sequence[int], str]]
+) -> list[str]:
     """Say which loops lock the train."""
     return [
-        f"{parts.where('mesh', m)}: locked closed loop"
+        f"{parts.where('mesh', mesh)}: locked closed loop"
         f" {names_of(parts.disk_names, disks)}: {why}. Correct the radii, the kind of a"
         " mesh, or remove one mesh."
-        for m, disks, why in locked
+        for mesh, disks, why in locked
     ]
 
 
@@ -132,58 +154,59 @@ def whole(number: float) -> bool:
     return math.isfinite(number) and abs(number - round(number)) <= WHOLE
 
 
-def cycle_errors(parts, needs, revolutions: float) -> list[str]:
+def cycle_errors(
+    parts: Parts, needs: Sequence[tuple[str, int, str, float, str]], revolutions: float
+) -> list[str]:
     """Find orders that are no harmonic 1, 2, ... of the cycle; ``needs``: (table, i,
     text, order, key of the mean).
     """
 
-    def is_small(need):
-        return need[3] * revolutions < 0.5 and whole(need[3] * revolutions)
+    def is_small(per_revolution: float) -> bool:
+        """Whether an order is harmonic 0 of the cycle."""
+        harmonic = per_revolution * revolutions
+        return harmonic < 0.5 and whole(harmonic)
 
-    bad = [need for need in needs if not whole(need[3] * revolutions)]
-    fitting = (
-        fitting_cycle({need[3] for need in needs if not is_small(need)})
-        if bad
-        else None
-    )
-    remedy = (
-        f" Set revolutions_per_cycle = {fitting:g}."
-        if fitting
-        else " Correct the order or the radii."
-    )
+    unfit = [need for need in needs if not whole(need[3] * revolutions)]
+    small = [need for need in needs if is_small(need[3])]
+    remedy = " Correct the order or the radii."
+    if unfit:
+        orders = {need[3] for need in needs if not is_small(need[3])}
+        fitting_revolutions = fitting_cycle(orders)
+        if fitting_revolutions:
+            remedy = f" Set revolutions_per_cycle = {fitting_revolutions:g}."
     errors = []
-    for need in bad + list(filter(is_small, needs)):
-        table, i, text, per_revolution, mean = need
-        wanted = f"whole.{remedy}"
-        if is_small(need):
-            wanted = "at least 1." + (
-                f" Give the mean as {mean} = …" if mean else " Correct the radii."
+    for table, i, text, per_revolution, mean in unfit + small:
+        expected = f"whole.{remedy}"
+        if is_small(per_revolution):
+            mean_remedy = (
+                f"Give the mean as {mean} = …" if mean else "Correct the radii."
             )
+            expected = f"at least 1. {mean_remedy}"
         errors.append(
             f"{parts.where(table, i)}: {text} is harmonic"
             f" {per_revolution * revolutions:.6g} of a cycle of {revolutions:g}"
-            f" revolutions of the reference rotor, must be {wanted}"
+            f" revolutions of the reference rotor, must be {expected}"
         )
     return errors
 
 
-def fitting_cycle(per_revolution) -> float | None:
-    """Smallest number of revolutions (up to 1000) that makes all given harmonics per
+def fitting_cycle(per_revolution: Collection[float]) -> float | None:
+    """Smallest number of revolutions (up to 1000) that makes all harmonics per
     revolution whole.
     """
     if not all(math.isfinite(value) for value in per_revolution):
         return None
-    near = [Fraction(value).limit_denominator(1000) for value in per_revolution]
+    fractions = [Fraction(value).limit_denominator(1000) for value in per_revolution]
     fits = all(
-        abs(float(n) - v) <= 1e-9 * max(1.0, abs(v))
-        for n, v in zip(near, per_revolution, strict=True)
+        abs(float(fraction) - value) <= 1e-9 * max(1.0, abs(value))
+        for fraction, value in zip(fractions, per_revolution, strict=True)
     )
-    least = math.lcm(*(fraction.denominator for fraction in near))
-    return float(least) if fits and least <= 1000 else None
+    revolutions = math.lcm(*(fraction.denominator for fraction in fractions))
+    return float(revolutions) if fits and revolutions <= 1000 else None
 
 
-def phase_errors(parts, ratio) -> list[str]:
-    """Find phases of what is no cylinder or torque, and of what turns at different
+def phase_errors(parts: Parts, ratio: Sequence[float | None]) -> list[str]:
+    """Find phases whose members are no cylinders or torques, or turn at different
     speeds.
     """
     errors = []
@@ -196,24 +219,25 @@ def phase_errors(parts, ratio) -> list[str]:
     near = Suggestions(groups)
     seats = {table: dict(parts.seats(table)) for table in ("cylinder", "torque")}
     for i, phase in enumerate(parts.tables["phase"]):
-        named = phase.of if isinstance(phase.of, tuple | list) else []
+        members = phase.of if isinstance(phase.of, tuple | list) else []
         errors += [
             f"{parts.where('phase', i)}: of: there is no cylinder, torque or engine"
             f" {shown(name)}.{near(name)}"
-            for name in named
+            for name in members
             if not (isinstance(name, str) and name in groups)
         ]
-        if parts.usable("phase", i, "of") and not named:
+        if parts.usable("phase", i, "of") and not members:
             errors.append(
                 f"{parts.where('phase', i)}: of is empty. Name the cylinders and"
                 " torques, or their engine."
             )
         disks = [
-            seats[table].get(k) for table, own in parts.phased(i).items() for k in own
+            seats[table].get(index)
+            for table, indices in parts.phased(i).items()
+            for index in indices
         ]
-        speeds = {
-            round(ratio[d], 9) for d in disks if d is not None and ratio[d] is not None
-        }
+        ratios = [ratio[disk] for disk in disks if disk is not None]
+        speeds = {round(speed, 9) for speed in ratios if speed is not None}
         if len(speeds) > 1:
             errors.append(
                 f"{parts.where('phase', i)}: what it names turns at {len(speeds)}"
@@ -222,15 +246,17 @@ def phase_errors(parts, ratio) -> list[str]:
     return errors
 
 
-def inertia_errors(parts) -> list[str]:
+def inertia_errors(parts: Parts) -> list[str]:
     """Find a train without any inertia."""
     bodies = [
-        (table, i, e)
+        (table, i, element)
         for table in ("disk", "damper")
-        for i, e in enumerate(parts.tables[table])
+        for i, element in enumerate(parts.tables[table])
     ]
-    known = all(parts.usable(table, i, "inertia") for table, i, _ in bodies)
-    if not (bodies and known and parts.complete) or any(e.inertia for *_, e in bodies):
+    is_known = all(parts.usable(table, i, "inertia") for table, i, _ in bodies)
+    if not (bodies and is_known and parts.complete) or any(
+        element.inertia for *_, element in bodies
+    ):
         return []
     return [
         f"{parts.source}: the inertia of every disk is 0 kg m2. Give at least one disk"
@@ -238,8 +264,8 @@ def inertia_errors(parts) -> list[str]:
     ]
 
 
-def _mean_fields(element) -> tuple[str, ...]:
-    """Fields that the mean torque of a given torque or a cylinder comes from."""
+def _mean_fields(element: Torque | Cylinder) -> tuple[str, ...]:
+    """Fields that decide the mean torque of a given torque or a cylinder."""
     if isinstance(element, Torque):
         return ("mean", "scale", "rated_rpm", "speed_exponent")
     of_pressure = (*gas.COMPUTED, "load", "bore", "stroke", "rod", "table_firing_tdc")
@@ -254,88 +280,91 @@ def _mean_fields(element) -> tuple[str, ...]:
     )
 
 
-def _mean_known(parts, table: str, i: int) -> bool:
+def _mean_known(parts: Parts, table: str, i: int) -> bool:
+    """Whether the mean torque of an element can be computed."""
     return parts.usable(table, i, *_mean_fields(parts.tables[table][i]))
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def mean_torques(parts, speeds) -> np.ndarray:
-    """Mean torque of all given torques and cylinders on each disk, where known, N m
-    [speeds, n_disks].
+def mean_torques(parts: Parts, speeds: Sequence[float]) -> np.ndarray:
+    """Mean torque of all torques and cylinders on each disk, where known, N m [speeds,
+    n_disks].
     """
     seats = []
-    known = {}
+    sound_elements = {}
     for table in ("torque", "cylinder"):
-        found = [
+        sound_seats = [
             (parts.tables[table][i], disk)
             for i, disk in parts.seats(table)
             if _mean_known(parts, table, i)
         ]
-        seats += [disk for _, disk in found]
-        # Copies of what means come from: other fields may be faulty.
-        known[table] = [
-            type(e)(disk="", **{name: getattr(e, name) for name in _mean_fields(e)})
-            for e, _ in found
+        seats += [disk for _, disk in sound_seats]
+        # Copies of the fields that decide the mean: other fields may be faulty.
+        sound_elements[table] = [
+            type(element)(
+                disk="",
+                **{name: getattr(element, name) for name in _mean_fields(element)},
+            )
+            for element, _ in sound_seats
         ]
-    cylinders = known["cylinder"]
+    cylinders = sound_elements["cylinder"]
     cycles = gas.GasCycles(
-        source=tuple(gas.source_word(c) for c in cylinders),
-        fires=tuple(c.fires for c in cylinders),
+        source=tuple(gas.source_word(cylinder) for cylinder in cylinders),
+        fires=tuple(cylinder.fires for cylinder in cylinders),
         cut_off=(False,) * len(cylinders),
         revolutions=tuple(map(gas.gas_revolutions, cylinders)),
-        every=tuple(int(c.fires_every) for c in cylinders),
+        every=tuple(int(cylinder.fires_every) for cylinder in cylinders),
     )
-    given = tables.torque_table(known["torque"]), tables.cylinder_table(cylinders)
-    return connections.on_disks(
-        len(parts.disk_names), seats, mean_torques_at(*given, cycles, speeds)
-    )
+    torque_table = tables.torque_table(sound_elements["torque"])
+    cylinder_table = tables.cylinder_table(cylinders)
+    means = mean_torques_at(torque_table, cylinder_table, cycles, speeds)
+    return connections.on_disks(len(parts.disk_names), seats, means)
 
 
-def scale_speeds(parts) -> list[float]:
+def scale_speeds(parts: Parts) -> list[float]:
     """Speeds (rpm) at which a scale, a load or traces have a point, or a torque its
     rated speed.
     """
-    found = set()
+    speeds = set()
     for table in ("torque", "cylinder"):
-        for i, e in enumerate(parts.tables[table]):
+        for i, element in enumerate(parts.tables[table]):
             names = [
                 name
                 for name in ("scale", "load", "traces", "rated_rpm")
                 if parts.usable(table, i, name)
             ]
-            sound: dict[str, Any] = {name: getattr(e, name, None) for name in names}
-            found |= {
+            sound_fields: dict[str, Any] = {
+                name: getattr(element, name, None) for name in names
+            }
+            speeds |= {
                 float(row[0])
                 for name in ("scale", "load")
-                for row in sound.get(name) or ()
+                for row in sound_fields.get(name) or ()
             }
-            found |= {float(trace.rpm) for trace in sound.get("traces") or ()}
+            speeds |= {float(trace.rpm) for trace in sound_fields.get("traces") or ()}
             if parts.usable(table, i, "combustion") and isinstance(
-                getattr(e, "combustion", None), Combustion
+                getattr(element, "combustion", None), Combustion
             ):
-                found |= {float(row[0]) for row in e.combustion.charge_over_rpm}
-            found |= (
-                {float(sound["rated_rpm"])}
-                if sound.get("rated_rpm") is not None
-                else set()
-            )
-    return sorted(found) or [0.0]
+                speeds |= {float(row[0]) for row in element.combustion.charge_over_rpm}
+            if sound_fields.get("rated_rpm") is not None:
+                speeds.add(float(sound_fields["rated_rpm"]))
+    return sorted(speeds) or [0.0]
 
 
-def hold_errors(parts, main: int | None) -> list[str]:
+def hold_errors(parts: Parts, main: int | None) -> list[str]:
     """Find pieces joined without static stiffness that a ground or a mean torque leaves
     unheld.
     """
     if main is None or not parts.connected:
         return []
-    n = len(parts.tables["disk"])
+    n_disks = len(parts.tables["disk"])
     dampers = parts.tables["damper"]
     rings = [
-        (disk, n + k)
-        for k, disk in parts.seats("damper")
-        if not parts.usable("damper", k, "stiffness")
-        or dampers[k].stiffness > 0
-        or dampers[k].order is not None
+        (disk, n_disks + i)
+        for i, disk in parts.seats("damper")
+        if not parts.usable("damper", i, "stiffness")
+        or dampers[i].stiffness > 0
+        or dampers[i].order is not None
     ]
     means = mean_torques(parts, scale_speeds(parts))
     grounds = parts.sits_on("ground")
@@ -353,9 +382,9 @@ def hold_errors(parts, main: int | None) -> list[str]:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def balance_errors(parts, ratio) -> list[str]:
-    """Check that mean torques balance where neither a ground nor a load takes what is
-    left.
+def balance_errors(parts: Parts, ratio: Sequence[float | None]) -> list[str]:
+    """Check that mean torques balance where neither a ground nor a load takes the
+    rest.
     """
     if parts.tables["ground"] or parts.tables["load"] or not parts.complete:
         return []
@@ -367,16 +396,18 @@ def balance_errors(parts, ratio) -> list[str]:
             return []
     speeds = scale_speeds(parts)
     for rpm, mean in zip(speeds, mean_torques(parts, speeds), strict=True):
-        if any(ratio[d] is None for d in np.flatnonzero(mean)):
+        loaded = np.flatnonzero(mean)
+        ratios = [ratio[disk] for disk in loaded.tolist()]
+        if None in ratios:
             return []
-        power = np.array([ratio[d] * mean[d] for d in np.flatnonzero(mean)])
+        power = np.array(ratios, dtype=float) * mean[loaded]
         total = power.sum()
         size = np.abs(power).sum()
         if abs(total) > BALANCE_TOLERANCE * size:
-            at = f" at {rpm:g} rpm" if rpm else ""
+            at_speed = f" at {rpm:g} rpm" if rpm else ""
             return [
-                f"{parts.source}: the mean torques leave {total:.6g} N m{at} (sum of"
-                " speed ratio x mean torque), must balance in a train without ground."
-                " Add a [[load]] or a [[ground]], or correct the means."
+                f"{parts.source}: the mean torques leave {total:.6g} N m{at_speed} (sum"
+                " of speed ratio x mean torque), must balance in a train without"
+                " ground. Add a [[load]] or a [[ground]], or correct the means."
             ]
     return []

@@ -10,13 +10,22 @@ the speed of its rotor (den Hartog, Mechanical Vibrations, sec. 5.9, for small a
 a pendulum): the order n of its rotor then meets a node.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import math
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxhb._jax import namespace, traced
+from jaxhb._jax import Array, Number, namespace, traced
 from jaxhb.elements.elements import SceneError
+
+if TYPE_CHECKING:
+    from jaxhb.train.drivetrain import DriveTrain
+    from jaxhb.train.tables import Dampers, Shafts
+    from jaxhb.train.topology import Topology
 
 NEEDS = {
     "hz_links": ("over_hz", "hz"),
@@ -26,31 +35,31 @@ NEEDS = {
 """Key of the scene that makes a link vary, and the number at which it is constant."""
 
 
-def varying(topology) -> bool:
+def varying(topology: Topology) -> bool:
     """Tell whether any link varies."""
     return any(getattr(topology, field) for field in NEEDS)
 
 
-def refuse_varying(topology) -> None:
+def refuse_varying(topology: Topology) -> None:
     """Refuse links that vary, naming each, where constants are needed."""
     if varying(topology):
-        taken = dict.fromkeys(NEEDS, " takes") | {
+        verbs = dict.fromkeys(NEEDS, " takes") | {
             "order_links": " and the Campbell diagram take"
         }
-        why = {
-            field: f"which only the forced response{by}. Make it constant"
-            for field, by in taken.items()
+        reasons = {
+            field: f"which only the forced response{verb}. Make it constant"
+            for field, verb in verbs.items()
         }
         raise SceneError(
             [
                 sentence
                 for field in NEEDS
-                for sentence in _sentences(topology, [field], why[field])
+                for sentence in _sentences(topology, [field], reasons[field])
             ]
         )
 
 
-def _sentences(topology, fields, why) -> list[str]:
+def _sentences(topology: Topology, fields: Iterable[str], why: str) -> list[str]:
     """A sentence for each link that varies by one of ``fields``."""
     return [
         f"{topology.title}: {topology.link_names[i]!r} has {NEEDS[field][0]}, {why}:"
@@ -61,18 +70,30 @@ def _sentences(topology, fields, why) -> list[str]:
     ]
 
 
-def with_constant_links(train, ratios, *, hz, amplitude, rpm):
+def with_constant_links(
+    train: DriveTrain,
+    ratios: Array,
+    *,
+    hz: Number | None,
+    amplitude: Number | None,
+    rpm: Number | None,
+) -> DriveTrain:
     """Evaluate the links that vary; see :meth:`DriveTrain.with_constant_links`.
-    ``ratios`` : of the rotors' speeds.
+
+    ``ratios`` : ``[n_rotors]`` speed of each rotor over that of the reference rotor.
     """
     topology = train.topology
-    given = dict(zip(NEEDS, (hz, amplitude, rpm), strict=True))
+    numbers: dict[str, Number | None] = {
+        "hz_links": hz,
+        "amplitude_links": amplitude,
+        "order_links": rpm,
+    }
     errors = _sentences(
         topology,
-        [f for f in NEEDS if given[f] is None],
+        [field for field in NEEDS if numbers[field] is None],
         "which is constant at one number. Give it",
     )
-    for (_, name), value in zip(NEEDS.values(), given.values(), strict=True):
+    for (_, name), value in zip(NEEDS.values(), numbers.values(), strict=True):
         if (
             value is not None
             and not traced(value)
@@ -85,60 +106,67 @@ def with_constant_links(train, ratios, *, hz, amplitude, rpm):
     if errors:
         raise SceneError(errors)
     fixed = without_tables(train)
-    shafts = len(topology.shaft_names)
-    links, stiffer, damped = factors(
+    n_shafts = len(topology.shaft_names)
+    links, stiffness_factors, damping_factors = factors(
         train, hz, [amplitude] * len(topology.amplitude_links)
     )
     # Without a speed no link is tuned to an order, or an error was raised above.
-    extra = order_stiffness(train, ratios, 0.0 if rpm is None else rpm)
+    tuned_stiffness = order_stiffness(train, ratios, 0.0 if rpm is None else rpm)
 
-    def table(old, first, extra):
-        own = [
+    def constant(table: Any, first: int, added_stiffness: Number) -> Any:
+        """A table whose links count from ``first`` on, times their factors."""
+        rows = [
             k
             for k, link in enumerate(links)
-            if first <= link < first + len(old.stiffness)
+            if first <= link < first + len(table.stiffness)
         ]
-        index = [links[k] - first for k in own]
+        seats = [links[k] - first for k in rows]
+        places = np.array(rows, dtype=int)
         return dataclasses.replace(
-            old,
+            table,
             stiffness=scaled(
-                old.stiffness + extra, index, stiffer[np.array(own, dtype=int)]
+                table.stiffness + added_stiffness, seats, stiffness_factors[places]
             ),
-            damping=scaled(old.damping, index, damped[np.array(own, dtype=int)]),
-            loss_factor=scaled(
-                old.loss_factor, index, damped[np.array(own, dtype=int)]
-            ),
+            damping=scaled(table.damping, seats, damping_factors[places]),
+            loss_factor=scaled(table.loss_factor, seats, damping_factors[places]),
         )
 
     return dataclasses.replace(
         fixed,
-        shafts=table(fixed.shafts, 0, 0.0),
-        dampers=table(fixed.dampers, shafts, extra),
+        shafts=constant(fixed.shafts, 0, 0.0),
+        dampers=constant(fixed.dampers, n_shafts, tuned_stiffness),
     )
 
 
-def without_tables(train):
+def without_tables(train: DriveTrain) -> DriveTrain:
     """The train with its links as they are without any factor and without order-tuned
     stiffness.
     """
 
-    def bare(table, **change):
-        return dataclasses.replace(
-            table,
-            over_hz=table.over_hz[:, :0],
-            over_amplitude=table.over_amplitude[:, :0],
-            **change,
-        )
-
+    shafts: Any = train.shafts
+    dampers: Any = train.dampers
     return dataclasses.replace(
         train,
-        topology=dataclasses.replace(train.topology, **dict.fromkeys(NEEDS, ())),
-        shafts=bare(train.shafts),
-        dampers=bare(train.dampers, order=0.0 * train.dampers.order),
+        topology=dataclasses.replace(
+            train.topology, hz_links=(), amplitude_links=(), order_links=()
+        ),
+        shafts=dataclasses.replace(
+            shafts,
+            over_hz=shafts.over_hz[:, :0],
+            over_amplitude=shafts.over_amplitude[:, :0],
+        ),
+        dampers=dataclasses.replace(
+            dampers,
+            over_hz=dampers.over_hz[:, :0],
+            over_amplitude=dampers.over_amplitude[:, :0],
+            order=0.0 * dampers.order,
+        ),
     )
 
 
-def factors(train, hz, amplitudes):
+def factors(
+    train: DriveTrain, hz: Number | None, amplitudes: Sequence[Any]
+) -> tuple[list[int], Array, Array]:
     """Links with tables (V of them), and their factors of stiffness and of damping,
     arrays [V, ...].
 
@@ -148,43 +176,43 @@ def factors(train, hz, amplitudes):
     topology = train.topology
     xp = namespace(train.shafts, train.dampers, hz, *amplitudes)
     links = sorted({*topology.hz_links, *topology.amplitude_links})
-    used = [(link, "over_hz", hz) for link in topology.hz_links]
-    used += [
-        (link, "over_amplitude", a)
-        for link, a in zip(topology.amplitude_links, amplitudes, strict=True)
+    conditions = [(link, "over_hz", hz) for link in topology.hz_links]
+    conditions += [
+        (link, "over_amplitude", amplitude)
+        for link, amplitude in zip(topology.amplitude_links, amplitudes, strict=True)
     ]
-    found = {link: [1.0, 1.0] for link in links}
-    shafts = len(topology.shaft_names)
-    for link, field, at in used:
-        table, index = (
-            (train.shafts, link) if link < shafts else (train.dampers, link - shafts)
-        )
-        points, *values = getattr(table, field)[index].T
-        found[link] = [
-            f * xp.interp(at, points, v)
-            for f, v in zip(found[link], values, strict=True)
+    pairs = {link: [1.0, 1.0] for link in links}
+    n_shafts = len(topology.shaft_names)
+    for link, field, position in conditions:
+        is_shaft = link < n_shafts
+        table: Shafts | Dampers = train.shafts if is_shaft else train.dampers
+        index = link if is_shaft else link - n_shafts
+        points, *columns = getattr(table, field)[index].T
+        pairs[link] = [
+            factor * xp.interp(position, points, column)
+            for factor, column in zip(pairs[link], columns, strict=True)
         ]
     if not links:
         return links, xp.ones(0), xp.ones(0)
-    return links, *(
-        xp.stack([xp.asarray(pair[k]) for pair in found.values()]) for k in (0, 1)
-    )
+    stiffness = xp.stack([xp.asarray(factor) for factor, _ in pairs.values()])
+    damping = xp.stack([xp.asarray(factor) for _, factor in pairs.values()])
+    return links, stiffness, damping
 
 
-def scaled(values, index, by):
-    """``values`` [n, ...] with those at ``index`` multiplied."""
-    xp = namespace(values, by)
-    index = np.array(index, dtype=int)
+def scaled(values: Array, index: Sequence[int] | np.ndarray, factor: Number) -> Array:
+    """``values`` [n, ...] with those at ``index`` multiplied by ``factor``."""
+    xp = namespace(values, factor)
+    places = np.array(index, dtype=int)
     if xp is np:
-        values = np.array(values, dtype=np.float64)
-        values[index] *= by
-        return values
-    return xp.asarray(values).at[index].multiply(by, unique_indices=True)
+        scaled_values = np.array(values, dtype=np.float64)
+        scaled_values[places] *= factor
+        return scaled_values
+    return xp.asarray(values).at[places].multiply(factor, unique_indices=True)
 
 
-def order_stiffness(train, ratios, rpm):
+def order_stiffness(train: DriveTrain, ratios: Array, rpm: Number) -> Array:
     """Stiffness J n^2 Omega^2 of order-tuned dampers in N m/rad [..., n_dampers], at
-    ``rpm`` [...] of the reference.
+    ``rpm`` [...] of the reference rotor.
     """
     xp = namespace(train, rpm)
     dampers = train.dampers
