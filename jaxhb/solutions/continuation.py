@@ -53,8 +53,8 @@ TURNS = 12  # tangents tried at a corner
 Linearize = Callable[
     [np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray, Any]
 ]
-"""Map from ``y`` ``(m+1,)`` and a normal ``(m+1,)`` to H ``(m,)``, its change ``(m+1,)``,
-a tangent ``(m+1,)`` and slopes: see :func:`follow_curve`.
+"""Map from ``y`` and a normal, both ``(m+1,)``, to H ``(m,)``, a change and a tangent,
+both ``(m+1,)``, and slopes: see :func:`follow_curve`.
 """
 Simplify = Callable[[np.ndarray, Any], tuple[np.ndarray, np.ndarray]]
 """Map from ``y`` and slopes to H and a change: see :func:`follow_curve`."""

@@ -17,7 +17,7 @@ long it is nobody knows beforehand: the work is bounded.
 
 import dataclasses
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -128,13 +128,13 @@ class MapCurve:
             else np.asarray(law.friction)
         )
         shaft_slip = 0.0 if law.slip is None else np.asarray(law.slip)
-        changed = dataclasses.replace(
-            law,
-            epsilon=softened,
-            transition=transition * (widest / transition) ** remaining,
-            friction=np.where(shaft_friction > 0, shaft_friction, SLIP * added),
-            slip=np.where(shaft_friction > 0, shaft_slip, SLIP),
-        )
+        numbers: dict[str, Any] = {
+            "epsilon": softened,
+            "transition": transition * (widest / transition) ** remaining,
+            "friction": np.where(shaft_friction > 0, shaft_friction, SLIP * added),
+            "slip": np.where(shaft_friction > 0, shaft_slip, SLIP),
+        }
+        changed = dataclasses.replace(law, **numbers)
         # What damping in contact lacks in the gap, as far as there is one.
         viscous = (
             np.asarray(equation.viscous)

@@ -158,8 +158,8 @@ def _each(
 
 
 def alike(train: DriveTrain, *, cut_off: bool) -> DriveTrain:
-    """The train with the same arrays, of injections or gas factors, as the trains of its
-    misfires or cut-offs.
+    """The train with the array of injections, or of gas factors, that the trains of its
+    misfires, or cut-offs, have.
     """
     field = "gas_factor" if cut_off else "injection"
     key = f"{train.topology.cylinder_names[0]}.{field}"
