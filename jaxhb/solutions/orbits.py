@@ -17,7 +17,7 @@ from typing import TypeAlias
 import jax
 import numpy as np
 
-from jaxhb._jax import on_host
+from jaxhb._jax import Array, on_host
 from jaxhb.balance import map_newton, sweeps, swept
 from jaxhb.balance.map_newton import PackedPoint
 from jaxhb.balance.problem import problem_at
@@ -90,7 +90,7 @@ class _Map:
         """The point with all teeth on their drive sides, on the host."""
         return jax.tree.map(np.asarray, self.swept.flank)
 
-    def point_of(self, deflection: np.ndarray) -> SweepPoint:
+    def point_of(self, deflection: Array) -> SweepPoint:
         """The point from which deflections ``(G, n+1)`` m are marched."""
         return sweeps.point_of(
             on_host(self.swept.sweeps), np.asarray(deflection), self.plan
@@ -249,8 +249,8 @@ class OrbitSearch:
     def _nearly_closed(
         self, visited: _Visited
     ) -> Iterator[tuple[SweepPoint, list[Event]]]:
-        """Yield starts from cycles of the marches, those first that miss their beginning
-        least, with their paths.
+        """Yield starts from cycles of the marches, with their paths; those first that
+        miss their beginning least.
         """
         visibility = PackedPoint(self.map.swept.sweeps, self.map.flank()).visibility
         largest = np.max(visited.missed[np.isfinite(visited.missed)], initial=1e-300)
@@ -356,7 +356,7 @@ class OrbitSearch:
     def _taken(
         self, train_map: _Map, ended: Settled, path: Sequence[Event]
     ) -> Iterator[Response]:
-        """Yield the Response of the motion at which an iteration ended, if it is new."""
+        """Yield the Response of the motion where an iteration ended, if it is new."""
         deflection = np.asarray(ended.deflection)
         new = train_map.arrived(ended) and all(
             difference(deflection, other) > SAME for other in self.found

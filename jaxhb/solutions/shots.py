@@ -127,7 +127,7 @@ def _visited(stepper: Stepper) -> tuple[Array, Array]:
     periodicity errors ``(CYCLES,)`` of these cycles.
     """
 
-    def visit(state: Array, _: None) -> tuple[Array, tuple[Array, Array]]:
+    def visit(state, _):
         after, periodicity_error = cycle_error(stepper, state)
         return after, (state, periodicity_error)
 
