@@ -87,7 +87,7 @@ class SweptTrain:
         rpm: float,
         *,
         motion: np.ndarray | None = None,
-        deflection: np.ndarray | None = None,
+        deflection: Array | None = None,
         settled: float = SETTLED,
         newton: bool = True,
         at_hand: Response | None = None,
