@@ -16,6 +16,7 @@ from jaxhb._shown import brief
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.kinematics import rotor_ratios
 from jaxhb.results.answers import solved
+from jaxhb.results.bounds import Certificate
 from jaxhb.results.contact import Contact, contact_of
 from jaxhb.results.dataset import Dataset, to_xarray
 from jaxhb.results.display import response_html, response_line
@@ -102,7 +103,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     # Neither the log nor what the response was made from is part of what is compared.
     train: DriveTrain | None = field(default=None, compare=False)
     path: tuple = field(default=(), compare=False)
-    certificate: object = field(default=None, compare=False)
+    certificate: Certificate | None = field(default=None, compare=False)
 
     @property
     def harmonics(self) -> int:

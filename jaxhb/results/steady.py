@@ -64,7 +64,7 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
     notes: tuple[str, ...]
     motion: np.ndarray | None
     topology: Topology
-    stability: object = None
+    stability: Any = None
     started_from: float | None = None
 
     __repr__ = state_line

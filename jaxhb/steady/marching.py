@@ -312,7 +312,9 @@ class Batch:
         )[0]
 
     def motion(self, march: SpeedMarch) -> np.ndarray:
-        """Motion (x, x') ``(2S,)`` where a march stands, at the beginning of a cycle."""
+        """Motion (x, x') ``(2S,)`` of a march where it stands, at the beginning of a
+        cycle.
+        """
         return batch.motion_of(
             self.equations.modes,
             march.state[None],
@@ -382,14 +384,14 @@ class Batch:
         """Samples (l, l') ``(2G, count x steps)`` of the next cycles, through which the
         march goes; of its last cycle if ``count`` is 1.
         """
+        if count == 1:
+            assert march.trace is not None, "no cycle has been marched"
+            return march.trace[:-1].T
         parts = []
         for _ in range(count):
-            if count > 1:
-                self._run([march], 1, False, 1)
-            assert march.trace is not None, "the march has not begun"
+            self._run([march], 1, False, 1)
+            assert march.trace is not None, "a cycle has been marched"
             parts.append(march.trace[:-1].T)
-        if count == 1:
-            return parts[0]
         return np.concatenate(parts, axis=1)
 
 
