@@ -156,7 +156,7 @@ class RecordedSignal(Summarized, OverCycles):
 
     @property
     def spread(self) -> Spread:
-        """How far the extremes of other records may lie from these, as :class:`Spread`.
+        """Distance of the extremes of other records from these, as :class:`Spread`.
 
         From the extremes of eight parts of the record, which scatter no less than those
         of longer ones; 0 of fewer than 16 cycles.

@@ -26,8 +26,8 @@ from jaxhb.solutions import planning
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
-# Speed at which modes are made for any other: only the slowest depend on it, by a soft
-# hold, and so no bit of an answer depends on the speeds beside it
+# Speed at which the modes for all speeds are made: only the slowest depend on it, by a
+# soft hold, and no bit of them on the speed that is solved
 MODES_RPM = 1000.0
 
 
