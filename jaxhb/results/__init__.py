@@ -1,4 +1,4 @@
-"""What an answer is: response, signals, contact of the teeth, status, steady state.
+"""Answers: responses, signals, contact of the teeth, statuses, steady states.
 Arrays of a solution go in; what an engineer reads by name comes out.
 """
 

@@ -1,5 +1,4 @@
-"""One door to the numbers of answers: which may be read, and what becomes of the
-others.
+"""One door to the numbers of answers: which may be read, and what replaces the rest.
 
 A response keeps the last iterate of a solve that failed, whose numbers belong to no
 motion. Two grades may be read:
@@ -9,7 +8,7 @@ motion. Two grades may be read:
 - converged: their truncation error is within its limit besides, so that numbers need no
   mark of doubt.
 
-What reads answers does one of four things with the others: it leaves them out and says
+A reader of answers does one of four things with the rest: it leaves them out and says
 so (:func:`left_out`), refuses to go on without them (:func:`need_solved`,
 :func:`jaxhb.check`), puts nan in their place (:func:`with_gaps`), or, where derivatives
 go through them, zeros (:func:`with_zeros`).
@@ -23,7 +22,7 @@ import numpy as np
 
 from jaxhb._jax import Array, namespace
 from jaxhb._shown import ranges
-from jaxhb.results.status import NotConverged, Status
+from jaxhb.results.status import AnyResponse, NotConverged, Status
 
 OF_MOTION: tuple[str, ...] = (
     "angles",
@@ -39,16 +38,16 @@ solved.
 """
 
 
-def solved(status: Any) -> Any:
-    """Whether the equations are solved, so that the numbers are those of a motion, of
+def solved(status: Array | int) -> Any:
+    """Whether the equations are solved, so that the numbers are those of a motion: for
     every status ``(...)``.
     """
     return status <= Status.TOLERANCE_NOT_MET
 
 
-def need_solved(response: Any) -> Any:
-    """The response at one speed; :class:`NotConverged` with a sentence where it solves
-    no equations.
+def need_solved(response: AnyResponse) -> AnyResponse:
+    """Return the response at one speed; raise :class:`NotConverged` with a sentence
+    where it solves no equations.
     """
     status = Status(int(response.status))
     if not solved(status):
@@ -67,51 +66,49 @@ def left_out(
     kept: Array | None = None,
     advice: Mapping[Status, str] | None = None,
 ) -> list[str]:
-    """A sentence for each status of the speeds ``(n,)`` that are not ``kept``, by
-    default those not solved; what is to be done is the ``advice`` for a status or its
-    own.
+    """Return a sentence for each status of the speeds ``(n,)`` that are not ``kept``,
+    by default those not solved; it ends with the ``advice`` for that status, or else
+    with the sentence of the status itself.
     """
     rpm = np.atleast_1d(rpm)
     status = np.atleast_1d(status)
     lost = ~np.atleast_1d(solved(status) if kept is None else kept)
-    told = []
-    for found in map(Status, np.unique(status[lost]).tolist()):
-        speeds = ranges(rpm.tolist(), rpm[lost & (status == found)].tolist())
-        told.append(
-            f"{title} at {speeds} rpm: {found.name}:"
-            f" {(advice or {}).get(found, found.sentence)}."
+    sentences = []
+    for failure in map(Status, np.unique(status[lost]).tolist()):
+        speeds = ranges(rpm.tolist(), rpm[lost & (status == failure)].tolist())
+        sentences.append(
+            f"{title} at {speeds} rpm: {failure.name}:"
+            f" {(advice or {}).get(failure, failure.sentence)}."
         )
-    return told
+    return sentences
 
 
-def with_gaps(response: Any, *, doubtful: bool = False) -> Any:
-    """The response of one or several speeds with nan for the motion where the equations
-    have no answer, and where it is ``doubtful``, of too few harmonics, unless that is
-    asked for.
+def with_gaps(response: AnyResponse, *, doubtful: bool = False) -> AnyResponse:
+    """Return the response of one or several speeds with nan for the motion where the
+    equations have no answer, and, unless ``doubtful``, where it has too few harmonics.
     """
-    return _masked(
-        response, solved(response.status) if doubtful else response.converged, np.nan
-    )
+    readable = solved(response.status) if doubtful else response.converged
+    return _masked(response, readable, np.nan)
 
 
-def with_zeros(response: Any) -> Any:
-    """The response with zeros where the equations are not solved: masked before it is
-    read, so that no derivative is nan.
+def with_zeros(response: AnyResponse) -> AnyResponse:
+    """Return the response with zeros where the equations are not solved: masked before
+    it is read, so that no derivative is nan.
     """
     return _masked(response, solved(response.status), 0.0)
 
 
-def _masked(response, kept, fill):
-    """The response with ``fill`` for the numbers of motions that are not ``kept``
-    ``(...)``.
+def _masked(response: AnyResponse, valid: Array, fill: float) -> AnyResponse:
+    """Return the response with ``fill`` for the numbers of motions that are not
+    ``valid`` ``(...)``.
     """
-    if namespace(kept) is np and np.all(kept):
+    if namespace(valid) is np and np.all(valid):
         return response
 
-    def masked(values):
-        xp = namespace(values, kept)
-        shape = np.shape(kept) + (1,) * (np.ndim(values) - np.ndim(kept))
-        return xp.where(xp.asarray(kept).reshape(shape), values, fill)
+    def masked(values: Array) -> Array:
+        xp = namespace(values, valid)
+        shape = np.shape(valid) + (1,) * (np.ndim(values) - np.ndim(valid))
+        return xp.where(xp.asarray(valid).reshape(shape), values, fill)
 
     names = [name for name in OF_MOTION if hasattr(response, name)]
     return dataclasses.replace(

@@ -1,5 +1,5 @@
-"""A computed bound: within what distance of a computed motion one of the train lies,
-and what it was computed from.
+"""Computed bounds: how near to a computed motion one of the train lies, and the numbers
+that show it.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ MARGINS = (
     f"in double precision; margins on iterated norms x{NORM_MARGIN:g}, on estimated row"
     f" sums x{ROW_SUM_MARGIN:g}"
 )
-"""What is said beside the numbers of a bound."""
+"""Reservations that stand beside the numbers of a bound."""
 
 
 @by_value
@@ -50,8 +50,8 @@ class Kantorovich:
 
     @property
     def radius(self) -> float:
-        """(36): ``(1 - sqrt(1 - 2 h0)) / h0 delta0``, within which a solution exists;
-        nan where the theorem fails.
+        """Distance within which a solution exists, (36): ``(1 - sqrt(1 - 2 h0)) / h0
+        delta0``; nan where the theorem fails.
         """
         # Written without a difference of nearly equal numbers where h0 is small.
         return 2 * self.delta0 / (1 + self._root)
@@ -65,7 +65,7 @@ class Kantorovich:
         return (1 + self._root) / slope if slope else np.inf
 
     @property
-    def _root(self):
+    def _root(self) -> float:
         return np.sqrt(1 - 2 * self.h0) if self.holds else np.nan
 
     def bound(self, steps: int) -> float:
@@ -86,16 +86,16 @@ class Kantorovich:
 @brief
 @dataclass(frozen=True)
 class Certificate:
-    """How far a periodic motion of the train is from a computed one, made by
-    :func:`jaxhb.certify`; ``str`` says it.
+    """Bound on the distance of a periodic motion of the train from a computed one, made
+    by :func:`jaxhb.certify`; ``str`` says it.
 
     A computed bound and no proof: all of it is in double precision without outward
     rounding, see :func:`jaxhb.certify`.
 
     Parameters
     ----------
-    reason : what failed and what to do, empty where a bound holds; meshes : names of
-    those with backlash
+    reason : what failed and what to do, empty where a bound holds
+    meshes : names of those with backlash
     deflection_bound, elastic_bound, force_bound : ``(G,)`` m, N, N
         Of each mesh the largest difference over the cycle between the computed motion
         and that of the train: of the deflection, of the elastic tooth force and of the
@@ -113,7 +113,7 @@ class Certificate:
     """
 
     reason: str
-    meshes: tuple
+    meshes: tuple[str, ...]
     deflection_bound: np.ndarray
     elastic_bound: np.ndarray
     force_bound: np.ndarray
@@ -153,7 +153,7 @@ class Certificate:
         """
         return 2 * self.Y0 if self.holds else 0.0
 
-    def __str__(self):
+    def __str__(self) -> str:
         if not self.holds:
             return f"no computed bound: {self.reason}"
         if not len(self.meshes):
@@ -170,4 +170,4 @@ _NONE = np.zeros(0)
 LINEAR = Certificate(
     "", (), _NONE, _NONE, _NONE, Y0=0.0, Z1=0.0, Z2=0.0, small_gain=0.0, low=0, high=0
 )
-"""Of equations that are linear and solved exactly."""
+"""Certificate of equations that are linear and solved exactly."""

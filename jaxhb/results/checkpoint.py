@@ -1,19 +1,22 @@
-"""What is found, written to a folder as the work goes, part by part: work that was
-stopped goes on where it was.
+"""Checkpoints: answers written to a folder as the work goes, part by part, so that work
+that was stopped goes on where it was.
 
-A part is what is asked for at a time and what is found, and its file has the name of a
-hash of the question; asked again, the answer is read. As questions follow from answers
+A part is a question and its answer. Its file is named by a hash of the question; the
+next time the question comes, the answer is read. As questions follow from answers
 alone, work that goes on gives the same numbers to the last bit. A file appears whole or
 not at all, and is believed only as it was written (:mod:`jaxhb._private`).
 """
 
+from __future__ import annotations
+
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import jax
 import numpy as np
@@ -23,50 +26,56 @@ from jaxhb._files import clear_parts, write_whole
 from jaxhb._private import NotPrivate, PrivateFolder, read_private
 from jaxhb._store import blake2, package_hash
 from jaxhb.results.serial import pack, unpack
+from jaxhb.train.drivetrain import DriveTrain
+
+if TYPE_CHECKING:
+    from jaxhb.results.steady import SteadyState
+
+
+Answer = TypeVar("Answer")
 
 MANIFEST = "sweep.json"
 
 CHUNK = 64  # speeds of a chunk by default: as many as are marched side by side
-PACKAGES = (
-    "numpy",
-    "scipy",
-    "jax",
-    "jaxlib",
-    "optax",
-)  # others of them may find other last digits
+# Other versions of these may give other last digits
+PACKAGES = ("numpy", "scipy", "jax", "jaxlib", "optax")
 
 
 class CheckpointError(ValueError):
-    """A folder that holds something else, or that cannot be written: a sentence for the
-    user.
-    """
+    """A folder holds something else, or cannot be written: a sentence for the user."""
 
 
 @dataclass(frozen=True)
 class Cached:
     """A folder that nobody asked for: work goes on without it where it cannot be
-    written, and ``lost`` is told why.
+    written, and ``lost`` is called with the reason.
     """
 
     folder: Path
     lost: Callable[[str], object]
 
-    def __truediv__(self, name: str) -> "Cached":
+    def __truediv__(self, name: str) -> Cached:
         return Cached(self.folder / name, self.lost)
 
 
 class Checkpoint:
-    """A folder of what is found for one train, for one way of asking.
+    """A folder of answers for one train and one set of options.
 
-    ``folder``: a path, or a :class:`Cached` one; ``asked``: values that the answers
+    ``folder``: a path, or a :class:`Cached` one; ``settings``: values that the answers
     depend on beside the train, by the name under which a sentence speaks of them;
-    ``chunk``: speeds that are computed and written together, None of work in other
+    ``chunk``: speeds that are computed and written together, None for work in other
     parts. A CheckpointError for a folder that holds anything else, be it of another
-    train, other sources of the package or other options, for one in which others could
-    write, and for one that cannot be written, unless it is Cached.
+    train, other sources of the package or other options, for one in which other users
+    could write, and for one that cannot be written, unless it is Cached.
     """
 
-    def __init__(self, folder, train, asked, chunk=CHUNK):
+    def __init__(
+        self,
+        folder: str | Path | Cached,
+        train: DriveTrain,
+        settings: Mapping[str, Any],
+        chunk: int | None = CHUNK,
+    ):
         if chunk is not None and not (
             isinstance(chunk, int | np.integer) and chunk >= 1
         ):
@@ -74,37 +83,36 @@ class Checkpoint:
                 f"chunk is {chunk!r}: give a whole number of speeds, at least 1."
             )
         self.lost = folder.lost if isinstance(folder, Cached) else None
-        self.folder = Path(folder.folder if self.lost else folder)
+        self.folder = Path(folder.folder if isinstance(folder, Cached) else folder)
         self.chunk = chunk
         options = {} if chunk is None else {"speeds of a chunk": int(chunk)}
-        options |= {name: _told(value) for name, value in asked.items()}
-        now = {
+        options |= {name: _manifest_value(value) for name, value in settings.items()}
+        manifest = {
             "scene": train.topology.name,
             "numbers": hash_of(train),
             "versions": versions(),
             "options": options,
         }
-        self.origin = digest(now)
+        self.origin = digest(manifest)
         self.private = None
         try:
             self.private = PrivateFolder(self.folder)
-            self._open(now)
+            self._open(manifest)
         except OSError as error:
             self._fail(error)
 
-    def _open(self, now):
-        """Begin in an empty folder, go on in one that answers the same question."""
+    def _open(self, manifest: dict[str, Any]) -> None:
+        """Begin in an empty folder, go on in one with the same manifest."""
         clear_parts(self.folder)
         if (self.folder / MANIFEST).exists():
             try:
-                self._compare(now)
+                self._compare(manifest)
                 return
             except CheckpointError:
                 if self.lost is None:
                     raise
-                for path in self.folder.glob(
-                    "*.npz"
-                ):  # nobody asked for it: the work begins anew
+                # Nobody asked for this folder: the work begins anew.
+                for path in self.folder.glob("*.npz"):
                     path.unlink(missing_ok=True)
         elif (
             any(not path.name.startswith(".") for path in self.folder.iterdir())
@@ -114,61 +122,74 @@ class Checkpoint:
                 f"{str(self.folder)!r} holds other files. Give this sweep a folder of"
                 " its own."
             )
-        manifest = json.dumps(now, indent=1, ensure_ascii=False).encode()
-        write_whole({self.folder / MANIFEST: [manifest]}, mode=0o600)
+        content = json.dumps(manifest, indent=1, ensure_ascii=False).encode()
+        write_whole({self.folder / MANIFEST: [content]}, mode=0o600)
 
-    def _compare(self, now):
-        """Refuse a folder whose answers are to other questions."""
+    def _compare(self, manifest: dict[str, Any]) -> None:
+        """Refuse a folder with another manifest: its answers are to other questions."""
         place = repr(str(self.folder))
-        other = "Give another folder, or remove this one."
+        remedy = "Give another folder, or remove this one."
         try:
-            there = json.loads(read_private(self.folder / MANIFEST))
-            parts = (
-                there["scene"],
-                there["numbers"],
-                there["versions"].items(),
-                there["options"].items(),
+            stored = json.loads(read_private(self.folder / MANIFEST))
+            stored_parts = (
+                stored["scene"],
+                stored["numbers"],
+                stored["versions"].items(),
+                stored["options"].items(),
             )
         except (ValueError, KeyError, TypeError, AttributeError, OSError):
             raise CheckpointError(
                 f"{place} has no readable {MANIFEST}: it is no folder of a sweep."
-                f" {other}"
+                f" {remedy}"
             ) from None
-        if parts[:2] != (now["scene"], now["numbers"]):
-            scene = there["scene"]
-            what = (
+        if stored_parts[:2] != (manifest["scene"], manifest["numbers"]):
+            scene = stored["scene"]
+            description = (
                 "the same scene with other numbers"
-                if scene == now["scene"]
+                if scene == manifest["scene"]
                 else f"scene {scene!r}"
             )
-            raise CheckpointError(f"{place} holds a sweep of {what}. {other}")
+            raise CheckpointError(f"{place} holds a sweep of {description}. {remedy}")
         for kind in ("versions", "options"):
-            for name, value in now[kind].items():
-                if there[kind].get(name) != value:
-                    was = f"{name} {there[kind].get(name)} there, {value} now"
+            for name, value in manifest[kind].items():
+                if stored[kind].get(name) != value:
+                    change = f"{name} {stored[kind].get(name)} there, {value} now"
                     raise CheckpointError(
-                        f"{place} holds a sweep with other {kind}: {was}. {other}"
+                        f"{place} holds a sweep with other {kind}: {change}. {remedy}"
                     )
 
-    def keep_or_march(self, classifier, indices, motions, progress):
-        """What ``classifier.march_to_the_end`` gives of the speeds of a chunk, from the
-        folder where it is there.
+    def keep_or_march(
+        self,
+        classifier,
+        indices: Sequence[int],
+        motions: Mapping[int, np.ndarray],
+        progress: Callable[[int], object],
+    ) -> dict[int, SteadyState]:
+        """Steady states of the speeds of a chunk by index: read from the folder where
+        they are there, else made by ``classifier.march_to_the_end``.
         """
-        given = [index in motions for index in indices]
+        started = [index in motions for index in indices]
 
         def compute():
-            found = classifier.march_to_the_end(indices, motions, progress)
-            return [found[index] for index in indices]
+            states_by_index = classifier.march_to_the_end(indices, motions, progress)
+            return [states_by_index[index] for index in indices]
 
         states = self.keep(
-            (classifier.speeds[indices], given, *motions.values()), compute, progress
+            (classifier.speeds[indices], started, *motions.values()), compute, progress
         )
         return dict(zip(indices, states, strict=True))
 
-    def keep(self, question, compute, progress=lambda count: None):
-        """What ``compute()`` gives to a question, of values that :func:`pack` takes,
-        from the folder where it is there; then ``progress`` is called with the number
-        of its parts, if it is a list.
+    def keep(
+        self,
+        question: Any,
+        compute: Callable[[], Answer],
+        progress: Callable[[int], object] = lambda count: None,
+    ) -> Answer:
+        """Answer a question, made of values that :func:`pack` takes, from the folder;
+        where the answer is not there, by ``compute()``.
+
+        ``progress`` is called for an answer that was read: with its length if it is a
+        list, else with 1.
         """
         name = f"{digest(self.origin, question)}.npz"
         answer = self._read(name)
@@ -183,11 +204,11 @@ class Checkpoint:
                 self._fail(error)
         return answer
 
-    def _read(self, name):
+    def _read(self, name: str) -> Any:
         """The answer of a file; None where it is not there, or not as it was written:
         then it is computed again.
         """
-        content = self.private and self.private.read(name)
+        content = None if self.private is None else self.private.read(name)
         if content is None:
             return None
         try:
@@ -196,12 +217,13 @@ class Checkpoint:
                 return unpack(
                     index, [file[f"a{i}"] for i in range(len(file.files) - 1)]
                 )
-        except Exception:  # whatever a damaged file does to its reader
+        # Whatever a damaged file does to its reader.
+        except Exception:
             return None
 
-    def _fail(self, error):
-        """Say that the folder cannot be used: an error where it was asked for, else the
-        work goes on without it.
+    def _fail(self, error: OSError) -> None:
+        """Give up the folder: an error where the user chose it, else the work goes on
+        without it.
         """
         if isinstance(error, NotPrivate):
             why = str(error)
@@ -219,65 +241,71 @@ class Checkpoint:
         raise CheckpointError(why + stays) from None
 
 
-def place_in(folder, name):
-    """A folder of the name in a path or :class:`Cached`; None in None."""
+def place_in(folder: str | Path | Cached | None, name: str) -> Path | Cached | None:
+    """Return the folder of that name in a path or :class:`Cached`; None for None."""
     if folder is None:
         return None
     return (folder if isinstance(folder, Cached) else Path(folder)) / name
 
 
-def computed(question, compute, progress=None):
-    """What ``compute()`` gives, which is kept nowhere."""
+def computed(
+    question: Any,
+    compute: Callable[[], Answer],
+    progress: Callable[[int], object] | None = None,
+) -> Answer:
+    """Answer any question by ``compute()``, and keep the answer nowhere."""
     return compute()
 
 
-def keeper(folder, train, asked, chunk=None):
-    """``keep(question, compute)`` of a :class:`Checkpoint`; without a folder what is
-    asked for is computed.
-    """
+def keeper(
+    folder: str | Path | Cached | None,
+    train: DriveTrain,
+    settings: Mapping[str, Any],
+    chunk: int | None = None,
+) -> Callable[..., Any]:
+    """Return :meth:`Checkpoint.keep` of a folder; without one :func:`computed`."""
     if folder is None:
         return computed
-    return Checkpoint(folder, train, asked, chunk).keep
+    return Checkpoint(folder, train, settings, chunk).keep
 
 
-def _content(answer):
+def _content(answer: Any) -> bytes:
     """An answer as the bytes of a file of arrays."""
     index, arrays = pack(answer)
     text = np.frombuffer(json.dumps(index).encode(), dtype=np.uint8)
     content = io.BytesIO()
-    np.savez(content, index=text, **{f"a{i}": array for i, array in enumerate(arrays)})
+    by_name: dict[str, Any] = {f"a{i}": array for i, array in enumerate(arrays)}
+    np.savez(content, index=text, **by_name)
     return content.getvalue()
 
 
-def _told(value):
-    """A value of what is asked as the manifest tells it: plain where it is plain, else
-    by its digest.
-    """
+def _manifest_value(value: Any) -> Any:
+    """A setting as the manifest holds it: plain where it is plain, else its digest."""
     plain = value is None or type(value) in (bool, int, float, str)
     return value if plain else digest(value)
 
 
 @cache
-def versions():
-    """Versions of all that answers depend on, by name."""
-    found = {"jaxhb": __version__, "sources of jaxhb": package_hash().hex()}
+def versions() -> dict[str, str]:
+    """Versions of everything that answers depend on, by name."""
+    by_name = {"jaxhb": __version__, "sources of jaxhb": package_hash().hex()}
     for package in PACKAGES:
         try:
-            found[package] = version(package)
+            by_name[package] = version(package)
         except PackageNotFoundError:
-            found[package] = ""
-    return found
+            by_name[package] = ""
+    return by_name
 
 
-def hash_of(train):
-    """Hash of all that a train is: its numbers, names and connections, in hexadecimal
+def hash_of(train: DriveTrain) -> str:
+    """Hash of a whole train, its numbers, names and connections, in hexadecimal
     digits.
     """
     leaves, tree = jax.tree.flatten(train)
     return digest([np.asarray(leaf) for leaf in leaves], repr(tree))
 
 
-def digest(*values):
+def digest(*values: Any) -> str:
     """Hash of all digits of values that :func:`pack` takes, in hexadecimal digits."""
     index, arrays = pack(values)
     shapes = repr([(array.shape, array.dtype.str) for array in arrays])

@@ -1,5 +1,5 @@
-"""What the teeth of a mesh do over one cycle: separation, reverse contact, impacts.
-Host arithmetic on one mesh.
+"""Contact of the teeth of one mesh over a cycle: separation, reverse contact, impacts.
+Host arithmetic.
 """
 
 from dataclasses import dataclass
@@ -15,18 +15,24 @@ from jaxhb.equations import backlash, fourier
 class Contact:
     """Contact of one mesh over one cycle.
 
+    Parameters
+    ----------
     separated_fraction : share of the cycle in which the teeth are apart: ``|l|`` is
-    below the gap of the law reverse_contact_fraction : share of the cycle in contact on
-    the flank that does not drive impacts : entries into contact, dicts of ``cycle``
-    (share of the cycle), ``speed`` in m/s, ``side`` +1 or -1 drive_side : sign of the
-    mesh's mean force gap_spring_force, knee_force : N, the largest force in the gap;
-    the force above which the tooth is stiff pulling_force : N, largest damping force
-    that holds parting teeth back in the gap: law "always"
+    below the gap of the law
+    reverse_contact_fraction : share of the cycle in contact on the flank that does not
+    drive
+    impacts : entries into contact, dicts of ``cycle`` (share of the cycle), ``speed``
+    in m/s, ``side`` +1 or -1
+    drive_side : sign of the mesh's mean force
+    gap_spring_force, knee_force : N, the largest force in the gap; the force above
+    which the tooth is stiff
+    pulling_force : N, largest damping force that holds parting teeth back in the gap:
+    law "always"
     """
 
     separated_fraction: float
     reverse_contact_fraction: float
-    impacts: list
+    impacts: list[dict[str, float]]
     drive_side: int
     gap_spring_force: float
     knee_force: float
@@ -43,9 +49,16 @@ class Contact:
         return max((impact["speed"] for impact in self.impacts), default=0.0)
 
 
-def contact_of(law, deflection, force, elastic, frequency, resolution):
-    """:class:`Contact` from the coefficients of a mesh's deflection and force; ``law``
-    of floats, None: linear.
+def contact_of(
+    law: backlash.Law | None,
+    deflection: np.ndarray,
+    force: np.ndarray,
+    elastic: np.ndarray,
+    frequency: float,
+    resolution: int,
+) -> Contact:
+    """:class:`Contact` from the coefficients ``(n+1,)`` of a mesh's deflection in m and
+    of its force, whole and elastic, in N; ``law`` of floats, None for a linear mesh.
     """
     if deflection.ndim > 1:
         raise ValueError(
@@ -57,9 +70,8 @@ def contact_of(law, deflection, force, elastic, frequency, resolution):
     if law is None:
         return Contact(0.0, 0.0, [], drive, 0.0, 0.0, 0.0)
     samples = max(resolution, 4096)
-    unknown = (
-        0.0 if np.isfinite(deflection).all() else np.nan
-    )  # no comparison below sees nan
+    # No comparison below sees nan.
+    unknown = 0.0 if np.isfinite(deflection).all() else np.nan
     l = fourier.synthesize(deflection, samples)
     speed = fourier.synthesize(fourier.derivative(deflection, frequency), samples)
     gap = law.gap
@@ -80,7 +92,7 @@ def contact_of(law, deflection, force, elastic, frequency, resolution):
     )
 
 
-def _fraction_below(values, level):
+def _fraction_below(values: np.ndarray, level: float) -> float:
     """Share of the cycle with values < level, the crossings interpolated linearly."""
     here = values - level
     ahead = np.roll(values, -1) - level
@@ -92,7 +104,7 @@ def _fraction_below(values, level):
     return float((both + np.where(crossing, below, 0.0)).mean())
 
 
-def _impacts(l, speed, gap):
+def _impacts(l: np.ndarray, speed: np.ndarray, gap: float) -> list[dict[str, float]]:
     """Entries into contact: |l| rises through ``gap``."""
     distance = np.abs(l)
     ahead = np.abs(np.roll(l, -1))
@@ -102,4 +114,7 @@ def _impacts(l, speed, gap):
     approach = np.abs((1 - share) * speed[entries] + share * speed[after])
     columns = (entries + share) / len(l), approach, np.sign(l[after])
     rows = zip(*(column.tolist() for column in columns), strict=True)
-    return [{"cycle": at, "speed": fast, "side": int(side)} for at, fast, side in rows]
+    return [
+        {"cycle": instant, "speed": approach_speed, "side": int(side)}
+        for instant, approach_speed, side in rows
+    ]

@@ -2,6 +2,8 @@
 The only importer of xarray.
 """
 
+from __future__ import annotations
+
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +13,17 @@ from jaxhb.results.signal import Signal
 from jaxhb.results.status import Status
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from xarray import Dataset
+
+    from jaxhb._jax import Array, Numbers
+    from jaxhb.results.motion import Motion
+    from jaxhb.results.response import Response
+    from jaxhb.results.steady import SteadyState
+    from jaxhb.train.topology import Topology
+
+    Spectrum = tuple[Array, Array, np.ndarray, float]
 else:
     Dataset = Any
 
@@ -28,7 +40,7 @@ SIGNALS = {
     ),
     "tooth_force": ("force", "mesh", "N", "tooth force, elastic and damping part"),
 }
-"""How what vibrates is read of a motion, its dimension, unit and meaning."""
+"""Reader of a motion for every vibrating quantity, its dimension, unit and meaning."""
 
 STATISTICS = {
     "mean": "mean of the ",
@@ -109,13 +121,19 @@ UNKNOWN = {
     "period": 0,
     "harmonics": 0,
 }
-"""Where there is no number."""
+"""Values of variables for which there is no number."""
 
 
-def to_xarray(motions, topology, rpm, *, orders=None):
-    """The data set (:meth:`jaxhb.Response.to_xarray`) of Responses or SteadyStates of
-    one train, along ``rpm`` ``(n,)`` or of one at a number; ``orders`` by default up to
-    the highest of the motions of disks.
+def to_xarray(
+    motions: Sequence[Response | SteadyState],
+    topology: Topology,
+    rpm: Numbers,
+    *,
+    orders: float | None = None,
+) -> Dataset:
+    """Data set (:meth:`jaxhb.Response.to_xarray`) of Responses or SteadyStates of one
+    train along ``rpm`` ``(n,)``, or of a single one where ``rpm`` is a number; with
+    orders up to ``orders``, by default up to the highest of the motions of disks.
     """
     try:
         import xarray
@@ -124,66 +142,73 @@ def to_xarray(motions, topology, rpm, *, orders=None):
             'labelled arrays need xarray. Install it: pip install "jaxhb[data]"'
         ) from None
     read = [_numbers(motion, topology) for motion in motions]
-    listed = [own for _, spectra in read for _, _, own, _ in spectra.values()]
+    listed = [
+        motion_orders
+        for _, spectra in read
+        for _, _, motion_orders, _ in spectra.values()
+    ]
     order = np.unique(np.concatenate(listed or [np.zeros(0)]))
     order = order[
         : np.searchsorted(order, np.inf if orders is None else orders, side="right")
     ]
-    names = {dim: np.array(own, dtype=str) for dim, own in names_of(topology).items()}
+    names = {
+        dim: np.array(labels, dtype=str) for dim, labels in names_of(topology).items()
+    }
     dims = {"rpm": np.asarray(rpm, dtype=float)} | names | {"order": order}
-    dims = {
-        name: own for name, own in dims.items() if np.size(own)
-    }  # NetCDF has no empty dimension
-    many, found = np.ndim(rpm) > 0, {}
+    # NetCDF has no empty dimension.
+    dims = {name: labels for name, labels in dims.items() if np.size(labels)}
+    many = np.ndim(rpm) > 0
+    leading_dims = ("rpm",) if many else ()
+    variables = {}
 
-    def keep(name, rows, own, unit, said):
+    def add_variable(
+        name: str,
+        rows: Sequence[np.ndarray],
+        row_dims: tuple[str, ...],
+        unit: str,
+        meaning: str,
+    ) -> None:
         values = np.stack(rows) if many else rows[0]
-        attributes = {"long_name": said} | ({"units": unit} if unit else {})
-        found[name] = ((*(("rpm",) if many else ()), *own), values, attributes)
+        attributes = {"long_name": meaning} | ({"units": unit} if unit else {})
+        variables[name] = ((*leading_dims, *row_dims), values, attributes)
 
-    for name, (unit, said) in OF_MOTIONS.items():
-        keep(
-            name,
-            [
-                np.asarray(values.get(name, UNKNOWN.get(name, np.nan)))
-                for values, _ in read
-            ],
-            (),
-            unit,
-            said,
-        )
+    for name, (unit, meaning) in OF_MOTIONS.items():
+        unknown = UNKNOWN.get(name, np.nan)
+        rows = [np.asarray(numbers.get(name, unknown)) for numbers, _ in read]
+        add_variable(name, rows, (), unit, meaning)
     of_elements = OF_ELEMENTS | {
-        f"{name}_{statistic}": (dim, unit, words + said)
-        for name, (_, dim, unit, said) in SIGNALS.items()
+        f"{name}_{statistic}": (dim, unit, words + meaning)
+        for name, (_, dim, unit, meaning) in SIGNALS.items()
         for statistic, words in STATISTICS.items()
     }
-    for name, (dim, unit, said) in of_elements.items():
+    for name, (dim, unit, meaning) in of_elements.items():
         if dim in dims:
             nothing = np.full(len(dims[dim]), np.nan)
             rows = [
-                np.asarray(values.get(name, nothing), dtype=float) for values, _ in read
+                np.asarray(numbers.get(name, nothing), dtype=float)
+                for numbers, _ in read
             ]
-            keep(name, rows, (dim,), unit, said)
+            add_variable(name, rows, (dim,), unit, meaning)
     for name in WITH_ORDERS:
-        _, dim, unit, said = SIGNALS[name]
+        _, dim, unit, meaning = SIGNALS[name]
         if dim in dims and "order" in dims:
-            spectra = [
+            aligned = [
                 _spectrum(spectra.get(name), len(dims[dim]), order)
                 for _, spectra in read
             ]
-            keep(
+            add_variable(
                 f"{name}_amplitude",
-                [a for a, _ in spectra],
+                [amplitudes for amplitudes, _ in aligned],
                 (dim, "order"),
                 unit,
-                f"one-sided amplitude, {said}",
+                f"one-sided amplitude, {meaning}",
             )
-            keep(
+            add_variable(
                 f"{name}_phase",
-                [b for _, b in spectra],
+                [phases for _, phases in aligned],
                 (dim, "order"),
                 "degree",
-                f"phase of the cosine, {said}",
+                f"phase of the cosine, {meaning}",
             )
     units = {"rpm": {"units": "rpm", "long_name": "speed of the reference rotor"}}
     units["order"] = {
@@ -191,24 +216,24 @@ def to_xarray(motions, topology, rpm, *, orders=None):
         "long_name": "order, per revolution of the reference rotor",
     }
     coordinates = {
-        name: ((name,) if many or name != "rpm" else (), v, units.get(name, {}))
-        for name, v in dims.items()
+        name: ((name,) if many or name != "rpm" else (), labels, units.get(name, {}))
+        for name, labels in dims.items()
     }
     about = {
         "scene": topology.name,
         "revolutions_per_cycle": float(topology.revolutions_per_cycle),
     }
     return xarray.Dataset(
-        found, coordinates, about | {"source": f"jaxhb {__version__}"}
+        variables, coordinates, about | {"source": f"jaxhb {__version__}"}
     )
 
 
-def as_netcdf(data):
-    """Bytes of a NetCDF file (version 3, which everything reads) of a data set."""
+def as_netcdf(data: Dataset) -> bytes:
+    """Bytes of a data set as a NetCDF file (version 3, which everything reads)."""
     return bytes(data.to_netcdf(engine="scipy", format="NETCDF3_64BIT"))
 
 
-def names_of(topology):
+def names_of(topology: Topology) -> dict[str, tuple[str, ...]]:
     """Names of the elements of every dimension."""
     return {
         "disk": topology.disk_names,
@@ -220,87 +245,102 @@ def names_of(topology):
     }
 
 
-def _numbers(motion, topology):
-    """What is known of one motion: numbers by name of the variable, and spectra by name
-    of the signal.
+def _numbers(motion, topology: Topology) -> tuple[dict[str, Any], dict[str, Spectrum]]:
+    """Numbers of one motion by name of the variable, as far as they are there, and
+    spectra by name of the signal.
     """
     response = motion.solution
     solved = response is not None and bool(response.converged)
     alone = motion is response  # of jaxhb.solve
-    found = (
+    numbers: dict[str, Any] = (
         {"kind": "solution", "period": 1}
         if alone
         else {"kind": motion.kind, "period": motion.period}
     )
     if response is not None:
-        found |= {
+        numbers |= {
             "status": Status(int(response.status)).name,
             "harmonics": int(response.highest_harmonic),
         }
-        found |= {
+        numbers |= {
             name: float(getattr(response, name))
             for name in ("residual", "truncation_error", "load_power")
         }
     if not solved and (alone or motion.record is None):
-        return found | {"source": "nothing"}, {}
+        return numbers | {"source": "nothing"}, {}
     names = names_of(topology)
     signals, spectra = _signals(motion, names, response if solved else None)
     contacts = [motion.mesh(name) for name in names["mesh"]]
     for name in CONTACT:
-        found[name] = [getattr(contact, name) for contact in contacts]
-    found["irregularity"] = [float(motion.irregularity(name)) for name in names["disk"]]
+        numbers[name] = [getattr(contact, name) for contact in contacts]
+    numbers["irregularity"] = [
+        float(motion.irregularity(name)) for name in names["disk"]
+    ]
     for heat, dim in (("heat", "shaft"), ("mesh_heat", "mesh")):
-        found[heat] = [float(motion.power(name)) for name in names[dim]]
-    found["tooth_force_spread"] = [
+        numbers[heat] = [float(motion.power(name)) for name in names[dim]]
+    numbers["tooth_force_spread"] = [
         0.0 if solved else motion.force(name).spread.peak for name in names["mesh"]
     ]
     if solved:
-        found |= {
+        numbers |= {
             name: getattr(response, name) for name in ("load_torque", "ground_reaction")
         }
-    return found | signals | {"source": "harmonics" if solved else "record"}, spectra
+    return numbers | signals | {"source": "harmonics" if solved else "record"}, spectra
 
 
-def _signals(motion, names, response):
+def _signals(
+    motion: Motion, names: dict[str, tuple[str, ...]], response: Response | None
+) -> tuple[dict[str, Any], dict[str, Spectrum]]:
     """Statistics and spectra of a motion; recorded cycles, without ``response``, have
     amplitudes without phases, and no accelerations.
+
+    A spectrum holds amplitudes and phases ``(elements, K)``, orders ``(K,)``, and the
+    amplitude of every other order.
     """
-    statistics = {}
-    spectra = {}
+    statistics: dict[str, Any] = {}
+    spectra: dict[str, Spectrum] = {}
     for name, (reader, dim, _, _) in SIGNALS.items():
         if not len(names[dim]) or (response is None and name == "acceleration"):
             continue
-        own = [getattr(motion, reader)(label) for label in names[dim]]
+        signals = [getattr(motion, reader)(label) for label in names[dim]]
         if response is None:
             statistics |= {
-                f"{name}_{what}": [float(getattr(signal, what)) for signal in own]
-                for what in STATISTICS
+                f"{name}_{statistic}": [
+                    float(getattr(signal, statistic)) for signal in signals
+                ]
+                for statistic in STATISTICS
             }
-            amplitudes = np.array([signal.amplitudes for signal in own])
-            orders = own[0].orders
+            amplitudes: Array = np.array([signal.amplitudes for signal in signals])
+            orders = signals[0].orders
             lacking = np.nan
-            phases = np.full(amplitudes.shape, np.nan)
+            phases: Array = np.full(amplitudes.shape, np.nan)
         else:
-            every = Signal(
-                np.stack([s.coefficients for s in own]),
+            stacked = Signal(
+                np.stack([signal.coefficients for signal in signals]),
                 None,
-                own[0].revolutions_per_cycle,
-                own[0].resolution,
+                signals[0].revolutions_per_cycle,
+                signals[0].resolution,
             )
-            samples = every.samples(every.resolution)
+            samples = stacked.samples(stacked.resolution)
             low = samples.min(axis=-1)
             high = samples.max(axis=-1)
-            found = every.mean, low, high, (high - low) / 2, every.sum_of_amplitudes
+            in_order = (
+                stacked.mean,
+                low,
+                high,
+                (high - low) / 2,
+                stacked.sum_of_amplitudes,
+            )
             statistics |= {
-                f"{name}_{what}": values
-                for what, values in zip(STATISTICS, found, strict=True)
+                f"{name}_{statistic}": values
+                for statistic, values in zip(STATISTICS, in_order, strict=True)
             }
             # Tooth forces have more harmonics than the motion, whose orders the data
             # set lists.
             within = slice(response.harmonics)
-            amplitudes = every.amplitudes[:, within]
-            phases = every.phases_deg[:, within]
-            orders = every.orders[within]
+            amplitudes = stacked.amplitudes[:, within]
+            phases = stacked.phases_deg[:, within]
+            orders = stacked.orders[within]
             # An order that is not there has no phase.
             phases = np.where(amplitudes > 0, phases, np.nan)
             lacking = 0.0
@@ -309,15 +349,15 @@ def _signals(motion, names, response):
     return statistics, spectra
 
 
-def _spectrum(spectrum, count, order):
-    """Amplitudes and phases ``(count, K)`` at the orders of the data set; orders that a
-    motion lacks are 0 or nan.
+def _spectrum(spectrum: Spectrum | None, count: int, order: np.ndarray) -> np.ndarray:
+    """Amplitudes and phases ``(2, count, K)`` at the orders ``(K,)`` of the data set;
+    orders that a motion lacks are 0 or nan.
     """
     if spectrum is None:
         return np.full((2, count, len(order)), np.nan)
-    amplitudes, phases, own, beyond = spectrum
-    there = np.isin(order, own)
-    places = np.searchsorted(own, order)
-    found = np.full((2, count, len(order)), [[[beyond]], [[np.nan]]])
-    found[:, :, there] = np.asarray([amplitudes, phases])[:, :, places[there]]
-    return found
+    amplitudes, phases, motion_orders, lacking = spectrum
+    present = np.isin(order, motion_orders)
+    places = np.searchsorted(motion_orders, order)
+    aligned = np.full((2, count, len(order)), [[[lacking]], [[np.nan]]])
+    aligned[:, :, present] = np.asarray([amplitudes, phases])[:, :, places[present]]
+    return aligned

@@ -1,20 +1,34 @@
-"""What responses and steady states show of themselves in a session and in a
-notebook.
+"""One line for a session, and a table for a notebook, of responses, steady states and
+signals.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxhb._jax import traced
 from jaxhb._shown import MOST_ROWS, counts, html_table, number, span
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
 
-def response_line(response):
-    """A response in one line: where it is from, how it went."""
-    begun = f"<{type(response).__name__} of {response.topology.title}"
+    from jaxhb.results.response import Response
+    from jaxhb.results.signal import Signal
+    from jaxhb.results.steady import SteadyState, SteadySweep
+
+
+def response_line(response: Response) -> str:
+    """A response in one line: its train and speeds, and the outcome of the solve."""
+    beginning = f"<{type(response).__name__} of {response.topology.title}"
     if traced(response):
-        return f"{begun}, traced, {response.harmonics} harmonics>"
+        return f"{beginning}, traced, {response.harmonics} harmonics>"
     if not np.ndim(response.rpm):
-        return f"{begun} at {number(float(response.rpm))} rpm: {_how(response)}>"
+        return (
+            f"{beginning} at {number(float(response.rpm))} rpm: {_outcome(response)}>"
+        )
     many = np.ndim(response.rpm) == 1
     speeds = (
         span(response.rpm, "rpm")
@@ -22,12 +36,13 @@ def response_line(response):
         else f"{' x '.join(map(str, np.shape(response.rpm)))} motions"
     )
     return (
-        f"{begun} at {speeds}: {counts(response.status_name)}, {response.harmonics}"
+        f"{beginning} at {speeds}: {counts(response.status_name)}, {response.harmonics}"
         " harmonics>"
     )
 
 
-def _how(response):
+def _outcome(response: Response) -> str:
+    """Status, number of harmonics and truncation error of a response, in words."""
     error = 100 * float(response.truncation_error)
     return (
         f"{response.status_name}, {response.harmonics} harmonics, truncation error"
@@ -35,8 +50,8 @@ def _how(response):
     )
 
 
-def response_html(response):
-    """A response as a table: of one speed its links, of several its speeds."""
+def response_html(response: Response) -> str:
+    """A response as a table: its links at one speed, or its speeds."""
     caption = response_line(response)[1:-1]
     if traced(response) or np.ndim(response.rpm) > 1:
         return html_table(caption, [], [])
@@ -47,30 +62,35 @@ def response_html(response):
             else html_table(caption, [], [])
         )
 
-    def cells(one):
-        return [one.status_name, int(one.highest_harmonic)], one.solved
+    def cells(motion: Response) -> tuple[list[Any], Any]:
+        return [motion.status_name, int(motion.highest_harmonic)], motion.solved
 
     return _speeds(caption, response, ["status", "harmonics"], cells)
 
 
-def _speeds(caption, motions, head, cells):
-    """A table of the speeds of motions; ``cells`` of one, and whether it has
-    numbers.
+def _speeds(
+    caption: str,
+    motions: Response | SteadySweep,
+    head: list[str],
+    cells: Callable[[Any], tuple[list[Any], Any]],
+) -> str:
+    """A table of motions, a row for each speed; ``cells(motion)`` gives its cells below
+    ``head`` and whether it has numbers.
     """
     rows = []
     for k in range(min(len(motions), MOST_ROWS)):
         motion = motions[k]
-        own, known = cells(motion)
+        own_cells, solved = cells(motion)
         peaks = {
             name: float(motion.force(name).peak)
             for name in motion.topology.mesh_names
-            if known
+            if solved
         }
-        mesh = max(peaks, key=peaks.get, default="-")
+        mesh = max(peaks, key=peaks.__getitem__, default="-")
         rows.append(
             [
                 number(float(motion.rpm)),
-                *own,
+                *own_cells,
                 number(peaks[mesh]) if peaks else "-",
                 mesh,
             ]
@@ -79,7 +99,7 @@ def _speeds(caption, motions, head, cells):
     return html_table(caption, ["rpm", *head, "largest tooth force, N", "mesh"], rows)
 
 
-def _links(caption, motion):
+def _links(caption: str, motion: Response | SteadyState) -> str:
     """A table of every mesh, shaft and damper of a motion."""
     topology = motion.topology
     rows = []
@@ -88,8 +108,8 @@ def _links(caption, motion):
         signal = motion.force(name) if toothed else motion.torque(name)
         # Sizes: a sign would tell which end the scene names first.
         values = [
-            number(abs(float(v)))
-            for v in (signal.mean, signal.half_peak_to_peak, signal.peak)
+            number(abs(float(value)))
+            for value in (signal.mean, signal.half_peak_to_peak, signal.peak)
         ]
         apart = f"{100 * motion.mesh(name).separated_fraction:.3g}" if toothed else ""
         rows.append([name, *values, "N" if toothed else "N m", apart])
@@ -104,31 +124,31 @@ def _links(caption, motion):
     return html_table(caption, head, rows)
 
 
-def state_line(state):
+def state_line(state: SteadyState) -> str:
     """A steady state in one line."""
     kind = (
         f"subharmonic, period {state.period} cycles"
         if state.kind == "subharmonic"
         else state.kind
     )
-    how = (
-        _how(state.response)
+    outcome = (
+        _outcome(state.response)
         if state.response is not None
         else f"{state.cycles} cycles marched"
     )
     return (
         f"<SteadyState of {state.topology.title} at {number(state.rpm)} rpm: {kind};"
-        f" {how}>"
+        f" {outcome}>"
     )
 
 
-def state_html(state):
+def state_html(state: SteadyState) -> str:
     """A steady state as a table of its links, with its notes."""
     caption = "; ".join([state_line(state)[1:-1], *state.notes])
     return _links(caption, state) if state.known else html_table(caption, [], [])
 
 
-def states_line(sweep):
+def states_line(sweep: SteadySweep) -> str:
     """A sweep of steady states in one line."""
     return (
         f"<SteadySweep {sweep.direction}, {span(sweep.rpm, 'rpm')}:"
@@ -136,31 +156,32 @@ def states_line(sweep):
     )
 
 
-def states_html(sweep):
+def states_html(sweep: SteadySweep) -> str:
     """A sweep of steady states as a table of its speeds."""
     caption = states_line(sweep)[1:-1]
     head = ["motion", "period"]
-    return _speeds(
-        caption,
-        sweep,
-        head,
-        lambda state: ([state.kind, state.period or "-"], state.known),
-    )
+
+    def cells(state: SteadyState) -> tuple[list[Any], bool]:
+        return [state.kind, state.period or "-"], state.known
+
+    return _speeds(caption, sweep, head, cells)
 
 
-def signal_line(signal):
+def signal_line(signal: Signal) -> str:
     """A signal in one line: its extremes."""
     kind = type(signal).__name__
     orders = signal.coefficients.shape[-1] - 1
     if traced(signal):
         return f"<{kind}, traced, {orders} harmonics>"
     if np.ndim(signal.coefficients) > 1:
-        lot = " x ".join(map(str, signal.coefficients.shape[:-1]))
+        batch = " x ".join(map(str, signal.coefficients.shape[:-1]))
         low = float(np.min(signal.min))
         high = float(np.max(signal.max))
         return (
-            f"<{kind} of {lot} motions, {orders} harmonics: {number(low)} to"
+            f"<{kind} of {batch} motions, {orders} harmonics: {number(low)} to"
             f" {number(high)}>"
         )
-    mean, low, high = (number(float(v)) for v in (signal.mean, signal.min, signal.max))
+    mean, low, high = (
+        number(float(value)) for value in (signal.mean, signal.min, signal.max)
+    )
     return f"<{kind}, {orders} harmonics: mean {mean}, min {low}, max {high}>"

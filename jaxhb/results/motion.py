@@ -1,5 +1,5 @@
 """Readers by name of any motion: of a response, of recorded cycles, and of a steady
-state, which is one of both.
+state, which is one of the two.
 """
 
 from typing import Any, Generic, TypeVar, cast
@@ -13,31 +13,34 @@ ContactOf = TypeVar("ContactOf")
 NumberOf = TypeVar("NumberOf")
 
 
-ROUNDING = 1e-9  # share of the peak below which a mean is none
+ROUNDING = 1e-9  # share of the peak below which a mean counts as 0
 
 
 def drive_sense(motion: Any, name: str) -> int:
-    """Sign by which people read the force or torque of a mesh, shaft or damper, so that
-    it does not depend on which of its ends the scene names first: that of the mean;
-    without a mean positive where the disk drives that stands first in the scene.
+    """Sign with which the force or torque of a mesh, shaft or damper is shown, so that
+    it does not depend on which of its ends the scene names first.
+
+    It is the sign of the mean; without a mean it is +1 where the first end comes before
+    the second in the list of disks.
     """
     topology = motion.topology
     signal = motion.force(name) if name in topology.mesh_names else motion.torque(name)
     mean = float(signal.mean)
-    (first, second) = topology.link_ends[topology.link_index(name)[0]]
+    first, second = topology.link_ends[topology.link_index(name)[0]]
     if abs(mean) > ROUNDING * float(signal.peak):
         return 1 if mean > 0 else -1
     return 1 if first < second else -1
 
 
 class Motion(Generic[SignalOf, ContactOf, NumberOf]):
-    """Readers by name; what extends it says in ``_read`` what a quantity of the disk,
-    gear, link or mesh ``index`` is, of a twist of two disks, times ``sense``.
+    """Readers by name. ``_read(quantity, index, sense)`` of a subclass gives a quantity
+    of the disk, gear, link or mesh ``index``, or of the two disks of a twist, times
+    ``sense``.
     """
 
     topology: Topology
     solution: Any
-    """The :class:`jaxhb.Response` that the numbers are read from; None of recorded
+    """:class:`jaxhb.Response` that the numbers are read from; None for recorded
     cycles.
     """
     _read: Any
@@ -99,23 +102,26 @@ class Motion(Generic[SignalOf, ContactOf, NumberOf]):
         Elastic and damping part together; ``.elastic`` for f(l) alone. ``force(b, a)``
         is the negative.
         """
-        return self._read("force", *self._mesh_index(a, b))
+        index, sense = self._mesh_index(a, b)
+        return self._read("force", index, sense)
 
     def deflection(self, a: str, b: str | None = None) -> SignalOf:
         """Deflection l = r_a phi_a - r_b phi_b of a mesh, m."""
-        return self._read("deflection", *self._mesh_index(a, b))
+        index, sense = self._mesh_index(a, b)
+        return self._read("deflection", index, sense)
 
     def transmission_error(self, a: str, b: str | None = None) -> SignalOf:
         """Loaded transmission error of a mesh in m, how far its gears approach each
         other along the pitch circle: deflection and transmission error of the teeth;
         recorded cycles have none.
         """
-        return self._read("transmission_error", *self._mesh_index(a, b))
+        index, sense = self._mesh_index(a, b)
+        return self._read("transmission_error", index, sense)
 
     def mesh_order(self, a: str, b: str | None = None) -> float:
         """Mesh periods in a revolution of the reference rotor: the order at which a
-        mesh with ``stiffness_orders`` or ``transmission_error`` whines; ValueError of
-        others.
+        mesh with ``stiffness_orders`` or ``transmission_error`` whines; ValueError for
+        any other mesh.
         """
         index, _ = self._mesh_index(a, b)
         if not self.topology.mesh_periods[index]:
@@ -128,15 +134,15 @@ class Motion(Generic[SignalOf, ContactOf, NumberOf]):
 
     def whine(self, a: str, b: str | None = None, *, orders: int = 3) -> Any:
         """Amplitudes ``(orders,)`` in N of the tooth force at the orders 1, 2, .. of
-        the mesh period, which is known of a mesh with ``stiffness_orders`` or
-        ``transmission_error``; nan of those that are not recorded.
+        the mesh period, which a mesh with ``stiffness_orders`` or
+        ``transmission_error`` has; nan for orders that are not recorded.
         """
         period = self.mesh_order(a, b)
         force = cast(Any, self.force(a, b))
-        known = max(force.orders, default=0.0)
+        highest = max(force.orders, default=0.0)
         return np.array(
             [
-                force.order(k * period) if k * period <= known else np.nan
+                force.order(k * period) if k * period <= highest else np.nan
                 for k in range(1, orders + 1)
             ]
         )
@@ -170,11 +176,12 @@ class Motion(Generic[SignalOf, ContactOf, NumberOf]):
         return self._read("contact", self._mesh_index(a, b)[0])
 
     @property
-    def _shafts(self):
+    def _shafts(self) -> int:
         """Number of shafts and dampers, the links before the meshes."""
         return len(self.topology.link_names) - len(self.topology.mesh_names)
 
-    def _mesh_index(self, a, b):
+    def _mesh_index(self, a: str, b: str | None) -> tuple[int, int]:
+        """Index of a mesh among the meshes, and its sense."""
         index, sense = self.topology.link_index(a, b)
         if index < self._shafts:
             name = self.topology.link_names[index]

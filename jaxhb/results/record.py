@@ -1,11 +1,12 @@
-"""Numbers over the cycles of a motion: of a solution that repeats, and of one that was
-recorded as it never does.
+"""Numbers over the cycles of a motion: of a solution that repeats, and of a record of a
+motion that does not.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -21,7 +22,7 @@ from jaxhb.results.signal import Signal, Summarized
 from jaxhb.train.topology import Topology
 
 PARTS = 8  # of a record, whose extremes tell how far those of other records may lie
-PERCENT = 5, 50, 95  # that are given of a distribution over cycles
+PERCENT = 5, 50, 95  # percentiles of a distribution over cycles
 
 
 class PerCycle(NamedTuple):
@@ -35,8 +36,8 @@ class PerCycle(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """By how much the largest, the smallest and the largest absolute value of another
-    record as long would differ: two standard deviations, 0 of a motion that repeats.
+    """Difference to expect of the largest, the smallest and the largest absolute value
+    of another record as long: two standard deviations, 0 for a motion that repeats.
     """
 
     max: float
@@ -45,7 +46,7 @@ class Spread(NamedTuple):
 
     @property
     def half_peak_to_peak(self) -> float:
-        """That of (largest - smallest) / 2, at most."""
+        """Spread of (largest - smallest) / 2, at most."""
         return (self.max + self.min) / 2
 
 
@@ -53,8 +54,8 @@ NO_SPREAD = Spread(0.0, 0.0, 0.0)
 
 
 class OverCycles:
-    """What follows from the largest and the smallest value of each cycle, ``highest``
-    and ``lowest``.
+    """Statistics that follow from the largest and the smallest value of each cycle,
+    ``highest`` and ``lowest``.
     """
 
     @property
@@ -66,10 +67,9 @@ class OverCycles:
     def per_cycle(self: Any) -> PerCycle:
         """Distribution of the extremes of a cycle, as :class:`PerCycle`."""
         return PerCycle(
-            *(
-                np.percentile(own, PERCENT)
-                for own in (self.highest, self.lowest, self.peaks)
-            )
+            max=np.percentile(self.highest, PERCENT),
+            min=np.percentile(self.lowest, PERCENT),
+            peak=np.percentile(self.peaks, PERCENT),
         )
 
 
@@ -95,7 +95,7 @@ class SteadySignal(Signal, OverCycles):
         """Smallest value of each cycle ``(cycles,)``."""
         return self._by_cycle().min(axis=1)
 
-    def _by_cycle(self):
+    def _by_cycle(self) -> Array:
         """Samples of each cycle and the first of the next ``(cycles, n + 1)``."""
         # Rounded up: every cycle has as many samples.
         count = -(-self.resolution // self.cycles)
@@ -109,9 +109,12 @@ class SteadySignal(Signal, OverCycles):
 class RecordedSignal(Summarized, OverCycles):
     """A quantity over C recorded cycles that do not repeat.
 
-    highest, lowest : ``(C,)`` largest and smallest value of each cycle; mean, rms :
-    over the record amplitudes : ``(K,)`` one-sided peak amplitudes of the orders:
-    quadratic mean over the cycles
+    Parameters
+    ----------
+    highest, lowest : ``(C,)`` largest and smallest value of each cycle
+    mean, rms : over the record
+    amplitudes : ``(K,)`` one-sided peak amplitudes of the orders: quadratic mean over
+    the cycles
     """
 
     highest: np.ndarray
@@ -153,7 +156,7 @@ class RecordedSignal(Summarized, OverCycles):
 
     @property
     def spread(self) -> Spread:
-        """How far the extremes of other records may lie from these, as :class:`Spread`.
+        """Distance of the extremes of other records from these, as :class:`Spread`.
 
         From the extremes of eight parts of the record, which scatter no less than those
         of longer ones; 0 of fewer than 16 cycles.
@@ -165,7 +168,7 @@ class RecordedSignal(Summarized, OverCycles):
             [part.max() for part in np.array_split(of_cycles, PARTS)]
             for of_cycles in values
         )
-        return Spread(*(2 * float(np.std(largest, ddof=1)) for largest in parts))
+        return Spread._make(2 * float(np.std(largest, ddof=1)) for largest in parts)
 
     def order(self, order: float) -> float:
         """Amplitude of one order of the cycle: quadratic mean over the cycles."""
@@ -190,32 +193,39 @@ class RecordedSignal(Summarized, OverCycles):
 
     def shifted(self, by: float) -> RecordedSignal:
         """The quantity with a constant added."""
-        moved = {
-            name: getattr(self, name) + by for name in ("highest", "lowest", "mean")
-        }
         rms = float(np.sqrt(self.rms**2 + 2 * by * self.mean + by**2))
-        return dataclasses.replace(self, **moved, rms=rms)
+        return dataclasses.replace(
+            self,
+            highest=self.highest + by,
+            lowest=self.lowest + by,
+            mean=self.mean + by,
+            rms=rms,
+        )
 
     def scaled(self, factor: float) -> RecordedSignal:
         """The quantity times a factor above 0."""
-        names = "highest", "lowest", "mean", "rms", "amplitudes"
         return dataclasses.replace(
-            self, **{name: factor * getattr(self, name) for name in names}
+            self,
+            highest=factor * self.highest,
+            lowest=factor * self.lowest,
+            mean=factor * self.mean,
+            rms=factor * self.rms,
+            amplitudes=factor * self.amplitudes,
         )
 
     def spectrum(self) -> list[list[float]]:
         """``[[order, A], ...]``."""
         return [
-            [float(o), float(a)]
-            for o, a in zip(self.orders, self.amplitudes, strict=True)
+            [float(order), float(amplitude)]
+            for order, amplitude in zip(self.orders, self.amplitudes, strict=True)
         ]
 
 
 @dataclass(frozen=True)
 class SteadyContact:
-    """Contact of one mesh over a steady motion: shares of the time, teeth apart, and on
-    the flank that does not drive; entries from separation to contact; largest approach
-    speed of one, m/s; sign of the mean force.
+    """Contact of one mesh over a steady motion: shares of the time with the teeth apart
+    and on the flank that does not drive; entries from separation to contact in a cycle;
+    largest approach speed of an entry, m/s; sign of the mean force.
     """
 
     separated_fraction: float
@@ -228,41 +238,43 @@ class SteadyContact:
 @brief
 @dataclass(frozen=True)
 class Record(Motion[RecordedSignal, SteadyContact, float]):
-    """:class:`RecordedSignal` of every disk, of its speed of rotation, of every shaft
-    and damper (twists, torques), mesh and gear (by disk index); the contact of every
-    mesh; and the heat of shafts and dampers, W.
+    """Record of a motion: a :class:`RecordedSignal` of the angle and of the speed of
+    rotation of every disk, of the twist and of the torque of every shaft and damper, of
+    the deflection and of the force of every mesh, and of the torque of every gear (by
+    disk index); the contact of every mesh; and the heat of shafts and dampers, W.
     """
 
     topology: Topology = field(repr=False)
     cycles: int
-    disks: tuple
-    speeds: tuple
-    twists: tuple
-    torques: tuple
-    deflections: tuple
-    forces: tuple
-    gears: dict
-    contacts: tuple
-    heat: tuple
+    disks: tuple[RecordedSignal, ...]
+    speeds: tuple[RecordedSignal, ...]
+    twists: tuple[RecordedSignal, ...]
+    torques: tuple[RecordedSignal, ...]
+    deflections: tuple[RecordedSignal, ...]
+    forces: tuple[RecordedSignal, ...]
+    gears: dict[int, RecordedSignal]
+    contacts: tuple[SteadyContact, ...]
+    heat: tuple[float, ...]
 
     solution = None
 
     @property
     def spread(self) -> float:
-        """Of the largest absolute tooth force of every mesh (without teeth: of the
-        torque of shafts) its spread as a share of it: the largest.
+        """Spread of the largest absolute tooth force of a mesh (without teeth: of the
+        torque of a shaft) as a share of that force; the largest of all.
         """
         signals = self.forces or self.torques
-        return max(
-            (one.spread.peak / one.peak for one in signals if one.peak > 0), default=0.0
+        shares = (
+            signal.spread.peak / signal.peak for signal in signals if signal.peak > 0
         )
+        return max(shares, default=0.0)
 
-    def _read(self, quantity, index, sense=1):
+    def _read(self, quantity: str, index: Any, sense: int = 1) -> Any:
         if quantity in ("acceleration", "transmission_error"):
-            what = {"acceleration": "accelerations"}.get(
+            plural = {"acceleration": "accelerations"}.get(
                 quantity, "transmission errors"
             )
-            raise ValueError(f"the motion has no period: its record holds no {what}")
+            raise ValueError(f"the motion has no period: its record holds no {plural}")
         if quantity == "power":
             return self.heat[index] if index < len(self.heat) else float("nan")
         if quantity == "twist":
@@ -273,32 +285,32 @@ class Record(Motion[RecordedSignal, SteadyContact, float]):
                     "a record holds the twists of shafts and dampers, and a mesh joins"
                     f" {a!r} and {b!r}"
                 )
-        read = {
+        by_quantity: dict[str, Any] = {
             "angle": self.disks,
             "speed": self.speeds,
             "twist": self.twists,
             "torque": self.torques,
         }
-        read |= {"force": self.forces, "deflection": self.deflections}
-        read |= {"gear_torque": self.gears, "contact": self.contacts}
-        found = read[quantity][index]
-        return found if sense > 0 else found.reversed()
+        by_quantity |= {"force": self.forces, "deflection": self.deflections}
+        by_quantity |= {"gear_torque": self.gears, "contact": self.contacts}
+        signal = by_quantity[quantity][index]
+        return signal if sense > 0 else signal.reversed()
 
 
 class NoSignal(Summarized):
     """The signal of a motion that is not known."""
 
     mean = min = max = rms = peak = half_peak_to_peak = sum_of_amplitudes = math.nan
-    per_cycle = PerCycle(*np.full((3, 3), np.nan))
+    per_cycle = PerCycle._make(np.full((3, 3), np.nan))
     spread = Spread(math.nan, math.nan, math.nan)
     elastic = property(lambda self: self)
 
-    def spectrum(self):
+    def spectrum(self) -> list[list[float]]:
         """No orders."""
         return []
 
-    def reversed(self):
-        """The same: it has no sign."""
+    def reversed(self) -> NoSignal:
+        """The signal itself: it has no sign."""
         return self
 
 
@@ -307,30 +319,30 @@ NO_CONTACT = SteadyContact(math.nan, math.nan, math.nan, math.nan, 0)
 
 
 class Motions(Motion):
-    """Motions at several speeds as one, of which the extremes and means of signals and
-    the powers are read as arrays; nan where a motion is None.
+    """Motions at several speeds read together: extremes and means of signals, and
+    powers, as arrays ``(n,)``; nan where a motion is None.
     """
 
-    def __init__(self, topology, motions):
+    def __init__(self, topology: Topology, motions: Sequence[Motion | None]):
         self.topology = topology
         self.motions = motions
 
-    def _read(self, quantity, index, sense=1):
+    def _read(self, quantity: str, index: Any, sense: int = 1) -> Any:
         if quantity == "power":
-            return np.array(
-                [
-                    np.nan if one is None else one._read(quantity, index)
-                    for one in self.motions
-                ]
-            )
+            powers = [
+                np.nan if motion is None else motion._read(quantity, index)
+                for motion in self.motions
+            ]
+            return np.array(powers)
         signals = [
-            NO_SIGNAL if one is None else one._read(quantity, index, sense)
-            for one in self.motions
+            NO_SIGNAL if motion is None else motion._read(quantity, index, sense)
+            for motion in self.motions
         ]
-        names = "mean", "min", "max", "half_peak_to_peak"
         return SimpleNamespace(
-            **{
-                name: np.array([float(getattr(s, name)) for s in signals])
-                for name in names
-            }
+            mean=np.array([float(signal.mean) for signal in signals]),
+            min=np.array([float(signal.min) for signal in signals]),
+            max=np.array([float(signal.max) for signal in signals]),
+            half_peak_to_peak=np.array(
+                [float(signal.half_peak_to_peak) for signal in signals]
+            ),
         )

@@ -3,6 +3,7 @@ name.
 """
 
 import dataclasses
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -15,12 +16,13 @@ from jaxhb._shown import brief
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.kinematics import rotor_ratios
 from jaxhb.results.answers import solved
+from jaxhb.results.bounds import Certificate
 from jaxhb.results.contact import Contact, contact_of
 from jaxhb.results.dataset import Dataset, to_xarray
 from jaxhb.results.display import response_html, response_line
 from jaxhb.results.motion import Motion
 from jaxhb.results.signal import Signal
-from jaxhb.results.status import Status
+from jaxhb.results.status import AnyResponse, Status
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
 
@@ -35,14 +37,13 @@ class Fields:
     torques: Array  # (..., K, N+1) N m, of the shafts and then the dampers
     elastic_torques: Array
     deflections: Array  # (..., M, N+1) m, of the meshes
-    forces: (
-        Array  # (..., M, F+1) N, of the meshes; F is more harmonics than the motion has
-    )
+    # (..., M, F+1) N, of the meshes; F is more harmonics than the motion has
+    forces: Array
     elastic_forces: Array
 
 
 SMOOTH = "jaxhb.design.objectives.separated_fraction and impact_severity"
-"""What tells of contact and has derivatives."""
+"""Quantities that tell of contact and have derivatives."""
 FIELDS = tuple(field.name for field in dataclasses.fields(Fields))
 
 
@@ -102,7 +103,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     # Neither the log nor what the response was made from is part of what is compared.
     train: DriveTrain | None = field(default=None, compare=False)
     path: tuple = field(default=(), compare=False)
-    certificate: object = field(default=None, compare=False)
+    certificate: Certificate | None = field(default=None, compare=False)
 
     @property
     def harmonics(self) -> int:
@@ -182,10 +183,10 @@ class Response(Fields, Motion[Signal, Contact, Array]):
 
     @property
     def solution(self) -> Self:
-        """The response itself, as what the numbers of any motion are read from."""
+        """The response itself: the numbers of any motion are read from its solution."""
         return self
 
-    def _signal(self, coefficients, elastic=None):
+    def _signal(self, coefficients: Array, elastic: Array | None = None) -> Signal:
         return Signal(
             coefficients,
             elastic,
@@ -194,7 +195,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
             self.sharp,
         )
 
-    def _read(self, quantity, index, sense=1):
+    def _read(self, quantity: str, index: Any, sense: int = 1) -> Any:
         match quantity:
             case "angle":
                 return self._signal(self.angles[..., index, :])
@@ -241,14 +242,12 @@ class Response(Fields, Motion[Signal, Contact, Array]):
                     [(a == index) - (b == index) for a, b in self.topology.mesh_ends],
                     dtype=float,
                 )
-                both = (self.forces, self.elastic_forces)
                 radius = self.radius[..., index, None]
-                return self._signal(
-                    *(
-                        radius * namespace(f).einsum("g,...gk->...k", senses, f)
-                        for f in both
-                    )
+                total, elastic = (
+                    radius * namespace(forces).einsum("g,...gk->...k", senses, forces)
+                    for forces in (self.forces, self.elastic_forces)
                 )
+                return self._signal(total, elastic)
             case "power":
                 return self._power(index)
             case "contact":
@@ -259,25 +258,27 @@ class Response(Fields, Motion[Signal, Contact, Array]):
                     lambda values: np.asarray(values)[..., index], self.law
                 )
                 signals = self.deflections, self.forces, self.elastic_forces
+                deflection, force, elastic_force = (
+                    np.asarray(coefficients[..., index, :]) for coefficients in signals
+                )
                 return contact_of(
                     law if self.topology.mesh_backlash[index] else None,
-                    *(
-                        np.asarray(coefficients[..., index, :])
-                        for coefficients in signals
-                    ),
+                    deflection,
+                    force,
+                    elastic_force,
                     self.topology.cycle_frequency(np.asarray(self.rpm)),
                     self.resolution,
                 )
 
     @property
-    def _frequency(self):
+    def _frequency(self) -> Array:
         """Omega of the cycle in rad/s, with an axis for the harmonics."""
         return self.topology.cycle_frequency(namespace(self.rpm).asarray(self.rpm))[
             ..., None
         ]
 
     @property
-    def _solved(self):
+    def _solved(self) -> DriveTrain:
         """The train, where there is one."""
         if self.train is None:
             raise ValueError(
@@ -286,7 +287,8 @@ class Response(Fields, Motion[Signal, Contact, Array]):
             )
         return self.train
 
-    def _power(self, index):
+    def _power(self, index: int) -> Array:
+        """Mean power ``(...)`` in W that a link turns into heat."""
         shafts = self.torques.shape[-2]
         if index < shafts:
             bent = self._read("twist", self.topology.link_ends[index]).coefficients
@@ -295,9 +297,8 @@ class Response(Fields, Motion[Signal, Contact, Array]):
             bent = self.deflections[..., index - shafts, :]
             # Harmonics of the force beyond those of the motion do no work.
             passed = self.forces[..., index - shafts, : bent.shape[-1]]
-            if self.topology.mesh_varies[
-                index - shafts
-            ]:  # its elastic force does work, which is no heat
+            # The elastic force of a stiffness that varies does work, which is no heat.
+            if self.topology.mesh_varies[index - shafts]:
                 passed = (
                     passed - self.elastic_forces[..., index - shafts, : bent.shape[-1]]
                 )
@@ -312,8 +313,8 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         return fourier.sample(self.deflections, count)
 
     def impact_energy(self, a: str, b: str | None = None) -> float:
-        """Energy in J that the impacts of a mesh bring in a cycle, ``sum of m v^2 / 2``
-        over them: v the approach speed, m of the two gears alone, ``m_a m_b / (m_a +
+        """Energy in J that the impacts of a mesh bring in a cycle, their sum of ``m v^2
+        / 2``: v the approach speed, m that of the two gears alone, ``m_a m_b / (m_a +
         m_b)``, J / r^2 each. ValueError without a train.
         """
         disks = self._solved.disks
@@ -355,17 +356,15 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         return to_xarray(motions, self.topology, np.asarray(self.rpm), orders=orders)
 
 
-def register(cls):
+def register(cls: type) -> type:
     """Make :class:`Response`, or a class that extends it, a pytree.
 
     Leaves are what depends on the speed: ``train`` would copy pressure tables, ``path``
     make programs retrace.
     """
     # Not by register_dataclass, whose drop_fields fail on jax 0.9.
-    static, aside = (
-        ("topology", "resolution", "sharp"),
-        ("train", "path", "certificate"),
-    )
+    static = ("topology", "resolution", "sharp")
+    aside = ("train", "path", "certificate")
     names = [f.name for f in dataclasses.fields(cls) if f.name not in (*static, *aside)]
 
     def flatten(response):
@@ -374,11 +373,10 @@ def register(cls):
         ]
         return leaves, tuple(getattr(response, name) for name in static)
 
-    def unflatten(told, leaves):
-        return cls(
-            **dict(zip(names, leaves, strict=True)),
-            **dict(zip(static, told, strict=True)),
-        )
+    def unflatten(metadata: tuple[Any, ...], leaves: Iterable[Any]):
+        fields = dict(zip(names, leaves, strict=True))
+        fields |= dict(zip(static, metadata, strict=True))
+        return cls(**fields)
 
     jax.tree_util.register_pytree_with_keys(cls, flatten, unflatten)
     return by_value(cls)
@@ -387,27 +385,29 @@ def register(cls):
 register(Response)
 
 
-def stack(responses):
-    """Responses of one train at several speeds as one with a leading axis; all get the
+def stack(responses: Sequence[AnyResponse]) -> AnyResponse:
+    """Stack responses of one train at several speeds along a leading axis; all get the
     most harmonics among them.
     """
     most = {
         name: max(getattr(response, name).shape[-1] for response in responses) - 1
         for name in FIELDS
     }
-    same = {
-        "resolution": max(response.resolution for response in responses),
-        "sharp": any(response.sharp for response in responses),
-    }
+    resolution = max(response.resolution for response in responses)
+    sharp = any(response.sharp for response in responses)
 
-    def padded(response):
+    def padded(response: AnyResponse) -> AnyResponse:
         wider = {
             name: fourier.resize(np.asarray(getattr(response, name)), count)
             for name, count in most.items()
         }
-        return dataclasses.replace(response, **same, **wider)
+        return dataclasses.replace(
+            response, resolution=resolution, sharp=sharp, **wider
+        )
 
     joined = jax.tree.map(lambda *leaves: np.stack(leaves), *map(padded, responses))
     return dataclasses.replace(
-        joined, train=responses[0].train, path=tuple(r.path for r in responses)
+        joined,
+        train=responses[0].train,
+        path=tuple(response.path for response in responses),
     )

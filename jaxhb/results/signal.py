@@ -2,6 +2,7 @@
 
 import dataclasses
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Self
@@ -15,12 +16,12 @@ from jaxhb._jax import Array, namespace, refuse_tracers, traced
 from jaxhb.equations import fourier
 from jaxhb.results.display import signal_line
 
-MISSED = 0.01  # share of the peak by which samples may miss it unsaid
+MISSED = 0.01  # share of the peak by which samples may miss it without a warning
 
 
 class Summarized:
-    """What follows from the extremes and amplitudes of a signal, whether it repeats or
-    was recorded.
+    """Statistics that follow from the extremes and amplitudes of a signal, whether it
+    repeats or was recorded.
     """
 
     @property
@@ -30,7 +31,7 @@ class Summarized:
 
     @property
     def sum_of_amplitudes(self: Any) -> Any:
-        """Sum of the A_k: what published torque curves of crankshafts often show; never
+        """Sum of the A_k, often shown by published torque curves of crankshafts; never
         below half peak-to-peak.
         """
         return self.amplitudes.sum(axis=-1)
@@ -78,22 +79,24 @@ class Signal(Summarized):
 
     Parameters
     ----------
-    coefficients : complex ``(..., K+1)``, two-sided, x^0 .. x^K, in the unit of the
-    quantity
-    elastic_coefficients : the same or None, elastic part (stiffness only) of a
-    transmitted force or torque
-    revolutions_per_cycle : float, of the reference rotor; harmonic n is order n /
-    revolutions_per_cycle
-    resolution : int, time samples per cycle at which extremes are looked for
-    sharp : bool, whether the contact of teeth was an unknown of the solve, as where
-    they hammer: extremes may then be
-        narrow peaks, and their derivatives, of one time sample, come with a warning
+    coefficients : complex ``(..., K+1)``
+        Two-sided, x^0 .. x^K, in the unit of the quantity.
+    elastic_coefficients : complex ``(..., K+1)`` or None
+        Elastic part (stiffness only) of a transmitted force or torque.
+    revolutions_per_cycle : float
+        Of the reference rotor; harmonic n is order n / revolutions_per_cycle.
+    resolution : int
+        Time samples per cycle at which extremes are looked for.
+    sharp : bool
+        Whether the contact of teeth was an unknown of the solve, as where they hammer:
+        extremes may then be narrow peaks, and their derivatives, of one time sample,
+        come with a warning.
 
     Examples
     --------
-    >>> torque = Signal(
-    ...     np.array([[3.0, 5.0, 0.0]]) + 0j, None, 2.0, 64
-    ... )  # 3 + 10 cos(theta / 2)
+    The signal 3 + 10 cos(theta / 2):
+
+    >>> torque = Signal(np.array([[3.0, 5.0, 0.0]]) + 0j, None, 2.0, 64)
     >>> float(torque.max[0]), float(torque.half_peak_to_peak[0]), torque.orders.tolist()
     (13.0, 10.0, [0.5, 1.0])
     """
@@ -160,14 +163,15 @@ class Signal(Summarized):
         shape ``(..., count)``.
 
         Warns where the samples miss the peak by more than 1 % of it, and names a count
-        that does not.
+        that is enough.
         """
         values = self._sampled(count)
         if count >= self.resolution or traced(values):
             return values
         peak = np.asarray(self.peak)
 
-        def missed(values):
+        def missed(values: Array) -> np.floating:
+            """Largest share of the peak by which samples miss it."""
             lost = peak - np.abs(np.asarray(values)).max(axis=-1)
             return np.max(
                 np.where(peak > 0, lost / np.where(peak > 0, peak, 1.0), 0.0),
@@ -175,11 +179,11 @@ class Signal(Summarized):
             )
 
         if missed(values) > MISSED:
-            more = (count << k for k in range(1, 32))
+            more = (count << doublings for doublings in range(1, 32))
             enough = next(
-                n
-                for n in more
-                if n >= self.resolution or missed(self._sampled(n)) <= MISSED
+                larger
+                for larger in more
+                if larger >= self.resolution or missed(self._sampled(larger)) <= MISSED
             )
             warnings.warn(
                 f"{count} samples miss the peak of the signal by"
@@ -189,7 +193,8 @@ class Signal(Summarized):
             )
         return values
 
-    def _sampled(self, count):
+    def _sampled(self, count: int) -> Array:
+        """Values ``(..., count)`` at equidistant time samples of one cycle."""
         return fourier.sample(self.coefficients, count)
 
     def angles_deg(self, count: int) -> np.ndarray:
@@ -230,7 +235,8 @@ class Signal(Summarized):
             lambda values: (values.max(axis=-1) - values.min(axis=-1)) / 2,
         )
 
-    def _over(self, name, function):
+    def _over(self, name: str, function: Callable[[Array], Array]) -> Array:
+        """Extreme ``name`` over the cycle: a ``function`` of the samples."""
         values = self._sampled(self.resolution)
         if self.sharp and traced(values):
             values = _warned_of_when_differentiated(name, values)
@@ -251,7 +257,8 @@ class Signal(Summarized):
         differentiate this: :attr:`max` and the like are differentiated at one time
         sample, whose slope truncation spoils, and warn.
         """
-        return p_norm(abs(self._sampled(self.resolution)), p)
+        values = self._sampled(self.resolution)
+        return p_norm(namespace(values).abs(values), p)
 
     def spectrum(self) -> list[list[float]]:
         """``[[order, A, phase_deg], ...]`` of one signal."""
@@ -266,19 +273,21 @@ class Signal(Summarized):
             np.asarray(self.amplitudes),
             np.asarray(self.phases_deg),
         )
-        return [[float(v) for v in row] for row in zip(*columns, strict=True)]
+        return [[float(number) for number in row] for row in zip(*columns, strict=True)]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _warned_of_when_differentiated(name, values):
-    """The samples from which the extreme ``name`` is taken, as they are: only their
-    derivative comes with a warning.
+def _warned_of_when_differentiated(name: str, values: Array) -> Array:
+    """Return the samples from which the extreme ``name`` is taken: their derivative
+    alone comes with a warning.
     """
     return values
 
 
 @_warned_of_when_differentiated.defjvp
-def _with_warning(name, primals, tangents):
+def _with_warning(
+    name: str, primals: tuple[Array], tangents: tuple[Array]
+) -> tuple[Array, Array]:
     (values,) = primals
     (changes,) = tangents
     warnings.warn(
@@ -290,7 +299,7 @@ def _with_warning(name, primals, tangents):
     return values, changes
 
 
-def p_norm(values, p):
+def p_norm(values: Array, p: float) -> Array:
     """``(mean |v|^p)^(1/p)`` over the last axis of values >= 0."""
     xp = namespace(values)
     scale = values.max(axis=-1)
@@ -300,13 +309,13 @@ def p_norm(values, p):
     return scale * _power(((values / scale[..., None]) ** p).mean(axis=-1), 1 / p)
 
 
-def _power(values, exponent):
-    """A power below 1 of values >= 0, with a zero derivative at 0; nan of nan."""
+def _power(values: Array, exponent: float) -> Array:
+    """Power below 1 of values >= 0, with a zero derivative at 0; nan of nan."""
     xp = namespace(values)
     return xp.where(values == 0, 0.0, xp.where(values == 0, 1.0, values) ** exponent)
 
 
-def _absolute(values):
+def _absolute(values: Array) -> Array:
     """|z| with a zero derivative at 0 (half orders that nothing excites are exactly
     zero).
     """

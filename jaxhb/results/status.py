@@ -1,5 +1,5 @@
-"""How a solve went: one number inside programs, a sentence for people outside, and what
-was tried in order.
+"""Outcome of a solve: one number inside programs, a sentence for people outside, and
+the attempts in order.
 """
 
 from dataclasses import dataclass
@@ -32,15 +32,16 @@ class Status(IntEnum):
     NONFINITE = 7
     INVALID_INPUT = 8
 
-    def __str__(self):
+    def __str__(self) -> str:
         return self.name
 
-    def __format__(self, spec):  # an IntEnum would format as its number
+    # An IntEnum would format as its number.
+    def __format__(self, spec: str) -> str:
         return format(self.name, spec)
 
     @property
     def sentence(self) -> str:
-        """What happened and what to try."""
+        """Sentence that says what happened and what to try."""
         return _SENTENCES[self]
 
     @property
@@ -94,7 +95,7 @@ _SENTENCES = {
 
 
 class NotConverged(RuntimeError):
-    """A periodic solution that did not converge, or not to the asked tolerance."""
+    """A periodic solution did not converge, or not to the requested tolerance."""
 
 
 def check(response: AnyResponse) -> AnyResponse:
@@ -114,10 +115,13 @@ def check(response: AnyResponse) -> AnyResponse:
         response.truncation_error,
     )
     sentences = [
-        f"{response.topology.title} at {rpm:g} rpm: {Status(int(s)).name}, residual"
-        f" {r:.1e}, truncation error {100 * e:.3g} %: {Status(int(s)).sentence}."
-        for rpm, s, r, e in zip(*map(np.atleast_1d, columns), strict=True)
-        if s
+        f"{response.topology.title} at {rpm:g} rpm: {Status(int(status)).name},"
+        f" residual {residual:.1e}, truncation error {100 * error:.3g} %:"
+        f" {Status(int(status)).sentence}."
+        for rpm, status, residual, error in zip(
+            *map(np.atleast_1d, columns), strict=True
+        )
+        if status
     ]
     if sentences:
         raise NotConverged("\n".join(sentences))
@@ -134,7 +138,7 @@ class Newton:
     status: Status
     steps: int
 
-    def __str__(self):
+    def __str__(self) -> str:
         size = f"{self.harmonics} harmonics" + (
             ", exact integrals" if self.integrals == "exact" else ""
         )
@@ -153,14 +157,14 @@ class March:
     time_steps: int
     periodicity_error: float
 
-    def __str__(self):
+    def __str__(self) -> str:
         size = f"{self.cycles} cycles of {self.time_steps} steps"
         return f"march of {size} (periodicity error {self.periodicity_error:.1e})"
 
 
 @dataclass(frozen=True)
 class Sweeps:
-    """Sweeps of a cycle, each corrected by what its steps did wrong; ``change`` of the
+    """Sweeps of a cycle, each corrected by the error of its steps; ``change`` of the
     vibration in the last one.
     """
 
@@ -168,7 +172,7 @@ class Sweeps:
     time_steps: int
     change: float
 
-    def __str__(self):
+    def __str__(self) -> str:
         return (
             f"{self.count} sweeps of {self.time_steps} steps (last change"
             f" {self.change:.1e})"
@@ -177,15 +181,15 @@ class Sweeps:
 
 @dataclass(frozen=True)
 class NewtonOnSweeps:
-    """Newton's method on what a sweep changes; ``left`` of the vibration is what the
-    last cycle misses.
+    """Newton's method on the change that a sweep makes; ``left`` is the share of the
+    vibration by which the last cycle misses its beginning.
     """
 
     marches: int
     time_steps: int
     left: float
 
-    def __str__(self):
+    def __str__(self) -> str:
         return (
             f"Newton on sweeps: {self.marches} marches of {self.time_steps} steps (left"
             f" {self.left:.1e})"
@@ -202,14 +206,14 @@ class Shooting:
     time_steps: int
     periodicity_error: float
 
-    def __str__(self):
-        begun = f"{self.tries} states, cycle of {self.time_steps} steps"
-        return f"shooting from {begun} (periodicity error {self.periodicity_error:.1e})"
+    def __str__(self) -> str:
+        start = f"{self.tries} states, cycle of {self.time_steps} steps"
+        return f"shooting from {start} (periodicity error {self.periodicity_error:.1e})"
 
 
 @dataclass(frozen=True)
 class Homotopy:
-    """The curve of motions from a linear law to the wanted one, the last of so many
+    """The curve of motions from a linear law to that of the train, the last of so many
     ``curves``.
     """
 
@@ -218,7 +222,7 @@ class Homotopy:
     turning_points: int
     time_steps: int
 
-    def __str__(self):
+    def __str__(self) -> str:
         counts = (
             f"curve no. {self.curves}, {self.steps} steps, {self.turning_points}"
             " turning points"

@@ -1,8 +1,9 @@
-"""What a train does after it has run long enough: the kind of its motion, and the
-numbers of that motion.
+"""Steady states: the motion of a train after it has run long enough, its kind and its
+numbers.
 """
 
 import dataclasses
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +26,7 @@ KINDS = "contact", "periodic", "subharmonic", "irregular", "unknown"
 @by_value
 @dataclass(frozen=True)
 class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
-    """What a train does at one speed after it has run long enough; made by
+    """Motion of a train at one speed after it has run long enough; made by
     :func:`jaxhb.steady_state`.
 
     Parameters
@@ -50,8 +51,8 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
         from the linear motion and nothing was marched, and where it is not decided:
         ``notes`` then say why.
     started_from : float or None
-        Speed in rpm of the motion from which this one was marched, a neighbour's in a
-        sweep or that of ``start``; None from teeth at rest on their drive sides.
+        Speed in rpm of the motion from which this one was marched, that of a neighbour
+        in a sweep or that of ``start``; None from teeth at rest on their drive sides.
     """
 
     rpm: float
@@ -60,10 +61,10 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
     response: Response | None
     record: Record | None
     cycles: int
-    notes: tuple
+    notes: tuple[str, ...]
     motion: np.ndarray | None
     topology: Topology
-    stability: object = None
+    stability: Any = None
     started_from: float | None = None
 
     __repr__ = state_line
@@ -76,8 +77,8 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
 
     @property
     def linear(self) -> bool:
-        """Whether it is the one motion of a train that is linear as long as no teeth
-        part, as they do not.
+        """Whether it is the only motion of a train that is linear as long as no teeth
+        part: they do not.
         """
         apart = (
             self.kind != "contact"
@@ -88,47 +89,56 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
 
     @property
     def solution(self) -> Response | None:
-        """The response; None of recorded cycles, and of a motion that is not known."""
+        """The response; None for recorded cycles, and for a motion that is unknown."""
         return self.response
 
-    def _read(self, quantity, index, sense=1):
+    def _read(self, quantity: str, index: Any, sense: int = 1) -> Any:
         source = self.record if self.response is None else self.response
         if source is None:
             raise ValueError(
                 f"the motion at {self.rpm:g} rpm is unknown: {' '.join(self.notes)}"
             )
-        found = source._read(quantity, index, sense)
+        reading = source._read(quantity, index, sense)
         # Period 0 stands for a response that did not converge, which has one cycle.
         cycles = max(self.period, 1)
-        if isinstance(found, Signal):
-            return SteadySignal(**vars(found), cycles=cycles)
-        if isinstance(found, Contact):
-            # The response goes over a whole period: its impacts are told for one cycle.
-            hits = found.impacts_per_cycle / cycles, found.hardest_impact
-            return SteadyContact(
-                found.separated_fraction,
-                found.reverse_contact_fraction,
-                *hits,
-                found.drive_side,
+        if isinstance(reading, Signal):
+            return SteadySignal(
+                coefficients=reading.coefficients,
+                elastic_coefficients=reading.elastic_coefficients,
+                revolutions_per_cycle=reading.revolutions_per_cycle,
+                resolution=reading.resolution,
+                sharp=reading.sharp,
+                cycles=cycles,
             )
-        return float(found) if quantity == "power" else found
+        if isinstance(reading, Contact):
+            # The response covers a whole period: its impacts are counted for one cycle.
+            return SteadyContact(
+                separated_fraction=reading.separated_fraction,
+                reverse_contact_fraction=reading.reverse_contact_fraction,
+                impacts_per_cycle=reading.impacts_per_cycle / cycles,
+                hardest_impact=reading.hardest_impact,
+                drive_side=reading.drive_side,
+            )
+        return float(reading) if quantity == "power" else reading
 
     def to_xarray(self, *, orders: float | None = None) -> Dataset:
-        """The motion as a data set of xarray, as :meth:`SteadySweep.to_xarray`, without
-        the dimension ``rpm``.
+        """The motion as a data set of xarray: that of :meth:`SteadySweep.to_xarray`
+        without the dimension ``rpm``.
         """
         return to_xarray([self], self.topology, self.rpm, orders=orders)
 
-    def __str__(self):
-        what = (
+    def __str__(self) -> str:
+        kind = (
             f"{self.kind}, period {self.period} cycles"
             if self.kind == "subharmonic"
             else self.kind
         )
-        return f"{self.rpm:g} rpm: {what}" + "".join(f"; {note}" for note in self.notes)
+        return f"{self.rpm:g} rpm: {kind}" + "".join(f"; {note}" for note in self.notes)
 
 
-def kind_of_one_cycle(topology, contacts):
+def kind_of_one_cycle(
+    topology: Topology, contacts: Iterable[Contact | SteadyContact]
+) -> str:
     """Kind of a motion whose period is one cycle: only where there are teeth can they
     be in contact.
     """
@@ -136,12 +146,12 @@ def kind_of_one_cycle(topology, contacts):
     return "contact" if topology.mesh_names and not apart else "periodic"
 
 
-def orbit_state(response):
-    """A periodic solution as the steady state that it would be; "unknown" where it
-    solves no equations.
+def orbit_state(response: Response) -> SteadyState:
+    """A periodic solution as the steady state that it would be; "unknown" where the
+    equations are not solved.
     """
     status = Status(int(response.status))
-    notes = ()
+    notes: tuple[str, ...] = ()
     if not response.solved:
         kind = "unknown"
         notes = (status.sentence,)
@@ -149,26 +159,26 @@ def orbit_state(response):
         kind = kind_of_one_cycle(response.topology, response.contacts().values())
     period = int(kind != "unknown")
     return SteadyState(
-        float(response.rpm),
-        kind,
-        period,
-        response,
-        None,
-        0,
-        notes,
-        None,
-        response.topology,
+        rpm=float(response.rpm),
+        kind=kind,
+        period=period,
+        response=response,
+        record=None,
+        cycles=0,
+        notes=notes,
+        motion=None,
+        topology=response.topology,
     )
 
 
 @by_value
 @dataclass(frozen=True)
 class SteadySweep:
-    """Steady states at several speeds, one after another as a sequence; :attr:`kind`
-    and the like as arrays.
+    """Sequence of steady states at several speeds; :attr:`kind` and the like as
+    arrays.
     """
 
-    states: tuple
+    states: tuple[SteadyState, ...]
     direction: str
 
     __repr__ = states_line
@@ -200,8 +210,8 @@ class SteadySweep:
         return np.array([state.period for state in self.states])
 
     def to_xarray(self, *, orders: float | None = None) -> Dataset:
-        """The sweep as a data set of xarray, as :meth:`jaxhb.Response.to_xarray`, with
-        kind, period and source.
+        """The sweep as a data set of xarray: that of :meth:`jaxhb.Response.to_xarray`
+        with kind, period and source.
 
         Numbers of a motion come from its ``harmonics``, from a ``record`` (extremes
         over the cycles recorded, no phases and accelerations) or from ``nothing``, and

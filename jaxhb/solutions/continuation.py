@@ -11,8 +11,9 @@ The loop runs on the host, around compiled functions: beside a Jacobian, millise
 its decisions cost nothing.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,18 +43,25 @@ SHORTER = 0.4
 LONGER = 1.6
 EASED = 0.7  # after a step with all its Jacobians: the next prediction is twice as near
 LOST = 1e-8  # below which the curve is given up
-JACOBIANS = (
-    3  # of a step at most: where Newton's method wants more, a shorter step is cheaper
-)
+# Of a step at most: where Newton's method needs more, a shorter step is cheaper
+JACOBIANS = 3
 END_JACOBIANS = 9  # at an end of the curve at most: the error falls to ``closed``
-SIMPLIFIED = (
-    5  # corrections at most with one Jacobian, which costs many times as much as each
-)
+# Corrections at most with one Jacobian, which costs many times as much as each
+SIMPLIFIED = 5
 TURNS = 12  # tangents tried at a corner
+
+Linearize = Callable[
+    [np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray, Any]
+]
+"""Map from ``y`` and a normal, both ``(m+1,)``, to H ``(m,)``, a change and a tangent,
+both ``(m+1,)``, and slopes: see :func:`follow_curve`.
+"""
+Simplify = Callable[[np.ndarray, Any], tuple[np.ndarray, np.ndarray]]
+"""Map from ``y`` and slopes to H and a change: see :func:`follow_curve`."""
 
 
 class CurveEnd(NamedTuple):
-    """Where a curve was followed to."""
+    """End of the part of a curve that was followed."""
 
     y: np.ndarray  # (m+1,)
     tangent: np.ndarray | None
@@ -64,8 +72,9 @@ class CurveEnd(NamedTuple):
 
 
 class _Trial(NamedTuple):
-    """A step as far as it was corrected. tangent : at its last Jacobian; side : at its
-    first one.
+    """A step as far as it was corrected.
+
+    tangent : at its last Jacobian; side : tangent at its first Jacobian.
     """
 
     y: np.ndarray
@@ -75,35 +84,33 @@ class _Trial(NamedTuple):
     jacobians: int
 
 
-@np.errstate(
-    over="ignore", invalid="ignore", divide="ignore"
-)  # what is not finite fails the tests of a trial
+# Numbers that are not finite fail the tests of a trial.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def follow_curve(
-    linearize,
-    simplify,
-    start,
+    linearize: Linearize,
+    simplify: Simplify,
+    start: np.ndarray,
     *,
-    most,
-    within=(-np.inf, 1.0),
-    onward=None,
-    visit=None,
-    control=STEP_CONTROL,
-):
-    """Follow the curve from ``start``, to which p belongs, until p leaves its range:
-    the CurveEnd.
+    most: float,
+    within: tuple[float, float] = (-np.inf, 1.0),
+    onward: np.ndarray | None = None,
+    visit: Callable[[np.ndarray, np.ndarray], object] | None = None,
+    control: StepControl = STEP_CONTROL,
+) -> CurveEnd:
+    """Follow the curve from ``start``, whose last entry is p, until p leaves its range;
+    return the CurveEnd.
 
     ``linearize(y, normal)`` gives H, the change that makes it zero to first order, a
     tangent of any length, oriented by the sign of the determinant of the Jacobian with
     the tangent below it or by a positive product with ``normal``, the tangent before,
     and the slopes with which ``simplify(y, slopes)`` gives H and a change at another y.
-    ``most``: Jacobians; ``onward``: the tangent on from a start on the curve, without
-    it p rises; ``visit(y, tangent)`` is called at the start, after every step and at
-    the end.
+    ``most``: Jacobians at most; ``onward``: the tangent on from a start on the curve,
+    without it p rises; ``visit(y, tangent)`` is called at the start, after every step
+    and at the end.
     """
     curve = _Curve(linearize, simplify, most, control)
     visit = visit or (lambda y, tangent: None)
     y = np.asarray(start)
-    tangent = onward
     if onward is None:
         y, tangent = curve.reach(y, y[-1], np.inf)
         if tangent is None:
@@ -114,6 +121,8 @@ def follow_curve(
         # one.
         curve.orientation = np.sign(tangent[-1])
         tangent = curve.orientation * tangent
+    else:
+        tangent = onward
     visit(y, tangent)
     rise = np.sign(tangent[-1])
     length = control.first
@@ -143,11 +152,13 @@ def follow_curve(
             # The end is between both points. If the curve turned back between them, a
             # shorter step tells.
             between = y + (end - y[-1]) / (trial.y[-1] - y[-1]) * (trial.y - y)
-            last, found = curve.reach(between, end, 4 * length)
-            if found is not None:
-                found = found * np.sign(found @ tangent)
-                visit(last, found)
-                return CurveEnd(last, found, True, steps, curve.jacobians, folds)
+            end_point, end_tangent = curve.reach(between, end, 4 * length)
+            if end_tangent is not None:
+                end_tangent = end_tangent * np.sign(end_tangent @ tangent)
+                visit(end_point, end_tangent)
+                return CurveEnd(
+                    end_point, end_tangent, True, steps, curve.jacobians, folds
+                )
             length *= SHORTER
         else:
             if trial.jacobians == JACOBIANS:
@@ -165,18 +176,18 @@ def follow_curve(
 
 
 def locate_zero(
-    linearize,
-    simplify,
-    before,
-    after,
-    test,
+    linearize: Linearize,
+    simplify: Simplify,
+    before: tuple[np.ndarray, np.ndarray],
+    after: tuple[np.ndarray, np.ndarray],
+    test: Callable[[np.ndarray, np.ndarray], float],
     *,
-    closed=1e-9,
-    most=30,
-    control=STEP_CONTROL,
-):
-    """The point ``(y, tangent)`` between two others of a curve where ``test(y,
-    tangent)`` changes its sign.
+    closed: float = 1e-9,
+    most: int = 30,
+    control: StepControl = STEP_CONTROL,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Locate the point ``(y, tangent)`` between two other points of a curve where
+    ``test(y, tangent)`` changes its sign.
 
     By the method of false position (Illinois) in the distance along the first tangent,
     until p moves by less than ``closed``: the distance moved times the slope of p, the
@@ -189,36 +200,44 @@ def locate_zero(
     far = (after[0] - y) @ tangent
     # A step leaves the tangent of its last Jacobian, not of its end: the change of sign
     # may lie beside the two points.
-    start, found = ((at, curve.linearize(at, tangent)[2]) for at in (y, after[0]))
-    low = test(*start)
-    high = test(*found)
+    point = after[0]
+    start_tangent = curve.linearize(y, tangent)[2]
+    point_tangent = curve.linearize(point, tangent)[2]
+    low = test(y, start_tangent)
+    high = test(point, point_tangent)
     whole = abs(far)
     for _ in range(most):
         length = (near * high - far * low) / (high - low)
-        last = found[1]
-        trial = curve.correct(y + length * tangent, tangent, whole)
-        found = trial.y, curve.linearize(trial.y, tangent)[2]
-        value = test(*found)
-        if (
-            value == 0
-            or abs(length - far) * max(abs(found[1][-1]), abs(last[-1])) < closed
-        ):
+        last_tangent = point_tangent
+        point = curve.correct(y + length * tangent, tangent, whole).y
+        point_tangent = curve.linearize(point, tangent)[2]
+        value = test(point, point_tangent)
+        slope = max(abs(point_tangent[-1]), abs(last_tangent[-1]))
+        if value == 0 or abs(length - far) * slope < closed:
             break
         near, low = (far, high) if value * high < 0 else (near, low / 2)
         far = length
         high = value
-    return found
+    return point, point_tangent
 
 
-def _across(change, tangent, normal):
-    """The change without its part along the curve, in the plane of ``normal``."""
+def _across(change: np.ndarray, tangent: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Remove from a change its part along the curve: it is then in the plane across
+    ``normal``.
+    """
     return change - tangent * (normal @ change) / (normal @ tangent)
 
 
 class _Curve:
     """Newton's method on the equations of a curve; its Jacobians are counted."""
 
-    def __init__(self, linearize, simplify, most, control):
+    def __init__(
+        self,
+        linearize: Linearize,
+        simplify: Simplify,
+        most: float,
+        control: StepControl,
+    ):
         self.equations = linearize
         self.simplify = simplify
         self.most = most
@@ -227,11 +246,14 @@ class _Curve:
         self.jacobians = 0
 
     @property
-    def exhausted(self):
+    def exhausted(self) -> bool:
+        """Whether no Jacobian is left."""
         return self.jacobians >= self.most
 
-    def linearize(self, y, normal):
-        """Error, change, tangent of length 1, slopes."""
+    def linearize(
+        self, y: np.ndarray, normal: np.ndarray
+    ) -> tuple[float, np.ndarray, np.ndarray, Any]:
+        """Error, change ``(m+1,)``, tangent ``(m+1,)`` of length 1, and slopes."""
         self.jacobians += 1
         value, change, tangent, slopes = self.equations(y, normal)
         tangent = self.orientation * np.asarray(tangent)
@@ -242,7 +264,9 @@ class _Curve:
             slopes,
         )
 
-    def reach(self, y, p, farthest):
+    def reach(
+        self, y: np.ndarray, p: float, farthest: float
+    ) -> tuple[np.ndarray, np.ndarray | None]:
         """The point of the curve with that p and its tangent; None for the tangent
         where Newton's method fails, at the latest by a change as long as ``farthest``.
         """
@@ -260,7 +284,7 @@ class _Curve:
             y = y + change
         return y, None
 
-    def correct(self, y, normal, length):
+    def correct(self, y: np.ndarray, normal: np.ndarray, length: float) -> _Trial:
         """The :class:`_Trial` at ``y``, corrected across ``normal`` while it stays
         within two lengths of the step.
         """
@@ -271,7 +295,7 @@ class _Curve:
             change = _across(change, tangent, normal)
             if np.linalg.norm(change) < 2 * length:
                 y, error, change = self.polish(
-                    y, error, change, slopes, (tangent, normal)
+                    y, error, change, slopes, tangent, normal
                 )
             trial = _Trial(y, error, tangent, side, jacobians)
             leads_away = not (
@@ -280,17 +304,26 @@ class _Curve:
             if error < self.control.near or leads_away or self.exhausted:
                 break
             y = y + change
+        assert trial is not None, "a step has at least one Jacobian"
         return trial
 
-    def polish(self, y, error, change, slopes, plane):
-        """Corrections with the same Jacobian as long as each is less than half of the
-        last.
+    def polish(
+        self,
+        y: np.ndarray,
+        error: float,
+        change: np.ndarray,
+        slopes: Any,
+        tangent: np.ndarray,
+        normal: np.ndarray,
+    ) -> tuple[np.ndarray, float, np.ndarray]:
+        """Correct with the same Jacobian as long as each change is less than half of
+        the last; return y, error and the change that is left.
         """
         for _ in range(SIMPLIFIED):
             if not error > self.control.near:
                 break
             value, following = self.simplify(y + change, slopes)
-            following = _across(np.asarray(following), *plane)
+            following = _across(np.asarray(following), tangent, normal)
             if not np.linalg.norm(following) < 0.5 * np.linalg.norm(change):
                 break
             y = y + change

@@ -1,9 +1,9 @@
-"""From a linear law with strong tooth damping to the wanted teeth, along the curve of
+"""From a linear law with strong tooth damping to that of the train, along the curve of
 periodic motions.
 
 Where teeth hammer with little damping, sweeps may wander for ever though periodic
 motions exist. With a gap as stiff as the contact the law is linear and its motion
-unique. On the way to the wanted law,
+unique. On the way to the law of the train,
 
     epsilon^p,     damping r + D (1 - p),     transition tau v^(1 - p),     p = 0 .. 1,
 
@@ -16,7 +16,8 @@ long it is nobody knows beforehand: the work is bounded.
 """
 
 import dataclasses
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -25,10 +26,13 @@ from jaxhb.balance.map_newton import DIFFERENCE, PackedPoint
 from jaxhb.balance.sweeps import SweepEquation, SweepPlan, SweepPoint
 from jaxhb.equations.iterations import gcr_on_host
 
+Product: TypeAlias = Callable[[np.ndarray], np.ndarray]
+"""Product of a matrix with a vector."""
+
 
 class Beginning(NamedTuple):
     """The law at p = 0: damping ratio of the fastest motion of teeth that is added;
-    transition over the wanted one, at most, as far as the backlash holds it; whether
+    transition over that of the train, at most, as far as the backlash holds it; whether
     epsilon falls linearly in p instead of geometrically.
     """
 
@@ -37,7 +41,7 @@ class Beginning(NamedTuple):
     linear: bool
 
 
-# Of one curve after another: which is short nobody knows beforehand.
+# Of one curve after another: nobody knows beforehand which one is short.
 BEGINNINGS = (
     Beginning(0.3, 20.0, False),
     Beginning(0.1, 4.5, True),
@@ -55,8 +59,8 @@ KRYLOV_STEPS = 40
 
 
 class MapCurve:
-    """The points that sweeps leave as they are, over p; ``marches`` were taken, and at
-    ``most`` so many will be.
+    """Curve of the points that sweeps do not change, over p; it has taken ``marches``,
+    and takes ``most`` of them at most.
     """
 
     def __init__(
@@ -72,7 +76,7 @@ class MapCurve:
         self.beginning = beginning
         self.most = most
         self.packing = PackedPoint(equation, flank)
-        # What makes changes of a point comparable with those of p.
+        # Size that makes changes of a point comparable with those of p.
         self.scale = np.linalg.norm(self.packing.pack(flank)) + 1e-300
         self.marches = 0
         law = equation.equation.law
@@ -88,7 +92,7 @@ class MapCurve:
         )
 
     def start(self) -> np.ndarray:
-        """y of p = 0: the linear motion."""
+        """Point y ``(m+1,)`` of the curve at p = 0: the linear motion."""
         linear = np.asarray(self.equation.equation.linear)
         modes = self.equation.modes
         law = self.equation.equation.law
@@ -98,13 +102,13 @@ class MapCurve:
         return np.append(self.packing.pack(nothing) / self.scale, 0.0)
 
     def point(self, y: np.ndarray) -> SweepPoint:
-        """The point at which a sweep begins, of y = (packed point, p)."""
+        """The point at which a sweep begins, from y = (packed point, p)."""
         return self.packing.unpack(self.scale * y[:-1])
 
     def at(self, p: float) -> SweepEquation:
-        """The equation of sweeps with the law at p."""
+        """The equation of the sweeps with the law at p."""
         equation = self.equation.equation
-        left = 1 - p
+        remaining = 1 - p
         law = equation.law
         epsilon = np.asarray(law.epsilon)
         transition = np.asarray(law.transition)
@@ -114,22 +118,21 @@ class MapCurve:
             transition * self.beginning.transition, np.maximum(transition, 1.0)
         )
         added = self.least * (
-            (1 + self.added / np.maximum(self.least, 1e-300)) ** left - 1
+            (1 + self.added / np.maximum(self.least, 1e-300)) ** remaining - 1
         )
         softened = 1 - p * (1 - epsilon) if self.beginning.linear else geometric
         # Friction that a shaft has stays.
-        own = (
+        shaft_friction = (
             np.zeros(np.shape(epsilon))
             if law.friction is None
             else np.asarray(law.friction)
         )
+        shaft_slip = 0.0 if law.slip is None else np.asarray(law.slip)
         numbers: dict[str, Any] = {
             "epsilon": softened,
-            "transition": transition * (widest / transition) ** left,
-            "friction": np.where(own > 0, own, SLIP * added),
-            "slip": np.where(
-                own > 0, 0.0 if law.slip is None else np.asarray(law.slip), SLIP
-            ),
+            "transition": transition * (widest / transition) ** remaining,
+            "friction": np.where(shaft_friction > 0, shaft_friction, SLIP * added),
+            "slip": np.where(shaft_friction > 0, shaft_slip, SLIP),
         }
         changed = dataclasses.replace(law, **numbers)
         # What damping in contact lacks in the gap, as far as there is one.
@@ -143,8 +146,8 @@ class MapCurve:
         return dataclasses.replace(self.equation, equation=equation, teeth=teeth)
 
     def unclosed(self, y: np.ndarray) -> np.ndarray:
-        """H ``(n,)``, what a sweep changes, over the scale; nan where no march is
-        left.
+        """H ``(m,)``, the change that a sweep makes, over the scale; nan where no march
+        is left.
         """
         if self.marches >= self.most:
             return np.full(len(y) - 1, np.nan)
@@ -154,12 +157,14 @@ class MapCurve:
         )
         return y[:-1] - self.packing.pack(following) / self.scale
 
-    def _by(self, y, value, normal):
-        """The product with the Jacobian at y, of which H is the ``value``, bordered
-        with ``normal``.
+    def _bordered_jacobian(
+        self, y: np.ndarray, value: np.ndarray, normal: np.ndarray
+    ) -> Product:
+        """Product with the Jacobian at y, where H is ``value``, bordered with
+        ``normal``.
         """
 
-        def apply(direction):
+        def apply(direction: np.ndarray) -> np.ndarray:
             short = DIFFERENCE * max(np.linalg.norm(y), 1.0) / np.linalg.norm(direction)
             return np.append(
                 (self.unclosed(y + short * direction) - value) / short,
@@ -168,10 +173,12 @@ class MapCurve:
 
         return apply
 
-    def linearize(self, y, normal):
-        """What ``linearize`` of :func:`continuation.follow_curve` returns."""
+    def linearize(
+        self, y: np.ndarray, normal: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Product]:
+        """Linearize at y, as :func:`continuation.follow_curve` wants it."""
         value = self.unclosed(y)
-        apply = self._by(y, value, normal)
+        apply = self._bordered_jacobian(y, value, normal)
         change = _solve(apply, np.append(-value, 0.0), FORCING * np.linalg.norm(value))
         # From the tangent before, to an error in H that is a share of a step.
         tangent = normal + _solve(
@@ -179,19 +186,19 @@ class MapCurve:
         )
         return value, change, tangent, apply
 
-    def simplify(self, y, slopes):
-        """What ``simplify`` of :func:`continuation.follow_curve` returns."""
+    def simplify(self, y: np.ndarray, slopes: Product) -> tuple[np.ndarray, np.ndarray]:
+        """H and a change at y, as :func:`continuation.follow_curve` wants them."""
         value = self.unclosed(y)
         return value, _solve(
             slopes, np.append(-value, 0.0), FORCING * np.linalg.norm(value)
         )
 
 
-def _solve(apply, right, left):
-    """x with at most ``left`` of ``right - apply(x)``."""
+def _solve(apply: Product, right: np.ndarray, goal: float) -> np.ndarray:
+    """Solve ``apply(x) = right`` for x ``(n,)`` to a residual of norm ``left``."""
     return gcr_on_host(
         apply,
         right,
-        tolerance=left / max(np.linalg.norm(right), 1e-300),
+        tolerance=goal / max(np.linalg.norm(right), 1e-300),
         steps=KRYLOV_STEPS,
     )

@@ -4,12 +4,12 @@ the worst of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb._jax import Numbers
+from jaxhb._jax import Array, Numbers
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
 from jaxhb.results.response import Response
@@ -20,7 +20,7 @@ from jaxhb.train.drivetrain import DriveTrain
 @dataclass(frozen=True)
 class Worst:
     """The largest value of a quantity with a misfire: the cylinder, the speed, and the
-    value with all firing there, nan where that has no answer.
+    value there with all cylinders firing, nan where that has no answer.
     """
 
     cylinder: str
@@ -39,7 +39,7 @@ class Misfires:
     firing: Response
     responses: dict[str, Response]
 
-    def worst(self, read: Callable) -> Worst:
+    def worst(self, read: Callable[[Response], Array]) -> Worst:
         """The misfire and the speed, of those that converged, at which a quantity is
         largest.
 
@@ -48,8 +48,8 @@ class Misfires:
         """
         names = list(self.responses)
         rows = [
-            np.where(r.converged, np.asarray(read(r)), -np.inf)
-            for r in self.responses.values()
+            np.where(response.converged, np.asarray(read(response)), -np.inf)
+            for response in self.responses.values()
         ]
         cylinder, speed = np.unravel_index(np.argmax(rows), np.shape(rows))
         if not np.isfinite(rows[cylinder][speed]):
@@ -73,8 +73,8 @@ def misfire_each(
     tolerance: float | None = None,
     solve: Callable[..., Response] = solve_speeds,
 ) -> Misfires:
-    """Solve at many speeds with all cylinders firing, and with each in turn that does
-    not: :meth:`DriveTrain.misfires`.
+    """Solve at many speeds with all cylinders firing, and with each in turn not firing:
+    :meth:`DriveTrain.misfires`.
 
     Parameters
     ----------
@@ -93,10 +93,10 @@ def misfire_each(
     Examples
     --------
     >>> import jaxhb
-    >>> found = jaxhb.misfire_each(
+    >>> misfires = jaxhb.misfire_each(
     ...     jaxhb.load_scene("six_cylinder_diesel"), rpm=[1200.0, 1800.0]
     ... )
-    >>> worst = found.worst(lambda r: r.torque("cyl6", "flywheel").half_peak_to_peak)
+    >>> worst = misfires.worst(lambda r: r.torque("cyl6", "flywheel").half_peak_to_peak)
     >>> worst.cylinder, worst.rpm, round(worst.value / worst.firing, 1)
     ('cylinder 2', 1800.0, 1.2)
     """
@@ -119,12 +119,14 @@ def cut_off_each(
     Arguments, errors and result are those of :func:`misfire_each`.
 
     >>> import jaxhb
-    >>> found = jaxhb.cut_off_each(
+    >>> cut_offs = jaxhb.cut_off_each(
     ...     jaxhb.load_scene("six_cylinder_diesel"),
     ...     rpm=[1800.0],
     ...     solve=jaxhb.forced_response,
     ... )
-    >>> found.worst(lambda r: r.torque("cyl6", "flywheel").half_peak_to_peak).cylinder
+    >>> cut_offs.worst(
+    ...     lambda r: r.torque("cyl6", "flywheel").half_peak_to_peak
+    ... ).cylinder
     'cylinder 4'
     """
     return _each(
@@ -132,24 +134,33 @@ def cut_off_each(
     )
 
 
-def _each(train, trains, rpm, harmonics, tolerance, solve, *, cut_off):
+def _each(
+    train: DriveTrain,
+    trains: Mapping[str, DriveTrain],
+    rpm: Numbers,
+    harmonics: int | None,
+    tolerance: float | None,
+    solve: Callable[..., Response],
+    *,
+    cut_off: bool,
+) -> Misfires:
+    """Solve a train, and the ``trains`` by the cylinder that does not fire."""
     if not trains:
         raise SceneError(
             f"{train.topology.title}: no cylinder fires, so that none can misfire."
         )
     accuracy = {"harmonics": harmonics, "tolerance": tolerance}
-    asked = {"rpm": rpm} | {
+    arguments = {"rpm": rpm} | {
         name: value for name, value in accuracy.items() if value is not None
     }
-    responses = {name: solve(each, **asked) for name, each in trains.items()}
-    return Misfires(solve(alike(train, cut_off=cut_off), **asked), responses)
+    responses = {name: solve(changed, **arguments) for name, changed in trains.items()}
+    return Misfires(solve(alike(train, cut_off=cut_off), **arguments), responses)
 
 
 def alike(train: DriveTrain, *, cut_off: bool) -> DriveTrain:
-    """The same train with the injections, or gas factors, that those of its misfires,
-    or cut-offs, have.
+    """The train with the array of injections, or of gas factors, that the trains of its
+    misfires, or cut-offs, have.
     """
-    key = (
-        f"{train.topology.cylinder_names[0]}.{'gas_factor' if cut_off else 'injection'}"
-    )
+    field = "gas_factor" if cut_off else "injection"
+    key = f"{train.topology.cylinder_names[0]}.{field}"
     return train.replace({key: train.value(key)})

@@ -11,12 +11,13 @@ hundreds of starts are tried.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import TypeAlias
 
 import jax
 import numpy as np
 
-from jaxhb._jax import on_host
+from jaxhb._jax import Array, on_host
 from jaxhb.balance import map_newton, sweeps, swept
 from jaxhb.balance.map_newton import PackedPoint
 from jaxhb.balance.problem import problem_at
@@ -29,32 +30,25 @@ from jaxhb.solutions import continuation, homotopy
 from jaxhb.solutions.sweeping import SweptTrain
 
 CYCLES = 128  # marched from each start
-PLACES = (
-    1.0,
-    -1.0,
-    0.0,
-    # Of the teeth where the first marches start: on drive sides, on the others, in
-    # their gaps
-)
-SCATTERED, REACH = (
-    8,
-    2.0,
-    # States at random where others do, how far off at most over those that the first
-    # visit
-)
-FIRST_CYCLE = (
-    2  # of a march from which Newton's method starts since the cycle nearly closes
-)
-EARLY = (
-    6  # cycles of a march from a state at random from which it starts whatever they do
-)
-RANDOM = 32  # states at random from which it does
-# Difference of states, as a share of one, up to which they lead to the same motion
+# Of the teeth where the first marches start: on their drive sides, on the other sides,
+# in their gaps
+PLACES = (1.0, -1.0, 0.0)
+# States at random where further marches start, and how far off they are at most, over
+# the states that the first marches visit
+SCATTERED = 8
+REACH = 2.0
+# First cycle of a march from which Newton's method starts where it nearly closes
+FIRST_CYCLE = 2
+# Cycles of a march from a state at random from which it starts whatever they do
+EARLY = 6
+RANDOM = 32  # states at random from which it starts at once
+# Difference of states, as a share of their size, up to which they lead to the same
+# motion
 NEAR = 0.02
 # Difference of the deflections, as a share of the largest, up to which two solutions
 # are one motion
 SAME = 0.01
-# Of Newton's method from one start at most: of those that arrive one in ten takes more
+# Of Newton's method from one start at most: one in ten of those that arrive takes more
 MARCHES = 80
 # Starts of a kind one after another that lead to no new motion, after which there are
 # no more of it
@@ -64,16 +58,17 @@ IDLE = 16
 MOST = 10000
 WORK = 4e7
 STARTED = 0.75
-FEWEST, JACOBIANS = (
-    150,
-    150,
-)  # marches without which no curve begins; points of a curve at most
+FEWEST = 150  # marches without which no curve begins
+JACOBIANS = 150  # points of a curve at most
 # Share of state and force by which a cycle may miss its beginning, aimed at, and from
 # which a motion is near.
 CLOSED = 1e-6
 NEARLY = 1e-3
 CURVE = continuation.StepControl(closed=1e-6, longest=0.2)
 LEAST_P = -0.1  # where a curve that turned back is given up
+
+
+Event: TypeAlias = Homotopy | March | NewtonOnSweeps | Sweeps
 
 
 class _Map:
@@ -95,17 +90,20 @@ class _Map:
         """The point with all teeth on their drive sides, on the host."""
         return jax.tree.map(np.asarray, self.swept.flank)
 
-    def point_of(self, deflection) -> SweepPoint:
-        """The point at which deflections ``(G, n+1)`` m are marched."""
+    def point_of(self, deflection: Array) -> SweepPoint:
+        """The point from which deflections ``(G, n+1)`` m are marched."""
         return sweeps.point_of(
             on_host(self.swept.sweeps), np.asarray(deflection), self.plan
         )
 
     def settle(self) -> Settled:
         """Sweeps from the drive sides."""
-        given = self.swept.sweeps, self.swept.flank
         return sweeps.settle_program(
-            *given, goal=self.goal, most=MOST_SWEEPS, plan=self.plan
+            self.swept.sweeps,
+            self.swept.flank,
+            goal=self.goal,
+            most=MOST_SWEEPS,
+            plan=self.plan,
         )
 
     def newton(self, point: SweepPoint) -> Settled:
@@ -118,23 +116,22 @@ class _Map:
         """Whether an iteration ended at a motion."""
         return bool(ended.distance <= self.goal)
 
-    def response(self, ended: Settled, path) -> Response:
-        """The Response of where an iteration ended."""
-        found, ended = jax.tree.map(np.asarray, (self.swept, ended))
+    def response(self, ended: Settled, path: Sequence[Event]) -> Response:
+        """The Response at the end of an iteration."""
+        swept_problem, ended = jax.tree.map(np.asarray, (self.swept, ended))
         train = self.train
-        active_meshes = self.train.plan.active_meshes
-        given = (
-            self.problem,
-            active_meshes,
-            self.condensed,
-            found,
-            ended,
-            train.plan.tolerance,
-            self.goal,
-            self.plan,
-        )
         with np.errstate(all="ignore"):  # a status tells of numbers that are not finite
-            outcome = jax.tree.map(np.asarray, swept.conclude_sweeps(*given))
+            outcome = swept.conclude_sweeps(
+                self.problem,
+                train.plan.active_meshes,
+                self.condensed,
+                swept_problem,
+                ended,
+                train.plan.tolerance,
+                self.goal,
+                self.plan,
+            )
+            outcome = jax.tree.map(np.asarray, outcome)
         reached = train.plan_of(outcome.deflection.shape[-1] - 1)
         return response_of(train.train, self.rpm, self.problem, outcome, reached, path)
 
@@ -153,8 +150,8 @@ class _Visited:
 
 
 class OrbitSearch:
-    """The motions of one cycle of a train at a speed that are found with a bounded
-    number of marches.
+    """Search for the motions of one cycle of a train at a speed, with a bounded number
+    of marches.
     """
 
     def __init__(self, train: SweptTrain, rpm: float):
@@ -164,13 +161,10 @@ class OrbitSearch:
         self.maps: dict[SweepPlan, _Map] = {}
         self.map = self._map_of(self.plans[0])
         self.found: list[np.ndarray] = []  # deflections of the motions so far
-        self.sweep_change = (
-            np.inf
-        )  # of the vibration, by the last sweep from the drive sides
-        self.marches, self.idle = (
-            0,
-            0,
-        )  # marches taken, starts since the last motion that was new
+        # Of the vibration, by the last sweep from the drive sides
+        self.sweep_change = np.inf
+        self.marches = 0  # taken
+        self.idle = 0  # starts since the last motion that was new
         self.most = min(MOST, WORK / self.plans[0].steps)
         self.random = np.random.default_rng(0)
 
@@ -200,12 +194,13 @@ class OrbitSearch:
                     break
         yield from self._from_linear_law(once=attracted)
 
-    def _map_of(self, plan):
+    def _map_of(self, plan: SweepPlan) -> _Map:
+        """The map with the steps of a plan, made once."""
         if plan not in self.maps:
             self.maps[plan] = _Map(self.train, self.rpm, plan)
         return self.maps[plan]
 
-    def _visited(self, flank):
+    def _visited(self, flank: SweepPoint) -> _Visited:
         """The points that marches from several starts visit."""
         starts = [
             SweepPoint(flank.linear, share * flank.state, share * flank.force)
@@ -216,12 +211,18 @@ class OrbitSearch:
             flank, np.concatenate([states for states, *_ in visits]), SCATTERED
         )
         visits += [self._march(start) for start in starts]
-        return _Visited(*(np.concatenate(rows) for rows in zip(*visits, strict=True)))
+        states, forces, missed, cycle = (
+            np.concatenate(parts) for parts in zip(*visits, strict=True)
+        )
+        return _Visited(states, forces, missed, cycle)
 
-    def _march(self, start):
+    def _march(
+        self, start: SweepPoint
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The parts of :class:`_Visited` for the cycles of one march."""
-        given = self.map.swept.sweeps, start
-        visited = sweeps.visited_program(*given, plan=self.map.plan, cycles=CYCLES)
+        visited = sweeps.visited_program(
+            self.map.swept.sweeps, start, plan=self.map.plan, cycles=CYCLES
+        )
         states, forces, missed = jax.tree.map(np.asarray, visited)
         self.marches += CYCLES
         cycle = np.arange(CYCLES)
@@ -232,7 +233,9 @@ class OrbitSearch:
         )
         return states, forces, np.where(begins, missed, np.inf), cycle
 
-    def _scattered(self, flank, states, count):
+    def _scattered(
+        self, flank: SweepPoint, states: np.ndarray, count: int
+    ) -> list[SweepPoint]:
         """Points at random within REACH of the largest of some states ``(n, 2m)``,
         nearer and farther off by turns.
         """
@@ -243,9 +246,11 @@ class OrbitSearch:
             SweepPoint(flank.linear, share * size, 0 * flank.force) for share in shares
         ]
 
-    def _nearly_closed(self, visited):
-        """Starts from cycles of the marches, those first that miss their beginning
-        least, with their paths.
+    def _nearly_closed(
+        self, visited: _Visited
+    ) -> Iterator[tuple[SweepPoint, list[Event]]]:
+        """Yield starts from cycles of the marches, with their paths; those first that
+        miss their beginning least.
         """
         visibility = PackedPoint(self.map.swept.sweeps, self.map.flank()).visibility
         largest = np.max(visited.missed[np.isfinite(visited.missed)], initial=1e-300)
@@ -265,8 +270,8 @@ class OrbitSearch:
                     [March(cycle, self.map.plan.steps, missed)],
                 )
 
-    def _early(self, visited):
-        """Starts from the first cycles of the marches from states at random."""
+    def _early(self, visited: _Visited) -> Iterator[tuple[SweepPoint, list[Event]]]:
+        """Yield starts from the first cycles of the marches from states at random."""
         scattered = np.arange(len(visited.cycle)) >= len(PLACES) * CYCLES
         early = (
             scattered
@@ -276,28 +281,28 @@ class OrbitSearch:
         for k in self.random.permutation(np.flatnonzero(early)).tolist():
             yield self._start(visited, k), []
 
-    def _at_random(self, visited):
-        """Starts from states at random, nearer and farther off by turns."""
+    def _at_random(self, visited: _Visited) -> Iterator[tuple[SweepPoint, list[Event]]]:
+        """Yield starts from states at random, nearer and farther off by turns."""
         for start in self._scattered(self.map.flank(), visited.states, RANDOM):
             yield start, []
 
-    def _start(self, visited, k):
+    def _start(self, visited: _Visited, k: int) -> SweepPoint:
+        """The visited point number k."""
         return SweepPoint(self.map.flank().linear, visited.states[k], visited.forces[k])
 
-    def _from_linear_law(self, once):
-        """From the ends of curves from linear laws; no other than the first ``once``
-        one has arrived.
+    def _from_linear_law(self, once: bool) -> Iterator[Response]:
+        """Yield motions from the ends of curves from linear laws; no more of them after
+        the first that arrives if ``once``.
         """
-        plan = dataclasses.replace(
-            self.map.plan, by_rate=True
-        )  # of the damping that is added
-        along = self._map_of(plan)
+        # The damping that is added depends on rates.
+        plan = dataclasses.replace(self.map.plan, by_rate=True)
+        curve_map = self._map_of(plan)
         for curves, beginning in enumerate(homotopy.BEGINNINGS, 1):
             if self.most - self.marches < FEWEST:
                 return
             curve = homotopy.MapCurve(
-                along.swept.sweeps,
-                along.flank(),
+                curve_map.swept.sweeps,
+                curve_map.flank(),
                 plan,
                 beginning,
                 self.most - self.marches,
@@ -318,8 +323,8 @@ class OrbitSearch:
             if arrived and once:
                 return
 
-    def _near(self, start, path):
-        """The Response of a motion near a start, if it is new."""
+    def _near(self, start: SweepPoint, path: Sequence[Event]) -> Iterator[Response]:
+        """Yield the Response of a motion near a start, if it is new."""
         equation = self.map.swept.sweeps
         plan = self.map.plan
         point = swept.corrected(self.map.swept, start, plan)
@@ -335,9 +340,11 @@ class OrbitSearch:
             self.map, swept.corrected(self.map.swept, point, plan), path
         )
 
-    def _from(self, train_map, point, path):
-        """The Response of the motion to which Newton's method leads from a point, if it
-        is new.
+    def _from(
+        self, train_map: _Map, point: SweepPoint, path: Sequence[Event]
+    ) -> Iterator[Response]:
+        """Yield the Response of the motion to which Newton's method leads from a point,
+        if it is new.
         """
         ended = train_map.newton(point)
         self.marches += int(ended.marches)
@@ -346,7 +353,10 @@ class OrbitSearch:
         )
         return self._taken(train_map, ended, [*path, event])
 
-    def _taken(self, train_map, ended, path):
+    def _taken(
+        self, train_map: _Map, ended: Settled, path: Sequence[Event]
+    ) -> Iterator[Response]:
+        """Yield the Response of the motion where an iteration ended, if it is new."""
         deflection = np.asarray(ended.deflection)
         new = train_map.arrived(ended) and all(
             difference(deflection, other) > SAME for other in self.found
@@ -358,8 +368,10 @@ class OrbitSearch:
             if response.solved:
                 yield response
 
-    def _refined(self, train_map, ended, path):
-        """The Response with as many steps as the tolerance wants, or the best."""
+    def _refined(
+        self, train_map: _Map, ended: Settled, path: Sequence[Event]
+    ) -> Response:
+        """The Response with as many steps as the tolerance needs, or the best."""
         best = train_map.response(ended, path)
         for plan in self.plans[self.plans.index(train_map.plan) + 1 :]:
             if int(best.status) != Status.TOLERANCE_NOT_MET:

@@ -1,9 +1,10 @@
-"""Decisions taken on the host: which meshes are unknowns, where to start, how many
-harmonics.
+"""Decisions of the host: which meshes are unknowns, where to start, how many harmonics
+there are.
 """
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,18 +12,21 @@ from jaxhb._jax import kept, on_host
 from jaxhb.balance.plan import (
     MOST_HARMONICS,
     Plan,
+    Request,
     excited_harmonic,
     time_steps_for,
     time_steps_of,
 )
 from jaxhb.balance.program import solve_batches
 from jaxhb.equations import backlash, fourier
+from jaxhb.equations.backlash import MeshParameters
 from jaxhb.equations.condensation import HOST_DISKS
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.integration.batch import motions_in_contact
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.train import chain
 from jaxhb.train.changes import linearised
+from jaxhb.train.drivetrain import DriveTrain
 
 LEVELS = (
     16,
@@ -45,13 +49,12 @@ LEVELS = (
 )
 """Numbers of harmonics of the cycle that are offered: each is a program."""
 FEW_LEVELS = 192, 768, 1536, 4096
-"""Those offered where speeds share programs whatever else is asked for: one has the
+"""Numbers of harmonics that are offered where speeds share programs: a speed has the
 same harmonics in any sweep.
 """
 
-LEVEL_RATIO = (
-    2.0  # how many times as many harmonics are tried next, where all levels are offered
-)
+# How many times as many harmonics are tried next, where all levels are offered
+LEVEL_RATIO = 2.0
 # Where the first level lies, over the highest harmonic excited and over that of the
 # highest mesh mode: below the mesh modes the truncated equations often have no solution
 # near the motion.
@@ -66,41 +69,44 @@ HAMMERED = 2.0
 COLUMNS = 4096  # harmonics of some speeds whose linear motion is found at once
 
 
-def level_at_least(harmonics, levels=LEVELS):
+def level_at_least(harmonics: float, levels: Sequence[int] = LEVELS) -> int:
     """The smallest of the levels that is not below ``harmonics``, else the highest."""
-    return next((n for n in levels if n >= harmonics), levels[-1])
+    return next((level for level in levels if level >= harmonics), levels[-1])
 
 
-def next_level(harmonics, method, few_levels=False):
+def next_level(harmonics: int, method: str, few_levels: bool = False) -> int | None:
     """The number of harmonics to try after ``harmonics``; None at the limit.
 
     A level nearer to the limit than to the one before is the limit.
     """
     most = MOST_HARMONICS[method]
     if few_levels:
-        return next((n for n in FEW_LEVELS if n > harmonics), None)
+        return next((level for level in FEW_LEVELS if level > harmonics), None)
     # 0.95: levels are a ratio of 1.33 or 1.5 apart, and the next one is not to be
     # missed by a little.
-    higher = [
-        n
-        for n in LEVELS
-        if 0.95 * LEVEL_RATIO * harmonics <= n <= most / math.sqrt(LEVEL_RATIO)
-    ]
-    return higher[0] if higher else most if harmonics < most else None
+    least = 0.95 * LEVEL_RATIO * harmonics
+    near_limit = most / math.sqrt(LEVEL_RATIO)
+    higher = [level for level in LEVELS if least <= level <= near_limit]
+    if higher:
+        return higher[0]
+    return most if harmonics < most else None
 
 
-def meshes_leaving_contact(train, forces):
-    """Meshes that the linear motion takes off their flank, or nearly so where others
-    separate and hammer.
+def meshes_leaving_contact(
+    train: DriveTrain, forces: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Find the meshes that the linear motion takes off their flank, or nearly so where
+    other meshes separate and hammer.
 
-    Of elastic forces ``(n, M, samples)`` N with all in contact: the flank ``(n, E)`` on
-    which each backlash mesh is taken to stay (to be verified), 0 for the others and for
-    ``springs`` of the topology; whether it leaves it or its stiffness varies, its
-    motion an unknown; and ``(n,)`` whether any force passes through zero.
+    forces : ``(n, M, samples)`` N, elastic, with all teeth in contact. Returns the
+    flank ``(n, E)`` on which each backlash mesh is taken to stay (to be verified), 0
+    for other meshes and for the ``springs`` of the topology; whether its motion is an
+    unknown ``(n, E)``, as it leaves the flank or its stiffness varies; and whether any
+    force passes through zero ``(n,)``.
     """
     gap = np.array(train.topology.mesh_backlash, dtype=bool)
     # A mesh stays on its flank where its least force exceeds that of the knee, by more
-    # the harder others hammer: their impacts come on top of the linear motion.
+    # the harder other meshes hammer: their impacts come on top of the linear motion.
     side = np.where(forces.mean(-1) < 0, -1, 1)
     lowest = forces.min(-1, initial=np.inf)
     highest = forces.max(-1, initial=-np.inf)
@@ -122,21 +128,21 @@ def meshes_leaving_contact(train, forces):
     )
 
 
-def first_level(excited, mesh_modes):
-    """Where to begin: above the excitation, and above the mesh modes where teeth
-    separate.
+def first_level(excited: int, mesh_modes: float) -> int:
+    """The number of harmonics to begin with: above the excitation, and above the mesh
+    modes where teeth separate.
     """
     return level_at_least(max(ABOVE_EXCITATION * excited, ABOVE_MODES * mesh_modes))
 
 
-def tolerance_share(harmonics, weak_modes):
-    """How much of the tolerance an estimate may use: less while modes of meshes lie
-    above the 2 N that it sees.
+def tolerance_share(harmonics: int, weak_modes: float) -> float:
+    """Share of the tolerance that an estimate may use: less while modes of meshes lie
+    above the 2 N harmonics that it sees.
     """
     return 1.0 if 2 * harmonics >= SEES_MODES * weak_modes else BLIND_SHARE
 
 
-def all_active(train, plan, request):
+def all_active(train: DriveTrain, plan: Plan, request: Request) -> Plan:
     """The plan with every mesh that has backlash as an unknown, and enough harmonics
     for that.
     """
@@ -154,7 +160,7 @@ def all_active(train, plan, request):
     )
 
 
-def contact_plan(train, request):
+def contact_plan(train: DriveTrain, request: Request) -> Plan:
     """The plan with all teeth in contact and no mesh held on a flank, so that nothing
     is verified.
     """
@@ -172,13 +178,12 @@ def contact_plan(train, request):
     )
 
 
-def plan_speeds(train, rpm, request):
+def plan_speeds(train: DriveTrain, rpm: np.ndarray, request: Request) -> list[Plan]:
     """A Plan for every speed ``(n,)``, few distinct ones: teeth in contact, leaving
     contact, separating.
     """
-    contact = contact_plan(
-        train, request
-    )  # its ``excited`` is the highest order listed, whatever its amplitude
+    # Its ``excited`` is the highest order listed, whatever its amplitude.
+    contact = contact_plan(train, request)
     excited = excited_harmonic(train, request.method)
     if not train.topology.has_law.any():
         return [contact] * len(rpm)
@@ -194,17 +199,17 @@ def plan_speeds(train, rpm, request):
         dataclasses.replace(contact, flank=tuple(flank)) for flank in flanks.tolist()
     ]
 
-    def level_of(highest):
+    def level_of(highest: float) -> int:
         levels = FEW_LEVELS if request.few_levels and highest else LEVELS
-        wanted = level_at_least(first_level(excited, highest), levels)
-        return request.harmonics or min(wanted, MOST_HARMONICS[request.method])
+        level = level_at_least(first_level(excited, highest), levels)
+        return request.harmonics or min(level, MOST_HARMONICS[request.method])
 
-    # What a stiffness that varies, or a stage, does to the motion the linear train does
-    # not tell: that is marched, too.
+    # The linear train does not tell what a stiffness that varies, or a stage, does to
+    # the motion: that is marched, too.
     marched = apart | (not train.topology.linear_in_contact)
     touching, hammering = (
-        np.flatnonzero(leaves.any(axis=-1) & (marched == kind))
-        for kind in (False, True)
+        np.flatnonzero(leaves.any(axis=-1) & (marched == separating))
+        for separating in (False, True)
     )
     groups = {(False, level_of(0.0)): touching} if len(touching) else {}
     levels = np.array([level_of(highest) for highest in modes[hammering]], dtype=int)
@@ -215,8 +220,8 @@ def plan_speeds(train, rpm, request):
     for (separating, level), group in groups.items():
         # One plan for the group: a mesh is held where it stays on the same flank at all
         # its speeds.
-        own = flanks[group]
-        flank = tuple(np.where((own == own[0]).all(axis=0), own[0], 0).tolist())
+        held = flanks[group]
+        flank = tuple(np.where((held == held[0]).all(axis=0), held[0], 0).tolist())
         resolving = time_steps_for(max(np.max(modes[group]), 2 * contact.excited))
         shared = dataclasses.replace(
             contact,
@@ -232,7 +237,9 @@ def plan_speeds(train, rpm, request):
     return plans
 
 
-def _linear_mesh_forces(train, rpm, contact, harmonics):
+def _linear_mesh_forces(
+    train: DriveTrain, rpm: np.ndarray, contact: Plan, harmonics: int
+) -> np.ndarray:
     """Elastic forces ``(n, M, N+1)`` N of the meshes at speeds ``(n,)``, all teeth in
     contact.
     """
@@ -248,32 +255,36 @@ def _linear_mesh_forces(train, rpm, contact, harmonics):
     )
 
 
-def _mesh_forces_of_host(train, rpm, harmonics):
-    """The same without a program."""
-    (system, meshes) = _linear_parts(train)
-    found = []
+def _mesh_forces_of_host(
+    train: DriveTrain, rpm: np.ndarray, harmonics: int
+) -> np.ndarray:
+    """Elastic forces as of :func:`_linear_mesh_forces`, without a program."""
+    system, meshes = _linear_parts(train)
+    forces = []
     size = max(COLUMNS // (harmonics + 1), 1)
     for first in range(0, len(rpm), size):
         _, bends = motions_in_contact(
             train, rpm[first : first + size], system, meshes, harmonics
         )
-        found.append(
+        forces.append(
             meshes.law.stiffness[:, None]
             * backlash.less_error(meshes, bends[:, meshes.link])
         )
-    return np.concatenate(found)
+    return np.concatenate(forces)
 
 
 @kept
-def _linear_parts(train):
+def _linear_parts(train: DriveTrain) -> tuple[chain.System, MeshParameters]:
     """System and meshes of the linear train, for any speed."""
-    train = linearised(train)  # what acts beside shafts is no mesh
+    train = linearised(train)  # without springs beside shafts, which are no meshes
     return chain.assemble(train), backlash.all_meshes(train)
 
 
-def plan_marching(train, rpm, plan, request):
-    """A plan that serves all ``rpm`` ``(n,)`` whatever the teeth do there, at least as
-    fine as ``plan``.
+def plan_marching(
+    train: DriveTrain, rpm: np.ndarray, plan: Plan, request: Request
+) -> Plan:
+    """A plan that serves all speeds ``rpm`` ``(n,)`` whatever the teeth do there, at
+    least as fine as ``plan``.
     """
     modes, _ = mesh_mode_harmonics(
         train, train.topology.cycle_frequency(float(np.max(rpm)))
@@ -286,15 +297,17 @@ def plan_marching(train, rpm, plan, request):
     )
 
 
-def plan_range(train, rpm, request, *, every_mesh):
-    """One plan for all ``rpm`` ``(n,)`` as far as the linear motion tells: of teeth in
-    contact where none leaves it at any of them, unless ``every_mesh`` is to be an
-    unknown.
+def plan_range(
+    train: DriveTrain, rpm: np.ndarray, request: Request, *, every_mesh: bool
+) -> Plan:
+    """One plan for all speeds ``rpm`` ``(n,)`` as far as the linear motion tells: for
+    teeth in contact where they stay so at every speed, unless ``every_mesh`` is to be
+    an unknown.
     """
     plans = plan_speeds(train, rpm, request)
     unknown = [plan for plan in plans if plan.active]
-    held = {plan.flank for plan in plans}
-    if not unknown and not every_mesh and len(held) == 1:
+    flanks = {plan.flank for plan in plans}
+    if not unknown and not every_mesh and len(flanks) == 1:
         return plans[0]
     marching = plan_marching(
         train, rpm, max(unknown or plans, key=lambda plan: plan.harmonics), request

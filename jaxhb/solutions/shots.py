@@ -4,12 +4,13 @@ leads nowhere on the map of sweeps.
 Where teeth hammer so hard that a disturbance grows a thousand times in a cycle,
 Newton's method on the map goes astray from a cycle that nearly closes. Newton's method
 on the state at the beginning of the cycle, then on the states of all its segments,
-arrives from one or another of the cycles that a march went through and of states at
-random. Motions found here are those of the steps taken; the harmonics correct them.
+arrives from one or another of the cycles that a march went through, or of states at
+random. Motions found here are those of the time steps; the harmonics correct them.
 """
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import jax
@@ -17,18 +18,28 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxhb._jax import Array
 from jaxhb._program import Program
-from jaxhb.balance.problem import model_of, problem_at, reduced_equation
+from jaxhb.balance.plan import Plan
+from jaxhb.balance.problem import (
+    ActiveMeshes,
+    Problem,
+    model_of,
+    problem_at,
+    reduced_equation,
+)
 from jaxhb.equations import fourier
 from jaxhb.equations.reduced_model import states_of
 from jaxhb.integration import shooting
 from jaxhb.integration.step import (
+    Stepper,
     cycle_error,
     force_on_flank,
     rows_of,
     stepper_of,
     with_rate,
 )
+from jaxhb.train.drivetrain import DriveTrain
 
 CYCLES = 64  # marched; those that close best are shot from
 WORK = 6e7  # of the cycles shot from, in units of ``work_of_cycle``
@@ -50,30 +61,39 @@ FLEXIBLE = 1e-6
 
 
 @Program
-def _equations(problem, active_meshes, time_steps):
+def _equations(
+    problem: Problem, active_meshes: ActiveMeshes, time_steps: int
+) -> tuple[Stepper, Array, Array | None]:
     """A Stepper without samples of its linear response, the coefficients ``(2G, N+1)``
-    of these, and those of the variation of the meshes.
+    of that response, and those of the variation of the meshes.
     """
     harmonics = problem.load.shape[-1] - 1
     reduced, _ = reduced_equation(problem, harmonics, active_meshes)
     model = model_of(problem, active_meshes, time_steps)
     response = with_rate(reduced.linear, reduced.frequency)
     empty = jnp.zeros((0, len(response)))
-    states = (
-        jnp.zeros(len(model.at_rest)),
-        model.at_rest @ force_on_flank(reduced.law, reduced.linear),
+    linear_state = jnp.zeros(len(model.at_rest))
+    flank_state = model.at_rest @ force_on_flank(reduced.law, reduced.linear)
+    stepper = stepper_of(
+        model.space,
+        reduced,
+        empty,
+        None,
+        reduced.frequency,
+        time_steps,
+        linear_state,
+        flank_state,
+        model.residual_flexibility,
     )
-    given = reduced.frequency, time_steps, *states, model.residual_flexibility
-    stepper = stepper_of(model.space, reduced, empty, None, *given)
     return stepper, response, reduced.variation
 
 
-def work_of_cycle(train, time_steps):
-    """What the Jacobian of a cycle costs: time steps times (states^2 + 15^2)."""
+def work_of_cycle(train: DriveTrain, time_steps: int) -> int:
+    """Cost of the Jacobian of a cycle: time steps times (states^2 + 15^2)."""
     return time_steps * (states_of(train.topology.n_disks) ** 2 + 15**2)
 
 
-def reduced_stepper(train, rpm, plan):
+def reduced_stepper(train: DriveTrain, rpm: float, plan: Plan) -> Stepper:
     """The Stepper of a train with the meshes and time steps of a Plan."""
     problem = problem_at(train, rpm, plan.static.excited)
     stepper, response, variation = _equations(
@@ -82,15 +102,14 @@ def reduced_stepper(train, rpm, plan):
     # Room for the most steps, the number in use traced: one program for all numbers of
     # steps that follow the modes of the teeth, and one for all that do not: the static
     # response of the rest doubles the time of a step.
-    rows = []
+    rows: list[np.ndarray | None] = []
     for coefficients in (response, variation):
-        rows.append(
-            coefficients
-            if coefficients is None
-            else np.zeros((2 * CAPACITY, len(coefficients)))
-        )
-        if coefficients is not None:
-            rows[-1][: 2 * plan.time_steps] = rows_of(coefficients, plan.time_steps)
+        if coefficients is None:
+            rows.append(None)
+        else:
+            padded = np.zeros((2 * CAPACITY, len(coefficients)))
+            padded[: 2 * plan.time_steps] = rows_of(coefficients, plan.time_steps)
+            rows.append(padded)
     stepper = replace(
         stepper, linear=rows[0], variation=rows[1], count=np.array(plan.time_steps)
     )
@@ -103,9 +122,9 @@ def reduced_stepper(train, rpm, plan):
 
 
 @Program
-def _visited(stepper):
-    """States ``(CYCLES, n)`` at the beginning of cycles from the flanks on, and their
-    periodicity errors.
+def _visited(stepper: Stepper) -> tuple[Array, Array]:
+    """States ``(CYCLES, n)`` at the beginning of cycles from the flanks on, and the
+    periodicity errors ``(CYCLES,)`` of these cycles.
     """
 
     def visit(state, _):
@@ -116,14 +135,14 @@ def _visited(stepper):
 
 
 @Program
-def _shot(stepper, state):
+def _shot(stepper: Stepper, state: Array) -> tuple[Array, Array]:
     """Deflections ``(G, capacity)`` of the cycle that shooting reaches from a state
     ``(n,)``, and their periodicity error.
     """
-    found = shooting.shoot(stepper, state, most=NEWTON_STEPS, tolerance=PERIODIC)[0]
+    shot = shooting.shoot(stepper, state, most=NEWTON_STEPS, tolerance=PERIODIC)[0]
     _, trace, _ = shooting.close(
         stepper,
-        shooting.beginnings(stepper, found),
+        shooting.beginnings(stepper, shot),
         tolerance=CLOSED,
         most=NEWTON_STEPS,
     )
@@ -139,35 +158,43 @@ class FoundOrbit:
     tries: int  # states from which shooting began
 
 
-def _same_orbit(deflection, other):
+def _same_orbit(deflection: np.ndarray, other: np.ndarray) -> np.bool_:
+    """Whether two orbits have the same deflections ``(G, capacity)``."""
     return np.max(np.abs(deflection - other)) <= SAME * np.max(np.abs(deflection))
 
 
-def coefficients(deflection, time_steps):
-    """Coefficients ``(G, n+1)`` of deflections ``(G, capacity)`` over a cycle, all that
-    the time steps tell apart.
+def coefficients(deflection: np.ndarray, time_steps: int) -> np.ndarray:
+    """Coefficients ``(G, n+1)`` of deflections ``(G, capacity)`` over a cycle, as many
+    as the time steps tell apart.
     """
     return np.asarray(
         fourier.analyze(deflection[:, :time_steps], (time_steps - 1) // 2)
     )
 
 
-def shoot(train, rpm, plan, *, work=WORK, deadline=math.inf):
+def shoot(
+    train: DriveTrain,
+    rpm: float,
+    plan: Plan,
+    *,
+    work: float = WORK,
+    deadline: float = math.inf,
+) -> Iterator[FoundOrbit]:
     """Yield a FoundOrbit for each orbit that Newton's method closes with the meshes and
     time steps of a Plan, each once, with as many shots as ``work`` pays; none begins
     after ``deadline`` on the monotonic clock.
     """
     stepper = reduced_stepper(train, rpm, plan)
     most = int(np.clip(work / work_of_cycle(train, plan.time_steps), 1, CYCLES))
-    known: list[np.ndarray] = []
+    deflections: list[np.ndarray] = []
     for tries, state in enumerate(_states(stepper, most), 1):
         if time.monotonic() > deadline:
             return
         deflection, periodicity_error = jax.tree.map(np.asarray, _shot(stepper, state))
         if periodicity_error <= PERIODIC and not any(
-            _same_orbit(deflection, other) for other in known
+            _same_orbit(deflection, other) for other in deflections
         ):
-            known.append(deflection)
+            deflections.append(deflection)
             yield FoundOrbit(
                 coefficients(deflection, plan.time_steps),
                 float(periodicity_error),
@@ -175,9 +202,9 @@ def shoot(train, rpm, plan, *, work=WORK, deadline=math.inf):
             )
 
 
-def _states(stepper, most):
-    """States ``(tries, n)`` from which is shot: the beginnings of at most so many
-    cycles of a march, those that close best, and as many anywhere within twice its
+def _states(stepper: Stepper, most: int) -> np.ndarray:
+    """States ``(tries, n)`` to shoot from: the beginnings of those cycles of a march
+    that close best, ``most`` of them, and as many states at random within twice its
     reach.
     """
     states, periodicity_errors = jax.tree.map(np.asarray, _visited(stepper))

@@ -1,7 +1,7 @@
 """From a drive train and a speed to its periodic response.
 
 Without a plan, the host decides: which meshes can leave contact (from the linear
-motion), where Newton starts, how many harmonics the asked tolerance needs. With a plan
+motion), where Newton starts, how many harmonics the tolerance needs. With a plan
 nothing is decided, and ``solve`` is valid under ``jit`` and ``vmap``.
 """
 
@@ -104,8 +104,8 @@ def solve(
         Speed not greater than 0 or above 1e6 rpm, harmonics that cannot work, or a plan
         made for another train.
     ValueError
-        What belongs to a plan given beside it; no ``start`` beside a plan whose
-        ``start`` is "response".
+        An argument beside a plan that belongs to the plan; no ``start`` beside a plan
+        whose ``start`` is "response".
 
     Notes
     -----
@@ -113,8 +113,8 @@ def solve(
     speed, forwards and backwards, at the cost of about one linear solve
     (:mod:`jaxhb.balance.derivative`); without a plan outside ``jit`` and ``vmap`` only.
     Under a transformation a response whose status is above TOLERANCE_NOT_MET is nan in
-    every number but those given, and has zero derivatives backwards, so that it leaves
-    the others of a batch theirs, or nan if the plan says so.
+    every number but its inputs, and has zero derivatives backwards, so that the other
+    responses of a batch keep theirs, or nan if the plan says so.
 
     Examples
     --------
@@ -151,53 +151,50 @@ def solve(
             "a computed bound has no derivative: leave out certify where you"
             " differentiate solve"
         )
-    now = concrete(train, rpm)
-    if traced(now) or staged():
+    concrete_train, concrete_rpm = concrete(train, rpm)
+    if traced(concrete_train, concrete_rpm) or staged():
         raise TypeError(
             "jit or vmap traces solve: pass plan=jaxhb.plan(train, rpm=...), made"
             " outside"
         )
-    found = _decide(
-        now[0],
-        now[1],
-        Request.of(train, harmonics, tolerance, method, integrals),
-        start,
-        seconds,
-    )
-    if traced(
-        train, rpm
-    ):  # by differentiation alone: solved already, the program only adds the derivative
-        response = solve_planned(train, rpm, _exact(found.reached), found.response)
-        return dataclasses.replace(response, path=found.response.path)
-    return (
-        _certified(found.response, harmonics, method, integrals)
-        if certify
-        else found.response
-    )
+    request = Request.of(train, harmonics, tolerance, method, integrals)
+    case = _decide(concrete_train, concrete_rpm, request, start, seconds)
+    assert case.response is not None and case.reached is not None, "no attempt"
+    # Traced by differentiation alone: solved already, the program only adds the
+    # derivative.
+    if traced(train, rpm):
+        response = solve_planned(train, rpm, _exact(case.reached), case.response)
+        return dataclasses.replace(response, path=case.response.path)
+    if certify:
+        return _certified(case.response, harmonics, method, integrals)
+    return case.response
 
 
-def _certified(response, fixed, method, integrals):
-    """The response with its certificate; with more harmonics where that needs them and
-    they are to be had.
+def _certified(
+    response: Response, fixed: int | None, method: str | None, integrals: str | None
+) -> Response:
+    """The response with its certificate; with more harmonics where the bound needs them
+    and they are not ``fixed``.
     """
     while response.solved:
-        response = dataclasses.replace(
-            response, certificate=certificate.certify(response)
-        )
+        bound = certificate.certify(response)
+        response = dataclasses.replace(response, certificate=bound)
         more = (
             None
             if fixed
             else planning.next_level(response.harmonics, method or "reduced")
         )
-        if response.certificate.holds or not more:
+        if bound.holds or not more:
             break
-        asked = {
-            "harmonics": more,
-            "method": method,
-            "integrals": integrals,
-            "start": response,
-        }
-        finer = solve(response.train, rpm=float(response.rpm), **asked)
+        assert response.train is not None, "solve gives its train"
+        finer = solve(
+            response.train,
+            rpm=float(response.rpm),
+            harmonics=more,
+            method=method,
+            integrals=integrals,
+            start=response,
+        )
         if not finer.solved:
             break
         response = finer
@@ -231,8 +228,8 @@ def plan(
         in which it parts has status PLAN_VIOLATED.
     failed_gradient : "zero" (default) or "nan"
         Derivative, under a transformation, of a response whose status is above
-        TOLERANCE_NOT_MET. Zero leaves the others of a batch theirs; nan cannot be taken
-        for a derivative.
+        TOLERANCE_NOT_MET. With zero the other responses of a batch keep theirs; nan
+        cannot be taken for a derivative.
 
     Returns
     -------
@@ -275,39 +272,42 @@ def plan(
     )
     speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
     if np.ndim(rpm) or active == "all" and train.topology.has_law.any():
-        made = _plan_of_several(train, speeds, request, active)
+        decided = _plan_of_several(train, speeds, request, active)
     else:
-        made = _plan_of_one(train, rpm, request)
-    return dataclasses.replace(made, failed_gradient=failed_gradient)
+        decided = _plan_of_one(train, rpm, request)
+    return dataclasses.replace(decided, failed_gradient=failed_gradient)
 
 
-def _plan_of_one(train, rpm, request):
+def _plan_of_one(train: DriveTrain, rpm, request: Request) -> Plan:
     """The plan of one speed, from whatever start led to its motion."""
-    found = _decide(train, rpm, request, None, by_sweeps=False)
+    case = _decide(train, rpm, request, None, by_sweeps=False)
+    assert case.response is not None and case.reached is not None, "no attempt"
     # Where a mesh left its flank, refine has planned again. What can still be violated
     # is the number of crossings that exact integrals have room for, at this speed:
     # every solve under the plan verifies it and says so by its status.
-    if found.status > Status.PLAN_VIOLATED:
-        check(found.response)
-    plan = _exact(found.reached)
-    if plan.active and solve_planned(train, rpm, plan).status > found.status:
+    if case.status > Status.PLAN_VIOLATED:
+        check(case.response)
+    plan = _exact(case.reached)
+    if plan.active and solve_planned(train, rpm, plan).status > case.status:
         return dataclasses.replace(plan, start="response")
     return plan
 
 
-def _plan_of_several(train, speeds, request, active):
+def _plan_of_several(
+    train: DriveTrain, speeds: np.ndarray, request: Request, active: str | None
+) -> Plan:
     """The plan that serves several speeds, with the harmonics that the most demanding
     of them needs.
     """
     plan = _exact(
         planning.plan_range(train, speeds, request, every_mesh=active == "all")
     )
-    wanted = speeds
+    unsolved_speeds = speeds
     solved = False
     while True:
         responses = [
             response
-            for batch in solve_batches(train, wanted, plan)
+            for batch in solve_batches(train, unsolved_speeds, plan)
             for response in batch
         ]
         solved = solved or any(response.solved for response in responses)
@@ -321,7 +321,7 @@ def _plan_of_several(train, speeds, request, active):
         )
         if not any(needs_more) or not higher:
             break
-        wanted = wanted[needs_more]
+        unsolved_speeds = unsolved_speeds[needs_more]
         plan = dataclasses.replace(
             plan,
             harmonics=higher,
@@ -332,7 +332,7 @@ def _plan_of_several(train, speeds, request, active):
     return plan
 
 
-def _exact(plan):
+def _exact(plan: Plan) -> Plan:
     """The plan whose solutions have derivatives."""
     return dataclasses.replace(plan, step_tolerance=0.0, averaged=True)
 
@@ -356,7 +356,7 @@ def linear_response(
     check_speed(train, rpm)
     if harmonics is not None and not traced(train):
         check_harmonics(train, harmonics, "reduced")
-    # Which of the harmonics listed are excited, values tell.
+    # Only values tell which of the listed harmonics are excited.
     listed = min(listed_harmonic(train.topology), MOST_HARMONICS["reduced"])
     most = harmonics or (
         listed if traced(train) else excited_harmonic(train, "reduced")
@@ -365,43 +365,65 @@ def linear_response(
     return solve_planned(train, rpm, plan)
 
 
-def solve_again(train, rpm, request, plan, start=None, *, marched=True, swept=False):
-    """Response where the first attempt under a plan has failed: from another motion,
-    then by the other start strategies; ``marched`` : whether that attempt began with a
-    march, where the plan has one; ``swept`` : whether it was a solve by sweeps.
+def solve_again(
+    train: DriveTrain,
+    rpm: float,
+    request: Request,
+    plan: Plan,
+    start: Response | None = None,
+    *,
+    marched: bool = True,
+    swept: bool = False,
+) -> Response | None:
+    """Solve again where the first attempt under a plan has failed: from another motion,
+    then by the other start strategies.
+
+    marched : whether that attempt began with a march, where the plan has one; swept :
+    whether it was a solve by sweeps.
     """
     failed = starts.from_sweeps if plan.marches and marched else starts.contact
-    above = (
+    remaining = (
         starts.BESIDE_SWEEPS
         if swept
         else starts.STRATEGIES[starts.STRATEGIES.index(failed) + 1 :]
     )
-    wanted = above if start is None else (starts.from_response(start), *above)
-    return starts.first_solved(starts.Case(train, rpm, request, plan), wanted).response
+    strategies = (
+        remaining if start is None else (starts.from_response(start), *remaining)
+    )
+    case = starts.Case(train, rpm, request, plan)
+    return starts.first_solved(case, strategies).response
 
 
-def _decide(train, rpm, request, start, seconds=None, by_sweeps=True):
-    """The Case after all start strategies for one speed, or of those that ``start``
+def _decide(
+    train: DriveTrain,
+    rpm: float,
+    request: Request,
+    start: Response | str | None,
+    seconds: float | None = None,
+    by_sweeps: bool = True,
+) -> starts.Case:
+    """The Case of one speed after all start strategies, or after those that ``start``
     leaves.
 
-    by_sweeps : whether sweeps come first, where they serve; a plan wants a start of
-    Newton's method.
+    by_sweeps : whether sweeps come first, where they serve; a plan needs a start of
+    Newton's method instead.
     """
     check_speed(train, rpm)
     (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
     if start is None:
-        wanted = starts.STRATEGIES
+        strategies: tuple[starts.Strategy, ...] = starts.STRATEGIES
     elif start == "linear" or not train.topology.has_law.any():
-        wanted = (starts.from_contact,)
+        strategies = (starts.from_contact,)
     elif start == "march":
         plan = planning.all_active(train, plan, request)
-        wanted = starts.STRATEGIES[starts.STRATEGIES.index(starts.from_sweeps) :]
+        strategies = starts.STRATEGIES[starts.STRATEGIES.index(starts.from_sweeps) :]
     else:
-        wanted = (starts.from_response(start),)
+        assert isinstance(start, Response)
+        strategies = (starts.from_response(start),)
     deadline = math.inf if seconds is None else time.monotonic() + seconds
     case = starts.Case(train, rpm, request, plan, deadline=deadline)
     if by_sweeps and start is None:
         starts.sweep(case)
     if case.response is not None:
-        wanted = starts.BESIDE_SWEEPS
-    return case if case.solved else starts.first_solved(case, wanted)
+        strategies = starts.BESIDE_SWEEPS
+    return case if case.solved else starts.first_solved(case, strategies)

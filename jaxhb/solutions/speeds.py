@@ -1,5 +1,5 @@
-"""Many speeds in one call: planned on the host, solved in compiled batches, the few
-that fail from other starts.
+"""Many speeds in one call: planned on the host, solved in compiled batches; the few
+that fail are solved again from other starts.
 """
 
 from __future__ import annotations
@@ -98,10 +98,10 @@ def solve_speeds(
     if plan:
         check_plan(train, plan)
     plans = [plan] * len(rpm) if plan else plan_speeds(train, rpm, request)
-    found: list = [None] * len(rpm)
+    responses: list = [None] * len(rpm)
     for shared in dict.fromkeys(plans):
-        indices = [i for i, own in enumerate(plans) if own == shared]
-        free = iter(indices)
+        indices = [i for i, speed_plan in enumerate(plans) if speed_plan == shared]
+        places = iter(indices)
         alone = plan is None and shared.marches and len(devices) < 2
         swept = sweeping.swept_train(train, shared, request) if alone else None
         if swept is None:
@@ -113,34 +113,44 @@ def solve_speeds(
             )
         for batch in batches:
             for response in batch:
-                found[next(free)] = response
+                responses[next(places)] = response
             if progress:
                 progress(len(batch))
     if plan is None:
         for index in range(len(rpm)):
-            if worth_another_try(found[index], request):
-                found[index] = try_again(train, index, found, request, plans[index])
-    return stack(found)
+            if worth_another_try(responses[index], request):
+                responses[index] = try_again(
+                    train, index, responses, request, plans[index]
+                )
+    return stack(responses)
 
 
-def worth_another_try(response, request):
+def worth_another_try(response: Response, request: Request) -> bool:
     """Whether more steps, more harmonics or another start may help."""
     status = Status(int(response.status))
     if status == Status.TOLERANCE_NOT_MET:
         return not request.harmonics
-    # Speeds share plans, which hold meshes on a flank: each may need one of its own.
+    # Speeds share plans, which hold meshes on a flank: each may need its own plan.
     return status == Status.PLAN_VIOLATED or status.another_start_may_help
 
 
-def try_again(train, index, found, request, plan):
-    """The best response at one speed: from its own motion or the nearest that
-    converged, then by the other start strategies.
+def try_again(
+    train: DriveTrain,
+    index: int,
+    responses: Sequence[Response],
+    request: Request,
+    plan: Plan,
+) -> Response:
+    """The best response at one of the speeds of ``responses``: from its own motion or
+    the nearest that converged, then by the other start strategies.
     """
-    response = found[index]
-    start = response
+    response = responses[index]
+    start: Response | None = response
     if int(response.status) != Status.TOLERANCE_NOT_MET:
-        near = [other for other in found if other.converged]
-        start = min(near, key=lambda other: abs(other.rpm - response.rpm), default=None)
+        near = [other for other in responses if other.converged]
+        start = min(
+            near, key=lambda other: np.abs(other.rpm - response.rpm), default=None
+        )
     marched = not isinstance(response.path[0], Sweeps)
     swept = not any(isinstance(event, Newton) for event in response.path)
     again = solve_again(

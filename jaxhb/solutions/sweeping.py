@@ -1,5 +1,5 @@
-"""Motions of hammering teeth by sweeps of the cycle: which trains they serve, with how
-many steps, at any speed.
+"""Motions of hammering teeth by sweeps of the cycle: for the trains that sweeps serve,
+with as many steps as they need, at any speed.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from jaxhb._jax import kept
+from jaxhb._jax import Array, kept
 from jaxhb.balance.march import InstantSolve, MarchModes, modes_for_march
 from jaxhb.balance.plan import Plan, Request, excited_harmonic
 from jaxhb.balance.problem import ActiveMeshes, problem_at
@@ -26,17 +26,17 @@ from jaxhb.solutions import planning
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
-# At which modes are made: only the slowest depend on it, by a soft hold, and so no bit
-# on the speed
+# Speed at which the modes for all speeds are made: only the slowest depend on it, by a
+# soft hold, and no bit of them on the speed that is solved
 MODES_RPM = 1000.0
 
 
 def swept_train(train: DriveTrain, plan: Plan, request: Request) -> SweptTrain | None:
     """The train ready to be solved by sweeps, with the tolerance of a plan made for it;
-    None where they do not serve.
+    None where sweeps do not serve.
 
-    They serve where as many harmonics are taken as it needs and the law is sampled; and
-    not on accelerators, which want lanes side by side.
+    They serve where the number of harmonics is free and the law is sampled; and not on
+    accelerators, which need lanes side by side.
     """
     free = (
         request.harmonics is None
@@ -51,9 +51,9 @@ def swept_train(train: DriveTrain, plan: Plan, request: Request) -> SweptTrain |
 
 
 @kept
-def _modes_of(given: tuple[DriveTrain, ActiveMeshes]) -> MarchModes:
+def _modes_of(train_and_meshes: tuple[DriveTrain, ActiveMeshes]) -> MarchModes:
     """The modes of a train that some meshes of it notice."""
-    train, active_meshes = given
+    train, active_meshes = train_and_meshes
     return modes_for_march(problem_at(train, MODES_RPM, 1), active_meshes)
 
 
@@ -72,8 +72,8 @@ class SweptTrain:
 
     @classmethod
     def of(cls, train: DriveTrain, plan: Plan, request: Request) -> SweptTrain | None:
-        """With the tolerance of a plan; None for disks without inertia that leave no
-        equation in time.
+        """Prepare a train with the tolerance of a plan; None for disks without inertia
+        that leave no equation in time.
         """
         plan = planning.all_active(train, plan, request)
         try:
@@ -87,7 +87,7 @@ class SweptTrain:
         rpm: float,
         *,
         motion: np.ndarray | None = None,
-        deflection: np.ndarray | None = None,
+        deflection: Array | None = None,
         settled: float = SETTLED,
         newton: bool = True,
         at_hand: Response | None = None,
@@ -97,19 +97,19 @@ class SweptTrain:
         more times the steps, twice where it finds nothing.
 
         motion : ``(2S,)``, displacements and velocities of the disks at the beginning
-        of a cycle, in m and m/s, from which it starts; deflection : ``(G, n+1)`` m of
-        the meshes that have a law, of a motion at that speed from which it starts; by
-        default teeth are on their drive sides. settled : share of the tolerance that
-        may be left of the vibration; newton : whether its method may find what sweeps
-        do not settle at, which may be unstable, or not where a train from there would
-        go; at_hand : a motion at that speed, which is the answer where sweeps settle at
-        it; steps : of a cycle at least. A status above TOLERANCE_NOT_MET says that no
-        periodic motion was found.
+        of a cycle, in m and m/s, where sweeps start; deflection : ``(G, n+1)`` m of the
+        meshes that have a law, of a motion at that speed where sweeps start; by default
+        teeth are on their drive sides. settled : share of the tolerance that may be
+        left of the vibration; newton : whether Newton's method may find a motion at
+        which sweeps do not settle, which may be unstable, or not where a train from
+        there would go; at_hand : a motion at that speed, which is the answer where
+        sweeps settle at it; steps : of a cycle at least. A status above
+        TOLERANCE_NOT_MET says that no periodic motion was found.
         """
         problem = problem_at(self.train, rpm, self.plan.excited)
         deviation = None if motion is None else motion - self._linear_start(rpm)
         deflection = None if deflection is None else self._padded(deflection)
-        known = (
+        known_deflection = (
             None
             if at_hand is None
             else self._padded(at_hand.deflections[list(self.plan.active)])
@@ -129,7 +129,7 @@ class SweptTrain:
                 deflection=deflection,
                 settled=settled,
                 newton=newton,
-                at_hand=known,
+                at_hand=known_deflection,
             )
             if at_hand is not None and outcome is None:
                 return at_hand
@@ -143,15 +143,14 @@ class SweptTrain:
                 failures += 1
             else:
                 break
-        best = min(
-            reversed(outcomes), key=lambda outcome: int(outcome.status)
-        )  # the finest of the best
+        # The finest of the best.
+        best = min(reversed(outcomes), key=lambda outcome: int(outcome.status))
         reached = self.plan_of(best.deflection.shape[-1] - 1)
         return response_of(self.train, rpm, problem, best, reached, path)
 
     def sweep_plans(self, rpm: float, steps: int = 0) -> list[SweepPlan]:
-        """The plans with more and more steps, so many at least, that are tried at a
-        speed.
+        """The plans that are tried at a speed one after another, with more and more
+        steps, at least ``steps``.
         """
         topology = self.train.topology
         frequency = float(topology.cycle_frequency(rpm))
@@ -162,22 +161,21 @@ class SweptTrain:
             steps_for(self.modes, frequency),
             4 * planning.ABOVE_EXCITATION * self.excited,
         )
-        enough = [steps for steps in STEPS if steps >= least] or STEPS[-1:]
-        return [SweepPlan(steps, instant, by_rate) for steps in enough]
+        enough = [count for count in STEPS if count >= least] or STEPS[-1:]
+        return [SweepPlan(count, instant, by_rate) for count in enough]
 
-    def _padded(self, deflection):
+    def _padded(self, deflection: Array) -> np.ndarray:
         """Deflections of the active meshes, with the rows that pad them."""
         idle = len(self.plan.active_meshes.mask) - len(deflection)
         return np.pad(deflection, ((0, idle), (0, 0)))
 
-    def _linear_start(self, rpm):
-        """(x, x') ``(2S,)`` of the linear train at the beginning of a cycle."""
+    def _linear_start(self, rpm: float) -> np.ndarray:
+        """Motion (x, x') ``(2S,)`` of the linear train at the beginning of a cycle."""
         system = chain.assemble(self.train)
         meshes = law_meshes(self.train)
         highest = listed_harmonic(self.train.topology)
-        return linear_start(linear_motions(self.train, [rpm], system, meshes, highest))[
-            0
-        ]
+        motions = linear_motions(self.train, [rpm], system, meshes, highest)
+        return linear_start(motions)[0]
 
     def plan_of(self, harmonics: int) -> Plan:
         """The plan under which Newton's method has so many harmonics."""

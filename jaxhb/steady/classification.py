@@ -1,24 +1,31 @@
-"""What marches show: harmonic balance of a motion that returns, a record of one that
-does not, and what kind it is.
+"""Classification of the motions that marches show: harmonic balance of a motion that
+returns, a record of a motion that does not.
 """
+
+from __future__ import annotations
 
 import contextlib
 import dataclasses
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property, partial
+from typing import Any
 
 import jax
 import numpy as np
 
 from jaxhb._threads import side_by_side
+from jaxhb.balance.plan import Request
 from jaxhb.balance.swept import ARRIVED
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import fourier
-from jaxhb.floquet.stability import NEUTRAL, attracts
+from jaxhb.floquet.stability import NEUTRAL, Stability, attracts
+from jaxhb.results.contact import Contact
+from jaxhb.results.record import Record, SteadyContact
 from jaxhb.results.response import Response
 from jaxhb.results.steady import SteadyState, kind_of_one_cycle
 from jaxhb.solutions import planning, sweeping
 from jaxhb.solutions.solve import solve
-from jaxhb.steady.closure import DECAYS, LONGER, NEAR, RECORDED, SPREAD, ended
+from jaxhb.steady.closure import DECAYS, LONGER, NEAR, RECORDED, SPREAD, Cycles, ended
 from jaxhb.steady.confirmation import (
     LEVELS,
     compile_ahead,
@@ -27,12 +34,13 @@ from jaxhb.steady.confirmation import (
     shortest_period,
     solve_marched,
 )
-from jaxhb.steady.marching import Batch, Equations, part_sizes, record_of
+from jaxhb.steady.marching import Batch, Equations, SpeedMarch, part_sizes, record_of
 from jaxhb.train import chain
+from jaxhb.train.drivetrain import DriveTrain
 
-# Difference of the motions of neighbouring speeds from which the one may have another
-# motion when it starts from the other; and of largest deflections up to which records
-# of irregular motion are of one.
+# Difference of the motions of neighbouring speeds from which one speed may have another
+# motion when it starts from the other; and difference of largest deflections up to
+# which records of irregular motion are of the same motion.
 APART = 0.1
 # Closure error below which a motion may have the shorter period that its solution has
 RETURNED = 5e-3
@@ -41,54 +49,68 @@ FINEST = 4
 # Cycles after which a march with shorter steps is recorded that begins at the motion of
 # longer ones
 LATER = 32
-# Where a march is too long
+# Advice where a march is too long
 HIGHER = ": ask for a higher speed, or for a periodic motion (--orbit, jaxhb.solve)"
-# That a march with the finest steps goes on where harmonic balance did not find its
-# motion
+# Cycles for which a march with the finest steps goes on where harmonic balance did not
+# find its motion
 MORE_CYCLES = 32
 
 
 class Classifier:
     """The steady states of one train, from marches of its speeds ``(n,)``, on one
-    device or across several; ``known`` are those at hand, by the index of their speed,
+    device or across several; ``states`` are those at hand, by the index of their speed,
     ``apart`` the indices of speeds where the linear motion separates teeth.
 
-    Sweeps that settle are a march that did, and what they end at is exact; the rest is
-    marched. A march begins with few steps. What harmonic balance confirms is exact
-    whatever the steps. The rest, irregular motion above all, is marched on with twice
-    the steps: on ``gear_train_30`` three of sixty speeds had another kind of motion
-    with the fewest steps than with any others.
+    Sweeps that settle are a march that did, and the motion at which they end is exact;
+    the other speeds are marched. A march begins with few steps. A motion that harmonic
+    balance confirms is exact whatever the steps. Any other, irregular motion above all,
+    is marched on with twice the steps: on ``gear_train_30`` three of sixty speeds had
+    another kind of motion with the fewest steps than with more.
     """
 
-    def __init__(self, train, speeds, request, exact, cycles, devices=()):
+    def __init__(
+        self,
+        train: DriveTrain,
+        speeds: np.ndarray,
+        request: Request,
+        exact: bool,
+        cycles: Cycles,
+        devices: Sequence[Any] = (),
+    ):
         self.devices = devices
         self.train = train
         self.speeds = speeds
         self.request = request
         self.exact = exact
+        # Cycles of a record, and of one whose extremes vary
+        self.recorded = RECORDED if cycles.recorded is None else cycles.recorded
         self.longest_record = LONGER if cycles.recorded is None else cycles.recorded
-        self.cycles = dataclasses.replace(
-            cycles, recorded=RECORDED if cycles.recorded is None else cycles.recorded
-        )
-        self.known, self.apart, self._swept_trains = {}, set(), {}
-        # Lists of (Response, period) of motions that marches passed by, by index of the
-        # speed
-        self.repelling = {}
+        self.cycles = dataclasses.replace(cycles, recorded=self.recorded)
+        self.states: dict[int, SteadyState] = {}
+        self.apart: set[int] = set()
+        self._swept_trains: dict[int, sweeping.SweptTrain | None] = {}
+        # Motions that marches passed by, as (Response, period), by index of the speed
+        self.repelling: dict[int, list[tuple[Response, int]]] = {}
 
-    def march_to_the_end(self, indices, motions, progress=lambda count: None):
+    def march_to_the_end(
+        self,
+        indices: Sequence[int],
+        motions: Mapping[int, np.ndarray],
+        progress: Callable[[int], object] = lambda count: None,
+    ) -> dict[int, SteadyState]:
         """Steady states of some speeds by index, side by side, from motions ``{index:
         (x, x')}`` or from teeth in contact; ``progress`` is called with the number of
-        those that became known.
+        speeds that are done.
         """
-        states = {}
-        if isinstance(self.equations, str):
+        equations = self.equations
+        if isinstance(equations, str):
             states = {
-                index: unknown(self.train, self.speeds[index], self.equations)
+                index: unknown(self.train, self.speeds[index], equations)
                 for index in indices
             }
         else:  # counted before anything is marched
             too_long = {
-                index: self.equations.too_long(self.speeds[index]) for index in indices
+                index: equations.too_long(self.speeds[index]) for index in indices
             }
             states = {
                 index: self._unmarched(index, reason)
@@ -96,14 +118,12 @@ class Classifier:
                 if reason
             }
         progress(len(states))
-        states |= self._swept(
-            [i for i in indices if i not in states], motions, progress
-        )
-        return states | self._march_compiled(
-            [index for index in indices if index not in states], motions, progress
-        )
+        unswept = [index for index in indices if index not in states]
+        states |= self._swept(unswept, motions, progress)
+        unmarched = [index for index in indices if index not in states]
+        return states | self._march_compiled(unmarched, motions, progress)
 
-    def swept(self, period):
+    def swept(self, period: int) -> sweeping.SweptTrain | None:
         """The SweptTrain with so many cycles as its cycle; None where sweeps do not
         serve.
         """
@@ -115,7 +135,12 @@ class Classifier:
             self._swept_trains[period] = sweeping.swept_train(train, plan, self.request)
         return self._swept_trains[period]
 
-    def _swept(self, indices, motions, progress):
+    def _swept(
+        self,
+        indices: Sequence[int],
+        motions: Mapping[int, np.ndarray],
+        progress: Callable[[int], object],
+    ) -> dict[int, SteadyState]:
         """Steady states by index of speeds at which sweeps settle at a motion that
         attracts.
         """
@@ -123,32 +148,37 @@ class Classifier:
             return {}
         settle = partial(self._settled, motions)
         states = {}
-        with contextlib.closing(side_by_side(settle, indices, self.devices)) as found:
-            for index, state in zip(indices, found, strict=False):
+        with contextlib.closing(side_by_side(settle, indices, self.devices)) as settled:
+            for index, state in zip(indices, settled, strict=False):
                 if state is not None:
                     states[index] = state
                     progress(1)
         return states
 
-    def _settled(self, motions, index):
+    def _settled(
+        self, motions: Mapping[int, np.ndarray], index: int
+    ) -> SteadyState | None:
         """The steady state of a speed at which sweeps end at a motion that attracts,
         else None.
         """
         rpm = float(self.speeds[index])
-        known = self.known.get(index)
-        at_hand = known.response if known is not None and known.period == 1 else None
-        response = self.swept(1).solve(
+        earlier = self.states.get(index)
+        at_hand = None
+        if earlier is not None and earlier.period == 1:
+            at_hand = earlier.response
+        swept = self.swept(1)
+        assert swept is not None, "sweeps serve"
+        response = swept.solve(
             rpm, motion=motions.get(index), newton=False, at_hand=at_hand
         )
         if not response.solved:
             return None
         if response is at_hand:
-            return known
+            return earlier
         attracted, stability, _ = attracts(response)
         if not attracted:
             return None
         kind = kind_of_one_cycle(self.train.topology, response.contacts().values())
-        found = {"motion": motion_of(self.train, response), "stability": stability}
         return state_of(
             self.train,
             rpm,
@@ -156,32 +186,37 @@ class Classifier:
             1,
             response=response,
             cycles=int(response.steps),
-            **found,
+            motion=motion_of(self.train, response),
+            stability=stability,
         )
 
-    def _unmarched(self, index, reason):
+    def _unmarched(self, index: int, reason: str) -> SteadyState:
         """The steady state of a speed whose march is too long."""
         return self.from_contact(index, f"{reason}: the motion") or unknown(
             self.train, self.speeds[index], reason + HIGHER
         )
 
-    def from_contact(self, index, why, neutral=False):
-        """The steady state that Newton's method finds from teeth in contact, None
-        unless the linear motion separates no teeth and disturbances of it do not grow
-        (``neutral``: nor fall); ``why`` begins the note that says so.
+    def from_contact(
+        self, index: int, why: str, neutral: bool = False
+    ) -> SteadyState | None:
+        """The steady state that Newton's method finds from teeth in contact; None
+        unless the linear motion separates no teeth and disturbances of the solution do
+        not grow (``neutral``: nor fall). ``why`` begins the note that says so.
         """
         if not self.exact or index in self.apart:
             return None
         rpm = self.speeds[index]
-        given = {
-            "harmonics": self.request.harmonics,
-            "tolerance": self.request.tolerance,
-        }
-        response = solve(self.train, rpm=float(rpm), start="linear", **given)
-        attracted, stability, _ = (
-            attracts(response) if response.solved else (False, None, "")
+        response = solve(
+            self.train,
+            rpm=float(rpm),
+            start="linear",
+            harmonics=self.request.harmonics,
+            tolerance=self.request.tolerance,
         )
-        if not attracted or neutral and stability.largest < 1 - NEUTRAL:
+        if not response.solved:
+            return None
+        attracted, stability, _ = attracts(response)
+        if not attracted or (neutral and stability.largest < 1 - NEUTRAL):
             return None
         notes = (
             (
@@ -203,9 +238,14 @@ class Classifier:
             notes=notes,
         )
 
-    def _march_compiled(self, indices, motions, progress):
-        """Those of speeds that are marched, while the programs that confirm them are
-        made.
+    def _march_compiled(
+        self,
+        indices: Sequence[int],
+        motions: Mapping[int, np.ndarray],
+        progress: Callable[[int], object],
+    ) -> dict[int, SteadyState]:
+        """Steady states of speeds that are marched, while the programs that confirm
+        them are made.
         """
         programs = []
         if self.exact and indices and self.swept(1) is None:
@@ -217,39 +257,44 @@ class Classifier:
             for program in programs:
                 program.cancel()
 
-    def _marched(self, indices, motions, progress):
-        found = {}
+    def _marched(
+        self,
+        indices: Sequence[int],
+        motions: Mapping[int, np.ndarray],
+        progress: Callable[[int], object],
+    ) -> dict[int, SteadyState]:
+        """Steady states of speeds that are marched, group by group."""
+        states: dict[int, SteadyState] = {}
         march = partial(self._until_sure, motions=motions)
         with contextlib.closing(
             side_by_side(march, self._groups(indices), self.devices)
         ) as groups:
-            for states in groups:
-                progress(len(states))
-                found |= states
-        return {index: found[index] for index in indices}
+            for group_states in groups:
+                progress(len(group_states))
+                states |= group_states
+        return {index: states[index] for index in indices}
 
-    def _until_sure(self, indices, motions):
+    def _until_sure(
+        self, indices: Sequence[int], motions: Mapping[int, np.ndarray]
+    ) -> dict[int, SteadyState]:
         """Steady states of speeds that share steps; with the finest steps every motion
         is classified.
         """
-        found = {}
+        equations = self.equations
+        assert isinstance(equations, Equations), "a train that can be marched"
+        states: dict[int, SteadyState] = {}
         spent = dict.fromkeys(indices, 0)
         refinement = 1
         while indices:
             speeds = self.speeds[indices]
             finer = {}
-            batch = Batch(
-                self.equations,
-                speeds,
-                refinement * self.equations.steps(speeds.min()),
-                self.devices,
-            )
+            steps = refinement * equations.steps(speeds.min())
+            batch = Batch(equations, speeds, steps, self.devices)
             for i, index in enumerate(indices):
                 if index in motions:
                     batch.begin(i, motions[index])
-            cycles = self._cycles_of(
-                batch, min(spent[index] for index in indices), refinement
-            )
+            least_spent = min(spent[index] for index in indices)
+            cycles = self._cycles_of(batch, least_spent, refinement)
             while marches := [march for march in batch.marches if not march.done]:
                 over = ended(batch, marches, cycles, self.exact)
                 if not self.exact:
@@ -262,53 +307,54 @@ class Classifier:
                     state = classification.state(period)
                     march.done = state is not None or classification.needs_refinement
                     if state is not None:
-                        found[index] = state
+                        states[index] = state
                     elif classification.needs_refinement:
                         finer[index] = batch.motion(march)
                         spent[index] += march.cycles
             motions = finer
             refinement = 2 * refinement
             refused = {
-                index: self.equations.too_long(self.speeds[index], refinement)
+                index: equations.too_long(self.speeds[index], refinement)
                 for index in finer
             }
-            found |= {
-                i: unknown(self.train, self.speeds[i], why + HIGHER)
-                for i, why in refused.items()
+            states |= {
+                index: unknown(self.train, self.speeds[index], why + HIGHER)
+                for index, why in refused.items()
                 if why
             }
             indices = [
                 index for index in indices if index in finer and not refused[index]
             ]
-        return found
+        return states
 
     @cached_property
-    def equations(self):
+    def equations(self) -> Equations | str:
         """The Equations of the train, or the sentence that refuses it."""
         try:
             return Equations(self.train)
         except ValueError as refusal:
             return str(refusal)
 
-    def _groups(self, indices):
-        """Indices of speeds that are marched in one program: on processors each by
-        itself, so that its numbers are the same bits whatever speeds are asked for
+    def _groups(self, indices: Sequence[int]) -> list[list[int]]:
+        """Group indices of speeds that are marched in one program: on processors each
+        by itself, so that its numbers are the same bits whatever speeds there are
         beside it, else those that take the same steps.
         """
         if len(self.devices) < 2 and jax.default_backend() == "cpu":
             return [[index] for index in indices]
-        groups = {}
+        equations = self.equations
+        assert isinstance(equations, Equations), "a train that can be marched"
+        groups: dict[int, list[int]] = {}
         for index in indices:
-            groups.setdefault(self.equations.steps(self.speeds[index]), []).append(
-                index
-            )
+            groups.setdefault(equations.steps(self.speeds[index]), []).append(index)
         return list(groups.values())
 
-    def _cycles_of(self, batch, spent, refinement):
-        """How long marches of a batch are at most, of which ``spent`` cycles are
+    def _cycles_of(self, batch: Batch, spent: int, refinement: int) -> Cycles:
+        """Largest length of the marches of a batch, of which ``spent`` cycles are
         behind.
         """
-        decay = self.equations.decay_cycles(max(march.rpm for march in batch.marches))
+        highest_rpm = max(march.rpm for march in batch.marches)
+        decay = batch.equations.decay_cycles(highest_rpm)
         before = self.cycles.before_record(batch.work, decay)
         if not self.exact:
             return dataclasses.replace(self.cycles, transient=before)
@@ -322,24 +368,32 @@ class Classifier:
         )
 
 
-def _record(batch, over):
-    """Record a period of the marches that have one, ``(march, period)``, side by side
-    those with the same.
+def _record(batch: Batch, over: Iterable[tuple[SpeedMarch, int]]) -> None:
+    """Record a period of the marches ``(march, period)`` that have one, side by side
+    those with the same period.
     """
-    for period in {period for march, period in over if not march.recorded} - {0}:
-        batch.run(
-            [march for march, own in over if own == period and not march.recorded],
-            True,
-            period,
-        )
+    unrecorded = [(march, period) for march, period in over if not march.recorded]
+    for period in {period for _, period in unrecorded} - {0}:
+        marches = [
+            march for march, march_period in unrecorded if march_period == period
+        ]
+        batch.run(marches, True, period)
 
 
 class _Classification:
-    """What the motion of one march is that may have ended; ``needs_refinement`` where
-    shorter steps have to decide.
+    """Classification of the motion of one march that may have ended;
+    ``needs_refinement`` where shorter steps have to decide.
     """
 
-    def __init__(self, classifier, index, batch, march, spent, refinement):
+    def __init__(
+        self,
+        classifier: Classifier,
+        index: int,
+        batch: Batch,
+        march: SpeedMarch,
+        spent: int,
+        refinement: int,
+    ):
         self.classifier = classifier
         self.index = index
         self.batch = batch
@@ -347,7 +401,7 @@ class _Classification:
         self.refinement = refinement
         self.spent = spent
         self.needs_refinement = False
-        self.notes = []
+        self.notes: list[str] = []
         missing = batch.equations.modes_and_missing[1]
         if np.any(classifier.train.shafts.loss_factor) or np.any(
             classifier.train.dampers.loss_factor
@@ -363,7 +417,7 @@ class _Classification:
                 " of a mesh"
             )
 
-    def state(self, period):
+    def state(self, period: int) -> SteadyState | None:
         """The steady state; None where the march has to go on, or needs refinement."""
         classifier = self.classifier
         march = self.march
@@ -374,11 +428,10 @@ class _Classification:
             )
             return unknown(classifier.train, classifier.speeds[self.index], reason)
         if not period:
-            return (
-                self._irregular()
-                if self.refinement > 1 or not classifier.exact
-                else self._finer()
-            )
+            if self.refinement > 1 or not classifier.exact:
+                return self._irregular()
+            self.needs_refinement = True
+            return None
         if not classifier.exact:
             return self._recorded(period)
         response, period = self._solved(period)
@@ -387,12 +440,14 @@ class _Classification:
         passed_by = classifier.repelling.setdefault(self.index, [])
         if any(motion is response for motion, _ in passed_by):
             return self._passed_by()
-        known = classifier.known.get(self.index)
-        asked = known is not None and known.response is response
-        stays, stability, undecided = (
-            (True, known.stability, "") if asked else attracts(response)
-        )
-        if stays is False:
+        earlier = classifier.states.get(self.index)
+        if earlier is not None and earlier.response is response:
+            attracted = True
+            stability = earlier.stability
+            undecided = ""
+        else:
+            attracted, stability, undecided = attracts(response)
+        if attracted is False:
             passed_by.append((response, period))
             return self._passed_by()
         if undecided:
@@ -403,19 +458,31 @@ class _Classification:
             period, response.contacts().values(), response=response, stability=stability
         )
 
-    def _made(self, kind, period, **found):
-        cycles = self.spent + self.march.cycles
-        classifier = self.classifier
-        motion = found.pop("motion", None)
-        motion = self.batch.motion(self.march) if motion is None else motion
-        rpm = classifier.speeds[self.index]
-        known = {"cycles": cycles, "notes": self.notes, "motion": motion}
-        return state_of(classifier.train, rpm, kind, period, **known, **found)
+    def _steady_state(
+        self,
+        kind: str,
+        period: int,
+        *,
+        response: Response | None = None,
+        record: Record | None = None,
+        motion: np.ndarray | None = None,
+        stability: Stability | None = None,
+    ) -> SteadyState:
+        """The steady state of the march; ``motion`` by default that where it stands."""
+        return state_of(
+            self.classifier.train,
+            self.classifier.speeds[self.index],
+            kind,
+            period,
+            response=response,
+            record=record,
+            cycles=self.spent + self.march.cycles,
+            notes=self.notes,
+            motion=self.batch.motion(self.march) if motion is None else motion,
+            stability=stability,
+        )
 
-    def _finer(self):
-        self.needs_refinement = True
-
-    def _solved(self, period):
+    def _solved(self, period: int) -> tuple[Response | None, int]:
         """Response (None where harmonic balance did not find the motion) and period of
         a march that returns.
         """
@@ -425,27 +492,34 @@ class _Classification:
         while True:
             trace = batch.traced(march, period)
             meshes = batch.equations.meshes
-            known = classifier.known.get(self.index)
-            common = (
-                known is not None
-                and known.response is not None
-                and known.period == period
-            )
-            if common and same_motion(
-                known.response, trace, meshes, classifier.train, period, ARRIVED
+            earlier = classifier.states.get(self.index)
+            if (
+                earlier is not None
+                and earlier.response is not None
+                and earlier.period == period
+                and same_motion(
+                    earlier.response, trace, meshes, classifier.train, period, ARRIVED
+                )
             ):
-                return known.response, period
+                return earlier.response, period
             passed = self._passed_again(trace, period)
             if passed is not None:
                 return passed, period
-            given = {"steps": batch.steps, "meshes": meshes}
             swept = classifier.swept(period)
             if swept is not None:
-                response = settle_marched(swept, march, trace, period, **given)
+                response = settle_marched(
+                    swept, march, trace, period, steps=batch.steps, meshes=meshes
+                )
             else:
-                given["levels"] = LEVELS if self.refinement == FINEST else 1
                 response = solve_marched(
-                    classifier.train, march, trace, period, classifier.request, **given
+                    classifier.train,
+                    march,
+                    trace,
+                    period,
+                    classifier.request,
+                    steps=batch.steps,
+                    meshes=meshes,
+                    levels=LEVELS if self.refinement == FINEST else 1,
                 )
             shorter = period if response is None else shortest_period(response, period)
             if shorter == period:
@@ -454,35 +528,35 @@ class _Classification:
                 return None, period
             period = shorter
 
-    def _passed_again(self, trace, period):
+    def _passed_again(self, trace: np.ndarray, period: int) -> Response | None:
         """The Response of a motion that repels and that the march passes by once more,
         None where it may be another.
         """
         classifier = self.classifier
         march = self.march
-        if (
-            march.closure.errors(period)[0] <= NEAR
-        ):  # it may have come to one that attracts beside that
+        # It may have come to a motion that attracts beside the one that repels.
+        if march.closure.errors(period)[0] <= NEAR:
             return None
-        given = trace, self.batch.equations.meshes, classifier.train, period
-        known = classifier.repelling.get(self.index, ())
-        return next(
-            (
-                other
-                for other, its in known
-                if its == period and same_motion(other, *given)
-            ),
-            None,
-        )
+        meshes = self.batch.equations.meshes
+        for response, other_period in classifier.repelling.get(self.index, ()):
+            if other_period == period and same_motion(
+                response, trace, meshes, classifier.train, period
+            ):
+                return response
+        return None
 
-    def _unsolved(self, period):
-        """Where harmonic balance did not find the motion."""
+    def _unsolved(self, period: int) -> SteadyState | None:
+        """The steady state where harmonic balance did not find the motion; None where
+        the march has to go on, or needs refinement.
+        """
         if self.refinement < FINEST:
-            return self._finer()
-        if self.march.recorded < self.classifier.cycles.recorded:
+            self.needs_refinement = True
+            return None
+        if self.march.recorded < self.classifier.recorded:
             self.march.not_before = self.march.cycles + MORE_CYCLES
             return None
-        if not self.march.closure.period_at_end():  # it was only worth the question
+        # It was only worth the question.
+        if not self.march.closure.period_at_end():
             return self._irregular()
         self.notes.append(
             "harmonic balance did not find the motion that time integration shows: the"
@@ -491,14 +565,15 @@ class _Classification:
         )
         return self._recorded(period)
 
-    def _passed_by(self):
-        """Where a march came near a motion that repels, which with these steps may
-        attract.
+    def _passed_by(self) -> SteadyState | None:
+        """The steady state where a march came near a motion that repels, which with
+        these steps may attract; None where the march has to go on, or needs refinement.
         """
         if self.refinement < FINEST:
-            return self._finer()
+            self.needs_refinement = True
+            return None
         if (
-            self.march.recorded < self.classifier.cycles.recorded
+            self.march.recorded < self.classifier.recorded
             or self.march.cycles < self.classifier.cycles.most
         ):
             # It takes cycles to leave it, and solving again shows nothing more.
@@ -506,15 +581,15 @@ class _Classification:
             return None
         return self._irregular()
 
-    def _irregular(self):
+    def _irregular(self) -> SteadyState:
         """Motion without a period, read from its record."""
         equations = self.batch.equations
         march = self.march
-        kept = (
+        reason = (
             "nothing damps the vibration with which time integration begins: the motion"
             " without it"
         )
-        undisturbed = self.classifier.from_contact(self.index, kept, neutral=True)
+        undisturbed = self.classifier.from_contact(self.index, reason, neutral=True)
         if undisturbed is not None:
             return undisturbed
         before = self.spent + march.cycles - march.recorded
@@ -537,54 +612,75 @@ class _Classification:
             )
         motion = self.batch.motion(march)
         record = record_of(equations, march)
-        longer = self.classifier.longest_record - march.recorded
-        if record.spread > SPREAD and longer > 0:
+        more_cycles = self.classifier.longest_record - march.recorded
+        if record.spread > SPREAD and more_cycles > 0:
             # The motion from which a neighbour starts stays that of the shorter record.
-            for count in part_sizes(longer):
+            for count in part_sizes(more_cycles):
                 self.batch.run([march], True, count)
             record = record_of(equations, march)
-        return self._made("irregular", 0, record=record, motion=motion)
+        return self._steady_state("irregular", 0, record=record, motion=motion)
 
-    def _recorded(self, period):
+    def _recorded(self, period: int) -> SteadyState:
         """Motion with a period, read from its record."""
         record = record_of(self.batch.equations, self.march)
         return self._periodic(period, record.contacts, record=record)
 
-    def _periodic(self, period, contacts, **found):
+    def _periodic(
+        self,
+        period: int,
+        contacts: Iterable[Contact | SteadyContact],
+        *,
+        response: Response | None = None,
+        record: Record | None = None,
+        stability: Stability | None = None,
+    ) -> SteadyState:
+        """Motion with a period, of a response or a record with these contacts."""
         kind = (
             "subharmonic"
             if period > 1
             else kind_of_one_cycle(self.batch.equations.train.topology, contacts)
         )
-        return self._made(kind, period, **found)
+        return self._steady_state(
+            kind, period, response=response, record=record, stability=stability
+        )
 
 
 def state_of(
-    train,
-    rpm,
-    kind,
-    period,
+    train: DriveTrain,
+    rpm: float,
+    kind: str,
+    period: int,
     *,
-    response=None,
-    record=None,
-    cycles=0,
-    notes=(),
-    motion=None,
-    stability=None,
-):
+    response: Response | None = None,
+    record: Record | None = None,
+    cycles: int = 0,
+    notes: Iterable[str] = (),
+    motion: np.ndarray | None = None,
+    stability: Stability | None = None,
+) -> SteadyState:
     """The :class:`SteadyState` of a train at a speed."""
-    known = float(rpm), kind, period, response, record, cycles, tuple(notes), motion
-    return SteadyState(*known, train.topology, stability)
+    return SteadyState(
+        rpm=float(rpm),
+        kind=kind,
+        period=period,
+        response=response,
+        record=record,
+        cycles=cycles,
+        notes=tuple(notes),
+        motion=motion,
+        topology=train.topology,
+        stability=stability,
+    )
 
 
-def unknown(train, rpm, reason):
+def unknown(train: DriveTrain, rpm: float, reason: str) -> SteadyState:
     """The SteadyState of a motion that is not known."""
     return state_of(train, rpm, "unknown", 0, notes=(reason,))
 
 
-def motion_of(train, start):
-    """(x, x') ``(2S,)`` at the beginning of a cycle of a SteadyState or Response of the
-    train.
+def motion_of(train: DriveTrain, start: SteadyState | Response) -> np.ndarray:
+    """Motion (x, x') ``(2S,)`` of the disks at the beginning of a cycle, from a
+    SteadyState or Response of the train.
     """
     motion = start.motion if isinstance(start, SteadyState) else None
     if isinstance(start, Response):

@@ -1,12 +1,18 @@
-"""When a march ends: the period that its motion has, approaches, or does not have. Host
+"""End of a march: the period that its motion has, approaches, or does not have. Host
 arithmetic.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxhb.steady.marching import Batch, SpeedMarch
+
 
 # Closure errors are shares of the largest deflection and the gap. Soft springs to
 # ground and heavy disks on soft shafts settle over hundreds of cycles, of which the
@@ -15,8 +21,8 @@ import numpy as np
 
 PERIODIC = 5e-5  # closure error at which a motion that does not leave it has a period
 NEAR = 3e-4  # closure error below which it has a period that it approaches
-# Closure error that keeps falling below which, where a march ends, it may be near a
-# motion to which it goes on: worth the question of whether there is one that attracts.
+# Closure error, still falling, below which a march that ends may be near a motion to
+# which it goes on: worth the question of whether that motion attracts.
 CLOSE = 0.02
 SMALL = 0.3  # closure error above which a decay shows nothing
 ROUNDED = 1e-9  # closure error that rounding leaves
@@ -25,9 +31,8 @@ ROUNDED = 1e-9  # closure error that rounding leaves
 # fall slows down.
 FALLING = 0.8
 DECAYING = 0.95  # the same where it may still do so
-LEAVING = (
-    1.05  # growth of the closure error from one window to the next that still is none
-)
+# Growth of the closure error from one window to the next that still counts as none
+LEAVING = 1.05
 # Cycles in a window at least (as many as the period has), and cycles after which one is
 # looked for, at most.
 WINDOW = 3
@@ -59,15 +64,20 @@ SPREAD = 0.05
 
 @dataclass(frozen=True)
 class Cycles:
-    """How long a march is at most.
+    """Largest length of a march, in cycles of the excitation.
 
-    transient : cycles before the record, by default 64 to 1024, more of them for trains
-    whose cycles are cheap; where a mode that teeth notice decays slowly, sixteen times
-    its decay, up to 512 if cycles take long and 10,000 if not; recorded : cycles of the
-    record of a motion that does not return, at least; by default 64, and 256 where the
-    largest tooth forces of parts of them tell that those of another record would differ
-    by more than 5 %; most : cycles while closure errors still fall, with each length of
-    steps.
+    Parameters
+    ----------
+    transient : int, optional
+        Cycles before the record, by default 64 to 1024, more of them for trains whose
+        cycles are cheap; where a mode that teeth notice decays slowly, sixteen times
+        its decay, up to 512 if cycles take long and 10,000 if not.
+    recorded : int, optional
+        Cycles of the record of a motion that does not return, at least; by default 64,
+        and 256 where the largest tooth forces of parts of them tell that those of
+        another record would differ by more than 5 %.
+    most : int
+        Cycles while closure errors still fall, with each length of steps.
     """
 
     transient: int | None = None
@@ -81,46 +91,49 @@ class Cycles:
         """
         if self.transient is not None:
             return self.transient
-        most = np.clip(SLOW_WORK / work, *SLOWEST)
-        return int(max(np.clip(WORK / work, *TRANSIENT), min(DECAYS * decay, most)))
+        shortest, longest = SLOWEST
+        most = np.clip(SLOW_WORK / work, shortest, longest)
+        fewest, usual_most = TRANSIENT
+        usual = np.clip(WORK / work, fewest, usual_most)
+        return int(max(usual, min(DECAYS * decay, most)))
 
 
 class Closure:
-    """How nearly the cycles of a march close, cycle by cycle.
+    """Closure of a march: how nearly its cycles close, cycle by cycle.
 
-    A cycle is known by (l, l') ``(I, 2G)`` of its meshes at I equidistant time samples,
-    a reconstruction of the state by delays: motion that no mesh sees, free rotation
-    above all, does not count. The closure error of period k is the largest difference
-    from the cycle k before, relative to the largest of that quantity and the gap
-    (``floor``, ``(2G,)`` in m and m/s).
+    A cycle is represented by (l, l') ``(I, 2G)`` of its meshes at I equidistant time
+    samples, a reconstruction of the state by delays: motion that no mesh sees, free
+    rotation above all, does not count. The closure error of period k is the largest
+    difference from the cycle k before, relative to the largest of that quantity and the
+    gap (``floor``, ``(2G,)`` in m and m/s).
     """
 
-    def __init__(self, floor):
+    def __init__(self, floor: np.ndarray):
         self.floor = floor
         self.cycles = []
 
-    def add(self, samples):
-        """Take in cycles ``(cycles, I, 2G)``; those that no closure error reads any
-        more are dropped.
+    def add(self, samples: Iterable[np.ndarray]) -> None:
+        """Add cycles ``(cycles, I, 2G)``, and drop those that no closure error reads
+        any more.
         """
         self.cycles = (self.cycles + list(samples))[-READ:]
 
     @property
-    def finite(self):
+    def finite(self) -> bool:
         """Whether the motion stayed finite."""
         return bool(np.isfinite(self.cycles[-1]).all())
 
     @property
-    def scale(self):
+    def scale(self) -> np.ndarray:
         """Size ``(2G,)`` of deflections and rates."""
         return (
             np.abs(np.array(self.cycles[-2 * LONGEST_PERIOD :])).max(axis=(0, 1))
             + self.floor
         )
 
-    def errors(self, k, scale=None):
+    def errors(self, k: int, scale: np.ndarray | None = None) -> list[float]:
         """Largest closure error of period k in each of the last three windows, the
-        latest first; else inf.
+        latest first; inf for a window that is not complete.
         """
         window = max(WINDOW, k)
         scale = self.scale if scale is None else scale
@@ -131,13 +144,13 @@ class Closure:
             float(part.max()) if len(part) == window else np.inf for part in windows
         ]
 
-    def period(self):
+    def period(self) -> int:
         """The smallest period in cycles that the motion has or approaches; 0 where
         there is none yet.
 
         Where the motion still approaches a divisor of a period it may well have that
-        one: beside a period doubling it nearly returns after two cycles while it
-        settles on the period of one.
+        divisor as its period: beside a period doubling it nearly returns after two
+        cycles while it settles on the period of one.
         """
         errors = self._errors_by_period()
         for k in PERIODS:
@@ -147,7 +160,7 @@ class Closure:
                 return k
         return 0
 
-    def period_at_end(self, close=NEAR):
+    def period_at_end(self, close: float = NEAR) -> int:
         """The smallest period that the motion has or approaches, however slowly, from a
         closure error of ``close`` on; 0 where there is none: the march goes on no
         longer.
@@ -162,18 +175,19 @@ class Closure:
             0,
         )
 
-    def undecided(self):
+    def undecided(self) -> bool:
         """Whether the motion may still settle on a period: a closure error is small and
         keeps falling.
         """
         return any(map(decaying, self._errors_by_period().values()))
 
-    def _errors_by_period(self):
+    def _errors_by_period(self) -> dict[int, list[float]]:
+        """Closure errors of the last three windows by period."""
         scale = self.scale
         return {k: self.errors(k, scale) for k in PERIODS}
 
 
-def periodic(errors):
+def periodic(errors: Sequence[float]) -> bool:
     """Whether the latest closure error, of those of successive windows, is small and
     not on its way out.
     """
@@ -181,7 +195,7 @@ def periodic(errors):
     return now <= PERIODIC and now <= LEAVING * before < np.inf or now <= ROUNDED
 
 
-def falling(errors, close, share):
+def falling(errors: Sequence[float], close: float, share: float) -> bool:
     """Whether closure errors of successive windows, the latest first and below
     ``close``, fall to a share each.
     """
@@ -189,18 +203,21 @@ def falling(errors, close, share):
     return now <= close and now <= share * before and before <= share * first < np.inf
 
 
-def decaying(errors):
+def decaying(errors: Sequence[float]) -> bool:
     """Whether closure errors may be those of an approach: they fall, if slowly."""
     return falling(errors, SMALL, DECAYING)
 
 
-def ended(batch, running, cycles, exact=False):
-    """Let marches go on until one of them or more end: these, as ``(march, period)``,
-    with period 0 where a march ends without one.
+def ended(
+    batch: Batch, running: Sequence[SpeedMarch], cycles: Cycles, exact: bool = False
+) -> list[tuple[SpeedMarch, int]]:
+    """Let marches go on until one or more of them end; return these as ``(march,
+    period)``, with period 0 where a march ends without a period.
 
     ``cycles``: Cycles with a number of them before the record; ``exact``: whether
     harmonic balance is asked to confirm periods.
     """
+    assert cycles.transient is not None and cycles.recorded is not None
     while running:
         first = [march for march in running if march.cycles < cycles.transient]
         later = [march for march in running if march.cycles >= cycles.transient]
@@ -214,14 +231,15 @@ def ended(batch, running, cycles, exact=False):
     return []
 
 
-def _period(march, cycles, exact):
+def _period(march: SpeedMarch, cycles: Cycles, exact: bool) -> int | None:
     """The period of a march, 0 where it ends without, None where it goes on."""
+    assert cycles.transient is not None and cycles.recorded is not None
     if not march.closure.finite:
         return 0
     if march.cycles < march.not_before:
         return None
-    # Where harmonic balance confirms a motion or refuses it, being near one is worth
-    # the question as soon as the cycles are done, whether or not the march goes on.
+    # Where harmonic balance confirms or refuses a motion, being near one is worth the
+    # question as soon as the cycles are done, whether or not the march goes on.
     close = CLOSE if exact else NEAR
     complete = march.cycles >= cycles.transient and march.recorded >= cycles.recorded
     period = (

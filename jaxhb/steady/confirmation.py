@@ -3,27 +3,34 @@ one long cycle.
 """
 
 import dataclasses
+from collections.abc import Mapping
+from concurrent.futures import Future
 
 import numpy as np
 
-from jaxhb.balance.plan import MOST_HARMONICS
+from jaxhb.balance.plan import MOST_HARMONICS, Plan, Request
 from jaxhb.balance.program import active_deflections, first_start, solve_once
 from jaxhb.balance.swept import difference as deflection_difference
 from jaxhb.equations import fourier
+from jaxhb.equations.backlash import MeshParameters
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
+from jaxhb.results.response import Response
 from jaxhb.results.status import March
 from jaxhb.solutions import planning, starts
+from jaxhb.solutions.sweeping import SweptTrain
 from jaxhb.steady.closure import LONGEST_PERIOD
+from jaxhb.steady.marching import SpeedMarch
+from jaxhb.train.drivetrain import DriveTrain
 
-# Share of the backlash beyond the knee that a mesh keeps which is taken to stay on its
+# Share of the backlash beyond the knee that a mesh keeps if it is taken to stay on its
 # flank (verified)
 MARGIN = 0.05
 # Difference of deflections, relative to the largest and the gap, up to which a solution
 # is the motion marched.
 SAME = 0.05
-# Share of the sum of all amplitudes below which those of longer periods are none: so
-# many times the truncation error, which is of one force and not of a sum, between
-# these; and up to which they may be what Newton's method has left of a start.
+# Share of the sum of all amplitudes below which those of longer periods count as zero:
+# so many times the truncation error, which is of one force and not of a sum, between
+# REPEATS and WEAK; and share up to which Newton's method may have left them of a start.
 TRUNCATED = 10.0
 REPEATS = 1e-4
 WEAK = 5e-3
@@ -36,21 +43,29 @@ LEVELS = 3
 NO_SUBHARMONIC = 1e-5
 
 
-def settle_marched(swept, march, trace, period, *, steps, meshes):
+def settle_marched(
+    swept: SweptTrain,
+    march: SpeedMarch,
+    trace: np.ndarray,
+    period: int,
+    *,
+    steps: int,
+    meshes: MeshParameters,
+) -> Response | None:
     """The Response of a motion with a period of some cycles, by sweeps from one marched
     period; None where they lead to no motion, or to another one.
 
-    swept : SweptTrain with that period as its cycle; others as of
+    swept : SweptTrain with that period as its cycle; other arguments as of
     :func:`solve_marched`.
     """
     deflection = np.split(trace, 2)[0]
     deflection = fourier.analyze(deflection, (deflection.shape[1] - 1) // 2)
     response = swept.solve(march.rpm, deflection=deflection)
     if response.solved and may_repeat(response, period):
-        known = response.deflections[list(swept.plan.active)]
+        solved_deflection = response.deflections[list(swept.plan.active)]
         exact = swept.solve(
             march.rpm,
-            deflection=known,
+            deflection=solved_deflection,
             settled=NO_SUBHARMONIC,
             steps=response.path[-1].time_steps,
         )
@@ -64,41 +79,49 @@ def settle_marched(swept, march, trace, period, *, steps, meshes):
 
 
 def solve_marched(
-    train, march, trace, period, request, *, steps, meshes, levels=LEVELS
-):
+    train: DriveTrain,
+    march: SpeedMarch,
+    trace: np.ndarray,
+    period: int,
+    request: Request,
+    *,
+    steps: int,
+    meshes: MeshParameters,
+    levels: int = LEVELS,
+) -> Response | None:
     """The Response of a motion with a period of some cycles, from one marched period;
     None where no harmonics close to the motion solve the equations.
 
-    train : of one cycle, with its loss factors; trace ``(2G, period x steps)``: (l, l')
-    of the backlash meshes, of which ``meshes`` are the MeshParameters; levels : numbers
-    of harmonics that are tried at most.
+    train : of one cycle, with its loss factors; trace : ``(2G, period x steps)``, (l,
+    l') of the backlash meshes in m and m/s; meshes : their MeshParameters; levels :
+    numbers of harmonics that are tried at most.
     """
     if period > 1:
         train = train.repeated(period)
         request = dataclasses.replace(
             request, harmonics=request.harmonics and period * request.harmonics
         )
-    # Not 0, which says of an Outcome that nothing was marched.
-    event = March(march.cycles, steps, max(march.closure.errors(period)[0], 1e-300))
+    # Not 0, which in an Outcome means that nothing was marched.
+    event: March | None = March(
+        march.cycles, steps, max(march.closure.errors(period)[0], 1e-300)
+    )
     deflection = np.split(trace, 2)[0]
     plan = _plan(train, march.rpm, request, deflection, meshes, period)
     reach = (deflection.shape[1] - 1) // 2
-    given = np.zeros((len(train.topology.has_law), reach + 1), dtype=complex)
-    given[train.topology.law_index] = fourier.analyze(deflection, reach)
-    given = active_deflections(plan, given)
+    coefficients = np.zeros((len(train.topology.has_law), reach + 1), dtype=complex)
+    coefficients[train.topology.law_index] = fourier.analyze(deflection, reach)
+    initial_guess = active_deflections(plan, coefficients)
     case = starts.Case(train, march.rpm, request, plan)
     for _ in range(levels):
-        starts.refine(case, plan, given, event)
+        starts.refine(case, plan, initial_guess, event)
         higher = case.next_level(plan.harmonics)
-        if case.response.solved:
-            response = case.response
+        response = case.response
+        assert response is not None, "an attempt has a response"
+        if response.solved:
             if may_repeat(response, period):
                 response = _exact(case)
-            return (
-                response
-                if same_motion(response, trace, meshes, train, period)
-                else None
-            )
+            same = same_motion(response, trace, meshes, train, period)
+            return response if same else None
         if request.harmonics or not higher:
             break
         plan = dataclasses.replace(plan, harmonics=higher)
@@ -106,24 +129,32 @@ def solve_marched(
     return None
 
 
-def _exact(case):
-    """The response of a case solved on until its residual is exact: what the last step
-    of Newton's method leaves is not told from a weak subharmonic, which a march that
-    still decays seems to have.
+def _exact(case: starts.Case) -> Response:
+    """The response of a case solved on until its residual is exact: the rest that the
+    last step of Newton's method leaves looks like a weak subharmonic, which a march
+    that still decays seems to have.
     """
+    solved = case.response
+    assert solved is not None and case.reached is not None, "no attempt to go on from"
     plan = dataclasses.replace(case.reached, step_tolerance=0.0)
-    begin = first_start(plan, given=active_deflections(plan, case.response.deflections))
+    begin = first_start(plan, given=active_deflections(plan, solved.deflections))
     response, _ = solve_once(case.train, case.rpm, case.problem, plan, begin)
-    good = response.solved
-    return (
-        dataclasses.replace(response, path=case.response.path)
-        if good
-        else case.response
-    )
+    if not response.solved:
+        return solved
+    return dataclasses.replace(response, path=solved.path)
 
 
-def _plan(train, rpm, request, deflection, meshes, period):
-    """The plan whose unknowns are the meshes that come near their gap."""
+def _plan(
+    train: DriveTrain,
+    rpm: float,
+    request: Request,
+    deflection: np.ndarray,
+    meshes: MeshParameters,
+    period: int,
+) -> Plan:
+    """The plan whose unknowns are the meshes that come near their gap, of those with
+    deflections ``(G, period x steps)`` m.
+    """
     law = meshes.law
     side = np.where(deflection.mean(axis=1) < 0, -1, 1)
     least = (side[:, None] * deflection).min(axis=1)
@@ -135,44 +166,53 @@ def _plan(train, rpm, request, deflection, meshes, period):
     return _plan_of(train, rpm, request, np.where(stays, side, 0), apart, period)
 
 
-def _plan_of(train, rpm, request, side, apart, period):
+def _plan_of(
+    train: DriveTrain,
+    rpm: float,
+    request: Request,
+    side: np.ndarray,
+    apart: bool,
+    period: int,
+) -> Plan:
     """The plan for backlash meshes of which some stay on a side ``(G,)``, +1 or -1, and
     those of side 0 are unknowns; ``apart``: whether any separates.
     """
-    own = train.topology.law_index
+    law_index = train.topology.law_index
     if not side.all():
         side = np.zeros_like(side)  # one program whatever meshes leave contact
     flank = np.zeros(len(train.topology.has_law), dtype=int)
-    flank[own] = side
+    flank[law_index] = side
     contact = planning.contact_plan(train, request)
     modes = mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
-    active = tuple(int(i) for i in own[side == 0])
-    wanted = (
-        planning.first_level(contact.excited, modes[0] if apart else 0.0)
-        if active
-        else contact.harmonics
-    )
-    wanted = planning.level_at_least(wanted, planning.FEW_LEVELS) if active else wanted
+    active = tuple(int(i) for i in law_index[side == 0])
+    harmonics = contact.harmonics
+    if active:
+        level = planning.first_level(contact.excited, modes[0] if apart else 0.0)
+        harmonics = planning.level_at_least(level, planning.FEW_LEVELS)
     # With fewer harmonics a cycle than one cycle has, a motion of one cycle is solved
     # as a subharmonic one.
-    wanted = max(wanted, planning.level_at_least(period * planning.LEVELS[0]))
+    harmonics = max(harmonics, planning.level_at_least(period * planning.LEVELS[0]))
     return dataclasses.replace(
         contact,
-        harmonics=request.harmonics or min(wanted, MOST_HARMONICS[request.method]),
+        harmonics=request.harmonics or min(harmonics, MOST_HARMONICS[request.method]),
         active=active,
         flank=tuple(flank.tolist()),
-        # Read only where a flank that the plan held did not hold: what was given is no
-        # start then.
+        # Read only where a flank that the plan held did not hold: the initial guess is
+        # no start then.
         start="march" if active and flank.any() else "linear",
         # Room for the longest period whatever the period: equal shapes, one program.
         excited=contact.excited // period * LONGEST_PERIOD,
     )
 
 
-def compile_ahead(train, separates, request):
-    """Begin to make the programs that :func:`solve_marched` will run at speeds ``{rpm:
-    whether the linear motion separates teeth}``, in other threads, while these are
-    marched: Futures to be cancelled when these speeds are done.
+def compile_ahead(
+    train: DriveTrain, separates: Mapping[float, bool], request: Request
+) -> list[Future]:
+    """Begin to make the programs that :func:`solve_marched` will run at speeds, in
+    other threads, while the speeds are marched; return the Futures, to be cancelled
+    when the speeds are done.
+
+    separates : ``{rpm: whether the linear motion separates teeth}``
     """
     unknown = np.zeros(len(train.topology.law_index), dtype=int)
     plans = {
@@ -180,42 +220,52 @@ def compile_ahead(train, separates, request):
         for rpm, apart in separates.items()
     }
     cases = (starts.Case(train, rpm, request, plan) for plan, rpm in plans.items())
-    return [made for made in map(starts.compile_ahead, cases) if made is not None]
+    return [future for future in map(starts.compile_ahead, cases) if future is not None]
 
 
-def same_motion(response, trace, meshes, train, period=1, most=SAME):
+def same_motion(
+    response: Response,
+    trace: np.ndarray,
+    meshes: MeshParameters,
+    train: DriveTrain,
+    period: int = 1,
+    most: float = SAME,
+) -> bool:
     """Whether a response is the motion of a marched period ``(2G, steps)`` of some
     cycles, from whichever of its cycles on.
     """
-    own = train.topology.law_index
     deflection = np.split(trace, 2)[0]
     steps = deflection.shape[1]
-    found = response.deflection_samples(steps)[own]
+    solved = response.deflection_samples(steps)[train.topology.law_index]
     gap = (1 - meshes.law.epsilon) * meshes.law.backlash
     size = most * (np.abs(deflection).max(axis=1) + gap)
     shifted = (
-        np.roll(found, cycle * (steps // period), axis=1) for cycle in range(period)
+        np.roll(solved, cycle * (steps // period), axis=1) for cycle in range(period)
     )
     return any(
         (np.abs(moved - deflection).max(axis=1) <= size).all() for moved in shifted
     )
 
 
-def shortest_period(response, period):
+def shortest_period(response: Response, period: int) -> int:
     """The smallest divisor of a number of cycles after which the motion over so many
     cycles repeats, as far as its truncation error shows: whether a weaker subharmonic
     is there, the stability of the shorter motion tells.
     """
     most = np.clip(TRUNCATED * float(response.truncation_error), REPEATS, WEAK)
     return next(
-        (d for d in proper_divisors(period) if repetition(response, period, d) <= most),
+        (
+            divisor
+            for divisor in proper_divisors(period)
+            if repetition(response, period, divisor) <= most
+        ),
         period,
     )
 
 
-def may_repeat(response, period):
-    """Whether a motion over ``period`` cycles may be one of fewer, once it is solved to
-    the end.
+def may_repeat(response: Response, period: int) -> bool:
+    """Whether a motion over ``period`` cycles may repeat after fewer, once it is solved
+    to the end.
     """
     return any(
         repetition(response, period, divisor) <= DOUBTED
@@ -223,24 +273,24 @@ def may_repeat(response, period):
     )
 
 
-def proper_divisors(period):
+def proper_divisors(period: int) -> list[int]:
     """Numbers of cycles, shortest first, after which a motion over ``period`` cycles
     may repeat before its end.
     """
     return [divisor for divisor in range(1, period) if period % divisor == 0]
 
 
-def repetition(response, period, divisor):
+def repetition(response: Response, period: int, divisor: int) -> float:
     """Share of the amplitudes of a motion over ``period`` cycles that do not repeat
     after ``divisor`` of them.
     """
     deflections = np.abs(np.asarray(response.deflections))
-    others = np.arange(deflections.shape[-1]) % (period // divisor) != 0
-    return deflections[:, others].sum() / max(deflections[:, 1:].sum(), 1e-300)
+    unrepeated = np.arange(deflections.shape[-1]) % (period // divisor) != 0
+    return deflections[:, unrepeated].sum() / max(deflections[:, 1:].sum(), 1e-300)
 
 
-def difference(one, other, period):
+def difference(response: Response, other: Response, period: int) -> float:
     """The :func:`~jaxhb.balance.swept.difference` of the deflections of two responses
     over ``period`` cycles.
     """
-    return deflection_difference(one.deflections, other.deflections, period)
+    return deflection_difference(response.deflections, other.deflections, period)

@@ -3,8 +3,10 @@ side by side, and records.
 """
 
 import dataclasses
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -14,13 +16,16 @@ from jaxhb.balance.plan import TIME_STEPS
 from jaxhb.equations.backlash import law_meshes
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.equations.reduced_model import reduced_model
-from jaxhb.equations.state_space import march_modes, modes_of, partition
+from jaxhb.equations.state_space import Modes, march_modes, modes_of, partition
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.integration import batch, cycles
+from jaxhb.integration.batch import LinearMotion
+from jaxhb.integration.cycles import Outputs
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.record import Record, RecordedSignal, SteadyContact
 from jaxhb.steady.closure import Closure
 from jaxhb.train import chain
+from jaxhb.train.drivetrain import DriveTrain
 
 # Steps per period of the highest mesh mode, and of a cycle, at least. On
 # ``gear_train_30``, five speeds from 1422 to 2039 rpm, extremes of the elastic tooth
@@ -32,8 +37,8 @@ STEPS = 256
 # and memory that they may take, B.
 MOST_STEPS = 2**18
 MEMORY = 3 * 2**28
-# Speeds of a batch, each a program, and how many speeds at least it is faster for than
-# smaller ones; on each device.
+# Speeds of a batch, each a program, and the number of speeds from which it is faster
+# than smaller batches; on each device.
 BATCHES = (64, 41), (16, 8), (1, 1)
 RECORDED_SPEEDS = 16  # of a recorded batch at most, for the sake of memory
 MODAL_DISKS = 300  # disks up to which all modes are marched
@@ -44,15 +49,20 @@ KEPT_MODES = 6
 OBSERVABLE = 1e-4  # share of a mesh's own compliance from which teeth notice a mode
 
 
+Tree = TypeVar("Tree")
+
+
 class Equations:
-    """A train as a march takes it; loss factors damp each mode at its own frequency. A
-    ValueError names massless disks that leave no equation to integrate.
+    """Equations of a train in the form that a march integrates; loss factors damp each
+    mode at its own frequency. A ValueError names massless disks that leave no equation
+    to integrate.
     """
 
-    def __init__(self, train):
+    def __init__(self, train: DriveTrain):
         self.train = train
         topology = train.topology
-        self.system, self.meshes = chain.assemble(train), law_meshes(train)
+        self.system = chain.assemble(train)
+        self.meshes = law_meshes(train)
         self.parts = partition(
             self.system,
             self.meshes,
@@ -60,29 +70,30 @@ class Equations:
             topology.link_names,
             lossy=True,
         )
-        self.own, self.linear = topology.law_index, np.flatnonzero(~topology.has_law)
-        self.teeth = self.own[
-            self.own < len(topology.mesh_names)
-        ]  # what follows acts beside shafts
+        self.own = topology.law_index
+        self.linear = np.flatnonzero(~topology.has_law)
+        # Those of ``own`` that are meshes; the rest acts beside shafts
+        self.teeth = self.own[self.own < len(topology.mesh_names)]
         self.shafts = len(topology.link_names) - len(topology.mesh_names)
         self.gears = sorted({disk for ends in topology.mesh_ends for disk in ends})
 
     @property
-    def modes(self):
+    def modes(self) -> Modes:
         """The damped :class:`~jaxhb.equations.state_space.Modes`."""
         return self.modes_and_missing[0]
 
     @cached_property
-    def modes_and_missing(self):
+    def modes_and_missing(self) -> tuple[Modes, float]:
         """All modes, or of a finely divided train the slow ones that its meshes see
-        most; and the share of a mesh's own compliance that those have which a march
-        leaves out, the largest.
+        most; and the largest share of a mesh's own compliance that the modes hold which
+        a march leaves out.
         """
         frequency = self.train.topology.cycle_frequency(1000.0)
         if self.train.topology.n_disks <= MODAL_DISKS:
             return march_modes(self.system, self.meshes, frequency, self.parts), 0.0
-        wanted = KEPT_MODES * self.highest_hz * 2 * np.pi / frequency
-        steps = next(n for n in TIME_STEPS if n >= min(wanted, TIME_STEPS[-1]))
+        resolving = KEPT_MODES * self.highest_hz * 2 * np.pi / frequency
+        least = min(resolving, TIME_STEPS[-1])
+        steps = next(count for count in TIME_STEPS if count >= least)
         model = reduced_model(
             self.system,
             np.asarray(self.meshes.link),
@@ -92,19 +103,17 @@ class Equations:
         )
         # What is left out is the residual flexibility of a mesh times its stiffness: a
         # share of its own compliance.
-        stiff = np.abs(np.diag(np.asarray(model.residual_flexibility))) * np.asarray(
-            self.meshes.law.stiffness
-        )
-        return modes_of(model.space, np.asarray(model.motion)), float(
-            stiff.max(initial=0.0)
-        )
+        flexibility = np.abs(np.diag(np.asarray(model.residual_flexibility)))
+        missing = flexibility * np.asarray(self.meshes.law.stiffness)
+        modes = modes_of(model.space, np.asarray(model.motion))
+        return modes, float(missing.max(initial=0.0))
 
     @cached_property
-    def decay(self):
+    def decay(self) -> float:
         """Seconds in which the slowest mode that teeth notice falls by the factor e.
 
-        Impacts keep exciting such a mode, and it needs many times as long until its
-        motion is the one that they keep up; rotation of the train and rings without
+        Impacts keep exciting such a mode, and it needs many times as long until they
+        merely keep up its motion; rotation of the train and rings without
         spring, that decay over hours, bend no tooth.
         """
         modes = self.modes
@@ -120,16 +129,18 @@ class Equations:
         slowest = np.max(modes.rates.real[share > OBSERVABLE], initial=-np.inf)
         return -1 / slowest if slowest < 0 else np.inf
 
-    def decay_cycles(self, rpm):
-        """The same in cycles of a speed."""
+    def decay_cycles(self, rpm: float) -> float:
+        """Cycles of a speed in which the slowest mode that teeth notice falls by the
+        factor e.
+        """
         return self.decay * self.train.topology.cycle_frequency(rpm) / (2 * np.pi)
 
     @cached_property
-    def highest_hz(self):
+    def highest_hz(self) -> float:
         """The highest natural frequency that strains tooth meshes noticeably, Hz."""
         return float(mesh_mode_harmonics(self.train, 2 * np.pi)[0])
 
-    def steps(self, rpm):
+    def steps(self, rpm: float) -> int:
         """Steps of a cycle at a speed."""
         topology = self.train.topology
         highest = 2 * np.pi * self.highest_hz / topology.cycle_frequency(rpm)
@@ -137,11 +148,11 @@ class Equations:
             STEPS_PER_MODE_PERIOD * highest, 4 * listed_harmonic(topology), STEPS
         )
         more = TIME_STEPS[-1] << int(np.ceil(np.log2(max(least / TIME_STEPS[-1], 1))))
-        return next((n for n in TIME_STEPS if n >= least), more)
+        return next((count for count in TIME_STEPS if count >= least), more)
 
-    def too_long(self, rpm, refinement=1):
-        """Why a speed is not marched with so many times its steps, a sentence; empty
-        where it is.
+    def too_long(self, rpm: float, refinement: int = 1) -> str:
+        """Sentence that says why a speed is not marched with ``refinement`` times its
+        steps; empty where it is.
         """
         steps = refinement * self.steps(rpm)
         most = min(MOST_STEPS, int(MEMORY / self._bytes_of_step))
@@ -156,7 +167,7 @@ class Equations:
         )
 
     @property
-    def _bytes_of_step(self):
+    def _bytes_of_step(self) -> float:
         """Memory in B that a recorded march takes for each of its steps: the rows of
         the linear motion, the states, and of every quantity its values and their
         Fourier coefficients.
@@ -172,7 +183,7 @@ class Equations:
             + 4 * fast
         )
 
-    def linear_motion(self, rpm):
+    def linear_motion(self, rpm: Sequence[float] | np.ndarray) -> LinearMotion:
         """The :class:`~jaxhb.integration.batch.LinearMotion` of speeds."""
         return batch.linear_motions(
             self.train,
@@ -183,14 +194,14 @@ class Equations:
         )
 
     @cached_property
-    def gear_sums(self):
-        """Radius and sense ``(P, R)`` with which the forces of linear meshes, then of
-        the others, act on gears.
+    def gear_sums(self) -> np.ndarray:
+        """Arms ``(P, R + G)`` in m, radius times sense, with which the forces of the
+        linear meshes, then those of the meshes that have a law, act on gears.
         """
         ends = [self.train.topology.mesh_ends[i] for i in (*self.linear, *self.teeth)]
         sense = np.array(
             [
-                [float(a == gear) - float(b == gear) for a, b in ends]
+                [float(first == gear) - float(second == gear) for first, second in ends]
                 for gear in self.gears
             ]
         )
@@ -202,9 +213,9 @@ class Equations:
         return np.pad(sums, [(0, 0), (0, len(self.own) - len(self.teeth))])
 
     @cached_property
-    def beside(self):
-        """Torque ``(shafts, G)`` of a shaft or damper per force that acts beside it;
-        None where none does.
+    def beside(self) -> np.ndarray | None:
+        """Torque ``(shafts, G)`` in m of a shaft or damper per force that acts beside
+        it; None where no force does.
         """
         if not self.train.topology.springs:
             return None
@@ -216,7 +227,7 @@ class Equations:
         radius = np.asarray(self.system.radius)[self.system.tree.end_a]
         return (np.arange(self.shafts)[:, None] == links) * radius[: self.shafts, None]
 
-    def outputs(self, linear_motion, steps):
+    def outputs(self, linear_motion: LinearMotion, steps: int) -> Outputs:
         """The :class:`~jaxhb.integration.cycles.Outputs` of speeds."""
         linear = self.shafts + self.linear
         sums = self.gear_sums, self.beside
@@ -234,15 +245,15 @@ class SpeedMarch:
     state: np.ndarray  # (2m,)
     closure: Closure
     cycles: int = 0  # done
-    # Cycles from which a period counts again, after one that was not found, or that
-    # repels
+    # Cycles from which a period counts again, after a motion that was not solved, or
+    # that repels
     not_before: int = 0
     done: bool = False
     trace: np.ndarray | None = None  # of the last cycle
     numbers: list = dataclasses.field(default_factory=list)  # recorded, part by part
 
     @property
-    def recorded(self):
+    def recorded(self) -> int:
         """Cycles of the record."""
         return sum(len(part["max"]) for part in self.numbers)
 
@@ -252,7 +263,13 @@ class Batch:
     on several.
     """
 
-    def __init__(self, equations, rpm, steps, devices=()):
+    def __init__(
+        self,
+        equations: Equations,
+        rpm: np.ndarray,
+        steps: int,
+        devices: Sequence[Any] = (),
+    ):
         self.equations = equations
         self.steps = steps
         self.devices = devices
@@ -266,45 +283,51 @@ class Batch:
         )
         # As in the periodicity error of a Trace: with epsilon 1 there is no gap.
         floor = (1 - equations.meshes.law.epsilon) * equations.meshes.law.backlash
-        begun = batch.state_of(
+        states = batch.state_of(
             equations.modes,
             batch.motions_on_flank(self.linear_motion),
             self.linear_motion,
         )
+        speeds = zip(rpm, self.linear_motion.frequency, strict=True)
         self.marches = [
             SpeedMarch(
                 i,
                 float(speed),
-                begun[i],
+                states[i],
                 Closure(np.concatenate([floor, omega * floor])),
             )
-            for i, (speed, omega) in enumerate(
-                zip(rpm, self.linear_motion.frequency, strict=True)
-            )
+            for i, (speed, omega) in enumerate(speeds)
         ]
 
     @property
-    def work(self):
+    def work(self) -> int:
         """Steps times modes of a cycle."""
         return self.steps * len(self.equations.modes.rates)
 
-    def begin(self, index, motion):
+    def begin(self, index: int, motion: np.ndarray) -> None:
         """Let a march begin at a motion (x, x') ``(2S,)``."""
-        one = _of(self.linear_motion, [index])
+        linear_motion = _of(self.linear_motion, [index])
         self.marches[index].state = batch.state_of(
-            self.equations.modes, motion[None], one
+            self.equations.modes, motion[None], linear_motion
         )[0]
 
-    def motion(self, march):
-        """(x, x') ``(2S,)`` where a march stands, at the beginning of a cycle."""
+    def motion(self, march: SpeedMarch) -> np.ndarray:
+        """Motion (x, x') ``(2S,)`` of a march where it stands, at the beginning of a
+        cycle.
+        """
         return batch.motion_of(
             self.equations.modes,
             march.state[None],
             _of(self.linear_motion, [march.place]),
         )[0]
 
-    def run(self, marches, record=False, count=cycles.CYCLES):
-        """Some more cycles of some marches, recorded or not."""
+    def run(
+        self,
+        marches: Sequence[SpeedMarch],
+        record: bool = False,
+        count: int = cycles.CYCLES,
+    ) -> None:
+        """Let marches go on for ``count`` cycles, recorded or not."""
         devices = max(len(self.devices), 1)
         left = list(marches)
         most = RECORDED_SPEEDS if record else BATCHES[0][0]
@@ -318,67 +341,72 @@ class Batch:
             self._run(left[:size], size, record, count)
             left = left[size:]
 
-    def _run(self, marches, size, record, count):
+    def _run(
+        self, marches: Sequence[SpeedMarch], size: int, record: bool, count: int
+    ) -> None:
+        """Run marches in one program of ``size`` speeds, the last of them repeated to
+        fill it.
+        """
         indices = [march.place for march in marches] + [marches[-1].place] * (
             size - len(marches)
         )
-        given = (
-            _of(self.steppers, indices),
-            np.stack([self.marches[index].state for index in indices]),
-            np.array(count),
-        )
+        steppers = _of(self.steppers, indices)
+        states = np.stack([self.marches[index].state for index in indices])
+        cycle_count = np.array(count)
         outputs = (
             self.equations.outputs(_of(self.linear_motion, indices), self.steps)
             if record
             else None
         )
         if size == 1:  # by itself, without the axis of the speeds
-            found = [
-                cycles.march(*_of(given[:2], 0), given[2], cycles.of_speed(outputs, 0))
-            ]
+            stepper = _of(steppers, 0)
+            output = cycles.of_speed(outputs, 0)
+            runs = [cycles.march(stepper, states[0], cycle_count, output)]
         else:
             program = cycles.march_side_by_side
             if len(self.devices) > 1:
                 cut = along(0), along(0), WHOLE, cycles.cut(outputs, along(0), WHOLE)
                 program = across(program, self.devices, cut, along(0))
-            together = jax.tree.map(np.asarray, program(*given, outputs))
-            found = [_of(together, i) for i in range(len(marches))]
-        for march, one in zip(marches, found, strict=True):
+            together = program(steppers, states, cycle_count, outputs)
+            together = jax.tree.map(np.asarray, together)
+            runs = [_of(together, i) for i in range(len(marches))]
+        for march, run in zip(marches, runs, strict=True):
             march.state, samples, march.trace, numbers, power = jax.tree.map(
-                np.asarray, one
+                np.asarray, run
             )
             march.closure.add(samples[:count])
             march.cycles += count
             if record:
-                march.numbers.append(
-                    {name: a[:count] for name, a in numbers.items()} | {"power": power}
-                )
+                by_cycle = {name: rows[:count] for name, rows in numbers.items()}
+                march.numbers.append(by_cycle | {"power": power})
 
-    def traced(self, march, count):
-        """(l, l') ``(2G, count x steps)`` of the next cycles, which the march goes
-        through; of the last one if 1.
+    def traced(self, march: SpeedMarch, count: int) -> np.ndarray:
+        """Samples (l, l') ``(2G, count x steps)`` of the next cycles, through which the
+        march goes; of its last cycle if ``count`` is 1.
         """
         if count == 1:
+            assert march.trace is not None, "no cycle has been marched"
             return march.trace[:-1].T
         parts = []
         for _ in range(count):
             self._run([march], 1, False, 1)
+            assert march.trace is not None, "a cycle has been marched"
             parts.append(march.trace[:-1].T)
         return np.concatenate(parts, axis=1)
 
 
-def part_sizes(count):
+def part_sizes(count: int) -> list[int]:
     """Cycles of each run of a march over ``count`` cycles."""
     whole, rest = divmod(count, cycles.CYCLES)
     return [cycles.CYCLES] * whole + [rest] * (rest > 0)
 
 
-def _of(tree, indices):
-    """One speed, or some, of arrays with a leading axis."""
-    return jax.tree.map(lambda a: a[indices], tree)
+def _of(tree: Tree, indices: int | Sequence[int]) -> Tree:
+    """Take one speed, or some of them, from arrays with a leading axis."""
+    return jax.tree.map(lambda leaf: leaf[indices], tree)
 
 
-def record_of(equations, march):
+def record_of(equations: Equations, march: SpeedMarch) -> Record:
     """The :class:`~jaxhb.results.record.Record` of a march's recorded cycles."""
     topology = equations.train.topology
     signals = _signals(march, equations.train.topology.revolutions_per_cycle)
@@ -387,14 +415,17 @@ def record_of(equations, march):
     stiffness = np.asarray(equations.system.stiffness)
     radius = np.asarray(equations.system.radius)
 
-    def take(of):
-        """The signals of a quantity, one of each shaft, mesh or the like."""
-        return tuple(next(signals) for _ in of)
+    def take(elements: Iterable[Any]) -> tuple[RecordedSignal, ...]:
+        """The next signals, one for each of the elements."""
+        return tuple(next(signals) for _ in elements)
 
-    def transmitted(totals, elastic):
+    def transmitted(
+        totals: Sequence[RecordedSignal], elastic_parts: Sequence[RecordedSignal | None]
+    ) -> tuple[RecordedSignal, ...]:
+        """Forces or torques with their elastic parts."""
         return tuple(
-            dataclasses.replace(t, elastic_part=e)
-            for t, e in zip(totals, elastic, strict=True)
+            dataclasses.replace(total, elastic_part=elastic_part)
+            for total, elastic_part in zip(totals, elastic_parts, strict=True)
         )
 
     # In the order of the outputs (jaxhb.integration.cycles).
@@ -405,33 +436,33 @@ def record_of(equations, march):
     torques = take(range(shafts))
     bent = take(equations.linear)
     forces = take(equations.linear)
-    deflections, elastic, total = (
-        take(equations.own),
-        take(equations.own),
-        take(equations.own),
-    )
+    deflections = take(equations.own)
+    elastic = take(equations.own)
+    total = take(equations.own)
     of_gears = dict(zip(gears, transmitted(take(gears), take(gears)), strict=True))
     assert next(signals, None) is None, "another order of the outputs"
 
     ends = radius[equations.system.tree.end_a][:shafts]
     factors = zip(twists, stiffness[:shafts], ends, strict=True)
     springs = {link for link, *_ in topology.springs}
-    # Of what acts beside a shaft the elastic part is not recorded by itself.
-    bent_shafts = [
-        None if i in springs else twist.scaled(k * r**2)
-        for i, (twist, k, r) in enumerate(factors)
+    # A spring beside a shaft has no elastic part of its own in the record.
+    elastic_torques = [
+        None if i in springs else twist.scaled(constant * arm**2)
+        for i, (twist, constant, arm) in enumerate(factors)
     ]
-    torques = transmitted(torques, bent_shafts)
-    factors = zip(bent, stiffness[shafts + equations.linear], strict=True)
-    forces = transmitted(
-        forces, [deflection.scaled(k) for deflection, k in factors]
-    ) + transmitted(total, elastic)
+    torques = transmitted(torques, elastic_torques)
+    mesh_stiffness = stiffness[shafts + equations.linear]
+    elastic_forces = [
+        deflection.scaled(constant)
+        for deflection, constant in zip(bent, mesh_stiffness, strict=True)
+    ]
+    forces = transmitted(forces, elastic_forces) + transmitted(total, elastic)
+    deflections = bent + deflections
     order = np.argsort(np.concatenate([equations.linear, equations.own]))[
         : len(topology.mesh_names)
     ]
-    deflections, forces = (
-        tuple(found[i] for i in order) for found in (bent + deflections, forces)
-    )
+    deflections = tuple(deflections[i] for i in order)
+    forces = tuple(forces[i] for i in order)
     contacts = _contacts(equations, march, forces)
     turning = (
         2
@@ -446,31 +477,43 @@ def record_of(equations, march):
     heat = _heat(
         equations, topology.cycle_frequency(march.rpm), ends, twists, twist_rates
     )
-    found = deflections, forces, of_gears, contacts
     return Record(
-        topology, march.recorded, disks, speeds, twists, torques, *found, heat
+        topology=topology,
+        cycles=march.recorded,
+        disks=disks,
+        speeds=speeds,
+        twists=twists,
+        torques=torques,
+        deflections=deflections,
+        forces=forces,
+        gears=of_gears,
+        contacts=contacts,
+        heat=heat,
     )
 
 
-def _heat(equations, frequency, ends, twists, rates):
+def _heat(
+    equations: Equations,
+    frequency: float,
+    ends: np.ndarray,
+    twists: Sequence[RecordedSignal],
+    rates: Sequence[RecordedSignal],
+) -> tuple[float, ...]:
     """Mean power in W that shafts and dampers turn into heat: viscous from the rates,
     loss factors from the orders.
     """
     viscous = np.asarray(equations.system.viscous)
     loss = np.asarray(equations.system.loss * equations.system.stiffness)
-    found = []
+    heat = []
     for k, (radius, twist, rate) in enumerate(zip(ends, twists, rates, strict=True)):
-        lossy = (
-            frequency
-            * np.sum(np.arange(1, len(twist.amplitudes) + 1) * twist.amplitudes**2)
-            / 2
-        )
-        found.append(float(radius**2 * (viscous[k] * rate.rms**2 + loss[k] * lossy)))
-    return tuple(found)
+        harmonics = np.arange(1, len(twist.amplitudes) + 1)
+        lossy = frequency * np.sum(harmonics * twist.amplitudes**2) / 2
+        heat.append(float(radius**2 * (viscous[k] * rate.rms**2 + loss[k] * lossy)))
+    return tuple(heat)
 
 
-def _signals(march, revolutions):
-    """The quantities of a record, one after another."""
+def _signals(march: SpeedMarch, revolutions: float) -> Iterator[RecordedSignal]:
+    """Yield the quantities of a record in the order of the outputs."""
     highest, lowest, mean, square = _together(march, "max", "min", "mean", "square")
     mean = mean.mean(axis=0)
     rms = np.sqrt(square.mean(axis=0))
@@ -478,38 +521,40 @@ def _signals(march, revolutions):
         sum(part["power"] for part in march.numbers)[:, 1:] / march.recorded
     )
     for i in range(len(mean)):
-        numbers = (
-            highest[:, i],
-            lowest[:, i],
-            float(mean[i]),
-            float(rms[i]),
-            amplitudes[i],
+        yield RecordedSignal(
+            highest=highest[:, i],
+            lowest=lowest[:, i],
+            mean=float(mean[i]),
+            rms=float(rms[i]),
+            amplitudes=amplitudes[i],
+            revolutions_per_cycle=revolutions,
         )
-        yield RecordedSignal(*numbers, revolutions)
 
 
-def _together(march, *names):
-    """Numbers of all recorded cycles of a march."""
+def _together(march: SpeedMarch, *names: str) -> list[np.ndarray]:
+    """Numbers ``(cycles, quantities)`` of all recorded cycles of a march, by name."""
     return [np.concatenate([part[name] for part in march.numbers]) for name in names]
 
 
-def _contacts(equations, march, forces):
+def _contacts(
+    equations: Equations, march: SpeedMarch, forces: Sequence[RecordedSignal]
+) -> tuple[SteadyContact, ...]:
     """:class:`SteadyContact` of every mesh."""
     above, below, impacts, hardest = _together(
         march, "above", "below", "impacts", "hardest"
     )
-    found = [
+    contacts = [
         SteadyContact(0.0, 0.0, 0.0, 0.0, int(np.sign(force.mean))) for force in forces
     ]
     for g, index in enumerate(equations.teeth):
         shares = above[:, g].mean(), below[:, g].mean()
         drive = int(np.sign(forces[index].mean))
         reverse = shares[0] if drive < 0 else shares[1]
-        found[index] = SteadyContact(
-            float(1 - sum(shares)),
-            float(reverse),
-            float(impacts[:, g].mean()),
-            float(hardest[:, g].max()),
-            drive,
+        contacts[index] = SteadyContact(
+            separated_fraction=float(1 - sum(shares)),
+            reverse_contact_fraction=float(reverse),
+            impacts_per_cycle=float(impacts[:, g].mean()),
+            hardest_impact=float(hardest[:, g].max()),
+            drive_side=drive,
         )
-    return tuple(found)
+    return tuple(contacts)

@@ -2,42 +2,57 @@
 speeds.
 """
 
+from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 
-from jaxhb.results.checkpoint import CHUNK, keeper
-from jaxhb.results.steady import orbit_state
+import numpy as np
+
+from jaxhb.results.checkpoint import CHUNK, Cached, keeper
+from jaxhb.results.steady import SteadyState, orbit_state
 from jaxhb.solutions.speeds import solve_speeds
+from jaxhb.train.drivetrain import DriveTrain
 
 
 def orbit_states(
-    train,
-    rpm,
+    train: DriveTrain,
+    rpm: Sequence[float] | np.ndarray,
     *,
-    harmonics=None,
-    tolerance=None,
-    out=None,
-    chunk=None,
-    progress=None,
-    on_states=None,
-):
-    """A SteadyState for each of the speeds, each planned and started by itself: a speed
-    has the same bits alone and in a sweep. Arguments are as of
-    :func:`jaxhb.steady_state`; ``on_states`` is told all states so far.
+    harmonics: int | None = None,
+    tolerance: float | None = None,
+    out: str | Path | Cached | None = None,
+    chunk: int | None = None,
+    progress: Callable[[int], object] | None = None,
+    on_states: Callable[[dict[int, SteadyState]], object] | None = None,
+) -> list[SteadyState]:
+    """A SteadyState for each of the speeds ``rpm`` ``(n,)``, each planned and started
+    by itself: a speed has the same bits alone and in a sweep. Arguments are as of
+    :func:`jaxhb.steady_state`; ``on_states`` is called with all states so far, by the
+    number of their speed.
     """
-    progress, size, states = progress or (lambda count: None), chunk or CHUNK, []
-    accuracy = {"harmonics": harmonics, "tolerance": tolerance}
-    keep = keeper(out, train, {"answers": "periodic solutions", **accuracy}, size)
+    report = progress or (lambda count: None)
+    size = chunk or CHUNK
+    states: list[SteadyState] = []
+    settings = {
+        "answers": "periodic solutions",
+        "harmonics": harmonics,
+        "tolerance": tolerance,
+    }
+    keep = keeper(out, train, settings, size)
 
-    def solved(speeds):
-        found = []
+    def solved(speeds: Sequence[float] | np.ndarray) -> list[SteadyState]:
+        solved_states = []
         for speed in speeds:
-            found.append(orbit_state(solve_speeds(train, rpm=[speed], **accuracy)[0]))
-            progress(1)
-        return found
+            responses = solve_speeds(
+                train, rpm=[speed], harmonics=harmonics, tolerance=tolerance
+            )
+            solved_states.append(orbit_state(responses[0]))
+            report(1)
+        return solved_states
 
     for first in range(0, len(rpm), size):
         speeds = rpm[first : first + size]
-        states += keep([speeds], partial(solved, speeds), progress)
+        states += keep([speeds], partial(solved, speeds), report)
         if on_states:
             on_states(dict(enumerate(states)))
     return states

@@ -1,11 +1,11 @@
-"""What a train does after it has run long enough: contact, a period of one or several
-cycles, or none.
+"""Steady state of a train after it has run long enough: contact, a period of one or
+several cycles, or none.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -37,8 +37,8 @@ from jaxhb.train.speeds import check_speed
 DIRECTIONS = "up", "down", "both"
 
 OnStates = Callable[[dict[int, SteadyState], str], object]
-"""Told of steady states by the number of their speed, and of the direction in which
-they were found.
+"""Callback that takes steady states by the number of their speed, and the direction of
+the sweep in which they were reached.
 """
 
 
@@ -97,7 +97,8 @@ def steady_state(
     on_states: OnStates | None = None,
     devices: Sequence[Any] = (),
 ) -> SteadyState | SteadySweep | tuple[SteadySweep, SteadySweep]:
-    """What a drive train does at each speed after it has run long enough.
+    """Steady state of a drive train at each speed: its motion after it has run long
+    enough.
 
     Teeth that stay in contact are known from the linear motion. Where teeth part,
     sweeps that settle at a motion in which disturbances die away give the exact motion.
@@ -123,9 +124,9 @@ def steady_state(
     harmonics, tolerance : optional
         Of periodic motions, per cycle of the excitation, as in :func:`jaxhb.solve`.
     exact : bool
-        Whether periodic and subharmonic motions are solved by harmonic balance.
-        Without, they too are read from recorded cycles, good to about 1 %, in a
-        fraction of the time.
+        Whether periodic and subharmonic motions are solved by harmonic balance. If not,
+        they too are read from recorded cycles, good to about 1 %, in a fraction of the
+        time.
     cycles : Cycles, optional
         How long a march is at most.
     progress, devices : optional
@@ -188,33 +189,47 @@ def steady_state(
     march = classifier.march_to_the_end
     if out is not None:
         chunk = CHUNK if chunk is None else chunk
-        asked = {
+        settings = {
             "answers": "steady states",
             **vars(request),
             "exact": exact,
             **vars(cycles),
         }
-        march = partial(Checkpoint(out, train, asked, chunk).keep_or_march, classifier)
+        checkpoint = Checkpoint(out, train, settings, chunk)
+        march = partial(checkpoint.keep_or_march, classifier)
     search = _SpeedSweep(classifier, march, start, progress, chunk, on_states)
     if not np.ndim(rpm):
-        return search.alone(0)
+        return search.single(0)
     order = np.argsort(speeds, kind="stable")
-    found = {}
+    sweeps = {}
     for way in ("up", "down") if direction == "both" else (direction,):
         search.way = way
         states = search.along(order if way == "up" else order[::-1])
-        found[way] = SteadySweep(
-            tuple(states[index] for index in range(len(speeds))), way
-        )
-    return (found["up"], found["down"]) if direction == "both" else found[direction]
+        in_order = tuple(states[index] for index in range(len(speeds)))
+        sweeps[way] = SteadySweep(in_order, way)
+    if direction == "both":
+        return sweeps["up"], sweeps["down"]
+    return sweeps[direction]
+
+
+Start = tuple[np.ndarray, float]
+"""Motion (x, x') ``(2S,)`` from which a speed starts, and its own speed in rpm."""
 
 
 class _SpeedSweep:
-    """One call: a train, its speeds, what is known; ``march`` finds the rest
-    (:meth:`Classifier.march_to_the_end`).
+    """One call of :func:`steady_state`: a train, its speeds, and the states at hand;
+    ``march`` finds the rest (:meth:`Classifier.march_to_the_end`).
     """
 
-    def __init__(self, classifier, march, start, progress, chunk, on_states):
+    def __init__(
+        self,
+        classifier: Classifier,
+        march: Callable[..., dict[int, SteadyState]],
+        start: SteadyState | Response | None,
+        progress: Callable[[int], object] | None,
+        chunk: int | None,
+        on_states: OnStates | None,
+    ):
         self.classifier = classifier
         self._march = march
         self.chunk = chunk
@@ -223,7 +238,7 @@ class _SpeedSweep:
         request = classifier.request
         self.progress = progress or (lambda count: None)
         self._on_states = on_states or (lambda states, way: None)
-        self._told = {}
+        self._reported: dict[tuple[str, int], SteadyState] = {}
         self.way = "up"
         self.start = (
             None if start is None else (motion_of(self.train, start), float(start.rpm))
@@ -234,7 +249,7 @@ class _SpeedSweep:
         }
         # Responses of the speeds at which the linear motion holds the teeth in contact,
         # by index
-        self.contact = {}
+        self.contact: dict[int, Response] = {}
         for shared in {plan for plan in plans if not plan.active}:
             indices = [i for i, plan in enumerate(plans) if plan == shared]
             batches = solve_batches(
@@ -248,106 +263,107 @@ class _SpeedSweep:
                 if int(response.status) != Status.PLAN_VIOLATED:
                     self.contact[index] = response
 
-    def tell(self, states):
+    def report(self, states: dict[int, SteadyState]) -> None:
         """Report steady states by index."""
         if states:
             self._on_states(states, self.way)
-        self._told |= {(self.way, index): state for index, state in states.items()}
+        self._reported |= {(self.way, index): state for index, state in states.items()}
 
-    def chunk_by_chunk(self, indices, starts, progress):
+    def chunk_by_chunk(
+        self,
+        indices: Sequence[int] | np.ndarray,
+        starts: Mapping[int, Start],
+        progress: Callable[[int], object],
+    ) -> dict[int, SteadyState]:
         """Steady states of some speeds by index, marched in chunks, from ``{index:
         (motion, its speed in rpm)}`` or from teeth in contact.
         """
         size = self.chunk or max(len(indices), 1)
-        found = {}
+        states: dict[int, SteadyState] = {}
         for first in range(0, len(indices), size):
             chunk = indices[first : first + size]
-            given = {index: starts[index] for index in chunk if index in starts}
-            states = self._march(
-                chunk, {index: motion for index, (motion, _) in given.items()}, progress
-            )
-            states |= {
-                i: replace(states[i], started_from=rpm) for i, (_, rpm) in given.items()
+            started = {index: starts[index] for index in chunk if index in starts}
+            motions = {index: motion for index, (motion, _) in started.items()}
+            chunk_states = self._march(chunk, motions, progress)
+            chunk_states |= {
+                index: replace(chunk_states[index], started_from=rpm)
+                for index, (_, rpm) in started.items()
             }
-            self.tell(states)
-            found |= states
-        return found
+            self.report(chunk_states)
+            states |= chunk_states
+        return states
 
-    def alone(self, index):
-        """The steady state of one speed, from the start that was given or from teeth in
-        contact.
+    def single(self, index: int) -> SteadyState:
+        """The steady state of a single speed, from the start of the call or from teeth
+        in contact.
         """
         # A train of constant links has one motion, wherever it starts from, and nothing
         # to march.
         if self.start is not None and self.classifier.train.topology.has_law.any():
-            return self.chunk_by_chunk([index], {index: self.start}, self.progress)[
-                index
-            ]
+            states = self.chunk_by_chunk([index], {index: self.start}, self.progress)
+            return states[index]
         self._from_contact([index])
-        return self.classifier.known[index]
+        return self.classifier.states[index]
 
-    def _from_contact(self, indices):
-        """Find what speeds do from teeth in contact, side by side."""
-        known = self.classifier.known
+    def _from_contact(self, indices: Sequence[int]) -> None:
+        """Find the steady states of speeds from teeth in contact, side by side."""
+        states = self.classifier.states
         marching = []
         for index in indices:
             if index in self.contact:
-                known[index] = self._contact(index)
+                states[index] = self._contact(index)
                 self.progress(1)
             else:
                 marching.append(index)
-        self.tell({index: known[index] for index in indices if index in known})
-        known |= self.chunk_by_chunk(marching, {}, self.progress)
+        self.report({index: states[index] for index in indices if index in states})
+        states |= self.chunk_by_chunk(marching, {}, self.progress)
 
-    def along(self, order):
+    def along(self, order: Sequence[int] | np.ndarray) -> dict[int, SteadyState]:
         """Steady states by index, each reached from the one before it in ``order``.
 
         Speeds that may have another motion from there are marched side by side, again
         where the one before changed.
         """
-        known = self.classifier.known
+        from_contact = self.classifier.states
         self._from_contact(
-            [index for index in range(len(self.speeds)) if index not in known]
+            [index for index in range(len(self.speeds)) if index not in from_contact]
         )
-        found = dict(known)
-        reached_from = {}
+        states = dict(from_contact)
+        reached_from: dict[int, SteadyState] = {}
         if self.start is not None:
-            found |= self.chunk_by_chunk(
+            states |= self.chunk_by_chunk(
                 order[:1], {order[0]: self.start}, lambda count: None
             )
         while True:
             starts = {}
             for last, index in itertools.pairwise(order):
-                before = found[last]
+                before = states[last]
                 if reached_from.get(index) is before:
                     continue
                 reached_from[index] = before
-                if before.motion is not None and _differs(before, known[index]):
+                if before.motion is not None and _differs(before, from_contact[index]):
                     starts[index] = before.motion, before.rpm
                 else:
-                    found[index] = known[index]
+                    states[index] = from_contact[index]
             if not starts:
-                # Marched from its neighbour a speed was reported before it was compared
-                # with what is at hand.
-                self.tell(
-                    {
-                        i: state
-                        for i, state in found.items()
-                        if self._told.get((self.way, i)) is not state
-                    }
+                # A speed marched from its neighbour was reported before it was compared
+                # with the states at hand.
+                changed = {
+                    index: state
+                    for index, state in states.items()
+                    if self._reported.get((self.way, index)) is not state
+                }
+                self.report(changed)
+                return states
+            marched = self.chunk_by_chunk(list(starts), starts, lambda count: None)
+            for index, state in marched.items():
+                at_hand = from_contact[index], states[index]
+                same = (other for other in at_hand if _alike(state, other))
+                states[index] = next(same, None) or _with_note(
+                    state, from_contact[index]
                 )
-                return found
-            for index, state in self.chunk_by_chunk(
-                list(starts), starts, lambda count: None
-            ).items():
-                same = (
-                    other
-                    for other in (known[index], found[index])
-                    if _alike(state, other)
-                )
-                found[index] = next(same, None) or _beside(known[index], state)
 
-    def _contact(self, index):
+    def _contact(self, index: int) -> SteadyState:
         """The steady state of teeth in contact."""
         response = self.contact[index]
         rpm = self.speeds[index]
@@ -364,15 +380,16 @@ class _SpeedSweep:
         )
 
 
-def _kind(state):
+def _kind(state: SteadyState) -> tuple[str, int]:
+    """Kind and period of a steady state."""
     return state.kind, state.period
 
 
-def _beside(other, state):
-    """A steady state with a note that it is not the one to which teeth on their drive
-    sides come.
+def _with_note(state: SteadyState, other: SteadyState) -> SteadyState:
+    """A steady state with a note that it is not the ``other`` one, to which teeth come
+    from rest on their drive sides.
     """
-    what = (
+    motion = (
         "another motion"
         if _kind(other) == _kind(state)
         else f"a motion that is {other.kind}"
@@ -380,16 +397,14 @@ def _beside(other, state):
     note = (
         "several motions are possible: this one was reached from that at"
         f" {state.started_from:g} rpm, and from rest on their drive sides the teeth"
-        f" come to {what}"
+        f" come to {motion}"
     )
-    return (
-        replace(state, notes=(*state.notes, note))
-        if other.known and state.known
-        else state
-    )
+    if not (other.known and state.known):
+        return state
+    return replace(state, notes=(*state.notes, note))
 
 
-def _differs(before, state):
+def _differs(before: SteadyState, state: SteadyState) -> bool:
     """Whether a speed may have another motion when it starts from the one before."""
     if not state.topology.has_law.any():  # constant links have one motion, or none
         return False
@@ -398,28 +413,22 @@ def _differs(before, state):
     )
 
 
-def _alike(one, other):
+def _alike(state: SteadyState, other: SteadyState) -> bool:
     """Whether two steady states of one speed are the same motion."""
-    most = APART if one.kind == "irregular" else ARRIVED
-    return _kind(one) == _kind(other) and _distance(one, other) <= most
+    most = APART if state.kind == "irregular" else ARRIVED
+    return _kind(state) == _kind(other) and _distance(state, other) <= most
 
 
-def _distance(one, other):
-    """Difference of two steady states of one kind, relative: of their motions over a
+def _distance(state: SteadyState, other: SteadyState) -> float:
+    """Relative difference of two steady states of one kind: of their motions over a
     period, or of the largest deflections of records.
     """
-    if not one.known:
+    if not state.known:
         return 0.0
-    if one.response is not None and other.response is not None:
-        return difference(one.response, other.response, max(one.period, 1))
-    one, other = (
-        np.array(
-            [float(state.deflection(name).peak) for name in state.topology.mesh_names]
-        )
-        for state in (one, other)
-    )
-    return float(
-        (np.abs(one - other) / np.maximum(np.maximum(one, other), 1e-300)).max(
-            initial=0.0
-        )
-    )
+    if state.response is not None and other.response is not None:
+        return difference(state.response, other.response, max(state.period, 1))
+    names = state.topology.mesh_names
+    peaks = np.array([float(state.deflection(name).peak) for name in names])
+    other_peaks = np.array([float(other.deflection(name).peak) for name in names])
+    largest = np.maximum(np.maximum(peaks, other_peaks), 1e-300)
+    return float((np.abs(peaks - other_peaks) / largest).max(initial=0.0))
