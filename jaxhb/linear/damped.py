@@ -204,8 +204,7 @@ def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
 
 def _lehr(eigenvalues: Array) -> Array:
     """Lehr's damping ratio ``-Re lambda / |lambda|``."""
-    modulus: Array = abs(eigenvalues)
-    return -eigenvalues.real / modulus
+    return -eigenvalues.real / namespace(eigenvalues).abs(eigenvalues)
 
 
 def _eigenpairs(system: chain.System) -> tuple[np.ndarray, np.ndarray, float]:
