@@ -276,8 +276,8 @@ def singular_vectors(
 def _golub_kahan(
     factor: Factor, path: tuple[np.ndarray, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Off-diagonal of the tridiagonal with zero diagonal into which a chain orders [[0,
-    E^T], [E, 0]], and its disks.
+    """Off-diagonal of the tridiagonal form, with zero diagonal, of [[0, E^T], [E, 0]]
+    of a chain, and its disks.
     """
     rows, disks = path
     entries = factor.entries()[rows]
