@@ -206,7 +206,9 @@ class Scaled:
         return rescaled(a.mantissa + b.mantissa, exponent)
 
 
-def shifted(numbers: Sequence[DoubledOrArray]) -> tuple[tuple[DoubledOrArray, ...], jax.Array]:
+def shifted(
+    numbers: Sequence[DoubledOrArray],
+) -> tuple[tuple[DoubledOrArray, ...], jax.Array]:
     """Divide numbers by the power of two that brings their largest modulus between 1/2
     and 1, and return its exponent with them.
     """
