@@ -512,7 +512,9 @@ def _determinant(
         held[above], 0.0, jnp.where(tree.from_a[:-1], arm_b[link], arm_a[link])
     )
 
-    def hang(state, link):
+    State = tuple[Doubled, Doubled, jax.Array]
+
+    def hang(state: State, link: tuple[Any, ...]) -> tuple[State, None]:
         A, G, exponent = state
         disk, above, near, far, k, z = link
         (a, g), shift = shifted(
@@ -536,7 +538,7 @@ def _over_inertias(system: chain.System, determinant: Scaled) -> Scaled:
     heavy = mass > 0
     factors = jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2)
 
-    def multiplied(value, factor):
+    def multiplied(value: Scaled, factor: jax.Array) -> tuple[Scaled, None]:
         return rescaled(value.mantissa * factor, value.exponent), None
 
     product, _ = lax.scan(multiplied, determinant, factors)
