@@ -65,8 +65,8 @@ def certify(response: Response) -> Certificate:
 
     Examples
     --------
-    >>> found = jaxhb.certify(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=3000.0))
-    >>> found.holds
+    >>> response = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=3000.0)
+    >>> jaxhb.certify(response).holds
     True
     """
     refuse_tracers("certify", response)

@@ -250,13 +250,13 @@ def barred_ranges(
     are.
 
     >>> limit = np.full(4, 30e6)
-    >>> found = barred_ranges(
+    >>> ranges = barred_ranges(
     ...     [100.0, 200.0, 300.0, 400.0],
     ...     np.array([10e6, 40e6, 60e6, 20e6]),
     ...     limit,
     ...     1.7 * limit,
     ... )
-    >>> [(round(r.low, 3), round(r.high, 3), r.share, r.passable) for r in found]
+    >>> [(round(r.low, 3), round(r.high, 3), r.share, r.passable) for r in ranges]
     [(166.667, 375.0, 2.0, False)]
     """
     columns = (rpm, stress, continuous, transient)
@@ -450,10 +450,10 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     ...     jaxhb.Shaft(between=("a", "b"), stiffness=100.0, diameter=0.01, bore=0.0)
     ... ]
     >>> train = jaxhb.build(parts, revolutions_per_cycle=1)
-    >>> found = strength(jaxhb.forced_response(train, rpm=2.5 * 30 / math.pi))
+    >>> result = strength(jaxhb.forced_response(train, rpm=2.5 * 30 / math.pi))
     >>> (
-    ...     round(float(found.stresses["a|b"].stress) / 1e6, 4),
-    ...     found.stresses["a|b"].continuous,
+    ...     round(float(result.stresses["a|b"].stress) / 1e6, 4),
+    ...     result.stresses["a|b"].continuous,
     ... )
     (27.1624, None)
     """
