@@ -1,11 +1,12 @@
-"""A certificate: within what distance of a computed motion one of the train lies,
-computed (Fridman 2009, ch. 4 and 5).
+"""A certificate: the computed distance from a computed motion within which a motion of
+the train lies (Fridman 2009, ch. 4 and 5).
 
 The theorem (:mod:`jaxhb.certificate.theorem`) is applied at the motion to which
-Newton's method leads on more and more harmonics; bounds of the response add how far
-that is away.
+Newton's method leads on more and more harmonics; bounds of the response add the
+distance to that motion.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax
@@ -32,40 +33,40 @@ from jaxhb.equations.backlash import law_of
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.floquet.stability import train_of
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
-from jaxhb.results.bounds import LINEAR, Certificate
+from jaxhb.results.bounds import LINEAR, Certificate, Kantorovich
 from jaxhb.results.response import Response
+from jaxhb.results.signal import Signal
+from jaxhb.train.drivetrain import DriveTrain
 
 # Harmonics in which the linearised equation is solved: twice those of the response,
 # thrice those of the tooth modes, within these; doubled until a bound holds.
 FEWEST = 32
 MOST = 8192
-MOST_RECEPTANCES = (
-    2**24
-)  # numbers of 16 B of them at most, some arrays of which are held at a time
-RECEPTANCES = (
-    2**18
-    # Harmonics of them at most: beyond twice the highest natural frequency they are
-    # bounded
-)
+# Receptances at most, numbers of 16 B: several such arrays are in memory at a time
+MOST_RECEPTANCES = 2**24
+# Harmonics of receptances at most: beyond twice the highest natural frequency they are
+# bounded
+RECEPTANCES = 2**18
 
 
 def certify(response: Response) -> Certificate:
-    """Compute a bound on how far a periodic motion of the train is from a computed one.
+    """Compute a bound on the distance of a periodic motion of the train from a computed
+    motion.
 
-    Parameters and errors are as of :func:`jaxhb.stability`; disks without inertia,
+    Parameters and errors are those of :func:`jaxhb.stability`; disks without inertia,
     whose deflections do not fall with frequency, are refused too.
 
     Notes
     -----
-    Serves both laws of damping, loss factors and closed loops. A computed bound and no
-    proof: norms are iterated and taken times 1.1, largest row sums are estimated and
-    taken times 1.5, and sampled largest values, the decay of coefficients beyond those
-    computed, and rounding are not enclosed.
+    It covers both laws of damping, loss factors and closed loops. It is a computed
+    bound and no proof: norms are iterated and multiplied by 1.1, largest row sums are
+    estimated and multiplied by 1.5, and sampled largest values, the decay of
+    coefficients beyond those computed, and rounding are not enclosed.
 
     Examples
     --------
-    >>> found = jaxhb.certify(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=3000.0))
-    >>> found.holds
+    >>> response = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=3000.0)
+    >>> jaxhb.certify(response).holds
     True
     """
     refuse_tracers("certify", response)
@@ -91,19 +92,17 @@ def certify(response: Response) -> Certificate:
             " errors, and for play, stages, stops and friction of shafts. Compare the"
             " motion with time integration, jaxhb.shooting_correction."
         )
-    given = np.asarray(response.deflections)[gaps]
+    computed = np.asarray(response.deflections)[gaps]
     if not len(gaps):
         return LINEAR
-    modes = (
-        mesh_mode_harmonics(train, float(problem.frequency))[0]
-        if _leaves_contact(train, given, gaps)
-        else 0.0
-    )
+    modes = 0.0
+    if _leaves_contact(train, computed, gaps):
+        modes = mesh_mode_harmonics(train, float(problem.frequency))[0]
     highest = highest_frequency(problem.system) / float(problem.frequency)
     # Powers of two: few sizes, as each has programs of its own.
     low = 1 << int(np.ceil(np.log2(max(FEWEST, 2 * response.harmonics, 3 * modes))))
     low = min(low, MOST)
-    deflection = given
+    deflection = computed
     balance = None
     while True:
         sizes = _sizes(low, highest, problem.load.shape[-1] - 1, len(gaps))
@@ -113,29 +112,31 @@ def certify(response: Response) -> Certificate:
         balance = balance or harmonic_balance(lin, response.harmonics)
         try:
             lin = _refine(lin)
-            found = bounds_at(lin, train, gaps)
+            certificate = bounds_at(lin, train, gaps)
         except NotInverted:
-            found = without_bounds(lin, train, gaps)
-        if found.holds:
-            found = replace(found, stable=attracts(lin, train, found))
-        if found.holds or 2 * low > MOST or not lin.complete:
-            return _of_response(found, lin, response, balance)
+            certificate = without_bounds(lin, train, gaps)
+        if certificate.holds:
+            stable = attracts(lin, train, certificate)
+            certificate = replace(certificate, stable=stable)
+        if certificate.holds or 2 * low > MOST or not lin.complete:
+            return _of_response(certificate, lin, response, balance)
         low = 2 * low
         deflection = lin.deflection * lin.law.backlash[:, None]
 
 
-def _leaves_contact(train, deflection, gaps):
+def _leaves_contact(
+    train: DriveTrain, deflection: np.ndarray, gaps: np.ndarray
+) -> bool:
     """Whether any mesh comes near the knee of its law, within 2 % of its backlash."""
     law = jax.tree.map(lambda a: np.asarray(a)[gaps], law_of(train.meshes))
-    value = np.abs(
-        fourier.synthesize(deflection, SAMPLES * max(deflection.shape[1] - 1, 1))
-    )
+    count = SAMPLES * max(deflection.shape[1] - 1, 1)
+    value = np.abs(fourier.synthesize(deflection, count))
     return bool((value.min(-1) < law.knee + 0.02 * law.backlash).any())
 
 
-def _refine(lin):
+def _refine(lin: Linearization) -> Linearization:
     """The linearisation at the motion to which Newton's method leads on the low
-    harmonics: the nearer to a true one, the less is to be shown.
+    harmonics: nearer to a true motion less has to be shown.
     """
     size = np.inf
     for _ in range(6):
@@ -149,7 +150,10 @@ def _refine(lin):
     return lin
 
 
-def _sizes(low, highest, excited, meshes):
+def _sizes(low: int, highest: float, excited: int, meshes: int) -> CertificateSizes:
+    """Sizes for ``low`` harmonics, with the ``highest`` natural frequency and the
+    highest ``excited`` harmonic over that of the cycle.
+    """
     high = max(8 * low, 1 << max(excited - 1, 1).bit_length())
     reach = 1 << max(high + 1, int(np.ceil(2 * highest))).bit_length()
     if reach * meshes**2 > MOST_RECEPTANCES:
@@ -170,34 +174,47 @@ def _sizes(low, highest, excited, meshes):
     )
 
 
-def _of_response(found, lin, response, balance):
-    """The certificate of the response: bounds are those of the refined motion, and how
-    far what is read of the response lies from that.
+def _of_response(
+    certificate: Certificate,
+    lin: Linearization,
+    response: Response,
+    balance: Kantorovich,
+) -> Certificate:
+    """The certificate of the response: to the bounds of the refined motion the distance
+    of the response from it is added.
     """
-    found = replace(found, harmonic_balance=balance, harmonics=response.harmonics)
-    if not found.holds:
-        return found
+    certificate = replace(
+        certificate, harmonic_balance=balance, harmonics=response.harmonics
+    )
+    if not certificate.holds:
+        return certificate
     count = 64 * lin.sizes.low
-    law = lin.law.expand()
     refined = lin.deflection * lin.law.backlash[:, None]
     value = fourier.synthesize(refined, count)
     rate = fourier.synthesize(fourier.derivative(refined, lin.frequency), count)
-    force = backlash.mesh_force(*backlash.at_samples(lin.meshes, None), value, rate)
-    forces = [response.force(name) for name in found.meshes]
+    law, viscous, contact_damping = backlash.at_samples(
+        lin.meshes, fourier.Equidistant(count).synthesize
+    )
+    force = backlash.mesh_force(law, viscous, contact_damping, value, rate)
+    elastic_force = backlash.force(law, value)
+    deflections = [response.deflection(name) for name in certificate.meshes]
+    forces = [response.force(name) for name in certificate.meshes]
+    elastic_forces = [signal.elastic for signal in forces]
+    deflection_distance = _distance(deflections, value)
+    elastic_distance = _distance(elastic_forces, elastic_force)
+    force_distance = _distance(forces, force)
     return replace(
-        found,
-        deflection_bound=found.deflection_bound
-        + _apart([response.deflection(name) for name in found.meshes], value),
-        elastic_bound=found.elastic_bound
-        + _apart([signal.elastic for signal in forces], backlash.force(law, value)),
-        force_bound=found.force_bound + _apart(forces, force),
+        certificate,
+        deflection_bound=certificate.deflection_bound + deflection_distance,
+        elastic_bound=certificate.elastic_bound + elastic_distance,
+        force_bound=certificate.force_bound + force_distance,
     )
 
 
-def _apart(signals, values):
-    """How far Signals are from samples ``(G, M)`` over the cycle, ``(G,)``: at any
-    instant, as the series that they are, and by their extremes, which are looked for at
-    time samples that may miss them.
+def _distance(signals: Sequence[Signal], values: np.ndarray) -> np.ndarray:
+    """Distance ``(G,)`` of Signals from samples ``(G, M)`` over the cycle: at any
+    instant, as series, and of their extremes, which are read from time samples that may
+    miss them.
     """
     series = np.stack(
         [
@@ -213,18 +230,15 @@ def _apart(signals, values):
     return _largest(series - values) + np.maximum(missed, 0.0).max(-1)
 
 
-def _largest(values):
-    """``(G,)``: largest absolute values over the cycle of periodic samples ``(G,
-    M)``.
-    """
+def _largest(values: np.ndarray) -> np.ndarray:
+    """Largest absolute values ``(G,)`` over the cycle of samples ``(G, M)``."""
     return np.abs(values).max(-1) + _between(values)
 
 
-def _between(values):
-    """``(G,)``: by how much the largest value between two samples can exceed them: for
-    a smooth function an eighth of the second difference, at a kink less than a half.
+def _between(values: np.ndarray) -> np.ndarray:
+    """Bound ``(G,)`` on the excess of the largest value between two samples over them:
+    for a smooth function an eighth of the second difference, at a kink less than a
+    half.
     """
-    return (
-        np.abs(np.roll(values, 1, -1) - 2 * values + np.roll(values, -1, -1)).max(-1)
-        / 2
-    )
+    bend = np.roll(values, 1, -1) - 2 * values + np.roll(values, -1, -1)
+    return np.abs(bend).max(-1) / 2

@@ -1,5 +1,5 @@
-"""The true, untruncated equation of the tooth deflections around a motion, and the
-sizes of what certifies it.
+"""The true, untruncated equation of the tooth deflections around a motion, and its
+norms in a certificate.
 
 In units of the backlash, ``y = l / h``, with ``E(y)`` the integral of (engagement - 1)
 from 0 to y, the force of a mesh beside its linear part is ``(1 - epsilon) c h E(y)``,
@@ -19,59 +19,65 @@ Operators here act on coefficients ``(G, n+1)``; norms are of real motions (root
 square, or weighted).
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import eigvalsh
 
-from jaxhb._jax import on_host
+from jaxhb._jax import Array, on_host
 from jaxhb._program import Program
 from jaxhb.balance import correction
-from jaxhb.balance.problem import ActiveMeshes, model_of, reduced_equation
+from jaxhb.balance.problem import ActiveMeshes, Problem, model_of, reduced_equation
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.backlash import law_meshes
-from jaxhb.equations.condensation import truncate
+from jaxhb.equations.condensation import CondensedEquation, truncate
 from jaxhb.floquet.variational import motion
 from jaxhb.results.bounds import NORM_MARGIN
+from jaxhb.train import chain
+from jaxhb.train.drivetrain import DriveTrain
 
-SAMPLES = 16  # per harmonic, at which largest values are looked for
+SAMPLES = 16  # per harmonic, at which largest values are read
+
+Map = Callable[[np.ndarray], np.ndarray]
 
 
-def one_norm(product, transposed, size, columns, steps=5):
+def one_norm(
+    product: Map, transposed: Map, size: int, columns: int, steps: int = 5
+) -> float:
     """Lower bound of the largest absolute column sum of a square map, seldom far below
     it; inf where it is not finite.
 
-    Algorithm 2.4 of Higham & Tisseur, SIAM J. Matrix Anal. Appl. 21 (2000) 1185, with
-    random signs of its own: that of scipy draws from the generator of the whole
-    process. ``columns`` vectors are taken at a time.
+    Algorithm 2.4 of Higham & Tisseur, SIAM J. Matrix Anal. Appl. 21 (2000) 1185, with a
+    private generator of random signs: scipy draws from the generator of the whole
+    process. ``columns`` vectors are multiplied at a time.
     """
 
-    def each(function, vectors):
+    def each(function: Map, vectors: np.ndarray) -> np.ndarray:
         return np.stack([function(vector) for vector in vectors])
 
     if size <= 2 * columns:
         return float(np.abs(each(product, np.eye(size))).sum(1).max())
-    draw = np.random.default_rng(0)
-    vectors = (
-        np.concatenate(
-            [np.ones((1, size)), draw.choice([-1.0, 1.0], (columns - 1, size))]
-        )
-        / size
-    )
+    generator = np.random.default_rng(0)
+    random_signs = generator.choice([-1.0, 1.0], (columns - 1, size))
+    vectors = np.concatenate([np.ones((1, size)), random_signs]) / size
     largest = 0.0
     signs = np.empty((0, size))
     visited = np.empty(0, int)
     for _ in range(steps):
         images = each(product, vectors)
-        found = np.abs(images).sum(1).max()
-        if not np.isfinite(found):
+        reached = np.abs(images).sum(1).max()
+        if not np.isfinite(reached):
             return np.inf
-        if found <= largest:
+        if reached <= largest:
             break
-        largest = found
+        largest = reached
         before = signs
         signs = np.where(images >= 0, 1.0, -1.0)
         if len(before) and (np.abs(signs @ before.T) == size).any(1).all():
@@ -80,7 +86,7 @@ def one_norm(product, transposed, size, columns, steps=5):
             while (
                 np.abs(np.concatenate([signs[:i], before]) @ signs[i]) == size
             ).any():
-                signs[i] = draw.choice([-1.0, 1.0], size)
+                signs[i] = generator.choice([-1.0, 1.0], size)
         promising = np.argsort(-np.abs(each(transposed, signs)).max(0))
         if np.isin(promising[:columns], visited).all():
             break
@@ -93,9 +99,9 @@ def one_norm(product, transposed, size, columns, steps=5):
 
 @dataclass(frozen=True)
 class CertificateSizes:
-    """What programs are compiled for: ``low`` harmonics in which the linearised
+    """Sizes for which programs are compiled: ``low`` harmonics in which the linearised
     equation is solved, ``high`` to which it is evaluated, ``reach`` of the receptances,
-    time steps of the march in linear solves.
+    and time steps of the march in linear solves.
     """
 
     low: int
@@ -104,56 +110,59 @@ class CertificateSizes:
     time_steps: int
 
 
-def highest_frequency(system):
-    """rad/s above which no natural frequency lies, meshes in contact and damping left
-    out; inf without inertia.
+def highest_frequency(system: chain.System) -> float:
+    """Bound in rad/s of all natural frequencies, meshes in contact and damping left
+    out; inf where a disk has no inertia.
     """
     mass = np.asarray(system.mass)
     if not (mass > 0).all():
         return np.inf
-    if (
-        len(mass) > 2000
-        # Bounded without a dense matrix: that of the stiffnesses is at most twice its
-        # diagonal
-    ):
+    # Bounded without a dense matrix: the matrix of the stiffnesses is at most twice its
+    # diagonal.
+    if len(mass) > 2000:
         return float(np.sqrt(2 * (np.asarray(system.held_stiffness()) / mass).max()))
     rows = system.incidence().T / np.sqrt(mass)
-    stiffness = rows.T @ (np.asarray(system.stiffness)[:, None] * rows) + np.diag(
-        np.asarray(system.ground) / mass
-    )
-    return float(
-        np.sqrt(max(eigvalsh(stiffness, subset_by_index=[len(mass) - 1] * 2)[0], 0.0))
-    )
+    grounds = np.diag(np.asarray(system.ground) / mass)
+    stiffness = rows.T @ (np.asarray(system.stiffness)[:, None] * rows) + grounds
+    last = len(mass) - 1
+    square = eigvalsh(stiffness, subset_by_index=[last, last])[0]
+    return float(np.sqrt(max(square, 0.0)))
 
 
 @partial(Program, static_argnames="sizes")
-def _linear_response(problem, chosen, sizes):
-    """What does not depend on the motion: receptances and linear deflections up to
-    ``reach``, the equation of the low harmonics, and the train that marches in linear
-    solves.
+def _linear_response(
+    problem: Problem, chosen: np.ndarray, sizes: CertificateSizes
+) -> tuple[jax.Array, jax.Array, CondensedEquation, correction.LinearTrain]:
+    """Receptances and linear deflections up to ``reach``, the equation of the low
+    harmonics, and the train that marches in linear solves: all that does not depend on
+    the motion.
     """
-    every = ActiveMeshes(
+    active = ActiveMeshes(
         jnp.ones(len(chosen)), chosen, jnp.zeros(len(problem.meshes.link))
     )
-    reduced, _ = reduced_equation(problem, sizes.reach, every)
+    reduced, _ = reduced_equation(problem, sizes.reach, active)
     low = truncate(reduced, sizes.low)
-    train = correction.train_of(
-        low, model_of(problem, every, sizes.time_steps), sizes.time_steps
-    )
+    model = model_of(problem, active, sizes.time_steps)
+    train = correction.train_of(low, model, sizes.time_steps)
     return reduced.receptance, reduced.linear, low, train
 
 
 @partial(Program, static_argnames="sizes")
-def _expand(reduced, train, deflection, sizes):
-    """Of a motion ``(G, low+1)`` m: the march of linear solves; in harmonics the
-    integral of (engagement - 1), and itself.
+def _expand(
+    reduced: CondensedEquation,
+    train: correction.LinearTrain,
+    deflection: Array,
+    sizes: CertificateSizes,
+) -> tuple[correction.LinearMarch, jax.Array, jax.Array, jax.Array]:
+    """March of linear solves around a motion ``(G, low+1)`` m; harmonics ``(G, 2
+    high+1)`` of the integral of (engagement - 1), and of (engagement - 1); and whether
+    all crossings of the law are found.
     """
     law = reduced.law
     meshes = len(deflection)
     samples = 4 * max(sizes.time_steps, sizes.low)
-    march = correction.march_at(
-        train, correction.slopes_at(reduced, deflection, samples)
-    )
+    slopes = correction.slopes_at(reduced, deflection, samples)
+    march = correction.march_at(train, slopes)
     # In backlashes, with a gap without stiffness: the force of this law is the integral
     # of the engagement.
     unit = replace(
@@ -173,12 +182,18 @@ def _expand(reduced, train, deflection, sizes):
 
 
 @partial(Program, static_argnames="transposed")
-def _solve(gain, share, march, right, transposed):
-    """``x + gain (share x) = right``, coefficients ``(G, n+1)`` m, or with the
-    transpose; and what is left.
+def _solve(
+    gain: Array,
+    share: Array,
+    march: correction.LinearMarch,
+    right: Array,
+    transposed: bool,
+) -> tuple[jax.Array, jax.Array]:
+    """Solve ``x + gain (share x) = right``, coefficients ``(G, n+1)`` m, or with the
+    transpose, and return x with its relative residual.
     """
 
-    def product(x):
+    def product(x: jax.Array) -> jax.Array:
         pushed = fourier.analyze(
             share * fourier.synthesize(x, share.shape[-1]), x.shape[-1] - 1
         )
@@ -194,21 +209,26 @@ class NotInverted(ArithmeticError):
 
 
 class Linearization:
-    """The equation of the deflections ``(G, N+1)`` m of the meshes with backlash at one
+    """The equation of the deflections ``(G, N+1)`` m of the meshes with backlash at a
     motion, its derivative solved in ``low`` harmonics: the approximate inverse A of
-    ``F'`` is that of these, and 1 beyond.
+    ``F'`` is the inverse in these, and 1 beyond.
 
     ``scale`` : harmonic at which the weights ``w_n = sqrt(1 + (n/scale)^2)`` begin to
-    rise; later where damping in contact is so strong that ``w_n |H(n)|`` would not fall
-    below one.
+    rise; higher where damping in contact is so strong that ``w_n |H(n)|`` would not
+    fall below 1.
     """
 
-    def __init__(self, problem, train, deflection, sizes, scale):
+    def __init__(
+        self,
+        problem: Problem,
+        train: DriveTrain,
+        deflection: Array,
+        sizes: CertificateSizes,
+        scale: float,
+    ) -> None:
         self.meshes = on_host(law_meshes(train))
-        self.law, viscous = (
-            self.meshes.law,
-            np.where(self.meshes.contact_damping, self.meshes.viscous, 0.0),
-        )
+        self.law = self.meshes.law
+        viscous = np.where(self.meshes.contact_damping, self.meshes.viscous, 0.0)
         self.frequency = float(problem.frequency)
         self.sizes = sizes
         chosen = train.topology.law_index.astype(np.int32)
@@ -223,20 +243,19 @@ class Linearization:
         self.held = receptance / h[:, None] * (change * h)[:, None, :]
         self._linear = np.asarray(linear)[:, : sizes.high + 1] / h[:, None]
         self._gain = (receptance * change[:, None, :])[: sizes.low + 1]
-        self._decay = self._decay_bound(
-            problem.system, problem.system.incidence(self.meshes.link)
-        )
+        columns = problem.system.incidence(self.meshes.link)
+        self._decay = self._decay_bound(problem.system, columns)
         self.scale = max(scale, 3 * self._decay[1])
-        self._place(fourier.resize(np.asarray(deflection), sizes.low))
+        self._linearise(fourier.resize(np.asarray(deflection), sizes.low))
 
-    def _place(self, deflection):
-        """Take the motion ``(G, low+1)`` m as that around which the equation is
-        linear.
-        """
+    def _linearise(self, deflection: np.ndarray) -> None:
+        """Linearise the equation around the motion ``(G, low+1)`` m."""
         sizes = self.sizes
         high = self.sizes.high
-        self._march, *found = _expand(self._reduced, self._train, deflection, sizes)
-        integral, share, complete = map(np.asarray, found)
+        self._march, *harmonics, complete = _expand(
+            self._reduced, self._train, deflection, sizes
+        )
+        integral, share = map(np.asarray, harmonics)
         self.complete = bool(complete)
         self.deflection = deflection / self.law.backlash[:, None]
         self._samples = fourier.synthesize(share, fourier.samples_for(2 * high))
@@ -244,10 +263,11 @@ class Linearization:
         # the largest value half the range.
         low = self._samples.min(1)
         top = self._samples.max(1)
-        between = 0.01 * (top - low)  # what samples may miss
+        between = 0.01 * (top - low)  # margin for values that samples may miss
         low = np.maximum(low - between, -1.0)
         top = np.minimum(top + between, 0.0)
-        self.middle, self.half_range = (low + top) / 2, float((top - low).max() / 2)
+        self.middle = (low + top) / 2
+        self.half_range = float((top - low).max() / 2)
         self._samples = self._samples - self.middle[:, None]
         # psi = E - m y: the part linear in y is in H.
         self.integral = integral - self.middle[:, None] * fourier.resize(
@@ -263,39 +283,38 @@ class Linearization:
             self._shift[: high + 1], self._linear.T[:, :, None]
         )[..., 0].T
 
-    def moved(self, change):
-        """The same at a motion changed by ``(G, low+1)`` backlashes."""
-        there = copy(self)
-        vars(there).pop(
-            "gain_sizes", None
-        )  # those of this motion, where they are known
-        there._place((self.deflection + change) * self.law.backlash[:, None])
-        return there
+    def moved(self, change: np.ndarray) -> Linearization:
+        """Linearise at a motion changed by ``(G, low+1)`` backlashes."""
+        moved = copy(self)
+        # The cached property of this motion, where it has been read
+        vars(moved).pop("gain_sizes", None)
+        moved._linearise((self.deflection + change) * self.law.backlash[:, None])
+        return moved
 
     @staticmethod
-    def largest(x):
-        """``(G,)``: largest values over the cycle of motions ``(G, n+1)``: those at M
-        samples, times the factor 1/cos(pi n/M) by which a trigonometric polynomial
-        exceeds them at most (Ehlich & Zeller, Math. Z. 86 (1964) 41).
+    def largest(x: np.ndarray) -> np.ndarray:
+        """Bound ``(G,)`` of the largest values over the cycle of motions ``(G, n+1)``:
+        those at M samples, times the factor 1/cos(pi n/M) by which a trigonometric
+        polynomial exceeds them at most (Ehlich & Zeller, Math. Z. 86 (1964) 41).
         """
-        sampled = np.abs(fourier.synthesize(x, SAMPLES * max(x.shape[1] - 1, 1))).max(
-            -1
-        )
-        return sampled / np.cos(np.pi / SAMPLES)
+        values = fourier.synthesize(x, SAMPLES * max(x.shape[1] - 1, 1))
+        return np.abs(values).max(-1) / np.cos(np.pi / SAMPLES)
 
     @cached_property
-    def weight(self):
-        """``(reach+1,)``: w_n."""
+    def weight(self) -> np.ndarray:
+        """Weights ``(reach+1,)``: w_n."""
         return np.sqrt(1 + (np.arange(self.sizes.reach + 1) / self.scale) ** 2)
 
     @property
-    def embedding(self):
+    def embedding(self) -> float:
         """Largest value of a motion over its weighted norm, ``sqrt(sum over n of
         w_n^-2)``.
         """
         return float(np.sqrt(np.pi * self.scale / np.tanh(np.pi * self.scale)))
 
-    def near_transition(self, distance, share):
+    def near_transition(
+        self, distance: float | np.ndarray, share: np.ndarray
+    ) -> np.ndarray:
         """Whether ``(G, K)`` a mesh is within ``distance``, backlashes, of the
         transition of its law, at shares of the cycle ``(K,)``.
         """
@@ -303,24 +322,21 @@ class Linearization:
         half = self.law.transition[:, None] / 2
         return (value > 0.5 - half - distance) & (value < 0.5 + half + distance)
 
-    def residual(self):
+    def residual(self) -> np.ndarray:
         """F(y) ``(G, high+1)`` of the motion, with exact integrals."""
-        own = fourier.resize(self.deflection, self.sizes.high)
-        return (
-            own
-            - self.linear
-            + self.apply_gain(fourier.resize(self.integral, self.sizes.high))
-        )
+        high = self.sizes.high
+        pushed = self.apply_gain(fourier.resize(self.integral, high))
+        return fourier.resize(self.deflection, high) - self.linear + pushed
 
-    def apply_gain(self, x):
+    def apply_gain(self, x: np.ndarray) -> np.ndarray:
         """H x."""
         return np.einsum("ngh,hn->gn", self.gain[: x.shape[1]], x)
 
-    def apply_gain_transposed(self, x):
+    def apply_gain_transposed(self, x: np.ndarray) -> np.ndarray:
         """The adjoint of :meth:`apply_gain`."""
         return np.einsum("ngh,gn->hn", self.gain[: x.shape[1]].conj(), x)
 
-    def times_share(self, x):
+    def times_share(self, x: np.ndarray) -> np.ndarray:
         """Product with the derivative of psi along the motion, coefficients ``(G,
         high+1)`` of ``(G, n+1)``.
         """
@@ -329,13 +345,13 @@ class Linearization:
             samples * fourier.synthesize(x, samples.shape[-1]), self.sizes.high
         )
 
-    def inverse(self, x):
+    def inverse(self, x: np.ndarray) -> np.ndarray:
         """A x; raises NotInverted."""
         low = self.sizes.low + 1
         shifted = np.einsum("ngh,hn->gn", self._shift[:low], x[:, :low])
         return np.concatenate([self._solve(shifted, False), x[:, low:]], axis=1)
 
-    def inverse_transposed(self, x):
+    def inverse_transposed(self, x: np.ndarray) -> np.ndarray:
         """The adjoint of :meth:`inverse`."""
         low = self.sizes.low + 1
         solved = np.einsum(
@@ -343,18 +359,21 @@ class Linearization:
         )
         return np.concatenate([solved, x[:, low:]], axis=1)
 
-    def _solve(self, x, transposed):
+    def _solve(self, x: np.ndarray, transposed: bool) -> np.ndarray:
+        """Apply the inverse on the low harmonics ``(G, low+1)``, or its transpose."""
         h = self.law.backlash[:, None]
         right = x / h if transposed else x * h
-        found, left = _solve(self._gain, self._share, self._march, right, transposed)
+        solution, left = _solve(self._gain, self._share, self._march, right, transposed)
         if not left <= 1e-6:
             # At once: iterations for norms would not end with a map that changes from
             # call to call
             raise NotInverted
-        found = np.asarray(found)
-        return found * h if transposed else found / h
+        solution = np.asarray(solution)
+        return solution * h if transposed else solution / h
 
-    def _decay_bound(self, system, columns):
+    def _decay_bound(
+        self, system: chain.System, columns: Array
+    ) -> tuple[float, float, float]:
         """k, d, w with ``|H_c(n)| <= (k + n d) / (n^2 - w^2)``, whatever the damping
         (docs/theory A4.5).
         """
@@ -371,8 +390,8 @@ class Linearization:
             highest_frequency(system) / self.frequency,
         )
 
-    def _decay_beyond(self):
-        """:meth:`_decay_bound` for H and harmonics above those of ``gain``."""
+    def _decay_beyond(self) -> tuple[float, float, float]:
+        """:meth:`_decay_bound` for H, at harmonics above those of ``gain``."""
         k, d, highest = self._decay
         n = self.sizes.reach + 1
         # H = (1 + H_c m)^-1 H_c: |H| <= |H_c| / (1 - |H_c| |m|), by the Neumann series
@@ -381,26 +400,24 @@ class Linearization:
         return (k / less, d / less, highest) if less > 0 else (np.inf, np.inf, highest)
 
     @cached_property
-    def gain_sizes(self):
-        """``(reach+1,)``: largest singular value of H(n)."""
+    def gain_sizes(self) -> np.ndarray:
+        """Largest singular value of H(n), ``(reach+1,)``."""
         return np.linalg.norm(self.gain, 2, axis=(1, 2))
 
-    def largest_gain(self, first):
+    def largest_gain(self, first: int) -> float:
         """sup of ``w_n |H(n)|`` over n >= ``first``."""
-        (k, d, highest) = self._decay_beyond()
+        k, d, highest = self._decay_beyond()
         n = self.sizes.reach + 1
-        beyond = (
-            np.sqrt(1 + (n / self.scale) ** 2) * (k + n * d) / (n**2 - highest**2)
-        )  # falls with n
-        return float(
-            max((self.weight * self.gain_sizes)[first:].max(initial=0.0), beyond)
-        )
+        # Falls with n
+        beyond = np.sqrt(1 + (n / self.scale) ** 2) * (k + n * d) / (n**2 - highest**2)
+        largest = (self.weight * self.gain_sizes)[first:].max(initial=0.0)
+        return float(max(largest, beyond))
 
-    def gain_between(self, first):
-        """``sqrt(sum of |H(n)|^2 over |n| >= first)``: largest value that H gives of
-        harmonics from there on, over their root mean square.
+    def gain_between(self, first: int) -> float:
+        """``sqrt(sum of |H(n)|^2 over |n| >= first)``: largest value of H x over the
+        root mean square of x, whose harmonics begin with ``first``.
         """
-        (k, d, highest) = self._decay_beyond()
+        k, d, highest = self._decay_beyond()
         n = self.sizes.reach
         factor = 1 / (1 - (highest / (n + 1)) ** 2)
         # (k + n d)^2 <= 2 (k^2 + n^2 d^2), and sums over n of n^-4 and n^-2 below their
@@ -408,7 +425,7 @@ class Linearization:
         beyond = factor**2 * 2 * (k**2 / (3 * n**3) + d**2 / n)
         return float(np.sqrt(2 * (self.gain_sizes[first:] ** 2).sum() + 2 * beyond))
 
-    def rate_of_gain(self, first, last):
+    def rate_of_gain(self, first: int, last: int) -> float:
         """Largest absolute row sum of the kernel of ``d/dt H``, t over the cycle of 2
         pi, harmonics ``first`` to ``last``.
         """
@@ -417,35 +434,32 @@ class Linearization:
         kernel = fourier.synthesize(rates, fourier.samples_for(4 * last))
         return float(np.abs(kernel).mean(-1).sum(1).max())
 
-    def galerkin(self, harmonics):
-        """The equation truncated to so many harmonics: the one that was solved."""
-        kept = copy(self)
+    def galerkin(self, harmonics: int) -> Linearization:
+        """Truncate the equation to so many harmonics, as harmonic balance solves it."""
+        truncated = copy(self)
         keep = (np.arange(self.sizes.reach + 1) <= harmonics)[:, None, None]
-        kept.gain, kept._shift = (
-            self.gain * keep,
-            np.where(keep, self._shift, np.eye(len(self.middle))),
-        )
-        kept._gain = self._gain * keep[: self.sizes.low + 1]
+        truncated.gain = self.gain * keep
+        truncated._shift = np.where(keep, self._shift, np.eye(len(self.middle)))
+        truncated._gain = self._gain * keep[: self.sizes.low + 1]
         marched = replace(
             self._march.train, free=self._march.train.free[..., : harmonics + 1]
         )
-        kept._march = replace(self._march, train=marched)
-        return kept
+        truncated._march = replace(self._march, train=marched)
+        return truncated
 
-    def norm(self, apply, apply_transposed, harmonics, enough=np.inf):
+    def norm(
+        self, apply: Map, apply_transposed: Map, harmonics: int, enough: float = np.inf
+    ) -> float:
         """Largest singular value of a map between coefficients ``(G, harmonics+1)``,
-        with its margin: from ``enough`` on any that it exceeds, inf where the iteration
-        does not end.
+        with its margin; a lower bound of it once that reaches ``enough``, inf where the
+        iteration does not end.
         """
-        from scipy.sparse.linalg import (
-            ArpackNoConvergence,
-            LinearOperator,
-            eigsh,
-        )  # others are spared its import
+        # Imported here, as other commands do not need it.
+        from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
         shape = len(self.middle), 2 * harmonics + 1
 
-        def square(v):
+        def square(v: np.ndarray) -> np.ndarray:
             image = apply(fourier.unpack(v.reshape(shape)))
             stretch = np.linalg.norm(fourier.pack(image)) / np.linalg.norm(v)
             if stretch >= enough:
@@ -455,25 +469,28 @@ class Linearization:
         size = shape[0] * shape[1]
         operator = LinearOperator((size, size), matvec=square, dtype=float)
         start = np.random.default_rng(0).normal(size=size)
-        ends = {
-            "tol": 1e-2,
-            "maxiter": 100,
-            "ncv": 6,
-        }  # to one percent, which the margin covers
         try:
-            found = eigsh(
-                operator, 1, which="LA", v0=start, return_eigenvectors=False, **ends
+            # To one percent, which the margin covers
+            largest = eigsh(
+                operator,
+                1,
+                which="LA",
+                v0=start,
+                return_eigenvectors=False,
+                tol=1e-2,
+                maxiter=100,
+                ncv=6,
             )
-        except StopIteration as known:
-            return known.value
+        except StopIteration as stop:
+            return stop.value
         except ArpackNoConvergence:
             return np.inf
-        return NORM_MARGIN * float(np.sqrt(max(found[0], 0.0)))
+        return NORM_MARGIN * float(np.sqrt(max(largest[0], 0.0)))
 
-    def respond(self, x):
+    def respond(self, x: np.ndarray) -> np.ndarray:
         """A H x."""
         return self.inverse(self.apply_gain(x))
 
-    def respond_transposed(self, x):
+    def respond_transposed(self, x: np.ndarray) -> np.ndarray:
         """The adjoint of :meth:`respond`."""
         return self.apply_gain_transposed(self.inverse_transposed(x))

@@ -1,17 +1,17 @@
 """The theorem behind a certificate, its numbers computed without outward rounding
 (Fridman 2009, ch. 4 and 5).
 
-The theorem of Newton and Kantorovich on the untruncated equation of the deflections,
-``F(y) = y - y_lin + H psi(y)`` ``= 0`` (:mod:`jaxhb.certificate.linearization`). With A
-the inverse of ``F'(ybar)`` on the low harmonics and 1 beyond, ``|.|_w`` the weighted
-norm, E the largest value over the weighted norm, ``|.|`` the largest value over the
-cycle:
+The theorem of Newton and Kantorovich is applied to the untruncated equation of the
+deflections, ``F(y) = y - y_lin + H psi(y) = 0``
+(:mod:`jaxhb.certificate.linearization`). With A the inverse of ``F'(ybar)`` on the low
+harmonics and 1 beyond, ``|.|_w`` the weighted norm, E the largest value over the
+weighted norm, ``|.|`` the largest value over the cycle:
 
 1. ``Z1 = |1 - A F'|_w < 1`` shows that ``F'`` has an inverse, and that it is near A
-   (docs/theory A4.5, where the columns beyond ``high`` are parted: those far from the
-   rows they act on meet coefficients of the share that have died).
-2. ``F'^-1 H = A H + (1 - A F') F'^-1 H``: as H makes bounded motions of forces with
-   bounded root mean square, the largest value of Newton's correction is at most
+   (docs/theory A4.5, where the columns beyond ``high`` are split: those far from the
+   rows they act on meet coefficients of the share that have decayed).
+2. ``F'^-1 H = A H + (1 - A F') F'^-1 H``: as H turns forces with bounded root mean
+   square into bounded motions, the largest value of Newton's correction is at most
 
        Y0 = |A F| + E Z1/(1 - Z1) |A F|_w,
 
@@ -30,11 +30,9 @@ cycle:
 
 A radius in the weighted norm would cost the factor E twice, 10 to 30; the largest value
 has no such factor. Forces: elastic ones change at most with the stiffness in contact.
-Damping asks for the rate of the difference ``p = y* - ybar``, ``F' p = q = -F - H
-Delta``, ``|Delta| <= zone r^2 / 2 tau``: ``p = A q + e`` with ``e = d - H psi' e``, ``d
-= q
-- F' A q`` and ``|e|_w <= Z1/(1 - Z1) |A q|_w``, all of which can be differentiated in
-  time.
+Damping needs the rate of the difference ``p = y* - ybar``, ``F' p = q = -F - H Delta``,
+``|Delta| <= zone r^2 / 2 tau``: ``p = A q + e`` with ``e = d - H psi' e``, ``d = q - F'
+A q`` and ``|e|_w <= Z1/(1 - Z1) |A q|_w``, all of which can be differentiated in time.
 
 Where the small-gain number is not below 1 several motions may coexist, each with a
 certificate (docs/theory A4.2).
@@ -45,33 +43,44 @@ from dataclasses import replace
 import numpy as np
 
 from jaxhb._jax import on_host
-from jaxhb.certificate.linearization import SAMPLES, NotInverted, one_norm
+from jaxhb.certificate.linearization import (
+    SAMPLES,
+    Linearization,
+    NotInverted,
+    one_norm,
+)
 from jaxhb.equations import exact_integrals, fourier
 from jaxhb.equations.state_space import partition, state_space
 from jaxhb.floquet.variational import propagation
 from jaxhb.results.bounds import NORM_MARGIN, ROW_SUM_MARGIN, Certificate, Kantorovich
 from jaxhb.train import chain
+from jaxhb.train.drivetrain import DriveTrain
 
 
-def without_bounds(lin, train, gaps, Y0=np.inf, Z1=np.inf, Z2=0.0):
-    """The certificate of these numbers; by default of what is known where A is not at
-    hand.
+def without_bounds(
+    lin: Linearization,
+    train: DriveTrain,
+    gaps: np.ndarray,
+    Y0: float = np.inf,
+    Z1: float = np.inf,
+    Z2: float = 0.0,
+) -> Certificate:
+    """The certificate of the numbers of the theorem, with infinite bounds; by default
+    the certificate where A was not computed.
     """
     # sup of |H(n)|/2 about the middle slope, in the units of force in which the
     # receptances are symmetric.
     root = np.sqrt(lin.slopes[0] * lin.law.backlash**2)
     middle = np.linalg.solve(np.eye(len(root)) - lin.held / 2, lin.held)
-    small_gain = (
-        np.linalg.norm(middle * (root[:, None] / root), 2, axis=(1, 2)).max(initial=0.0)
-        / 2
-    )
+    gains = np.linalg.norm(middle * (root[:, None] / root), 2, axis=(1, 2))
+    small_gain = gains.max(initial=0.0) / 2
+    unbounded = np.full(len(gaps), np.inf)
     return Certificate(
         reason=_reason(lin, Y0, Z1, Z2),
         meshes=tuple(train.topology.mesh_names[i] for i in gaps),
-        **dict.fromkeys(
-            ("deflection_bound", "elastic_bound", "force_bound"),
-            np.full(len(gaps), np.inf),
-        ),
+        deflection_bound=unbounded,
+        elastic_bound=unbounded,
+        force_bound=unbounded,
         Y0=Y0,
         Z1=float(Z1),
         Z2=Z2,
@@ -81,9 +90,9 @@ def without_bounds(lin, train, gaps, Y0=np.inf, Z1=np.inf, Z2=0.0):
     )
 
 
-def bounds_at(lin, train, gaps):
-    """The numbers of the theorem around the motion of ``lin``, and what follows for
-    that of the train; raises NotInverted.
+def bounds_at(lin: Linearization, train: DriveTrain, gaps: np.ndarray) -> Certificate:
+    """The certificate of the motion of ``lin``: the numbers of the theorem, and the
+    bounds that follow; raises NotInverted.
     """
     law = lin.law
     low = lin.sizes.low
@@ -98,49 +107,43 @@ def bounds_at(lin, train, gaps):
     spread = E * Z1 / (1 - Z1) if Z1 < 1 else np.inf
     Y0 = float(correction.max() + spread * weighted)
 
-    # The zone is looked for at samples: between two of them a mesh moves as far as its
-    # rate and bend let it.
+    # The zone is read at samples: between two of them a mesh moves as far as its rate
+    # and bend allow.
     rates = fourier.synthesize(_rate(lin.deflection), grid)
-    bent = (
-        np.abs(fourier.synthesize(_rate(_rate(lin.deflection)), grid)).max()
-        * (np.pi / grid) ** 2
-        / 2
-    )
+    bends = fourier.synthesize(_rate(_rate(lin.deflection)), grid)
+    bent = np.abs(bends).max() * (np.pi / grid) ** 2 / 2
     zone = lin.near_transition(
         2 * Y0 + np.abs(rates) * np.pi / grid + bent, np.arange(grid) / grid
     )
     root = np.sqrt((zone.mean(-1) / law.transition**2).sum())
     kernel = rate_kernel = in_zone = 0.0
     if zone.any() and np.isfinite(Y0):
-        kernel, rate_kernel = (
-            _row_sum(lin, zone / law.transition[:, None], grid, rate)
-            for rate in (False, True)
-        )
+        weight = zone / law.transition[:, None]
+        kernel = _row_sum(lin, weight, grid, False)
+        rate_kernel = _row_sum(lin, weight, grid, True)
         in_zone = np.hypot(_zone_norm(lin, zone, grid), lin.largest_gain(low + 1))
     # A is 1 beyond ``low``: there A H = H, from root mean square to largest value.
     missing = lin.gain_between(low + 1) * root
-    Z2 = (
-        float(kernel + missing + spread * in_zone * root)
-        if zone.any() and Z1 < 1
-        else 0.0
-    )
-    found = without_bounds(lin, train, gaps, Y0, Z1, Z2)
-    if found.reason:
-        return found
+    Z2 = 0.0
+    if zone.any() and Z1 < 1:
+        Z2 = float(kernel + missing + spread * in_zone * root)
+    certificate = without_bounds(lin, train, gaps, Y0, Z1, Z2)
+    if certificate.reason:
+        return certificate
     # The engagement has the slope 1/tau in the zone: its integral differs from the
     # linear one by at most r^2 / (2 tau).
-    kick = found.radius**2 / 2  # what Delta / 2 is at most, times the transition
+    kick = certificate.radius**2 / 2  # bound of Delta / 2, times the transition
     apart = correction + spread * weighted + Z2 * kick
-    # The rate of A q, of d = q - F' A q and of -H psi' e, one line each, as in the head
-    # of this module.
-    beside = F - corrected - lin.apply_gain(lin.times_share(corrected))
+    # The rates of A q, of d = q - F' A q and of -H psi' e, one statement each, as in
+    # the head of this module.
+    defect = F - corrected - lin.apply_gain(lin.times_share(corrected))
     slow = lin.rate_of_gain(0, low)
     fast = lin.rate_of_gain(low + 1, high)
     left = np.sqrt(2 * _beyond(_rate(lin.integral), high, 2))
     rate = (
         lin.largest(_rate(corrected))
         + lin.gain_between(high + 1) * left
-        + 2 * np.abs(_rate(beside)).sum(-1)
+        + 2 * np.abs(_rate(defect)).sum(-1)
     )
     rate += (rate_kernel + fast / law.transition.min()) * kick
     rate += lin.half_range * (slow * missing + fast * (kernel + missing)) * kick
@@ -154,23 +157,24 @@ def bounds_at(lin, train, gaps):
     elastic = law.stiffness * law.backlash * apart
     total = elastic + lin.meshes.viscous * drag
     return replace(
-        found,
+        certificate,
         deflection_bound=law.backlash * apart,
         elastic_bound=elastic,
         force_bound=total,
     )
 
 
-def _newton_correction(lin):
-    """F, A F, and what the largest value of each mesh and the weighted norm of Newton's
-    correction are at most.
+def _newton_correction(
+    lin: Linearization,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """F and A F ``(G, high+1)``, and bounds of the largest value of each mesh ``(G,)``
+    and of the weighted norm of Newton's correction.
     """
     w = lin.weight
     high = lin.sizes.high
     F = lin.residual()
-    left = np.sqrt(
-        2 * _beyond(lin.integral, high, 3)
-    )  # of psi beyond ``high``, root mean square
+    # Root mean square of psi beyond ``high``
+    left = np.sqrt(2 * _beyond(lin.integral, high, 3))
     corrected = lin.inverse(F)
     correction = lin.largest(corrected) + lin.gain_between(high + 1) * left
     weighted = np.hypot(
@@ -183,38 +187,37 @@ def _newton_correction(lin):
     return F, corrected, correction, weighted
 
 
-def _rate(x):
-    """Coefficients of the derivative over the angle of the cycle."""
+def _rate(x: np.ndarray) -> np.ndarray:
+    """Coefficients of the derivative with respect to the angle of the cycle."""
     return fourier.derivative(x, 1.0)
 
 
-def _beyond(coefficients, harmonics, power):
-    """Sum of squares beyond ``harmonics`` of all meshes: known ones, and what falls as
-    n^-power beyond those.
+def _beyond(coefficients: np.ndarray, harmonics: int, power: int) -> float:
+    """Sum of squares beyond ``harmonics`` of all meshes: of the computed coefficients,
+    and beyond these of a bound that falls as n^-power.
     """
-    known = coefficients.shape[-1] - 1
+    last = coefficients.shape[-1] - 1
     squares = (np.abs(coefficients[:, harmonics + 1 :]) ** 2).sum()
-    n = np.arange(known + 1)[3 * known // 4 :]
-    constant = 2 * (n**power * np.abs(coefficients[:, 3 * known // 4 :])).max(
-        initial=0.0
-    )
+    first = 3 * last // 4
+    n = np.arange(last + 1)[first:]
+    constant = 2 * (n**power * np.abs(coefficients[:, first:])).max(initial=0.0)
     return squares + len(coefficients) * constant**2 / (
-        (2 * power - 1) * float(known) ** (2 * power - 1)
+        (2 * power - 1) * float(last) ** (2 * power - 1)
     )
 
 
-def _defect(lin):
-    """Z1."""
+def _defect(lin: Linearization) -> float:
+    """Bound of Z1."""
     w = lin.weight
     low = lin.sizes.low
     high = lin.sizes.high
     inner = w[: high + 1]
 
-    def apply(x):
+    def apply(x: np.ndarray) -> np.ndarray:
         x = x / inner
         return inner * (x - lin.inverse(x + lin.apply_gain(lin.times_share(x))))
 
-    def adjoint(x):
+    def adjoint(x: np.ndarray) -> np.ndarray:
         x = inner * x
         z = lin.inverse_transposed(x)
         return (x - z - lin.times_share(lin.apply_gain_transposed(z))) / inner
@@ -226,8 +229,8 @@ def _defect(lin):
         return whole
     half = high // 2
     # Columns beyond ``high`` in three parts: rows up to ``low``, where A acts; up to
-    # half of ``high``, whose coupling has died out as well; and the rest, where the
-    # gain is small.
+    # half of ``high``, whose coupling has decayed as well; and the rest, where the gain
+    # is small.
     columns = _gain_norm(lin, low) * _coupling(lin.share, low, high)
     columns += lin.largest_gain(low + 1) * _coupling(lin.share, half, high)
     columns += lin.largest_gain(half + 1) * lin.half_range
@@ -236,20 +239,21 @@ def _defect(lin):
     )
 
 
-def _coupling(share, rows, columns):
+def _coupling(share: np.ndarray, rows: int, columns: int) -> float:
     """Bound of the product with (engagement - 1) from harmonics beyond ``columns`` to
     those up to ``rows``.
     """
     first = columns - rows + 1
     k = np.arange(first, share.shape[1])
-    # Hilbert-Schmidt norm of the corner of a Toeplitz matrix: coefficient k of the
-    # share stands in so many of its places.
-    pairs = np.minimum(2 * rows + 1, k - first + 1)
-    known = 2 * (pairs * np.abs(share[:, first:]) ** 2).sum(-1).max(initial=0.0)
-    return np.sqrt(known + 2 * (2 * rows + 1) * _beyond(share, share.shape[1] - 1, 2))
+    # Hilbert-Schmidt norm of the corner of a Toeplitz matrix: ``places`` of it hold
+    # coefficient k of the share.
+    places = np.minimum(2 * rows + 1, k - first + 1)
+    computed = 2 * (places * np.abs(share[:, first:]) ** 2).sum(-1).max(initial=0.0)
+    beyond = 2 * (2 * rows + 1) * _beyond(share, share.shape[1] - 1, 2)
+    return np.sqrt(computed + beyond)
 
 
-def _gain_norm(lin, harmonics):
+def _gain_norm(lin: Linearization, harmonics: int) -> float:
     """``|A H|_w`` of forces with so many harmonics."""
     w = lin.weight[: harmonics + 1]
     return lin.norm(
@@ -257,35 +261,34 @@ def _gain_norm(lin, harmonics):
     )
 
 
-def _zone_norm(lin, zone, count):
-    """``|A H zone|_w``, of forces with whatever harmonics: the norm of its adjoint."""
+def _zone_norm(lin: Linearization, zone: np.ndarray, count: int) -> float:
+    """``|A H zone|_w`` of forces with any number of harmonics: the norm of its
+    adjoint.
+    """
     low = lin.sizes.low
     w = lin.weight[: low + 1]
 
-    def adjoint(x):
+    def adjoint(x: np.ndarray) -> np.ndarray:
         values = fourier.synthesize(lin.respond_transposed(w * x), count)
-        return fourier.analyze(
-            zone * values, low
-        )  # its square is the share in the zone, as that of a projection
+        # Its square is the share in the zone, as that of a projection.
+        return fourier.analyze(zone * values, low)
 
     return lin.norm(adjoint, lambda x: w * lin.respond(x), low)
 
 
-def _row_sum(lin, zone, count, rate):
-    """``|A H zone|`` from largest value to largest value, or of its rate: the largest
-    absolute row sum of the map between motions at ``count`` time samples, with its
-    margin.
+def _row_sum(lin: Linearization, zone: np.ndarray, count: int, rate: bool) -> float:
+    """``|A H zone|`` from largest value to largest value, or of its ``rate``: the
+    largest absolute row sum of the map between motions at ``count`` time samples, with
+    its margin.
     """
     low = lin.sizes.low
     factor = 1j * np.arange(low + 1) if rate else np.ones(low + 1)
 
-    def apply(values):
-        x = factor * lin.respond(
-            fourier.analyze(zone * values.reshape(zone.shape), low)
-        )
-        return fourier.synthesize(x, count).reshape(-1)
+    def apply(values: np.ndarray) -> np.ndarray:
+        forces = fourier.analyze(zone * values.reshape(zone.shape), low)
+        return fourier.synthesize(factor * lin.respond(forces), count).reshape(-1)
 
-    def adjoint(values):
+    def adjoint(values: np.ndarray) -> np.ndarray:
         x = np.conj(factor) * fourier.analyze(values.reshape(zone.shape), low)
         return (zone * fourier.synthesize(lin.respond_transposed(x), count)).reshape(-1)
 
@@ -293,26 +296,26 @@ def _row_sum(lin, zone, count, rate):
         return ROW_SUM_MARGIN * one_norm(adjoint, apply, zone.size, columns=3)
 
 
-def harmonic_balance(lin, harmonics):
-    """The theorem on the truncated equations: their solution near the computed one."""
-    own, K = (
-        lin.galerkin(harmonics),
-        lin.embedding / float(lin.law.transition.min(initial=1.0)),
-    )
-    F = fourier.resize(fourier.resize(own.residual(), harmonics), lin.sizes.low)
+def harmonic_balance(lin: Linearization, harmonics: int) -> Kantorovich:
+    """Apply the theorem to the truncated equations: their solution near the computed
+    motion.
+    """
+    truncated = lin.galerkin(harmonics)
+    K = lin.embedding / float(lin.law.transition.min(initial=1.0))
+    low = lin.sizes.low
+    F = fourier.resize(fourier.resize(truncated.residual(), harmonics), low)
     w = lin.weight[: harmonics + 1]
 
-    def apply(x):
-        return w * fourier.resize(
-            own.inverse(fourier.resize(own.apply_gain(x), lin.sizes.low)), harmonics
-        )
+    def apply(x: np.ndarray) -> np.ndarray:
+        pushed = fourier.resize(truncated.apply_gain(x), low)
+        return w * fourier.resize(truncated.inverse(pushed), harmonics)
 
-    def adjoint(x):
-        back = own.inverse_transposed(fourier.resize(w * x, lin.sizes.low))
-        return own.apply_gain_transposed(fourier.resize(back, harmonics))
+    def adjoint(x: np.ndarray) -> np.ndarray:
+        back = truncated.inverse_transposed(fourier.resize(w * x, low))
+        return truncated.apply_gain_transposed(fourier.resize(back, harmonics))
 
     try:
-        first = w * fourier.resize(own.inverse(F), harmonics)
+        first = w * fourier.resize(truncated.inverse(F), harmonics)
         return Kantorovich(
             lin.norm(apply, adjoint, harmonics),
             float(np.linalg.norm(fourier.pack(first))),
@@ -322,8 +325,8 @@ def harmonic_balance(lin, harmonics):
         return Kantorovich(np.inf, np.inf, K)
 
 
-def _reason(lin, Y0, Z1, Z2):
-    """What failed and what to do, empty if nothing did."""
+def _reason(lin: Linearization, Y0: float, Z1: float, Z2: float) -> str:
+    """Why no bound holds and what to do; empty if one does."""
     low = lin.sizes.low
     if not lin.complete:
         return (
@@ -346,10 +349,12 @@ def _reason(lin, Y0, Z1, Z2):
     return ""
 
 
-def attracts(lin, train, found):
-    """Whether the true motion near the refined one of ``lin``, within ``found`` that
-    holds, attracts: no multiplier crosses the unit circle between the two; None where
-    that is not decided.
+def attracts(
+    lin: Linearization, train: DriveTrain, certificate: Certificate
+) -> bool | None:
+    """Whether the true motion near the refined motion of ``lin``, within the bounds of
+    a ``certificate`` that holds, attracts: no multiplier crosses the unit circle
+    between the two; None where that is not decided.
 
     The share of contact of the true motion differs from that of the refined one by
     ``s(t) Delta(t)``, s = 1, ``|Delta| <= r zone / tau``. Let s grow from 0 to 1. A
@@ -361,7 +366,7 @@ def attracts(lin, train, found):
 
         R_z(t, s) = R_1(t, s) + l(t) ((z - P)^-1 - (1 - P)^-1) e(s),
 
-    the first of which is part of the certificate, ``|R_1 Delta| <= Z2 r``, and the
+    where the first term is part of the certificate, ``|R_1 Delta| <= Z2 r``, and the
     second is summed over the eigenvectors of P with the largest ``|1/(z - lambda) -
     1/(1 - lambda)|`` on the unit circle.
     """
@@ -382,29 +387,26 @@ def attracts(lin, train, found):
     )
     onward = propagation(space, meshes, deflection, lin.frequency, np.unique(times))
     multipliers, shapes = np.linalg.eig(onward.matrix)
-    # Of each eigenvector the largest deflection of each mesh, and how much of it
-    # impulses of the share of contact leave at the end of the cycle, where that of the
-    # true motion may differ: in the zone, by the trapezoidal rule.
+    # Largest deflection of each mesh in each eigenvector, and the amount of each that
+    # impulses of the share of contact leave at the end of the cycle, where the share of
+    # the true motion may differ: in the zone, by the trapezoidal rule.
     deflected = np.abs(onward.deflection @ shapes).max(0) / h[:, None]
     duration = np.diff(onward.share) * 2 * np.pi / lin.frequency
-    zone = (
-        lin.near_transition(found.radius, onward.share)
-        / law.transition[:, None]
-        * h[:, None]
-    )
+    near = lin.near_transition(certificate.radius, onward.share)
+    zone = near / law.transition[:, None] * h[:, None]
     rate = (np.abs(np.linalg.inv(shapes) @ onward.end_state) * zone.T[:, None]).sum(-1)
     excited = ((rate[1:] + rate[:-1]) / 2 * duration[:, None]).sum(0)
-    # The rotation of the train has a multiplier of 1, bends no tooth, and says nothing.
+    # The rotation of the train has a multiplier of 1 and bends no tooth: it is left
+    # out.
     observed = deflected.max(0) > 1e-9 * deflected.max()
-    own = multipliers[observed]
+    bending = multipliers[observed]
     z = np.exp(2j * np.pi * (np.arange(4096) + 0.5) / 4096)[:, None]
     with np.errstate(all="ignore"):
-        change = np.abs((1 - z) / (z - own) / (1 - own)).max(
-            0
-        )  # |1/(z - lambda) - 1/(1 - lambda)|
+        # |1/(z - lambda) - 1/(1 - lambda)|
+        change = np.abs((1 - z) / (z - bending) / (1 - bending)).max(0)
         closed = (deflected[:, observed] * change * excited[observed]).sum(-1).max()
-    if not found.radius * (found.Z2 + NORM_MARGIN * closed) < 1:
+    if not certificate.radius * (certificate.Z2 + NORM_MARGIN * closed) < 1:
         return None
-    # No multiplier crosses the circle on the way to the true motion: as many lie inside
-    # as of the refined one.
-    return bool((np.abs(own) < 1).all())
+    # No multiplier crosses the circle on the way to the true motion: it has as many
+    # inside as the refined motion.
+    return bool((np.abs(bending) < 1).all())

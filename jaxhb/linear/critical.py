@@ -1,24 +1,24 @@
 """Critical speeds: where an order of the excitation meets a natural frequency, order x
 rpm / 60 = Hz.
 
-Order-tuned absorbers make frequencies depend on the speed: roots are then looked for
+Order-tuned absorbers make frequencies depend on the speed: roots are then bracketed
 between speeds and refined.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._jax import Array, refuse_tracers
+from jaxhb._jax import Array, Number, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations.backlash import all_meshes, error_load
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
-from jaxhb.linear.modal import natural_frequencies
+from jaxhb.linear.modal import Modes, natural_frequencies
 from jaxhb.linear.sensitivity import frequencies_hz, mode_shares
 from jaxhb.linear.tangent import at_pressed_load, linear_train
 from jaxhb.train import chain
@@ -36,7 +36,7 @@ STRAINED = 0.01
 # rings only
 RINGS = 0.99
 EXCITED = 1e-3  # torque of an order over the largest from which it counts as excited
-# Share of all torques of an order below which what they do on a shape is rounding
+# Share of the sum of all torques of an order below which a modal torque is rounding
 ROUNDED = 1e-12
 
 
@@ -45,15 +45,15 @@ class Critical:
     """One critical speed: ``rpm``, ``order``, ``mode`` as natural_frequencies counts,
     ``hz`` and ``torque``.
 
-    The torque in N m is the modal one of the order, ``|sum phi T|``, amplitude, with 1
-    the largest angle of the shape.
+    The torque in N m is the amplitude of the modal torque of the order, ``|sum phi
+    T|``, with a shape whose largest angle is 1.
     """
 
-    rpm: float
+    rpm: Number
     order: float
     mode: int
-    hz: float
-    torque: float
+    hz: Number
+    torque: Number
 
 
 @brief
@@ -65,7 +65,7 @@ class Campbell:
     Parameters
     ----------
     rpm : ``(n,)``, rising; orders : ``(o,)``, both of the reference rotor
-    kinds : tuple of str, of each of m modes "elastic", "rigid" or "ring only"
+    kinds : tuple of str, one for each of m modes: "elastic", "rigid" or "ring only"
     frequencies_hz : ``(n, m)`` Hz
     critical : tuple of Critical, elastic modes only, by rising speed
     """
@@ -81,14 +81,15 @@ class Campbell:
         return [k for k, kind in enumerate(self.kinds) if kind == ELASTIC][:count]
 
     def shown(self, count: int) -> list[int]:
-        """Numbers of the first ``count`` elastic modes and of all below that are rigid
-        or of rings only.
+        """Numbers of the first ``count`` elastic modes and of all modes below them that
+        are rigid or of rings only.
         """
         elastic = self.elastic(count)
-        return list(range((elastic[-1] if elastic else len(self.kinds) - 1) + 1))
+        last = elastic[-1] if elastic else len(self.kinds) - 1
+        return list(range(last + 1))
 
     def reached(self) -> int:
-        """How many elastic modes have a frequency that an order reaches within the
+        """Count the elastic modes with a frequency that an order reaches within the
         speeds.
         """
         top = max(self.orders, default=0.0) * float(self.rpm[-1]) / 60
@@ -98,50 +99,50 @@ class Campbell:
         )
 
 
-def shares_in_mode(critical, torques):
-    """Modal torques of critical speeds over the largest of their mode, as those of
-    different modes do not compare.
+def shares_in_mode(
+    critical: Iterable[Critical], torques: Sequence[float] | np.ndarray
+) -> list[float]:
+    """Modal torques of critical speeds over the largest torque of their mode: torques
+    of different modes do not compare.
     """
     largest = {}
-    for one, torque in zip(critical, torques, strict=True):
-        largest[one.mode] = max(torque, largest.get(one.mode, 0.0))
+    for speed, torque in zip(critical, torques, strict=True):
+        largest[speed.mode] = max(torque, largest.get(speed.mode, 0.0))
     return [
-        torque / (largest[one.mode] or 1.0)
-        for one, torque in zip(critical, torques, strict=True)
+        torque / (largest[speed.mode] or 1.0)
+        for speed, torque in zip(critical, torques, strict=True)
     ]
 
 
-def mode_kinds(modes, rings):
-    """Of each mode "elastic", "rigid" (no link is strained) or "ring only" (rigid, only
-    disks named ``rings`` move).
+def mode_kinds(modes: Modes, rings: Collection[str]) -> tuple[str, ...]:
+    """Kind of each mode: "elastic", "rigid" (no link is strained) or "ring only"
+    (rigid, and only disks named ``rings`` move).
     """
-    ring = modes.kinetic_share[:, [name in rings for name in modes.names]].sum(1)
+    is_ring = [name in rings for name in modes.names]
+    ring_share = modes.kinetic_share[:, is_ring].sum(1)
     # At 0 Hz no energy is shared out; on soft grounds nearly all of it lies in their
     # springs.
-    loose = modes.strain_share.sum(1) < STRAINED
-    return tuple(
-        ELASTIC if not free else RING if share > RINGS else RIGID
-        for free, share in zip(loose, ring, strict=True)
-    )
+    rigid = modes.strain_share.sum(1) < STRAINED
+    rigid_kind = np.where(ring_share > RINGS, RING, RIGID)
+    return tuple(np.where(rigid, rigid_kind, ELASTIC).tolist())
 
 
-def modes_of(train, most=None):
-    """Natural frequencies, of a train of many disks ``most`` of them, the kind of every
-    mode and its damping ratio.
+def modes_of(
+    train: DriveTrain, most: int | None = None
+) -> tuple[Modes, tuple[str, ...], Array]:
+    """Natural frequencies, the kind of every mode and its damping ratio; of a train of
+    many disks only the ``most`` lowest modes, whose ratios are nan.
     """
     few = train.topology.n_disks <= DAMPED_DISKS
-    found = natural_frequencies(train, count=None if few else most)
-    kinds = mode_kinds(found, train.topology.damper_names)
-    return (
-        found,
-        kinds,
-        damping_ratios(train, found) if few else np.full(len(kinds), np.nan),
-    )
+    modes = natural_frequencies(train, count=None if few else most)
+    kinds = mode_kinds(modes, train.topology.damper_names)
+    ratios = damping_ratios(train, modes) if few else np.full(len(kinds), np.nan)
+    return modes, kinds, ratios
 
 
-def excited_orders(train, *, rpm):
-    """Orders of the reference rotor, rising, that the excitation has at any speed,
-    above 1e-3 of the largest.
+def excited_orders(train: DriveTrain, *, rpm: Sequence[float] | Array) -> list[float]:
+    """Orders of the reference rotor, rising, in which the excitation has at any speed a
+    torque above 1e-3 of the largest.
     """
     harmonics = listed_harmonic(train.topology)
     torque = [
@@ -149,8 +150,8 @@ def excited_orders(train, *, rpm):
     ]
     # Harmonic 0 is the mean torque, which excites nothing.
     largest = np.max(torque, axis=0)[1:]
-    there = np.flatnonzero(largest > EXCITED * largest.max(initial=0.0)) + 1
-    return (there / train.topology.revolutions_per_cycle).tolist()
+    excited = np.flatnonzero(largest > EXCITED * largest.max(initial=0.0)) + 1
+    return (excited / train.topology.revolutions_per_cycle).tolist()
 
 
 def campbell(
@@ -168,7 +169,7 @@ def campbell(
     derivatives.
 
     :class:`SceneError` if speeds or orders are not greater than 0, speeds are above 1e6
-    rpm or do not rise, or a link varies by what is not given.
+    rpm or do not rise, or a link varies with a number that is not given.
 
     Parameters
     ----------
@@ -180,9 +181,9 @@ def campbell(
     orders : sequence of float, optional
         Default: those of the excitation above 1e-3 of the largest.
     count : int
-        Of how many elastic modes, the lowest.
+        Number of elastic modes, the lowest.
     links_at : mapping, optional
-        ``hz`` and ``amplitude`` at which links that vary are taken, see
+        ``hz`` and ``amplitude`` at which varying links are held, see
         :meth:`DriveTrain.with_constant_links`.
 
     Examples
@@ -203,19 +204,17 @@ def campbell(
         rpm,
         instead="pass its critical speeds to jaxhb.critical_speed, which traces",
     )
-    name = train.topology.title
+    title = train.topology.title
     check_speed(train, rpm, many=True)
-    falling = len(rpm) < 2 or np.any(np.diff(rpm) <= 0)
-    errors = [
-        f"{name}: a Campbell diagram needs at least two speeds, in rising order."
-    ] * bool(falling)
-    wrong = [
-        order
-        for order in (() if orders is None else orders)
-        if not (np.isfinite(order) and order > 0)
-    ]
+    errors = []
+    if len(rpm) < 2 or np.any(np.diff(rpm) <= 0):
+        errors.append(
+            f"{title}: a Campbell diagram needs at least two speeds, in rising order."
+        )
+    listed = () if orders is None else orders
+    wrong = [order for order in listed if not (np.isfinite(order) and order > 0)]
     errors += [
-        f"{name}: the order is {order}, must be greater than 0." for order in wrong
+        f"{title}: the order is {order}, must be greater than 0." for order in wrong
     ]
     if errors:
         raise SceneError(errors)
@@ -225,20 +224,23 @@ def campbell(
     tuned = train.topology.order_links and "rpm" not in dict(links_at)
     constant = not (tuned or _stages_change(train, rpm))
 
-    def modes_at(speed):
-        return natural_frequencies(_held(train, speed, links_at))
+    def modes_at(speed: Number) -> Modes:
+        return natural_frequencies(_at_speed(train, speed, links_at))
 
     modes = [modes_at(speed) for speed in (rpm[:1] if constant else rpm)]
-    hz = np.array([one.frequencies_hz for one in modes * (len(rpm) if constant else 1)])
+    rows = modes * len(rpm) if constant else modes
+    hz = np.array([row.frequencies_hz for row in rows])
     # A mode has one kind, though absorbers change with the speed: the middle of the
     # range decides.
     kinds = mode_kinds(modes[len(modes) // 2], train.topology.damper_names)
-    found = Campbell(np.array(rpm, float), np.array(orders, float), kinds, hz, ())
+    diagram = Campbell(np.array(rpm, float), np.array(orders, float), kinds, hz, ())
     critical = []
-    for k in found.elastic(count):
+    for k in diagram.elastic(count):
         for order in orders:
-            for speed in _crossings(modes_at, found.rpm, hz[:, k], k, order, constant):
-                shape = (modes[0] if constant else modes_at(speed)).shapes[k]
+            crossings = _crossings(modes_at, diagram.rpm, hz[:, k], k, order, constant)
+            for speed in crossings:
+                modes_there = modes[0] if constant else modes_at(speed)
+                shape = modes_there.shapes[k]
                 torque, largest = map(float, _order_torque(train, shape, speed, order))
                 torque = torque if torque > ROUNDED * largest else 0.0
                 critical.append(
@@ -246,9 +248,8 @@ def campbell(
                         float(speed), float(order), k, order * float(speed) / 60, torque
                     )
                 )
-    return replace(
-        found, critical=tuple(sorted(critical, key=lambda c: (c.rpm, c.order, c.mode)))
-    )
+    critical.sort(key=lambda speed: (speed.rpm, speed.order, speed.mode))
+    return replace(diagram, critical=tuple(critical))
 
 
 def critical_speed(
@@ -258,15 +259,16 @@ def critical_speed(
     links_at: Mapping[str, float] | tuple[()] = (),
     heavy: Array | None = None,
 ) -> Critical:
-    """A critical speed and its modal torque with their derivatives with respect to the
-    train.
+    """Differentiable critical speed and its modal torque, with derivatives with respect
+    to the train.
 
     Two steps of Newton's method from ``near.rpm`` on ``f(rpm) - order rpm / 60 = 0``:
     as it converges quadratically, the first one has the first derivative of the root,
     the second one also the second and the third.
 
-    ``near``, found by :func:`campbell` in this train, tells the mode, the order, and
-    where to look; ``links_at`` as there, ``heavy`` as in :func:`jaxhb.frequencies_hz`.
+    ``near``, which :func:`campbell` finds in this train, gives the mode, the order and
+    the speed to begin at; ``links_at`` as there, ``heavy`` as in
+    :func:`jaxhb.frequencies_hz`.
     ``rpm``, ``hz`` and ``torque`` (N m) of the result are arrays with three
     derivatives, of simple natural frequencies.
 
@@ -285,39 +287,35 @@ def critical_speed(
     (47.746483, 0.238732415)
     """
 
-    def left(speed):
-        return (
-            frequencies_hz(_held(train, speed, links_at), heavy)[near.mode]
-            - near.order * speed / 60
-        )
+    def distance(speed: Number) -> Array:
+        hz = frequencies_hz(_at_speed(train, speed, links_at), heavy)
+        return hz[near.mode] - near.order * speed / 60
 
     # A constant: all derivatives come from the two steps.
     rpm = float(near.rpm)
     for _ in range(2):
-        miss, slope = jax.value_and_grad(left)(rpm)
+        miss, slope = jax.value_and_grad(distance)(rpm)
         rpm = rpm - miss / slope
-    shape = mode_shares(_held(train, rpm, links_at), heavy).shapes[near.mode]
-    return Critical(
-        rpm,
-        near.order,
-        near.mode,
-        near.order * rpm / 60,
-        _order_torque(train, shape, rpm, near.order)[0],
-    )
+    shape = mode_shares(_at_speed(train, rpm, links_at), heavy).shapes[near.mode]
+    torque, _ = _order_torque(train, shape, rpm, near.order)
+    return Critical(rpm, near.order, near.mode, near.order * rpm / 60, torque)
 
 
-def _held(train, rpm, links_at):
-    """The train with stages and the links that vary as they are at a speed."""
+def _at_speed(
+    train: DriveTrain, rpm: Number, links_at: Mapping[str, float] | tuple[()]
+) -> DriveTrain:
+    """The train with its stages and varying links held as they are at a speed."""
     train = linear_train(train, rpm=rpm)
-    return (
-        train.with_constant_links(**{"rpm": rpm} | dict(links_at))
-        if varying(train.topology)
-        else train
-    )
+    if not varying(train.topology):
+        return train
+    constants: dict[str, Number] = {"rpm": rpm} | dict(links_at)
+    return train.with_constant_links(**constants)
 
 
-def _stages_change(train, rpm):
-    """Whether shafts and dampers with stages have other stiffnesses at other speeds."""
+def _stages_change(train: DriveTrain, rpm: Sequence[float] | Array) -> bool:
+    """Whether shafts and dampers with stages have another stiffness at another
+    speed.
+    """
     if not train.topology.springs:
         return False
     slopes = np.array(
@@ -326,29 +324,39 @@ def _stages_change(train, rpm):
     return bool(np.ptp(slopes, axis=0).max() > ROUNDED * np.abs(slopes).max())
 
 
-def _crossings(modes_at, rpm, hz, mode, order, constant):
-    """Speeds at which ``order`` has the frequency of ``mode``, given at ``rpm``."""
+def _crossings(
+    modes_at: Callable[[Number], Modes],
+    rpm: np.ndarray,
+    hz: np.ndarray,
+    mode: int,
+    order: float,
+    constant: bool,
+) -> list[float]:
+    """Speeds at which ``order`` meets the frequency of ``mode``, which is ``hz``
+    ``(n,)`` at ``rpm`` ``(n,)``.
+    """
     if constant:
         speed = 60 * hz[0] / order
         return [speed] if rpm[0] <= speed <= rpm[-1] else []
-    from scipy.optimize import (
-        brentq,
-    )  # a tenth of a second, which other commands are spared
+    # Takes a tenth of a second, which other commands are spared.
+    from scipy.optimize import brentq
 
     distance = hz - order * rpm / 60
     # At a root the product with either neighbour is 0, not negative.
     exact = rpm[distance == 0].tolist()
     changes = np.flatnonzero(distance[:-1] * distance[1:] < 0)
 
-    def left(speed):
+    def distance_at(speed: float) -> Number:
         return modes_at(speed).frequencies_hz[mode] - order * speed / 60
 
-    return exact + [brentq(left, rpm[i], rpm[i + 1], rtol=1e-12) for i in changes]
+    return exact + [
+        brentq(distance_at, rpm[i], rpm[i + 1], rtol=1e-12) for i in changes
+    ]
 
 
-def _torques(train, rpm, harmonics):
-    """Torques ``(S, N+1)`` N m on the disks, of the excitation and of the transmission
-    errors of the meshes.
+def _torques(train: DriveTrain, rpm: Number, harmonics: int) -> Array:
+    """Torques ``(S, N+1)`` in N m on the disks, from the excitation and the
+    transmission errors of the meshes.
     """
     torque = excitation(train, rpm, harmonics)[0]
     meshes = all_meshes(train)
@@ -360,9 +368,11 @@ def _torques(train, rpm, harmonics):
     return load[:, : harmonics + 1] * system.radius[:, None]
 
 
-def _order_torque(train, shape, rpm, order):
-    """Amplitude in N m of what the torques of an order do on a mode shape, and the sum
-    of those on all disks.
+def _order_torque(
+    train: DriveTrain, shape: Array, rpm: Number, order: float
+) -> tuple[Number, Number]:
+    """Amplitude in N m of the modal torque of an order on a mode shape ``(S,)``, and
+    the sum of the amplitudes on all disks.
     """
     harmonic = order * train.topology.revolutions_per_cycle
     if abs(harmonic - round(harmonic)) > 1e-9:

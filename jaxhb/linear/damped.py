@@ -26,7 +26,7 @@ ALIKE = 0.5
 AT_REST = 1e-10
 """Modulus, over the largest number of the pencil, that is rounding of a motion without
 force. Not over the largest eigenvalue: a disk without inertia on links with little
-damping r relaxes at k/r, which no mode knows of.
+damping r relaxes at k/r, which belongs to no mode.
 """
 DAMPED_DISKS = 300  # disks up to which damping ratios take seconds
 
@@ -43,8 +43,8 @@ class DampedModes:
     imaginary part
     shapes : complex ``(m, S)`` angles of the disks, the largest is 1
     decay_rates : ``(n,)`` 1/s, -Re lambda of motions that creep back without
-    oscillation, rising; not of rest, nor of
-        what is some 1e12 times as fast as the train (a disk without inertia on links
+    oscillation, rising; without rest, and without
+        motions some 1e12 times as fast as the train (a disk without inertia on links
         with next to no damping)
     """
 
@@ -98,8 +98,8 @@ def damped_modes(train: DriveTrain) -> DampedModes:
     oscillating = order[slant > CREEPING]
     creeping = order[np.abs(slant) <= CREEPING]
     angles = velocity[:, oscillating] / system.radius[:, None]
-    at = np.abs(angles).argmax(0)
-    shapes = (angles / angles[at, np.arange(len(at))]).T
+    largest = np.abs(angles).argmax(0)
+    shapes = (angles / angles[largest, np.arange(len(largest))]).T
     return DampedModes(
         train.topology.disk_names,
         values[oscillating],
@@ -148,17 +148,17 @@ def damped_eigenvalues(train: DriveTrain, modes: DampedModes) -> Array:
 
 
 def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
-    """Damping ratio of each undamped mode ``(m,)``: that of the damped mode with a
-    shape like it.
+    """Damping ratio of each undamped mode ``(m,)``: the ratio of the damped mode with
+    the most similar shape.
 
     Pairs have the largest sum of the modal assurance criterion ``|phi^T J psi|^2 /
     (phi^T J phi psi^* J psi)`` (R. J. Allemang, D. L. Brown, Proc. IMAC 1 (1982) 110),
     here weighted with the inertias.
 
-    Of the same train as ``modes``. Lehr's ``-Re lambda / |lambda|``; nan of rigid modes
-    and where heavy damping leaves no mode like it. First derivatives are those of
-    :func:`damped_eigenvalues`. ValueError inside ``jit`` or ``vmap``, as the values
-    decide which modes are alike.
+    ``modes`` are those of the same train. The ratio is Lehr's ``-Re lambda /
+    |lambda|``, nan for rigid modes and where heavy damping leaves no similar mode.
+    First derivatives are those of :func:`damped_eigenvalues`. ValueError inside ``jit``
+    or ``vmap``, as the values decide which modes are alike.
 
     >>> train = jaxhb.load_scene("spur_pair")
     >>> damping_ratios(train, jaxhb.natural_frequencies(train)).round(3).tolist()
@@ -179,13 +179,16 @@ def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
     phi = modes.shapes[moving]
     psi = damped.shapes
     size = np.outer((inertia * phi**2).sum(1), (inertia * np.abs(psi) ** 2).sum(1))
-    alike = np.abs((phi * inertia) @ psi.T) ** 2 / size
-    from scipy.optimize import (
-        linear_sum_assignment,
-    )  # a tenth of a second, which other commands are spared
+    criterion = np.abs((phi * inertia) @ psi.T) ** 2 / size
+    # Takes a tenth of a second, which other commands are spared.
+    from scipy.optimize import linear_sum_assignment
 
-    pairs = zip(*linear_sum_assignment(alike, maximize=True), strict=True)
-    like = {moving[row]: column for row, column in pairs if alike[row, column] > ALIKE}
+    rows, columns = linear_sum_assignment(criterion, maximize=True)
+    damped_mode = {
+        moving[row]: column
+        for row, column in zip(rows, columns, strict=True)
+        if criterion[row, column] > ALIKE
+    }
     eigenvalues = (
         damped_eigenvalues(train, damped) if traced(train) else damped.eigenvalues
     )
@@ -193,20 +196,20 @@ def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
     xp = namespace(eigenvalues)
     return xp.stack(
         [
-            ratio[like[mode]] if mode in like else np.nan
+            ratio[damped_mode[mode]] if mode in damped_mode else np.nan
             for mode in range(len(modes.frequencies_hz))
         ]
     )
 
 
-def _lehr(eigenvalues):
+def _lehr(eigenvalues: Array) -> Array:
     """Lehr's damping ratio ``-Re lambda / |lambda|``."""
-    return -eigenvalues.real / abs(eigenvalues)
+    return -eigenvalues.real / namespace(eigenvalues).abs(eigenvalues)
 
 
-def _eigenpairs(system):
-    """Finite eigenvalues, the velocities v ``(S, n)``, and the largest number 1/s of
-    the equations.
+def _eigenpairs(system: chain.System) -> tuple[np.ndarray, np.ndarray, float]:
+    """Finite eigenvalues ``(n,)`` in 1/s, the velocities v ``(S, n)``, and the largest
+    number in 1/s of the equations.
     """
     rows, stiffness = system.springs()
     incidence = rows[: len(system.loss)]
@@ -217,31 +220,33 @@ def _eigenpairs(system):
     resistance = np.diag(system.damping) + incidence.T @ (
         system.viscous[:, None] * incidence
     )
-    # disks without inertia are scaled by what resists them; one that nothing resists
-    # takes no part
+    # Disks without inertia are scaled by what resists them; a disk that nothing resists
+    # takes no part.
     weight = np.where(
         system.mass > 0,
         system.mass,
         (stiffness[:, None] * rows**2).sum(0) + np.diag(resistance),
     )
-    taken = np.flatnonzero(weight)
-    scale = 1 / np.sqrt(weight[taken])
+    coupled = np.flatnonzero(weight)
+    scale = 1 / np.sqrt(weight[coupled])
     # QZ rounds to the largest entry: with sqrt(m) v and sqrt(k) l as unknowns all are
     # in 1/s, and none is a stiffness.
-    E = np.sqrt(stiffness)[:, None] * rows[:, taken] * scale
-    disks = len(taken)
-    size = len(taken) + len(stiffness)
+    E = np.sqrt(stiffness)[:, None] * rows[:, coupled] * scale
+    disks = len(coupled)
+    size = len(coupled) + len(stiffness)
     left = np.zeros((size, size), complex)
     right = np.eye(size)
-    left[:disks, :disks] = -scale[:, None] * resistance[np.ix_(taken, taken)] * scale
+    left[:disks, :disks] = (
+        -scale[:, None] * resistance[np.ix_(coupled, coupled)] * scale
+    )
     left[:disks, disks:] = -E.T * (1 + 1j * loss)
     left[disks:, :disks] = E
-    right[:disks, :disks] = np.diag((system.mass[taken] > 0).astype(float))
+    right[:disks, :disks] = np.diag((system.mass[coupled] > 0).astype(float))
     (alpha, beta), vectors = eig(left, right, homogeneous_eigvals=True)
     largest = np.abs(left).max(initial=0.0)
     # Disks without inertia add eigenvalues at infinity, where beta is 0 but for
     # rounding.
     finite = np.abs(beta) * largest > 1e-12 * np.abs(alpha)
     velocity = np.zeros((len(system.mass), int(finite.sum())), complex)
-    velocity[taken] = scale[:, None] * vectors[:disks, finite]
+    velocity[coupled] = scale[:, None] * vectors[:disks, finite]
     return alpha[finite] / beta[finite], velocity, largest

@@ -11,14 +11,14 @@ Omega)^2 b |x^n|^2``; the torques of the excitation bring in ``sum_n 2 Re(q^n co
 Omega x^n))``, n > 0, and transmission errors e of the meshes the work of their forces
 on -e'.
 
-The amplitude A of a link that depends on it is that of the sine with the mean square of
-its vibratory twist, ``A^2 = sum_k A_k^2`` over the orders: a fixed point ``A = g(A)``
-with g a whole linear response. It is where ``dA/dt = g(A) - A`` comes to rest from A =
-0, by implicit steps that grow into those of Newton's method (pseudo-transient
+The stiffness of a link may depend on its amplitude A, that of the sine with the mean
+square of its vibratory twist, ``A^2 = sum_k A_k^2`` over the orders: a fixed point ``A
+= g(A)`` with g a whole linear response. It is where ``dA/dt = g(A) - A`` comes to rest
+from A = 0, by implicit steps that grow into those of Newton's method (pseudo-transient
 continuation: C. T. Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508). With one
 such link that is the smallest fixed point, which always exists; with several the path
 need not come to rest. The derivative is that of the implicit function, ``(1 - dg/dA) dA
-= dg``; second ones forwards over backwards, not twice backwards.
+= dg``; second derivatives work forwards over backwards, not twice backwards.
 """
 
 import dataclasses
@@ -52,14 +52,14 @@ from jaxhb.train.varying import (
     without_tables,
 )
 
-STEPS = 100  # steps at most of the path from A = 0 to amplitudes A = g(A)
+STEPS = 100  # at most, of the path from A = 0 to amplitudes A = g(A)
 SETTLED = 1e-11  # g(A) - A at which the path ends, over g(0)
 ACCEPTED = 1e-8  # the same over A, up to which an amplitude is found
 CURVED = 0.5  # share of g(A) - A by which a step may miss what its linearisation says
 LANES = 500
 CELLS = 500_000
-"""Speeds times harmonics swept together, and times disks: what a sweep holds then stays
-in the cache of a processor.
+"""Speeds times harmonics swept together, and times disks: the arrays of a sweep then
+stay in the cache of a processor.
 """
 SIZES = 1, 4, 16, 32, 64, 128, 256
 """Numbers of speeds to which fewer are padded, where that takes no more than CELLS."""
@@ -77,28 +77,36 @@ UNBALANCED = 1e-9
 # for
 SAMPLES = 4096
 
+AmplitudeEquations = tuple[DriveTrain, chain.System, Array, Array, Array]
+"""Equations of :func:`settled_amplitudes`: the train, its system without tables, rpm
+``(m,)``, omega ``(H,)`` rad/s, and load ``(S, H)`` N.
+"""
 
-def varied(train, system, rpm, omega, amplitude):
+
+def varied(
+    train: DriveTrain, system: chain.System, rpm: Array, omega: Array, amplitude: Array
+) -> chain.System:
     """The ``system`` of a train without its tables, with the stiffness of every link at
-    every frequency ``(H,)`` rad/s, all harmonics of one speed ``(m,)`` after the other;
-    amplitude ``(m, A)`` rad of links that depend on it.
+    every frequency ``omega`` ``(H,)`` rad/s, speed after speed ``(m,)`` with all
+    harmonics of each; ``amplitude`` ``(m, A)`` rad of the links that depend on it.
     """
-    width, shafts = len(omega) // len(rpm), len(train.topology.shaft_names)
+    width = len(omega) // len(rpm)
+    shafts = len(train.topology.shaft_names)
 
-    def of_lanes(values):
+    def per_frequency(values: Array) -> jax.Array:
         return jnp.repeat(values.T, width, axis=-1)
 
     links, stiffer, damped = factors(
-        train, omega / (2 * np.pi), list(of_lanes(amplitude))
+        train, omega / (2 * np.pi), list(per_frequency(amplitude))
     )
-    at = system.radius[np.array(train.topology.damper_disk, dtype=int)]
+    radius = system.radius[np.array(train.topology.damper_disk, dtype=int)]
     stiffness, viscous, loss = (
         jnp.broadcast_to(a[:, None], (len(a), len(omega)))
         for a in (system.stiffness, system.viscous, system.loss)
     )
     # From N m/rad to N/m on the pitch circle of the rotor.
-    tuned = of_lanes(order_stiffness(train, speed_ratios(train), rpm) / at**2)
-    stiffness = stiffness.at[shafts : shafts + len(at)].add(tuned)
+    tuned = per_frequency(order_stiffness(train, speed_ratios(train), rpm) / radius**2)
+    stiffness = stiffness.at[shafts : shafts + len(radius)].add(tuned)
     return dataclasses.replace(
         system,
         stiffness=scaled(stiffness, links, stiffer),
@@ -107,9 +115,11 @@ def varied(train, system, rpm, omega, amplitude):
     )
 
 
-def twist_amplitude(train, system, deflection, speeds):
+def twist_amplitude(
+    train: DriveTrain, system: chain.System, deflection: Array, speeds: int
+) -> jax.Array:
     """Amplitudes ``(m, A)`` in rad of the links that depend on them, from deflections
-    ``(L, H)`` in m.
+    ``(L, H)`` in m at m ``speeds``.
     """
     links = np.array(train.topology.amplitude_links, dtype=int)
     twist = deflection[links] / system.radius[system.tree.end_a[links]][:, None]
@@ -122,89 +132,91 @@ def twist_amplitude(train, system, deflection, speeds):
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
-def is_settled(amplitude, found):
-    """Whether every amplitude of a speed ``(m,)`` is the one that it leads to."""
-    return jnp.all(jnp.abs(found - amplitude) <= ACCEPTED * found, axis=-1)
+def is_settled(amplitude: Array, resulting: Array) -> jax.Array:
+    """Whether all amplitudes ``(m, A)`` of a speed equal the ``resulting`` ones of the
+    response with them, ``(m,)``.
+    """
+    return jnp.all(jnp.abs(resulting - amplitude) <= ACCEPTED * resulting, axis=-1)
 
 
-def _next(equations, amplitude):
-    """g: the amplitudes of the response with links at ``amplitude`` ``(m, A)``."""
+def _resulting(equations: AmplitudeEquations, amplitude: jax.Array) -> jax.Array:
+    """g ``(m, A)``: the amplitudes of the response with links at ``amplitude``."""
     train, system, rpm, omega, load = equations
     system = varied(train, system, rpm, omega, amplitude)
     _, force = dynamic_stiffness.solve_linear(system, omega, load[:, None])
     C = dynamic_stiffness.link_stiffness(system, omega)
-    return twist_amplitude(
-        train, system, force[:, 0] / jnp.where(C == 0, 1.0, C), len(rpm)
-    )
+    deflection = force[:, 0] / jnp.where(C == 0, 1.0, C)
+    return twist_amplitude(train, system, deflection, len(rpm))
 
 
-def _linearised(equations, amplitude):
+def _linearised(
+    equations: AmplitudeEquations, amplitude: jax.Array
+) -> tuple[jax.Array, jax.Array]:
     """g - A ``(m, A)``, and 1 - dg/dA ``(m, A, A)``."""
-    found, push = jax.linearize(lambda a: _next(equations, a), amplitude)
+    resulting, push = jax.linearize(lambda a: _resulting(equations, a), amplitude)
     basis = jnp.eye(amplitude.shape[1])
     columns = jax.vmap(push)(
         jnp.broadcast_to(basis[:, None], (len(basis), *amplitude.shape))
     )
-    return found - amplitude, basis - columns.transpose(1, 2, 0)
+    return resulting - amplitude, basis - columns.transpose(1, 2, 0)
 
 
 @jax.custom_jvp
-def settled_amplitudes(equations):
-    """Amplitudes ``(m, A)`` in rad that lead to themselves; see :func:`is_settled`.
-
-    equations : (train, system, rpm ``(m,)``, omega ``(H,)``, load ``(S, H)``)
-    """
-    train, _, rpm, *_ = equations
+def settled_amplitudes(equations: AmplitudeEquations) -> jax.Array:
+    """Amplitudes ``(m, A)`` in rad that lead to themselves; see :func:`is_settled`."""
+    train, _, rpm, _, _ = equations
     start = jnp.zeros((len(rpm), len(train.topology.amplitude_links)))
     change, matrix = _linearised(equations, start)
     scale = jnp.where(change > 0, change, 1.0)
 
-    def size(change):
+    State = tuple[jax.Array, jax.Array, jax.Array, jax.Array, int]
+
+    def size(change: jax.Array) -> jax.Array:
         return jnp.max(jnp.abs(change) / scale, axis=-1, initial=0.0)
 
-    def going_on(state):
+    def unsettled(state: State) -> jax.Array:
         _, change, _, _, steps = state
         return (steps < STEPS) & jnp.any(size(change) > SETTLED)
 
-    def step(state):
+    def step(state: State) -> State:
         amplitude, change, matrix, time, steps = state
         implicit = matrix + jnp.eye(matrix.shape[-1]) / time[:, None, None]
         move = jnp.linalg.solve(implicit, change[..., None])[..., 0]
         trial = jnp.maximum(amplitude + move, 0.0)
-        now, tangent = _linearised(equations, trial)
+        trial_change, trial_matrix = _linearised(equations, trial)
         predicted = change - jnp.einsum("mij,mj->mi", matrix, trial - amplitude)
         # Where 1 - dg/dA is negative a long step goes against g - A, to an amplitude
         # that repels: it is refused.
         forward = jnp.sum(move * change / scale**2, axis=-1) > 0
-        good = forward & (size(now - predicted) <= CURVED * size(change))
+        good = forward & (size(trial_change - predicted) <= CURVED * size(change))
         # A speed that has settled stays as it is while others go on.
-        taken = good & (size(change) > SETTLED)
-        gain = size(change) / jnp.maximum(size(now), 1e-3 * size(change))
+        accepted = good & (size(change) > SETTLED)
+        gain = size(change) / jnp.maximum(size(trial_change), 1e-3 * size(change))
         # Steps in time grow as g - A falls (switched evolution relaxation), which makes
         # the last ones Newton's.
         time = jnp.where(good, time * jnp.clip(gain, 2.0, 1000.0), time / 4)
-        amplitude, change = (
-            jnp.where(taken[:, None], new, old)
-            for new, old in ((trial, amplitude), (now, change))
-        )
         return (
-            amplitude,
-            change,
-            jnp.where(taken[:, None, None], tangent, matrix),
+            jnp.where(accepted[:, None], trial, amplitude),
+            jnp.where(accepted[:, None], trial_change, change),
+            jnp.where(accepted[:, None, None], trial_matrix, matrix),
             time,
             steps + 1,
         )
 
     state = start, change, matrix, jnp.ones(len(rpm)), 0
-    return lax.while_loop(going_on, step, state)[0]
+    return lax.while_loop(unsettled, step, state)[0]
 
 
 @settled_amplitudes.defjvp
-def _settled_jvp(primals, tangents):
+def _settled_jvp(
+    primals: tuple[AmplitudeEquations], tangents: tuple[AmplitudeEquations]
+) -> tuple[jax.Array, jax.Array]:
     (equations,) = primals
     (equations_dot,) = tangents
     amplitude = settled_amplitudes(equations)
-    _, pushed = jax.jvp(lambda e: _next(e, amplitude), (equations,), (equations_dot,))
+    _, pushed = jax.jvp(
+        lambda e: _resulting(e, amplitude), (equations,), (equations_dot,)
+    )
     _, matrix = _linearised(equations, amplitude)
     return amplitude, jnp.linalg.solve(matrix, pushed[..., None])[..., 0]
 
@@ -217,10 +229,9 @@ class ForcedResponse(Response):
 
     Parameters
     ----------
-    disk_power : ``(..., S)``, that damping to ground turns into heat; link_power :
-    ``(..., L)``, of shafts, dampers and
-        meshes; input_power : ``(...)``, that the alternating torques bring in: the sum
-        of what is turned into heat
+    disk_power : ``(..., S)``, turned into heat by damping to ground
+    link_power : ``(..., L)``, turned into heat by shafts, dampers and meshes
+    input_power : ``(...)``, brought in by the alternating torques: the sum of all heat
     """
 
     # Always given: a default, as it comes after defaults.
@@ -229,8 +240,8 @@ class ForcedResponse(Response):
     input_power: Array = None  # type: ignore[assignment]
 
     def power(self, a: str, b: str | None = None) -> Array:
-        """Power ``(...)`` in W that a disk, a link, by name or by its two disks, or a
-        damper turns into heat.
+        """Power ``(...)`` in W that a disk, a damper or a link turns into heat; a link
+        is given by name or by its two disks.
         """
         topology = self.topology
         if b is None and a in topology.disk_names and a not in topology.damper_names:
@@ -290,7 +301,7 @@ def forced_response(
     >>> r.power("a", "b").round(6).tolist(), r.input_power.round(6).tolist()
     ([0.004444, 3.77522], [0.004444, 3.77522])
     """
-    springs = train
+    original = train
     train = linearised(train)
     if harmonics is None:
         harmonics = listed_harmonic(train.topology)
@@ -302,20 +313,22 @@ def forced_response(
     if not traced(rpm):
         check_speed(train, rpm, many=True)
     speeds = jnp.atleast_1d(jnp.asarray(rpm, dtype=float))
-    if springs.topology.springs:
-        train, found = _at_mean_loads(springs, speeds, int(harmonics))
+    if original.topology.springs:
+        train, response = _at_mean_loads(original, speeds, int(harmonics))
     else:
-        found = _of_padded(train, speeds, int(harmonics))
-    if not (traced(found) or staged()):
-        found = on_host(found)
-    found = dataclasses.replace(found, train=train)
-    return found if np.ndim(rpm) else found[0]
+        response = _respond_padded(train, speeds, int(harmonics))
+    if not (traced(response) or staged()):
+        response = on_host(response)
+    response = dataclasses.replace(response, train=train)
+    return response if np.ndim(rpm) else response[0]
 
 
-def _at_mean_loads(train, speeds, harmonics):
+def _at_mean_loads(
+    train: DriveTrain, speeds: jax.Array, harmonics: int
+) -> tuple[DriveTrain, ForcedResponse]:
     """The train linearised at the mean load of the first speed, and the ForcedResponse
     at ``speeds`` ``(n,)`` of a train whose shafts or dampers have stages, stops or
-    clearance: those alike at several speeds are solved together.
+    clearance: speeds with the same slopes are solved together.
     """
     loads = [at_pressed_load(train, rpm=speed) for speed in speeds]
     alike = {}
@@ -324,50 +337,51 @@ def _at_mean_loads(train, speeds, harmonics):
         alike.setdefault(tuple(np.round(slopes, DIGITS)), []).append(place)
     groups = [np.array(places) for places in alike.values()]
     responses = [
-        _of_padded(linearised(loads[places[0]].train), speeds[places], harmonics)
+        _respond_padded(linearised(loads[places[0]].train), speeds[places], harmonics)
         for places in groups
     ]
     order = np.argsort(np.concatenate(groups), kind="stable")
-    found = jax.tree.map(lambda *parts: jnp.concatenate(parts)[order], *responses)
+    response = jax.tree.map(lambda *parts: jnp.concatenate(parts)[order], *responses)
     # Twists of stages begin at their own zero, not at that of the slope.
     means = jnp.stack([jnp.asarray(load.angle) for load in loads])
-    angles = jnp.asarray(found.angles).at[..., 0].set(means)
+    angles = jnp.asarray(response.angles).at[..., 0].set(means)
     ground = np.array(train.topology.ground_disk, dtype=int)
     reaction = train.grounds.stiffness * angles[:, ground, 0].real
-    found = dataclasses.replace(found, angles=angles, ground_reaction=reaction)
-    return linearised(loads[0].train), found
+    response = dataclasses.replace(response, angles=angles, ground_reaction=reaction)
+    return linearised(loads[0].train), response
 
 
-def _of_padded(train, speeds, harmonics):
-    """The ForcedResponse at ``speeds`` ``(n,)``: few of them are padded to one of few
-    numbers, as each is a program.
+def _respond_padded(
+    train: DriveTrain, speeds: jax.Array, harmonics: int
+) -> ForcedResponse:
+    """The ForcedResponse at ``speeds`` ``(n,)``, padded to the next of SIZES: every
+    number of speeds is a program.
     """
     padded = next((size for size in SIZES if size >= len(speeds)), len(speeds))
     cells = padded * train.topology.n_disks * (harmonics + 1)
     if padded == len(speeds) or cells > CELLS or traced(train, speeds) or staged():
         return _respond(train, speeds, harmonics)
-    given = np.asarray(speeds)
-    found = on_host(
-        _respond(train, np.pad(given, (0, padded - len(given)), mode="edge"), harmonics)
-    )
-    return jax.tree.map(lambda values: values[: len(given)], found)
+    count = len(speeds)
+    padded_speeds = np.pad(np.asarray(speeds), (0, padded - count), mode="edge")
+    response = on_host(_respond(train, padded_speeds, harmonics))
+    return jax.tree.map(lambda values: values[:count], response)
 
 
 @partial(Program, static_argnames="harmonics")
-def _respond(train, rpm, harmonics):
+def _respond(train: DriveTrain, rpm: Array, harmonics: int) -> ForcedResponse:
     """The ForcedResponse at speeds ``(n,)``."""
-    # The host refuses such numbers with a sentence; where they are traced they become a
-    # status.
+    # The host refuses numbers out of range with a sentence; where they are traced they
+    # become a status.
     valid = within_range(train) & (rpm > 0) & (rpm <= HIGHEST_RPM)
     train = jax.tree.map(lambda a: jnp.asarray(a, dtype=float), train)
-    system, topology = chain.assemble(without_tables(train)), train.topology
-    torque, load_torque, _ = jax.vmap(
-        lambda speed: excitation(train, speed, harmonics)
-    )(rpm)
+    system = chain.assemble(without_tables(train))
+    topology = train.topology
+    excite = jax.vmap(lambda speed: excitation(train, speed, harmonics))
+    torque, load_torque, _ = excite(rpm)
     together = _together(topology.n_disks, harmonics, len(rpm))
     groups = -(-len(rpm) // together)
 
-    def grouped(values):
+    def grouped(values: Array) -> jax.Array:
         # The last speed again: a speed of 0 could make nan, which derivatives would
         # spread.
         padding = jnp.repeat(values[-1:], groups * together - len(rpm), axis=0)
@@ -376,21 +390,23 @@ def _respond(train, rpm, harmonics):
         )
 
     rigid = chain.rigid_shape(train, system.radius)
-    answers = lax.map(
-        lambda group: _answer(train, system, rigid, *group),
+    grouped_fields = lax.map(
+        lambda group: _fields_of_group(train, system, rigid, group[0], group[1]),
         (grouped(rpm), grouped(torque)),
     )
     fields = jax.tree.map(
-        lambda a: a.reshape(groups * together, *a.shape[2:])[: len(rpm)], answers
+        lambda a: a.reshape(groups * together, *a.shape[2:])[: len(rpm)], grouped_fields
     )
     status = jnp.where(valid, fields.pop("status"), Status.INVALID_INPUT)
     ground = np.array(topology.ground_disk, dtype=int)
-    numbers = {"radius": train.disks.radius, "law": law_of(train.meshes)}
+    law, radius = jax.tree.map(
+        lambda a: jnp.broadcast_to(a, (len(rpm), *jnp.shape(a))),
+        (law_of(train.meshes), train.disks.radius),
+    )
     return ForcedResponse(
         **fields,
-        **jax.tree.map(
-            lambda a: jnp.broadcast_to(a, (len(rpm), *jnp.shape(a))), numbers
-        ),
+        radius=radius,
+        law=law,
         rpm=rpm,
         load_torque=load_torque,
         load_power=1e3 * load_power_kW(train, rpm, load_torque),
@@ -403,30 +419,29 @@ def _respond(train, rpm, harmonics):
     )
 
 
-def _together(disks, harmonics, speeds):
-    """Speeds of a group: with little padding, as what is padded is copied to be cut
-    off.
+def _together(disks: int, harmonics: int, speeds: int) -> int:
+    """Number of speeds of a group, chosen for little padding: padded arrays are copied
+    to be cut off.
     """
     most = min(speeds, max(1, min(LANES, CELLS // disks) // (harmonics + 1)))
     return min(range(most, most // 2, -1), key=lambda size: -speeds % size)
 
 
-def _answer(train, system, rigid, rpm, torque):
+def _fields_of_group(
+    train: DriveTrain, system: chain.System, rigid: Array, rpm: Array, torque: Array
+) -> dict[str, Array]:
     """Fields of the response, by name, of a group of speeds ``(m,)`` under torques
-    ``(m, S, N+1)``.
+    ``(m, S, N+1)`` N m.
     """
     speeds, disks, width = torque.shape
     topology = train.topology
     shape = (speeds, width)
     omega = (topology.cycle_frequency(rpm)[:, None] * jnp.arange(width)).reshape(-1)
     load = torque.transpose(1, 0, 2).reshape(disks, -1) / system.radius[:, None]
+    amplitude = jnp.zeros((speeds, 0))
+    if topology.amplitude_links:
+        amplitude = settled_amplitudes((train, system, rpm, omega, load))
     if varying(topology):
-        own = bool(topology.amplitude_links)
-        amplitude = (
-            settled_amplitudes((train, system, rpm, omega, load))
-            if own
-            else jnp.zeros((speeds, 0))
-        )
         system = varied(train, system, rpm, omega, amplitude)
     C = dynamic_stiffness.link_stiffness(system, omega)
     shafts = len(topology.link_names) - len(topology.mesh_names)
@@ -440,10 +455,14 @@ def _answer(train, system, rigid, rpm, torque):
     displacement, force = (
         a[:, 0] for a in dynamic_stiffness.solve_linear(system, omega, load[:, None])
     )
-    taken = dynamic_stiffness.balance(system, omega, load, displacement, force)
-    residual, status = residual_and_status(*(a.reshape(shape) for a in taken))
+    left, largest_load, largest_force = dynamic_stiffness.balance(
+        system, omega, load, displacement, force
+    )
+    residual, status = residual_and_status(
+        left.reshape(shape), largest_load.reshape(shape), largest_force.reshape(shape)
+    )
     # For the mean the sweep holds a floating train at its root: the rigid rotation that
-    # this leaves goes out again.
+    # this leaves is taken out again.
     mean = (omega == 0) * chain.drift(system, rigid, displacement.real)
     angle = chain.to_angles(system, displacement - mean)
 
@@ -459,20 +478,23 @@ def _answer(train, system, rigid, rpm, torque):
         status = jnp.where(settled, status, jnp.maximum(status, Status.MAX_STEPS))
     ends = system.radius[system.tree.end_a][:, None]
 
-    def by_speed(values):
+    def by_speed(values: jax.Array) -> jax.Array:
         return values.reshape(len(values), *shape).transpose(1, 0, 2)
 
-    def power(values):
+    def power(values: Array) -> jax.Array:
         return (2 * omega * values).reshape(len(values), *shape).sum(-1).T
 
-    disks = power(omega * system.damping[:, None] * _square(displacement))
-    links = power(C.imag * _square(deflection))
-    given = power((exciting * jnp.conj(1j * displacement)).real.sum(0)[None])[:, 0]
+    def work_rate(force: Array, displacement: Array) -> jax.Array:
+        return power((force * jnp.conj(1j * displacement)).real.sum(0)[None])[:, 0]
+
+    disk_power = power(omega * system.damping[:, None] * _square(displacement))
+    link_power = power(C.imag * _square(deflection))
+    input_power = work_rate(exciting, displacement)
     if error is not None:
-        given = (
-            given
-            - power((force[shafts:] * jnp.conj(1j * error)).real.sum(0)[None])[:, 0]
-        )
+        input_power = input_power - work_rate(force[shafts:], error)
+    power_defect = (input_power - disk_power.sum(-1) - link_power.sum(-1)) / jnp.where(
+        input_power > 0, input_power, 1.0
+    )
     return {
         "angles": by_speed(angle),
         "torques": by_speed((force * ends)[:shafts]),
@@ -482,26 +504,24 @@ def _answer(train, system, rigid, rpm, torque):
         "elastic_forces": by_speed(elastic[shafts:]),
         "residual": residual,
         "status": status,
-        "power_defect": (
-            (given - disks.sum(-1) - links.sum(-1)) / jnp.where(given > 0, given, 1.0)
-        ),
-        "disk_power": disks,
-        "link_power": links,
-        "input_power": given,
+        "power_defect": power_defect,
+        "disk_power": disk_power,
+        "link_power": link_power,
+        "input_power": input_power,
     }
 
 
-def _square(values):
+def _square(values: jax.Array) -> jax.Array:
     """Square of the modulus, whose derivative at 0 is 0."""
     return values.real**2 + values.imag**2
 
 
-def residual_and_status(left, load, force):
+def residual_and_status(left: Array, load: Array, force: Array) -> tuple[Array, Array]:
     """Residual and status ``(...)`` of linear solves, from their
     ``dynamic_stiffness.balance`` ``(..., H)``.
 
-    Singular equations have a huge motion, or forces that miss the balance, and are
-    finite; what is not has overflowed.
+    Singular equations have a huge motion, or forces that miss the balance, but are
+    finite; numbers that are not finite have overflowed.
     """
     xp = namespace(left, load, force)
     size = xp.max(load, axis=-1) + xp.max(force, axis=-1)

@@ -2,11 +2,11 @@
 residual over frequency.
 
 From a free end with ordinate 1, the torque sum ``sum J omega^2 theta`` of the disks
-passed twists the next shaft, ``theta_(i+1) = theta_i - sum / c_i``; what is left behind
-the last disk is the residual, zero at a natural frequency. Where branches meet, each is
-scaled by the product of what the others ask for at the common disk, which is
-division-free (docs/theory C3): a branch that has a node there does no harm. Torques
-cross a mesh by the radii of its gears.
+passed twists the next shaft, ``theta_(i+1) = theta_i - sum / c_i``; the torque left
+behind the last disk is the residual, zero at a natural frequency. Where branches meet,
+each is scaled by the product of the ordinates that the others need at the common disk,
+which is division-free (docs/theory C3): a branch that has a node there does no harm.
+Torques cross a mesh by the radii of its gears.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from jaxhb.train.drivetrain import DriveTrain
 NODE = 1e-9  # share of the largest angle below which a disk lies in a node
 # Residual over the sum of all inertia forces at which a frequency is a natural one
 NATURAL = 1e-6
-# Up to which modes that the elimination loses are looked for with dense matrices
+# Disks up to which modes that the elimination loses are found with dense matrices
 DENSE_DISKS = 500
 
 
@@ -50,32 +50,32 @@ class HolzerTable:
 
     hz: Number
     names: tuple
-    inertia: np.ndarray
-    ordinate: np.ndarray
-    torque: np.ndarray
-    torque_sum: np.ndarray
+    inertia: Array
+    ordinate: Array
+    torque: Array
+    torque_sum: Array
     links: tuple
-    stiffness: np.ndarray
-    twist: np.ndarray
+    stiffness: Array
+    twist: Array
 
     @property
     def residual(self) -> Array:
-        """N m: torque that must be applied to the last disk for this motion."""
+        """Torque in N m that must be applied to the last disk for this motion."""
         return self.torque_sum[-1]
 
     @property
     def kinetic_energy(self) -> Array:
-        """``(S,)`` J of each disk, J omega^2 theta^2 / 2."""
+        """Kinetic energy ``(S,)`` in J of each disk, J omega^2 theta^2 / 2."""
         return self.inertia * (2 * np.pi * self.hz * self.ordinate) ** 2 / 2
 
     @property
     def strain_energy(self) -> Array:
-        """``(S,)`` J of each link to the next disk; with grounds all equal the kinetic
-        ones in a mode.
+        """Strain energy ``(S,)`` in J of each link to the next disk; with those of
+        grounds their sum equals the kinetic one in a mode.
         """
         return self.stiffness * self.twist**2 / 2
 
-    def __str__(self):
+    def __str__(self) -> str:
         width = max(len(name) for name in (*self.names, "disk"))
         lines = [f"Holzer table at {self.hz:.6g} Hz, residual {self.residual:.4e} N m"]
         lines += [
@@ -90,10 +90,10 @@ class HolzerTable:
             self.stiffness,
             self.twist,
         )
-        for name, *row in zip(self.names, *columns, strict=True):
-            lines.append(
-                f"{name:{width}} " + " ".join(f"{value:11.4e}" for value in row)
-            )
+        rows = zip(*columns, strict=True)
+        for name, row in zip(self.names, rows, strict=True):
+            cells = " ".join(f"{value:11.4e}" for value in row)
+            lines.append(f"{name:{width}} {cells}")
         return "\n".join(lines)
 
 
@@ -131,19 +131,17 @@ def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
     unit = _unit(tree, angle, xp.where(natural, NODE, 0.0))
     link = tree.link[:-1]
     near = xp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])[:-1]
-    pushed = (
-        force[:-1] / near / unit
-    )  # what the link carries, positive where it slows the disk
-    shaft = np.array(
+    # Carried by the link, positive where it slows the disk
+    link_force = force[:-1] / near / unit
+    is_shaft = np.array(
         [name not in train.topology.mesh_names for name in train.topology.link_names],
         dtype=bool,
     )[link]
-    square = xp.where(
-        shaft, radius[:-1] ** 2, 1.0
-    )  # of shafts, from displacements to angles
+    # Of shafts, from displacements to angles
+    square = xp.where(is_shaft, radius[:-1] ** 2, 1.0)
     stiffness = system.stiffness[link]
     twist = xp.where(
-        stiffness > 0, pushed / xp.where(stiffness > 0, stiffness, 1.0), 0.0
+        stiffness > 0, link_force / xp.where(stiffness > 0, stiffness, 1.0), 0.0
     )
     return HolzerTable(
         hz=hz if traced(hz) else float(hz),
@@ -157,7 +155,7 @@ def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
         torque_sum=force * radius / unit,
         links=(*(train.topology.link_names[name] for name in link), ""),
         stiffness=xp.append(stiffness * square, 0.0),
-        twist=xp.append(twist / xp.where(shaft, radius[:-1], 1.0), 0.0),
+        twist=xp.append(twist / xp.where(is_shaft, radius[:-1], 1.0), 0.0),
     )
 
 
@@ -165,11 +163,11 @@ def holzer_residual(train: DriveTrain, *, hz: Numbers) -> Array:
     """Residual ``(n,)`` in N m of Holzer's method at ``hz`` ``(n,)``, every branch
     begun with 1 at its free end.
 
-    At the last disk of :func:`holzer_table`, errors as there: a polynomial in omega^2,
-    zero at the natural frequencies. Where branches meet each is scaled by the others
-    (docs/theory C3): nothing is divided. It overflows on long chains far above their
-    frequencies, where ``jaxhb.characteristic`` does not. It has derivatives with
-    respect to the train and the frequencies.
+    It is read at the last disk of :func:`holzer_table`, with the same errors: a
+    polynomial in omega^2, zero at the natural frequencies. Where branches meet each is
+    scaled by the others (docs/theory C3): nothing is divided. It overflows on long
+    chains far above their frequencies, where ``jaxhb.characteristic`` does not. It has
+    derivatives with respect to the train and the frequencies.
 
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> f = jaxhb.natural_frequencies(train).frequencies_hz[1]
@@ -179,14 +177,13 @@ def holzer_residual(train: DriveTrain, *, hz: Numbers) -> Array:
     """
     system = _system(train)
     tree = _trees(train, system)[0]
-    balance, *_ = _eliminate(
-        tree, system, 2 * np.pi * namespace(system, hz).asarray(hz, dtype=float)
-    )
+    omega = 2 * np.pi * namespace(system, hz).asarray(hz, dtype=float)
+    balance, _, _ = _eliminate(tree, system, omega)
     return -balance[-1] * system.radius[tree.node[-1]]
 
 
-def _system(train):
-    """The System of a train without closed loops."""
+def _system(train: DriveTrain) -> chain.System:
+    """The System of a train without closed loops; refuses others."""
     system = on_host(chain.assemble(linear_train(train)))
     if len(system.tree.loops):
         name = train.topology.link_names[system.tree.loops[0]]
@@ -198,17 +195,17 @@ def _system(train):
     return system
 
 
-def _trees(train, system):
+def _trees(train: DriveTrain, system: chain.System) -> list[chain.Tree]:
     """Eliminations from the free ends, one for each part that links with stiffness
-    join, first the part of the first disk: each ends at a ground of its part, or at the
-    disk farthest from its first.
+    join, beginning with the part of the first disk: each ends at a ground of its part,
+    or at the disk farthest from its first.
     """
     ends = train.topology.link_ends
     ground = train.topology.ground_disk
     disks = len(system.mass)
     shafts = len(train.topology.shaft_names)
     (stiffness,) = concrete(system.stiffness)
-    # Under jit and vmap no number is known: dampers are what may have no stiffness.
+    # Under jit and vmap the numbers are traced: only dampers may have no stiffness.
     dampers = range(shafts, shafts + len(train.topology.damper_names))
     loose = dampers if traced(stiffness) else np.flatnonzero(stiffness == 0).tolist()
     near = chain.neighbours(ends, disks, without=loose)
@@ -216,7 +213,7 @@ def _trees(train, system):
     seen = set()
     for disk in range(disks):
         if disk not in seen:
-            parts.append([other for other, *_ in chain.breadth_first(near, disk)])
+            parts.append([reached for reached, *_ in chain.breadth_first(near, disk)])
             seen.update(parts[-1])
     # A disk alone moves with nothing.
     moving = [part for part in parts if len(part) > 1] or parts
@@ -226,66 +223,79 @@ def _trees(train, system):
     return [chain.span_links(ends, disks, root) for root in roots]
 
 
-def _motion(train, hz):
+def _motion(
+    train: DriveTrain, hz: Number
+) -> tuple[chain.Tree, chain.System, Array, Array]:
     """Elimination, System, displacements ``(S,)`` m and forces ``(S,)`` N passed on to
     the next disk of the table.
     """
     system = _system(train)
     omega = 2 * np.pi * namespace(system, hz).asarray(hz, dtype=float)
     trees = _trees(train, system)
+    first = trees[0]
     if traced(system, omega):
-        return trees[0], system, *_scaled(trees[0], system, omega)
-    found = [(tree, system, *_scaled(tree, system, omega)) for tree in trees]
-    modes = (one for one in found if _is_mode(*one, omega))
-    if mode := next(modes, None):
-        return mode
+        displacement, force = _scaled(first, system, omega)
+        return first, system, displacement, force
+    motions = [_scaled(tree, system, omega) for tree in trees]
+    for tree, (displacement, force) in zip(trees, motions, strict=True):
+        if _is_mode(tree, system, displacement, force, omega):
+            return tree, system, displacement, force
     if len(system.mass) <= DENSE_DISKS:
         # Several branches with a node at one joint leave the elimination nothing but
         # rounding, or another motion.
-        dense = trees[0], system, *_dense(trees[0], system, omega)
-        return dense if _is_mode(*dense, omega) else found[0]
-    return found[0]
+        displacement, force = _dense(first, system, omega)
+        if _is_mode(first, system, displacement, force, omega):
+            return first, system, displacement, force
+    displacement, force = motions[0]
+    return first, system, displacement, force
 
 
-def _scaled(tree, system, omega):
-    """Displacements and forces of the elimination, every branch scaled by what the
-    others ask for where they meet.
+def _scaled(
+    tree: chain.Tree, system: chain.System, omega: Array
+) -> tuple[Array, Array]:
+    """Displacements ``(S,)`` m and forces ``(S,)`` N of the elimination, every branch
+    scaled by the ordinates that the others need where they meet.
     """
-    balance, ordinate, others = _eliminate(tree, system, omega)
+    balance, ordinate, beside = _eliminate(tree, system, omega)
     xp = namespace(system, omega)
-    scale = [xp.ones(())] * len(tree.node)
+    scales = [xp.ones(())] * len(tree.node)
     for s in range(len(tree.node) - 2, -1, -1):
-        # Backwards: what others ask for at a joint scales a branch, and all that hangs
-        # on it further out.
-        scale[s] = scale[tree.parent[s]] * others[s]
-    scale = xp.stack(scale)
+        # Backwards: the factor at a joint scales a branch, and all that hangs on it
+        # further out.
+        scales[s] = scales[tree.parent[s]] * beside[s]
+    scale = xp.stack(scales)
     return scale * ordinate, -scale * balance
 
 
-def _forces_left(tree, system, omega, displacement):
+def _forces_left(
+    tree: chain.Tree, system: chain.System, omega: Array, displacement: Array
+) -> tuple[np.ndarray, float]:
     """Forces ``(S,)`` N left on the disks by links and inertia, in the order of the
-    tree, and the largest of both.
+    tree, and the largest of the forces of both.
     """
     motion = np.empty(np.shape(displacement))
     motion[tree.node] = displacement
     links = (system.stiffness * system.deflections(motion).T).T
     inertia = ((system.ground - system.mass * omega**2) * motion.T).T
-    return (inertia + system.spread(links))[tree.node], max(
-        np.abs(inertia).max(), np.abs(links).max(initial=0.0)
-    )
+    largest = max(np.abs(inertia).max(), np.abs(links).max(initial=0.0))
+    return (inertia + system.spread(links))[tree.node], largest
 
 
-def _dense(tree, system, omega):
-    """Displacements that leave the least forces, of the dense equations, and the forces
-    passed on.
+def _dense(
+    tree: chain.Tree, system: chain.System, omega: Array
+) -> tuple[np.ndarray, Array]:
+    """Displacements ``(S,)`` m that leave the least forces in the dense equations, and
+    the forces ``(S,)`` N passed on.
     """
     equations, _ = _forces_left(tree, system, omega, np.eye(len(tree.node)))
     displacement = np.linalg.svd(equations)[2][-1]
     return displacement, _passed_on(tree, system, omega, displacement)
 
 
-def _passed_on(tree, system, omega, displacement):
-    """Force ``(S,)`` N of every disk and all that it carries on the next one, inertia
+def _passed_on(
+    tree: chain.Tree, system: chain.System, omega: Array, displacement: np.ndarray
+) -> Array:
+    """Force ``(S,)`` N on the next disk of every disk and all that it carries: inertia
     forces less those of grounds.
     """
     force = (
@@ -298,23 +308,35 @@ def _passed_on(tree, system, omega, displacement):
     return force
 
 
-def _is_natural(tree, system, omega, displacement, force):
-    """Whether the residual is rounding, beside the inertia forces."""
+def _is_natural(
+    tree: chain.Tree,
+    system: chain.System,
+    omega: Number,
+    displacement: Array,
+    force: Array,
+) -> Array:
+    """Whether the residual is rounding, compared with the inertia forces."""
     xp = namespace(system, displacement)
     driven = omega**2 * system.mass[tree.node] * displacement
     return xp.abs(force[-1]) <= NATURAL * xp.abs(driven).sum()
 
 
-def _is_mode(tree, system, displacement, force, omega):
-    """Whether no disk is left a force, on the host."""
+def _is_mode(
+    tree: chain.Tree,
+    system: chain.System,
+    displacement: Array,
+    force: Array,
+    omega: Array,
+) -> bool:
+    """Whether no force is left on any disk; on the host."""
     left, largest = _forces_left(tree, system, omega, displacement)
     balanced = np.abs(left).max() <= NATURAL * largest
-    return balanced and _is_natural(tree, system, omega, displacement, force)
+    return bool(balanced and _is_natural(tree, system, omega, displacement, force))
 
 
-def _unit(tree, angle, node):
+def _unit(tree: chain.Tree, angle: Array, node: Number) -> Array:
     """Angle of the first disk of the scene, or in the first row that moves where that
-    disk lies in a node: at most that share of the largest angle.
+    disk lies in a node: at most the share ``node`` of the largest angle.
     """
     xp = namespace(angle)
     first = int(np.flatnonzero(tree.node == 0)[0])
@@ -324,9 +346,11 @@ def _unit(tree, angle, node):
     return xp.where(unit != 0, unit, 1.0)
 
 
-def _eliminate(tree, system, omega):
-    """Balance sum Z x ``(S, ...)`` and ordinate of each subtree, free ends at 1, and
-    its scale below the parent.
+def _eliminate(
+    tree: chain.Tree, system: chain.System, omega: Array
+) -> tuple[Array, Array, list[Array]]:
+    """Balance sum Z x ``(S, ...)`` and ordinate ``(S, ...)`` of each subtree, free ends
+    at 1, and the factor by which branches beside it scale it.
     """
     xp = namespace(system, omega)
     node = tree.node
@@ -334,25 +358,24 @@ def _eliminate(tree, system, omega):
         ground - mass * omega**2
         for ground, mass in zip(system.ground[node], system.mass[node], strict=True)
     ]
-    ordinate, others = ([xp.ones_like(omega)] * len(node) for _ in range(2))
-    wanted = {}
+    ordinate = [xp.ones_like(omega)] * len(node)
+    beside = [xp.ones_like(omega)] * len(node)
+    hung = {}
     for s, up in enumerate(tree.parent[:-1].tolist()):
         alpha = system.arm_a[tree.link[s]]
         beta = system.arm_b[tree.link[s]]
         if not tree.from_a[s]:
             alpha, beta = beta, alpha
         stiffness = system.stiffness[tree.link[s]]
-        loose = stiffness == 0  # what hangs there rests and asks for nothing
-        asked = (
-            alpha * ordinate[s] + balance[s] / (alpha * xp.where(loose, 1.0, stiffness))
-        ) / beta
-        asked = xp.where(loose, 1.0, asked)
-        others[s] = xp.where(loose, 0.0, ordinate[up])
-        for earlier in wanted.setdefault(up, []):
-            others[earlier] = others[earlier] * asked
-        wanted[up].append(s)
-        balance[up] = balance[up] * asked + xp.where(
+        loose = stiffness == 0  # the branch rests and leaves the joint free
+        bent = balance[s] / (alpha * xp.where(loose, 1.0, stiffness))
+        needed = xp.where(loose, 1.0, (alpha * ordinate[s] + bent) / beta)
+        beside[s] = xp.where(loose, 0.0, ordinate[up])
+        for earlier in hung.setdefault(up, []):
+            beside[earlier] = beside[earlier] * needed
+        hung[up].append(s)
+        balance[up] = balance[up] * needed + xp.where(
             loose, 0.0, ordinate[up] * beta / alpha * balance[s]
         )
-        ordinate[up] = ordinate[up] * asked
-    return xp.stack(balance), xp.stack(ordinate), others
+        ordinate[up] = ordinate[up] * needed
+    return xp.stack(balance), xp.stack(ordinate), beside

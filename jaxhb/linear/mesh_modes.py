@@ -1,4 +1,4 @@
-"""Natural frequencies that strain tooth meshes, or shafts with stages: how far their
+"""Natural frequencies that strain tooth meshes, or shafts with stages: up to these the
 motion has to be resolved.
 """
 
@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxhb._jax import kept
+from jaxhb._jax import Number, kept
 from jaxhb.equations.backlash import all_meshes
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.train import chain
+from jaxhb.train.drivetrain import DriveTrain
 
 STRAINED = 0.05
 """Share of a mode's strain energy in tooth meshes from which the motion has to be
@@ -20,22 +21,23 @@ WEAKLY_STRAINED = 0.01
 little damping it may resonate.
 """
 MODAL_DISKS = 400  # disks up to which all modes are computed
-# What the shafts of larger trains add to the frequencies of the gears alone, a factor
+# Factor by which the shafts of larger trains raise the frequencies of the gears alone
 SHAFT_STIFFENING = 1.1
 
 
-def mesh_mode_harmonics(train, frequency):
+def mesh_mode_harmonics(train: DriveTrain, frequency: Number) -> np.ndarray:
     """Harmonics ``(2,)`` of the cycle at the highest modes whose share in meshes is
     STRAINED and WEAKLY_STRAINED.
 
-    Of a finely divided train, whose modes would take longer than its solve, that of the
-    gears and meshes alone.
+    ``frequency`` is that of the cycle in rad/s. Of a finely divided train, whose modes
+    would take longer than its solve, both are the highest mode of the gears and meshes
+    alone.
     """
     return _mesh_modes_hz(train) / (frequency / (2 * np.pi))
 
 
 @kept
-def _mesh_modes_hz(train):
+def _mesh_modes_hz(train: DriveTrain) -> np.ndarray:
     """Frequencies ``(2,)`` in Hz of :func:`mesh_mode_harmonics`."""
     if train.topology.n_disks > MODAL_DISKS:
         return np.full(2, SHAFT_STIFFENING * _gear_mode_hz(train))
@@ -51,7 +53,7 @@ def _mesh_modes_hz(train):
     )
 
 
-def _engaged(train):
+def _engaged(train: DriveTrain) -> DriveTrain:
     """The train with every stage and stop of its shafts and dampers in contact."""
     meshes = all_meshes(train)
     if not meshes.springs:
@@ -68,19 +70,20 @@ def _engaged(train):
         added[: len(train.topology.shaft_and_damper_names)],
         [len(train.topology.shaft_names)],
     )
-    tables = {"shafts": shafts, "dampers": dampers}
-    stiffer = {
-        name: replace(
-            getattr(train, name), stiffness=getattr(train, name).stiffness + k
-        )
-        for name, k in tables.items()
-    }
-    return replace(train, **stiffer)
+
+    def stiffened(table, added: np.ndarray):
+        return replace(table, stiffness=table.stiffness + added)
+
+    return replace(
+        train,
+        shafts=stiffened(train.shafts, shafts),
+        dampers=stiffened(train.dampers, dampers),
+    )
 
 
-def _gear_mode_hz(train):
-    """Highest natural frequency in Hz of the gears on their meshes, all shafts taken
-    away.
+def _gear_mode_hz(train: DriveTrain) -> float:
+    """Highest natural frequency in Hz of the gears on their meshes, all shafts left
+    out.
     """
     system = chain.assemble(train)
     links = np.arange(

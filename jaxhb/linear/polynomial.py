@@ -11,71 +11,81 @@ a loop between disks x and y adds ``k (a^2 D_x + b^2 D_y - 2 a b D_way)``, deter
 without it: with x held, with y held, and with all disks of the way from x to y held,
 times the k a b of its links.
 
-Beside a root little is left of large terms. :class:`Doubled` has some 24 digits: sums
-keep what they round off (D. E. Knuth, The Art of Computer Programming 2, 4.2.2),
-products are made of halves whose products are exact (T. J. Dekker, Numer. Math. 18
-(1971) 224). Only damping times p, and what radii of gears enter, is rounded.
+Near a root large terms cancel. :class:`Doubled` has some 24 digits: sums carry their
+rounding errors along (D. E. Knuth, The Art of Computer Programming 2, 4.2.2), products
+are made of halves whose products are exact (T. J. Dekker, Numer. Math. 18 (1971) 224).
+Only damping times p, and terms with radii of gears, are rounded.
 """
+
+from __future__ import annotations
 
 import dataclasses
 import itertools
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial, reduce
 from operator import add, itemgetter
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array, Numbers, concrete, traced
+from jaxhb._jax import Array, Number, Numbers, concrete, traced
 from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
 from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.topology import Topology
 
-LAST = -1  # in place of a link: that of the last disk of a way
-# Stored digits of the leading half of a number, the hidden one not counted: products of
+LAST = -1  # in place of a link, for the last disk of a way
+# Stored bits of the leading half of a number, the hidden bit not counted: products of
 # halves are exact
 HALF = 25
+
+Way = dict[int, int]
+"""Disks of a way between two disks, each with the link to the next; LAST of the last
+disk.
+"""
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Doubled:
-    """Complex numbers ``high + low``, high rounded from the sum; with +, * and indices
-    as arrays have them.
+    """Complex numbers ``high + low``, high rounded from the sum; +, * and indices work
+    as for arrays.
     """
 
     high: jax.Array
     low: jax.Array
 
-    def __add__(self, other):
+    def __add__(self, other: Doubled | Array) -> Doubled:
         return _total(self, doubled(other))
 
-    def __mul__(self, other):
+    def __mul__(self, other: Doubled | Array) -> Doubled:
         return _product(self, doubled(other))
 
-    def __getitem__(self, at):
-        return Doubled(self.high[at], self.low[at])
+    def __getitem__(self, index: int | Array) -> Doubled:
+        return Doubled(self.high[index], self.low[index])
 
-    def scaled(self, real):
-        """Times a real number, rounded as float64 unless it is a power of two."""
+    def scaled(self, real: Number) -> Doubled:
+        """Multiply by a real number; rounded as float64 unless it is a power of two."""
         return Doubled(self.high * real, self.low * real)
 
-    def put(self, at, value):
-        """With ``value`` at an index."""
+    def put(self, index: int | Array, value: Doubled | Array) -> Doubled:
+        """Copy with ``value`` at an index."""
         value = doubled(value)
-        return Doubled(self.high.at[at].set(value.high), self.low.at[at].set(value.low))
+        high = self.high.at[index].set(value.high)
+        return Doubled(high, self.low.at[index].set(value.low))
 
 
-def doubled(value):
-    """A real or complex array as :class:`Doubled`, or what is one already."""
+def doubled(value: Doubled | Array) -> Doubled:
+    """Convert a real or complex array to :class:`Doubled`."""
     if isinstance(value, Doubled):
         return value
     high = jnp.asarray(value).astype(complex)
@@ -83,13 +93,13 @@ def doubled(value):
 
 
 @jax.custom_jvp
-def _total(a, b):
+def _total(a: Doubled, b: Doubled) -> Doubled:
     total, lost = _sum(a.high, b.high)
     return _joined(total, lost + (a.low + b.low))
 
 
 @jax.custom_jvp
-def _product(a, b):
+def _product(a: Doubled, b: Doubled) -> Doubled:
     a1 = _leading(a.high)
     b1 = _leading(b.high)
     a2 = a.high - a1
@@ -103,43 +113,53 @@ def _product(a, b):
     return _joined(total, (lost + more) + (a2 * b2 + (a.high * b.low + a.low * b.high)))
 
 
-# derivatives are as exact as float64: beside a root the value is a small difference,
-# its derivative is none
+# Derivatives are as exact as float64: near a root the value is a small difference of
+# large terms, its derivative is not.
 
 
 @_total.defjvp
-def _total_jvp(primals, tangents):
-    return _total(*primals), doubled(tangents[0].high + tangents[1].high)
+def _total_jvp(
+    primals: tuple[Doubled, Doubled], tangents: tuple[Doubled, Doubled]
+) -> tuple[Doubled, Doubled]:
+    a, b = primals
+    da, db = tangents
+    return _total(a, b), doubled(da.high + db.high)
 
 
 @_product.defjvp
-def _product_jvp(primals, tangents):
-    (a, b) = primals
-    (da, db) = tangents
+def _product_jvp(
+    primals: tuple[Doubled, Doubled], tangents: tuple[Doubled, Doubled]
+) -> tuple[Doubled, Doubled]:
+    a, b = primals
+    da, db = tangents
     return _product(a, b), doubled(a.high * db.high + da.high * b.high)
 
 
-def _sum(a, b):
-    """Rounded sum and what was rounded off."""
+def _sum(a: jax.Array, b: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Rounded sum and its rounding error."""
     total = a + b
     shown = total - a
     return total, (a - (total - shown)) + (b - shown)
 
 
-def _joined(high, low):
-    """The sum of a number and one much smaller."""
+def _joined(high: jax.Array, low: jax.Array) -> Doubled:
+    """Sum of a number and a much smaller one."""
     total = high + low
     # Without the barrier compilers compute every number again wherever it is used,
     # product within product.
-    return Doubled(*lax.optimization_barrier((total, low - (total - high))))
+    total, error = lax.optimization_barrier((total, low - (total - high)))
+    return Doubled(total, error)
 
 
-def _leading(a):
-    """The leading half of the digits of real and imaginary part."""
-    # The 11 bits of the exponent are those of float64: only digits go.
+def _leading(a: jax.Array) -> jax.Array:
+    """Leading half of the digits of real and imaginary part."""
+    # The 11 bits of the exponent are those of float64: only digits are cut.
     return lax.complex(
-        *(lax.reduce_precision(part, 11, HALF) for part in (a.real, a.imag))
+        lax.reduce_precision(a.real, 11, HALF), lax.reduce_precision(a.imag, 11, HALF)
     )
+
+
+DoubledOrArray = TypeVar("DoubledOrArray", Doubled, jax.Array)
 
 
 @jax.tree_util.register_dataclass
@@ -153,40 +173,44 @@ class Scaled:
     exponent: jax.Array
 
     @property
-    def log_modulus(self):
+    def log_modulus(self) -> jax.Array:
         """Natural logarithm of the modulus."""
         return jnp.log(jnp.abs(self.mantissa)) + self.exponent * np.log(2.0)
 
     @property
-    def phase(self):
+    def phase(self) -> jax.Array:
         """Phase in rad, -pi to pi."""
         return jnp.angle(self.mantissa)
 
-    def value(self):
-        """The complex numbers; infinite or zero where they leave the range."""
+    def value(self) -> jax.Array:
+        """Convert to complex numbers, infinite or zero where they leave the range of
+        float64.
+        """
         # In two factors: 2^exponent may overflow where the number itself does not.
         half = jnp.clip(self.exponent // 2, -1100, 1100).astype(int)
         rest = jnp.clip(self.exponent - half, -1100, 1100).astype(int)
         return self.mantissa * jnp.ldexp(1.0, half) * jnp.ldexp(1.0, rest)
 
-    def __truediv__(self, other):
+    def __truediv__(self, other: Scaled) -> Scaled:
         return rescaled(self.mantissa / other.mantissa, self.exponent - other.exponent)
 
-    def __mul__(self, factor):
+    def __mul__(self, factor: Number) -> Scaled:
         return Scaled(self.mantissa * factor, self.exponent)
 
-    def __add__(self, other):
+    def __add__(self, other: Scaled) -> Scaled:
         exponent = jnp.maximum(self.exponent, other.exponent)
-        one, two = (
+        a, b = (
             z * jnp.ldexp(1.0, jnp.maximum(z.exponent - exponent, -2000).astype(int))
             for z in (self, other)
         )
-        return rescaled(one.mantissa + two.mantissa, exponent)
+        return rescaled(a.mantissa + b.mantissa, exponent)
 
 
-def shifted(numbers):
-    """Numbers with their largest modulus between 1/2 and 1, and the power of two taken
-    out.
+def shifted(
+    numbers: Sequence[DoubledOrArray],
+) -> tuple[tuple[DoubledOrArray, ...], jax.Array]:
+    """Divide numbers by the power of two that brings their largest modulus between 1/2
+    and 1, and return its exponent with them.
     """
     # Powers of two cancel between mantissa and exponent: they have no derivative.
     rough = [
@@ -198,14 +222,16 @@ def shifted(numbers):
     return jax.tree.map(lambda z: z * factor, tuple(numbers)), shift.astype(float)
 
 
-def rescaled(number, exponent):
+def rescaled(number: jax.Array, exponent: jax.Array) -> Scaled:
     """``number 2^exponent`` as :class:`Scaled`."""
     (number,), shift = shifted((number,))
     return Scaled(number, exponent + shift)
 
 
-def closing_link(topology):
-    """The link that closes the loop of a train, None without; SceneError of several."""
+def closing_link(topology: Topology) -> int | None:
+    """Link that closes the loop of a train, None without a loop; SceneError if there
+    are several.
+    """
     loops = chain.span(topology).loops.tolist()
     if len(loops) > 1:
         names = ", ".join(repr(topology.link_names[link]) for link in loops)
@@ -217,28 +243,26 @@ def closing_link(topology):
     return loops[0] if loops else None
 
 
-def way_between(topology, a, b):
-    """The way from disk a to b over no closing link: its disks, and the link to the
-    next of each, LAST of the last.
-    """
+def way_between(topology: Topology, a: int, b: int) -> Way:
+    """The way from disk a to b over no closing link."""
     tree = chain.span_links(topology.link_ends, topology.n_disks, b)
-    at = int(np.flatnonzero(tree.node == a)[0])
+    position = int(np.flatnonzero(tree.node == a)[0])
     way = {}
-    while tree.parent[at] < len(tree.node):
-        way[int(tree.node[at])] = int(tree.link[at])
-        at = int(tree.parent[at])
+    while tree.parent[position] < len(tree.node):
+        way[int(tree.node[position])] = int(tree.link[position])
+        position = int(tree.parent[position])
     return way | {b: LAST}
 
 
-def ways_between(topology, a, b):
-    """All ways from disk a to b: one, and where the closed loop allows it the other way
-    round it.
+def ways_between(topology: Topology, a: int, b: int) -> list[Way]:
+    """All ways from disk a to b: one, or both ways round the loop where it lies between
+    them.
     """
     ways = [way_between(topology, a, b)]
     closing = closing_link(topology)
-    for x, y in (
-        [] if closing is None else itertools.permutations(topology.link_ends[closing])
-    ):
+    if closing is None:
+        return ways
+    for x, y in itertools.permutations(topology.link_ends[closing]):
         before = way_between(topology, a, x)
         behind = way_between(topology, y, b)
         if not before.keys() & behind.keys():
@@ -246,9 +270,12 @@ def ways_between(topology, a, b):
     return ways
 
 
-def closed(topology, closing, a, b):
-    """Of a closing link with arms a and b: factors of its stiffness, and the ways held
-    in what they multiply.
+def closed(
+    topology: Topology, closing: int, a: Any, b: Any
+) -> tuple[tuple[Any, Way], tuple[Any, Way], tuple[Any, Way]]:
+    """Factors with which the stiffness of a closing link enters the determinant, each
+    with the way whose disks are held there; a and b are the arms of the link, numbers
+    of any kind.
     """
     x, y = topology.link_ends[closing]
     return (
@@ -262,8 +289,8 @@ def characteristic(train: DriveTrain, p: Array) -> Scaled:
     """Characteristic determinant D(p) ``(n,)`` of a train with at most one closed loop,
     meshes in contact.
 
-    In s^(-2 S) for S disks, all with inertia. The source's R of a free tree is D / p^2,
-    its R^0 of a loop is D.
+    The unit is s^(-2 S) for S disks, all with inertia. The source's R of a free tree is
+    D / p^2, its R^0 of a loop is D.
 
     At complex ``p`` ``(n,)`` in 1/s, i omega for harmonic motion; loss factors count
     with the sign of Im p. The result has ``value()``, and ``log_modulus`` and ``phase``
@@ -285,19 +312,20 @@ def characteristic(train: DriveTrain, p: Array) -> Scaled:
 
 
 @Program
-def _characteristic(train, p):
+def _characteristic(train: DriveTrain, p: jax.Array) -> Scaled:
     system = chain.assemble(train)
-    return _over_inertias(system, *_determinants(system, train.topology, p, {}))
+    (determinant,) = _determinants(system, train.topology, p, [{}])
+    return _over_inertias(system, determinant)
 
 
 def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Array:
-    """Receptance ``(n,)`` in rad/(N m) of a train with at most one closed loop from
+    """Receptance ``(n,)`` in rad/(N m) of a train with at most one closed loop, from
     polynomials of its parts.
 
     ``H = sum (over the ways between the two disks) of prod k (over its links) . D(the
     rest, its disks held) / D``: one way, or the two round the loop.
 
-    Of the angle of ``disk`` to a torque on the disk ``at``, at positive ``hz``
+    It is the angle of ``disk`` over a torque on the disk ``at``, at positive ``hz``
     ``(n,)``. :class:`SceneError` if there is no such disk, or more than one closed
     loop.
 
@@ -319,19 +347,21 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
 
 
 @partial(Program, static_argnames="ends")
-def _receptance(train, p, ends):
-    """Receptance ``(n,)`` between two disks."""
+def _receptance(train: DriveTrain, p: jax.Array, ends: tuple[int, int]) -> jax.Array:
+    """Receptance ``(n,)`` in rad/(N m) between two disks."""
     system = chain.assemble(train)
-    whole, one, *other = _determinants(
-        system, train.topology, p, {}, *ways_between(train.topology, *ends)
-    )
-    response = (one + other[0] if other else one) / whole
-    return response.value() / (system.radius[ends[0]] * system.radius[ends[1]])
+    a, b = ends
+    ways = ways_between(train.topology, a, b)
+    whole, *parts = _determinants(system, train.topology, p, [{}, *ways])
+    response = reduce(add, parts) / whole
+    return response.value() / (system.radius[a] * system.radius[b])
 
 
-def _determinants(system, topology, p, *ways):
-    """``det(p^2 M + p B + K)`` in displacements as Scaled, of each way: its disks held,
-    times k a b of its links.
+def _determinants(
+    system: chain.System, topology: Topology, p: jax.Array, ways: Sequence[Way]
+) -> Iterator[Scaled]:
+    """``det(p^2 M + p B + K)`` ``(n,)`` in displacements for each way: with its disks
+    held, times k a b of its links.
     """
     # Loss factors count with the sign of Im p.
     stiffness, loss, viscous = (
@@ -344,26 +374,31 @@ def _determinants(system, topology, p, *ways):
     terms = [[(doubled(jnp.ones_like(p)), way)] for way in ways]
     if closing is not None:
         added = closed(topology, closing, system.arm_a[closing], system.arm_b[closing])
-        for own, way in zip(terms, ways, strict=True):
+        for way, terms_of_way in zip(ways, terms, strict=True):
             # Where an end of the link is held already, or the way is cut, there is
             # nothing to add.
-            own += [
+            terms_of_way += [
                 (C[closing] * factor, way | more)
                 for factor, more in added
                 if not way.keys() & more.keys()
             ]
-    every = [way for own in terms for _, way in own]
-    held = np.zeros((len(every), topology.n_disks), bool)
-    passed = np.full((len(every), topology.n_disks), LAST)
-    for row, way in enumerate(every):
-        held[row, list(way)], passed[row, list(way)] = True, list(way.values())
-    found = jax.vmap(lambda *way: _determinant(system, C, p, *way))(held, passed)
-    rows = iter(range(len(every)))
-    for own in terms:
-        total = reduce(
-            add,
-            [jax.tree.map(itemgetter(next(rows)), found) * factor for factor, _ in own],
-        )
+    held_ways = [way for terms_of_way in terms for _, way in terms_of_way]
+    held = np.zeros((len(held_ways), topology.n_disks), bool)
+    passed = np.full((len(held_ways), topology.n_disks), LAST)
+    for row, way in enumerate(held_ways):
+        held[row, list(way)] = True
+        passed[row, list(way)] = list(way.values())
+    determinant = jax.vmap(
+        lambda held, passed: _determinant(system, C, p, held, passed)
+    )
+    determinants = determinant(held, passed)
+    rows = iter(range(len(held_ways)))
+    for terms_of_way in terms:
+        products = [
+            jax.tree.map(itemgetter(next(rows)), determinants) * factor
+            for factor, _ in terms_of_way
+        ]
+        total = reduce(add, products)
         yield rescaled(total.mantissa.high, total.exponent)
 
 
@@ -371,8 +406,8 @@ def _determinants(system, topology, p, *ways):
 @brief
 @dataclass(frozen=True)
 class DampedApproximation:
-    """The source's approximation of a damped polynomial beside the exact value,
-    ``(n,)``, and its relative error.
+    """Approximation of a damped polynomial by the source, the exact value, and the
+    relative error, each ``(n,)``.
     """
 
     exact: Scaled
@@ -381,12 +416,12 @@ class DampedApproximation:
 
 
 def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation:
-    """The source's ``D(i omega) = D1 + i omega (D2 - D1)``: D1 without link damping, D2
-    with c + r as stiffness.
+    """Approximate a damped polynomial as the source does, ``D(i omega) = D1 + i omega
+    (D2 - D1)``: D1 without link damping, D2 with c + r as stiffness.
 
-    First order in omega r/c (docs/theory C4): at most 1 % off for omega r/c up to 0.01
-    and omega much larger than 1. Prefer the exact value, beside which it stands. Loss
-    factors do not count; damping of disks enters all exactly.
+    It is of first order in omega r/c (docs/theory C4): at most 1 % off for omega r/c up
+    to 0.01 and omega much larger than 1. Prefer the exact value, which is returned with
+    it. Loss factors do not count; damping of disks enters exactly.
 
     At ``omega`` ``(n,)`` rad/s, of a train with at most one closed loop.
 
@@ -407,15 +442,16 @@ def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation
 
 
 @Program
-def _approximation(train, omega):
+def _approximation(train: DriveTrain, omega: jax.Array) -> DampedApproximation:
     system = chain.assemble(train)
     zeros = jnp.zeros_like(jnp.asarray(system.viscous))
 
-    def determinant(stiffness, viscous):
-        own = dataclasses.replace(
+    def determinant(stiffness: jax.Array, viscous: jax.Array) -> Scaled:
+        changed = dataclasses.replace(
             system, stiffness=stiffness, viscous=viscous, loss=zeros
         )
-        return _over_inertias(own, *_determinants(own, train.topology, 1j * omega, {}))
+        (value,) = _determinants(changed, train.topology, 1j * omega, [{}])
+        return _over_inertias(changed, value)
 
     exact = determinant(system.stiffness, system.viscous)
     low = determinant(system.stiffness, zeros)
@@ -426,21 +462,31 @@ def _approximation(train, omega):
     )
 
 
-def _hung(own, above, z, k, near, far):
-    """The pair of a place on whose disk a part hangs by a link k, from pairs (sum of F,
-    G) and the part's own z.
+def _hung(
+    part: tuple[Ring, Ring],
+    above: tuple[Ring, Ring],
+    z: Ring,
+    k: Ring,
+    near: Any,
+    far: Any,
+) -> tuple[Ring, Ring]:
+    """Pair of a disk on which a part hangs by a link k, from the pairs (sum of F, G) of
+    the part and of the disk above, and the z of the part; near and far are the arms of
+    the link, numbers of any kind.
     """
-    (A, P) = own
-    (A_above, P_above) = above
+    A, P = part
+    A_above, P_above = above
     F = z * P + A
     W = F + P * k.scaled(near * near)
     return A_above * W + P_above * (F * k.scaled(far * far)), P_above * W
 
 
-def _determinant(system, C, p, held, passed):
-    """The determinant ``(n,)`` without the closing link, as Scaled of Doubled; ``held``
-    ``(S,)`` tells which disks are, ``passed`` the links whose k a b stand in their
-    places, LAST for 1.
+def _determinant(
+    system: chain.System, C: Doubled, p: Doubled | Array, held: Array, passed: Array
+) -> Scaled:
+    """Determinant ``(n,)`` without the closing link, as Scaled of Doubled; ``held``
+    ``(S,)``: which disks are held, ``passed`` ``(S,)``: the links whose k a b stand in
+    their places, LAST for 1.
     """
     tree = system.tree
     p = doubled(p)
@@ -450,9 +496,9 @@ def _determinant(system, C, p, held, passed):
     arm_a = jnp.asarray(system.arm_a)
     arm_b = jnp.asarray(system.arm_b)
     Z = p * p * mass + (p.scaled(damping) + ground)
-    one = doubled(jnp.ones_like(p.high))
+    unit = doubled(jnp.ones_like(p.high))
     factors = jax.tree.map(
-        lambda a, b: jnp.append(a, b[None], axis=0), C * (arm_a * arm_b)[:, None], one
+        lambda a, b: jnp.append(a, b[None], axis=0), C * (arm_a * arm_b)[:, None], unit
     )[passed]
     Z = jax.tree.map(lambda a, b: jnp.where(held[:, None], a, b), factors, Z)
     order = tree.node[:-1]
@@ -466,55 +512,56 @@ def _determinant(system, C, p, held, passed):
         held[above], 0.0, jnp.where(tree.from_a[:-1], arm_b[link], arm_a[link])
     )
 
-    def hang(state, item):
+    State = tuple[Doubled, Doubled, jax.Array]
+
+    def hang(state: State, link: tuple[Any, ...]) -> tuple[State, None]:
         A, G, exponent = state
-        disk, above, near, far, k, z = item
+        disk, above, near, far, k, z = link
         (a, g), shift = shifted(
             _hung((A[disk], G[disk]), (A[above], G[above]), z, k, near, far)
         )
-        return (
-            A.put(above, a),
-            G.put(above, g),
-            exponent.at[above].add(exponent[disk] + shift),
-        ), None
+        exponent = exponent.at[above].add(exponent[disk] + shift)
+        return (A.put(above, a), G.put(above, g), exponent), None
 
     shape = Z.high.shape
     state = (doubled(jnp.zeros(shape)), doubled(jnp.ones(shape)), jnp.zeros(shape))
     if len(order):
         state, _ = lax.scan(hang, state, (order, above, near, far, C[link], Z[order]))
-    A, G, exponent = (array[tree.node[-1]] for array in state)
-    return Scaled(Z[tree.node[-1]] * G + A, exponent)
+    A, G, exponent = state
+    root = tree.node[-1]
+    return Scaled(Z[root] * G[root] + A[root], exponent[root])
 
 
-def _over_inertias(system, determinant):
-    """D: each row of a disk with inertia divided by it, other rows in angles."""
+def _over_inertias(system: chain.System, determinant: Scaled) -> Scaled:
+    """D: the row of each disk with inertia divided by it, other rows in angles."""
     mass = jnp.asarray(system.mass)
     heavy = mass > 0
     factors = jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2)
-    return lax.scan(
-        lambda found, k: (rescaled(found.mantissa * k, found.exponent), None),
-        determinant,
-        factors,
-    )[0]
+
+    def multiplied(value: Scaled, factor: jax.Array) -> tuple[Scaled, None]:
+        return rescaled(value.mantissa * factor, value.exponent), None
+
+    product, _ = lax.scan(multiplied, determinant, factors)
+    return product
 
 
 @dataclass(frozen=True)
 class Polynomial:
-    """Coefficients of any kind of number, highest power first, none of zero; with the
-    operations of Doubled.
+    """Polynomial with coefficients of any kind of number, highest power first, none for
+    zero; it has the operations of Doubled.
     """
 
     coefficients: tuple
 
-    def __add__(self, other):
+    def __add__(self, other: Polynomial) -> Polynomial:
         size = max(len(self.coefficients), len(other.coefficients))
         a, b = (
-            (0,) * (size - len(one.coefficients)) + one.coefficients
-            for one in (self, other)
+            (0,) * (size - len(polynomial.coefficients)) + polynomial.coefficients
+            for polynomial in (self, other)
         )
         return Polynomial(tuple(x + y for x, y in zip(a, b, strict=True)))
 
-    def __mul__(self, other):
+    def __mul__(self, other: Polynomial) -> Polynomial:
         a = self.coefficients
         b = other.coefficients
         product = [0] * (len(a) + len(b) - 1 if a and b else 0)
@@ -523,11 +570,14 @@ class Polynomial:
                 product[i + j] += x * y
         return Polynomial(tuple(product))
 
-    def scaled(self, factor):
+    def scaled(self, factor: Any) -> Polynomial:
+        """Multiply by a number."""
         return Polynomial(tuple(factor * value for value in self.coefficients))
 
 
-# Disks up to which coefficients in double precision mean something (docs/theory C5)
+Ring = TypeVar("Ring", Doubled, Polynomial)
+
+# Disks up to which coefficients in double precision have digits (docs/theory C5)
 LARGEST = 12
 
 
@@ -537,14 +587,14 @@ def characteristic_coefficients(
     """Coefficients of ``det(p^2 M + p B + K) / prod I``, highest power first, 2 S + 1
     of them.
 
-    By the rules of :func:`characteristic` in polynomials of p (docs/theory C3): the
-    source's R of a free tree is this polynomial over p^2.
+    The rules are those of :func:`characteristic` in polynomials of p (docs/theory C3):
+    the source's R of a free tree is this polynomial over p^2.
 
-    Fractions if ``exact``, for any number of disks; else floats, for at most 12.
-    :class:`SceneError` if there is more than one closed loop, a disk without inertia,
-    or a loss factor. The train may be traced, but for ``exact``, and loss factors by
-    ``jit`` and ``vmap`` (ValueError); what is traced is nan or infinite where an
-    inertia is 0.
+    They are fractions if ``exact``, for any number of disks; else floats, for at most
+    12. :class:`SceneError` if there is more than one closed loop, a disk without
+    inertia, or a loss factor. The train may be traced, but not for ``exact``, and loss
+    factors not by ``jit`` and ``vmap`` (ValueError); traced coefficients are nan or
+    infinite where an inertia is 0.
 
     >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=1.5)]
     >>> train = jaxhb.build(
@@ -556,20 +606,14 @@ def characteristic_coefficients(
     train = linear_train(train)
     _refuse_coefficients(train, exact)
 
-    def number(value):
-        return (
-            Fraction(repr(float(value)))
-            if exact
-            else value
-            if traced(value)
-            else float(value)
-        )
+    def number(value: Any) -> Any:
+        if exact:
+            return Fraction(repr(float(value)))
+        return value if traced(value) else float(value)
 
-    topology, tree, closing = (
-        train.topology,
-        chain.span(train.topology),
-        closing_link(train.topology),
-    )
+    topology = train.topology
+    tree = chain.span(topology)
+    closing = closing_link(topology)
     ground = [number(0.0)] * topology.n_disks
     for disk, stiffness in zip(
         topology.ground_disk, train.grounds.stiffness, strict=True
@@ -581,33 +625,34 @@ def characteristic_coefficients(
     tables = (train.shafts, train.dampers, train.meshes)
     C = [
         Polynomial((number(r), number(c)))
-        for t in tables
-        for r, c in zip(t.damping, t.stiffness, strict=True)
+        for table in tables
+        for r, c in zip(table.damping, table.stiffness, strict=True)
     ]
-    turning = len(topology.link_names) - len(topology.mesh_names)
+    first_mesh = len(topology.link_names) - len(topology.mesh_names)
 
-    def arms(link, disk):
+    def arms(link: int, disk: int) -> tuple[Any, Any]:
         """Arms of a link at a disk and at its other end, 1 for angles and the radii of
         gears.
         """
         a, b = topology.link_ends[link]
         near, far = (a, b) if a == disk else (b, a)
-        return (
-            (1, 1)
-            if link < turning
-            else tuple(number(train.disks.radius[gear]) for gear in (near, far))
-        )
+        if link < first_mesh:
+            return 1, 1
+        return number(train.disks.radius[near]), number(train.disks.radius[far])
 
-    zero, one = Polynomial(()), Polynomial((number(1.0),))
+    zero = Polynomial(())
+    unit = Polynomial((number(1.0),))
 
-    def determinant(way):
-        """That of the tree, the disks of a way held, times the k a b of its links."""
+    def determinant(way: Mapping[int, int]) -> Polynomial:
+        """Determinant of the tree with the disks of a way held, times the k a b of its
+        links.
+        """
         passed = {
-            disk: one if link == LAST else C[link].scaled(math.prod(arms(link, disk)))
+            disk: unit if link == LAST else C[link].scaled(math.prod(arms(link, disk)))
             for disk, link in way.items()
         }
-        z = [passed.get(disk, own) for disk, own in enumerate(Z)]
-        pairs = [(zero, one)] * topology.n_disks
+        z = [passed.get(disk, free) for disk, free in enumerate(Z)]
+        pairs = [(zero, unit)] * topology.n_disks
         for disk, link, above in zip(
             tree.node[:-1], tree.link[:-1], tree.node[tree.parent[:-1]], strict=True
         ):
@@ -619,21 +664,21 @@ def characteristic_coefficients(
         A, G = pairs[tree.node[-1]]
         return z[tree.node[-1]] * G + A
 
-    found = determinant({})
+    polynomial = determinant({})
     if closing is not None:
-        for factor, way in closed(
-            topology, closing, *arms(closing, topology.link_ends[closing][0])
-        ):
-            found += C[closing].scaled(factor) * determinant(way)
-    return tuple(value / found.coefficients[0] for value in found.coefficients)
+        arm_a, arm_b = arms(closing, topology.link_ends[closing][0])
+        for factor, way in closed(topology, closing, arm_a, arm_b):
+            polynomial += C[closing].scaled(factor) * determinant(way)
+    leading = polynomial.coefficients[0]
+    return tuple(value / leading for value in polynomial.coefficients)
 
 
-def _refuse_coefficients(train, exact):
-    """Refuse trains whose determinant is no polynomial, or one whose coefficients in
-    double precision say nothing.
+def _refuse_coefficients(train: DriveTrain, exact: bool) -> None:
+    """Refuse trains whose determinant is no polynomial, or has coefficients without
+    correct digits in double precision.
     """
     topology = train.topology
-    where = train.topology.title
+    title = topology.title
     loss = concrete(train.shafts.loss_factor, train.dampers.loss_factor)
     if traced(loss):
         raise ValueError(
@@ -653,7 +698,7 @@ def _refuse_coefficients(train, exact):
     ]
     if lossy:
         raise SceneError(
-            f"{where}: link {lossy[0]!r} has a loss factor, which is no polynomial in"
+            f"{title}: link {lossy[0]!r} has a loss factor, which is no polynomial in"
             " p. Use with_viscous_damping."
         )
     inertias = [
@@ -667,13 +712,13 @@ def _refuse_coefficients(train, exact):
         if not traced(J) and not J
     ]
     faults = [
-        f"{where}: disk {name!r} has no inertia: give it some, or use"
+        f"{title}: disk {name!r} has no inertia: give it some, or use"
         " jaxhb.characteristic."
         for name in light
     ]
     if topology.n_disks > LARGEST and not exact:
         faults.append(
-            f"{where}: coefficients of {topology.n_disks} disks in double precision"
+            f"{title}: coefficients of {topology.n_disks} disks in double precision"
             f" have no digits beyond {LARGEST}. Ask for exact ones, or for values by"
             " jaxhb.characteristic."
         )

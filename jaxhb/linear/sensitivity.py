@@ -1,7 +1,7 @@
 """Energies, matrices and natural frequencies that can be differentiated, in any mode of
 jax.
 
-Where eigenvalues repeat, neither the shapes nor the derivative of each are unique; the
+Where eigenvalues repeat, neither their shapes nor the derivative of each is unique; the
 first derivative of their sum is: shapes are not turned among themselves there. Higher
 derivatives hold for simple eigenvalues. Masses and stiffnesses enter as they are, never
 as roots, so that a stiffness of 0 has a derivative too.
@@ -21,8 +21,7 @@ from jaxhb.linear.tangent import linear_train
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
-# Relative distance of squares below which eigenvalues count as one: some rounding of a
-# repeated one
+# Relative distance of squares below which eigenvalues count as repeated: some rounding
 CLUSTER = 1e-9
 # Frequency over the highest one, for each disk, that is rounding of a rigid motion
 RIGID = 1e-13
@@ -65,7 +64,7 @@ def inertia_and_stiffness(train: DriveTrain) -> tuple[Array, Array]:
     """Matrices J in kg m2 and C in N m/rad, ``(S, S)``, of ``J phi'' + C phi = 0``
     (Lashko, (3.3) and (3.4)).
 
-    They are the second derivatives of :func:`kinetic_energy` and :func:`strain_energy`.
+    The second derivatives of :func:`kinetic_energy` and :func:`strain_energy`.
 
     >>> parts = [jaxhb.Disk(name="a", inertia=2.0), jaxhb.Disk(name="b", inertia=1.0)]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
@@ -73,9 +72,9 @@ def inertia_and_stiffness(train: DriveTrain) -> tuple[Array, Array]:
     [[100.0, -100.0], [-100.0, 100.0]]
     """
     rest = jnp.zeros(train.topology.n_disks)
-    return jax.hessian(lambda v: kinetic_energy(train, v))(rest), jax.hessian(
-        lambda a: strain_energy(train, a)
-    )(rest)
+    inertia = jax.hessian(lambda velocity: kinetic_energy(train, velocity))(rest)
+    stiffness = jax.hessian(lambda angle: strain_energy(train, angle))(rest)
+    return inertia, stiffness
 
 
 def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
@@ -86,7 +85,7 @@ def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
     Fox, M. P. Kapoor, AIAA J. 6 (1968) 2426); 0 with derivative 0 for rigid motions. Of
     frequencies that repeat only the sum has a derivative: :func:`cluster_sums_hz`.
 
-    ``heavy`` ``(S,)`` tells the disks with inertia, needed where inertias are traced;
+    ``heavy`` ``(S,)`` is true for disks with inertia, needed where inertias are traced;
     the others are condensed statically.
 
     >>> import jax
@@ -109,7 +108,7 @@ def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
 
 
 @partial(Program, static_argnames="heavy")
-def _frequencies(train, heavy):
+def _frequencies(train: DriveTrain, heavy: tuple[bool, ...]) -> jax.Array:
     squares, _ = mode_squares(train, heavy)
     moving = squares > 0
     return jnp.where(moving, jnp.sqrt(jnp.where(moving, squares, 1.0)), 0.0) / (
@@ -118,15 +117,15 @@ def _frequencies(train, heavy):
 
 
 def mode_shares(train: DriveTrain, heavy: Array | None = None) -> ModeShares:
-    """Mode shapes and where the energy of each mode lies, differentiable; arguments as
-    of :func:`frequencies_hz`.
+    """Mode shapes and where the energy of each mode lies, differentiable; arguments are
+    those of :func:`frequencies_hz`.
 
     ``d y_i = sum_j y_j (y_j^T (dK - lambda_i dM) y_i) / (lambda_i - lambda_j)``, j
     other than i (Fox and Kapoor, as there).
 
     ``shapes`` ``(m, S)``, ``generalised_mass`` ``(m,)`` kg m2, ``kinetic_share`` ``(m,
-    S)`` and ``strain_share`` ``(m, L)``, as in :class:`jaxhb.Modes`. Where frequencies
-    repeat, derivatives of these do not exist.
+    S)`` and ``strain_share`` ``(m, L)`` are those of :class:`jaxhb.Modes`. Where
+    frequencies repeat, they have no derivatives.
 
     >>> import jax
     >>> parts = [
@@ -147,18 +146,19 @@ def mode_shares(train: DriveTrain, heavy: Array | None = None) -> ModeShares:
 
 
 @partial(Program, static_argnames="heavy")
-def _shares(train, heavy):
-    return shares(on_host(chain.assemble(train)), *mode_squares(train, heavy))
+def _shares(train: DriveTrain, heavy: tuple[bool, ...]) -> ModeShares:
+    squares, displacement = mode_squares(train, heavy)
+    return shares(on_host(chain.assemble(train)), squares, displacement)
 
 
 def cluster_sums_hz(
     train: DriveTrain, clusters: Sequence[Sequence[int]], heavy: Array | None = None
 ) -> Array:
-    """Sums ``(clusters,)`` in Hz of natural frequencies that repeat; they have first
-    derivatives, each does not.
+    """Sums ``(clusters,)`` in Hz of natural frequencies that repeat; the sums have
+    first derivatives, the single frequencies do not.
 
-    Other arguments are those of :func:`frequencies_hz`; ``clusters`` are numbers of
-    modes, as :func:`clusters_of` finds them.
+    ``clusters`` are numbers of modes, which :func:`clusters_of` finds; other arguments
+    are those of :func:`frequencies_hz`.
 
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> jaxhb.clusters_of(jaxhb.natural_frequencies(train).frequencies_hz)[:3]
@@ -166,15 +166,15 @@ def cluster_sums_hz(
     >>> round(float(jaxhb.cluster_sums_hz(train, [(1, 2)])[0]), 1)
     809.3
     """
-    found = frequencies_hz(train, heavy)
-    return jnp.stack([found[np.array(numbers)].sum() for numbers in clusters])
+    hz = frequencies_hz(train, heavy)
+    return jnp.stack([hz[np.array(cluster)].sum() for cluster in clusters])
 
 
 def clusters_of(
     frequencies_hz: Numbers, tolerance: float = CLUSTER
 ) -> tuple[tuple[int, ...], ...]:
-    """Numbers of the modes whose frequencies ``(m,)``, rising, repeat to a relative
-    ``tolerance``; host.
+    """Numbers of the modes of each cluster of frequencies ``(m,)``, rising, that repeat
+    to a relative ``tolerance``; on the host.
     """
     refuse_tracers(
         "clusters_of",
@@ -182,46 +182,44 @@ def clusters_of(
         instead="pass its result to jaxhb.cluster_sums_hz",
         host=True,
     )
-    found = np.asarray(frequencies_hz)
-    starts = np.flatnonzero(
-        np.diff(found, prepend=-np.inf) > tolerance * np.abs(found)
-    ).tolist()
-    return tuple(
-        tuple(range(a, b))
-        for a, b in zip(starts, [*starts[1:], len(found)], strict=True)
-    )
+    hz = np.asarray(frequencies_hz)
+    begins = np.diff(hz, prepend=-np.inf) > tolerance * np.abs(hz)
+    starts = np.flatnonzero(begins).tolist()
+    ends = [*starts[1:], len(hz)]
+    return tuple(tuple(range(a, b)) for a, b in zip(starts, ends, strict=True))
 
 
-def mode_squares(train, heavy):
+def mode_squares(
+    train: DriveTrain, heavy: Sequence[bool] | np.ndarray
+) -> tuple[jax.Array, jax.Array]:
     """omega^2 ``(m,)`` in 1/s2, rising, and mass-normalised displacements ``(S, m)`` in
     kg^(-1/2), differentiable.
     """
     system = chain.assemble(train)
-    kept = np.flatnonzero(heavy)
-    light = np.flatnonzero(~np.array(heavy))
+    heavy_disks = np.flatnonzero(heavy)
+    light_disks = np.flatnonzero(~np.array(heavy))
     rows, stiffness = system.springs()
     # Rows of disks without ground would be zeros.
-    taken = np.append(
-        np.arange(len(system.loss)),
-        len(system.loss) + np.unique(train.topology.ground_disk).astype(int),
-    )
-    rows = rows[taken]
-    stiffness = stiffness[taken]
-    follow = jnp.eye(len(heavy))[:, kept]
-    if len(light):
-        weighted = rows[:, light].T * stiffness
+    links = len(system.loss)
+    grounds = links + np.unique(train.topology.ground_disk).astype(int)
+    elastic = np.append(np.arange(links), grounds)
+    rows = rows[elastic]
+    stiffness = stiffness[elastic]
+    follow = jnp.eye(len(heavy))[:, heavy_disks]
+    if len(light_disks):
+        light_rows = rows[:, light_disks]
+        weighted = light_rows.T * stiffness
         # The pseudo-inverse lets a disk rest that no elastic link moves.
-        follow = follow.at[light].set(
-            -jnp.linalg.pinv(weighted @ rows[:, light]) @ weighted @ rows[:, kept]
+        follow = follow.at[light_disks].set(
+            -jnp.linalg.pinv(weighted @ light_rows) @ weighted @ rows[:, heavy_disks]
         )
-    squares, shapes = modal_basis(
-        stiffness, rows @ follow, jnp.asarray(system.mass)[kept]
-    )
+    mass = jnp.asarray(system.mass)[heavy_disks]
+    squares, shapes = modal_basis(stiffness, rows @ follow, mass)
     return squares, follow @ shapes
 
 
-def _heavy(train, heavy):
-    """Which disks have inertia, as a tuple: as given, else from the values."""
+def _heavy(train: DriveTrain, heavy: Array | None) -> tuple[bool, ...]:
+    """Which disks have inertia: ``heavy`` if it is not None, else from the values."""
     if heavy is not None:
         return tuple(np.asarray(heavy, bool).tolist())
     inertia = concrete(train.disks.inertia, train.dampers.inertia)
@@ -235,9 +233,12 @@ def _heavy(train, heavy):
 
 
 @jax.custom_jvp
-def modal_basis(stiffness, rows, mass):
-    """omega^2 ``(H,)`` rising and mass-normalised shapes ``(H, H)`` of links ``(L,)``
-    with deflections ``rows @ x``.
+def modal_basis(
+    stiffness: jax.Array, rows: jax.Array, mass: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """omega^2 ``(H,)`` in 1/s2, rising, and mass-normalised shapes ``(H, H)`` in
+    kg^(-1/2) of disks ``mass`` ``(H,)`` kg joined by links of ``stiffness`` ``(L,)``
+    N/m with deflections ``rows @ x``.
     """
     root = jnp.sqrt(mass)
     E = jnp.sqrt(stiffness)[:, None] * rows / root
@@ -246,16 +247,17 @@ def modal_basis(stiffness, rows, mass):
     _, singular, right = jnp.linalg.svd(E, full_matrices=False)
     shapes = right[::-1].T / root[:, None]
     rigid = singular[::-1] <= RIGID * len(mass) * singular[0]
-    return (
-        jnp.where(rigid, 0.0, (stiffness[:, None] * (rows @ shapes) ** 2).sum(0)),
-        shapes,
-    )
+    squares = (stiffness[:, None] * (rows @ shapes) ** 2).sum(0)
+    return jnp.where(rigid, 0.0, squares), shapes
 
 
 @modal_basis.defjvp
-def _modal_basis_jvp(primals, tangents):
-    (stiffness, rows, mass) = primals
-    (stiffness_dot, rows_dot, mass_dot) = tangents
+def _modal_basis_jvp(
+    primals: tuple[jax.Array, jax.Array, jax.Array],
+    tangents: tuple[jax.Array, jax.Array, jax.Array],
+) -> tuple[tuple[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]:
+    stiffness, rows, mass = primals
+    stiffness_dot, rows_dot, mass_dot = tangents
     squares, shapes = modal_basis(stiffness, rows, mass)
     bent = rows @ shapes
     bent_dot = rows_dot @ shapes

@@ -1,19 +1,21 @@
-"""Torsional stresses of shafts beside their limits after IACS UR M68, tooth torques,
-and the heat of a link.
+"""Torsional stresses of shafts compared with their limits after IACS UR M68, tooth
+torques, and the heat of a link.
 
 The rule: IACS Unified Requirement M68, "Dimensions of propulsion shafts and their
 permissible torsional vibration stresses", for intermediate, thrust and propeller
-shafts. Crankshafts have another one, UR M53, which is not computed here. Beside it, for
-the torsional stresses of crankshafts and generator shafts: Korean Register, Rules for
-the Classification of Steel Ships 2025 (RA-05-E), Part 5, Chapter 4. To be checked
-against their current texts: an aid to evaluation, no approval by a class.
+shafts. Crankshafts have a rule of their own, UR M53, which is not computed here. For
+the torsional stresses of crankshafts and generator shafts there is besides: Korean
+Register, Rules for the Classification of Steel Ships 2025 (RA-05-E), Part 5, Chapter 4.
+Both are to be checked against their current texts: an aid to evaluation, no approval by
+a class.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -23,28 +25,28 @@ from jaxhb.elements.derived import link_number
 from jaxhb.elements.elements import RULES, suggestion
 from jaxhb.results.answers import with_gaps
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.topology import Topology
 
 CAP = 800e6
 """Tensile strength in Pa beyond which the rule gives no higher limit, for alloy steels;
-for other steels and for propeller shafts it says less, which whoever gives the tensile
-strength has to observe.
+for other steels and for propeller shafts it says less, which the user observes by the
+tensile strength.
 """
 PLATEAU = 0.9  # speed ratio from which the limit of M68 is constant
 NEAR = 0.01  # share of the highest speed of a rule that may be missing
-SHARE_OF_RATED = (
-    1.0 / 3.0
-)  # vibratory torque that a mesh may pass on, over its rated torque
+# Vibratory torque that a mesh may pass on, over its rated torque
+SHARE_OF_RATED = 1.0 / 3.0
 KR_CAP = 835e6
-"""The same as CAP of the rules of the Korean Register: beyond it they leave the limit
-to the society.
+"""CAP of the rules of the Korean Register: beyond it they leave the limit to the
+society.
 """
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Limits by the name of a rule: its ``source``, and shares of the rated speed:
-    ``highest``, up to which it has limits, ``asked``, up to which it asks for stresses,
-    ``passed``, above which it accepts no barred range.
+    """Source of a rule, and shares of the rated speed: ``highest``, up to which it has
+    limits, ``asked``, up to which it requires stresses, and ``passed``, above which it
+    accepts no barred range.
     """
 
     source: str
@@ -61,24 +63,24 @@ _KR = (
 RULE = dict.fromkeys(RULES[3:], Rule(f"{_KR}203 (generators)", 1.1, 1.2, 0.9))
 RULE |= dict.fromkeys(RULES[1:3], Rule(f"{_KR}201 (main engines)", 1.15, 1.2, 0.8))
 RULE |= {RULES[0]: Rule(_M68, 1.05, 1.05, 0.8)}
-"""By its name; 102 of the Korean Register asks for the stresses up to 120 % of the
-rated speed.
+"""Rules by their names; 102 of the Korean Register requires the stresses up to 120 % of
+the rated speed.
 """
 
 
 def corners_of(rule: str) -> tuple[float, ...]:
     """Shares of the rated speed at which a limit of a rule has a step or a corner."""
-    own = (PLATEAU,) if rule == RULES[0] else (RULE[rule].passed, 1.0)
-    return *own, RULE[rule].highest
+    corners = (PLATEAU,) if rule == RULES[0] else (RULE[rule].passed, 1.0)
+    return *corners, RULE[rule].highest
 
 
 def torsional_stress(torque: Number, *, diameter: Number, bore: Number = 0.0) -> Number:
     """Nominal torsional stress in Pa of a round section, ``tau = T / W_p`` with ``W_p =
     pi (d^4 - b^4) / (16 d)``.
 
-    Saint-Venant's theory, without stress concentration. Of ``torque`` in N m, for an
-    amplitude half of the peak-to-peak; ``diameter`` and ``bore`` in m; numbers or
-    arrays ``(...)``. Differentiable; numpy on the host.
+    Saint-Venant's theory, without stress concentration. ``torque`` is in N m, half of
+    the peak-to-peak for an amplitude; ``diameter`` and ``bore`` in m; numbers or arrays
+    ``(...)``. Differentiable; numpy on the host.
 
     >>> round(float(torsional_stress(1000.0, diameter=0.1, bore=0.05)))
     5432489
@@ -98,7 +100,7 @@ def permissible_stress(
     """Permissible amplitudes of the torsional vibration stress after a rule, continuous
     and transient.
 
-    After IACS UR M68, for intermediate, thrust and propeller shafts (M68.5), not for
+    IACS UR M68 is for intermediate, thrust and propeller shafts (M68.5), not for
     crankshafts (UR M53). In MPa and mm::
 
         tau_C = (sigma_B + 160) / 18 C_K C_D (3 - 2 lambda^2)     lambda < 0.9
@@ -106,7 +108,7 @@ def permissible_stress(
         C_D   = 0.35 + 0.93 d^-0.2
         tau_T = 1.7 tau_C / sqrt(C_K)
 
-    Of the outer ``diameter`` d in m; the ``stress_concentration`` C_K, the factor of
+    with the outer ``diameter`` d in m; the ``stress_concentration`` C_K, the factor of
     the rule for the form: 1 for an integral flange, 0.6 for a keyway on a taper, 1.45 /
     scf for a notch with stress concentration factor scf; the specified minimum
     ``tensile_strength`` sigma_B in Pa, counted up to 800 MPa, of which the rule counts
@@ -115,11 +117,11 @@ def permissible_stress(
     ``(...)``, the limits in Pa: infinite where lambda is above 1.05, for which the rule
     says nothing. Differentiable; numpy on the host.
 
-    The others are those of the Korean Register, Rules for the Classification of Steel
-    Ships 2025 (RA-05-E), Part 5, Chapter 4, to be checked against the current text.
-    Kind A is a four-stroke in line, or in vee with firing intervals of 45 or 60 deg; B
-    is a two-stroke, or a four-stroke in another vee. In MPa, ``tau_T`` up to the lambda
-    given, above it ``tau_C``, as no passing is accepted there::
+    The other rules are those of the Korean Register, Rules for the Classification of
+    Steel Ships 2025 (RA-05-E), Part 5, Chapter 4, to be checked against the current
+    text. Kind A is a four-stroke in line, or in vee with firing intervals of 45 or 60
+    deg; B is a two-stroke, or a four-stroke in another vee. In MPa, ``tau_T`` up to the
+    stated lambda, above it ``tau_C``, as no passing is accepted there::
 
         201, crankshafts, c = 24 (A) or 29 (B):
             tau_C = f (45 - c lambda^2)                                 lambda <= 1
@@ -136,7 +138,7 @@ def permissible_stress(
 
     with the ``yield_strength`` Y in Pa, and sigma_B, counted up to 835 MPa, of which
     the rule counts 590 MPa at the most for carbon steels. They do not depend on the
-    diameter. ValueError of another rule.
+    diameter. ValueError if there is no such rule.
 
     Examples
     --------
@@ -158,22 +160,32 @@ def permissible_stress(
     strength = xp.minimum(tensile_strength, CAP) / 1e6
     slope = xp.where(ratio < PLATEAU, 3.0 - 2.0 * ratio**2, 3.0 - 2.0 * PLATEAU**2)
     continuous = 1e6 * (strength + 160.0) / 18.0 * stress_concentration * size * slope
-    # both are masked, not one computed from the other: the derivative of what is
-    # infinite would be nan
-    limits = continuous, 1.7 * continuous / stress_concentration**0.5
-    return tuple(
-        xp.where(ratio > RULE[rule].highest, math.inf, limit) for limit in limits
+    # Both are masked, not one computed from the other: the derivative of an infinite
+    # limit would be nan.
+    transient = 1.7 * continuous / stress_concentration**0.5
+    beyond = ratio > RULE[rule].highest
+    return (
+        xp.where(beyond, math.inf, continuous),
+        xp.where(beyond, math.inf, transient),
     )
 
 
-def _korean(xp, rule, ratio, tensile_strength, yield_strength):
-    """:func:`permissible_stress` after the Korean Register."""
-    continuous = xp.ones_like(ratio) * (
-        31.0 if rule == RULES[5] else 21.0 if rule.endswith("A") else 16.0
-    )
+def _korean(
+    xp: ModuleType,
+    rule: str,
+    ratio: Array,
+    tensile_strength: Number,
+    yield_strength: Number,
+) -> tuple[Array, Array]:
+    """Apply :func:`permissible_stress` after the Korean Register."""
+    of_kind_a = rule.endswith("A")
+    amplitude = 21.0 if of_kind_a else 16.0
+    if rule == RULES[5]:
+        amplitude = 31.0
+    continuous = xp.ones_like(ratio) * amplitude
     passing = xp.ones_like(ratio) * (118.0 if rule == RULES[5] else 90.0)
     if rule in RULES[1:3]:
-        below = 45.0 - (24.0 if rule.endswith("A") else 29.0) * ratio**2
+        below = 45.0 - (24.0 if of_kind_a else 29.0) * ratio**2
         # The root has no derivative at 1: another number stands there.
         above = 237.0 * (ratio - 0.8) * xp.where(ratio > 1.0, ratio - 1.0, 1.0) ** 0.5
         passing = 2.0 * below
@@ -183,9 +195,11 @@ def _korean(xp, rule, ratio, tensile_strength, yield_strength):
     passing = (
         1e6 * passing * xp.maximum(xp.asarray(yield_strength, dtype=float) / 225e6, 1.0)
     )
-    limits = continuous, xp.where(ratio > RULE[rule].passed, continuous, passing)
-    return tuple(
-        xp.where(ratio > RULE[rule].highest, math.inf, limit) for limit in limits
+    transient = xp.where(ratio > RULE[rule].passed, continuous, passing)
+    beyond = ratio > RULE[rule].highest
+    return (
+        xp.where(beyond, math.inf, continuous),
+        xp.where(beyond, math.inf, transient),
     )
 
 
@@ -196,8 +210,7 @@ class BarredRange:
 
     Parameters
     ----------
-    low, high : float, rpm; they and what follows are arrays where they are
-    differentiated
+    low, high : float, rpm; all numbers are arrays where they are differentiated
     at : float, rpm, of the computed speed with the largest share of the limit
     share, transient_share : float, stress over the continuous limit there, and the
     largest over the transient limit
@@ -227,58 +240,55 @@ def barred_ranges(
     """Speed ranges in which a stress is above its continuous limit, by rising speed; on
     the host.
 
-    Bounds lie where stress less limit, linear between computed speeds, is zero: what is
-    narrower than their step may be missed. The numbers have derivatives, the bounds
-    those of that zero.
+    Bounds lie where stress less limit, linear between computed speeds, is zero: ranges
+    narrower than the step of the speeds may be missed. The numbers have derivatives,
+    the bounds those of that zero.
 
-    ``rpm`` ``(n,)``, the others ``(n,)`` Pa, see :func:`permissible_stress`; speeds
-    without a number or without a limit are left out. ValueError inside ``jit`` or
-    ``vmap``, as the values decide how many ranges there are.
+    ``rpm`` ``(n,)``, the stress and its limits ``(n,)`` Pa, see
+    :func:`permissible_stress`; speeds without a number or without a limit are left out.
+    ValueError inside ``jit`` or ``vmap``, as the values decide how many ranges there
+    are.
 
     >>> limit = np.full(4, 30e6)
-    >>> found = barred_ranges(
+    >>> ranges = barred_ranges(
     ...     [100.0, 200.0, 300.0, 400.0],
     ...     np.array([10e6, 40e6, 60e6, 20e6]),
     ...     limit,
     ...     1.7 * limit,
     ... )
-    >>> [(round(r.low, 3), round(r.high, 3), r.share, r.passable) for r in found]
+    >>> [(round(r.low, 3), round(r.high, 3), r.share, r.passable) for r in ranges]
     [(166.667, 375.0, 2.0, False)]
     """
-    given = (rpm, stress, continuous, transient)
-    values = concrete(*given)
+    columns = (rpm, stress, continuous, transient)
+    values = concrete(rpm, stress, continuous, transient)
     if traced(values):
         raise ValueError(
             "barred_ranges: jit or vmap traces the stresses, and these decide how many"
             " ranges there are. Call it outside, where it has derivatives."
         )
-    number = namespace(given).asarray if traced(given) else float
-    # Values decide which ranges there are; derivatives, where wanted, go through the
-    # numbers as given.
-    values, rows = _rows(np, values), _rows(namespace(given), given)
+    number = namespace(columns).asarray if traced(columns) else float
+    # Values decide which ranges there are; derivatives go through the arguments.
+    values = _rows(np, values)
+    rows = _rows(namespace(columns), columns)
     counted = np.flatnonzero(np.isfinite(values).all(axis=0))
     counted = counted[np.argsort(values[0, counted], kind="stable")]
-    values, (speed, stress, continuous, transient) = (
-        values[:, counted],
-        rows[:, counted],
-    )
-    excess, share, transient_share = (
-        stress - continuous,
-        stress / continuous,
-        stress / transient,
-    )
+    values = values[:, counted]
+    speed, stress, continuous, transient = rows[:, counted]
+    excess = stress - continuous
+    share = stress / continuous
+    transient_share = stress / transient
     last = len(counted) - 1
 
-    def bound(inside, outside):
-        """Where the excess, linear between a speed within the range and one beyond, is
-        zero; the former at an end.
+    def bound(inside: int, outside: int) -> Array:
+        """Speed at which the excess, linear between a speed within the range and one
+        beyond, is zero; the speed within at an end.
         """
         if not 0 <= outside <= last:
             return speed[inside]
         i, j = sorted((inside, outside))
         return speed[i] + (speed[j] - speed[i]) * excess[i] / (excess[i] - excess[j])
 
-    def barred(first, end):
+    def barred(first: int, end: int) -> BarredRange:
         worst = first + int(np.argmax((values[1] / values[2])[first:end]))
         return BarredRange(
             low=number(bound(first, first - 1)),
@@ -291,16 +301,15 @@ def barred_ranges(
         )
 
     # A zero at either end closes ranges that go on beyond the computed speeds.
-    edges = np.flatnonzero(
-        np.diff(np.concatenate([[0], (values[1] > values[2]).astype(int), [0]]))
-    ).tolist()
+    above = (values[1] > values[2]).astype(int)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], above, [0]]))).tolist()
     return tuple(
         barred(first, end) for first, end in zip(edges[::2], edges[1::2], strict=True)
     )
 
 
-def _rows(xp, columns):
-    """Columns over the speeds as the rows of one array ``(4, n)``."""
+def _rows(xp: ModuleType, columns: tuple[Array, ...]) -> Array:
+    """Stack columns over the speeds as the rows of one array ``(4, n)``."""
     return xp.stack(
         [
             xp.broadcast_to(xp.asarray(column, dtype=float), np.shape(columns[0]))
@@ -314,9 +323,9 @@ class Stress(NamedTuple):
     Pa; limits None without.
     """
 
-    stress: np.ndarray
-    continuous: np.ndarray | None
-    transient: np.ndarray | None
+    stress: Array
+    continuous: Array | None
+    transient: Array | None
 
 
 class ToothTorque(NamedTuple):
@@ -324,23 +333,23 @@ class ToothTorque(NamedTuple):
     whether it changes its sign.
     """
 
-    vibratory: np.ndarray
-    limit: np.ndarray
-    mean: np.ndarray
-    reverses: np.ndarray
+    vibratory: Array
+    limit: Number
+    mean: Array
+    reverses: Array
 
 
 class Heat(NamedTuple):
     """Power that a shaft or damper turns into heat and its limit, ``(...)`` W."""
 
-    power: np.ndarray
-    limit: np.ndarray
+    power: Array
+    limit: Number
 
 
 class Judged(NamedTuple):
-    """Source of a rule; rpm up to which it has limits, up to which it asks for
-    stresses, and up to which these are known; and whether that is all it asks for, but
-    for 1 %.
+    """Source of a rule; rpm up to which it has limits, up to which it requires
+    stresses, and up to which these are computed; and whether they are all it requires,
+    but for 1 %.
     """
 
     source: str
@@ -353,7 +362,7 @@ class Judged(NamedTuple):
 @brief
 @dataclass(frozen=True)
 class Strength:
-    """Stresses, tooth torques and heat beside their limits; made by :func:`strength`.
+    """Stresses, tooth torques and heat with their limits; made by :func:`strength`.
 
     Parameters
     ----------
@@ -367,7 +376,7 @@ class Strength:
         repeats the motion
     """
 
-    rpm: np.ndarray
+    rpm: Array
     rated_rpm: float | None
     stresses: dict
     tooth_torques: dict
@@ -375,8 +384,8 @@ class Strength:
     rules: dict = field(default_factory=dict)
     unconfirmed: np.ndarray | None = None
 
-    def __bool__(self):
-        """Whether the scene gives anything to be judged by."""
+    def __bool__(self) -> bool:
+        """Whether the scene has anything to judge by limits."""
         return bool(self.stresses or self.tooth_torques or self.heat)
 
     @property
@@ -389,51 +398,50 @@ class Strength:
             for name, row in self.stresses.items()
             if row.continuous is not None
         }
-        return {name: barred_ranges(self.rpm, *row) for name, row in limited.items()}
+        return {
+            name: barred_ranges(self.rpm, row.stress, row.continuous, row.transient)
+            for name, row in limited.items()
+        }
 
     @property
     def judged(self) -> dict[str, Judged]:
-        """Of every rule the speeds that it has limits for and asks for, and those that
-        the stresses reach.
+        """Speeds of every rule, for which it has limits and requires stresses, and up
+        to which the stresses reach.
         """
-        found = {}
+        by_rule = {}
         for name, rule in self.rules.items():
-            known = np.isfinite(
-                np.broadcast_to(self.stresses[name].stress, np.shape(self.rpm))
+            stress = np.broadcast_to(self.stresses[name].stress, np.shape(self.rpm))
+            reached = float(np.max(np.where(np.isfinite(stress), self.rpm, 0.0)))
+            rated = self.rated_rpm or 0.0
+            required = RULE[rule].asked * rated
+            judgement = Judged(
+                source=RULE[rule].source,
+                limits_to_rpm=RULE[rule].highest * rated,
+                asked_to_rpm=required,
+                known_to_rpm=reached,
+                complete=reached >= (1 - NEAR) * required,
             )
-            reached = float(np.max(np.where(known, self.rpm, 0.0)))
-            limits, asked = (
-                share * (self.rated_rpm or 0.0)
-                for share in (RULE[rule].highest, RULE[rule].asked)
-            )
-            found.setdefault(
-                rule,
-                Judged(
-                    RULE[rule].source,
-                    limits,
-                    asked,
-                    reached,
-                    reached >= (1 - NEAR) * asked,
-                ),
-            )
-        return found
+            by_rule.setdefault(rule, judgement)
+        return by_rule
 
 
 def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
-    """Stresses, tooth torques and heat of a motion beside the limits that the scene
-    gives.
+    """Compare stresses, tooth torques and heat of a motion with the limits of the
+    scene.
 
-    Of a Response or ForcedResponse of one speed or of several, nan where its equations
-    are not solved, or a SteadyState. ``train`` is what is judged, by default that of
-    the response: one that comes out of a jax transformation has none, nor has a motion
-    that never repeats, and ValueError asks for it. Differentiable. Of every shaft with
-    a ``diameter`` (or ``outer``) half of the peak-to-peak torque over W_p, and with a
-    ``tensile_strength`` its limits at this speed over ``rated_rpm`` after its ``rule``,
-    see :func:`jaxhb.permissible_stress` (IACS UR M68: not for crankshafts). Of every
-    mesh with a ``rated_torque`` half of the peak-to-peak torque on its first gear,
-    which must not exceed a third of the rated torque, nor may the torque reverse. Of
-    every shaft and damper with a ``power_limit`` its heat. An aid to evaluation, no
-    class approval.
+    ``response`` is a Response or ForcedResponse of one speed or of several, nan where
+    its equations are not solved, or a SteadyState. ``train`` is the train to be judged,
+    by default that of the response: a response that comes out of a jax transformation
+    has none, nor has a motion that never repeats, and ValueError asks for it.
+    Differentiable.
+
+    Every shaft with a ``diameter`` (or ``outer``) has as stress half of the
+    peak-to-peak torque over W_p, and with a ``tensile_strength`` its limits at this
+    speed over ``rated_rpm`` after its ``rule``, see :func:`jaxhb.permissible_stress`
+    (IACS UR M68: not for crankshafts). Every mesh with a ``rated_torque`` has half of
+    the peak-to-peak torque on its first gear, which must not exceed a third of the
+    rated torque, nor may the torque reverse. Every shaft and damper with a
+    ``power_limit`` has its heat. An aid to evaluation, no class approval.
 
     >>> import math
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
@@ -442,10 +450,10 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     ...     jaxhb.Shaft(between=("a", "b"), stiffness=100.0, diameter=0.01, bore=0.0)
     ... ]
     >>> train = jaxhb.build(parts, revolutions_per_cycle=1)
-    >>> found = strength(jaxhb.forced_response(train, rpm=2.5 * 30 / math.pi))
+    >>> result = strength(jaxhb.forced_response(train, rpm=2.5 * 30 / math.pi))
     >>> (
-    ...     round(float(found.stresses["a|b"].stress) / 1e6, 4),
-    ...     found.stresses["a|b"].continuous,
+    ...     round(float(result.stresses["a|b"].stress) / 1e6, 4),
+    ...     result.stresses["a|b"].continuous,
     ... )
     (27.1624, None)
     """
@@ -457,8 +465,8 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     return judged(train_of(response, train), response.rpm, motion)
 
 
-def train_of(response, train=None):
-    """The train that is given, or that of the response."""
+def train_of(response: Any, train: DriveTrain | None = None) -> DriveTrain:
+    """The ``train``, by default that of the response; ValueError if there is none."""
     solution = response.solution
     train = solution.train if train is None and solution is not None else train
     if train is None:
@@ -469,29 +477,26 @@ def train_of(response, train=None):
     return train
 
 
-def judged(train, rpm, motion) -> Strength:
-    """The :class:`Strength` of a train whose ``motion`` tells ``power(name)``, and of
-    ``torque(name)`` and ``force(name)`` the ``mean``, ``min``, ``max`` and
-    ``half_peak_to_peak``.
+def judged(train: DriveTrain, rpm: Array, motion: Any) -> Strength:
+    """The :class:`Strength` of a train whose ``motion`` has ``power(name)``, and
+    ``mean``, ``min``, ``max`` and ``half_peak_to_peak`` of ``torque(name)`` and
+    ``force(name)``.
     """
     topology = train.topology
     stresses = {}
     rules = {}
     for name in having(topology, "shaft", "outer", "diameter"):
         stress = stress_of(train, name, motion.torque(name).half_peak_to_peak)
-        limited = topology.has_key(topology.link_index(name)[0], "tensile_strength")
-        stresses[name] = Stress(
-            stress, *(stress_limits(train, name, rpm) if limited else (None, None))
-        )
-        rules |= (
-            {name: topology.shaft_rules[topology.link_index(name)[0]]}
-            if limited
-            else {}
-        )
+        continuous = transient = None
+        link, _ = topology.link_index(name)
+        if topology.has_key(link, "tensile_strength"):
+            continuous, transient = stress_limits(train, name, rpm)
+            rules[name] = topology.shaft_rules[link]
+        stresses[name] = Stress(stress, continuous, transient)
 
-    def tooth_torque(name):
+    def tooth_torque(name: str) -> ToothTorque:
         force = motion.force(name)
-        (radius, limit) = rated_gear(train, name)
+        radius, limit = rated_gear(train, name)
         reverses = (force.min < 0) & (force.max > 0)
         return ToothTorque(
             radius * force.half_peak_to_peak, limit, radius * force.mean, reverses
@@ -514,55 +519,62 @@ def judged(train, rpm, motion) -> Strength:
     )
 
 
-def having(topology, table, *keys):
-    """Names of the links of a table that were built with one of the keys."""
+def having(topology: Topology, table: str, *keys: str) -> list[str]:
+    """Names of the links of a table that have one of the keys in the scene."""
     names = getattr(topology, f"{table}_names") if topology.link_keys else ()
     links = [link_number(topology, table, i) for i in range(len(names))]
     return [
-        n
-        for n, link in zip(names, links, strict=True)
+        name
+        for name, link in zip(names, links, strict=True)
         if any(topology.has_key(link, key) for key in keys)
     ]
 
 
-def section(train, name):
-    """Outer diameter and bore in m at which a shaft is judged: its own, or those of its
-    stiffness.
+def section(train: DriveTrain, name: str) -> tuple[Number, Number]:
+    """Outer diameter and bore in m at which a shaft is judged: its ``diameter`` and
+    ``bore``, else those of its stiffness.
     """
-    i = train.topology.link_index(name)[0]
+    shaft, _ = train.topology.link_index(name)
     shafts = train.shafts
-    own = train.topology.has_key(i, "diameter")
-    outside, hole = (
-        (shafts.diameter, shafts.bore) if own else (shafts.outer, shafts.inner)
-    )
+    if train.topology.has_key(shaft, "diameter"):
+        diameter = shafts.diameter
+        bore = shafts.bore
+    else:
+        diameter = shafts.outer
+        bore = shafts.inner
     # A field that no shaft of the train has is None, not zeros.
-    return outside[i], 0.0 if hole is None else hole[i]
+    return diameter[shaft], 0.0 if bore is None else bore[shaft]
 
 
-def stress_of(train, name, torque):
-    """Nominal stress in Pa that a torque in N m makes in a shaft."""
+def stress_of(train: DriveTrain, name: str, torque: Number) -> Array:
+    """Nominal stress in Pa of a shaft under a torque in N m."""
     diameter, bore = section(train, name)
-    return torsional_stress(torque, diameter=diameter, bore=bore)
+    # An array, as the diameter is one.
+    return cast("Array", torsional_stress(torque, diameter=diameter, bore=bore))
 
 
-def stress_limits(train, name, rpm):
+def stress_limits(train: DriveTrain, name: str, rpm: Number) -> tuple[Array, Array]:
     """Continuous and transient limit in Pa of a shaft at speeds of the reference
     rotor.
     """
-    i = train.topology.link_index(name)[0]
+    shaft, _ = train.topology.link_index(name)
     shafts = train.shafts
-    has = train.topology.has_key
-    keys = [key for key in ("stress_concentration", "yield_strength") if has(i, key)]
+    optional = {
+        key: getattr(shafts, key)[shaft]
+        for key in ("stress_concentration", "yield_strength")
+        if train.topology.has_key(shaft, key)
+    }
+    diameter, _ = section(train, name)
     return permissible_stress(
-        **{key: getattr(shafts, key)[i] for key in keys},
-        diameter=section(train, name)[0],
-        tensile_strength=shafts.tensile_strength[i],
+        diameter=diameter,
+        tensile_strength=shafts.tensile_strength[shaft],
         speed_ratio=namespace(rpm).asarray(rpm) / train.topology.rated_rpm,
-        rule=train.topology.shaft_rules[i],
+        rule=train.topology.shaft_rules[shaft],
+        **optional,
     )
 
 
-def rated_gear(train, name):
+def rated_gear(train: DriveTrain, name: str) -> tuple[Number, Number]:
     """Pitch radius in m of the first gear of a mesh, and the vibratory torque in N m
     that it may pass on.
     """
@@ -571,7 +583,7 @@ def rated_gear(train, name):
     return train.disks.radius[first], SHARE_OF_RATED * train.meshes.rated_torque[mesh]
 
 
-def power_limit(train, name):
+def power_limit(train: DriveTrain, name: str) -> Number:
     """Power in W that a shaft or damper may turn into heat."""
     table, index = train.topology.elements[name]
     return getattr(train, f"{table}s").power_limit[index]

@@ -7,14 +7,17 @@ method with steps halved until the energy falls, on the host. Derivatives are th
 two more steps: the first has the first, the second the second.
 """
 
+from __future__ import annotations
+
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxhb._jax import Number, added, concrete, namespace, on_host, traced
+from jaxhb._jax import Array, Number, added, concrete, namespace, on_host, traced
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import backlash
@@ -25,23 +28,23 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 from jaxhb.train.varying import without_tables
 
-STEPS, HALVINGS = 200, 40  # of Newton's method at most, and of a step of it
-SOLVED = (
-    1e-10  # force left over the largest mean force at which the equilibrium is found
-)
+STEPS = 200  # of Newton's method, at most
+HALVINGS = 40  # of one step, at most
+# Force left, over the largest mean force, at which the equilibrium is found
+SOLVED = 1e-10
 # Tooth force over the largest mean force below which a mesh begins in the middle of its
 # gap
 IDLE = 1e-9
 # Singular value of a tangent stiffness over the largest that is rounding of a rigid
 # motion
 SINGULAR = 1e-14
-UNBALANCED = (
-    1e-9  # mean torque left over the largest from which the train does not run steadily
-)
-ROUNDED = 1e-14  # of the work of the loads, by which an energy may rise in rounding
+# Mean torque left, over the largest, from which the train does not run steadily
+UNBALANCED = 1e-9
+# Share of the work of the loads by which an energy may rise in rounding
+ROUNDED = 1e-14
 DENSE_DISKS = 1000  # up to which the equilibrium is found with dense matrices
-# Of the largest stiffness, by which a train of more disks is held; the next steps take
-# back its force
+# Share of the largest stiffness with which a train of more disks is held; the next
+# steps take back its force
 HELD = 1e-12
 ANY_SPEED = 1000.0  # rpm, where a scene names none
 
@@ -54,9 +57,8 @@ class MeanLoad:
 
     Parameters
     ----------
-    train : DriveTrain, without backlash, its meshes with the slopes, its shafts and
-    dampers with them in place of
-        stages, stops, clearance and friction
+    train : DriveTrain, without backlash; its meshes, shafts and dampers have the slopes
+        in place of backlash, stages, stops, clearance and friction
     names : tuple of str, meshes with backlash
     force : ``(m,)`` N, mean elastic tooth force
     stiffness : ``(m,)`` N/m, slope f'(l)
@@ -74,16 +76,16 @@ class MeanLoad:
 
     train: Any
     names: tuple
-    force: np.ndarray
-    stiffness: np.ndarray
-    engagement: np.ndarray
-    share: np.ndarray
+    force: Array
+    stiffness: Array
+    engagement: Array
+    share: Array
     rpm: Number
     links: tuple
-    torque: np.ndarray
-    twist: np.ndarray
-    link_stiffness: np.ndarray
-    angle: np.ndarray
+    torque: Array
+    twist: Array
+    link_stiffness: Array
+    angle: Array
     loaded: bool = True
 
 
@@ -95,58 +97,59 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
     their slope there; dry friction is left out. At ``rpm`` of the reference rotor,
     whose mean torques act. All numbers have first and second derivatives with respect
     to the train and the speed; slopes, epsilon c in the gap and c beyond the knee, are
-    piecewise linear in the deflection, and so are theirs. :class:`SceneError` if mean
-    torques do not balance, no equilibrium is found, or links vary; ValueError inside
-    ``jit`` or ``vmap``, as the equilibrium is looked for on the host.
+    piecewise linear in the deflection. :class:`SceneError` if mean torques do not
+    balance, no equilibrium is found, or links vary; ValueError inside ``jit`` or
+    ``vmap``, as the equilibrium is found on the host.
 
     >>> at_mean_load(jaxhb.load_scene("spur_pair"), rpm=2000.0).engagement.tolist()
     [1.0]
     """
-    values, at = _concrete(train, rpm)
-    check_speed(values, at)
-    name = train.topology.title
-    equations = _equations(values, at)
+    values, speed = _concrete(train, rpm)
+    check_speed(values, speed)
+    title = train.topology.title
+    equations = _equations(values, speed)
     if not equations.balanced:
         raise SceneError(
-            f"{name} at {at:g} rpm: mean torques do not balance, so there is no mean"
-            " load. Add a load."
+            f"{title} at {speed:g} rpm: mean torques do not balance, so there is no"
+            " mean load. Add a load."
         )
     x = _equilibrium(equations)
     if x is None:
         raise SceneError(
-            f"{name} at {at:g} rpm: no equilibrium of the mean torques was found. Leave"
-            " out --at."
+            f"{title} at {speed:g} rpm: no equilibrium of the mean torques was found."
+            " Leave out --at."
         )
     return _mean_load(train, rpm, equations, x, pressed=False)
 
 
 def at_pressed_load(train: DriveTrain, *, rpm: Number | None = None) -> MeanLoad:
-    """The same with all gaps closed, those of clearances too: stages and stops at the
-    mean load of a speed, by default :func:`own_speed`.
+    """Linearise as :func:`at_mean_load` with all gaps closed, those of clearances too:
+    stages and stops at the mean load of a speed, by default :func:`own_speed`.
 
-    ``train`` of it has meshes and links that vary as they were. At rest where nothing
-    balances the mean torques.
+    The ``train`` of the result keeps its meshes, and its links that vary. It is at rest
+    where nothing balances the mean torques.
     """
-    values, at = _concrete(train, own_speed(train) if rpm is None else rpm)
-    equations = _equations(in_contact(without_tables(values)), at)
+    values, speed = _concrete(train, own_speed(train) if rpm is None else rpm)
+    equations = _equations(in_contact(without_tables(values)), speed)
     x = _equilibrium(equations) if equations.balanced else None
     statics = in_contact(without_tables(train))
-    load = _mean_load(statics, at if rpm is None else rpm, equations, x, pressed=True)
+    load_speed = speed if rpm is None else rpm
+    load = _mean_load(statics, load_speed, equations, x, pressed=True)
     return dataclasses.replace(
         load, train=with_slopes(train, load), loaded=x is not None
     )
 
 
 def linear_train(train: DriveTrain, *, rpm: Number | None = None) -> DriveTrain:
-    """The train that linear calculations take: that of :func:`at_pressed_load`; itself
-    if no shaft or damper has stages, stops, clearance or friction.
+    """The train of linear calculations: that of :func:`at_pressed_load`, or the train
+    itself if no shaft or damper has stages, stops, clearance or friction.
     """
     return at_pressed_load(train, rpm=rpm).train if train.topology.springs else train
 
 
 def own_speed(train: DriveTrain) -> float:
-    """The speed in rpm whose mean load counts where none is asked for: the rated one,
-    else the highest at which the scene gives a torque.
+    """Default speed in rpm of the mean load: the rated speed, else the highest at which
+    the scene gives a torque.
     """
     (values,) = _concrete(train)
     return float(
@@ -154,7 +157,8 @@ def own_speed(train: DriveTrain) -> float:
     )
 
 
-def _concrete(*trees):
+def _concrete(*trees: Any) -> Any:
+    """Values of trees; refuses trees traced by ``jit`` or ``vmap``."""
     values = concrete(*trees)
     if traced(values):
         raise ValueError(
@@ -166,111 +170,114 @@ def _concrete(*trees):
     return values
 
 
-def _mean_load(train, rpm, equations, x, pressed):
-    """The :class:`MeanLoad` at the equilibrium ``x``; None: at rest."""
+def _mean_load(
+    train: DriveTrain,
+    rpm: Number,
+    equations: _Equations,
+    x: np.ndarray | None,
+    pressed: bool,
+) -> MeanLoad:
+    """The :class:`MeanLoad` at the equilibrium ``x`` ``(S,)`` in m; at rest if it is
+    None.
+    """
     topology = train.topology
     system = equations.system
     if x is None:
-        found = _read(equations, np.zeros(len(system.mass)), pressed)
+        state = _state_at(equations, np.zeros(len(system.mass)), pressed)
     elif traced(train, rpm):
-        import jax  # which is there, as it traces
+        import jax  # which is loaded already, as it traces
 
-        found = jax.jit(partial(_refined, pressed=pressed))(train, rpm, x)
+        state = jax.jit(partial(_refined, pressed=pressed))(train, rpm, x)
     else:
-        found = _read(equations, x, pressed)
+        state = _state_at(equations, x, pressed)
     gaps = np.flatnonzero(topology.mesh_backlash)
     first = len(topology.link_names) - len(topology.mesh_names)
     links = np.array(
         list(dict.fromkeys(link for link, *_ in topology.springs)), dtype=int
     )
     arm = system.radius[system.tree.end_a[links]]
-    rigid = (
-        np.asarray(chain.rigid_shape(train, system.radius))
-        if not traced(train)
-        else None
-    )
-    still = (
-        found.displacement
-        if rigid is None
-        else found.displacement - chain.drift(system, rigid, found.displacement)
-    )
+    displacement = state.displacement
+    if not traced(train):
+        rigid = np.asarray(chain.rigid_shape(train, system.radius))
+        displacement = displacement - chain.drift(system, rigid, displacement)
     load = MeanLoad(
-        None,
-        tuple(topology.mesh_names[i] for i in gaps),
-        *(
-            values[gaps]
-            for values in (found.force, found.slope, found.engagement, found.share)
-        ),
+        train=None,
+        names=tuple(topology.mesh_names[i] for i in gaps),
+        force=state.force[gaps],
+        stiffness=state.slope[gaps],
+        engagement=state.engagement[gaps],
+        share=state.share[gaps],
         rpm=rpm,
         links=tuple(topology.link_names[link] for link in links),
-        torque=found.link_force[links] * arm,
-        twist=found.deflection[links] / arm,
-        link_stiffness=found.link_slope[links] * arm**2,
-        angle=chain.to_angles(system, still),
+        torque=state.link_force[links] * arm,
+        twist=state.deflection[links] / arm,
+        link_stiffness=state.link_slope[links] * arm**2,
+        angle=chain.to_angles(system, displacement),
     )
-    bare = linearised(with_slopes(train, load))
-    meshes = dataclasses.replace(bare.meshes, stiffness=found.link_slope[first:])
-    return dataclasses.replace(load, train=dataclasses.replace(bare, meshes=meshes))
+    linear = linearised(with_slopes(train, load))
+    meshes = dataclasses.replace(linear.meshes, stiffness=state.link_slope[first:])
+    return dataclasses.replace(load, train=dataclasses.replace(linear, meshes=meshes))
 
 
-def with_slopes(train, load):
+def with_slopes(train: DriveTrain, load: MeanLoad) -> DriveTrain:
     """The train whose shafts and dampers have the stiffness of a mean load in place of
-    what acts beside it.
+    their stages, stops, clearance and friction.
     """
     topology = train.topology
     slopes = dict(zip(load.links, load.link_stiffness, strict=True))
 
-    def table(numbers, names):
+    def sloped(table, names: Sequence[str]):
         if not slopes.keys() & set(names):
-            return numbers
-        xp = namespace(numbers, load.link_stiffness)
+            return table
+        xp = namespace(table, load.link_stiffness)
         rows = [
-            slopes.get(name, given)
-            for name, given in zip(names, numbers.stiffness, strict=True)
+            slopes.get(name, stiffness)
+            for name, stiffness in zip(names, table.stiffness, strict=True)
         ]
         return dataclasses.replace(
-            numbers, stiffness=xp.stack([xp.asarray(row, dtype=float) for row in rows])
+            table, stiffness=xp.stack([xp.asarray(row, dtype=float) for row in rows])
         )
 
     return dataclasses.replace(
         train,
         topology=dataclasses.replace(topology, springs=()),
-        shafts=table(train.shafts, topology.shaft_names),
-        dampers=table(train.dampers, topology.damper_names),
+        shafts=sloped(train.shafts, topology.shaft_names),
+        dampers=sloped(train.dampers, topology.damper_names),
     )
 
 
 class _Equations(NamedTuple):
     """Static equations of the train under the mean torques ``load`` ``(S,)`` N: links
-    of ``constant`` stiffness ``(L,)`` N/m, and beside them laws ``(E,)`` of all meshes
-    and of what acts beside shafts, at ``link`` ``(E,)``; ``clearance`` ``(E,)``:
-    whether it is the play of a shaft.
+    of ``constant`` stiffness ``(L,)`` N/m, and parallel to them laws ``(E,)`` of all
+    meshes and of stages, stops and clearance of shafts, at ``link`` ``(E,)``;
+    ``clearance`` ``(E,)``: whether a law is the play of a shaft.
     """
 
     system: chain.System
-    constant: np.ndarray
+    constant: Array
     law: backlash.Law
-    link: np.ndarray
+    link: Array
     clearance: np.ndarray
-    load: np.ndarray
+    load: Array
     balanced: bool
 
-    def on_links(self, values):
-        """Sums ``(L,)`` of the values ``(E,)`` of laws."""
+    def on_links(self, values: Array) -> Array:
+        """Sums ``(L,)`` over each link of the values ``(E,)`` of laws."""
         return added(namespace(values).zeros(len(self.constant)), self.link, values)
 
-    def links(self, deflection):
-        """Force ``(L,)`` N and slope ``(L,)`` N/m of the links."""
-        at = deflection[self.link]
-        force = backlash.force(self.law, at)
-        slope = backlash.slope(self.law, at)
-        return self.constant * deflection + self.on_links(
-            force
-        ), self.constant + self.on_links(slope)
+    def links(self, deflection: Array) -> tuple[Array, Array]:
+        """Force ``(L,)`` N and slope ``(L,)`` N/m of the links at ``deflection``
+        ``(L,)`` m.
+        """
+        law_deflection = deflection[self.link]
+        force = backlash.force(self.law, law_deflection)
+        slope = backlash.slope(self.law, law_deflection)
+        link_force = self.constant * deflection + self.on_links(force)
+        return link_force, self.constant + self.on_links(slope)
 
-    def unbalanced(self, x):
+    def unbalanced(self, x: Array) -> Array:
         """Force ``(S,)`` in N that the links and grounds leave of the load at
-        displacements ``(S,)``.
+        displacements ``(S,)`` m.
         """
         force, _ = self.links(self.system.deflections(x))
         return self.load - self.system.spread(force) - self.system.ground * x
@@ -299,7 +306,7 @@ class _Equations(NamedTuple):
         ) @ incidence.T + sparse.diags_array(held)
         return splu(tangent.tocsc()).solve(force)
 
-    def tangent(self, slope):
+    def tangent(self, slope: Array) -> Array:
         """Stiffness ``(S, S)`` in N/m of links with these slopes and grounds."""
         incidence = self.system.incidence()
         return (incidence * slope) @ incidence.T + namespace(self.system.ground).diag(
@@ -307,7 +314,7 @@ class _Equations(NamedTuple):
         )
 
 
-def _equations(train, rpm):
+def _equations(train: DriveTrain, rpm: Number) -> _Equations:
     """The :class:`_Equations` at a speed."""
     torque, _, left = excitation(train, rpm, 0)
     system, torque, left, train = on_host(
@@ -317,114 +324,124 @@ def _equations(train, rpm):
     topology = train.topology
     plays = [kind == "clearance" for _, kind, _ in topology.springs]
     clearance = np.array([*[False] * len(topology.mesh_names), *plays], dtype=bool)
-    # Meshes and plays stand in the place of the stiffness of their links, stages and
-    # stops beside it.
-    instead = np.append(meshes.link[: len(topology.mesh_names)], meshes.link[clearance])
-    constant = namespace(system).where(
-        np.isin(np.arange(len(topology.link_names)), instead), 0.0, system.stiffness
+    # Meshes and plays replace the stiffness of their links, stages and stops add to it.
+    replacing = np.append(
+        meshes.link[: len(topology.mesh_names)], meshes.link[clearance]
     )
-    # Friction stands still.
+    replaced = np.isin(np.arange(len(topology.link_names)), replacing)
+    constant = namespace(system).where(replaced, 0.0, system.stiffness)
+    # Friction does not act at rest.
     law = dataclasses.replace(meshes.law, friction=None, slip=None)
-    floats = bool(system.floating)
     balanced = (
-        not floats
+        not system.floating
         or traced(left)
         or abs(left) <= UNBALANCED * np.abs(torque).max(initial=0.0)
     )
     return _Equations(
-        system, constant, law, meshes.link, clearance, torque / system.radius, balanced
+        system=system,
+        constant=constant,
+        law=law,
+        link=meshes.link,
+        clearance=clearance,
+        load=torque / system.radius,
+        balanced=balanced,
     )
 
 
-class _Found(NamedTuple):
-    """At an equilibrium: displacement ``(S,)`` m, deflection ``(L,)`` m, force N and
-    slope N/m of links, and force, slope, engagement and slope over the stiffness in
-    contact of meshes and what acts beside shafts ``(E,)``.
+class _State(NamedTuple):
+    """State of an equilibrium: displacement ``(S,)`` m of disks; deflection m, force N
+    and slope N/m ``(L,)`` of links; and force, slope, engagement and slope over the
+    stiffness in contact ``(E,)`` of the laws of meshes and shafts.
     """
 
-    displacement: np.ndarray
-    deflection: np.ndarray
-    link_force: np.ndarray
-    link_slope: np.ndarray
-    force: np.ndarray
-    slope: np.ndarray
-    engagement: np.ndarray
-    share: np.ndarray
+    displacement: Array
+    deflection: Array
+    link_force: Array
+    link_slope: Array
+    force: Array
+    slope: Array
+    engagement: Array
+    share: Array
 
 
-def _read(equations, x, pressed):
-    """What is known at displacements; ``pressed``: plays of shafts have their full
-    stiffness.
+def _state_at(equations: _Equations, x: Array, pressed: bool) -> _State:
+    """The :class:`_State` at displacements ``(S,)`` m; ``pressed``: plays of shafts
+    have their full stiffness.
     """
     law = equations.law
     deflection = equations.system.deflections(x)
-    at = deflection[equations.link]
-    engagement = backlash.engagement(law, at)
+    law_deflection = deflection[equations.link]
+    engagement = backlash.engagement(law, law_deflection)
     share = law.epsilon + (1 - law.epsilon) * engagement
-    force = backlash.force(law, at)
-    slope = backlash.slope(law, at)
+    force = backlash.force(law, law_deflection)
+    slope = backlash.slope(law, law_deflection)
     link_force, _ = equations.links(deflection)
     if pressed:
         slope = namespace(slope).where(equations.clearance, law.stiffness, slope)
     link_slope = equations.constant + equations.on_links(slope)
-    return _Found(
-        x, deflection, link_force, link_slope, force, slope, engagement, share
+    return _State(
+        displacement=x,
+        deflection=deflection,
+        link_force=link_force,
+        link_slope=link_slope,
+        force=force,
+        slope=slope,
+        engagement=engagement,
+        share=share,
     )
 
 
-def _refined(train, rpm, x, pressed):
-    """What is read two steps of Newton's method from the equilibrium, as one
-    program.
+def _refined(train: DriveTrain, rpm: Number, x: Array, pressed: bool) -> _State:
+    """The :class:`_State` after two steps of Newton's method from the equilibrium, as
+    one program.
     """
     equations = _equations(train, rpm)
     for _ in range(2):
         _, slope = equations.links(equations.system.deflections(x))
         tangent = equations.tangent(slope)
-        x = x + namespace(tangent).linalg.pinv(
-            tangent, rtol=SINGULAR
-        ) @ equations.unbalanced(x)
-    return _read(equations, x, pressed)
+        inverse = namespace(tangent).linalg.pinv(tangent, rtol=SINGULAR)
+        x = x + inverse @ equations.unbalanced(x)
+    return _state_at(equations, x, pressed)
 
 
-def _equilibrium(equations):
+def _equilibrium(equations: _Equations) -> np.ndarray | None:
     """Displacements ``(S,)`` in m at which the mean torques are in equilibrium, or None
-    where none was found; host.
+    where no equilibrium is found; on the host.
     """
-    system, law, load = equations.system, equations.law, equations.load
+    system = equations.system
+    law = equations.law
+    load = np.asarray(equations.load)
+    stiffness = np.asarray(system.stiffness)
 
-    def energy(x):
+    def energy(x: np.ndarray) -> float:
         deflection = system.deflections(x)
-        links = (equations.constant * deflection**2).sum() / 2 + backlash.energy(
-            law, deflection[equations.link]
-        ).sum()
-        return links + (system.ground * x**2).sum() / 2 - load @ x
+        linear = (equations.constant * deflection**2).sum() / 2
+        laws = backlash.energy(law, deflection[equations.link]).sum()
+        return linear + laws + (system.ground * x**2).sum() / 2 - load @ x
 
-    # begin on the flanks that all teeth in contact would press: in a gap without
-    # stiffness nothing pulls back to them
+    # Begin on the flanks that all teeth in contact would press: in a gap without
+    # stiffness nothing pulls back to them.
     size = np.abs(load).max(initial=0.0)
-    x = equations.solved(system.stiffness, load)
-    pressed = (system.stiffness * system.deflections(x))[equations.link]
-    flank = np.where(
-        np.abs(pressed) > IDLE * size, np.sign(pressed), 0.0
-    ) * backlash.offset(law)
+    x = equations.solved(stiffness, load)
+    pressed = (stiffness * system.deflections(x))[equations.link]
+    side = np.where(np.abs(pressed) > IDLE * size, np.sign(pressed), 0.0)
+    flank = side * backlash.offset(law)
     # On a flank f = c l - offset: the offset goes to the side of the load.
-    x = equations.solved(
-        system.stiffness, load + system.spread(equations.on_links(flank))
-    )
+    x = equations.solved(stiffness, load + system.spread(equations.on_links(flank)))
     least = energy(x)
     for _ in range(STEPS):
-        deflection, left = system.deflections(x), equations.unbalanced(x)
-        force, slope = equations.links(deflection)
-        if np.abs(left).max(initial=0.0) <= SOLVED * max(
-            size, np.abs(force).max(initial=0.0)
-        ):
+        left = np.asarray(equations.unbalanced(x))
+        force, slope = equations.links(system.deflections(x))
+        largest = max(size, np.abs(force).max(initial=0.0))
+        if np.abs(left).max(initial=0.0) <= SOLVED * largest:
             return x
-        step = equations.solved(slope, left)
+        step = equations.solved(np.asarray(slope), left)
         share = 1.0
         for _ in range(HALVINGS):
             reached = energy(x + share * step)
             if reached <= least + ROUNDED * (np.abs(load) @ np.abs(x)):
                 break
             share /= 2
-        x, least = x + share * step, reached
+        x = x + share * step
+        least = reached
     return None

@@ -1,3 +1,3 @@
-"""Scene files. A file (TOML, or of another program) goes in and a train comes out, and
+"""Scene files: a file (TOML, or of another program) goes in and a train comes out, and
 the other way round.
 """

@@ -1,5 +1,5 @@
-"""CSV files as laboratories and spreadsheets write them: the one reader of all that the
-program takes.
+"""CSV files as laboratories and spreadsheets write them: the only reader of CSV in the
+program.
 
 Columns are separated by tabs, semicolons, commas or, in tables of numbers, blanks.
 Decimals take a point or, where commas separate nothing, a comma. ``#`` begins a
@@ -19,26 +19,24 @@ SEPARATORS = ",", ";", "\t"
 _NUMBER = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eE][+-]?\d+)?")
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
-"""What may be a decimal number or one with its thousands set apart."""
+"""Number whose comma may be that of decimals or of thousands."""
 _FOREIGN = {
     "pressure": ("bar", "mbar", "hpa", "kpa", "mpa", "psi"),
     "angle": ("rad", "mrad"),
     "twist": ("rad", "mrad"),
     "hz": ("rpm", "rad"),
 }
-"""Units that a head of a column may name, and that its numbers cannot be in."""
+"""Units that the head of a column may name and that are not those of its numbers."""
 _UNIT = {"pressure": "Pa", "angle": "deg", "twist": "deg", "hz": "Hz"}
 
 
 def guarded(text: str) -> str:
-    """The cell of a text: with an apostrophe where a spreadsheet would read a
-    formula.
-    """
+    """Cell of a text, with an apostrophe where a spreadsheet would read a formula."""
     return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
 
 
 def unguarded(cell: str) -> str:
-    """The text of a cell as of :func:`guarded`."""
+    """Text of a cell of :func:`guarded`."""
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
 
 
@@ -52,8 +50,8 @@ class Line:
 
 @dataclass(frozen=True)
 class CsvText:
-    """The lines of a CSV file that are no comment and not blank, and the mark of its
-    decimals.
+    """Lines of a CSV file without comments and blank lines, its separator, and the mark
+    of its decimals.
     """
 
     lines: tuple[Line, ...]
@@ -61,7 +59,7 @@ class CsvText:
     decimal: str
 
     def number(self, cell: str) -> float:
-        """The number of a cell; ValueError where it is none."""
+        """Number of a cell; ValueError if it is none."""
         return float(cell.replace(",", ".") if self.decimal == "," else cell)
 
     def is_number(self, cell: str) -> bool:
@@ -79,23 +77,26 @@ def read_csv(
     """Split a text into cells.
 
     ``columns`` is the number of columns of a table that has nothing but numbers;
-    without ``quoted`` sentences tell lines and not what stands there.
-    :class:`SceneError` if it cannot be told what a comma means.
+    without ``quoted`` sentences name lines and do not quote cells. :class:`SceneError`
+    if the meaning of a comma is not clear.
     """
-    kept = [
-        (k, line)
-        for k, line in enumerate(text.split("\n"), 1)
+    numbered = [
+        (number, line)
+        for number, line in enumerate(text.split("\n"), 1)
         if line.strip() and line.lstrip()[0] != "#"
     ]
-    declared = (
-        re.fullmatch(r"\s*sep=([,;|\t])\s*", kept[0][1]) if kept else None
-    )  # so spreadsheets name it
-    kept = kept[1:] if declared else kept
+    # A line with which spreadsheets name the separator
+    declared = None
+    if numbered:
+        declared = re.fullmatch(r"\s*sep=([,;|\t])\s*", numbered[0][1])
+    if declared:
+        numbered = numbered[1:]
     try:
-        separator = (
-            declared[1] if declared else _separator([line for _, line in kept], columns)
-        )
-        lines = tuple(Line(k, _cells(line, separator)) for k, line in kept)
+        if declared:
+            separator = declared[1]
+        else:
+            separator = _separator([line for _, line in numbered], columns)
+        lines = tuple(Line(k, _cells(line, separator)) for k, line in numbered)
     except csv.Error as error:
         raise SceneError(
             f"{source}: the file is no CSV: {error}. Correct it."
@@ -106,11 +107,11 @@ def read_csv(
 def number_rows(
     text: str, columns: Sequence[str], source: str, *, quoted: bool = True
 ) -> tuple:
-    """The rows of a table of numbers, in the order of ``columns``; heads may put them
-    in another one.
+    """Rows of a table of numbers, in the order of ``columns`` whatever the order of the
+    heads.
 
-    Arguments as of :func:`read_csv`; :class:`SceneError` on the first line that is no
-    row.
+    Arguments are those of :func:`read_csv`; :class:`SceneError` on the first line that
+    is no row.
     """
     table = read_csv(text, source, columns=len(columns), quoted=quoted)
     lines = [
@@ -137,28 +138,35 @@ def number_rows(
 
 
 def _separator(lines: list[str], columns: int | None) -> str:
-    """What separates the columns: of a table of numbers a comma only where neither tab
-    nor semicolon is there.
+    """Separator of the columns: in a table of numbers a comma only where there is
+    neither tab nor semicolon.
     """
     if columns is None:  # heads come first, and names may hold any mark
         first = lines[0] if lines else ""
         return max(SEPARATORS, key=lambda mark: len(_cells(first, mark)))
-    found = next(
+    separator = next(
         (mark for mark in reversed(SEPARATORS) if any(mark in line for line in lines)),
         " ",
     )
     # "0 1,0e5" has one number too few between commas.
-    apart = found == "," and _are_numbers(lines[-1].split(), columns)
-    return " " if apart and not _are_numbers(lines[-1].split(","), columns) else found
+    if (
+        separator == ","
+        and _are_numbers(lines[-1].split(), columns)
+        and not _are_numbers(lines[-1].split(","), columns)
+    ):
+        return " "
+    return separator
 
 
 def _are_numbers(cells: list[str], columns: int) -> bool:
+    """Whether cells are as many numbers as there are columns."""
     return len(cells) == columns and all(
         _NUMBER.fullmatch(cell.strip()) for cell in cells
     )
 
 
 def _cells(line: str, separator: str) -> tuple[str, ...]:
+    """Cells of a line, without blanks around them and apostrophes before formulas."""
     if separator == " ":
         return tuple(line.split())
     return tuple(
@@ -175,7 +183,7 @@ def _without_empty_ends(cells: tuple[str, ...], count: int) -> tuple[str, ...]:
 
 
 def _decimal_mark(lines: tuple[Line, ...], source: str, quoted: bool) -> str:
-    """The mark of decimals, of all numbers of a file the same."""
+    """Decimal mark of the numbers of a file, the same for all."""
     numbers = [
         (line.number, cell)
         for line in lines
@@ -186,31 +194,34 @@ def _decimal_mark(lines: tuple[Line, ...], source: str, quoted: bool) -> str:
     if not commas:
         return "."
 
-    def told(number, cell):
+    def place(number: int, cell: str) -> str:
         return f"{source}, line {number}: {shown(cell) if quoted else 'a number'}"
 
     cure = "Write decimals with a point, and thousands without a mark."
     for number, cell in commas:
         if "." in cell or cell.count(",") > 1:
-            raise SceneError(f"{told(number, cell)} has several marks. {cure}")
-    if points := [(number, cell) for number, cell in numbers if "." in cell]:
-        other = f"in line {points[0][0]} decimals have a point"
-        raise SceneError(f"{told(*commas[0])} has a comma, and {other}. {cure}")
+            raise SceneError(f"{place(number, cell)} has several marks. {cure}")
+    number, cell = commas[0]
+    points = [line_number for line_number, cell in numbers if "." in cell]
+    if points:
+        other = f"in line {points[0]} decimals have a point"
+        raise SceneError(f"{place(number, cell)} has a comma, and {other}. {cure}")
     if all(_THOUSANDS.fullmatch(cell) for _, cell in commas):
         raise SceneError(
-            f"{told(*commas[0])} may have decimals or thousands behind its comma."
+            f"{place(number, cell)} may have decimals or thousands behind its comma."
             f" {cure}"
         )
     return ","
 
 
 def _words(head: str) -> set[str]:
+    """Words of the head of a column, in lower case."""
     return set(re.findall(r"[a-z]+", head.lower()))
 
 
 def _places(heads: list[Line], columns: Sequence[str], source: str) -> list[int]:
-    """Place of each column in a line: by its name in the heads where all are there,
-    else as ``columns`` have it.
+    """Place of each column in a line: by its name in the heads if all names are there,
+    else in the order of ``columns``.
     """
     places = list(range(len(columns)))
     for line in heads:
@@ -218,19 +229,16 @@ def _places(heads: list[Line], columns: Sequence[str], source: str) -> list[int]
             [k for k, head in enumerate(line.cells) if _words(column) <= _words(head)]
             for column in columns
         ]
-        if all(len(found) == 1 for found in named) and len(
-            {found[0] for found in named}
-        ) == len(columns):
-            places = [found[0] for found in named]
+        unique = all(len(matches) == 1 for matches in named)
+        if unique and len({matches[0] for matches in named}) == len(columns):
+            places = [matches[0] for matches in named]
     for line in heads:
         for column, place in zip(columns, places, strict=True):
             wrong = sorted(_words(line.cells[place]) & set(_FOREIGN.get(column, ())))
             if wrong:
-                said = (
-                    f"the head of {column} names {wrong[0]}, must be in {_UNIT[column]}"
-                )
                 raise SceneError(
-                    f"{source}, line {line.number}: {said}. Convert the numbers and"
+                    f"{source}, line {line.number}: the head of {column} names"
+                    f" {wrong[0]}, must be in {_UNIT[column]}. Convert the numbers and"
                     " correct the head."
                 )
     return places
@@ -239,19 +247,15 @@ def _places(heads: list[Line], columns: Sequence[str], source: str) -> list[int]
 def _no_row(
     table: CsvText, line: Line, columns: Sequence[str], source: str, quoted: bool
 ) -> str:
+    """Sentence about a line that is no row of the columns."""
     mark = {"\t": "\t", " ": " "}.get(table.separator, f"{table.separator} ")
-    found = shown(mark.join(line.cells)) if quoted else "no such row"
-    words = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}
-    wanted = (
-        f"{len(columns)} numbers {', '.join(columns)}, separated by"
-        f" {words.get(table.separator, 'one mark')}"
-    )
-    both = (
-        ", or by semicolons where decimals have commas"
-        if table.separator == ","
-        else ""
-    )
+    row = shown(mark.join(line.cells)) if quoted else "no such row"
+    names = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}
+    separators = names.get(table.separator, "one mark")
+    if table.separator == ",":
+        separators += ", or by semicolons where decimals have commas"
     return (
-        f"{source}, line {line.number} is {found}, must be {wanted}{both}. Correct it"
-        " or put # before it."
+        f"{source}, line {line.number} is {row}, must be {len(columns)} numbers"
+        f" {', '.join(columns)}, separated by {separators}. Correct it or put # before"
+        " it."
     )

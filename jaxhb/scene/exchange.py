@@ -11,13 +11,13 @@ parent in the same component). A component goes on from the node at which anothe
 connected; one that begins with a gear without parent, and is connected to a gear,
 meshes with it. Gears are rigid there: here they are meshes, and several gears of one
 node are joined by shafts, all so stiff that they change natural frequencies by about
-1e-5. Gears of which only teeth are given get a module of 5 mm. ``excitation`` is a list
-of rows (order, amplitude), or a table with these as ``values``; it acts at the node
-where its element begins, in the phase of a cosine, and its frequencies are multiples of
-the one speed of an analysis, that of the reference rotor here. Amplitudes are in N m.
-Those of the type ``excitationValuesRpmPercentage`` are shares of a torque over the
-speed that an analysis adds and no file has: they cannot be read. What is not read and
-what had to be guessed stands in the ``notes`` of the scene.
+1e-5. Gears with teeth alone get a module of 5 mm. ``excitation`` is a list of rows
+(order, amplitude), or a table with these as ``values``; it acts at the node where its
+element begins, in the phase of a cosine, and its frequencies are multiples of the
+single speed of an analysis, that of the reference rotor here. Amplitudes are in N m.
+Amplitudes of the type ``excitationValuesRpmPercentage`` are shares of a torque over the
+speed that an analysis adds and no file has: they cannot be read. All that is not read
+or guessed stands in the ``notes`` of the scene.
 
 **CSV** has a table of inertias and one of links: docs/how_to/other_programs.md.
 """
@@ -27,6 +27,7 @@ import difflib
 import json
 import math
 from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from jaxhb.elements.elements import (
@@ -42,22 +43,22 @@ from jaxhb.elements.value_checks import plain_number
 from jaxhb.scene.csv_tables import CsvText, read_csv
 from jaxhb.train.train_checks import fitting_cycle
 
-SHEAR_MODULUS = 80e9  # Pa, of steel: TORS gives none
-# In m, of a gear of which only the number of teeth is given: ratios are those of the
-# teeth whatever it is
+SHEAR_MODULUS = 80e9  # Pa, of steel: TORS has none
+# In m, of a gear with a number of teeth alone: ratios are those of the teeth whatever
+# the module
 MODULE = 5e-3
-# a gear of which a larger radius is given has it in mm: no drive train has larger gears
+# Larger radii of gears are in mm: no drive train has larger gears
 LARGEST_IN_METRES = 2.0
 RIGID = 1e5  # stiffness of a rigid link over that of the stiffest shaft
 
 
 def tors_content(text: str, source: str, errors: list[str]) -> dict:
-    """Tables of a scene from the JSON of TORS; ``errors`` gets sentences, beginning
-    with the file ``source``.
+    """Convert the JSON of TORS to tables of a scene; sentences that begin with the file
+    ``source`` are added to ``errors``.
 
-    What could not be read has harmless numbers there, so that the checks of a scene
-    find what else is wrong and nothing twice. Raises :class:`SceneError` if the text is
-    no JSON or no TORS.
+    Numbers that cannot be read become harmless ones, so that the checks of a scene find
+    other faults and nothing twice. Raises :class:`SceneError` if the text is no JSON or
+    no TORS.
     """
     try:
         content = json.loads(text)
@@ -68,9 +69,9 @@ def tors_content(text: str, source: str, errors: list[str]) -> dict:
     try:
         reader = _Tors(source, content["components"], content.get("structure", []))
         reader.note_unread("the file", content, ("name", "components", "structure"))
-        found = reader.read()
+        scene = reader.read()
         if isinstance(content.get("name"), str):
-            found["scene"]["name"] = content["name"]
+            scene["scene"]["name"] = content["name"]
     except (KeyError, TypeError, AttributeError, IndexError, ValueError):
         raise SceneError(
             f"{source}: this is not TORS, which has 'components', each with 'name' and"
@@ -78,7 +79,7 @@ def tors_content(text: str, source: str, errors: list[str]) -> dict:
             " such a file."
         ) from None
     errors += dict.fromkeys(reader.errors)
-    return found
+    return scene
 
 
 _READ = {
@@ -93,8 +94,8 @@ _READ = {
     ),
     "GearElement": ("inertia", "damping", "teeth", "diameter", "radius", "parent"),
 }
-"""Keys that are read of each type of element, besides those of all."""
-_OF_ALL = "name", "type", "excitation"
+"""Keys that are read of each type of element, besides the common ones."""
+_COMMON = "name", "type", "excitation"
 _SIZES = "teeth", "diameter", "radius"
 CYCLE = 2  # revolutions of the reference rotor, unless orders need more
 # Amplitudes that are all below it may be shares of a torque, as in the examples of
@@ -103,21 +104,29 @@ LARGEST_SHARE = 1.0
 
 
 class _Tors:
-    """Nodes, shafts and gears that are found on the way through the components."""
+    """Reader of TORS: the nodes, shafts and gears on the way through the components.
 
-    def __init__(self, source, components, structure):
+    Elements go by their full names, "component.element".
+    """
+
+    def __init__(
+        self,
+        source: str,
+        components: Sequence[Mapping[str, Any]],
+        structure: Iterable[Sequence[str]],
+    ) -> None:
         self.source = source
-        self.errors = []
-        self.connections = {}
-        self.nodes, self.walked = [], set()
-        self.shafts = []
-        self.gears = {}
-        self.meshes = []
-        self.notes = []
+        self.errors: list[str] = []
+        self.connections: dict[str, list[str]] = {}  # components by element
+        self.nodes: list[dict[str, Any]] = []
+        self.walked: set[str] = set()
+        self.shafts: list[tuple[int, int, dict[str, Any]]] = []  # ends and row
+        self.gears: dict[str, dict[str, Any]] = {}
+        self.meshes: list[tuple[str, str]] = []
+        self.notes: list[str] = []
         self.excitations: dict[str, tuple[int, list]] = {}  # node and rows by element
-        for name, count in Counter(
-            component["name"] for component in components
-        ).items():
+        counts = Counter(component["name"] for component in components)
+        for name, count in counts.items():
             if count > 1:
                 self._tell(
                     f"component {shown(name)} is given twice. Rename one of them."
@@ -130,51 +139,56 @@ class _Tors:
             component["name"]: self._named(component) for component in components
         }
         for begin, end in structure:
-            for own in (begin, end):
-                elements = self.components.get(own.partition(".")[0])
-                if elements is not None and own not in elements:
+            for name in (begin, end):
+                component_name = name.partition(".")[0]
+                elements = self.components.get(component_name)
+                if elements is not None and name not in elements:
                     self._tell(
-                        f"'structure' names {own!r}, which does not"
-                        f" exist.{suggestion(own, elements)}"
+                        f"'structure' names {name!r}, which does not"
+                        f" exist.{suggestion(name, elements)}"
                     )
-                elif (
-                    elements is None and own is begin
-                ):  # ends that are not there are found on the way
-                    self._no_component(own.partition(".")[0])
+                # Ends that are not there are found on the way.
+                elif elements is None and name is begin:
+                    self._no_component(component_name)
             self.connections.setdefault(begin, []).append(end.partition(".")[0])
 
-    def _tell(self, sentence, own=""):
-        self.errors.append(f"{self.source}{f', {own!r}' if own else ''}: {sentence}")
+    def _tell(self, sentence: str, name: str = "") -> None:
+        """Add a sentence to the errors, on an element if it has a name."""
+        place = f", {name!r}" if name else ""
+        self.errors.append(f"{self.source}{place}: {sentence}")
 
-    def note_unread(self, what, content, read):
-        """Note the keys of a part of the file that hold something and are not read."""
+    def note_unread(
+        self, part: str, content: Mapping[str, Any], read: Collection[str]
+    ) -> None:
+        """Note the keys of a part of the file that have a value and are not read."""
         for key, value in content.items():
             if key not in read and value not in (None, 0, "", [], {}):
-                self.notes.append(f"{shown(key)} of {what} is not read")
+                self.notes.append(f"{shown(key)} of {part} is not read")
 
-    def _no_component(self, name, why="does not exist"):
+    def _no_component(self, name: str, why: str = "does not exist") -> None:
+        """Add a sentence on a component that the structure names wrongly."""
         self._tell(f"component {name!r} {why}. Correct 'structure'.")
 
-    def _named(self, component):
-        """Elements of a component by their full names, without those that have none."""
-        found = {}
+    def _named(self, component: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+        """Elements of a component by their full names; refuses those without a name."""
+        elements: dict[str, Mapping[str, Any]] = {}
         for number, element in enumerate(component["elements"]):
-            own = f"{component['name']}.{element.get('name')}"
+            name = f"{component['name']}.{element.get('name')}"
             if "name" not in element:
                 where = (
                     f"{self.source}, component {component['name']!r}, element no."
                     f" {number + 1}"
                 )
                 self.errors.append(f"{where}: the key 'name' is missing. Give it.")
-            elif own in found:
-                self._tell("the element is given twice. Rename one of them.", own)
+            elif name in elements:
+                self._tell("the element is given twice. Rename one of them.", name)
             else:
-                found[own] = element
-        return found
+                elements[name] = element
+        return elements
 
-    def read(self):
-        """The scene, on the way through the train from the component that no other one
-        leads to.
+    def read(self) -> dict[str, Any]:
+        """Read the scene, on the way through the train from the component to which no
+        other component leads.
         """
         reached = {end for ends in self.connections.values() for end in ends}
         first = [name for name in self.components if name not in reached]
@@ -189,19 +203,22 @@ class _Tors:
         left = [name for name in self.components if name not in self.walked]
         for name in left if len(first) == 1 else ():
             self._no_component(name, "is not connected to the others")
-        for name in left:  # what is wrong in them is told too
+        for name in left:  # their faults are errors, too
             if name not in self.walked:
                 self._walk(name, self._node(), ())
         return self._content()
 
-    def _node(self):
-        """Make a node; its number."""
+    def _node(self) -> int:
+        """Make a node, and return its number."""
         self.nodes.append({"inertia": 0.0, "damping": 0.0})
         return len(self.nodes) - 1
 
-    def _walk(self, name, node, above, gear=""):
-        """Go through a component from a node on, at which there may be a gear, and
-        through those connected to it.
+    def _walk(
+        self, name: str, node: int, above: tuple[str, ...], gear: str = ""
+    ) -> None:
+        """Go through the component ``name`` from a node on, at which there may be a
+        gear, and through those connected to it; ``above`` are the components on the
+        way.
         """
         if name not in self.components:
             self._no_component(name)
@@ -211,95 +228,100 @@ class _Tors:
             )
         else:
             self.walked.add(name)
-            for own, element in self.components[name].items():
-                node = self._add(name, own, element, node, gear)
+            for element_name, element in self.components[name].items():
+                node = self._add(name, element_name, element, node, gear)
                 gear = ""
-                for other in self.connections.get(own, ()):
-                    self._walk(
-                        other, node, (*above, name), own if own in self.gears else ""
-                    )
+                end_gear = element_name if element_name in self.gears else ""
+                for connected in self.connections.get(element_name, ()):
+                    self._walk(connected, node, (*above, name), end_gear)
 
-    def _add(self, component, own, element, node, gear):
-        """Put one element at a node, that of ``gear`` if the component begins there;
-        where the component goes on.
+    def _add(
+        self,
+        component: str,
+        name: str,
+        element: Mapping[str, Any],
+        node: int,
+        gear: str,
+    ) -> int:
+        """Put one element at a node, that of ``gear`` if the component begins there,
+        and return the node at which the component goes on.
         """
-        kind = element.get("type")
-        self.note_unread(repr(own), element, (*_OF_ALL, *_READ.get(kind, element)))
+        kind: Any = element.get("type")
+        read = (*_COMMON, *_READ.get(kind, element))
+        self.note_unread(repr(name), element, read)
         if kind in ("ShaftDiscrete", "ShaftContinuous"):
-            self._excite(node, own, element)
+            self._excite(node, name, element)
         if kind == "Disk":
-            self._load(
-                node,
-                own,
-                self._take(own, element, "inertia"),
-                self._take(own, element, "damping", 0.0),
-            )
-            self._excite(node, own, element)
+            inertia = self._number(name, element, "inertia")
+            self._load(node, name, inertia, self._number(name, element, "damping", 0.0))
+            self._excite(node, name, element)
         elif kind in ("ShaftDiscrete", "ShaftContinuous"):
             end = self._node()
-            discrete = kind == "ShaftDiscrete"
-            stiffness, inertia = (
-                (self._take(own, element, "stiffness"), 0.0)
-                if discrete
-                else self._round(own, element)
-            )
-            for at in (node, end):
-                self.nodes[at]["inertia"] += inertia / 2
+            if kind == "ShaftDiscrete":
+                stiffness = self._number(name, element, "stiffness")
+                inertia = 0.0
+            else:
+                stiffness, inertia = self._round(name, element)
+            for shaft_node in (node, end):
+                self.nodes[shaft_node]["inertia"] += inertia / 2
             row = {
-                "name": own,
+                "name": name,
                 "stiffness": stiffness,
-                "damping": self._take(own, element, "damping", 0.0),
+                "damping": self._number(name, element, "damping", 0.0),
             }
             self.shafts.append((node, end, row))
             return end
         elif kind == "GearElement":
-            node = self._gear(component, own, element, node, gear)
-            self._excite(node, own, element)
+            node = self._gear(component, name, element, node, gear)
+            self._excite(node, name, element)
         else:
-            self._tell(f"unknown type {shown(kind)}.{suggestion(kind, _READ)}", own)
+            self._tell(f"unknown type {shown(kind)}.{suggestion(kind, _READ)}", name)
         return node
 
-    def _gear(self, component, own, element, node, gear):
-        """Put a gear at a node, one in mesh with a parent or another component at a
-        node of its own; this node.
+    def _gear(
+        self,
+        component: str,
+        name: str,
+        element: Mapping[str, Any],
+        node: int,
+        gear: str,
+    ) -> int:
+        """Put a gear at a node, or at a new node where it meshes with its parent or
+        with ``gear`` of another component, and return the node.
         """
         parent = f"{component}.{element.get('parent')}"
         if parent not in self.gears and element.get("parent"):
-            known = [
-                name.partition(".")[2]
-                for name in self.gears
-                if name.startswith(f"{component}.")
+            candidates = [
+                gear_name.partition(".")[2]
+                for gear_name in self.gears
+                if gear_name.startswith(f"{component}.")
             ]
-            said = (
+            self._tell(
                 f"its parent {shown(element['parent'])} is no gear before it in"
-                f" {component!r}"
+                f" {component!r}.{suggestion(element['parent'], candidates)}",
+                name,
             )
-            self._tell(f"{said}.{suggestion(element['parent'], known)}", own)
         elif parent not in self.gears and gear:
             self.notes.append(
-                f"{own!r} and {gear!r}, gears that are connected, are taken to be in"
+                f"{name!r} and {gear!r}, gears that are connected, are taken to be in"
                 " mesh"
             )
             parent = gear
         if parent in self.gears:
             node = self._node()
-            self.meshes.append((parent, own))
-        self._load(
-            node,
-            own,
-            self._take(own, element, "inertia"),
-            self._take(own, element, "damping", 0.0),
-        )
-        sizes = [key for key in _SIZES if element.get(key) is not None] or ["diameter"]
-        found = {key: self._take(own, element, key) for key in sizes}
-        for key, size in found.items():
+            self.meshes.append((parent, name))
+        inertia = self._number(name, element, "inertia")
+        self._load(node, name, inertia, self._number(name, element, "damping", 0.0))
+        keys = [key for key in _SIZES if element.get(key) is not None] or ["diameter"]
+        sizes = {key: self._number(name, element, key) for key in keys}
+        for key, size in sizes.items():
             if not size > 0.0:
-                self._tell(f"{key} is {size:g}, must be greater than 0.", own)
-                found[key] = 1.0
-        self.gears[own] = {"node": node, **found}
+                self._tell(f"{key} is {size:g}, must be greater than 0.", name)
+                sizes[key] = 1.0
+        self.gears[name] = {"node": node, **sizes}
         return node
 
-    def _excite(self, node: int, name: str, element: dict):
+    def _excite(self, node: int, name: str, element: Mapping[str, Any]) -> None:
         """Keep the excitation of an element at a node, or note why it cannot be
         read.
         """
@@ -323,135 +345,131 @@ class _Tors:
                     " up a mean torque here"
                 )
 
-    def _load(self, node, own, inertia, damping):
-        """Add an inertia to a node, which is called as its first."""
-        at = self.nodes[node]
-        at.setdefault("name", own)
-        at["inertia"] += inertia
-        at["damping"] += damping
+    def _load(self, node: int, name: str, inertia: float, damping: float) -> None:
+        """Add an inertia to a node, which gets the name of its first one."""
+        row = self.nodes[node]
+        row.setdefault("name", name)
+        row["inertia"] += inertia
+        row["damping"] += damping
 
-    def _take(self, own, element, key, default=None):
+    def _number(
+        self,
+        name: str,
+        element: Mapping[str, Any],
+        key: str,
+        default: float | None = None,
+    ) -> float:
         """A number of an element; without a default the key must be there."""
         value = element.get(key, default)
         if not plain_number(value):
-            self._tell(f"the key {key!r} is missing or no number. Give it.", own)
+            self._tell(f"the key {key!r} is missing or no number. Give it.", name)
             return 1.0
         return float(value)
 
-    def _round(self, own, element):
-        """Stiffness and inertia of a round shaft."""
-        length, outer = (
-            1e-3 * self._take(own, element, key) for key in ("length", "outerDiameter")
-        )
-        inner, density = (
-            self._take(own, element, *both)
-            for both in (("innerDiameter", 0.0), ("density", 8000.0))
-        )
+    def _round(self, name: str, element: Mapping[str, Any]) -> tuple[float, float]:
+        """Stiffness in N m/rad and inertia in kg m2 of a round shaft."""
+        length = 1e-3 * self._number(name, element, "length")
+        outer = 1e-3 * self._number(name, element, "outerDiameter")
+        inner = self._number(name, element, "innerDiameter", 0.0)
+        density = self._number(name, element, "density", 8000.0)
         area = math.pi * (outer**4 - (1e-3 * inner) ** 4) / 32.0
         if not (length > 0.0 and area > 0.0):
-            self._tell("length and wall must be greater than 0 mm. Correct them.", own)
+            self._tell("length and wall must be greater than 0 mm. Correct them.", name)
             return 1.0, 0.0
         return SHEAR_MODULUS * area / length, density * area * length
 
-    def _radii(self):
-        """Radii of the gears in m."""
-        given = {
-            own: gear["radius"] for own, gear in self.gears.items() if "radius" in gear
+    def _radii(self) -> dict[str, float]:
+        """Radii of the gears in m by their names."""
+        read = {
+            name: gear["radius"]
+            for name, gear in self.gears.items()
+            if "radius" in gear
         }
-        in_metres = max(given.values(), default=0.0) <= LARGEST_IN_METRES
-        if given:
+        in_metres = max(read.values(), default=0.0) <= LARGEST_IN_METRES
+        if read:
             unit = "m" if in_metres else "mm"
             self.notes.append(
-                f"radius of {', '.join(map(repr, given))} is taken to be in {unit}"
+                f"radius of {', '.join(map(repr, read))} is taken to be in {unit}"
             )
 
-        def radius(gear):
+        def radius(gear: Mapping[str, Any]) -> float:
             if "diameter" in gear:
                 return 0.5e-3 * gear["diameter"]
             if "radius" in gear:
                 return gear["radius"] * (1.0 if in_metres else 1e-3)
             return 0.5 * MODULE * gear["teeth"]
 
-        return {own: radius(gear) for own, gear in self.gears.items()}
+        return {name: radius(gear) for name, gear in self.gears.items()}
 
-    def _content(self):
-        """The scene."""
-        disks = [{"name": f"node {k}"} | node for k, node in enumerate(self.nodes)]
-        shafts = [
+    def _content(self) -> dict[str, Any]:
+        """The tables of the scene."""
+        disks: list[dict[str, Any]] = [
+            {"name": f"node {k}"} | node for k, node in enumerate(self.nodes)
+        ]
+        shafts: list[dict[str, Any]] = [
             {"between": [disks[a]["name"], disks[b]["name"]], **row}
             for a, b, row in self.shafts
         ]
         rigid = RIGID * max((row["stiffness"] for row in shafts), default=1e6)
         seats = {}
         radii = self._radii()
-        for own, gear in self.gears.items():
-            place = disks[gear["node"]]
-            radius = radii[own]
-            # A disk has one radius: a further gear of the node sits on a disk of its
-            # own.
-            if place.get("radius", radius) != radius:
-                disks.append(
-                    {
-                        "name": own if own != place["name"] else f"{own} gear",
-                        "inertia": 0.0,
-                    }
-                )
+        for name, gear in self.gears.items():
+            disk = disks[gear["node"]]
+            radius = radii[name]
+            # A disk has a single radius: a further gear of the node sits on a disk of
+            # its own.
+            if disk.get("radius", radius) != radius:
+                disk_name = name if name != disk["name"] else f"{name} gear"
+                disks.append({"name": disk_name, "inertia": 0.0})
                 shafts.append(
-                    {"between": [place["name"], disks[-1]["name"]], "stiffness": rigid}
+                    {"between": [disk["name"], disk_name], "stiffness": rigid}
                 )
-                place = disks[-1]
-            place["radius"] = radius
+                disk = disks[-1]
+            disk["radius"] = radius
             if "teeth" in gear:
-                place["teeth"] = round(gear["teeth"])
-            seats[own] = place
+                disk["teeth"] = round(gear["teeth"])
+            seats[name] = disk
         meshes = []
-        for pair in self.meshes:
-            if (
-                len(
-                    {
-                        "diameter" in self.gears[own] or "radius" in self.gears[own]
-                        for own in pair
-                    }
+        for first, second in self.meshes:
+            has_length = {
+                "diameter" in self.gears[name] or "radius" in self.gears[name]
+                for name in (first, second)
+            }
+            if len(has_length) > 1:
+                self._tell(
+                    f"{first!r} and {second!r} mesh, one with teeth, one with a"
+                    " diameter. Give both alike."
                 )
-                > 1
-            ):
-                text = (
-                    f"{pair[0]!r} and {pair[1]!r} mesh, one with teeth, one with a"
-                    " diameter"
-                )
-                self._tell(f"{text}. Give both alike.")
-            ends = [seats[own] for own in pair]
+            ends = [seats[first], seats[second]]
             # As stiff in N m/rad as a rigid shaft at the smaller gear, and stiffer at
             # the larger.
             stiffness = rigid / min(end["radius"] for end in ends) ** 2
             meshes.append(
                 {"between": [end["name"] for end in ends], "stiffness": stiffness}
             )
-        said = f"From {self.source}" + "; rigid gears are stiff meshes" * bool(meshes)
+        description = f"From {self.source}"
+        if meshes:
+            description += "; rigid gears are stiff meshes"
         reference = disks[0]["name"]
-        content = {"scene": {"description": said, "reference": reference}}
+        scene = {"description": description, "reference": reference}
+        content: dict[str, Any] = {"scene": scene}
         torques = [
             _torque(name, disks[node]["name"], excitation_rows)
             for name, (node, excitation_rows) in self.excitations.items()
         ]
         if torques:
-            content["scene"]["revolutions_per_cycle"] = _cycle_of(torques)
+            scene["revolutions_per_cycle"] = _cycle_of(torques)
             names = ", ".join(map(repr, self.excitations))
-            rows_are = (
-                f"rows are taken to be orders of the turn of {reference!r} and"
-                " amplitudes in N m, of cosines"
+            self.notes.append(
+                f"excitation of {names}: rows are taken to be orders of the turn of"
+                f" {reference!r} and amplitudes in N m, of cosines"
             )
-            self.notes.append(f"excitation of {names}: {rows_are}")
         if self.notes:
-            content["scene"]["notes"] = [
+            scene["notes"] = [
                 f"{self.source}: {text}." for text in dict.fromkeys(self.notes)
             ]
-        for table, rows in {
-            "disk": disks,
-            "shaft": shafts,
-            "mesh": meshes,
-            "torque": torques,
-        }.items():
+        tables = {"disk": disks, "shaft": shafts, "mesh": meshes, "torque": torques}
+        for table, rows in tables.items():
             if rows:
                 content[table] = [
                     {k: value for k, value in row.items() if k != "damping" or value}
@@ -461,7 +479,7 @@ class _Tors:
 
 
 def _unread_excitation(kind: Any, rows: Any) -> str:
-    """Why rows of an excitation of a type (None: it has none) cannot be read; empty
+    """Why rows of an excitation of a type (None: without a type) cannot be read; empty
     where they can.
     """
     pairs = isinstance(rows, list) and all(
@@ -498,15 +516,15 @@ def _cycle_of(torques: list[dict]) -> float:
 
 
 def csv_content(text: str, source: str, errors: list[str]) -> dict:
-    """Read two tables, inertias and links; arguments and result as for
+    """Read two tables, inertias and links; arguments and result are those of
     :func:`tors_content`.
 
-    Rows above the first heads are left out, and told. Without inertias links have disks
-    with harmless ones.
+    Rows above the first heads are left out, which is an error. Without a table of
+    inertias the ends of links become disks with harmless ones.
     """
-    whole = read_csv(text, source)
-    lines = [line for line in whole.lines if any(line.cells)]
-    content = {}
+    csv_text = read_csv(text, source)
+    lines = [line for line in csv_text.lines if any(line.cells)]
+    content: dict[str, list[dict[str, Any]]] = {}
     heads = None
     for line in lines:
         cells = line.cells
@@ -524,17 +542,16 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
             errors.append(
                 f"{where}: {len(cells)} cells under {len(heads)} heads. {cure}"
             )
-        row = {
-            head: _cell(whole, head, cell)
+        row: dict[str, Any] = {
+            head: _cell(csv_text, head, cell)
             for head, cell in zip(heads, cells, strict=False)
             if head and cell
         }
         table = "disk"
         if heads[0] == "from":
             table = row.pop("link", "shaft")
-            row = {
-                "between": [row.pop(end) for end in ("from", "to") if end in row]
-            } | row
+            between = [row.pop(end) for end in ("from", "to") if end in row]
+            row = {"between": between} | row
         if table not in ("disk", "shaft", "mesh"):
             errors.append(
                 f"{where}: link is {shown(table)}, must be 'shaft' or 'mesh'."
@@ -560,40 +577,33 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
         content["disk"] = [
             {"name": name, "inertia": 1.0} for name in dict.fromkeys(ends or ["disk"])
         ]
-    return {
-        "scene": {
-            "description": f"From {source}",
-            "reference": content["disk"][0].get("name"),
-        }
-    } | content
+    reference = content["disk"][0].get("name")
+    scene = {"description": f"From {source}", "reference": reference}
+    return {"scene": scene} | content
 
 
-def _heads(heads, source, errors):
-    """The columns by the keys that they mean; None for one that means no key of what
-    the table holds.
+def _heads(heads: list[str], source: str, errors: list[str]) -> list[str | None]:
+    """Keys that the heads of columns mean; None for a head that means no key of the
+    table.
     """
-    known = [f.name for f in dataclasses.fields(Disk)]
+    keys = [f.name for f in dataclasses.fields(Disk)]
     if heads[0] == "from":
-        of_links = dict.fromkeys(
+        link_keys = dict.fromkeys(
             f.name for cls in (Shaft, Mesh) for f in dataclasses.fields(cls)
         )
-        known = [
-            "from",
-            "to",
-            "link",
-            *(name for name in of_links if name != "between"),
-        ]
-    wrong = [head for head in heads if head not in known]
+        link_keys.pop("between")
+        keys = ["from", "to", "link", *link_keys]
+    wrong = [head for head in heads if head not in keys]
     errors += [
-        f"{source}: unknown column {shown(head)}.{suggestion(head, known)}"
+        f"{source}: unknown column {shown(head)}.{suggestion(head, keys)}"
         for head in wrong
     ]
     errors += [
-        f"{source}: two columns are called {head!r}. Keep one."
-        for head in known
-        if heads.count(head) > 1
+        f"{source}: two columns are called {key!r}. Keep one."
+        for key in keys
+        if heads.count(key) > 1
     ]
-    free = [key for key in known if key not in heads]
+    free = [key for key in keys if key not in heads]
     meant = {
         head: next(iter(difflib.get_close_matches(head, free, n=1)), None)
         for head in wrong
@@ -601,7 +611,7 @@ def _heads(heads, source, errors):
     return [meant.get(head, head) for head in heads]
 
 
-def _cell(table: CsvText, head: str, cell: str):
+def _cell(table: CsvText, head: str, cell: str) -> str | float:
     """A number where it is one; names stay text."""
     if head in ("name", "from", "to", "link") or not table.is_number(cell):
         return cell

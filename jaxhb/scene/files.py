@@ -1,5 +1,5 @@
-"""Scene files: TOML and CSV to a drive train. Everything wrong with a file is raised at
-once, in sentences.
+"""Scene files: TOML and CSV to a drive train. All faults of a file are raised together,
+in sentences.
 
 Files of other programs are read by their endings, see :mod:`jaxhb.scene.exchange`. Any
 list of rows may be the name of a CSV file beside the scene, one row a line, see
@@ -14,6 +14,7 @@ import tomllib
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from jaxhb.elements.elements import (
     TABLES,
@@ -53,9 +54,9 @@ def scene_names() -> list[str]:
     return sorted(path.stem for path in _folder().iterdir() if path.suffix == ".toml")
 
 
-def scene_description(name) -> str:
-    """Read ``description`` of the ``[scene]`` of a packaged scene or a file, empty if
-    it has none.
+def scene_description(name: str | Path) -> str:
+    """Read the ``description`` in the ``[scene]`` of a packaged scene or a file, empty
+    if there is none.
     """
     head = _parse(_find(name), []).get("scene", {})
     return str(head.get("description", "")) if isinstance(head, dict) else ""
@@ -66,15 +67,15 @@ def load_scene(name: str | Path) -> DriveTrain:
 
     ``name`` is a packaged scene (:func:`scene_names`), or the path of a ``.toml`` in
     the scene format, SI units, a ``.json`` in the TORS format of openTorsion, or a
-    ``.csv`` with a table of inertias and one of links. The train is as
-    :func:`jaxhb.build` makes it; :class:`SceneError` tells everything that is wrong,
-    one sentence a line.
+    ``.csv`` with a table of inertias and a table of links. The train is as
+    :func:`jaxhb.build` makes it; :class:`SceneError` names all faults, one sentence a
+    line.
 
     >>> load_scene("gear_train_30").topology.mesh_names[0]
     'crank gear|idler'
     """
     path = _find(name)
-    errors = []
+    errors: list[str] = []
     content = _parse(path, errors)
     whole = not errors
     head = content.get("scene", {})
@@ -106,8 +107,8 @@ def load_scene(name: str | Path) -> DriveTrain:
     )
 
 
-def _notes(head: dict, source: str, errors: list[str]) -> tuple[str, ...]:
-    """Notes of ``[scene]``."""
+def _notes(head: dict[str, Any], source: str, errors: list[str]) -> tuple[str, ...]:
+    """Read the notes of ``[scene]``."""
     notes = head.get("notes", [])
     if isinstance(notes, list) and all(isinstance(note, str) for note in notes):
         return tuple(notes)
@@ -118,12 +119,12 @@ def _notes(head: dict, source: str, errors: list[str]) -> tuple[str, ...]:
     return ()
 
 
-def _folder():
+def _folder() -> Path:
     """Folder of the packaged scenes."""
     return Path(str(resources.files("jaxhb.scene") / "scenes"))
 
 
-def _find(name) -> Path:
+def _find(name: str | Path) -> Path:
     """Path of a packaged scene or of a file."""
     text = str(name)
     if (
@@ -135,7 +136,7 @@ def _find(name) -> Path:
         # Where "~somebody" has no folder the text is the path.
         return Path(os.path.expanduser(text))
     if text not in scene_names():
-        if os.path.lexists(text):  # what it is, or holds, is told when it is read
+        if os.path.lexists(text):  # its faults are found when it is read
             return Path(text)
         raise SceneError(
             "there is no packaged scene"
@@ -145,29 +146,27 @@ def _find(name) -> Path:
 
 
 def _correct(text: str, error: tomllib.TOMLDecodeError) -> str:
-    """What to do about the line of a syntax error, in a sentence."""
-    found = re.search(r"at line (\d+)", str(error))
-    line = text.splitlines()[int(found[1]) - 1].strip() if found else ""
-    comma = (
-        re.search(r"\d,\d", line.partition("=")[2].partition("#")[0])
-        and "[" not in line
-    )
+    """Advice on the line of a syntax error, in a sentence."""
+    match = re.search(r"at line (\d+)", str(error))
+    line = text.splitlines()[int(match[1]) - 1].strip() if match else ""
+    value = line.partition("=")[2].partition("#")[0]
+    comma = re.search(r"\d,\d", value) and "[" not in line
     quoted = f" {line[:60]!r}" if line else ""
     decimals = ": decimals take a point, not a comma" if comma else ""
     return f"Correct the line{quoted}{decimals}."
 
 
-def _parse(path: Path, errors: list[str]) -> dict:
-    """Read a file; a syntax error becomes one sentence, what else cannot be read goes
-    to ``errors``.
+def _parse(path: Path, errors: list[str]) -> dict[str, Any]:
+    """Read a file; raise a syntax error as a sentence, and add other faults to
+    ``errors``.
     """
     try:
         text = read_text(path)
     except Missing:
-        missing = (
-            "there is no such file. Give the path of a .toml, or a packaged scene."
-        )
-        raise SceneError(f"{cut(str(path))}: {missing}") from None
+        raise SceneError(
+            f"{cut(str(path))}: there is no such file. Give the path of a .toml, or a"
+            " packaged scene."
+        ) from None
     except Unreadable as error:
         raise SceneError(f"{cut(str(path))}: {error}") from None
     try:
@@ -192,14 +191,14 @@ def _parse(path: Path, errors: list[str]) -> dict:
 
 
 def _read_elements(
-    path: Path, content: dict, errors: list[str]
-) -> tuple[list, set[str]]:
+    path: Path, content: dict[str, Any], errors: list[str]
+) -> tuple[list[Any], set[str]]:
     """Make the elements, and name the tables that are not read, or not whole; sentences
-    go to ``errors``.
+    are added to ``errors``.
     """
-    elements = []
-    read = {}
-    lost = set()
+    elements: list[Any] = []
+    tables: dict[str, tuple | Unread] = {}
+    lost: set[str] = set()
     count = sum(
         len(rows)
         for table, rows in content.items()
@@ -216,11 +215,11 @@ def _read_elements(
             continue
         rows = [rows] if engine and isinstance(rows, dict) else rows
         if table not in TABLES and not engine:
-            known = [*BESIDE, *TABLES, "engine"]
+            names = [*BESIDE, *TABLES, "engine"]
             errors.append(
-                f"{path.name}: unknown table {shown(table)}.{suggestion(table, known)}"
+                f"{path.name}: unknown table {shown(table)}.{suggestion(table, names)}"
             )
-            lost |= {table, *difflib.get_close_matches(table, known, n=1)}
+            lost |= {table, *difflib.get_close_matches(table, names, n=1)}
             continue
         if not isinstance(rows, list):
             errors.append(
@@ -229,106 +228,111 @@ def _read_elements(
             lost.add(table)
             continue
         for i, row in enumerate(rows):
-            where = f"{path.name}, " + (
-                "[engine]" if engine else f"[[{table}]] no. {i + 1}"
-            )
+            place = "[engine]" if engine else f"[[{table}]] no. {i + 1}"
+            where = f"{path.name}, {place}"
             if not isinstance(row, dict):
                 errors.append(
                     f"{where} is {shown(row)}, must be a table. Write [[{table}]]."
                 )
                 lost.add(table)
                 continue
-            where += (
-                f" {shown(row['name'])}" if isinstance(row.get("name"), str) else ""
-            )
-            elements.append(
-                _read_element(
-                    Engine if engine else TABLES[table],
-                    row,
-                    where,
-                    path.parent,
-                    read,
-                    errors,
-                )
-            )
+            if isinstance(row.get("name"), str):
+                where += f" {shown(row['name'])}"
+            cls = Engine if engine else TABLES[table]
+            elements.append(_read_element(cls, row, where, path.parent, tables, errors))
     return elements, lost
 
 
 def _read_element(
-    cls, row: dict, where: str, folder: Path, read: dict, errors: list[str]
-):
-    """Make one element; a key that is not there becomes None and is found by the
-    checks.
-    """
+    cls: type,
+    row: dict[str, Any],
+    where: str,
+    folder: Path,
+    tables: dict[str, tuple | Unread],
+    errors: list[str],
+) -> Any:
+    """Make one element; a missing key becomes None, which the checks find."""
     fields = _fields(cls)
-    values = {
-        key: None for key, f in fields.items() if f.default is dataclasses.MISSING
+    values: dict[str, Any] = {
+        key: None
+        for key, field in fields.items()
+        if field.default is dataclasses.MISSING
     }
-    for key, found in row.items():
+    for key, value in row.items():
         if key in fields:
-            values[key] = _read_value(fields[key], found, where, folder, read, errors)
+            values[key] = _read_value(fields[key], value, where, folder, tables, errors)
         else:
             errors.append(
                 f"{where}: unknown key {shown(key)}.{suggestion(key, fields)}"
             )
-            # A misspelt key is read as what it means, so that no second sentence says
-            # that this is missing.
-            meant = [
-                k for k in difflib.get_close_matches(key, fields, n=1) if k not in row
-            ]
-            values |= dict.fromkeys(meant, found)
+            # A misspelt key is read as the key that it means, so that no second
+            # sentence says that this is missing.
+            matches = difflib.get_close_matches(key, fields, n=1)
+            meant = [match for match in matches if match not in row]
+            values |= dict.fromkeys(meant, value)
     return cls(**values)
 
 
 @cache
-def _fields(cls) -> dict[str, dataclasses.Field]:
-    return {f.name: f for f in dataclasses.fields(cls)}
+def _fields(cls: type) -> dict[str, dataclasses.Field]:
+    """Fields of a class of elements by their names."""
+    return {field.name: field for field in dataclasses.fields(cls)}
 
 
-def _read_value(f, found, where: str, folder: Path, read: dict, errors: list[str]):
-    """The value of a key: what is no table, or no list of tables, is found by the
-    checks.
+def _read_value(
+    field: dataclasses.Field,
+    value: Any,
+    where: str,
+    folder: Path,
+    tables: dict[str, tuple | Unread],
+    errors: list[str],
+) -> Any:
+    """Read the value of a key; values that are no table, or no list of tables, are
+    found by the checks.
     """
-    kind = f.metadata["kind"]
-    key = f.name
-    if kind == "table" and isinstance(found, dict):
+    kind = field.metadata["kind"]
+    key = field.name
+    if kind == "table" and isinstance(value, dict):
         return _read_element(
-            f.metadata["of"], found, f"{where}, {key}", folder, read, errors
+            field.metadata["of"], value, f"{where}, {key}", folder, tables, errors
         )
     if (
         kind == "tables"
-        and isinstance(found, list)
-        and all(isinstance(v, dict) for v in found)
+        and isinstance(value, list)
+        and all(isinstance(inner, dict) for inner in value)
     ):
         return tuple(
             _read_element(
-                f.metadata["of"],
+                field.metadata["of"],
                 inner,
                 f"{where}, {key} no. {k + 1}",
                 folder,
-                read,
+                tables,
                 errors,
             )
-            for k, inner in enumerate(found)
+            for k, inner in enumerate(value)
         )
-    if kind == "rows" and isinstance(found, str):
+    if kind == "rows" and isinstance(value, str):
         try:
-            return _read_rows(found, folder, f.metadata["columns"], read)
+            return _read_rows(value, folder, field.metadata["columns"], tables)
         except SceneError as error:
             errors += [f"{where}: {key}: {text}" for text in error.sentences]
             return Unread()
-    return found
+    return value
 
 
 def _read_rows(
-    name: str, folder: Path, columns: tuple[str, ...], read: dict
+    name: str,
+    folder: Path,
+    columns: tuple[str, ...],
+    tables: dict[str, tuple | Unread],
 ) -> tuple | Unread:
-    """Read a table of numbers once for all elements that name it; :class:`SceneError`
-    the first time it is faulty.
+    """Read a table of numbers once for all elements that name it, and keep it in
+    ``tables``; :class:`SceneError` the first time it is faulty.
     """
-    if name in read:
-        return read[name]
-    read[name] = Unread()
+    if name in tables:
+        return tables[name]
+    tables[name] = Unread()
     path = folder / name
     try:
         text = read_text(path)
@@ -338,5 +342,6 @@ def _read_rows(
         ) from None
     except Unreadable as error:
         raise SceneError(f"{shown(name)}: {error}") from None
-    read[name] = number_rows(text, columns, path.name, quoted=is_beside(path, folder))
-    return read[name]
+    rows = number_rows(text, columns, path.name, quoted=is_beside(path, folder))
+    tables[name] = rows
+    return rows

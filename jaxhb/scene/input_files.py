@@ -1,5 +1,5 @@
-"""Files that people and scenes name: opened without waiting, regular, up to a size;
-what cannot be read is told.
+"""Files that people and scenes name: opened without waiting, regular, up to a size, or
+refused with a sentence.
 """
 
 import os
@@ -24,8 +24,8 @@ _MISSING = "there is no such file. Correct the name."
 
 
 class Unreadable(ValueError):
-    """Why a file cannot be read, and what to do: a sentence that does not name the
-    file.
+    """A file cannot be read: a sentence that says why and what to do, and does not name
+    the file.
     """
 
 
@@ -34,21 +34,18 @@ class Missing(Unreadable):
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a regular file of at most :data:`MOST_BYTES`, else
+    """Read the content of a regular file of at most :data:`MOST_BYTES`, else raise
     :class:`Unreadable`.
     """
     try:
-        _refuse(
-            os.stat(path)
-        )  # before it is opened: opening alone acts on some devices
+        # Before it is opened: opening alone acts on some devices.
+        _refuse(os.stat(path))
         # A pipe that took the place of the file would wait for its writer.
-        handle = os.open(
-            path,
-            os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0),
-        )
+        flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+        handle = os.open(path, flags)
         with open(handle, "rb") as file:
             _refuse(os.fstat(handle))
-            # Files of the system tell no size.
+            # Files of the system state no size.
             content = file.read(MOST_BYTES + 1)
     except Unreadable:
         raise
@@ -64,8 +61,8 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file as of :func:`read_bytes`, line ends as ``\\n``; UTF-8, with or
-    without the mark of Windows.
+    """Read the text of a file as by :func:`read_bytes`, line ends as ``\\n``; UTF-8,
+    with or without the mark of Windows.
     """
     try:
         text = read_bytes(path).decode("utf-8-sig")
@@ -75,8 +72,8 @@ def read_text(path: Path) -> str:
 
 
 def is_beside(path: Path, folder: Path) -> bool:
-    """Whether a file lies in a folder or below it, links followed: what is elsewhere is
-    not quoted in sentences.
+    """Whether a file lies in a folder or below it, links followed: sentences do not
+    quote files elsewhere.
     """
     try:
         return path.resolve().is_relative_to(folder.resolve())
@@ -84,7 +81,8 @@ def is_beside(path: Path, folder: Path) -> bool:
         return False
 
 
-def _refuse(status: os.stat_result):
+def _refuse(status: os.stat_result) -> None:
+    """Refuse what is no regular file, or too large."""
     kind = stat.S_IFMT(status.st_mode)
     if kind != stat.S_IFREG:
         raise Unreadable(

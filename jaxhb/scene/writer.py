@@ -1,13 +1,12 @@
 """Scenes as TOML: of any file that can be read, with some numbers changed, with its
 engines expanded, of elements.
 
-What a ``.toml`` says is kept as it was written, comments included, but for what
-changes.
+A ``.toml`` stays as it was written, comments included, except where it changes.
 """
 
 import dataclasses
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,9 @@ from jaxhb.scene.files import (
 from jaxhb.scene.input_files import is_beside, read_bytes
 from jaxhb.scene.toml_text import TomlText
 from jaxhb.train.tables import LAW_OF_FRIDMAN
+
+Values = Mapping[tuple[str, int, str], Any]
+"""Values of a scene by (table, number of the row in its table, field)."""
 
 
 def _keys_of_rows(cls: type) -> Iterator[str]:
@@ -47,19 +49,19 @@ _CSV = tuple(
 def scene_text(
     name: str | Path, *, expand: bool = False, called: str | None = None
 ) -> tuple[str, dict[str, Path]]:
-    """The text of a scene, and the tables that lie beside it.
+    """Write the text of a scene, and find the tables that lie beside it.
 
-    ``name`` as in :func:`jaxhb.load_scene`, ``called`` another name for the scene;
+    ``name`` is that of :func:`jaxhb.load_scene`, ``called`` another name for the scene;
     ``expand`` writes the ``[[cylinder]]`` entries that an ``[engine]`` makes in its
     place. The text is TOML with the comments and the order of a ``.toml``, and loads to
-    the same train; beside it come ``{file name: Path}`` of the CSV files that the scene
-    names. :class:`SceneError` tells everything that is wrong with the scene.
+    the same train; with it comes ``{file name: Path}`` of the CSV files that the scene
+    names. :class:`SceneError` names all faults of the scene.
 
     >>> text, beside = scene_text("spur_pair")
     >>> text.splitlines()[4:6], sorted(beside)
     (['[scene]', 'name = "spur_pair"'], ['spur_pair_omega_squared.csv'])
     """
-    # For its errors: what does not load is not written.
+    # For its errors: a scene that does not load is not written.
     load_scene(name)
     path = _find(name)
     content = _parse(path, [])
@@ -68,12 +70,11 @@ def scene_text(
         _expand(text, content)
     head = content.get("scene")
     if head is None:
-        text.insert_behind(
-            0, "scene", {"name": called or path.stem}
-        )  # before all heads
+        # Before all heads
+        text.insert_behind(0, "scene", {"name": called or path.stem})
     elif called or "name" not in head:
         text.set("scene", 0, "name", called or path.stem)
-    return str(text), _beside(content, path.parent)
+    return str(text), _tables_beside(content, path.parent)
 
 
 def elements_text(
@@ -86,8 +87,8 @@ def elements_text(
     tune: dict[str, Any] | None = None,
     tolerance: dict[str, Any] | None = None,
 ) -> str:
-    """TOML that loads to the train that :func:`jaxhb.build` makes of the elements;
-    arguments as there.
+    """Write TOML that loads to the train of :func:`jaxhb.build` with the same
+    arguments.
 
     >>> print(
     ...     elements_text(
@@ -106,118 +107,129 @@ def elements_text(
         "scene": {key: value for key, value in head.items() if value is not None}
     }
     for element in elements:
-        content.setdefault(table_of(element), []).append(_given(element))
-    beside = {"tune": tune, "tolerance": tolerance}
-    return str(
-        TomlText.of(content | {key: table for key, table in beside.items() if table})
-    )
+        content.setdefault(table_of(element), []).append(_fields_set(element))
+    if tune:
+        content["tune"] = tune
+    if tolerance:
+        content["tolerance"] = tolerance
+    return str(TomlText.of(content))
 
 
-def _given(element):
-    """The fields of an element that are not at their defaults, as TOML takes them."""
-    both = [(f, getattr(element, f.name)) for f in dataclasses.fields(element)]
-    # An array equals no default, and has no one truth value.
-    return {
-        f.name: _plain(v)
-        for f, v in both
-        if v is not f.default and (hasattr(v, "shape") or v != f.default)
-    }
+def _fields_set(element: Any) -> dict[str, Any]:
+    """Fields of an element that are not at their defaults, as TOML takes them."""
+    values = {}
+    for field in dataclasses.fields(element):
+        value = getattr(element, field.name)
+        # An array equals no default, and has no truth value.
+        if value is not field.default and (
+            hasattr(value, "shape") or value != field.default
+        ):
+            values[field.name] = _plain(value)
+    return values
 
 
-def _plain(value):
-    """Lists and numbers of Python; a table inside an element as a dictionary."""
-    if dataclasses.is_dataclass(value):
-        return _given(value)
-    value = value.tolist() if hasattr(value, "tolist") else value
-    return [_plain(v) for v in value] if isinstance(value, tuple | list) else value
-
-
-def _text_of(path, content):
-    """The text of a file, of other programs that of what was read."""
-    # Bytes: text mode would turn the line ends of Windows.
-    return (
-        TomlText.of(content)
-        if path.suffix in _READERS
-        else TomlText(read_bytes(path).decode("utf-8-sig"))
-    )
-
-
-def _expand(text, content):
-    """Put the cylinders of engines behind those of the scene, or where the first engine
-    is.
+def _plain(value: Any) -> Any:
+    """Convert a value to lists and numbers of Python, and a table inside an element to
+    a dictionary.
     """
-    made = _made(content)
-    if made and content.get("cylinder"):
-        text.append("cylinder", made)
+    if dataclasses.is_dataclass(value):
+        return _fields_set(value)
+    value = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, tuple | list):
+        return [_plain(inner) for inner in value]
+    return value
+
+
+def _text_of(path: Path, content: Mapping[str, Any]) -> TomlText:
+    """Text of a file; of a file of another program the text of its content."""
+    if path.suffix in _READERS:
+        return TomlText.of(content)
+    # Bytes: text mode would turn the line ends of Windows.
+    return TomlText(read_bytes(path).decode("utf-8-sig"))
+
+
+def _expand(text: TomlText, content: Mapping[str, Any]) -> None:
+    """Put the cylinders of engines behind those of the scene, or in the place of the
+    first engine.
+    """
+    cylinders = _engine_cylinders(content)
+    if cylinders and content.get("cylinder"):
+        text.append("cylinder", cylinders)
         text.replace("engine", "cylinder", [])
-    elif made:
-        text.replace("engine", "cylinder", made)
+    elif cylinders:
+        text.replace("engine", "cylinder", cylinders)
 
 
-def _made(content):
+def _engine_cylinders(content: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Rows of the cylinders that the engines of a scene make."""
     engines = content.get("engine", [])
-    return [
-        row
-        for engine in ([engines] if isinstance(engines, dict) else engines)
-        for row in cylinder_rows(engine)
-    ]
+    if isinstance(engines, dict):
+        engines = [engines]
+    return [row for engine in engines for row in cylinder_rows(engine)]
 
 
-def _beside(content, folder):
-    """Files that rows of a scene name, in tables and in tables inside them."""
-    found = {}
+def _tables_beside(content: Mapping[str, Any], folder: Path) -> dict[str, Path]:
+    """Paths of the files that rows of a scene name, in tables and in tables inside
+    them, by these names.
+    """
+    paths: dict[str, Path] = {}
 
-    def walk(row):
-        found.update({name: folder / name for name in _named(row).values()})
+    def walk(row: dict[str, Any]) -> None:
+        paths.update({name: folder / name for name in _files_of_row(row).values()})
         for value in row.values():
             for inner in value if isinstance(value, list) else [value]:
                 if isinstance(inner, dict):
                     walk(inner)
 
     walk({table: rows for table, rows in content.items() if table not in BESIDE})
-    return found
+    return paths
 
 
-def element_files(name):
-    """Files that the torques and the cylinders of a scene take their rows from,
-    ``{field: file names}`` of each.
+def element_files(name: str | Path) -> dict[str, list[dict[str, str]]]:
+    """Files from which the torques and the cylinders of a scene take their rows, of
+    each by field.
     """
     content = _parse(_find(name), [])
     rows = {
         "torque": content.get("torque", []),
-        "cylinder": [*content.get("cylinder", []), *_made(content)],
+        "cylinder": [*content.get("cylinder", []), *_engine_cylinders(content)],
     }
-    found = {table: [_named(row) for row in own] for table, own in rows.items()}
-    for row, files in zip(rows["cylinder"], found["cylinder"], strict=True):
-        of_traces = [
-            name for trace in row.get("traces", ()) for name in _named(trace).values()
+    files = {
+        table: [_files_of_row(row) for row in table_rows]
+        for table, table_rows in rows.items()
+    }
+    for row, row_files in zip(rows["cylinder"], files["cylinder"], strict=True):
+        trace_files = [
+            file
+            for trace in row.get("traces", ())
+            for file in _files_of_row(trace).values()
         ]
-        files |= {"traces": ", ".join(of_traces)} if of_traces else {}
-    return found
+        if trace_files:
+            row_files["traces"] = ", ".join(trace_files)
+    return files
 
 
-def _named(row):
-    """Files that a row names in place of its lists."""
+def _files_of_row(row: Mapping[str, Any]) -> dict[str, str]:
+    """Files that a row names in place of its lists, by key."""
     return {key: row[key] for key in _CSV if isinstance(row.get(key), str)}
 
 
-def scene_files(name):
-    """Paths of the files that a scene is read from: itself and the tables it names."""
+def scene_files(name: str | Path) -> list[Path]:
+    """Paths of the files from which a scene is read: itself and the tables it names."""
     path = _find(name)
-    return [
-        path,
-        *(
-            table
-            for table in _beside(_parse(path, []), path.parent).values()
-            if table.is_file()
-        ),
-    ]
+    tables = _tables_beside(_parse(path, []), path.parent).values()
+    return [path, *(table for table in tables if table.is_file())]
 
 
-def changed_scene(name, values, *, tolerances=None, remark=""):
-    """The text of a scene with some numbers changed, and the tables beside it, as of
-    :func:`scene_text`.
+def changed_scene(
+    name: str | Path,
+    values: Values,
+    *,
+    tolerances: Mapping[str, Mapping[str, Any]] | None = None,
+    remark: str = "",
+) -> tuple[str, dict[str, Path]]:
+    """Write the text of a scene with some numbers changed, and find the tables beside
+    it, as :func:`scene_text` does.
 
     ``values`` : ``{(table, number of the row in its table, field): value}``; an engine
     whose cylinder changes is expanded. ``tolerances`` : entries of ``[tolerance]``,
@@ -229,17 +241,16 @@ def changed_scene(name, values, *, tolerances=None, remark=""):
     text = _text_of(path, content)
     if any(table == "cylinder" for table, _, _ in values):
         _expand(text, content)
-    for row in {
+    stiffened = {
         row
         for table, row, field in values
         if table == "mesh" and field in ("stiffness", "stiffness_orders")
-    }:
-        # Shorthands exclude what they stand for, which is written out.
-        if [
-            key
-            for key in ("stiffness_table", "width", "contact_ratio", "helix")
-            if text.discard("mesh", row, key)
-        ]:
+    }
+    for row in stiffened:
+        # Shorthands exclude the numbers for which they stand: these are written out.
+        shorthands = ("stiffness_table", "width", "contact_ratio", "helix")
+        discarded = [text.discard("mesh", row, key) for key in shorthands]
+        if any(discarded):
             train = load_scene(name)
             text.set("mesh", row, "stiffness", float(train.meshes.stiffness[row]))
             listed = train.topology.mesh_stiffness_orders[row]
@@ -252,8 +263,7 @@ def changed_scene(name, values, *, tolerances=None, remark=""):
                 ]
                 text.set("mesh", row, "stiffness_orders", orders)
     for (table, row, field), value in values.items():
-        # A law excludes numbers of its own: it is written out as the two that it stands
-        # for.
+        # A law excludes the two numbers for which it stands: they are written out.
         if (
             table == "mesh"
             and field in LAW_OF_FRIDMAN
@@ -264,40 +274,39 @@ def changed_scene(name, values, *, tolerances=None, remark=""):
         text.set(table, row, field, value)
     if tolerances:
         text.merge("tolerance", tolerances)
-    remark = "".join(f"# {line}{text.newline}" for line in remark.splitlines())
-    return remark + text.newline * bool(remark) + str(text), _beside(
-        content, path.parent
-    )
+    comment = "".join(f"# {line}{text.newline}" for line in remark.splitlines())
+    if comment:
+        comment += text.newline
+    return comment + str(text), _tables_beside(content, path.parent)
 
 
-def elements_of(name, values=()):
-    """The elements of a scene by name, engines as cylinders, with ``values`` as of
+def elements_of(name: str | Path, values: Values | tuple[()] = ()) -> dict[str, Any]:
+    """Elements of a scene by name, engines as cylinders, with ``values`` as in
     :func:`changed_scene`.
     """
     path = _find(name)
-    elements, _ = _read_elements(
-        path, tomllib.loads(changed_scene(name, dict(values))[0]), []
-    )
+    text, _ = changed_scene(name, dict(values))
+    elements, _ = _read_elements(path, tomllib.loads(text), [])
     parts = Parts(elements, path.name)
     return {parts.names[kind][i]: element for kind, i, element in parts.rows()}
 
 
 @dataclass(frozen=True)
 class Copies:
-    """Tables to write into the folder of a scene that is written.
+    """Tables to write into the folder of a scene.
 
     Parameters
     ----------
     files : ``{path: bytes}`` of tables that are not there yet
-    names : ``{name in the scene: name beside the scene that is written}`` of tables
-    that would lie outside its folder
+    names : ``{name in the scene: name in the folder}`` of tables that would lie outside
+    it
     """
 
     files: dict[str, bytes]
     names: dict[str, str]
 
     def renamed(self, text: str) -> str:
-        """The text of a scene with the names that its tables have there."""
+        """Text of a scene with the names of its tables in the folder."""
         if not self.names:
             return text
         changed = TomlText(text)
@@ -308,21 +317,22 @@ class Copies:
 def copies_beside(
     beside: dict[str, Path], folder: str | Path, option: str = "--output"
 ) -> Copies:
-    """:class:`Copies` of the CSV files ``beside`` a scene in ``folder``, which
-    ``option`` names.
+    """Find the :class:`Copies` of the CSV files ``beside`` a scene for ``folder``,
+    which ``option`` names.
 
-    None is written over another file or outside of the folder: a table of a name as
-    ``../x.csv`` becomes ``x.csv``, unless its name leads to it from there, too.
+    None is written over another file or outside of the folder: a table with a name such
+    as ``../x.csv`` becomes ``x.csv``, unless its name leads to it from there, too.
     """
-    files = {}
-    names = {}
-    sources = {}
+    files: dict[str, bytes] = {}
+    names: dict[str, str] = {}
+    sources: dict[str, Path] = {}
     for name, source in beside.items():
         if _leads_to(Path(folder) / name, source):
             continue
         copied = name
         if not is_beside(Path(folder) / name, Path(folder)):
-            copied = names[name] = _free_name(Path(name), source, sources)
+            copied = _free_name(Path(name), source, sources)
+            names[name] = copied
         sources[copied] = source
         target = Path(folder) / copied
         content = read_bytes(source)
@@ -338,7 +348,7 @@ def copies_beside(
 
 
 def _leads_to(path: Path, source: Path) -> bool:
-    """Whether a path is that of a file that is there."""
+    """Whether a path is that of an existing file."""
     try:
         return path.samefile(source)
     except OSError:
@@ -346,8 +356,8 @@ def _leads_to(path: Path, source: Path) -> bool:
 
 
 def _free_name(path: Path, source: Path, sources: dict[str, Path]) -> str:
-    """The name of a file without its folders, numbered where another source has it
-    already.
+    """Name of a file without its folders, numbered where another source already has
+    this name.
     """
     name = path.name
     number = 1
