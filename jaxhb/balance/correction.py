@@ -316,9 +316,7 @@ def correct_bordered(
         """The solution where J is 1. Without it a right side with nothing but g leads
         nowhere, as its image has no g.
         """
-        p = (row[:-1] @ v[:count] - v[-1]) / jnp.where(
-            pivot == 0, 1.0, pivot
-        )
+        p = (row[:-1] @ v[:count] - v[-1]) / jnp.where(pivot == 0, 1.0, pivot)
         return jnp.append(v[:-1].at[:count].add(-column * p), p)
 
     def solve(b):
