@@ -12,13 +12,15 @@ motion has the deflections and the end
 
     J dl - J_free (ds_end - ds) = r,     - closing (ds_end - ds) = 0.
 
-The left sides are the identity as far as the march does what harmonic balance asks for,
-and as cycles forget where they began: Krylov steps without a preconditioner solve them,
-and their transpose, in some ten marches whatever the number of harmonics. The march
-takes part as a way there alone: whatever its steps do wrong, dl solves ``J dl = r``.
+The left sides are the identity as far as the march agrees with harmonic balance, and as
+cycles forget where they began: Krylov steps without a preconditioner solve them, and
+their transpose, in some ten marches whatever the number of harmonics. The march is only
+a way to the solution: whatever the errors of its steps, dl solves ``J dl = r``.
 """
 
-from collections.abc import Callable
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import jax
@@ -26,6 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxhb._jax import Array, Number
 from jaxhb.balance.march import (
     MarchModes,
     StepWeights,
@@ -35,15 +38,15 @@ from jaxhb.balance.march import (
 )
 from jaxhb.balance.sweeps import SweepEquation, SweepPlan, free_motion, sweep_equation
 from jaxhb.equations import fourier
+from jaxhb.equations.condensation import CondensedEquation
 from jaxhb.equations.iterations import gcr
+from jaxhb.equations.reduced_model import ReducedOrderModel
 from jaxhb.integration.step import with_rate
 
-DERIVATIVE = (
-    1e-12,
-    60,
-)  # share of the right side that a derivative may leave, and its Krylov steps at most
-# Share beyond which it is none, and nan: where the Jacobian is nearly singular, as at a
-# fold
+# Share of the right side that a derivative may leave, and its Krylov steps at most
+DERIVATIVE = (1e-12, 60)
+# Share of the right side beyond which there is no derivative but nan: where the
+# Jacobian is nearly singular, as at a fold
 NO_DERIVATIVE = 1e-8
 # Share that a bordered solve may leave: of tangents, and of Newton's method, which
 # gains digits
@@ -54,10 +57,10 @@ FAINT = 1e-9  # share of the largest visibility that a state has at least
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class LinearTrain:
-    """What the march needs of a train at one speed, whatever the motion: modes, weights
+    """A train at one speed as the march needs it, whatever the motion: modes, weights
     of the steps, free, closing (:class:`~jaxhb.balance.sweeps.SweepEquation`),
-    frequency; and visibility ``(2m,)``, the size in m of the free motion that a sweep
-    takes a change of each state for.
+    frequency in rad/s; and visibility ``(2m,)``, the size in m of the free motion that
+    a sweep takes a change of each state for.
     """
 
     modes: MarchModes
@@ -79,24 +82,26 @@ def linear_train(sweeps: SweepEquation, steps: int) -> LinearTrain:
     so many steps.
     """
     even, odd = jnp.split(jnp.sum(sweeps.free**2, axis=(0, 2)), 2)
-    seen = jnp.linalg.norm(sweeps.modes.deflections, axis=0) * jnp.sqrt(even + odd)
-    visibility = (seen + FAINT * jnp.max(seen, initial=0.0)) / jnp.maximum(
+    observed = jnp.linalg.norm(sweeps.modes.deflections, axis=0) * jnp.sqrt(even + odd)
+    visibility = (observed + FAINT * jnp.max(observed, initial=0.0)) / jnp.maximum(
         jnp.abs(sweeps.closing), FAINT
     )
-    visibility = jnp.where(
-        visibility > 0, visibility, 1.0
-    )  # of a train that is stiff beside its cycle no mode is left
-    given = (
-        sweeps.modes,
-        sweeps.weights,
-        sweeps.free,
-        sweeps.closing,
-        sweeps.equation.frequency,
+    # A train that is very stiff over its cycle has no mode left.
+    visibility = jnp.where(visibility > 0, visibility, 1.0)
+    return LinearTrain(
+        modes=sweeps.modes,
+        weights=sweeps.weights,
+        free=sweeps.free,
+        closing=sweeps.closing,
+        frequency=sweeps.equation.frequency,
+        visibility=jnp.tile(visibility, 2),
+        steps=steps,
     )
-    return LinearTrain(*given, jnp.tile(visibility, 2), steps)
 
 
-def train_of(reduced, model, time_steps: int) -> LinearTrain:
+def train_of(
+    reduced: CondensedEquation, model: ReducedOrderModel, time_steps: int
+) -> LinearTrain:
     """The :class:`LinearTrain` of a condensed equation and its ReducedOrderModel."""
     plan = SweepPlan(time_steps, most_harmonics=reduced.linear.shape[-1] - 1)
     return linear_train(
@@ -107,36 +112,36 @@ def train_of(reduced, model, time_steps: int) -> LinearTrain:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class LinearMarch:
-    """A train and, at a motion, gain ``(K, G, 2G)``: change of phi at each step by that
-    of (l, l') without it.
+    """A train and, at a motion, gain ``(K, G, 2G)``: change of phi at each step per
+    change of (l, l') without it.
     """
 
     train: LinearTrain
     gain: jax.Array
 
-    def cycle(self, linear, state):
+    def cycle(self, linear: jax.Array, state: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Deflections ``(G, N+1)`` m and jump ``(2m,)`` of the cycle from ``state``
-        under ``linear`` ``(G, N+1)``, whose harmonics above those marched are the
-        motion.
+        under ``linear`` ``(G, N+1)``, whose harmonics above the marched ones pass
+        unchanged.
         """
         train = self.train
-        kept = min(linear.shape[-1] - 1, train.harmonics)
-        low = fourier.resize(linear, kept)
-        rows = fourier.synthesize(with_rate(low, train.frequency), train.steps).T
-        end, marched = self._march(state, rows)
+        harmonics = min(linear.shape[-1] - 1, train.harmonics)
+        low = fourier.resize(linear, harmonics)
+        motion_rows = fourier.synthesize(with_rate(low, train.frequency), train.steps).T
+        end, deflection = self._march(state, motion_rows)
         return (
-            linear.at[:, : kept + 1].set(fourier.analyze(marched.T, kept)),
+            linear.at[:, : harmonics + 1].set(fourier.analyze(deflection.T, harmonics)),
             end - state,
         )
 
-    def _march(self, state, rows):
+    def _march(self, state: jax.Array, rows: jax.Array) -> tuple[jax.Array, jax.Array]:
         modes = self.train.modes
         weights = self.train.weights
         meshes = modes.forcing.shape[1]
         observed = modes.observed
 
-        def step(state, known):
-            gain, row = known
+        def step(state, step_inputs):
+            gain, row = step_inputs
             free = row + observed @ state
             # Written-out sums of columns are faster than products inside a scan.
             force = sum(gain[:, j] * free[j] for j in range(2 * meshes))
@@ -148,7 +153,7 @@ class LinearMarch:
         return lax.scan(step, state, (self.gain, rows))
 
 
-def march_at(train: LinearTrain, slopes) -> LinearMarch:
+def march_at(train: LinearTrain, slopes: Array) -> LinearMarch:
     """The :class:`LinearMarch` at a motion with coefficients ``(2, G, n+1)`` of the
     slopes of phi in l and l'.
     """
@@ -158,25 +163,25 @@ def march_at(train: LinearTrain, slopes) -> LinearMarch:
     return LinearMarch(train, _gain(by_deflection, by_rate, train.weights.at_once))
 
 
-def _gain(slope, rate_slope, at_once):
-    """``(K, G, 2G)``: the forces u = S (w + at_once u) of the meshes per w, with S of
-    the slopes ``(G, K)``.
+def _gain(slope: jax.Array, rate_slope: jax.Array, at_once: Array) -> jax.Array:
+    """Forces u = S (w + at_once u) of the meshes per w, ``(K, G, 2G)``, with S of the
+    slopes ``(G, K)``.
     """
-    own = jnp.eye(len(slope))[:, :, None]
-    slopes = jnp.concatenate([own * slope, own * rate_slope], axis=1)
+    identity = jnp.eye(len(slope))[:, :, None]
+    slopes = jnp.concatenate([identity * slope, identity * rate_slope], axis=1)
     rows = jnp.concatenate(
-        [own - jnp.einsum("ghk,hf->gfk", slopes, at_once), slopes], axis=1
+        [identity - jnp.einsum("ghk,hf->gfk", slopes, at_once), slopes], axis=1
     )
-    # Elimination of all time steps side by side, an eighth of the time of a library's
-    # one after another. Without pivots: where its slope is lost, a mesh has more
-    # compliance, never less than none.
+    # Elimination of all time steps side by side takes an eighth of the time of a
+    # library routine that takes one after another. Without pivots: where its slope is
+    # lost, a mesh has more compliance, never less than none.
     for i in range(len(slope)):
-        row = rows[i] / rows[i, i]
-        rows = (rows - rows[:, i, None] * row).at[i].set(row)
+        pivot_row = rows[i] / rows[i, i]
+        rows = (rows - rows[:, i, None] * pivot_row).at[i].set(pivot_row)
     return rows[:, len(slope) :].transpose(2, 0, 1)
 
 
-def slopes_at(reduced, deflection, samples):
+def slopes_at(reduced: CondensedEquation, deflection: Array, samples: int) -> jax.Array:
     """Coefficients ``(2, G, 2N+1)`` of the slopes of phi in l and l' at ``deflection``
     ``(G, N+1)``: as many as enter a Galerkin product; law sampled at ``samples`` time
     samples or integrated exactly.
@@ -184,158 +189,191 @@ def slopes_at(reduced, deflection, samples):
     return reduced.nonlinear_slopes(deflection, samples, 2 * (deflection.shape[-1] - 1))
 
 
-def force_change(reduced, slopes):
-    """The product ``delta -> w delta + s delta'``, coefficients ``(G, N+1)``, with
-    :func:`slopes_at`: what a change of the deflections is to phi.
+def force_change(
+    reduced: CondensedEquation, slopes: Array
+) -> Callable[[Array], jax.Array]:
+    """The change of phi by one of the deflections: the product ``delta -> w delta + s
+    delta'``, coefficients ``(G, N+1)``, with :func:`slopes_at`.
 
     The slopes enter with at most 2 N harmonics. With a change of N the product has 3 N,
-    of which none is seen at those up to N from 4 N + 1 time samples on: 4.5 N give it
+    none of which is seen at those up to N from 4 N + 1 time samples on: 4.5 N give it
     exactly.
     """
     harmonics = (slopes.shape[-1] - 1) // 2
     time_samples = (9 * harmonics + 1) // 2
     slope, rate_slope = fourier.synthesize(slopes, time_samples)
 
-    def product(delta):
+    def product(delta: Array) -> jax.Array:
         change, rate = reduced.sampled(delta, time_samples)
         return fourier.analyze(slope * change + rate_slope * rate, harmonics)
 
     return product
 
 
-def tangent(reduced, forces: Callable):
-    """The product ``delta -> J delta`` with ``forces``, that with the slopes of phi
+def tangent(
+    reduced: CondensedEquation, forces: Callable[[Array], jax.Array]
+) -> Callable[[Array], jax.Array]:
+    """The product ``delta -> J delta``; forces : the product with the slopes of phi
     (:func:`force_change`).
     """
     return lambda delta: delta + reduced.respond(forces(delta))
 
 
-def correct(reduced, march: LinearMarch, slopes, value, forcing, steps):
-    """``J change = value`` of a motion with :func:`slopes_at`: (change, share of the
-    residual that is left, Krylov steps).
+def correct(
+    reduced: CondensedEquation,
+    march: LinearMarch,
+    slopes: Array,
+    value: Array,
+    forcing: Number,
+    steps: int,
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Solve ``J change = value`` at a motion with :func:`slopes_at`: the change, share
+    of the residual that is left, Krylov steps.
 
-    march : at this motion or a near one; value ``(G, N+1)``; forcing : wanted share;
-    steps : largest number of Krylov steps (static).
+    march : at this motion or a near one; value ``(G, N+1)``; forcing : largest share
+    that may be left; steps : largest number of Krylov steps (static).
     """
     product = tangent(reduced, force_change(reduced, slopes))
-    solved = _Mapped(march, product, value.shape).solve(pack(value), forcing, steps)
-    return unpack(solved[0], value.shape), *solved[1:]
+    mapped = _Mapped(march, product, value.shape)
+    change, left, used = mapped.solve(pack(value), forcing, steps)
+    return unpack(change, value.shape), left, used
 
 
 def correct_product(
-    march: LinearMarch, product: Callable, value, *, transposed, tolerance, steps
-):
-    """The same with any ``product`` ``(G, n+1) -> (G, n+1)`` with J, or with the
-    transpose of that in packed coordinates: change and share of the residual that is
-    left.
+    march: LinearMarch,
+    product: Callable[[Array], jax.Array],
+    value: Array,
+    *,
+    transposed: bool,
+    tolerance: float,
+    steps: int,
+) -> tuple[jax.Array, jax.Array]:
+    """Solve like :func:`correct` with any ``product`` ``(G, n+1) -> (G, n+1)`` with J,
+    or with its transpose in packed coordinates: change and share of the residual that
+    is left.
     """
-    mapped, value, shape = (
-        _Mapped(march, product, value.shape),
-        pack(value),
-        value.shape,
-    )
-    solved, left, _ = (mapped.solve_transposed if transposed else mapped.solve)(
-        value, tolerance, steps
-    )
-    return unpack(solved, shape), left
+    mapped = _Mapped(march, product, value.shape)
+    solve = mapped.solve_transposed if transposed else mapped.solve
+    change, left, _ = solve(pack(value), tolerance, steps)
+    return unpack(change, value.shape), left
 
 
-def invert(march: LinearMarch, product: Callable, known_product: Callable, value):
-    """``change`` with ``J change = value``; differentiable, its transpose solves with
-    the transpose of J.
+def invert(
+    march: LinearMarch,
+    product: Callable[[Array], jax.Array],
+    frozen_product: Callable[[Array], jax.Array],
+    value: Array,
+) -> jax.Array:
+    """Solve ``J change = value`` for the change; differentiable, its transpose solves
+    with the transpose of J.
 
-    product : ``delta -> J delta``; known_product : the same of numbers that are not
+    product : ``delta -> J delta``; frozen_product : the same, of numbers that are not
     differentiated. nan where the Krylov steps leave too much.
     """
     shape = value.shape
-    known = _Mapped(march, known_product, shape)
+    mapped = _Mapped(march, frozen_product, shape)
 
     def if_solved(solved):
         change, left, _ = solved
         return jnp.where(left <= NO_DERIVATIVE, change, jnp.nan)
 
-    found = lax.custom_linear_solve(
+    tolerance, steps = DERIVATIVE
+    packed_change = lax.custom_linear_solve(
         lambda packed: pack(product(unpack(packed, shape))),
         pack(value),
-        lambda _, b: if_solved(known.solve(b, *DERIVATIVE)),
-        lambda _, b: if_solved(known.solve_transposed(b, *DERIVATIVE)),
+        lambda _, b: if_solved(mapped.solve(b, tolerance, steps)),
+        lambda _, b: if_solved(mapped.solve_transposed(b, tolerance, steps)),
     )
-    return unpack(found, shape)
+    return unpack(packed_change, shape)
 
 
-def correct_bordered(reduced, march: LinearMarch, slopes, border, right, steps):
+def correct_bordered(
+    reduced: CondensedEquation,
+    march: LinearMarch,
+    slopes: Array,
+    border: tuple[Array, Array],
+    right: Sequence[Array],
+    steps: int,
+) -> list[jax.Array]:
     """Solve ``J x + column p = f,  row . (x, p) = g`` for each array of ``right``.
 
-    Regular at a fold, too. right : arrays ``(n+1,)`` of (f, g).
-    border : column ``(n,)`` packed, row ``(n+1,)``; others as in :func:`correct`.
+    Regular at a fold, too. right : arrays ``(n+1,)`` of (f, g); border : column
+    ``(n,)`` packed, row ``(n+1,)``; other arguments as in :func:`correct`.
     """
     column, row = border
     shape = len(reduced.linear), reduced.linear.shape[-1]
     mapped = _Mapped(march, tangent(reduced, force_change(reduced, slopes)), shape)
     count = len(column)
 
-    def whole(z):
+    def bordered(z):
         left, deflection = mapped.apply(z[:-1])
         left = left.at[:count].add(column * z[-1])
         return jnp.append(left, row[:-1] @ deflection + row[-1] * z[-1])
 
-    across = row[:-1] @ column - row[-1]
+    pivot = row[:-1] @ column - row[-1]
 
     def unbordered(v):
-        """The solution where J is 1: else a right side with nothing but g leads
+        """The solution where J is 1. Without it a right side with nothing but g leads
         nowhere, as its image has no g.
         """
-        p = (row[:-1] @ v[:count] - v[-1]) / jnp.where(across == 0, 1.0, across)
+        p = (row[:-1] @ v[:count] - v[-1]) / jnp.where(pivot == 0, 1.0, pivot)
         return jnp.append(v[:-1].at[:count].add(-column * p), p)
 
     def solve(b):
         begin = jnp.concatenate([b[:-1], jnp.zeros(mapped.states), b[-1:]])
-        z, *_ = gcr(whole, unbordered, begin, tolerance=BORDERED, steps=steps)
+        z, *_ = gcr(bordered, unbordered, begin, tolerance=BORDERED, steps=steps)
         return jnp.append(mapped.apply(z[:-1])[1], z[-1])
 
     return [solve(b) for b in right]
 
 
 class _Mapped:
-    """The equations of a correction in real vectors ``(n + 2m,)``: packed db above
-    states by their visibility.
+    """Equations of a correction in real vectors ``(n + 2m,)``: packed db above states
+    times their visibility.
     """
 
-    def __init__(self, march: LinearMarch, product: Callable, shape: tuple[int, int]):
+    def __init__(
+        self,
+        march: LinearMarch,
+        product: Callable[[Array], jax.Array],
+        shape: tuple[int, ...],
+    ):
         self.march = march
         self.product = product
         self.shape = shape
-        self.count, self.states = (
-            shape[0] * (2 * shape[1] - 1),
-            len(march.train.visibility),
-        )
+        self.count = shape[0] * (2 * shape[1] - 1)
+        self.states = len(march.train.visibility)
 
-    def cycle(self, vector):
+    def cycle(self, vector: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Deflections ``(G, n+1)`` and jump of the states."""
         train = self.march.train
         linear = unpack(vector[: self.count], self.shape)
         return self.march.cycle(linear, vector[self.count :] / train.visibility)
 
-    def deflection(self, vector):
+    def deflection(self, vector: jax.Array) -> jax.Array:
         """Packed deflections ``(n,)``."""
         return pack(self.cycle(vector)[0])
 
-    def apply(self, vector):
+    def apply(self, vector: jax.Array) -> tuple[jax.Array, jax.Array]:
         """The left sides, and the packed deflections."""
         train = self.march.train
         deflection, jump = self.cycle(vector)
-        low = min(self.shape[1] - 1, train.harmonics) + 1
+        marched = min(self.shape[1] - 1, train.harmonics) + 1
         left = (
-            self.product(deflection).at[:, :low].add(-free_motion(train, jump)[:, :low])
+            self.product(deflection)
+            .at[:, :marched]
+            .add(-free_motion(train, jump)[:, :marched])
         )
-        onward = -real_pairs(train.closing * complex_modes(jump))
-        return jnp.concatenate([pack(left), train.visibility * onward]), pack(
+        closing_residual = -real_pairs(train.closing * complex_modes(jump))
+        return jnp.concatenate([pack(left), train.visibility * closing_residual]), pack(
             deflection
         )
 
-    def solve(self, b, tolerance, steps):
-        """Packed dl of the packed right side, the share of it that is left, and Krylov
-        steps.
+    def solve(
+        self, b: Array, tolerance: Number, steps: int
+    ) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Solve for the packed dl of a packed right side: dl, the share of the right
+        side that is left, and Krylov steps.
         """
         right = jnp.concatenate([b, jnp.zeros(self.states)])
         vector, left, used = gcr(
@@ -347,22 +385,29 @@ class _Mapped:
         )
         return self.deflection(vector), left, used
 
-    def solve_transposed(self, b, tolerance, steps):
-        """The same with the transpose of J."""
-        nothing = jnp.zeros(self.count + self.states)
-        _, back = jax.vjp(lambda v: self.apply(v)[0], nothing)
-        (right,) = jax.vjp(self.deflection, nothing)[1](b)
+    def solve_transposed(
+        self, b: Array, tolerance: Number, steps: int
+    ) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Solve like :meth:`solve` with the transpose of J."""
+        zeros = jnp.zeros(self.count + self.states)
+        _, pull_back = jax.vjp(lambda v: self.apply(v)[0], zeros)
+        _, pull_back_deflection = jax.vjp(self.deflection, zeros)
+        (right,) = pull_back_deflection(b)
         vector, left, used = gcr(
-            lambda v: back(v)[0], lambda v: v, right, tolerance=tolerance, steps=steps
+            lambda v: pull_back(v)[0],
+            lambda v: v,
+            right,
+            tolerance=tolerance,
+            steps=steps,
         )
         return vector[: self.count], left, used
 
 
-def pack(coefficients):
+def pack(coefficients: Array) -> jax.Array:
     """Coefficients ``(G, N+1)`` as a real vector ``(n,)``, orthonormal."""
     return fourier.pack(coefficients).reshape(-1)
 
 
-def unpack(packed, shape):
+def unpack(packed: Array, shape: tuple[int, ...]) -> jax.Array:
     """Coefficients ``(G, N+1)`` of a real vector."""
     return fourier.unpack(packed.reshape(shape[0], -1))

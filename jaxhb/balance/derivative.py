@@ -30,7 +30,8 @@ from jax import lax
 
 from jaxhb._jax import Array
 from jaxhb.balance import correction
-from jaxhb.balance.problem import fields, reduced_equation
+from jaxhb.balance.problem import ActiveMeshes, Problem, fields, reduced_equation
+from jaxhb.results.response import Fields
 
 if TYPE_CHECKING:
     from jaxhb.balance.plan import Plan
@@ -39,10 +40,10 @@ if TYPE_CHECKING:
 def gradient_and_error(
     function: Callable[[Any, Plan], Array], x: Any, *, plan: Plan
 ) -> tuple[Array, Any, Any]:
-    """Value and gradient of a number that a planned solve gives, and how far off the
-    gradient may be.
+    """Value and gradient of a number that a planned solve gives, and an estimate of the
+    error of the gradient.
 
-    A tolerance bounds what the truncation changes in a force, not in its slope. The
+    A tolerance bounds the change of a force by truncation, not that of its slope. The
     gradient is taken with the harmonics of the plan and with twice as many; the second
     is returned, and their difference as the estimate of its error: no bound, as
     derivatives of hammering teeth have no order of convergence. Valid under ``jit`` and
@@ -88,41 +89,48 @@ def gradient_and_error(
     True
     """
     finer = dataclasses.replace(plan, harmonics=2 * plan.harmonics)
-    (rough, coarse), (value, fine) = (
-        jax.value_and_grad(function)(x, one) for one in (plan, finer)
-    )
-    unknown = 0 * (rough + value)  # nan where one is not solved: its gradient is then 0
+    coarse_value, coarse = jax.value_and_grad(function)(x, plan)
+    value, fine = jax.value_and_grad(function)(x, finer)
+    # nan where one of the two is not solved, whose gradient is then 0
+    unknown = 0 * (coarse_value + value)
     error = jax.tree.map(lambda a, b: jnp.abs(a - b) + unknown, fine, coarse)
     return value + unknown, jax.tree.map(lambda a: a + unknown, fine), error
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def attach(plan, problem, active_meshes, at, solved, found, deflection):
-    """The solution ``found``, ``deflection`` of ``problem`` with its derivative with
+def attach(
+    plan: Plan,
+    problem: Problem,
+    active_meshes: ActiveMeshes,
+    linearization,
+    solved: Array,
+    solution: Fields,
+    deflection: Array,
+) -> tuple[Fields, Array]:
+    """The ``solution`` and ``deflection`` of ``problem`` with their derivatives with
     respect to ``problem``.
 
-    at : LinearTrain of the equation, None without active meshes; and None or, of exact
-    integrals, the Crossings of the active and of all meshes. Where it is not ``solved``
-    the derivative is what the plan says.
+    linearization : LinearTrain of the equation, None without active meshes; and None
+    or, of exact integrals, the Crossings of the active and of all meshes. Where the
+    problem is not ``solved`` the plan says what the derivative is.
     """
-    return found, deflection
+    return solution, deflection
 
 
 @attach.defjvp
-def _attach_jvp(plan, primals, tangents):
+def _attach_jvp(plan: Plan, primals: tuple, tangents: tuple):
     problem, active_meshes, (train, crossings), solved, _, _ = primals
-    active, every = lax.stop_gradient(crossings or (None, None))
-    found, deflection = attach(
-        plan, *primals
-    )  # second derivatives need that of the solution
-    change = _kept(plan.failed_gradient, solved, tangents[0])
+    active_crossings, all_crossings = lax.stop_gradient(crossings or (None, None))
+    # Second derivatives need that of the solution.
+    solution, deflection = attach(plan, *primals)
+    change = _masked(plan.failed_gradient, solved, tangents[0])
     problem = only_if(solved, problem, plan.failed_gradient)
 
     def equation(problem):
         reduced, condensed = reduced_equation(problem, plan.harmonics, active_meshes)
         return (
             dataclasses.replace(
-                reduced, integrals=plan.force_integrals, crossings=active
+                reduced, integrals=plan.force_integrals, crossings=active_crossings
             ),
             condensed,
         )
@@ -132,8 +140,8 @@ def _attach_jvp(plan, primals, tangents):
     )
 
     def forces_at(reduced, deflection):
-        """``delta -> change of phi``, coefficients ``(G, N+1)``: that of the forces of
-        the equations themselves.
+        """The product ``delta -> change of phi``, coefficients ``(G, N+1)``, of the
+        forces of the equations themselves.
         """
         if reduced.integrals == "averaged":
             return jax.linearize(
@@ -150,100 +158,111 @@ def _attach_jvp(plan, primals, tangents):
         force = reduced.nonlinear_force_coefficients(deflection, plan.samples)
         return reduced.left(deflection, force), force
 
-    (_, force), (left, force_dot) = jax.jvp(residual, (reduced,), (reduced_dot,))
-    deflection_dot = -left
+    (_, force), (residual_dot, force_dot) = jax.jvp(
+        residual, (reduced,), (reduced_dot,)
+    )
+    deflection_dot = -residual_dot
     if len(active_meshes.mask):
-        known = lax.stop_gradient((reduced, deflection))
-        march = lax.stop_gradient(
-            correction.march_at(train, correction.slopes_at(*known, plan.samples))
-        )
+        frozen, frozen_deflection = lax.stop_gradient((reduced, deflection))
+        slopes = correction.slopes_at(frozen, frozen_deflection, plan.samples)
+        march = lax.stop_gradient(correction.march_at(train, slopes))
         forces = forces_at(reduced, deflection)
-        products = (
-            correction.tangent(reduced, forces),
-            correction.tangent(known[0], forces_at(*known)),
+        product = correction.tangent(reduced, forces)
+        frozen_product = correction.tangent(
+            frozen, forces_at(frozen, frozen_deflection)
         )
-        deflection_dot = correction.invert(march, *products, -left)
+        deflection_dot = correction.invert(
+            march, product, frozen_product, -residual_dot
+        )
         force_dot = force_dot + forces(deflection_dot)
 
     def motion(problem, condensed, force):
         # Tooth forces over the cycle are values of the law, no integrals of its slope:
-        # the samples of the solve do.
+        # the samples of the solve are enough.
+        displacement, link_force = condensed.combine(force)
         return fields(
-            problem, *condensed.combine(force), plan.integrals, plan.samples, every
+            problem,
+            displacement,
+            link_force,
+            plan.integrals,
+            plan.samples,
+            all_crossings,
         )
 
-    _, found_dot = jax.jvp(
+    _, solution_dot = jax.jvp(
         motion, (problem, condensed, force), (change, condensed_dot, force_dot)
     )
-    return (found, deflection), _kept(
-        plan.failed_gradient, solved, (found_dot, deflection_dot)
+    return (solution, deflection), _masked(
+        plan.failed_gradient, solved, (solution_dot, deflection_dot)
     )
 
 
-def all_finite(tree):
-    """Whether every number is: an infinite knot of a table may give a finite problem,
-    but not the one meant.
+def all_finite(tree: Any) -> jax.Array:
+    """Whether every number is finite: an infinite knot of a table may give a finite
+    problem, but not the intended one.
     """
     return jnp.all(
         jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)])
     )
 
 
-def only_if(good, tree, failed_gradient="zero"):
-    """The same numbers, with derivatives where they are ``good`` and "zero" or "nan"
+def only_if(is_good: Array, tree: Any, failed_gradient: str = "zero") -> Any:
+    """The same numbers, with derivatives where they are good and "zero" or "nan"
     elsewhere.
     """
     return jax.tree.map(
         lambda value: (
-            _gated(failed_gradient, good, value) if _is_number(value) else value
+            _gated(failed_gradient, is_good, value) if _is_number(value) else value
         ),
         tree,
     )
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _gated(failed_gradient, good, value):
+def _gated(failed_gradient: str, is_good: Array, value: Array) -> Array:
     return value
 
 
 @_gated.defjvp
-def _gated_jvp(failed_gradient, primals, tangents):
-    good, value = primals
-    return value, _kept(failed_gradient, good, tangents[1])
+def _gated_jvp(failed_gradient: str, primals: tuple, tangents: tuple):
+    is_good, value = primals
+    return value, _masked(failed_gradient, is_good, tangents[1])
 
 
-def _kept(failed_gradient, good, tangents):
-    """Tangents where ``good``; elsewhere zero, so that nothing else of a batch is nan,
-    or nan.
+def _masked(failed_gradient: str, is_good: Array, tangents: Any) -> Any:
+    """Tangents where they are good; elsewhere zero, so that nothing else of a batch is
+    nan, or nan.
     """
     if failed_gradient == "zero":
-        return _where(good, tangents, None)
-    known = jnp.where(good, 1.0, jnp.nan)  # a product, whose transpose is nan likewise
+        return _where(is_good, tangents, None)
+    # A product, whose transpose is nan likewise
+    one_or_nan = jnp.where(is_good, 1.0, jnp.nan)
     return jax.tree.map(
-        lambda tangent: known * tangent if _is_number(tangent) else tangent, tangents
+        lambda tangent: one_or_nan * tangent if _is_number(tangent) else tangent,
+        tangents,
     )
 
 
-def only_known(solved, tree):
-    """The same numbers, nan where not ``solved``: behind them derivatives are zero, and
-    spoil no other's of a batch.
+def only_known(solved: Array, tree: Any) -> Any:
+    """The same numbers, nan where not ``solved``: derivatives through them are zero,
+    and spoil none of the rest of a batch.
     """
     return _where(solved, tree, jax.tree.map(lambda _: jnp.nan, tree))
 
 
-def _is_number(value):
+def _is_number(value: Any):
     """Whether a value has derivatives: no integer and no truth value."""
     return jnp.issubdtype(jnp.result_type(value), jnp.inexact)
 
 
-def _where(solved, values, others):
-    """``values``, or ``others`` (None: zeros) where not solved; integers and their
-    tangents as they are.
+def _where(solved: Array, values: Any, replacements: Any) -> Any:
+    """``values``, or ``replacements`` (None: zeros) where not solved; integers and
+    their tangents unchanged.
     """
 
-    def choose(value, other):
-        return jnp.where(solved, value, other) if _is_number(value) else value
+    def choose(value, replacement):
+        return jnp.where(solved, value, replacement) if _is_number(value) else value
 
-    if others is None:
+    if replacements is None:
         return jax.tree.map(lambda value: choose(value, 0.0), values)
-    return jax.tree.map(choose, values, others)
+    return jax.tree.map(choose, values, replacements)

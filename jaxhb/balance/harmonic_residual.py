@@ -23,7 +23,7 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 from jaxhb.train.topology import Topology
 
-MOST_GIB = 8.0  # that a Jacobian or the blocks of a sweep may take
+MOST_GIB = 8.0  # GiB that a Jacobian or the blocks of a sweep may take
 
 
 @jax.tree_util.register_dataclass
@@ -57,7 +57,7 @@ class HarmonicResidual:
 
     @property
     def size(self) -> int:
-        """Unknowns, and equations: S (2N+1)."""
+        """Number of unknowns, and of equations: S (2N+1)."""
         return self.topology.n_disks * (2 * self.harmonics + 1)
 
     @property
@@ -130,21 +130,19 @@ class HarmonicResidual:
         )
         return _jacobian(self.balance, x)
 
-    def __repr__(self):
-        at = self.balance.frequency
-        speed = (
-            ""
-            if traced(at) or np.ndim(at)
-            else f" at Omega = {number(float(at))} rad/s"
-        )
+    def __repr__(self) -> str:
+        frequency = self.balance.frequency
+        speed = ""
+        if not (traced(frequency) or np.ndim(frequency)):
+            speed = f" at Omega = {number(float(frequency))} rad/s"
         return (
             f"<HarmonicResidual of {self.topology.title}{speed}: {self.harmonics}"
             f" harmonics, {self.size} unknowns>"
         )
 
-    def _check(self, x):
-        """Unknowns as they are, refused with a sentence where their shape is
-        another.
+    def _check(self, x: Array) -> Array:
+        """Return the unknowns unchanged; refuse with a sentence those of another
+        shape.
         """
         if np.ndim(self.balance.load) != 2:
             raise ValueError(
@@ -161,7 +159,7 @@ class HarmonicResidual:
             )
         return x
 
-    def _refuse_size(self, numbers, what, instead):
+    def _refuse_size(self, numbers: int, what: str, instead: str) -> None:
         gib = 8 * numbers / 2**30
         if gib > MOST_GIB:
             raise MemoryError(
@@ -271,7 +269,7 @@ def harmonic_residual(
 
 
 def block_sweep(A: HarmonicResidual, x: Array, right_side: Array) -> Array:
-    """The solution ``A'(x)^-1 right_side``, such as a Newton step, by block elimination
+    """Solve for ``A'(x)^-1 right_side``, such as a Newton step, by block elimination
     along the tree of links.
 
     Fridman 2009, (10)-(12), with the Newton-Kantorovich blocks (38): from the leaves to
@@ -303,8 +301,8 @@ def block_sweep(A: HarmonicResidual, x: Array, right_side: Array) -> Array:
     -----
     Elimination without pivoting between blocks breaks down at a part of the train that
     is singular with its upper disk held (a parametric resonance of that part), though
-    the whole may be regular. What it leaves, ``jax.jvp(A, (x,), (change,))[1] -
-    right_side``, tells.
+    the whole may be regular. The residual ``jax.jvp(A, (x,), (change,))[1] -
+    right_side`` tells.
 
     Valid under ``jit``, ``vmap`` and differentiation, forwards and backwards.
 
@@ -328,7 +326,7 @@ def block_sweep(A: HarmonicResidual, x: Array, right_side: Array) -> Array:
             f"{topology.title}: {names} closes a loop, and the block sweep needs a"
             " tree: use jax.numpy.linalg.solve(A.jacobian(x), right_side)."
         )
-    # Blocks of disks and links, and what the elimination keeps of each.
+    # Blocks of disks and links, and those that the elimination stores
     blocks = 6 * topology.n_disks * (2 * A.harmonics + 1) ** 2
     A._refuse_size(
         blocks,
@@ -338,7 +336,7 @@ def block_sweep(A: HarmonicResidual, x: Array, right_side: Array) -> Array:
     return _swept(A.balance, x, right_side)
 
 
-def _check_sizes(train, harmonics, samples):
+def _check_sizes(train: DriveTrain, harmonics: int, samples: int | None) -> None:
     """Refuse harmonics and samples that cannot work, with a sentence."""
     name = train.topology.title
     if traced(harmonics, samples):
@@ -364,14 +362,14 @@ def _check_sizes(train, harmonics, samples):
 
 
 @Program
-def _residual(balance, x):
+def _residual(balance: ForceBalance, x: Array):
     return balance.residual(
         jnp.asarray(x, float).reshape(len(balance.system.mass), -1)
     ).reshape(-1)
 
 
 @Program
-def _jacobian(balance, x):
+def _jacobian(balance: ForceBalance, x: Array):
     x = jnp.asarray(x, float)
     return balance.jacobian(x.reshape(len(balance.system.mass), -1)).reshape(
         len(x), len(x)
@@ -379,9 +377,8 @@ def _jacobian(balance, x):
 
 
 @Program
-def _swept(balance, x, right_side):
-    rows = (
-        jnp.asarray(values, float).reshape(len(balance.system.mass), -1)
-        for values in (x, right_side)
-    )
-    return balance.solve(*rows).reshape(-1)
+def _swept(balance: ForceBalance, x: Array, right_side: Array):
+    disks = len(balance.system.mass)
+    x = jnp.asarray(x, float).reshape(disks, -1)
+    right_side = jnp.asarray(right_side, float).reshape(disks, -1)
+    return balance.solve(x, right_side).reshape(-1)

@@ -16,24 +16,23 @@ from jaxhb.balance.sweeps import (
 from jaxhb.equations import fourier
 from jaxhb.equations.iterations import gcr_on_host
 
-FORCING = 0.03  # share of what is unclosed that a correction may leave
+FORCING = 0.03  # share of the unclosed part that a correction may leave
 KRYLOV_STEPS = 60
-SHORTEST = 1 / 256  # step that is tried at last
+SHORTEST = 1 / 256  # length of a step that is tried last
 DIFFERENCE = 1e-7  # length of a difference over that of the point
-# Share of what is unclosed that counts as left at least: a correction that was not
+# Share of the unclosed part that counts as left at least: a correction that was not
 # solved for may be far too short.
 NEAREST = 0.03
 LENGTHS = 1.0, 0.6, 0.36, 0.2, 0.1, 0.03  # of a step on the state alone
-CLOSING, CLOSING_STEPS = (
-    0.01,
-    30,
-)  # share of what is missed that such a step may leave, and its Krylov steps at most
+# Share of the miss that such a step may leave, and its Krylov steps at most
+CLOSING = 0.01
+CLOSING_STEPS = 30
 FAINT = 1e-9  # share of the largest visibility that a state has at least
 
 
 class PackedPoint:
-    """Points as real vectors of deflections: states as the meshes see them, forces over
-    the stiffness.
+    """Packing of points as real vectors of deflections in m: states as the meshes see
+    them, forces over the stiffness.
     """
 
     def __init__(self, sweeps: SweepEquation, point: SweepPoint):
@@ -44,12 +43,14 @@ class PackedPoint:
         self.shape = np.shape(fourier.pack(np.asarray(point.linear)))
 
     def pack(self, point: SweepPoint) -> np.ndarray:
+        """Real vector of a point."""
         linear = fourier.pack(np.asarray(point.linear)).ravel()
         state = np.asarray(point.state) * self.visibility
         force = np.asarray(point.force) * self.flexibility
         return np.concatenate([linear, state, force])
 
     def unpack(self, packed: np.ndarray) -> SweepPoint:
+        """Point of a real vector."""
         deflections = self.shape[0] * self.shape[1]
         states = len(self.visibility)
         linear, state, force = np.split(packed, [deflections, deflections + states])
@@ -60,9 +61,9 @@ class PackedPoint:
 def least_changed(
     sweeps: SweepEquation, points: list[SweepPoint], plan: SweepPlan
 ) -> SweepPoint:
-    """The one of some points that a sweep changes least."""
+    """The point among several that a sweep changes least."""
 
-    def change(point):
+    def change(point: SweepPoint) -> float:
         packing = PackedPoint(sweeps, point)
         following, _ = sweep_program(sweeps, point, plan=plan)
         return np.linalg.norm(packing.pack(following) - packing.pack(point))
@@ -81,49 +82,60 @@ def solve_map(
     """Newton's method from a point until ``goal`` of the vibration or less is left to
     the fixed point, as long as steps lead closer.
 
-    What is left is told from how far the last correction led for what it closed: beside
-    a bifurcation a cycle that nearly closes may be far from one that does.
+    The distance is estimated from the length of the last correction and the part that
+    it closed: beside a bifurcation a cycle that nearly closes may be far from one that
+    does.
     """
     packing = PackedPoint(sweeps, point)
     marches = 0
 
-    def left_at(packed):
+    def unclosed_at(packed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         nonlocal marches
         marches += 1
         following, deflection = sweep_program(sweeps, packing.unpack(packed), plan=plan)
         return packed - packing.pack(following), np.asarray(deflection)
 
-    def correction(packed, left):
-        def apply(direction):
-            short = DIFFERENCE * np.linalg.norm(packed) / np.linalg.norm(direction)
-            return (left_at(packed + short * direction)[0] - left) / short
+    def correction(packed: np.ndarray, unclosed: np.ndarray) -> np.ndarray:
+        def apply(direction: np.ndarray) -> np.ndarray:
+            step = DIFFERENCE * np.linalg.norm(packed) / np.linalg.norm(direction)
+            return (unclosed_at(packed + step * direction)[0] - unclosed) / step
 
-        return gcr_on_host(apply, -left, tolerance=FORCING, steps=KRYLOV_STEPS)
+        return gcr_on_host(apply, -unclosed, tolerance=FORCING, steps=KRYLOV_STEPS)
 
     packed = packing.pack(point)
-    unclosed, deflection = left_at(packed)
+    unclosed, deflection = unclosed_at(packed)
     backlash = np.max(np.asarray(sweeps.equation.law.backlash))
     scale = np.linalg.norm(fourier.pack(deflection)[:, 1:]) + 1e-8 * backlash
     size = np.linalg.norm(unclosed)
-    left, distance, closer = UNSETTLED * deflection, UNSETTLED * scale, True
+    left = UNSETTLED * deflection
+    distance = UNSETTLED * scale
+    closer = True
     while closer and distance > goal * scale and marches < most_marches:
         change = correction(packed, unclosed)
         length = 1.0
         closer = False
         while not closer and length >= SHORTEST:
-            after, moved = left_at(packed + length * change)
-            share = np.linalg.norm(after) / size
+            unclosed_after, deflection_after = unclosed_at(packed + length * change)
+            share = np.linalg.norm(unclosed_after) / size
             closer = bool(share < 1 - length / 4)
             if closer:
-                packed, unclosed, size = packed + length * change, after, share * size
-                # A whole correction closed all but a share: as much of it is what the
-                # next one will change.
-                left = (moved - deflection) * share / length
+                packed = packed + length * change
+                unclosed = unclosed_after
+                size = share * size
+                # A whole correction closed all but a share: the next one will change
+                # about as large a share of it.
+                left = (deflection_after - deflection) * share / length
                 distance = max(np.linalg.norm(change) * share, NEAREST * size)
-                deflection = moved
+                deflection = deflection_after
             length /= 2
-    ended = packing.unpack(packed), deflection, np.array(marches)
-    return Settled(*ended, size / scale, left, distance / scale)
+    return Settled(
+        point=packing.unpack(packed),
+        deflection=deflection,
+        marches=np.array(marches),
+        change=size / scale,
+        left=left,
+        distance=distance / scale,
+    )
 
 
 def close_cycle(
@@ -133,44 +145,51 @@ def close_cycle(
     *,
     tolerance: float,
     most: int = 15,
-):
+) -> tuple[SweepPoint, float, int]:
     """Newton's method on state and force of a point alone, under its linear motion,
-    until the cycle closes to ``tolerance`` of them: the point, by how much its cycle
-    misses, and marches taken.
+    until the cycle closes to ``tolerance`` of them: the point, the miss of its cycle
+    relative to them, and marches taken.
 
-    A search, for points far from any motion: of several lengths of a step the one is
-    taken that closes best, whether or not the cycle closed better before.
+    A search, for points far from any motion: the best closing length of a step is
+    taken, whether or not the cycle closed better before.
     """
     packing = PackedPoint(sweeps, point)
-    states, marches = len(packing.visibility), 0
+    states = len(packing.visibility)
+    marches = 0
 
-    def at(packed):
+    def point_from(packed: np.ndarray) -> SweepPoint:
         state = packed[:states] / packing.visibility
         force = packed[states:] / packing.flexibility
         return SweepPoint(point.linear, state, force)
 
-    def missed(packed):
+    def miss_of(packed: np.ndarray) -> np.ndarray:
         nonlocal marches
         marches += 1
-        end, _ = marched_program(sweeps, at(packed), plan=plan)
+        end, _ = marched_program(sweeps, point_from(packed), plan=plan)
         return packing.pack(end)[-len(packed) :] - packed
 
     packed = packing.pack(point)[-states - len(packing.flexibility) :]
-    left = missed(packed)
+    miss = miss_of(packed)
     for _ in range(most):
         size = np.linalg.norm(packed)
-        if not np.linalg.norm(left) > tolerance * size:
+        if not np.linalg.norm(miss) > tolerance * size:
             break
 
-        def apply(direction, packed=packed, left=left, size=size):
-            short = DIFFERENCE * size / np.linalg.norm(direction)
-            return (missed(packed + short * direction) - left) / short
+        def apply(
+            direction: np.ndarray, packed=packed, miss=miss, size=size
+        ) -> np.ndarray:
+            step = DIFFERENCE * size / np.linalg.norm(direction)
+            return (miss_of(packed + step * direction) - miss) / step
 
-        change = gcr_on_host(apply, -left, tolerance=CLOSING, steps=CLOSING_STEPS)
-        trials = [(length, missed(packed + length * change)) for length in LENGTHS]
-        length, left = min(
+        change = gcr_on_host(apply, -miss, tolerance=CLOSING, steps=CLOSING_STEPS)
+        trials = [(length, miss_of(packed + length * change)) for length in LENGTHS]
+        length, miss = min(
             trials,
             key=lambda trial: np.nan_to_num(np.linalg.norm(trial[1]), nan=np.inf),
         )
         packed = packed + length * change
-    return at(packed), float(np.linalg.norm(left) / np.linalg.norm(packed)), marches
+    return (
+        point_from(packed),
+        float(np.linalg.norm(miss) / np.linalg.norm(packed)),
+        marches,
+    )

@@ -7,16 +7,22 @@ natural level decides (:mod:`jaxhb.equations.iterations`): the simplified correc
 ``J^-1 F(x - lambda J^-1 F)`` must be shorter than the correction.
 """
 
-from functools import partial
-from typing import NamedTuple
+from __future__ import annotations
 
-import jax
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
 import jax.numpy as jnp
 from jax import lax
 
+from jaxhb._jax import Array, Number
 from jaxhb.balance import correction
+from jaxhb.balance.correction import LinearTrain
 from jaxhb.balance.sizes import LIGHT, relative_residual
 from jaxhb.equations import backlash, fourier, iterations
+from jaxhb.equations.condensation import CondensedEquation
+from jaxhb.equations.residual import ForceBalance
 
 KRYLOV_STEPS = 60  # of a Newton step at most
 # Share of the residual that a correction may leave, and a simplified one. Kinks of the
@@ -24,8 +30,8 @@ KRYLOV_STEPS = 60  # of a Newton step at most
 # corrections take twice as many Krylov steps for a fifth fewer others.
 FORCING = 0.03
 LEVEL_FORCING = 0.01
-# Share of a whole step that it leaves at most, where its size tells how far the
-# solution is
+# Share of itself that a whole step may leave for its size to tell how far the solution
+# is
 LEAVES = 0.1
 # Residual from which a step goes for the goal, and by what share it aims below, where
 # derivatives are to follow.
@@ -39,32 +45,39 @@ class Iterate(NamedTuple):
     itself.
     """
 
-    x: jax.Array
-    error: jax.Array
-    steps: jax.Array
-    stalled: jax.Array
-    step: jax.Array
+    x: Array
+    error: Array
+    steps: Array
+    stalled: Array
+    step: Array
 
 
 class _State(NamedTuple):
-    """value : residual at the iterate; given : residual that the next linear solve is
+    """State of the iteration.
+
+    value : residual at the iterate; right_side : residual that the next linear solve is
     for, the same or, while a step is on trial, that of the trial; correction : at the
     iterate, or the last simplified one; length : of the trial; gain : from which the
-    length of the next step is predicted.
+    length of the next step is predicted; trying : whether a step is on trial.
     """
 
     iterate: Iterate
-    value: jax.Array
-    given: jax.Array
-    correction: jax.Array
-    length: jax.Array
-    gain: jax.Array
-    trying: jax.Array
+    value: Array
+    right_side: Array
+    correction: Array
+    length: Array
+    gain: Array
+    trying: Array
 
 
-def _solve(evaluate, direction, norm, state):
-    """One linear solve: for a correction and the first trial of its length, or for the
-    level of the trial.
+def _solve(
+    evaluate: Callable[[Array], Array],
+    direction: Callable[..., Array],
+    norm: Callable[[Array], Array],
+    state: _State,
+) -> _State:
+    """Solve one linear system: for a correction and the first trial of its length, or
+    for the level of the trial.
 
     Either ends with a trial, so that the loop has one body with one linear solve: most
     of the work, and of what is compiled.
@@ -72,70 +85,74 @@ def _solve(evaluate, direction, norm, state):
     iterate = state.iterate
     trying = state.trying
     forcing = jnp.where(trying, LEVEL_FORCING, FORCING)
-    found = direction(state.given, iterate.error, forcing)
-    correction = jnp.where(trying, state.correction, found)
+    solved = direction(state.right_side, iterate.error, forcing)
+    correction = jnp.where(trying, state.correction, solved)
     size = norm(correction)
-    found_size = norm(found)
-    # On trial, what was found is the simplified correction: the trial is taken now, or
+    solved_size = norm(solved)
+    # On trial, the solution is the simplified correction: the trial is accepted now, or
     # a shorter one is made.
-    lower = trying & iterations.lowers_level(found_size, size, state.length)
-    curvature = norm(found - (1 - state.length) * correction)
-    on_trial = jnp.where(
-        lower, state.length, iterations.shorter_length(state.length, size, curvature)
+    lowers_level = trying & iterations.lowers_level(solved_size, size, state.length)
+    curvature = norm(solved - (1 - state.length) * correction)
+    length_on_trial = jnp.where(
+        lowers_level,
+        state.length,
+        iterations.shorter_length(state.length, size, curvature),
     )
     # At an iterate, state.correction is the simplified one of the step that led there:
-    # the length is foreseen from it. A step that the residual accepted leaves none, but
-    # an infinite gain: the whole correction is tried.
-    foreseen = iterations.predicted_length(
-        state.gain, norm(state.correction - found), size
+    # the length is predicted from it. A step that the residual accepted leaves none,
+    # but an infinite gain: the whole correction is tried.
+    predicted = iterations.predicted_length(
+        state.gain, norm(state.correction - solved), size
     )
-    length = jnp.where(trying, on_trial, foreseen)
-    moved = iterate.x - length * correction
-    after = evaluate(moved)
-    error = norm(after)
-    # The residual is at hand and the level costs a linear solve: where the residual
-    # falls, it is not asked for.
-    good = lower | (error < (1 - length / 2) * iterate.error)
+    length = jnp.where(trying, length_on_trial, predicted)
+    trial = iterate.x - length * correction
+    trial_residual = evaluate(trial)
+    error = norm(trial_residual)
+    # The residual is at hand and the level costs a linear solve, which is spared where
+    # the residual falls.
+    is_good = lowers_level | (error < (1 - length / 2) * iterate.error)
     # A step tells how far the solution is only where it leaves little of itself.
-    left = jnp.where(lower, found_size / size, error / iterate.error)
-    telling = (length == 1) & (left < LEAVES)
+    share_left = jnp.where(lowers_level, solved_size / size, error / iterate.error)
+    tells_distance = (length == 1) & (share_left < LEAVES)
     following = Iterate(
-        jnp.where(good, moved, iterate.x),
-        jnp.where(good, error, iterate.error),
+        jnp.where(is_good, trial, iterate.x),
+        jnp.where(is_good, error, iterate.error),
         iterate.steps + 1,
-        ~good & (length < iterations.SHORTEST),
-        jnp.where(good, jnp.where(telling, size, jnp.inf), iterate.step),
+        ~is_good & (length < iterations.SHORTEST),
+        jnp.where(is_good, jnp.where(tells_distance, size, jnp.inf), iterate.step),
     )
     return _State(
         following,
-        value=jnp.where(good, after, state.value),
-        given=after,
-        correction=jnp.where(lower, found, correction),
+        value=jnp.where(is_good, trial_residual, state.value),
+        right_side=trial_residual,
+        correction=jnp.where(lowers_level, solved, correction),
         length=length,
         gain=jnp.where(
-            lower, size * found_size * length, jnp.where(good, jnp.inf, state.gain)
+            lowers_level,
+            size * solved_size * length,
+            jnp.where(is_good, jnp.inf, state.gain),
         ),
-        trying=~good,
+        trying=~is_good,
     )
 
 
 def newton(
-    evaluate,
-    prepare,
-    direction,
-    norm,
-    start,
+    evaluate: Callable[[Array], Array],
+    prepare: Callable[[Array], Any],
+    direction: Callable[..., Array],
+    norm: Callable[[Array], Array],
+    start: Array,
     *,
-    tolerance,
-    max_steps,
-    step_tolerance=0.0,
-    step=jnp.inf,
-):
-    """Solve ``evaluate(x) = 0`` from ``start``, which is accepted as it is if it
+    tolerance: Number,
+    max_steps: int,
+    step_tolerance: Number = 0.0,
+    step: Number = jnp.inf,
+) -> Iterate:
+    """Solve ``evaluate(x) = 0`` from ``start``, which is accepted unchanged if it
     already solves: the last Iterate, finite if the start was.
 
-    norm : of a residual or correction, on which ``tolerance`` and ``step_tolerance``,
-    of a whole step, are; prepare : x -> whatever ``direction`` needs at an iterate;
+    norm : of a residual, for ``tolerance``, and of a whole step, for
+    ``step_tolerance``; prepare : x -> whatever ``direction`` needs at an iterate;
     direction : (prepared, residual, error at x, forcing) -> correction, solves ``J(x)
     correction = residual`` to that share of the residual or less; max_steps : linear
     solves; step : how far the start is from the solution, in that norm, where this is
@@ -146,49 +163,54 @@ def newton(
         unknown = (iterate.error > tolerance) & ~(iterate.step < step_tolerance)
         return unknown & (iterate.steps < max_steps) & ~iterate.stalled
 
-    def at_iterate(state):
-        """All trials at one iterate, with what is prepared there."""
-        direct = partial(direction, prepare(state.iterate.x))
+    def try_lengths(state):
+        """Make all trials at one iterate, with the linear system prepared there."""
+        direction_here = partial(direction, prepare(state.iterate.x))
 
-        def untaken(carry):
+        def on_trial(carry):
             fresh, state = carry
             return (fresh | state.trying) & unsolved(state.iterate)
 
-        def solve(carry):
-            return jnp.array(False), _solve(evaluate, direct, norm, carry[1])
+        def solve_once(carry):
+            return jnp.array(False), _solve(evaluate, direction_here, norm, carry[1])
 
-        return lax.while_loop(untaken, solve, (jnp.array(True), state))[1]
+        return lax.while_loop(on_trial, solve_once, (jnp.array(True), state))[1]
 
     value = evaluate(start)
-    first = Iterate(
+    first_iterate = Iterate(
         start, norm(value), jnp.array(0), jnp.array(False), jnp.asarray(step, float)
     )
-    one = jnp.array(1.0)
-    infinite = jnp.array(jnp.inf)
+    full_length = jnp.array(1.0)
+    infinite_gain = jnp.array(jnp.inf)
     begin = _State(
-        first, value, value, jnp.zeros_like(start), one, infinite, jnp.array(False)
+        first_iterate,
+        value,
+        value,
+        jnp.zeros_like(start),
+        full_length,
+        infinite_gain,
+        jnp.array(False),
     )
     return lax.while_loop(
-        lambda state: unsolved(state.iterate), at_iterate, begin
+        lambda state: unsolved(state.iterate), try_lengths, begin
     ).iterate
 
 
 def solve_reduced(
-    reduced,
-    train,
-    start,
+    reduced: CondensedEquation,
+    train: LinearTrain,
+    start: Array,
     *,
-    samples,
-    tolerance,
-    max_steps,
-    step_tolerance=0.0,
-    step=jnp.inf,
-):
-    """Newton on the condensed equation from deflections ``(G, N+1)`` of the active
-    meshes: Iterate.
+    samples: int,
+    tolerance: Number,
+    max_steps: int,
+    step_tolerance: Number = 0.0,
+    step: Number = jnp.inf,
+) -> Iterate:
+    """Newton's method on the condensed equation from deflections ``(G, N+1)`` m of the
+    active meshes: the last Iterate.
 
-    train : its :class:`~jaxhb.balance.correction.LinearTrain`; samples : of the law, a
-    multiple of 2 N.
+    train : the LinearTrain of the equation; samples : of the law, a multiple of 2 N.
     """
 
     def prepare(deflection):
@@ -207,32 +229,38 @@ def solve_reduced(
     def evaluate(deflection):
         return reduced.residual(deflection, samples)
 
-    norm = partial(relative_residual, reduced)
-    goal = {
-        "tolerance": tolerance,
-        "max_steps": max_steps,
-        "step_tolerance": step_tolerance,
-        "step": step,
-    }
-    return newton(evaluate, prepare, direction, norm, start, **goal)
+    return newton(
+        evaluate,
+        prepare,
+        direction,
+        partial(relative_residual, reduced),
+        start,
+        tolerance=tolerance,
+        max_steps=max_steps,
+        step_tolerance=step_tolerance,
+        step=step,
+    )
 
 
-def solve_chain(balance, start, *, tolerance, max_steps):
-    """Newton on all disks, each step one block sweep over the tree, from packed
-    displacements ``(S, 2N+1)``: Iterate, deflections ``(L, N+1)`` of all links.
+def solve_chain(
+    balance: ForceBalance, start: Array, *, tolerance: float, max_steps: int
+) -> tuple[Iterate, Array]:
+    """Newton's method on all disks, each step one block sweep over the tree, from
+    packed displacements ``(S, 2N+1)`` m: the last Iterate, and deflections ``(L, N+1)``
+    m of all links.
 
-    Fridman's method, kept as an oracle: memory and work grow with ``S N^2`` and ``S
-    N^3``. ``tolerance`` is relative to the largest force in the balance, of light loads
-    to theirs (:func:`~jaxhb.balance.sizes.deflection_scale`). A tree is needed: the
-    caller refuses closed loops.
+    Fridman's method, here as an oracle: memory and work grow with ``S N^2`` and ``S
+    N^3``. ``tolerance`` is relative to the largest force in the balance, or to the
+    loads where they are light (:func:`~jaxhb.balance.sizes.deflection_scale`). A tree
+    is needed: the caller refuses closed loops.
     """
     driven = jnp.linalg.norm(fourier.pack(balance.load))
     gap = 2 * jnp.max(backlash.offset(balance.meshes.law), initial=0.0)
     scale = driven + jnp.where(driven > 0, jnp.minimum(gap, LIGHT * driven), gap)
-    # Deflections are unknowns beside the displacements: they change by what a sweep
-    # finds of them, without the digits that their differences lose in a train that
-    # turns far as one.
-    first = jnp.concatenate([start, balance.deflections(start)])
+    # Deflections are unknowns beside the displacements: they change by the deflections
+    # of a sweep, without the digits that differences lose in a train that turns far as
+    # a whole.
+    first_unknowns = jnp.concatenate([start, balance.deflections(start)])
     disks = len(start)
 
     def evaluate(packed):
@@ -249,7 +277,7 @@ def solve_chain(balance, start, *, tolerance, max_steps):
         lambda packed: packed,
         direction,
         norm,
-        first,
+        first_unknowns,
         tolerance=tolerance,
         max_steps=max_steps,
     )

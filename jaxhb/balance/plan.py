@@ -1,5 +1,5 @@
-"""What is asked of a solve and what is decided before it: two small hashable values,
-checked on the host.
+"""Request for a solve, and plan decided before it: two small hashable values, checked
+on the host.
 """
 
 from __future__ import annotations
@@ -16,17 +16,19 @@ from jaxhb.elements.elements import SceneError
 from jaxhb.equations.fourier import SAMPLES_PER_HARMONIC
 from jaxhb.excitation.torques import highest_harmonic
 from jaxhb.train import chain
+from jaxhb.train.drivetrain import DriveTrain
 
-# Harmonics of the cycle at most, by method: work and memory grow with N, for the chain
-# with N^3 and N^2.
+# Limit on the harmonics of the cycle, by method: work and memory grow with N, for the
+# chain with N^3 and N^2.
 MOST_HARMONICS = {"reduced": 4096, "chain": 128}
 # Truncation error of the elastic tooth force, as a share of the largest tooth force
 DEFAULT_TOLERANCE = 0.01
-# Of equations that count as solved exactly, as derivatives want them (:class:`Plan`)
+# Residual of equations that count as solved exactly, as derivatives need them
+# (:class:`Plan`)
 RESIDUAL = 1e-10
-# Whole step of Newton's method after which values are known, as a share of the
-# tolerance: what is left of the motion is a tenth of it at most (``newton.LEAVES``). A
-# residual would not do: near resonances 3e-8 of it hides 3 % of the force.
+# Size of a whole step of Newton's method after which values are good enough, as a share
+# of the tolerance: it leaves a tenth of itself at most (``newton.LEAVES``). A residual
+# would not do: near resonances 3e-8 of it hides 3 % of the force.
 STEP_SHARE = 1e-2
 MARCH_CYCLES = 12  # sweeps before Newton's method, at most
 # Numbers of time steps per cycle that are offered, multiples of 32, which segments of a
@@ -37,28 +39,29 @@ TIME_STEPS = (*(n * 2**k for k in range(5, 13) for n in (2, 3)), 16384)
 STEPS_PER_MODE_PERIOD = 6
 
 
-def time_steps_for(harmonic):
+def time_steps_for(harmonic: int) -> int:
     """Time steps per cycle for motion up to ``harmonic`` of the cycle."""
     return next(
-        (n for n in TIME_STEPS if n >= STEPS_PER_MODE_PERIOD * harmonic), TIME_STEPS[-1]
+        (steps for steps in TIME_STEPS if steps >= STEPS_PER_MODE_PERIOD * harmonic),
+        TIME_STEPS[-1],
     )
 
 
-def time_steps_of(harmonics):
-    """Time steps per cycle of sweeps that solve for so many harmonics: four for
-    each.
+def time_steps_of(harmonics: int) -> int:
+    """Time steps per cycle of sweeps that solve for so many harmonics: four for each
+    of them.
     """
     return min(-(-4 * harmonics // 32) * 32, TIME_STEPS[-1])
 
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of a solve: ``harmonics`` None for as many as ``tolerance`` needs;
-    see :func:`jaxhb.solve`.
+    """Request for a solve: ``harmonics`` None for as many as ``tolerance`` needs; see
+    :func:`jaxhb.solve`.
 
     few_levels : whether numbers of harmonics lie far apart, so that the speeds of a
-    sweep share few programs; averaged : of the :class:`Plan`, whether derivatives are
-    wanted.
+    sweep share few programs; averaged : that of the :class:`Plan`, True where
+    derivatives follow.
     """
 
     harmonics: int | None = None
@@ -70,20 +73,20 @@ class Request:
 
     @property
     def step_tolerance(self) -> float:
-        """Of the :class:`Plan`: exact where harmonics are asked for."""
+        """Step tolerance of the :class:`Plan`: exact where harmonics are prescribed."""
         return 0.0 if self.harmonics else STEP_SHARE * self.tolerance
 
     @classmethod
     def of(
         cls,
-        train,
-        harmonics=None,
-        tolerance=None,
-        method=None,
-        integrals=None,
-        few_levels=False,
-    ):
-        """The request with defaults for None; refused with a sentence where it cannot
+        train: DriveTrain,
+        harmonics: int | None = None,
+        tolerance: float | None = None,
+        method: str | None = None,
+        integrals: str | None = None,
+        few_levels: bool = False,
+    ) -> Request:
+        """Make a request, with defaults for None; refuse with a sentence what cannot
         work.
         """
         tolerance = DEFAULT_TOLERANCE if tolerance is None else tolerance
@@ -131,8 +134,8 @@ class Request:
 
 @dataclass(frozen=True)
 class Plan:
-    """All that is decided before a solve; hashable, and the same for every speed that
-    it serves.
+    """Decisions made before a solve; hashable, and the same for every speed that the
+    plan serves.
 
     Parameters
     ----------
@@ -141,8 +144,8 @@ class Plan:
     flank : tuple of int, +1 or -1 for a mesh taken to stay on that flank all cycle
     (verified), 0 otherwise
     method : "reduced" or "chain"
-    start : "linear", "march", or "response": neither leads to the motion, and a solve
-    under the plan is to be given one
+    start : "linear", "march", or "response": neither of those leads to the motion, and
+    a solve under the plan needs a response to start from
     cycles : int, of the march, at most: sweeps (:mod:`jaxhb.balance.sweeps`)
     time_steps : int, per cycle, of sweeps and of the march in linear solves, a multiple
     of 32
@@ -150,7 +153,7 @@ class Plan:
     tolerance_share : float, share of the tolerance that an estimate may use: it sees 2
     N harmonics, and mesh modes
         above them not
-    excited : int, harmonics of the excitation that programs have room for, 0 for N
+    excited : int, harmonics of the excitation that programs have room for; 0 means N
     integrals : of the tooth law over the cycle, "sampled" at 16 N times or "exact"
     between the switching times
     residual_tolerance : float, dimensionless, at which Newton's method ends: root mean
@@ -171,8 +174,8 @@ class Plan:
     """
 
     harmonics: int
-    active: tuple
-    flank: tuple
+    active: tuple[int, ...]
+    flank: tuple[int, ...]
     method: str = "reduced"
     start: str = "linear"
     cycles: int = MARCH_CYCLES
@@ -191,8 +194,8 @@ class Plan:
 
     @property
     def unknowns(self) -> int:
-        """Real unknowns of Newton's method; 0 where one linear solve per harmonic is
-        all.
+        """Number of real unknowns of Newton's method; 0 where one linear solve per
+        harmonic is enough.
         """
         return len(self.active) * (2 * self.harmonics + 1)
 
@@ -208,8 +211,8 @@ class Plan:
 
     @property
     def force_integrals(self) -> str:
-        """How the equations take the law over the cycle: "sampled", "averaged" between
-        the samples, or "exact".
+        """Integrals of the law over the cycle in the equations: "sampled", "averaged"
+        between the samples, or "exact".
         """
         return (
             "averaged"
@@ -220,7 +223,7 @@ class Plan:
     @property
     def goals(self) -> np.ndarray:
         """Largest estimate of the truncation error, residual and Newton step that count
-        as converged: an array, which programs are given.
+        as converged ``(3,)``: an array, an argument of programs.
         """
         return np.array(
             [
@@ -232,7 +235,7 @@ class Plan:
 
     @property
     def static(self) -> Plan:
-        """What a program is compiled for: the plan without what programs are given as
+        """The plan that a program is compiled for: without what programs take as
         arrays.
         """
         start = "march" if self.marches else "linear"
@@ -250,16 +253,16 @@ class Plan:
     def active_meshes(self) -> ActiveMeshes:
         """The active meshes as arrays, padded to 1, 2, 4, 8, ... of them."""
         count = len(self.active)
-        padded = 1 << (count - 1).bit_length() if count else 0
-        index = np.zeros(padded, dtype=np.int32)
+        capacity = 1 << (count - 1).bit_length() if count else 0
+        index = np.zeros(capacity, dtype=np.int32)
         index[:count] = self.active
-        mask = np.zeros(padded)
+        mask = np.zeros(capacity)
         mask[:count] = 1.0
         return ActiveMeshes(
             mask=mask, index=index, flank=np.array(self.flank, dtype=float)
         )
 
-    def __str__(self):
+    def __str__(self) -> str:
         size = f"{self.harmonics} harmonics" + (
             ", exact integrals" if self.integrals == "exact" else ""
         )
@@ -268,11 +271,11 @@ class Plan:
         return f"{len(self.active)} meshes with backlash, {size}, start: {self.start}"
 
 
-def check_harmonics(train, harmonics, method):
+def check_harmonics(train: DriveTrain, harmonics: int, method: str) -> None:
     """Refuse a fixed number of harmonics that cannot work, with a sentence."""
     name = train.topology.title
     least = highest_harmonic(train)
-    most = MOST_HARMONICS[method]
+    limit = MOST_HARMONICS[method]
     if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
         raise SceneError(
             f"{name}: harmonics is {harmonics}, must be a whole number of at least 1."
@@ -284,23 +287,23 @@ def check_harmonics(train, harmonics, method):
             f" {least / train.topology.revolutions_per_cycle:g}): ask for at least"
             f" {least} harmonics."
         )
-    if harmonics > most and method == "chain":
+    if harmonics > limit and method == "chain":
         need = 6 * train.topology.n_disks * (2 * harmonics + 1) ** 2 * 8 / 2**30
         raise SceneError(
             f"{name}: method 'chain' holds dense blocks for all"
             f" {train.topology.n_disks} disks, about {need:.1f} GiB at {harmonics}"
-            f" harmonics, and serves as a check up to {most} harmonics: use method"
+            f" harmonics, and serves as a check up to {limit} harmonics: use method"
             " 'reduced'."
         )
-    if harmonics > most:
+    if harmonics > limit:
         raise SceneError(
-            f"{name}: {harmonics} harmonics are more than the limit of {most}: use"
+            f"{name}: {harmonics} harmonics are more than the limit of {limit}: use"
             " fewer."
         )
 
 
-def excited_harmonic(train, method):
-    """Highest harmonic of the excitation that counts; a sentence where ``method``
+def excited_harmonic(train: DriveTrain, method: str) -> int:
+    """Highest harmonic of the excitation that counts; SceneError where ``method``
     cannot reach it.
     """
     highest = highest_harmonic(train)
@@ -313,14 +316,14 @@ def excited_harmonic(train, method):
     return highest
 
 
-def check_plan(train, plan):
-    """Refuse a plan made for another train: backlash it does not know, or more
+def check_plan(train: DriveTrain, plan: Plan) -> None:
+    """Refuse a plan made for another train: backlash that it leaves out, or more
     excitation than it holds.
     """
     name = train.topology.title
     has_law = train.topology.has_law
-    known = len(plan.flank) == len(has_law)
-    if not known or any(
+    same_meshes = len(plan.flank) == len(has_law)
+    if not same_meshes or any(
         i not in plan.active and not plan.flank[i] for i in np.flatnonzero(has_law)
     ):
         raise SceneError(

@@ -2,21 +2,31 @@
 arrays out.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._jax import Array, added, kept, namespace
-from jaxhb.equations import backlash, condensation, dynamic_stiffness, fourier
+from jaxhb._jax import Array, Number, added, kept, namespace
+from jaxhb.equations import (
+    backlash,
+    condensation,
+    dynamic_stiffness,
+    exact_integrals,
+    fourier,
+)
 from jaxhb.equations.backlash import MeshParameters, all_meshes
 from jaxhb.equations.block_sweep import quotient
-from jaxhb.equations.reduced_model import reduced_model
+from jaxhb.equations.condensation import CondensedEquation, CondensedTrain
+from jaxhb.equations.reduced_model import ReducedOrderModel, reduced_model
 from jaxhb.equations.residual import ForceBalance
 from jaxhb.excitation.torques import excitation, listed_harmonic, load_power_kW
 from jaxhb.results.response import Fields
 from jaxhb.train import chain
+from jaxhb.train.drivetrain import DriveTrain
 
 
 @jax.tree_util.register_dataclass
@@ -32,13 +42,13 @@ class Problem:
 
     system: chain.System
     meshes: MeshParameters
-    frequency: jax.Array
-    load: jax.Array
-    rigid: jax.Array
-    load_torque: jax.Array
-    load_power: jax.Array
+    frequency: Array
+    load: Array
+    rigid: Array
+    load_torque: Array
+    load_power: Array
 
-    def links(self, active_meshes):
+    def links(self, active_meshes: ActiveMeshes) -> jax.Array:
         """Links ``(G,)`` of the active meshes."""
         return jnp.asarray(self.meshes.link)[active_meshes.index]
 
@@ -58,12 +68,12 @@ class ActiveMeshes:
     flank: Array
 
 
-def problem_at(train, rpm, excited):
+def problem_at(train: DriveTrain, rpm: Number, excited: int) -> Problem:
     """The :class:`Problem` of ``train`` at ``rpm``, with room for ``excited`` harmonics
     of the excitation.
     """
     xp = namespace(train, rpm)
-    train = jax.tree.map(lambda a: xp.asarray(a, dtype=float), train)
+    train = jax.tree.map(lambda leaf: xp.asarray(leaf, dtype=float), train)
     system, meshes, rigid = _at_any_speed(train)
     torque, load_torque, _ = excitation(
         train, rpm, min(excited, listed_harmonic(train.topology))
@@ -83,22 +93,30 @@ def problem_at(train, rpm, excited):
 
 
 @kept
-def _at_any_speed(train):
+def _at_any_speed(train: DriveTrain) -> tuple[chain.System, MeshParameters, Array]:
     """Linear system, meshes and rigid rotation of a train."""
     system = chain.assemble(train)
     return system, all_meshes(train), chain.rigid_shape(train, system.radius)
 
 
-def reduced_equation(problem, harmonics, active_meshes):
+def reduced_equation(
+    problem: Problem, harmonics: int, active_meshes: ActiveMeshes
+) -> tuple[CondensedEquation, CondensedTrain]:
     """CondensedEquation and CondensedTrain of the active meshes; those that are not
     active are held on their flanks.
     """
-    equation, train = linear_equation(problem, harmonics, active_meshes)
-    return condensation.with_receptances(equation, train.system, train.columns), train
+    equation, condensed = linear_equation(problem, harmonics, active_meshes)
+    return condensation.with_receptances(
+        equation, condensed.system, condensed.columns
+    ), condensed
 
 
-def linear_equation(problem, harmonics, active_meshes):
-    """The same without receptances; of numbers of the host there."""
+def linear_equation(
+    problem: Problem, harmonics: int, active_meshes: ActiveMeshes
+) -> tuple[CondensedEquation, CondensedTrain]:
+    """The pair of :func:`reduced_equation` without receptances; computed on the host
+    where its numbers are there.
+    """
     meshes = problem.meshes
     xp = namespace(problem, active_meshes)
     # Beyond the knee f = c l - offset sign(l): a mesh that stays on its flank is a
@@ -107,8 +125,8 @@ def linear_equation(problem, harmonics, active_meshes):
     load = _with_mean(
         xp.asarray(problem.load), -problem.system.spread(constant, meshes.link)
     )
-    chosen = jax.tree.map(lambda a: xp.asarray(a)[active_meshes.index], meshes)
-    given = (
+    chosen = jax.tree.map(lambda leaf: xp.asarray(leaf)[active_meshes.index], meshes)
+    return condensation.linear_motion(
         problem.system,
         problem.frequency,
         load,
@@ -117,10 +135,9 @@ def linear_equation(problem, harmonics, active_meshes):
         chosen,
         active_meshes.mask,
     )
-    return condensation.linear_motion(*given)
 
 
-def _with_mean(coefficients, mean):
+def _with_mean(coefficients: Array, mean: Array) -> Array:
     """Coefficients ``(S, N+1)`` with ``mean`` ``(S,)`` added to those of harmonic 0."""
     xp = namespace(coefficients, mean)
     return coefficients + xp.where(
@@ -128,7 +145,7 @@ def _with_mean(coefficients, mean):
     )
 
 
-def force_balance(problem, harmonics, samples):
+def force_balance(problem: Problem, harmonics: int, samples: int) -> ForceBalance:
     """The :class:`~jaxhb.equations.residual.ForceBalance` on all disks, every mesh with
     its whole law.
     """
@@ -142,7 +159,9 @@ def force_balance(problem, harmonics, samples):
     )
 
 
-def model_of(problem, active_meshes, time_steps):
+def model_of(
+    problem: Problem, active_meshes: ActiveMeshes, time_steps: int
+) -> ReducedOrderModel:
     """The :class:`~jaxhb.equations.reduced_model.ReducedOrderModel` that so many time
     steps a cycle resolve, with the active meshes as its inputs.
     """
@@ -152,12 +171,19 @@ def model_of(problem, active_meshes, time_steps):
     )
 
 
-# Times the harmonics of the motion that tooth forces have: what their time samples tell
-# apart.
+# Harmonics of the tooth forces per harmonic of the motion: as many as their time
+# samples tell apart.
 FORCE_HARMONICS = fourier.SAMPLES_PER_HARMONIC // 2
 
 
-def fields(problem, displacement, force, integrals, samples, crossings=None):
+def fields(
+    problem: Problem,
+    displacement: Array,
+    force: Array,
+    integrals: str,
+    samples: int,
+    crossings: exact_integrals.Crossings | None = None,
+) -> Fields:
     """Motion, torques and forces from displacements ``(S, N+1)`` and forces ``(L,
     N+1)`` of the linear links.
 
@@ -178,93 +204,115 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
     links = xp.asarray(meshes.link)
     stiffness = xp.asarray(system.stiffness)[:, None]
     elastic_torque = force * quotient(stiffness, complex_stiffness)
-    at_meshes = complex_stiffness[links]
-    mesh = force[links] / xp.where(at_meshes == 0, 1.0, at_meshes)
-    ends = xp.asarray(system.radius)[system.tree.end_a][:, None]
-    count = len(links) - meshes.springs
-    shafts = force.shape[0] - count
+    mesh_stiffness = complex_stiffness[links]
+    deflections = force[links] / xp.where(mesh_stiffness == 0, 1.0, mesh_stiffness)
+    end_radius = xp.asarray(system.radius)[system.tree.end_a][:, None]
+    meshes_proper = len(links) - meshes.springs
+    shafts = force.shape[0] - meshes_proper
     law = jax.tree.map(xp.asarray, meshes.law)
-    rule = condensation.quadrature(integrals, law, mesh, samples, crossings)
+    rule = condensation.quadrature(integrals, law, deflections, samples, crossings)
     values, rates = fourier.each(
-        rule.synthesize, mesh, fourier.derivative(mesh, problem.frequency)
+        rule.synthesize, deflections, fourier.derivative(deflections, problem.frequency)
     )
-    known = backlash.at_samples(meshes, rule.synthesize)
-    elastic = backlash.force(known[0], values)
-    total = backlash.mesh_force(*known, values, rates)
-    kept = FORCE_HARMONICS * harmonics - 1
-    total, elastic = fourier.each(
-        lambda values: rule.analyze(values, kept), total, elastic
+    sampled_law, viscous, contact_damping = backlash.at_samples(meshes, rule.synthesize)
+    elastic = backlash.force(sampled_law, values)
+    transmitted = backlash.mesh_force(
+        sampled_law, viscous, contact_damping, values, rates
+    )
+    force_harmonics = FORCE_HARMONICS * harmonics - 1
+    transmitted, elastic = fourier.each(
+        lambda values: rule.analyze(values, force_harmonics), transmitted, elastic
     )
     torque = force
     if meshes.springs:
-        # What acts beside a shaft: its force less that of the linear link in its place.
-        springs = links[count:]
-        linear = law.linear[count:, None] * mesh[count:]
+        # The force beside a shaft less that of the linear link in its place is added.
+        springs = links[meshes_proper:]
+        linear = law.linear[meshes_proper:, None] * deflections[meshes_proper:]
         torque, elastic_torque = (
             added(
-                fourier.resize(own, kept),
+                fourier.resize(link_force, force_harmonics),
                 springs,
-                beside[count:] - fourier.resize(linear, kept),
+                mesh_force[meshes_proper:] - fourier.resize(linear, force_harmonics),
             )
-            for own, beside in ((torque, total), (elastic_torque, elastic))
+            for link_force, mesh_force in (
+                (torque, transmitted),
+                (elastic_torque, elastic),
+            )
         )
     return Fields(
         angles=chain.to_angles(system, displacement),
-        torques=(torque * ends)[:shafts],
-        elastic_torques=(elastic_torque * ends)[:shafts],
-        deflections=mesh,
-        forces=total,
+        torques=(torque * end_radius)[:shafts],
+        elastic_torques=(elastic_torque * end_radius)[:shafts],
+        deflections=deflections,
+        forces=transmitted,
         elastic_forces=elastic,
     )
 
 
-def power_defect(problem, displacement, force, found):
-    """Power of the torques less what dampers, links and teeth take, over what the
-    torques exchange with the train.
+def power_defect(
+    problem: Problem, displacement: Array, force: Array, computed: Fields
+) -> Array:
+    """Power of the torques less that taken by dampers, links and teeth, over the power
+    that the torques exchange with the train.
 
     Zero for the exact motion and for every solution of the truncated equations, as
     elastic forces do no work over a cycle, ``sum of b |x'|^2 = <q, x'>`` (docs/theory
-    A4.1): what is left comes of unsolved equations, and of the work that sampled
-    elastic tooth forces seem to do. Those of a stiffness that varies, and against
-    transmission errors, do work, and count.
+    A4.1): a rest comes from unsolved equations, and from the work that sampled elastic
+    tooth forces seem to do. Those of a stiffness that varies, and against transmission
+    errors, do work, and count.
 
-    displacement ``(S, N+1)`` m; force ``(L, N+1)`` N of the linear links; found :
+    displacement ``(S, N+1)`` m; force ``(L, N+1)`` N of the linear links; computed :
     Fields.
     """
     system = problem.system
     harmonics = displacement.shape[-1] - 1
-    xp = namespace(problem, found, force)
+    xp = namespace(problem, computed, force)
     velocity = fourier.derivative(displacement, problem.frequency)
     load = fourier.resize(
         xp.asarray(problem.load), min(problem.load.shape[-1] - 1, harmonics)
     )
-    worked = problem.meshes.variation is not None or problem.meshes.error is not None
-    teeth = fourier.resize(
-        found.forces - (0.0 if worked else found.elastic_forces), harmonics
+    does_work = problem.meshes.variation is not None or problem.meshes.error is not None
+    tooth_forces = fourier.resize(
+        computed.forces - (0.0 if does_work else computed.elastic_forces), harmonics
     )
-    count = len(teeth) - problem.meshes.springs
+    meshes_proper = len(tooth_forces) - problem.meshes.springs
     links = xp.asarray(problem.meshes.link)
-    at_teeth = added(xp.zeros(len(force)), links[:count], 1.0) > 0
-    force = added(xp.where(at_teeth[:, None], 0.0, force), links[:count], teeth[:count])
+    at_teeth = added(xp.zeros(len(force)), links[:meshes_proper], 1.0) > 0
+    force = added(
+        xp.where(at_teeth[:, None], 0.0, force),
+        links[:meshes_proper],
+        tooth_forces[:meshes_proper],
+    )
     if problem.meshes.springs:
-        own = (
-            problem.meshes.law.linear[count:, None] * found.deflections[count:]
-            if worked
-            else 0.0
+        linear_force: Number = 0.0
+        if does_work:
+            linear = problem.meshes.law.linear
+            assert linear is not None  # springs have it
+            linear_force = (
+                linear[meshes_proper:, None] * computed.deflections[meshes_proper:]
+            )
+        force = added(
+            force, links[meshes_proper:], tooth_forces[meshes_proper:] - linear_force
         )
-        force = added(force, links[count:], teeth[count:] - own)
     # Power of each harmonic is Re(q conj(v)), n > 0 counted twice: a common factor of
     # all terms, left out.
     driven = velocity[:, : load.shape[1]]
-    given = (load * xp.conj(driven)).real
-    taken = (force * xp.conj(system.deflections(velocity))).real.sum()
-    taken = taken + (xp.asarray(system.damping)[:, None] * xp.abs(velocity) ** 2).sum()
+    supplied = (load * xp.conj(driven)).real
+    dissipated = (force * xp.conj(system.deflections(velocity))).real.sum()
+    dissipated = (
+        dissipated + (xp.asarray(system.damping)[:, None] * xp.abs(velocity) ** 2).sum()
+    )
     exchanged = (xp.abs(load) * xp.abs(driven)).sum()
-    return (given.sum() - taken) / xp.where(exchanged > 0, exchanged, 1.0)
+    return (supplied.sum() - dissipated) / xp.where(exchanged > 0, exchanged, 1.0)
 
 
-def force_defect(problem, active_meshes, nonlinear_force, computed):
-    """Mean force in N by which the law at the computed deflection misses the one that
+def force_defect(
+    problem: Problem,
+    active_meshes: ActiveMeshes,
+    nonlinear_force: Array,
+    computed: Fields,
+) -> Array:
+    """Mean force by which the law at the computed deflection misses the one that
     balances the mean torques, over the largest root mean square of a tooth force: the
     largest of all meshes; 0 for a solution of the equations.
 
@@ -283,14 +331,14 @@ def force_defect(problem, active_meshes, nonlinear_force, computed):
     missed = xp.max(xp.abs(computed.forces[:, 0].real - balancing), initial=0.0)
     size = xp.max(xp.linalg.norm(fourier.pack(computed.forces), axis=-1), initial=0.0)
     # Without a load all forces are rounding.
-    driven = xp.any(problem.load != 0) & (size > 0)
-    return xp.where(driven, missed / xp.where(driven, size, 1.0), 0.0)
+    is_driven = xp.any(problem.load != 0) & (size > 0)
+    return xp.where(is_driven, missed / xp.where(is_driven, size, 1.0), 0.0)
 
 
-def ring_force(problem, computed):
+def ring_force(problem: Problem, computed: Fields) -> Array:
     """Mean force on a damper ring that no stiffness holds, over the root mean square of
     the dry friction on it, the largest of all; 0 for a motion that repeats, as nothing
-    else takes that mean.
+    else carries that mean.
 
     Where dry friction slips longer one way than the other, such a ring creeps on its
     hub. computed : Fields.
@@ -300,17 +348,19 @@ def ring_force(problem, computed):
     xp = namespace(problem, computed)
     if not meshes.springs:
         return xp.zeros(())
-    beside = computed.forces[-meshes.springs :]
+    spring_forces = computed.forces[-meshes.springs :]
     links = xp.asarray(meshes.link)[-meshes.springs :]
-    loose = (system.tree.pinned & (xp.asarray(system.stiffness) == 0))[links]
-    mean = xp.abs(beside[:, 0].real)
-    size = xp.linalg.norm(fourier.pack(beside), axis=-1)
+    is_loose = (system.tree.pinned & (xp.asarray(system.stiffness) == 0))[links]
+    mean = xp.abs(spring_forces[:, 0].real)
+    size = xp.linalg.norm(fourier.pack(spring_forces), axis=-1)
     return xp.max(
-        xp.where(loose & (size > 0), mean / xp.where(size > 0, size, 1.0), 0.0)
+        xp.where(is_loose & (size > 0), mean / xp.where(size > 0, size, 1.0), 0.0)
     )
 
 
-def held_in_contact(problem, deflections, flank, samples):
+def held_in_contact(
+    problem: Problem, deflections: Array, flank: Array, samples: int
+) -> Array:
     """Whether every held mesh stays beyond the transition zone on its flank all
     cycle.
     """

@@ -3,10 +3,13 @@ value, no names.
 
 A compiled solve makes sweeps, where a plan begins with them, and ends with Newton's
 method where these do not solve the equations; it estimates the truncation error, and
-gives what it found its derivative.
+attaches the derivative to the solution.
 """
 
+from __future__ import annotations
+
 import dataclasses
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,15 +19,22 @@ import numpy as np
 from jax import lax
 from jax.custom_batching import sequential_vmap
 
-from jaxhb._jax import check_settings, namespace, on_host, staged, traced
+from jaxhb._jax import Array, Number, check_settings, namespace, on_host, staged, traced
 from jaxhb._program import WHOLE, Program, across, along
 from jaxhb._threads import side_by_side
 from jaxhb.balance import correction, derivative, sweeps
 from jaxhb.balance.march import InstantSolve, modes_of_model
-from jaxhb.balance.newton import solve_chain, solve_reduced
-from jaxhb.balance.outcome import Ended, conclude, linear_outcome, relative_force_change
-from jaxhb.balance.plan import check_plan, time_steps_of
+from jaxhb.balance.newton import Iterate, solve_chain, solve_reduced
+from jaxhb.balance.outcome import (
+    Ended,
+    Outcome,
+    conclude,
+    linear_outcome,
+    relative_force_change,
+)
+from jaxhb.balance.plan import Plan, check_plan, time_steps_of
 from jaxhb.balance.problem import (
+    ActiveMeshes,
     Problem,
     force_balance,
     model_of,
@@ -32,28 +42,33 @@ from jaxhb.balance.problem import (
     reduced_equation,
 )
 from jaxhb.balance.sizes import relative_residual
-from jaxhb.balance.sweeps import SweepPlan
+from jaxhb.balance.sweeps import SweepEquation, SweepPlan
 from jaxhb.equations import backlash, condensation, fourier
 from jaxhb.equations.backlash import law_of
-from jaxhb.integration.step import force_on_flank, stepper_of
+from jaxhb.equations.condensation import CondensedEquation, CondensedTrain
+from jaxhb.equations.reduced_model import ReducedOrderModel
+from jaxhb.integration.step import Stepper, force_on_flank, stepper_of
 from jaxhb.results.response import Response
 from jaxhb.results.status import Newton, Status, Sweeps
 from jaxhb.train.changes import within_range
+from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
+
+Start = tuple[Array, Array, Array, Number]
+"""Start of a solve: coefficients ``(G, N+1)`` m; whether they are given, and not teeth
+in contact; number of sweeps at most; share of the vibration at which these end.
+"""
 
 # Relative residual, a few times that of a settled march, from which Newton's method
 # takes longer than a march.
 MARCH_ABOVE = 3e-4
 # Change of the vibration in the last sweep from which sweeps may be going astray, as
-# where no motion that repeats attracts, and cycles that are marched beside them then.
+# where no motion that repeats attracts, and number of cycles that are marched then
 UNSETTLED = 1e-3
 MARCHED = 3
-ESTIMATE = (
-    0.01,
-    20,
-    # Share of the residual that the correction of an estimate may leave, and its Krylov
-    # steps at most
-)
+# Share of the residual that the correction of an estimate may leave, and its Krylov
+# steps at most
+ESTIMATE = (0.01, 20)
 # Share of the vibration that sweeps may leave to Newton's method, which is quick from
 # there
 START_SETTLED = 1e-4
@@ -62,78 +77,104 @@ FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked f
 # accelerators: one NVIDIA H200 takes 8.7 ms a speed for 64, and not longer for a batch
 # of 1024 than for eight of 64.
 BATCH_SPEEDS = 64
-# The same where teeth stay in contact; of fewer each is solved by itself, without one
+# The same where teeth stay in contact; fewer speeds are solved one by one, without one
 # more program.
 LINEAR_SPEEDS = 64
 
 
 @partial(Program, static_argnames="plan")
-def solve_problem(problem, active_meshes, start, goals, plan):
+def solve_problem(
+    problem: Problem,
+    active_meshes: ActiveMeshes,
+    start: Start,
+    goals: Array,
+    plan: Plan,
+):
     """The Outcome of one Problem and its ActiveMeshes under a :attr:`Plan.static` and
     :attr:`Plan.goals`.
 
-    start : coefficients ``(G, N+1)`` m; whether they are where Newton's method starts,
-    and not teeth in contact; sweeps from teeth on their drive sides at most (beside a
+    start : coefficients ``(G, N+1)`` m; whether Newton's method starts from them, and
+    not from teeth in contact; sweeps from teeth on their drive sides at most (beside a
     given start only if ``plan.compare_starts`` and it leaves more than MARCH_ABOVE of
     the equations: the better of the two is then the start); share of the vibration at
     which they end.
     """
     # The iteration is not differentiated: the implicit function theorem gives the
-    # derivative of what it found.
-    frozen = lax.stop_gradient((problem, start, goals))
-    return differentiable(
-        problem, active_meshes, find(frozen[0], active_meshes, *frozen[1:], plan), plan
-    )
+    # derivative of its solution.
+    frozen, start, goals = lax.stop_gradient((problem, start, goals))
+    solution = find(frozen, active_meshes, start, goals, plan)
+    return differentiable(problem, active_meshes, solution, plan)
 
 
-def differentiable(problem, active_meshes, found, plan):
-    """The Outcome that :func:`find` found, with its derivative with respect to
-    ``problem``.
+def differentiable(
+    problem: Problem, active_meshes: ActiveMeshes, solution: tuple, plan: Plan
+) -> Outcome:
+    """The Outcome of a ``solution`` of :func:`find`, with its derivative with respect
+    to ``problem``.
     """
-    outcome, at, solved = found
-    given = problem, active_meshes, at, solved, outcome.fields, outcome.deflection
-    fields, deflection = derivative.attach(plan, *given)
+    outcome, linearization, solved = solution
+    fields, deflection = derivative.attach(
+        plan,
+        problem,
+        active_meshes,
+        linearization,
+        solved,
+        outcome.fields,
+        outcome.deflection,
+    )
     return dataclasses.replace(outcome, fields=fields, deflection=deflection)
 
 
-def find(problem, active_meshes, start, goals, plan):
-    """The Outcome without derivatives, what :func:`derivative.attach` needs of its
-    motion, whether it solves.
+def find(
+    problem: Problem,
+    active_meshes: ActiveMeshes,
+    start: Start,
+    goals: Array,
+    plan: Plan,
+) -> tuple:
+    """The Outcome without derivatives, the linearization of its motion that
+    :func:`derivative.attach` needs, and whether it solves.
     """
-    find_one = partial(_find, plan=plan)
+    solve = partial(_find, plan=plan)
     if len(active_meshes.mask) and jax.default_backend() == "cpu":
         # Under vmap one after another: side by side each step of each loop would be
         # that of the slowest.
-        find_one = sequential_vmap(find_one)
-    return find_one(problem, active_meshes, start, goals)
+        solve = sequential_vmap(solve)
+    return solve(problem, active_meshes, start, goals)
 
 
-def _find(problem, active_meshes, start, goals, plan):
+def _find(
+    problem: Problem,
+    active_meshes: ActiveMeshes,
+    start: Start,
+    goals: Array,
+    plan: Plan,
+) -> tuple:
     harmonics = plan.harmonics
-    none = len(active_meshes.mask) == 0
+    is_linear = len(active_meshes.mask) == 0
     (limit, tolerance, step_tolerance) = goals
-    # The estimate of the truncation error asks for receptances of 2 N harmonics: made
+    # The estimate of the truncation error needs receptances of 2 N harmonics: made
     # once, cut for the solve.
-    reach = 2 * harmonics if plan.estimated and not none else harmonics
-    fine, condensed = reduced_equation(problem, reach, active_meshes)
+    reach_harmonics = 2 * harmonics if plan.estimated and not is_linear else harmonics
+    fine, condensed = reduced_equation(problem, reach_harmonics, active_meshes)
     # The block sweep samples the law.
     integrals = plan.integrals if plan.method == "chain" else plan.force_integrals
     reduced = dataclasses.replace(
         condensation.truncate(fine, harmonics), integrals=integrals
     )
-    error = jnp.zeros(())
-    truncation = jnp.zeros(())
+    error: Array = jnp.zeros(())
+    truncation: Array = jnp.zeros(())
     begin = Begin(reduced.linear, jnp.array(0), jnp.zeros(()), jnp.array(jnp.inf))
     train = None
-    steps = jnp.array(0)
-    stalled = jnp.array(False)
-    small_step = jnp.array(False)
-    deflection = reduced.linear
-    if not none:
+    steps: Array = jnp.array(0)
+    stalled: Array = jnp.array(False)
+    small_step: Array = jnp.array(False)
+    deflection: Array = reduced.linear
+    if not is_linear:
         sweep_plan = _sweep_plan(problem, plan)
         equation = _sweep_equation(problem, active_meshes, reduced, sweep_plan)
         train = correction.linear_train(equation, sweep_plan.steps)
-        begin = _first(reduced, equation, start, goals, plan, sweep_plan)
+        begin = _begin(reduced, equation, start, goals, plan, sweep_plan)
         if plan.method == "chain":
             deflection, iterate = _by_chain(
                 problem, active_meshes, reduced, condensed, begin.deflection, plan
@@ -142,13 +183,16 @@ def _find(problem, active_meshes, start, goals, plan):
                 reduced, reduced.residual(deflection, plan.samples)
             )
         else:
-            goal = {
-                "tolerance": tolerance,
-                "step_tolerance": step_tolerance,
-                "max_steps": plan.max_steps,
-            }
-            goal |= {"samples": plan.samples, "step": begin.distance}
-            iterate = solve_reduced(reduced, train, begin.deflection, **goal)
+            iterate = solve_reduced(
+                reduced,
+                train,
+                begin.deflection,
+                samples=plan.samples,
+                tolerance=tolerance,
+                max_steps=plan.max_steps,
+                step_tolerance=step_tolerance,
+                step=begin.distance,
+            )
             deflection = iterate.x
             error = iterate.error
             small_step = iterate.step < step_tolerance
@@ -168,12 +212,20 @@ def _find(problem, active_meshes, start, goals, plan):
         periodicity_error=begin.change,
         truncation_error=truncation,
     )
-    given = problem, active_meshes, reduced, condensed
-    outcome, crossings = conclude(*given, nonlinear_force, ended, limit, plan.samples)
+    outcome, crossings = conclude(
+        problem,
+        active_meshes,
+        reduced,
+        condensed,
+        nonlinear_force,
+        ended,
+        limit,
+        plan.samples,
+    )
     return outcome, (train, crossings), outcome.status <= Status.TOLERANCE_NOT_MET
 
 
-def _sweep_plan(problem, plan):
+def _sweep_plan(problem: Problem, plan: Plan) -> SweepPlan:
     """The :class:`SweepPlan` of a plan: its harmonics and samples, so that sweeps solve
     the equations of the plan.
     """
@@ -184,7 +236,12 @@ def _sweep_plan(problem, plan):
     )
 
 
-def _sweep_equation(problem, active_meshes, reduced, sweep_plan):
+def _sweep_equation(
+    problem: Problem,
+    active_meshes: ActiveMeshes,
+    reduced: CondensedEquation,
+    sweep_plan: SweepPlan,
+) -> SweepEquation:
     """The :class:`~jaxhb.balance.sweeps.SweepEquation` of a condensed equation."""
     modes = modes_of_model(model_of(problem, active_meshes, sweep_plan.steps))
     return sweeps.sweep_equation(
@@ -195,122 +252,171 @@ def _sweep_equation(problem, active_meshes, reduced, sweep_plan):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Begin:
-    """Where Newton's method starts: deflections ``(G, N+1)`` m; how many sweeps led
-    there, 0 for none, by how much of the vibration the last of them changed it, and how
-    much of it may be left to the solution.
+    """Start of Newton's method: deflections ``(G, N+1)`` m; number of sweeps that led
+    there, change of the vibration in the last of them, and distance to the solution
+    that may be left, both as shares of the vibration.
     """
 
-    deflection: jax.Array
-    sweeps: jax.Array
-    change: jax.Array
-    distance: jax.Array
+    deflection: Array
+    sweeps: Array
+    change: Array
+    distance: Array
 
 
-def _first(reduced, equation, start, goals, plan, sweep_plan):
+def _begin(
+    reduced: CondensedEquation,
+    equation: SweepEquation,
+    start: Start,
+    goals: Array,
+    plan: Plan,
+    sweep_plan: SweepPlan,
+) -> Begin:
     """The :class:`Begin` of a ``start`` of :func:`solve_problem`, which solves if
     sweeps do.
     """
-    coefficients, given, most, goal = start
-    at_hand = jnp.where(given, coefficients, deflections_on_flank(reduced))
-    unswept = Begin(at_hand, jnp.array(0), jnp.zeros(()), jnp.array(jnp.inf))
+    coefficients, has_start, most_sweeps, goal = start
+    start_deflection = jnp.where(has_start, coefficients, deflections_on_flank(reduced))
+    unswept = Begin(start_deflection, jnp.array(0), jnp.zeros(()), jnp.array(jnp.inf))
     if not plan.marches:
         return unswept
-    # Which start leaves less the samples tell as well as exact integrals.
+    # The samples tell as well as exact integrals which start leaves less.
     integrals = "sampled" if reduced.integrals == "exact" else reduced.integrals
-    of_starts = dataclasses.replace(reduced, integrals=integrals)
+    start_equation = dataclasses.replace(reduced, integrals=integrals)
 
-    def left(deflection):
+    def residual_of(deflection: Array) -> Array:
         return relative_residual(
-            of_starts, of_starts.residual(deflection, plan.samples)
+            start_equation, start_equation.residual(deflection, plan.samples)
         )
 
-    def swept():
-        return by_sweeps(equation, plan.harmonics, sweep_plan, most, goal, goals, left)
+    def begin_by_sweeps():
+        return by_sweeps(
+            equation, plan.harmonics, sweep_plan, most_sweeps, goal, goals, residual_of
+        )
 
     if not plan.compare_starts:
-        return lax.cond(most > 0, swept, lambda: unswept)
+        return lax.cond(most_sweeps > 0, begin_by_sweeps, lambda: unswept)
 
-    def better():
-        other = swept()
-        worse = lax.cond(
+    def better_of_both():
+        by_sweeping = begin_by_sweeps()
+        is_worse = lax.cond(
             compared,
-            lambda found: ~(left(found) < remaining),
+            lambda swept_deflection: ~(residual_of(swept_deflection) < remaining),
             lambda _: False,
-            other.deflection,
+            by_sweeping.deflection,
         )
-        return jax.tree.map(partial(jnp.where, worse), unswept, other)
+        return jax.tree.map(partial(jnp.where, is_worse), unswept, by_sweeping)
 
-    compared = given & (most > 0)
-    remaining = lax.cond(compared, left, lambda _: jnp.inf, at_hand)
-    return lax.cond((most > 0) & (remaining > MARCH_ABOVE), better, lambda: unswept)
+    compared = has_start & (most_sweeps > 0)
+    remaining = lax.cond(compared, residual_of, lambda _: jnp.inf, start_deflection)
+    return lax.cond(
+        (most_sweeps > 0) & (remaining > MARCH_ABOVE), better_of_both, lambda: unswept
+    )
 
 
-def deflections_on_flank(reduced):
+def deflections_on_flank(reduced: CondensedEquation) -> Array:
     """Deflections ``(G, N+1)`` with every mesh on its drive side all cycle."""
-    held = (
+    held_forces = (
         jnp.zeros_like(reduced.linear)
         .at[:, 0]
         .set(force_on_flank(reduced.law, reduced.linear))
     )
-    return reduced.linear - reduced.respond(held)
+    return reduced.linear - reduced.respond(held_forces)
 
 
 def reduced_stepper(
-    reduced, model, time_steps, linear, variation, residual_flexibility=None
-):
+    reduced: CondensedEquation,
+    model: ReducedOrderModel,
+    time_steps: int,
+    linear: Array,
+    variation: Array | None,
+    residual_flexibility: Array | None = None,
+) -> Stepper:
     """The :class:`~jaxhb.integration.step.Stepper` of a condensed equation and its
     ReducedOrderModel, ``time_steps`` steps per cycle.
     """
-    states = (
-        jnp.zeros(len(model.at_rest)),
-        model.at_rest @ force_on_flank(reduced.law, reduced.linear),
+    return stepper_of(
+        model.space,
+        reduced,
+        linear,
+        variation,
+        reduced.frequency,
+        time_steps,
+        linear_state=jnp.zeros(len(model.at_rest)),
+        flank_state=model.at_rest @ force_on_flank(reduced.law, reduced.linear),
+        residual_flexibility=residual_flexibility,
     )
-    given = reduced.frequency, time_steps, *states, residual_flexibility
-    return stepper_of(model.space, reduced, linear, variation, *given)
 
 
-def by_sweeps(equation, harmonics, plan, most, goal, goals, left):
-    """The :class:`Begin` to which at most so many sweeps from the drive sides lead,
+def by_sweeps(
+    equation: SweepEquation,
+    harmonics: int,
+    plan: SweepPlan,
+    most_sweeps: int | Array,
+    goal: Number,
+    goals: Array,
+    residual_of: Callable[[Array], Array],
+) -> Begin:
+    """The :class:`Begin` to which ``most_sweeps`` or less from the drive sides lead,
     near the end more of them.
 
-    They end where they solve the equations as the ``goals`` of a plan want it, or where
-    ``goal`` of the vibration is left and so many more would not; where they do not
-    settle, the last of a few cycles marched if that leaves less of the equations; on
-    the flanks where the steps were too long for the train. left : what deflections
-    leave of the equations.
+    Sweeps end where they solve the equations to the ``goals`` of a plan, or where
+    ``goal`` of the vibration is left and as many more would not solve them. Where they
+    do not settle, the last of a few cycles marched is taken if it leaves less of the
+    equations; teeth on the flanks where the steps were too long for the train.
+    residual_of : from deflections to their relative residual.
     """
     _, tolerance, step_tolerance = goals
-    exact = step_tolerance == 0
-    first = sweeps.first_point(equation)
-    nearer = jnp.where(exact, goal, jnp.minimum(goal, step_tolerance))
+    is_exact = step_tolerance == 0
+    first_point = sweeps.first_point(equation)
+    closer_goal = jnp.where(is_exact, goal, jnp.minimum(goal, step_tolerance))
     ended = sweeps.settle(
-        equation, first, plan, nearer, most, jnp.where(exact, tolerance, 0.0)
+        equation,
+        first_point,
+        plan,
+        closer_goal,
+        most_sweeps,
+        jnp.where(is_exact, tolerance, 0.0),
     )
-    swept = fourier.resize(ended.deflection, harmonics)
+    swept_deflection = fourier.resize(ended.deflection, harmonics)
 
-    def better():
+    def better_of_both():
         def march(_, carry):
             return sweeps.marched(equation, carry[0], plan)
 
-        _, deflection = lax.fori_loop(0, MARCHED, march, (first, ended.deflection))
-        marched = fourier.resize(deflection, harmonics)
-        return jnp.where(left(marched) < left(swept), marched, swept)
+        _, deflection = lax.fori_loop(
+            0, MARCHED, march, (first_point, ended.deflection)
+        )
+        marched_deflection = fourier.resize(deflection, harmonics)
+        return jnp.where(
+            residual_of(marched_deflection) < residual_of(swept_deflection),
+            marched_deflection,
+            swept_deflection,
+        )
 
-    settled = ended.change < UNSETTLED
-    deflection = lax.cond(settled, lambda: swept, better)
-    finite = jnp.all(jnp.isfinite(deflection))
-    deflection = jnp.where(finite, deflection, deflections_on_flank(equation.equation))
+    is_settled = ended.change < UNSETTLED
+    deflection = lax.cond(is_settled, lambda: swept_deflection, better_of_both)
+    is_finite = jnp.all(jnp.isfinite(deflection))
+    deflection = jnp.where(
+        is_finite, deflection, deflections_on_flank(equation.equation)
+    )
     return Begin(
         deflection,
         ended.marches,
         ended.change,
-        jnp.where(settled & finite, ended.distance, jnp.inf),
+        jnp.where(is_settled & is_finite, ended.distance, jnp.inf),
     )
 
 
-def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
-    """Newton on all disks by the block sweep; meshes held on a flank follow the whole
-    law here.
+def _by_chain(
+    problem: Problem,
+    active_meshes: ActiveMeshes,
+    reduced: CondensedEquation,
+    condensed: CondensedTrain,
+    start: Array,
+    plan: Plan,
+) -> tuple[Array, Iterate]:
+    """Newton's method on all disks by the block sweep, where meshes held on a flank
+    follow the whole law: deflections ``(G, N+1)`` m of the active meshes, and Iterate.
     """
     meshes = problem.meshes
     displacement, _ = condensed.combine(
@@ -320,14 +426,16 @@ def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
     iterate, deflection = solve_chain(
         balance, fourier.pack(displacement), tolerance=1e-13, max_steps=plan.max_steps
     )
-    teeth = backlash.less_error(meshes, deflection[meshes.link])
-    return teeth[active_meshes.index] * active_meshes.mask[:, None], iterate
+    teeth_deflection = backlash.less_error(meshes, deflection[meshes.link])
+    return teeth_deflection[active_meshes.index] * active_meshes.mask[:, None], iterate
 
 
 @partial(Program, static_argnames="plan")
-def estimate(problem, active_meshes, deflection, plan):
-    """The truncation error of a motion found without it: deflections ``(G, N+1)`` of
-    the active meshes.
+def estimate(
+    problem: Problem, active_meshes: ActiveMeshes, deflection: Array, plan: Plan
+):
+    """The truncation error of a motion that was solved without it: deflections
+    ``(G, N+1)`` m of the active meshes.
     """
     fine, _ = reduced_equation(problem, 2 * plan.harmonics, active_meshes)
     sweep_plan = _sweep_plan(problem, plan)
@@ -338,7 +446,12 @@ def estimate(problem, active_meshes, deflection, plan):
     )
 
 
-def truncation_error(fine, train, deflection, plan):
+def truncation_error(
+    fine: CondensedEquation,
+    train: correction.LinearTrain,
+    deflection: Array,
+    plan: Plan,
+) -> Array:
     """Estimated sup-norm error of the elastic force / its largest value: one Newton
     correction on 2 N harmonics.
 
@@ -347,17 +460,20 @@ def truncation_error(fine, train, deflection, plan):
     below the mesh modes a difference of two levels is no estimate.
     """
     samples = 2 * plan.samples
-    wide = fourier.resize(deflection, fine.linear.shape[-1] - 1)
-    slopes = correction.slopes_at(fine, wide, samples)
-    value = fine.residual(wide, samples)
+    fine_deflection = fourier.resize(deflection, fine.linear.shape[-1] - 1)
+    slopes = correction.slopes_at(fine, fine_deflection, samples)
+    value = fine.residual(fine_deflection, samples)
+    forcing, krylov_steps = ESTIMATE
     change, left, _ = correction.correct(
-        fine, correction.march_at(train, slopes), slopes, value, *ESTIMATE
+        fine, correction.march_at(train, slopes), slopes, value, forcing, krylov_steps
     )
-    taken = relative_force_change(fine, fine.sampled(wide, samples), (change,))
-    return taken / (1 - jnp.minimum(left, 0.999))
+    force_change = relative_force_change(
+        fine, fine.sampled(fine_deflection, samples), (change,)
+    )
+    return force_change / (1 - jnp.minimum(left, 0.999))
 
 
-def active_deflections(plan, deflections):
+def active_deflections(plan: Plan, deflections: Array) -> Array:
     """Deflections ``(..., G, n+1)`` m of the active meshes of a plan, from those of all
     ``(..., M, n+1)``.
     """
@@ -366,18 +482,19 @@ def active_deflections(plan, deflections):
     )
 
 
-def first_start(plan, *, marches=False, given=None, xp=np):
+def first_start(
+    plan: Plan, *, marches: bool = False, given: Array | None = None, xp=np
+) -> Start:
     """``start`` of :func:`solve_problem`: teeth in contact, marched on or not, or given
-    deflections ``(G, n+1)``.
+    deflections ``(G, n+1)`` m.
     """
     if given is None:
-        nothing = np.zeros(
-            (len(plan.active_meshes.mask), plan.harmonics + 1), dtype=complex
-        )
+        shape = (len(plan.active_meshes.mask), plan.harmonics + 1)
+        most_sweeps = np.array(plan.cycles if marches else 0)
         return (
-            nothing,
+            np.zeros(shape, dtype=complex),
             np.array(False),
-            np.array(plan.cycles if marches else 0),
+            most_sweeps,
             START_SETTLED,
         )
     return (
@@ -388,9 +505,11 @@ def first_start(plan, *, marches=False, given=None, xp=np):
     )
 
 
-def solve_planned(train, rpm, plan, start=None):
+def solve_planned(
+    train: DriveTrain, rpm: Number, plan: Plan, start: Response | str | None = None
+) -> Response:
     """Response under a plan, from a Response or "linear" or "march" instead of the
-    start that the plan has.
+    start of the plan.
     """
     check_plan(train, plan)
     if start is None and plan.start == "response":
@@ -407,11 +526,12 @@ def solve_planned(train, rpm, plan, start=None):
     if start == "march":
         plan = dataclasses.replace(plan, start=start)
     if isinstance(start, Response):
-        coefficients, _, *others = first_start(
+        coefficients, _, most_sweeps, settled = first_start(
             plan, given=active_deflections(plan, start.deflections), xp=jnp
         )
         # Under jit a response that is not solved is nan, and no start.
-        begin = coefficients, jnp.isfinite(coefficients).all(), *others
+        has_start = jnp.isfinite(coefficients).all()
+        begin = coefficients, has_start, most_sweeps, settled
     if traced(train, rpm, begin) or staged():
         response = _solve_traced(
             train, rpm, begin, plan.active_meshes, plan.goals, plan.static
@@ -423,24 +543,32 @@ def solve_planned(train, rpm, plan, start=None):
 
 
 @partial(Program, static_argnames="plan")
-def _solve_traced(train, rpm, begin, active_meshes, goals, plan):
-    """One program for all of it: piece by piece, differentiation outside ``jit``
-    compiles a hundred small ones.
+def _solve_traced(
+    train: DriveTrain,
+    rpm: Number,
+    begin: Start,
+    active_meshes: ActiveMeshes,
+    goals: Array,
+    plan: Plan,
+):
+    """Solve in one program: piece by piece, differentiation outside ``jit`` compiles a
+    hundred small ones.
     """
-    finite = derivative.all_finite((train, rpm))
-    # Not ``rpm > 0``: nan is not out of range but not finite, and has its own status.
-    valid = within_range(train) & ~((rpm <= 0) | (rpm > HIGHEST_RPM))
-    train, rpm = derivative.only_if(finite & valid, (train, rpm), plan.failed_gradient)
+    is_finite = derivative.all_finite((train, rpm))
+    # Not ``rpm > 0``: nan is not out of range but not finite, which is another status.
+    is_valid = within_range(train) & ~((rpm <= 0) | (rpm > HIGHEST_RPM))
+    train, rpm = derivative.only_if(
+        is_finite & is_valid, (train, rpm), plan.failed_gradient
+    )
     problem = problem_at(train, rpm, plan.excited)
     outcome = solve_problem(problem, active_meshes, begin, goals, plan)
-    status = jnp.where(finite, outcome.status, Status.NONFINITE)
+    status = jnp.where(is_finite, outcome.status, Status.NONFINITE)
     outcome = dataclasses.replace(
-        outcome, status=jnp.where(valid, status, Status.INVALID_INPUT)
+        outcome, status=jnp.where(is_valid, status, Status.INVALID_INPUT)
     )
     response = respond(train, rpm, problem, outcome, plan)
-    # nan for all that was computed if it is not solved, and derivatives as the plan
-    # wants them.
-    given = (
+    # nan for all computed fields if it is not solved, and derivatives as the plan says
+    inputs = (
         "rpm",
         "radius",
         "law",
@@ -451,29 +579,36 @@ def _solve_traced(train, rpm, begin, active_meshes, goals, plan):
         "path",
         "certificate",
     )
-    found = {
-        f.name: getattr(response, f.name)
-        for f in dataclasses.fields(response)
-        if f.name not in given
+    computed = {
+        field.name: getattr(response, field.name)
+        for field in dataclasses.fields(response)
+        if field.name not in inputs
     }
     return dataclasses.replace(
-        response, **derivative.only_known(response.solved, found)
+        response, **derivative.only_known(response.solved, computed)
     )
 
 
-def respond(train, rpm, problem, outcome, plan):
+def respond(
+    train: DriveTrain, rpm: Number, problem: Problem, outcome: Outcome, plan: Plan
+) -> Response:
     """Assemble the :class:`Response` of an outcome."""
-    found = outcome.fields
+    fields = outcome.fields
     topology = train.topology
     xp = namespace(outcome.fields)
     ground = np.array(topology.ground_disk, dtype=int)
     return Response(
-        **{f.name: getattr(found, f.name) for f in dataclasses.fields(found)},
+        angles=fields.angles,
+        torques=fields.torques,
+        elastic_torques=fields.elastic_torques,
+        deflections=fields.deflections,
+        forces=fields.forces,
+        elastic_forces=fields.elastic_forces,
         rpm=xp.asarray(rpm, dtype=float),
         load_torque=problem.load_torque,
         load_power=problem.load_power,
         ground_reaction=xp.asarray(train.grounds.stiffness)
-        * found.angles[ground, 0].real,
+        * fields.angles[ground, 0].real,
         radius=xp.asarray(train.disks.radius),
         law=jax.tree.map(xp.asarray, law_of(train.meshes)),
         status=outcome.status,
@@ -490,7 +625,9 @@ def respond(train, rpm, problem, outcome, plan):
     )
 
 
-def solve_once(train, rpm, problem, plan, begin):
+def solve_once(
+    train: DriveTrain, rpm: Number, problem: Problem, plan: Plan, begin: Start
+) -> tuple[Response, Outcome]:
     """The Response with numpy arrays, and the Outcome, of one eager solve."""
     outcome = _of_the_host(problem, plan)
     if outcome is None:
@@ -498,15 +635,13 @@ def solve_once(train, rpm, problem, plan, begin):
             problem, plan.active_meshes, begin, plan.goals, plan.static
         )
         outcome = jax.tree.map(np.asarray, outcome)
-    return (
-        response_of(train, rpm, problem, outcome, plan, _newtons_path(outcome, plan)),
-        outcome,
-    )
+    path = _newtons_path(outcome, plan)
+    return response_of(train, rpm, problem, outcome, plan, path), outcome
 
 
-def _of_the_host(problem, plan):
+def _of_the_host(problem: Problem, plan: Plan) -> Outcome | None:
     """The Outcome of teeth that a plan holds in contact, without a program; None where
-    it wants one.
+    it needs one.
     """
     if plan.active or plan.integrals == "exact":
         return None
@@ -522,7 +657,14 @@ def _of_the_host(problem, plan):
         )
 
 
-def response_of(train, rpm, problem, outcome, plan, path):
+def response_of(
+    train: DriveTrain,
+    rpm: Number,
+    problem: Problem,
+    outcome: Outcome,
+    plan: Plan,
+    path: Iterable,
+) -> Response:
     """The Response of an Outcome with numpy arrays, its train and the events that led
     to it.
     """
@@ -530,36 +672,40 @@ def response_of(train, rpm, problem, outcome, plan, path):
     return dataclasses.replace(response, train=train, path=tuple(path))
 
 
-def _newtons_path(outcome, plan):
+def _newtons_path(outcome: Outcome, plan: Plan) -> tuple[Sweeps | Newton, ...]:
     """The events of a solve under a plan."""
     status = Status(int(outcome.status))
     steps = int(outcome.steps)
-    swept = int(outcome.sweeps)
+    sweep_count = int(outcome.sweeps)
     newton = Newton(plan.harmonics, len(plan.active), plan.integrals, status, steps)
-    begun = Sweeps(swept, plan.time_steps, float(outcome.periodicity_error))
-    return (begun, newton) if swept else (newton,)
+    sweeps_event = Sweeps(
+        sweep_count, plan.time_steps, float(outcome.periodicity_error)
+    )
+    return (sweeps_event, newton) if sweep_count else (newton,)
 
 
-def solve_batches(train, rpm, plan, devices=()):
+def solve_batches(
+    train: DriveTrain, rpm: np.ndarray, plan: Plan, devices: Sequence[jax.Device] = ()
+) -> Iterator[list[Response]]:
     """Yield lists of Responses at the speeds ``(n,)`` under one plan, batch after
     batch, in order.
 
     Across several devices, each has as many speeds of a batch as one has alone.
     """
     # With contacts as unknowns a speed fills a processor, and a batch waits for its
-    # slowest and compiles longer.
-    size = (
-        LINEAR_SPEEDS
-        if not plan.active
-        else 1
-        if jax.default_backend() == "cpu"
-        else BATCH_SPEEDS
-    )
+    # slowest speed and compiles longer.
+    if not plan.active:
+        size = LINEAR_SPEEDS
+    elif jax.default_backend() == "cpu":
+        size = 1
+    else:
+        size = BATCH_SPEEDS
     size *= max(len(devices), 1)
-    begin, static = first_start(plan, marches=plan.marches), plan.static
+    begin = first_start(plan, marches=plan.marches)
+    static = plan.static
     if size == 1 or len(rpm) == 1 or not plan.active and len(rpm) < size:
 
-        def alone(speed):
+        def alone(speed: float) -> Response:
             return solve_once(
                 train, speed, problem_at(train, speed, static.excited), plan, begin
             )[0]
@@ -571,13 +717,17 @@ def solve_batches(train, rpm, plan, devices=()):
     solve = partial(_solve_all, plan=static)
     if len(devices) > 1:
         axes = problem_axes()
-        given = jax.tree.map(
+        problem_specs = jax.tree.map(
             lambda axis: WHOLE if axis is None else along(axis),
             axes,
-            is_leaf=lambda a: a is None,
+            is_leaf=lambda axis_or_none: axis_or_none is None,
         )
         solve = across(
-            _solve_all, devices, (given, WHOLE, WHOLE, WHOLE), along(0), plan=static
+            _solve_all,
+            devices,
+            (problem_specs, WHOLE, WHOLE, WHOLE),
+            along(0),
+            plan=static,
         )
     for first in range(0, len(rpm), size):
         speeds = rpm[first : first + size]
@@ -589,18 +739,27 @@ def solve_batches(train, rpm, plan, devices=()):
         )
         responses = []
         for i, speed in enumerate(speeds):
-            row, (torque, power) = jax.tree.map(
+            outcome_of_speed, (torque, power) = jax.tree.map(
                 lambda leaf, i=i: leaf[i], (outcome, loads)
             )
-            own = dataclasses.replace(problem, load_torque=torque, load_power=power)
+            speed_problem = dataclasses.replace(
+                problem, load_torque=torque, load_power=power
+            )
             responses.append(
-                response_of(train, speed, own, row, plan, _newtons_path(row, plan))
+                response_of(
+                    train,
+                    speed,
+                    speed_problem,
+                    outcome_of_speed,
+                    plan,
+                    _newtons_path(outcome_of_speed, plan),
+                )
             )
         yield responses
 
 
 def problem_axes():
-    """Of a batch of problems only what depends on speed has a leading axis."""
+    """Axes of a batch of problems: what depends on speed has a leading one."""
     return Problem(
         system=None,
         meshes=None,
@@ -613,7 +772,7 @@ def problem_axes():
 
 
 @partial(Program, static_argnames="excited")
-def problems_at(train, rpm, excited):
+def problems_at(train: DriveTrain, rpm: Array, excited: int):
     """The Problem of a train at speeds ``(n,)``, with the axes of
     :func:`problem_axes`.
     """
@@ -623,8 +782,14 @@ def problems_at(train, rpm, excited):
 
 
 @partial(Program, static_argnames="plan")
-def _solve_all(problem, active_meshes, start, goals, plan):
-    given = active_meshes, start, goals, plan
+def _solve_all(
+    problem: Problem,
+    active_meshes: ActiveMeshes,
+    start: Start,
+    goals: Array,
+    plan: Plan,
+):
     return jax.vmap(
-        lambda problem: solve_problem(problem, *given), in_axes=(problem_axes(),)
+        lambda problem: solve_problem(problem, active_meshes, start, goals, plan),
+        in_axes=(problem_axes(),),
     )(problem)

@@ -1,4 +1,4 @@
-"""Periodic motion by sweeps: march one cycle, correct what its steps did wrong, repeat.
+"""Periodic motion by sweeps: march one cycle, correct the errors of its steps, repeat.
 
 Harmonic balance asks for ``F(l) = l - l_lin + G phi(l) = 0``
 (:mod:`jaxhb.equations.condensation`). A sweep marches one cycle under a corrected
@@ -12,9 +12,11 @@ away where a mode lives for many cycles. ``closing`` is 1, so that sweeps settle
 train does, except for modes that teeth hardly strain: these close at once, by ``1 / (1
 - exp(rate T))``, and a train on a soft ground takes a few sweeps in place of hundreds
 of cycles. At a fixed point ``s_end = s``, hence ``F(l) = 0``: harmonic balance holds,
-whatever the march does wrong. The march is a nonlinear preconditioner (defect
+whatever the errors of the march. The march is a nonlinear preconditioner (defect
 correction); solving and settling are one thing.
 """
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 
@@ -23,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array, namespace
+from jaxhb._jax import Array, Number, namespace
 from jaxhb._program import Program
 from jaxhb.balance.march import (
     InstantSolve,
@@ -36,36 +38,38 @@ from jaxhb.balance.march import (
     step_weights,
 )
 from jaxhb.balance.sizes import relative_residual
-from jaxhb.equations import condensation, fourier
+from jaxhb.equations import fourier
+from jaxhb.equations.backlash import Law
 from jaxhb.equations.block_sweep import quotient
+from jaxhb.equations.condensation import CondensedEquation
+from jaxhb.equations.state_space import Modes
 from jaxhb.integration.step import force_on_flank, with_rate
 
-STEPS = tuple(
-    2**k for k in range(9, 15)
-)  # of a cycle that are offered: each is a program
+# Steps of a cycle that are offered: each number is a program.
+STEPS = tuple(2**k for k in range(9, 15))
 STEPS_PER_PERIOD = 5.0  # of the fastest mode in which teeth move
 # Share of the acceleration of a mesh under its force from which teeth move in a mode
 MOVES = 0.05
 NEAR_NYQUIST = 24  # harmonics next to half the steps that a march does not resolve
 SAMPLES_PER_STEP = 3  # of the law in the residual
-WIDE_SAMPLES_PER_STEP = 4  # and where it is taken once, to see its error
+WIDE_SAMPLES_PER_STEP = 4  # and where the residual is taken once, to see its error
 # Share of the rate of a mode by which teeth that part change it at most if they hardly
 # strain it
 HARDLY = 0.05
 FEWEST_SWEEPS = 3
-NEAR, WAITED = (
-    0.01,
-    4,
-)  # change of the vibration from which sweeps may take so many times as long
-UNSETTLED = 1e6  # times the last change that counts as no end in sight
-NOTHING = 1e-8  # of what the gap carries: a vibration that is rounding
+# Change of the vibration below which sweeps may take WAITED times as many
+NEAR = 0.01
+WAITED = 4
+UNSETTLED = 1e6  # multiple of the last change that stands for no end in sight
+NOTHING = 1e-8  # share of the force of the gap: a vibration that is rounding
 
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What a sweep is compiled for: steps K of a cycle, how phi of an instant is found,
-    whether it depends on rates of deflection; harmonics at most, and samples of the law
-    in the residual, where these are not as many as the steps resolve.
+    """Sizes and options that a sweep is compiled for: steps K of a cycle, the solve for
+    phi of an instant, whether phi depends on rates of deflection; harmonics at most,
+    and samples of the law in the residual, where these are not as many as the steps
+    resolve.
     """
 
     steps: int
@@ -81,26 +85,26 @@ class SweepPlan:
         return min(resolved, self.most_harmonics or resolved)
 
     @property
-    def kept(self) -> int:
-        """Harmonics of the motion that are kept: those above them carry little more
-        than rounding of the teeth.
+    def motion_harmonics(self) -> int:
+        """Harmonics of the motion that an outcome has: those above them carry little
+        more than rounding of the teeth.
         """
         return self.steps // 4
 
     @property
     def samples(self) -> int:
-        """M, at which the residual takes the law."""
+        """Time samples of a cycle at which the residual takes the law."""
         return self.law_samples or SAMPLES_PER_STEP * self.steps
 
     @property
     def back_a_step(self) -> np.ndarray:
-        """Factors ``(N+1,)`` of the harmonics a step earlier: numbers of the host, as a
+        """Factors ``(N+1,)`` of the harmonics a step earlier: on the host, as a
         compiler would take the exponential anew for each mode.
         """
         return np.exp(-2j * np.pi * np.arange(self.harmonics + 1) / self.steps)
 
 
-def fastest_rate(modes) -> float:
+def fastest_rate(modes: MarchModes | Modes) -> float:
     """Modulus in 1/s of the fastest rate of the modes in which teeth move."""
     meshes = modes.forcing.shape[1]
     accelerated = np.abs(modes.observation[meshes:].T * modes.forcing)
@@ -110,8 +114,8 @@ def fastest_rate(modes) -> float:
 
 def steps_for(modes: MarchModes, frequency: float) -> int:
     """Steps of a cycle that resolve the modes in which teeth move, one of STEPS."""
-    wanted = STEPS_PER_PERIOD * fastest_rate(modes) / frequency
-    return next((steps for steps in STEPS if steps >= wanted), STEPS[-1])
+    least = STEPS_PER_PERIOD * fastest_rate(modes) / frequency
+    return next((steps for steps in STEPS if steps >= least), STEPS[-1])
 
 
 @jax.tree_util.register_dataclass
@@ -121,13 +125,13 @@ class SweepEquation:
 
     equation : CondensedEquation of the active meshes with N harmonics; modes; weights
     of its steps; teeth; free : ``(2, 2m, N+1)``, real and imaginary parts of the
-    harmonics of what meshes see of the modes, of real parts above those of imaginary
-    ones, in a cycle that ends off by 1; closing : complex ``(m,)``, of
+    harmonics of the deflections by the modes, of their real parts above those of their
+    imaginary ones, in a cycle that ends off by 1; closing : complex ``(m,)``, of
     :func:`closing_of`; variation : rows ``(K, G)`` of the stiffness over its mean, less
-    1, None of none.
+    1, None where it is constant.
     """
 
-    equation: condensation.CondensedEquation
+    equation: CondensedEquation
     modes: MarchModes
     weights: StepWeights
     teeth: TeethLaw
@@ -135,13 +139,13 @@ class SweepEquation:
     closing: jax.Array
     variation: jax.Array | None
 
-    def rows(self, deflection, steps):
+    def rows(self, deflection: Array, steps: int) -> Array:
         """(l, l') ``(steps, 2G)`` of coefficients ``(G, N+1)``."""
         return fourier.synthesize(
             with_rate(deflection, self.equation.frequency), steps
         ).T
 
-    def pairs(self):
+    def pairs(self) -> tuple[Array, Array]:
         """Harmonics ``(m, N+1)`` of a mode and of its conjugate in a cycle that ends
         off by 1, of the host.
         """
@@ -150,9 +154,9 @@ class SweepEquation:
         return even - 1j * odd, even + 1j * odd
 
 
-def free_motion(train, jump):
-    """J ``(G, N+1)`` m of a state that ends off by ``jump`` ``(2m,)``; train : anything
-    with ``modes`` and ``free``.
+def free_motion(train, jump: Array) -> jax.Array:
+    """Free motion ``J jump`` ``(G, N+1)`` m of a cycle whose state ends off by ``jump``
+    ``(2m,)``; train : anything with ``modes`` and ``free``.
     """
     observed = train.modes.deflections * complex_modes(jump)
     # Products of real numbers: half the work of those of a mode and its conjugate.
@@ -160,7 +164,9 @@ def free_motion(train, jump):
     return lax.complex(parts @ train.free[0], parts @ train.free[1])
 
 
-def sweep_equation(equation, modes: MarchModes, plan: SweepPlan) -> SweepEquation:
+def sweep_equation(
+    equation: CondensedEquation, modes: MarchModes, plan: SweepPlan
+) -> SweepEquation:
     """The :class:`SweepEquation` of a CondensedEquation with ``plan.harmonics``."""
     dt = 2 * jnp.pi / equation.frequency / plan.steps
     decay = jnp.exp(modes.rates * dt)
@@ -184,29 +190,30 @@ def sweep_equation(equation, modes: MarchModes, plan: SweepPlan) -> SweepEquatio
     )
 
 
-def closing_of(modes: MarchModes, law, frequency):
-    """How many times the jump in its cycle each mode ``(m,)`` goes on to the next
-    cycle.
+def closing_of(modes: MarchModes, law: Law, frequency: Number) -> jax.Array:
+    """Multiples, complex ``(m,)``, of the jump in its cycle by which each mode goes on
+    to the next cycle.
 
-    Once, as the train does, or if teeth hardly strain the mode as often as closes it
-    under forces that stay what they are. Where teeth decide what a mode does, that
-    would lead away from the motion that the train comes to.
+    1, as the train does; or if teeth hardly strain the mode the number that closes it
+    under unchanged forces. Where teeth decide the motion of a mode, that would lead
+    away from the motion that the train comes to.
     """
     # First-order change of a rate by teeth that part: their force falls by stiffness
     # times deflection.
     change = (
         jnp.abs(modes.forcing.T * modes.deflections) * jnp.abs(law.stiffness)[:, None]
     )
-    strained = change.sum(axis=0) > HARDLY * jnp.abs(modes.rates)
+    is_strained = change.sum(axis=0) > HARDLY * jnp.abs(modes.rates)
     at_once = -1 / jnp.expm1(modes.rates * 2 * jnp.pi / frequency)
-    return jnp.where(strained, 1.0, at_once)
+    return jnp.where(is_strained, 1.0, at_once)
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class SweepPoint:
-    """What a sweep begins with: b ``(G, N+1)`` m, in place of the linear motion; state
-    ``(2m,)`` of the modes and force phi ``(G,)`` N at the beginning of the cycle.
+    """Point that a sweep begins with: linear b ``(G, N+1)`` m, in place of the linear
+    motion; state ``(2m,)`` of the modes and force phi ``(G,)`` N at the beginning of
+    the cycle.
     """
 
     linear: Array
@@ -215,7 +222,7 @@ class SweepPoint:
 
 
 def first_point(sweeps: SweepEquation) -> SweepPoint:
-    """All teeth on their drive sides."""
+    """The point with all teeth on their drive sides."""
     linear = sweeps.equation.linear
     modes = sweeps.modes
     force = force_on_flank(sweeps.equation.law, linear)
@@ -223,9 +230,9 @@ def first_point(sweeps: SweepEquation) -> SweepPoint:
     return SweepPoint(linear, real_pairs(at_rest) - sweeps.weights.late @ force, force)
 
 
-def point_at(sweeps: SweepEquation, deviation) -> SweepPoint:
-    """From a motion that deviates from the linear one by ``deviation`` ``(2S,)`` m, m/s
-    of (x, x') at t = 0; of the host.
+def point_at(sweeps: SweepEquation, deviation: np.ndarray) -> SweepPoint:
+    """The point of a motion that deviates from the linear one by ``deviation``
+    ``(2S,)`` m, m/s of (x, x') at t = 0; on the host.
     """
     modes = sweeps.modes
     linear = sweeps.equation.linear
@@ -234,16 +241,15 @@ def point_at(sweeps: SweepEquation, deviation) -> SweepPoint:
         fourier.sample(with_rate(linear, sweeps.equation.frequency), 1)[:, 0]
         + (modes.observation @ modal).real
     )
-    teeth = sweeps.teeth.at_instant(
-        None if sweeps.variation is None else sweeps.variation[0]
-    )
-    force, _, _ = teeth.excess(*np.split(begin, 2))
+    variation = None if sweeps.variation is None else sweeps.variation[0]
+    deflection, rate = np.split(begin, 2)
+    force, _, _ = sweeps.teeth.at_instant(variation).excess(deflection, rate)
     return SweepPoint(linear, real_pairs(modal) - sweeps.weights.late @ force, force)
 
 
-def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
-    """The point at which a sweep marches the deflections ``(G, n+1)`` m, as far as its
-    steps tell them apart; of the host.
+def point_of(sweeps: SweepEquation, deflection: Array, plan: SweepPlan) -> SweepPoint:
+    """The point from which a sweep marches the deflections ``(G, n+1)`` m, as far as
+    its steps tell them apart; on the host.
     """
     equation = sweeps.equation
     modes = sweeps.modes
@@ -254,18 +260,22 @@ def point_of(sweeps: SweepEquation, deflection, plan: SweepPlan) -> SweepPoint:
     # States under these forces, periodic: s' = decay s + push phi, by harmonics of a
     # mode and of its conjugate.
     harmonics = fourier.analyze(force, plan.harmonics)
-    turned = -plan.steps * plan.back_a_step * harmonics
+    end_forces = -plan.steps * plan.back_a_step * harmonics
     push = complex_modes(sweeps.weights.push.T)
     mode, conjugate = sweeps.pairs()
-    own = mode * (push @ turned)
-    other = conjugate * (push.conj() @ turned)
-    late = sweeps.weights.at_once[: len(force)] @ harmonics
-    moved = (modes.deflections @ own + modes.deflections.conj() @ other) / 2 + late
-    state = own.sum(axis=1) + other[:, 1:].conj().sum(axis=1)
-    return SweepPoint(deflection - moved, real_pairs(state), force[:, 0])
+    mode_states = mode * (push @ end_forces)
+    conjugate_states = conjugate * (push.conj() @ end_forces)
+    immediate = sweeps.weights.at_once[: len(force)] @ harmonics
+    marched_part = (
+        modes.deflections @ mode_states + modes.deflections.conj() @ conjugate_states
+    ) / 2 + immediate
+    state = mode_states.sum(axis=1) + conjugate_states[:, 1:].conj().sum(axis=1)
+    return SweepPoint(deflection - marched_part, real_pairs(state), force[:, 0])
 
 
-def marched(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
+def marched(
+    sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan
+) -> tuple[SweepPoint, jax.Array]:
     """The :class:`SweepPoint` at the end of the cycle marched from a point, and its
     deflections ``(G, N+1)`` m.
     """
@@ -275,17 +285,23 @@ def marched(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
         if plan.by_rate
         else fourier.synthesize(linear, plan.steps).T
     )
-    given = sweeps.modes, sweeps.weights, sweeps.teeth
-    start = point.state, point.force
     cycle, state, force = march_cycle(
-        *given, *start, rows, sweeps.variation, plan.instant
+        sweeps.modes,
+        sweeps.weights,
+        sweeps.teeth,
+        point.state,
+        point.force,
+        rows,
+        sweeps.variation,
+        plan.instant,
     )
-    return SweepPoint(point.linear, state, force), fourier.analyze(
-        cycle.T, plan.harmonics
-    )
+    deflection = fourier.analyze(cycle.T, plan.harmonics)
+    return SweepPoint(point.linear, state, force), deflection
 
 
-def sweep(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
+def sweep(
+    sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan
+) -> tuple[SweepPoint, jax.Array]:
     """The next :class:`SweepPoint`, and the deflections ``(G, N+1)`` m of the cycle
     marched.
     """
@@ -293,27 +309,29 @@ def sweep(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan):
     return following, deflection
 
 
-def _sweep(sweeps, point, plan):
-    """What :func:`sweep` gives, and F of the deflections."""
+def _sweep(
+    sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan
+) -> tuple[SweepPoint, jax.Array, jax.Array]:
+    """The results of :func:`sweep`, and F ``(G, N+1)`` m of the deflections."""
     end, deflection = marched(sweeps, point, plan)
-    missed = sweeps.equation.residual(deflection, plan.samples)
+    residual = sweeps.equation.residual(deflection, plan.samples)
     jump = end.state - point.state
     transient = free_motion(sweeps, jump)
-    onward = point.state + real_pairs(sweeps.closing * complex_modes(jump))
+    next_state = point.state + real_pairs(sweeps.closing * complex_modes(jump))
     return (
-        SweepPoint(point.linear - (missed - transient), onward, end.force),
+        SweepPoint(point.linear - (residual - transient), next_state, end.force),
         deflection,
-        missed,
+        residual,
     )
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Settled:
-    """Where an iteration ended: point; deflection ``(G, N+1)`` m; marches, how many
-    were taken; change of the deflection in the last of them over its
-    :func:`vibration_size`; left ``(G, N+1)`` m, what the deflection may still change on
-    the way to the fixed point, estimated; distance, the size of that likewise.
+    """End of an iteration: point; deflection ``(G, N+1)`` m; marches, how many were
+    taken; change of the deflection in the last of them over its
+    :func:`vibration_size`; left ``(G, N+1)`` m, the estimated change of the deflection
+    still to come on the way to the fixed point; distance, the size of that likewise.
     """
 
     point: SweepPoint
@@ -324,7 +342,7 @@ class Settled:
     distance: Array
 
 
-def force_size(equation, deflection):
+def force_size(equation: CondensedEquation, deflection: Array) -> Array:
     """Root mean square of deflections ``(G, N+1)`` times the stiffness of their meshes,
     N, the largest.
     """
@@ -333,8 +351,8 @@ def force_size(equation, deflection):
     return xp.max(size * xp.abs(equation.law.stiffness), initial=0.0)
 
 
-def vibration_size(equation, deflection):
-    """:func:`force_size` without the means; a rounding of what the gap carries where
+def vibration_size(equation: CondensedEquation, deflection: Array) -> Array:
+    """:func:`force_size` without the means; a rounding of the force of the gap where
     nothing vibrates.
     """
     xp = namespace(equation, deflection)
@@ -345,31 +363,36 @@ def vibration_size(equation, deflection):
     return force_size(equation, vibration) + rounding
 
 
-def changes_to_come(change, before_last):
-    """How many times its last change a sequence may still change, from the size of that
-    and of the one two before: a geometric series, at least 1; inf where changes do not
-    shrink.
+def changes_to_come(change: jax.Array, before_last: jax.Array) -> jax.Array:
+    """Multiple of its last change by which a sequence may still change, from the size
+    of that change and of the one two before: a geometric series, at least 1; inf where
+    changes do not shrink.
     """
     ratio = jnp.sqrt(change / before_last)
     return jnp.where(ratio < 1, jnp.maximum(1.0, ratio / (1 - ratio)), jnp.inf)
 
 
 def settle(
-    sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, goal, most, solved=0.0
+    sweeps: SweepEquation,
+    point: SweepPoint,
+    plan: SweepPlan,
+    goal: Number,
+    most: int | Array,
+    solved: Number = 0.0,
 ) -> Settled:
-    """Sweeps until the deflections may still change by ``goal`` or less, at most
-    ``most``, near the end WAITED times as many; and on until they leave ``solved`` of
-    the equations (:func:`~jaxhb.balance.sizes.relative_residual`), if ``most`` more of
-    them lead there.
+    """Sweep until the deflections may still change by ``goal`` or less, at most
+    ``most`` times, near the end WAITED times as often; and on until they leave
+    ``solved`` of the equations (:func:`~jaxhb.balance.sizes.relative_residual`), if
+    ``most`` more sweeps lead there.
 
-    The first sweep corrects and closes nothing: it forgets what the start has of no
-    motion of the train.
+    The first sweep corrects and closes nothing: it forgets the part of the start that
+    no motion of the train has.
     """
     equation = sweeps.equation
 
-    def one(carry):
+    def sweep_once(carry):
         count, point, _, before, (_, last_but_one, last), _ = carry
-        following, deflection, missed = _sweep(sweeps, point, plan)
+        following, deflection, residual = _sweep(sweeps, point, plan)
         linear = jnp.where(count == 0, point.linear, following.linear)
         change = force_size(equation, deflection - before) / vibration_size(
             equation, before
@@ -382,42 +405,46 @@ def settle(
             before,
             deflection,
             changes,
-            relative_residual(equation, missed),
+            relative_residual(equation, residual),
         )
 
     def unsettled(carry):
         count, _, _, _, (before_last, _, change), error = carry
         away = change * changes_to_come(change, before_last) > goal
         promising = error * (change / before_last) ** (most / 2) <= solved
-        wanted = (error > solved) & (away | promising)
+        go_on = (error > solved) & (away | promising)
         allowed = jnp.where(change < NEAR, WAITED * most, most)
         return (count < FEWEST_SWEEPS) | (
-            (count < allowed) & wanted & jnp.isfinite(change)
+            (count < allowed) & go_on & jnp.isfinite(change)
         )
 
-    none_yet = (jnp.array(jnp.inf),) * 3
-    begin = (
+    no_changes = (jnp.array(jnp.inf),) * 3
+    start = (
         jnp.array(0),
         point,
         equation.linear,
         equation.linear,
-        none_yet,
+        no_changes,
         jnp.array(jnp.inf),
     )
-    count, point, before, deflection, changes, _ = lax.while_loop(unsettled, one, begin)
+    count, point, before, deflection, changes, _ = lax.while_loop(
+        unsettled, sweep_once, start
+    )
     before_last, _, change = changes
-    to_come = jnp.minimum(changes_to_come(change, before_last), UNSETTLED)
+    remaining = jnp.minimum(changes_to_come(change, before_last), UNSETTLED)
     return Settled(
         point,
         deflection,
         count,
         change,
-        to_come * (deflection - before),
-        to_come * change,
+        remaining * (deflection - before),
+        remaining * change,
     )
 
 
-def visited(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, cycles: int):
+def visited(
+    sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, cycles: int
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The points at which so many cycles begin that are marched from a point one after
     another, uncorrected: states ``(cycles, 2m)`` and forces ``(cycles, G)``, and how
     far each cycle misses its beginning, as meshes see it, m.
@@ -428,7 +455,8 @@ def visited(sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, cycles: i
         missed = sweeps.modes.deflections * complex_modes(end.state - point.state)
         return end, (point.state, point.force, jnp.linalg.norm(missed))
 
-    return lax.scan(march, point, None, length=cycles)[1]
+    _, visits = lax.scan(march, point, None, length=cycles)
+    return visits
 
 
 settle_program = Program(settle, static_argnames="plan")

@@ -1,4 +1,4 @@
-"""A branch of periodic motions over one number of the train: followed by arclength
+"""A branch of periodic motions over a number of the train: followed by arclength
 through its folds, with stability.
 
 The curve is that of the reduced harmonic equations with a fixed number of harmonics
@@ -8,12 +8,13 @@ host.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
-from jaxhb._jax import refuse_tracers
+from jaxhb._jax import Array, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Plan, Request, excited_harmonic, time_steps_for
 from jaxhb.balance.problem import problem_at
@@ -26,6 +27,7 @@ from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.answers import need_solved
 from jaxhb.results.motion import drive_sense
 from jaxhb.results.response import Response
+from jaxhb.results.signal import Signal
 from jaxhb.results.status import NotConverged
 from jaxhb.solutions import continuation, planning
 from jaxhb.solutions.solve import solve
@@ -35,9 +37,9 @@ from jaxhb.train.speeds import check_speed
 
 @dataclass(frozen=True)
 class SpecialPoint:
-    """Where a branch turns back or changes its stability: a "fold", "branch point",
-    "period doubling" or "Neimark-Sacker" at a value of the parameter, after point no.
-    ``after`` of the branch; ``y`` on the curve.
+    """Point where a branch turns back or changes its stability: a "fold", "branch
+    point", "period doubling" or "Neimark-Sacker" at a value of the parameter, after
+    point no. ``after`` of the branch; ``y`` on the curve.
     """
 
     kind: str
@@ -45,49 +47,50 @@ class SpecialPoint:
     after: int
     y: np.ndarray = field(repr=False, compare=False)
 
-    def __str__(self):
+    def __str__(self) -> str:
         return f"{self.kind} at {self.value:.8g}"
 
 
-def train_at(train, rpm, parameter, value):
-    """Train and speed with a value of the parameter, checked."""
+def train_at(train: DriveTrain, rpm: float | None, parameter: str, value: float):
+    """Train and speed in rpm with a value of the parameter, checked."""
     speed = value if parameter == "rpm" else rpm
     check_speed(train, speed)
     return train if parameter == "rpm" else train.replace({parameter: value}), speed
 
 
-def response_at(curve, plan, y):
+def response_at(curve: HarmonicCurve, plan: Plan, y: np.ndarray) -> Response:
     """The Response at a point of the curve, which solves it already."""
     train, rpm = train_at(
         curve.train, float(curve.rpm), curve.parameter, curve.value(y)
     )
-    given = first_start(plan, given=np.asarray(curve.deflection(y)))
-    return solve_once(
-        train, rpm, problem_at(train, rpm, curve.plan.excited), plan, given
-    )[0]
+    begin = first_start(plan, given=np.asarray(curve.deflection(y)))
+    problem = problem_at(train, rpm, curve.plan.excited)
+    response, _ = solve_once(train, rpm, problem, plan, begin)
+    return response
 
 
-def extremes(response):
-    """Columns of a branch on the teeth, of every mesh: none depends on which of its
-    gears is named first.
+def extremes(response: Response) -> dict[str, list]:
+    """Columns of a branch for the teeth, with an entry for every mesh: none depends on
+    which of its gears is named first.
     """
     names = response.topology.mesh_names
     forces = [response.force(name) for name in names]
     deflections = [response.deflection(name) for name in names]
     senses = [drive_sense(response, name) for name in names]
 
-    def of_all(signals, extreme, opposite):
-        pairs = zip(signals, senses, strict=True)
+    def of_all_meshes(
+        signals: Sequence[Signal], extreme: str, opposite: str
+    ) -> list[Array]:
         return [
-            getattr(s, extreme) if sense > 0 else -getattr(s, opposite)
-            for s, sense in pairs
+            getattr(signal, extreme) if sense > 0 else -getattr(signal, opposite)
+            for signal, sense in zip(signals, senses, strict=True)
         ]
 
     return {
-        "largest_deflection": of_all(deflections, "max", "min"),
-        "smallest_deflection": of_all(deflections, "min", "max"),
+        "largest_deflection": of_all_meshes(deflections, "max", "min"),
+        "smallest_deflection": of_all_meshes(deflections, "min", "max"),
         "largest_force": [force.peak for force in forces],
-        "smallest_force": of_all(forces, "min", "max"),
+        "smallest_force": of_all_meshes(forces, "min", "max"),
     }
 
 
@@ -103,23 +106,25 @@ class Point:
     multipliers: np.ndarray
 
     @classmethod
-    def at(cls, curve, plan, y, tangent):
-        """The point with its row."""
+    def at(
+        cls, curve: HarmonicCurve, plan: Plan, y: np.ndarray, tangent: np.ndarray
+    ) -> Point:
+        """Make the point, with its row."""
         response = response_at(curve, plan, y)
-        found = stability(response)
-        row = {"value": curve.value(y)} | extremes(response)
-        row |= {"multiplier": found.critical, "stable": found.stable}
+        computed = stability(response)
+        row: dict = {"value": curve.value(y)} | extremes(response)
+        row |= {"multiplier": computed.critical, "stable": computed.stable}
         row["truncation_error"] = float(response.truncation_error)
-        return cls(row, y, tangent, found.multipliers[~found.rotation])
+        return cls(row, y, tangent, computed.multipliers[~computed.rotation])
 
-    def beyond(self, place):
+    def beyond(self, place: int) -> float:
         """Product of ``1 - place x multiplier``: its sign changes where a real one
         passes ``place``, +1 or -1.
         """
         return float(np.prod(1 - place * self.multipliers).real)
 
     @property
-    def pairs(self):
+    def pairs(self) -> tuple[np.ndarray, np.ndarray]:
         """Products of two multipliers, less 1, and whether those are complex: zero for
         a pair of modulus 1.
         """
@@ -138,53 +143,66 @@ Theory, 2004, ch. 10).
 """
 
 
-def special_points(curve, plan, points, locate, options):
+def special_points(
+    curve: HarmonicCurve,
+    plan: Plan,
+    points: list[Point],
+    locate: Callable[..., tuple[np.ndarray, np.ndarray]],
+    options: BranchOptions,
+) -> tuple[SpecialPoint, ...]:
     """The SpecialPoints of a branch, in its order."""
 
-    def rise(y, tangent):
+    def rise_of_parameter(y: np.ndarray, tangent: np.ndarray) -> float:
         return tangent[-1]  # zero at a fold
 
-    def on_point(test):
+    def on_point(
+        test: Callable[[Point], float],
+    ) -> Callable[[np.ndarray, np.ndarray], float]:
         return lambda y, tangent: test(Point.at(curve, plan, y, tangent))
 
-    found = {kind: [test(point) for point in points] for kind, test in TESTS.items()}
-    found = {"fold": [point.tangent[-1] for point in points]} | found
+    tested = {"fold": [point.tangent[-1] for point in points]}
+    for kind, test in TESTS.items():
+        tested[kind] = [test(point) for point in points]
     changes = {
         kind: np.sign(values[:-1]) * np.sign(values[1:]) < 0
-        for kind, values in found.items()
+        for kind, values in tested.items()
     }
-    passed = changes["branch point"]
+    passes_branch_point = changes["branch point"]
     for number in np.flatnonzero(changes["fold"]):
         # At a fold a multiplier passes +1, but not where that of the harmonics lies:
         # the truncation error is between.
-        beside = [
+        near = [
             k
             for k in (number, number - 1, number + 1)
-            if 0 <= k < len(passed) and passed[k]
+            if 0 <= k < len(passes_branch_point) and passes_branch_point[k]
         ]
-        passed[beside[:1]] = False
+        passes_branch_point[near[:1]] = False
     special = []
-    for kind, where in changes.items():
-        for number in np.flatnonzero(where):
-            ends = [(point.y, point.tangent) for point in points[number : number + 2]]
-            test, closed = (
-                (rise, options.fold)
-                if kind == "fold"
-                else (on_point(TESTS[kind]), options.stability)
+    for kind, is_changing in changes.items():
+        for number in np.flatnonzero(is_changing):
+            before, after = points[number : number + 2]
+            if kind != "fold":
+                test_on_curve = on_point(TESTS[kind])
+                closed = options.stability
+            else:
+                test_on_curve = rise_of_parameter
+                closed = options.fold
+            y, tangent = locate(
+                (before.y, before.tangent),
+                (after.y, after.tangent),
+                test_on_curve,
+                closed=closed,
             )
-            at = Point.at(curve, plan, *locate(*ends, test, closed=closed))
+            located = Point.at(curve, plan, y, tangent)
             # The product of two real multipliers passes 1 as well, where nothing
             # happens: a pair must be complex.
-            products, turning = at.pairs
-            if kind != "Neimark-Sacker" or turning[np.argmin(np.abs(products))]:
-                length = (at.y - ends[0][0]) @ ends[0][1]
-                special.append(
-                    (
-                        number,
-                        length,
-                        SpecialPoint(kind, at.row["value"], int(number), at.y),
-                    )
+            products, is_complex = located.pairs
+            if kind != "Neimark-Sacker" or is_complex[np.argmin(np.abs(products))]:
+                length = (located.y - before.y) @ before.tangent
+                special_point = SpecialPoint(
+                    kind, located.row["value"], int(number), located.y
                 )
+                special.append((number, length, special_point))
     return tuple(point for *_, point in sorted(special, key=lambda entry: entry[:2]))
 
 
@@ -198,9 +216,8 @@ class BranchOptions:
     longest: float = 0.05  # length of a step at most
     jacobians: int = 4000  # of a branch at most
     fold: float = 1e-9  # error of the parameter at a fold, as a share of its range
-    stability: float = (
-        1e-5  # the same where the stability changes, for which multipliers cost some
-    )
+    # The same where the stability changes: multipliers cost some time
+    stability: float = 1e-5
     # Error of a point, relative to the first motion: well below that of a solve
     closed: float = 1e-11
 
@@ -250,7 +267,7 @@ class Branch:
 
     @property
     def train(self) -> DriveTrain:
-        """The train that was followed, with its own value of the parameter."""
+        """The train that was followed, with the value of the parameter that it had."""
         return self._curve.train
 
     @property
@@ -307,22 +324,22 @@ class Branch:
                 f" {len(places)} of them."
             )
         curve, plan, y, tangent = _doubled(self._curve, self._plan, places[number].y)
-        found = _followed(curve, plan, y, tangent, (0.0, 1.0), options)
+        doubled = _followed(curve, plan, y, tangent, (0.0, 1.0), options)
         # Where it begins a multiplier is 1, rounded to either side: no branch point.
         special = tuple(
             point
-            for point in found.special
+            for point in doubled.special
             if point.after or point.kind != "branch point"
         )
-        return replace(found, special=special)
+        return replace(doubled, special=special)
 
-    def __str__(self):
-        shares = f"{np.count_nonzero(self.stable)} of {len(self)} points stable"
+    def __str__(self) -> str:
+        stable = f"{np.count_nonzero(self.stable)} of {len(self)} points stable"
         points = "; ".join(map(str, self.special)) or "no special points"
-        left = f"truncation error up to {100 * self.truncation_error.max():.2g} %"
+        truncation = f"truncation error up to {100 * self.truncation_error.max():.2g} %"
         return (
-            f"{self.parameter} {self.value[0]:g} to {self.value[-1]:g}: {shares},"
-            f" {left}; {points}. {self.ended}"
+            f"{self.parameter} {self.value[0]:g} to {self.value[-1]:g}: {stable},"
+            f" {truncation}; {points}. {self.ended}"
         )
 
 
@@ -393,13 +410,16 @@ def follow(
         check_speed(train, to)
     _check(train, parameter, start, to, rpm)
     ends = [train_at(train, rpm, parameter, float(value)) for value in (start, to)]
-    first, speed = ends[0]
+    train_at_start, speed = ends[0]
     if begin is None:
-        begin = solve(first, rpm=speed, harmonics=harmonics, tolerance=tolerance)
+        begin = solve(
+            train_at_start, rpm=speed, harmonics=harmonics, tolerance=tolerance
+        )
     need_solved(begin)
-    stability(replace(begin, train=first))  # its sentences come before the work
+    # Its sentences come before the work.
+    stability(replace(begin, train=train_at_start))
     plan = _plan(
-        first,
+        train_at_start,
         sum(speed for _, speed in ends) / 2,
         harmonics,
         tolerance,
@@ -408,21 +428,27 @@ def follow(
     deflection = fourier.resize(
         active_deflections(plan, begin.deflections), plan.harmonics
     )
-    sizes = np.asarray(first.meshes.backlash)[list(plan.active)]
+    gaps = np.asarray(train_at_start.meshes.backlash)[list(plan.active)]
     scale = np.min(
-        sizes + np.linalg.norm(fourier.pack(deflection), axis=-1)[: len(sizes)]
-    )
-    speed, begins, length, size = map(
-        np.asarray, (float(speed), float(start), float(to) - float(start), float(scale))
+        gaps + np.linalg.norm(fourier.pack(deflection), axis=-1)[: len(gaps)]
     )
     curve = HarmonicCurve(
-        train, speed, begins, length, size, plan.active_meshes, parameter, plan.static
+        train=train,
+        rpm=np.asarray(float(speed)),
+        begin=np.asarray(float(start)),
+        span=np.asarray(float(to) - float(start)),
+        scale=np.asarray(float(scale)),
+        active_meshes=plan.active_meshes,
+        parameter=parameter,
+        plan=plan.static,
     )
     y = np.append(fourier.pack(deflection).ravel() / scale, 0.0)
     return _followed(curve, plan, y, None, (0.0, 1.0), options)
 
 
-def _check(train, parameter, start, to, rpm):
+def _check(
+    train: DriveTrain, parameter: str, start: float, to: float, rpm: float | None
+) -> None:
     """Refuse what cannot be followed, with a sentence."""
     name = train.topology.title
     if parameter == "rpm" and rpm is not None:
@@ -443,7 +469,13 @@ def _check(train, parameter, start, to, rpm):
         )
 
 
-def _plan(train, rpm, harmonics, tolerance, found):
+def _plan(
+    train: DriveTrain,
+    rpm: float,
+    harmonics: int | None,
+    tolerance: float,
+    least_harmonics: int,
+) -> Plan:
     """The Plan of all points of a branch."""
     request = Request.of(train, harmonics, tolerance)
     excited = listed_harmonic(train.topology)
@@ -453,11 +485,13 @@ def _plan(train, rpm, harmonics, tolerance, found):
     plan = replace(planning.contact_plan(train, request), time_steps=steps)
     return replace(
         planning.all_active(train, plan, request),
-        harmonics=harmonics or max(level, found),
+        harmonics=harmonics or max(level, least_harmonics),
     )
 
 
-def _doubled(curve, plan, y):
+def _doubled(
+    curve: HarmonicCurve, plan: Plan, y: np.ndarray
+) -> tuple[HarmonicCurve, Plan, np.ndarray, np.ndarray]:
     """Curve, plan, point and tangent over two periods, at a period doubling ``y``."""
     train = curve.train.repeated(2)
     _, rpm = train_at(
@@ -467,58 +501,68 @@ def _doubled(curve, plan, y):
         float(curve.begin + y[-1] * curve.span),
     )
     plan = _plan(train, rpm, 2 * plan.harmonics, plan.tolerance, 0)
-    once = np.asarray(curve.deflection(y))
+    one_period = np.asarray(curve.deflection(y))
     curve = replace(
         curve, train=train, active_meshes=plan.active_meshes, plan=plan.static
     )
-    twice = np.zeros((len(once), plan.harmonics + 1), dtype=complex)
-    odd = np.zeros_like(twice)
-    # Over two periods harmonic n of the motion is harmonic 2 n. What leaves it at a
-    # period doubling has odd harmonics alone: random ones, falling as smooth motions
-    # do, are turned into the null direction.
-    twice[:, ::2] = once
+    two_periods = np.zeros((len(one_period), plan.harmonics + 1), dtype=complex)
+    odd = np.zeros_like(two_periods)
+    # Over two periods harmonic n of the motion is harmonic 2 n. The motion that leaves
+    # it at a period doubling adds odd harmonics alone: random ones, falling like those
+    # of smooth motions, are turned into the null direction.
+    two_periods[:, ::2] = one_period
     draw = np.random.default_rng(0).normal(size=(2, *odd[:, 1::2].shape))
     odd[:, 1::2] = (draw[0] + 1j * draw[1]) / np.arange(1, plan.harmonics + 1, 2) ** 2
-    y = np.append(fourier.pack(twice).ravel() / curve.scale, y[-1])
-    return (
-        curve,
-        plan,
-        y,
-        np.append(null_direction(curve, y, fourier.pack(odd).ravel()), 0.0),
-    )
+    y = np.append(fourier.pack(two_periods).ravel() / curve.scale, y[-1])
+    tangent = np.append(null_direction(curve, y, fourier.pack(odd).ravel()), 0.0)
+    return curve, plan, y, tangent
 
 
-def _followed(curve, plan, y, onward, within, options):
-    """The :class:`Branch` from a point on."""
+def _followed(
+    curve: HarmonicCurve,
+    plan: Plan,
+    y: np.ndarray,
+    onward: np.ndarray | None,
+    within: tuple[float, float],
+    options: BranchOptions,
+) -> Branch:
+    """Follow a :class:`Branch` from a point ``y``; onward : tangent on from there."""
     # Every point is a solution that is read, not a way to the end: exact, and on a
     # smooth curve steps that turn little.
-    steps = {"first": options.first, "longest": options.longest}
-    closed = options.closed
     control = continuation.StepControl(
-        **steps, corner=1e-7, near=closed, closed=closed, bent=0.8, straight=0.95
+        first=options.first,
+        longest=options.longest,
+        corner=1e-7,
+        near=options.closed,
+        closed=options.closed,
+        bent=0.8,
+        straight=0.95,
     )
-    path, name = [], curve.train.topology.title
-    equations = partial(linearized, curve), partial(simplified, curve)
-    given = {
-        "most": options.jacobians,
-        "within": within,
-        "onward": onward,
-        "control": control,
-    }
+    path = []
+    linearize = partial(linearized, curve)
+    simplify = partial(simplified, curve)
     end = continuation.follow_curve(
-        *equations, y, visit=lambda *point: path.append(point), **given
+        linearize,
+        simplify,
+        y,
+        most=options.jacobians,
+        within=within,
+        onward=onward,
+        visit=lambda y, tangent: path.append((y, tangent)),
+        control=control,
     )
     if not path:
         value = f"{curve.parameter} = {curve.value(y):g}"
         raise NotConverged(
-            f"{name}: Newton's method finds no motion with {plan.harmonics} harmonics"
-            f" at {value}."
+            f"{curve.train.topology.title}: Newton's method finds no motion with"
+            f" {plan.harmonics} harmonics at {value}."
         )
-    points = [Point.at(curve, plan, *point) for point in path]
-    locate = partial(continuation.locate_zero, *equations, control=control)
+    points = [Point.at(curve, plan, y, tangent) for y, tangent in path]
+    locate = partial(continuation.locate_zero, linearize, simplify, control=control)
     special = special_points(curve, plan, points, locate, options)
     columns = {
-        name: np.array([point.row[name] for point in points]) for name in points[0].row
+        column: np.array([point.row[column] for point in points])
+        for column in points[0].row
     }
     ended = _sentence(curve, end, within, options)
     return Branch(
@@ -532,8 +576,13 @@ def _followed(curve, plan, y, onward, within, options):
     )
 
 
-def _sentence(curve, end, within, options):
-    """Why a branch ended."""
+def _sentence(
+    curve: HarmonicCurve,
+    end: continuation.CurveEnd,
+    within: tuple[float, float],
+    options: BranchOptions,
+) -> str:
+    """Say why a branch ended."""
     value = f"{curve.parameter} = {curve.value(end.y):g}"
     if end.arrived and end.y[-1] > sum(within) / 2:
         return f"It reaches the end of the range, {value}."

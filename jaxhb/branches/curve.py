@@ -11,21 +11,28 @@ from dataclasses import dataclass, field
 import jax
 import jax.numpy as jnp
 
-from jaxhb._jax import Array
+from jaxhb._jax import Array, Number
 from jaxhb._program import Program
 from jaxhb.balance import correction
 from jaxhb.balance.newton import KRYLOV_STEPS
 from jaxhb.balance.plan import Plan
-from jaxhb.balance.problem import ActiveMeshes, model_of, problem_at, reduced_equation
+from jaxhb.balance.problem import (
+    ActiveMeshes,
+    Problem,
+    model_of,
+    problem_at,
+    reduced_equation,
+)
 from jaxhb.equations import fourier
+from jaxhb.equations.condensation import CondensedEquation
 from jaxhb.train.drivetrain import DriveTrain
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class HarmonicCurve:
-    """What does not change along a branch: begin and span of the parameter, scale in m,
-    the meshes (ActiveMeshes).
+    """Constants of a branch: train, speed in rpm, begin and span of the parameter,
+    scale of the deflections in m, active meshes, name of the parameter, plan.
     """
 
     train: DriveTrain
@@ -37,56 +44,59 @@ class HarmonicCurve:
     parameter: str = field(metadata={"static": True})
     plan: Plan = field(metadata={"static": True})
 
-    def at(self, share):
+    def at(self, share: Number) -> tuple[DriveTrain, Array]:
         """Train and speed at a share of the range."""
         value = self.begin + share * self.span
         if self.parameter == "rpm":
             return self.train, value
         return self.train.replace({self.parameter: value}), self.rpm
 
-    def value(self, y):
+    def value(self, y: Array) -> float:
         """The parameter at a point, on the host."""
         return float(self.begin + y[-1] * self.span)
 
-    def deflection(self, y):
+    def deflection(self, y: Array) -> Array:
         """Coefficients ``(G, N+1)`` m of the unknown meshes at a point."""
         return fourier.unpack(
             self.scale * y[:-1].reshape(len(self.active_meshes.mask), -1)
         )
 
-    def equation(self, y):
+    def equation(self, y: Array) -> tuple[Array, tuple[Problem, CondensedEquation]]:
         """F packed ``(n,)``, over the scale; the Problem and the CondensedEquation."""
-        problem = jax.tree.map(
-            jnp.asarray, problem_at(*self.at(y[-1]), self.plan.excited)
-        )
+        train, rpm = self.at(y[-1])
+        problem = jax.tree.map(jnp.asarray, problem_at(train, rpm, self.plan.excited))
         deflection = self.deflection(y)
         reduced, _ = reduced_equation(
             problem, deflection.shape[-1] - 1, self.active_meshes
         )
-        value = (
-            fourier.pack(reduced.residual(deflection, self.plan.samples)).reshape(-1)
-            / self.scale
-        )
+        residual = reduced.residual(deflection, self.plan.samples)
+        value = fourier.pack(residual).reshape(-1) / self.scale
         return value, (problem, reduced)
 
 
 @Program
-def linearized(curve, y, normal):
-    """What ``linearize`` of :func:`jaxhb.solutions.continuation.follow_curve`
-    returns.
+def linearized(curve: HarmonicCurve, y: Array, normal: Array):
+    """Linearize the curve at a point, as ``linearize`` of
+    :func:`jaxhb.solutions.continuation.follow_curve`.
     """
     rising = jnp.zeros_like(y).at[-1].set(1.0)
-    value, column, equations = jax.jvp(curve.equation, (y,), (rising,), has_aux=True)
-    at = _prepared(curve, y, *equations)
+    value, column, (problem, reduced) = jax.jvp(
+        curve.equation, (y,), (rising,), has_aux=True
+    )
+    reduced, march, slopes = _prepared(curve, y, problem, reduced)
     border = (column, normal)
     # Change and tangent are two right sides of one bordered system: across the normal,
     # and one unit along it.
     right = jnp.append(-value, 0.0), rising
-    change, tangent = correction.correct_bordered(*at, border, right, KRYLOV_STEPS)
-    return value, change, tangent, (at[1], border)
+    change, tangent = correction.correct_bordered(
+        reduced, march, slopes, border, right, KRYLOV_STEPS
+    )
+    return value, change, tangent, (march, border)
 
 
-def _prepared(curve, y, problem, reduced):
+def _prepared(
+    curve: HarmonicCurve, y: Array, problem: Problem, reduced: CondensedEquation
+) -> tuple[CondensedEquation, correction.LinearMarch, Array]:
     """The equations, the linearised march and the slopes of phi at a point."""
     plan = curve.plan
     deflection = curve.deflection(y)
@@ -99,41 +109,43 @@ def _prepared(curve, y, problem, reduced):
     return reduced, correction.march_at(train, slopes), slopes
 
 
-# Of the bordered Jacobian: each leaves of the rest of a direction what the singular
-# value at a point leaves.
+# Inversions of the bordered Jacobian: each reduces the rest of a direction to the share
+# of the singular value at the point.
 INVERSIONS = 3
 
 
 @Program
-def null_direction(curve, y, direction):
-    """The direction ``(n,)``, of length 1, in which F stays zero to first order where
-    its Jacobian is singular.
+def null_direction(curve: HarmonicCurve, y: Array, direction: Array):
+    """Direction ``(n,)``, of length 1, in which F stays zero to first order where its
+    Jacobian is singular.
 
     By inverse iteration on the Jacobian bordered with the last direction; it keeps the
-    symmetry of the one given.
+    symmetry of ``direction``.
     """
-    value, equations = curve.equation(y)
-    at = _prepared(curve, y, *equations)
-    one = jnp.append(jnp.zeros_like(value), 1.0)
+    value, (problem, reduced) = curve.equation(y)
+    reduced, march, slopes = _prepared(curve, y, problem, reduced)
+    unit = jnp.append(jnp.zeros_like(value), 1.0)
     for _ in range(INVERSIONS):
         direction = direction / jnp.linalg.norm(direction)
         border = direction, jnp.append(direction, 0.0)
-        (found,) = correction.correct_bordered(*at, border, (one,), KRYLOV_STEPS)
-        direction = found[:-1]
+        (solved,) = correction.correct_bordered(
+            reduced, march, slopes, border, (unit,), KRYLOV_STEPS
+        )
+        direction = solved[:-1]
     return direction / jnp.linalg.norm(direction)
 
 
 @Program
-def simplified(curve, y, slopes):
-    """What ``simplify`` of :func:`jaxhb.solutions.continuation.follow_curve` returns:
-    the Jacobian of this point, the linearised march and the derivative in the parameter
-    of another one.
+def simplified(curve: HarmonicCurve, y: Array, slopes: tuple):
+    """Correct a point, as ``simplify`` of
+    :func:`jaxhb.solutions.continuation.follow_curve`: with the Jacobian of this point,
+    the linearised march and the derivative in the parameter of another one.
     """
     value, (_, reduced) = curve.equation(y)
     right = (jnp.append(-value, 0.0),)
     march, border = slopes
-    here = correction.slopes_at(reduced, curve.deflection(y), curve.plan.samples)
+    slopes_here = correction.slopes_at(reduced, curve.deflection(y), curve.plan.samples)
     (change,) = correction.correct_bordered(
-        reduced, march, here, border, right, KRYLOV_STEPS
+        reduced, march, slopes_here, border, right, KRYLOV_STEPS
     )
     return value, change

@@ -8,22 +8,22 @@ from functools import partial
 import numpy as np
 from scipy.optimize import brentq
 
-from jaxhb._jax import Numbers, refuse_tracers
+from jaxhb._jax import Array, Numbers, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import fourier
 from jaxhb.linear.forced import forced_response
 from jaxhb.results.answers import left_out, need_solved
+from jaxhb.results.response import Response
 from jaxhb.results.status import NotConverged
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.changes import in_contact
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
-SAMPLES = (
-    64  # per harmonic of the contact force, at which its smallest value is looked for
-)
-TOLERANCE = 1e-9  # share of a speed to which a boundary is found
+# Samples per harmonic of the contact force, among which its smallest value is sought
+SAMPLES = 64
+TOLERANCE = 1e-9  # share of a speed to which a boundary is solved for
 
 
 @brief
@@ -38,8 +38,7 @@ class LiftOff:
     rpm : ``(K,)``, of the reference rotor; mesh : tuple of K names
     parts : ``(K,)`` bool, whether the teeth part above this speed, and not below it
     never, always : values of the second number at which no teeth, or those of some
-    mesh, part at every speed asked for
-        that has an answer
+    mesh, part at every requested speed that has an answer
     left_out : tuple of str, a sentence for each value and status of speeds without an
     answer
     """
@@ -84,8 +83,8 @@ def lift_off(
     From which speed on does the pair hammer?
 
     >>> pair = jaxhb.load_scene("spur_pair")
-    >>> found = lift_off(pair, rpm=[3000.0, 4000.0, 5000.0])
-    >>> found.mesh, found.parts.tolist(), found.rpm.round(-1).tolist()
+    >>> boundary = lift_off(pair, rpm=[3000.0, 4000.0, 5000.0])
+    >>> boundary.mesh, boundary.parts.tolist(), boundary.rpm.round(-1).tolist()
     (('gear a|gear b',), [True], [4620.0])
     """
     refuse_tracers("lift_off", train, rpm, values)
@@ -96,61 +95,61 @@ def lift_off(
             f"{train.topology.title}: lift_off needs two speeds or more that rise:"
             f" {rpm.tolist()}."
         )
-    gaps = np.flatnonzero(train.topology.mesh_backlash)
+    gap_meshes = np.flatnonzero(train.topology.mesh_backlash)
     rows = []
     never = []
     always = []
-    lost = []
+    sentences = []
     for value in np.asarray(values, dtype=float).tolist() if over else [np.nan]:
         contact = in_contact(train.replace({over: value}) if over else train)
         motion = _in_contact_at(contact, rpm)
-        lost += left_out(
-            rpm,
-            motion.status,
-            f"{contact.topology.title}{f', {over} = {value:g},' if over else ''}",
-        )
-        known = rpm[motion.solved]
-        margins = _margins(motion.elastic_forces[motion.solved])[:, gaps]
-        if len(known) < 2:
+        place = f", {over} = {value:g}," if over else ""
+        title = f"{contact.topology.title}{place}"
+        sentences += left_out(rpm, motion.status, title)
+        solved_rpm = rpm[motion.solved]
+        margins = _margins(motion.elastic_forces[motion.solved])[:, gap_meshes]
+        if len(solved_rpm) < 2:
             raise NotConverged(
-                "lift_off needs two speeds with an answer or more: " + " ".join(lost)
+                "lift_off needs two speeds with an answer or more: "
+                + " ".join(sentences)
             )
         if (margins > 0).all():
             never.append(value)
         if (margins <= 0).all(axis=0).any():
             always.append(value)
-        for k, mesh in zip(*np.nonzero(np.diff(margins > 0, axis=0)), strict=True):
-            margin = partial(_margin, contact, gaps[mesh])
-            at = brentq(margin, known[k], known[k + 1], rtol=TOLERANCE)
-            rows.append(
-                (value, at, train.topology.mesh_names[gaps[mesh]], margins[k, mesh] > 0)
+        for index, mesh in zip(*np.nonzero(np.diff(margins > 0, axis=0)), strict=True):
+            margin = partial(_margin, contact, gap_meshes[mesh])
+            boundary = brentq(
+                margin, solved_rpm[index], solved_rpm[index + 1], rtol=TOLERANCE
             )
-    value, at, mesh, parts = zip(*rows, strict=True) if rows else ((), (), (), ())
-    found = (
-        np.array(value),
-        np.array(at),
-        mesh,
-        np.array(parts, bool),
-        np.array(never),
-        np.array(always),
+            mesh_name = train.topology.mesh_names[gap_meshes[mesh]]
+            rows.append((value, boundary, mesh_name, margins[index, mesh] > 0))
+    return LiftOff(
+        over=over,
+        value=np.array([row[0] for row in rows]),
+        rpm=np.array([row[1] for row in rows]),
+        mesh=tuple(row[2] for row in rows),
+        parts=np.array([row[3] for row in rows], bool),
+        never=np.array(never),
+        always=np.array(always),
+        left_out=tuple(sentences),
     )
-    return LiftOff(over, *found, left_out=tuple(lost))
 
 
-def _margin(train, mesh, rpm):
-    return _margins(
-        need_solved(_in_contact_at(train, np.array([rpm]))[0]).elastic_forces
-    )[mesh]
+def _margin(train: DriveTrain, mesh: int, rpm: float) -> float:
+    """Margin of one mesh at one speed."""
+    motion = need_solved(_in_contact_at(train, np.array([rpm]))[0])
+    return _margins(motion.elastic_forces)[mesh]
 
 
-def _in_contact_at(train, rpm):
+def _in_contact_at(train: DriveTrain, rpm: np.ndarray) -> Response:
     """The motion of a train in contact at speeds ``(n,)``."""
     if train.topology.linear_in_contact:
         return forced_response(train, rpm=rpm)
     return solve_speeds(train, rpm=rpm)
 
 
-def _margins(force):
+def _margins(force: Array) -> np.ndarray:
     """Smallest elastic force on the drive flank over the mean one, ``(..., M)``, from
     the coefficients of the force.
     """

@@ -4,13 +4,14 @@ in, and those that repel.
 
 import dataclasses
 import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from jaxhb._equal import by_value
 from jaxhb._jax import refuse_tracers
-from jaxhb.balance.plan import Request
+from jaxhb.balance.plan import Plan, Request
 from jaxhb.floquet.stability import Stability, attracts
 from jaxhb.results.response import Response
 from jaxhb.solutions import starts
@@ -24,14 +25,8 @@ from jaxhb.steady.marching import Equations
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
-NEIGHBOURS = (
-    0.9,
-    0.95,
-    0.98,
-    1.02,
-    1.05,
-    1.1,
-)  # speeds, over the one asked for, from whose motions it is reached
+# Neighbouring speeds, over that of the search, from whose motions marches begin
+NEIGHBOURS = (0.9, 0.95, 0.98, 1.02, 1.05, 1.1)
 # Difference of the deflections, as a share of the largest, up to which two solutions
 # are one motion
 SAME = 0.01
@@ -69,19 +64,19 @@ class PeriodicMotion:
         )
         return float(max(forces, default=0.0))
 
-    def __str__(self):
+    def __str__(self) -> str:
         span = "one cycle" if self.period == 1 else f"{self.period} cycles"
-        how = {True: "attracts", False: "repels", None: "stability not decided"}[
+        tendency = {True: "attracts", False: "repels", None: "stability not decided"}[
             self.attracts
         ]
         if self.stability is not None:
-            how += (
+            tendency += (
                 f" ({self.stability.loses_by or 'stable'}, multiplier"
                 f" {self.stability.largest:.3g})"
             )
         return (
             f"period of {span}, largest tooth force {self.largest_force / 1e3:.4g} kN,"
-            f" {how}"
+            f" {tendency}"
         )
 
 
@@ -107,8 +102,8 @@ def solve_all(
     that attract come first, then those not decided, the largest tooth force first;
     there are none where none is found. That no other exists is not claimed.
 
-    >>> found = jaxhb.solve_all(jaxhb.load_scene("spur_pair"), rpm=2000.0)
-    >>> [(motion.period, motion.attracts) for motion in found]
+    >>> motions = jaxhb.solve_all(jaxhb.load_scene("spur_pair"), rpm=2000.0)
+    >>> [(motion.period, motion.attracts) for motion in motions]
     [(1, True)]
     """
     refuse_tracers("solve_all", train, rpm)
@@ -116,45 +111,47 @@ def solve_all(
     rpm = float(rpm)
     request = Request.of(train, harmonics, tolerance)
     (plan,) = plan_speeds(train, np.array([rpm]), request)
-    found = []
+    responses = []
     marched = _marched(train, rpm, request) if train.topology.has_law.any() else ()
     of_one_cycle = ((response, 1) for response in searched(train, rpm, plan, request))
     for response, period in itertools.chain(marched, of_one_cycle):
         if not any(
-            period == known and difference(response, other, period) <= SAME
-            for other, known in found
+            period == other_period and difference(response, other, period) <= SAME
+            for other, other_period in responses
         ):
-            found.append((response, period))
+            responses.append((response, period))
     motions = (
         PeriodicMotion(response, period, *attracts(response)[:2])
-        for response, period in found
+        for response, period in responses
     )
-    first = (True, None, False)
+    rank = (True, None, False)
     return tuple(
         sorted(
             motions,
-            key=lambda motion: (first.index(motion.attracts), -motion.largest_force),
+            key=lambda motion: (rank.index(motion.attracts), -motion.largest_force),
         )
     )
 
 
-def _marched(train, rpm, request):
+def _marched(
+    train: DriveTrain, rpm: float, request: Request
+) -> list[tuple[Response, int]]:
     """(Response, period) of motions to which marches come, from several starts side by
     side.
     """
-    near = rpm * np.array(NEIGHBOURS)
-    states = Classifier(train, near, request, True, Cycles()).march_to_the_end(
-        list(range(len(near))), {}
+    neighbour_rpm = rpm * np.array(NEIGHBOURS)
+    states = Classifier(train, neighbour_rpm, request, True, Cycles()).march_to_the_end(
+        list(range(len(neighbour_rpm))), {}
     )
-    begun = _starts(train, rpm) + [
+    start_motions = _starts(train, rpm) + [
         state.motion for state in states.values() if state.motion is not None
     ]
     classifier = Classifier(
-        train, np.full(len(begun) + 1, rpm), request, True, Cycles()
+        train, np.full(len(start_motions) + 1, rpm), request, True, Cycles()
     )
     # The first begins on the drive sides.
     states = classifier.march_to_the_end(
-        list(range(len(begun) + 1)), dict(enumerate(begun, 1))
+        list(range(len(start_motions) + 1)), dict(enumerate(start_motions, 1))
     )
     return [
         (state.response, state.period)
@@ -163,7 +160,7 @@ def _marched(train, rpm, request):
     ]
 
 
-def _starts(train, rpm):
+def _starts(train: DriveTrain, rpm: float) -> list[np.ndarray]:
     """Motions ``(2S,)`` with the teeth in the middle of their gaps, on the flanks that
     do not drive, and scattered.
     """
@@ -177,9 +174,9 @@ def _starts(train, rpm):
     power = np.abs(displacement[:, 1:]) ** 2
     # Speeds of the scattered starts in proportion to the root mean square frequency of
     # the linear motion.
-    n = np.arange(1, power.shape[1] + 1)
+    harmonics = np.arange(1, power.shape[1] + 1)
     omega = linear_motion.frequency[0] * np.sqrt(
-        (n**2 * power).sum() / max(power.sum(), 1e-300)
+        (harmonics**2 * power).sum() / max(power.sum(), 1e-300)
     )
     shares = np.random.default_rng(0).uniform(-FARTHEST, FARTHEST, (SCATTERED, 2))
     shares = np.concatenate([[[0.0, 0.0], [-1.0, 0.0]], shares])
@@ -189,17 +186,18 @@ def _starts(train, rpm):
     ]
 
 
-def searched(train, rpm, plan, request):
-    """The Responses of the motions of one cycle that searches find, some more than
-    once; each keeps the path that led to it.
+def searched(
+    train: DriveTrain, rpm: float, plan: Plan, request: Request
+) -> Iterator[Response]:
+    """Yield the Responses of the motions of one cycle that searches find, some more
+    than once; each has the path that led to it.
     """
     case = starts.Case(train, rpm, request, plan)
     if not train.topology.has_law.any():
         yield from _attempted(case, starts.from_contact)
         return
-    case.reached = all_active(
-        train, plan, request
-    )  # what the linear motion holds on a flank, another may separate
+    # Teeth that the linear motion holds on a flank another motion may separate.
+    case.reached = all_active(train, plan, request)
     swept = SweptTrain.of(train, plan, dataclasses.replace(request, harmonics=None))
     if swept is None:
         yield from _attempted(case, starts.from_contact)
@@ -217,16 +215,21 @@ def searched(train, rpm, plan, request):
     yield from _attempted(case, starts.shooting)
 
 
-def _attempted(case, strategy, path=()):
-    """The Responses of all attempts of a strategy that Newton's method solves, after
-    the events of a path.
+def _attempted(
+    case: starts.Case, strategy: Callable[[starts.Case], Iterable], path: Sequence = ()
+) -> Iterator[Response]:
+    """Yield the Responses of all attempts of a strategy that Newton's method solves,
+    after the events of a path.
     """
     for attempt in strategy(case):
         case.path[:] = path
         starts.refine(case, *attempt)
-        if (
-            not case.reached.active
-        ):  # in contact: other motions, if there are any, need all meshes unknown
-            case.reached = all_active(case.train, case.reached, case.request)
-        if case.response.solved:
-            yield case.response
+        plan = case.reached
+        assert plan is not None  # of the refinement
+        # In contact: other motions, if there are any, need all meshes unknown.
+        if not plan.active:
+            case.reached = all_active(case.train, plan, case.request)
+        response = case.response
+        assert response is not None  # of the refinement
+        if response.solved:
+            yield response

@@ -1,47 +1,57 @@
 """Steps of one train at several speeds, in modes that the speeds share, made on the
 host.
 
-Of complex modes (:mod:`jaxhb.equations.state_space`) propagators and weights are one
+In complex modes (:mod:`jaxhb.equations.state_space`) propagators and weights are one
 number per mode and speed, so that steps of another length cost nothing.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax
 import numpy as np
 
+from jaxhb._jax import Array, Numbers
 from jaxhb.equations import backlash, fourier
-from jaxhb.equations.backlash import all_meshes
+from jaxhb.equations.backlash import MeshParameters, all_meshes
 from jaxhb.equations.condensation import displacements_and_bends
-from jaxhb.equations.state_space import matrices, static_response
+from jaxhb.equations.state_space import Modes, matrices, static_response
 from jaxhb.excitation.torques import excitation
 from jaxhb.integration.step import Stepper, force_on_flank, krogstad, rows_of
+from jaxhb.train.chain import System
+from jaxhb.train.drivetrain import DriveTrain
 
 # Time samples of a cycle at which its motion is compared with that of other cycles;
 # divides every number of steps.
 SAMPLES = 32
-# Share of the motion in contact that a start from there lacks: a motion that repels
-# would be kept for long.
+# Share of the motion in contact that a start from there lacks: the march would stay
+# on a motion that repels for long.
 DISTURBED = 0.02
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class LinearMotion:
-    """Several speeds: frequency ``(L,)`` rad/s; displacement ``(L, S, N+1)`` m of the
-    linear train and deflection ``(L, M, N+1)`` m of the meshes with backlash; flank
-    ``(L, S)`` m, its shift onto the drive sides.
+    """Motion of the linear train at L speeds: frequency ``(L,)`` rad/s; displacement
+    ``(L, S, N+1)`` m of the disks and deflection ``(L, M, N+1)`` m of the meshes with
+    backlash; flank ``(L, S)`` m, the shift of the disks onto the drive sides.
     """
 
-    frequency: jax.Array
-    displacement: jax.Array
-    deflection: jax.Array
-    flank: jax.Array
+    frequency: np.ndarray
+    displacement: np.ndarray
+    deflection: np.ndarray
+    flank: np.ndarray
 
 
-def motions_in_contact(train, rpm, system, every, harmonics):
-    """Displacements ``(L, S, N+1)`` m under the excitation of speeds ``(L,)``, all
+def motions_in_contact(
+    train: DriveTrain,
+    rpm: np.ndarray,
+    system: System,
+    every: MeshParameters,
+    harmonics: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements ``(L, S, N+1)`` m under the excitation of speeds ``(L,)`` rpm, all
     meshes in contact, and deflections ``(L, links, N+1)`` m of all links, on the host;
     every : MeshParameters of all meshes.
     """
@@ -49,15 +59,21 @@ def motions_in_contact(train, rpm, system, every, harmonics):
     load = excitation(train, rpm, harmonics)[0] / system.radius[:, None]
     load = np.stack(
         [
-            backlash.error_load(system, every, *of_speed)
-            for of_speed in zip(frequency, load, strict=True)
+            backlash.error_load(system, every, omega, speed_load)
+            for omega, speed_load in zip(frequency, load, strict=True)
         ]
     )
     return displacements_and_bends(system, frequency, load)
 
 
-def linear_motions(train, rpm, system, meshes, harmonics):
-    """The :class:`LinearMotion` of speeds ``(L,)``, on the host."""
+def linear_motions(
+    train: DriveTrain,
+    rpm: Numbers,
+    system: System,
+    meshes: MeshParameters,
+    harmonics: int,
+) -> LinearMotion:
+    """The :class:`LinearMotion` at speeds ``(L,)`` rpm, on the host."""
     rpm = np.asarray(rpm, float)
     stiffness = matrices(system)[1]
     displacement, bends = motions_in_contact(
@@ -65,7 +81,9 @@ def linear_motions(train, rpm, system, meshes, harmonics):
     )
     frequency = train.topology.cycle_frequency(rpm)
     deflection = bends[:, meshes.link]
-    forces = (force_on_flank(meshes.law, own) for own in deflection)
+    forces = (
+        force_on_flank(meshes.law, mesh_deflection) for mesh_deflection in deflection
+    )
     shift = np.stack(
         [
             static_response(stiffness, system.spread(-force, meshes.link))
@@ -75,15 +93,20 @@ def linear_motions(train, rpm, system, meshes, harmonics):
     return LinearMotion(frequency, displacement, deflection, shift)
 
 
-def steppers(modes, system, meshes, linear_motion, steps):
-    """The :class:`~jaxhb.integration.step.Stepper` of every speed of a LinearMotion,
-    numpy arrays with a leading axis.
+def steppers(
+    modes: Modes,
+    system: System,
+    meshes: MeshParameters,
+    linear_motion: LinearMotion,
+    steps: int,
+) -> Stepper:
+    """The :class:`~jaxhb.integration.step.Stepper` of all speeds of a LinearMotion:
+    numpy arrays with a leading axis ``L``.
 
-    modes : Modes; meshes : those with backlash of the System (MeshParameters); steps :
-    per cycle, a multiple of 32.
+    meshes : those of the System with backlash; steps : per cycle, a multiple of 32.
     """
     deflection = backlash.less_error(meshes, linear_motion.deflection)
-    both = np.concatenate(
+    motion = np.concatenate(
         [
             deflection,
             fourier.derivative(deflection, linear_motion.frequency[:, None, None]),
@@ -91,69 +114,82 @@ def steppers(modes, system, meshes, linear_motion, steps):
         axis=1,
     )
     linear = np.ascontiguousarray(
-        np.moveaxis(fourier.synthesize(both, 2 * steps), 1, 2)
+        np.moveaxis(fourier.synthesize(motion, 2 * steps), 1, 2)
     )
 
-    def everywhere(values):
+    def at_every_speed(values: Array) -> np.ndarray:
         return np.broadcast_to(values, (len(linear), *np.shape(values)))
 
+    weights = _weights(modes, 2 * np.pi / linear_motion.frequency[:, None] / steps)
+    variation = None
+    if meshes.variation is not None:
+        variation = at_every_speed(rows_of(meshes.variation, steps))
     return Stepper(
-        **_weights(modes, 2 * np.pi / linear_motion.frequency[:, None] / steps),
+        propagator=weights["propagator"],
+        ahead=weights["ahead"],
+        weights=weights["weights"],
+        first=weights["first"],
+        second=weights["second"],
+        third=weights["third"],
         linear=linear,
-        observation=everywhere(
+        observation=at_every_speed(
             np.concatenate([modes.observation.real, -modes.observation.imag], axis=1)
         ),
-        law=jax.tree.map(everywhere, meshes.law),
-        viscous=everywhere(meshes.viscous),
-        contact_damping=everywhere(meshes.contact_damping),
-        variation=(
-            None
-            if meshes.variation is None
-            else everywhere(rows_of(meshes.variation, steps))
-        ),
+        law=jax.tree.map(at_every_speed, meshes.law),
+        viscous=at_every_speed(meshes.viscous),
+        contact_damping=at_every_speed(meshes.contact_damping),
+        variation=variation,
     )
 
 
-def _weights(modes, dt):
+def _weights(modes: Modes, dt: np.ndarray) -> dict[str, np.ndarray]:
     """Propagators and stage weights of Krogstad's scheme for steps of ``dt`` ``(L, 1)``
     seconds.
     """
-    whole = modes.rates * dt
-    half_1, half_2 = (dt * phi for phi in _phi_functions(whole / 2)[:2])
-    one, two, three = (dt * phi for phi in _phi_functions(whole))
-    first, second, third, end = krogstad(half_1 / 2, half_2, one, two, three)
+    exponent = modes.rates * dt
+    half_1, half_2 = (dt * phi for phi in _phi_functions(exponent / 2)[:2])
+    full_1, full_2, full_3 = (dt * phi for phi in _phi_functions(exponent))
+    first, second, third, end = krogstad(half_1 / 2, half_2, full_1, full_2, full_3)
 
-    def pushed(weights):
-        """States ``(L, m, j G)`` of complex modes that the forces of j stages leave."""
+    def forced_states(weights: Sequence[np.ndarray]) -> np.ndarray:
+        """States ``(L, m, j G)`` of complex modes under the forces of j stages."""
         return np.concatenate(
             [weight[:, :, None] * modes.forcing for weight in weights], axis=2
         )
 
-    def observed(states):
+    def observed(states: np.ndarray) -> np.ndarray:
         return (modes.observation @ states).real
 
-    turn = np.exp(whole)
+    propagator = np.exp(exponent)
     ahead = np.concatenate(
-        [modes.observation * np.exp(part)[:, None] for part in (whole, whole / 2)],
+        [
+            modes.observation * np.exp(power)[:, None]
+            for power in (exponent, exponent / 2)
+        ],
         axis=1,
     )
-    left = pushed(end)
+    end_states = forced_states(end)
     return {
         "propagator": np.stack(
-            [np.stack([turn.real, -turn.imag], 1), np.stack([turn.imag, turn.real], 1)],
+            [
+                np.stack([propagator.real, -propagator.imag], 1),
+                np.stack([propagator.imag, propagator.real], 1),
+            ],
             1,
         ),
         "ahead": np.concatenate([ahead.real, -ahead.imag], axis=2),
-        "weights": np.concatenate([left.real, left.imag, observed(left)], axis=1),
-        "first": observed(pushed(first)),
-        "second": observed(pushed(second)),
-        "third": observed(pushed(third)),
+        "weights": np.concatenate(
+            [end_states.real, end_states.imag, observed(end_states)], axis=1
+        ),
+        "first": observed(forced_states(first)),
+        "second": observed(forced_states(second)),
+        "third": observed(forced_states(third)),
     }
 
 
-def _phi_functions(z):
-    """phi_1, phi_2, phi_3: (e^z - 1) / z, (phi_1 - 1) / z, (phi_2 - 1/2) / z; series
-    where z is small.
+def _phi_functions(z: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return phi_1, phi_2, phi_3 of z: (e^z - 1) / z, (phi_1 - 1) / z and
+    (phi_2 - 1/2) / z; by their series where z is small.
     """
     # The closed forms cancel where z is small, (e^z - 1) / z to all digits at z =
     # 1e-16: there 20 terms of the series.
@@ -163,23 +199,26 @@ def _phi_functions(z):
     series = [
         sum(near**j / math.factorial(j + k) for j in range(20)) for k in (1, 2, 3)
     ]
-    one = (np.exp(safe) - 1) / safe
-    two = (one - 1) / safe
-    three = (two - 0.5) / safe
+    phi_1 = (np.exp(safe) - 1) / safe
+    phi_2 = (phi_1 - 1) / safe
+    phi_3 = (phi_2 - 0.5) / safe
     return tuple(
-        np.where(small, s, f) for s, f in zip(series, (one, two, three), strict=True)
+        np.where(small, near_zero, closed_form)
+        for near_zero, closed_form in zip(series, (phi_1, phi_2, phi_3), strict=True)
     )
 
 
-def state_of(modes, motion, linear_motion):
-    """States ``(L, 2m)`` of motions (x, x') ``(L, 2S)`` at t = 0: their deviation from
+def state_of(
+    modes: Modes, motion: np.ndarray, linear_motion: LinearMotion
+) -> np.ndarray:
+    """States ``(L, 2m)`` of motions (x, x') ``(L, 2S)`` at t = 0: their deviations from
     the linear train.
     """
     z = (motion - linear_start(linear_motion)) @ modes.coordinates.T
     return np.concatenate([z.real, z.imag], axis=1)
 
 
-def motion_of(modes, state, linear_motion):
+def motion_of(modes: Modes, state: Array, linear_motion: LinearMotion) -> np.ndarray:
     """Motions (x, x') ``(L, 2S)`` at t = 0 of states ``(L, 2m)``."""
     real, imag = np.split(np.asarray(state), 2, axis=1)
     return (
@@ -189,7 +228,7 @@ def motion_of(modes, state, linear_motion):
     )
 
 
-def linear_start(linear_motion):
+def linear_start(linear_motion: LinearMotion) -> np.ndarray:
     """(x, x') ``(L, 2S)`` of the linear train at t = 0."""
     speed = fourier.derivative(
         linear_motion.displacement, linear_motion.frequency[:, None, None]
@@ -199,13 +238,13 @@ def linear_start(linear_motion):
     )[..., 0]
 
 
-def motions_on_flank(linear_motion):
+def motions_on_flank(linear_motion: LinearMotion) -> np.ndarray:
     """Motions (x, x') ``(L, 2S)`` at t = 0 with every mesh on its drive side, carrying
     nearly its linear force.
     """
     shift = linear_motion.flank
     mean = linear_motion.displacement[..., 0].real
-    # A little on the way from the motion in contact to rest at its mean: near that
+    # A little of the way from the motion in contact to rest at its mean: near that
     # motion, and not on it.
     rest = np.concatenate([mean + shift, 0 * shift], axis=1)
     moving = linear_start(linear_motion) + np.concatenate([shift, 0 * shift], axis=1)

@@ -2,49 +2,54 @@
 one begins.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxhb._jax import Array
 from jaxhb._program import Program
 from jaxhb.equations import backlash, fourier
-from jaxhb.integration.batch import SAMPLES
-from jaxhb.integration.step import run
+from jaxhb.equations.backlash import Law
+from jaxhb.equations.state_space import Modes
+from jaxhb.integration.batch import SAMPLES, LinearMotion
+from jaxhb.integration.step import Stepper, run
+from jaxhb.train.chain import System
 
-CYCLES = 8  # that a program marches at a time, at most
-HARMONICS = 256  # of the cycle, of which amplitudes are kept at most
-# Steps between the samples of shafts and disks, which follow the teeth with fewer than
-# these
+CYCLES = 8  # cycles that a program marches at a time, at most
+HARMONICS = 256  # harmonics of the cycle whose amplitudes are kept, at most
+# Steps between the samples of shafts and disks, which need fewer than the teeth
 STRIDE = 2
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Outputs:
-    """Quantities that are linear in the motion, and gear torques.
+    """Matrices that give the quantities linear in the motion, and gear torques.
 
-    modal ``(Q, 2m)`` of the deviation from the linear train, which adds linear ``(Q,
-    steps / stride)``: disks and shafts; mesh_modal ``(2R, 2m)`` and mesh_linear ``(2R,
-    steps)``: deflections and forces of the R meshes without backlash; sums ``(P, R +
-    G)``: gear torques as sums of the forces of these and of the others; beside ``(Q',
-    G)``, torques of the last Q' quantities per force that acts beside a shaft, None
-    without such.
+    Those of disks and shafts: modal ``(Q, 2m)`` times the deviation from the linear
+    train, plus linear ``(Q, steps / stride)``; deflections and forces of the R meshes
+    without backlash: mesh_modal ``(2R, 2m)`` and mesh_linear ``(2R, steps)`` likewise;
+    sums ``(P, R + G)``: gear torques as sums of the forces of these and of the other
+    meshes; beside ``(Q', G)``: torques of the last Q' quantities per force that acts
+    beside a shaft, None where none does.
     """
 
-    modal: jax.Array
-    linear: jax.Array
-    mesh_modal: jax.Array
-    mesh_linear: jax.Array
-    sums: jax.Array
-    beside: jax.Array | None = None
+    modal: Array
+    linear: Array
+    mesh_modal: Array
+    mesh_linear: Array
+    sums: Array
+    beside: Array | None = None
 
 
-def cut(outputs, by_speed, shared):
-    """What tells of each array of Outputs of several speeds whether it is cut
-    ``by_speed``; None of None.
+def cut(outputs: Outputs | None, by_speed: Any, shared: Any) -> Outputs | None:
+    """Tree of the axes of Outputs of several speeds: ``by_speed`` for arrays that each
+    speed has its own row of, ``shared`` for the others; None for None.
     """
     if outputs is None:
         return None
@@ -59,76 +64,93 @@ def cut(outputs, by_speed, shared):
     )
 
 
-def of_speed(outputs, index):
-    """The Outputs of one of several speeds; None of None."""
+def of_speed(outputs: Outputs | None, index: int) -> Outputs | None:
+    """The Outputs of one of several speeds; None for None."""
     return outputs and replace(
         outputs, linear=outputs.linear[index], mesh_linear=outputs.mesh_linear[index]
     )
 
 
-def outputs_of(modes, system, shafts, linear_meshes, sums, linear_motion, steps):
+def outputs_of(
+    modes: Modes,
+    system: System,
+    shafts: int,
+    linear_meshes: Sequence[int] | np.ndarray,
+    sums: tuple[np.ndarray, np.ndarray | None],
+    linear_motion: LinearMotion,
+    steps: int,
+) -> Outputs:
     """The :class:`Outputs` of a train, on the host: ``shafts`` links are shafts or
     dampers, ``linear_meshes`` meshes without backlash, ``sums`` radius and sense ``(P,
-    R + G)`` m with which forces act on gears, and on shafts.
+    R + G)`` m with which forces act on gears, and ``(Q', G)`` on shafts, or None.
     """
     speed = fourier.derivative(
         linear_motion.displacement, linear_motion.frequency[:, None, None]
     )
     motion = np.concatenate([linear_motion.displacement, speed], axis=1)
-    parts = []
-    for rows, samples in zip(
-        _rows(system, shafts, linear_meshes), (steps // STRIDE, steps), strict=True
-    ):
-        modal = rows @ modes.motion
-        parts += [
-            np.concatenate([modal.real, -modal.imag], axis=1),
-            fourier.synthesize(rows @ motion, samples),
-        ]
-    return Outputs(*parts, *sums)
+    shaft_rows, mesh_rows = _rows(system, shafts, linear_meshes)
+    shaft_modes = shaft_rows @ modes.motion
+    mesh_modes = mesh_rows @ modes.motion
+    gear_sums, beside = sums
+    return Outputs(
+        modal=np.concatenate([shaft_modes.real, -shaft_modes.imag], axis=1),
+        linear=fourier.synthesize(shaft_rows @ motion, steps // STRIDE),
+        mesh_modal=np.concatenate([mesh_modes.real, -mesh_modes.imag], axis=1),
+        mesh_linear=fourier.synthesize(mesh_rows @ motion, steps),
+        sums=gear_sums,
+        beside=beside,
+    )
 
 
-def _rows(system, shafts, linear_meshes):
-    """What quantities take of (x, x'), two arrays ``(Q, 2S)``: of angles, their rates,
-    twists, their rates and torques, and of deflections and forces of meshes.
+def _rows(
+    system: System, shafts: int, linear_meshes: Sequence[int] | np.ndarray
+) -> list[np.ndarray]:
+    """Quantities by (x, x'), two arrays ``(Q, 2S)``: angles, their rates, twists, their
+    rates and torques; and deflections and forces of meshes.
     """
     radius = np.asarray(system.radius)
     bend = system.incidence().T
     ends = radius[system.tree.end_a][:, None]
-    # A loss factor turns the spring force by its angle: of the analytic signal, whose
-    # real part is taken, a product with 1 + i eta.
-    elastic = np.asarray(system.stiffness) * (
-        1 + 1j * np.asarray(system.loss)
-    )  # of what turns with positive frequency
-    spring, damper = (np.asarray(a)[:, None] * bend for a in (elastic, system.viscous))
+    # A loss factor turns the spring force by its angle: for the analytic signal, which
+    # has positive frequencies alone and whose real part is taken, a product with
+    # 1 + i eta.
+    elastic = np.asarray(system.stiffness) * (1 + 1j * np.asarray(system.loss))
+    spring = elastic[:, None] * bend
+    damper = np.asarray(system.viscous)[:, None] * bend
     angle = np.eye(len(radius)) / radius[:, None]
-    first = slice(None, shafts)
-    mesh = np.asarray(linear_meshes, int)
-    none = 0 * angle
-    twist = (bend / ends)[first]
-    still = 0 * bend[first]
+    shaft_links = slice(None, shafts)
+    mesh_links = np.asarray(linear_meshes, int)
+    nothing = 0 * angle
+    twist = (bend / ends)[shaft_links]
+    no_bend = 0 * bend[shaft_links]
     shaft = (
-        [angle, none, twist, still, (spring * ends)[first]],
-        [none, angle, still, twist, (damper * ends)[first]],
+        [angle, nothing, twist, no_bend, (spring * ends)[shaft_links]],
+        [nothing, angle, no_bend, twist, (damper * ends)[shaft_links]],
     )
-    teeth = [bend[mesh], spring[mesh]], [0 * bend[mesh], damper[mesh]]
+    teeth = (
+        [bend[mesh_links], spring[mesh_links]],
+        [0 * bend[mesh_links], damper[mesh_links]],
+    )
     return [
-        np.concatenate([np.concatenate(x), np.concatenate(v)], axis=1)
-        for x, v in (shaft, teeth)
+        np.concatenate(
+            [np.concatenate(by_displacement), np.concatenate(by_velocity)], axis=1
+        )
+        for by_displacement, by_velocity in (shaft, teeth)
     ]
 
 
 @Program
-def march(stepper, state, cycles, outputs):
-    """Some cycles of one speed, CYCLES at most, one program for any number of them;
-    with ``outputs``, not None, each is reduced to numbers.
+def march(stepper: Stepper, state: Array, cycles: int | Array, outputs: Outputs | None):
+    """March some cycles at one speed, CYCLES at most, one program for any number of
+    them; with ``outputs`` (not None) each is reduced to numbers.
 
-    Gives state ``(2m,)``; samples ``(CYCLES, SAMPLES, 2G)``, (l, l') at equidistant
-    time samples of each cycle, then zeros; trace ``(steps + 1, 2G)``, (l, l') of the
-    last cycle; numbers, a dict of each cycle, ``(CYCLES, quantities)`` max, min, mean,
-    square (mean of squares), and ``(CYCLES, G)`` of the backlash meshes above, below
-    (shares of the cycle beyond the gap on either side), impacts (entries into contact),
-    hardest (approach speed of the hardest, m/s); power ``(quantities, H+1)``, sum over
-    the cycles of |x^n|^2.
+    Returns the state ``(2m,)``; samples ``(CYCLES, SAMPLES, 2G)``, (l, l') at
+    equidistant time samples of each cycle, then zeros; trace ``(steps + 1, 2G)``,
+    (l, l') of the last cycle; numbers, a dict of ``(CYCLES, quantities)`` max, min,
+    mean, square (mean of squares), and of ``(CYCLES, G)`` for the backlash meshes
+    above, below (shares of the cycle beyond the gap on either side), impacts (entries
+    into contact), hardest (approach speed of the hardest, m/s); power
+    ``(quantities, H+1)``, the sum of |x^n|^2 over the cycles.
 
     The quantities are angles and rates of the disks, twists, their rates and torques of
     shafts and dampers, deflections and forces of meshes without backlash, deflections,
@@ -136,67 +158,76 @@ def march(stepper, state, cycles, outputs):
     """
     stepper, outputs = jax.tree.map(jnp.asarray, (stepper, outputs))
 
-    def keep(kept, k, *values):
+    def keep(rows, k, *step_values):
         return tuple(
-            lax.dynamic_update_index_in_dim(a, value, k, axis=0)
-            for a, value in zip(kept, values, strict=False)
+            lax.dynamic_update_index_in_dim(array, value, k, axis=0)
+            for array, value in zip(rows, step_values, strict=False)
         )
 
     def one_cycle(state):
-        widths = (stepper.linear.shape[1], *(() if outputs is None else (len(state),)))
-        kept = tuple(jnp.zeros((stepper.steps + 1, width)) for width in widths)
-        state, w, kept = run(stepper, state, 0, stepper.steps, keep, kept, even=True)
-        kept = keep(kept, stepper.steps, w, state)
-        return (
-            state,
-            kept[0],
-            *(
-                (None, None)
-                if outputs is None
-                else _statistics(stepper, outputs, *kept)
-            ),
+        widths = [stepper.linear.shape[1]]
+        if outputs is not None:
+            widths.append(len(state))
+        step_rows = tuple(jnp.zeros((stepper.steps + 1, width)) for width in widths)
+        state, w, step_rows = run(
+            stepper, state, 0, stepper.steps, keep, step_rows, even=True
         )
+        step_rows = keep(step_rows, stepper.steps, w, state)
+        if outputs is None:
+            return state, step_rows[0], None, None
+        numbers, power = _statistics(stepper, outputs, *step_rows)
+        return state, step_rows[0], numbers, power
 
-    def another(i, carry):
+    def next_cycle(index, carry):
         state, rows, _, power = carry
-        state, trace, numbers, own = one_cycle(state)
+        state, trace, numbers, cycle_power = one_cycle(state)
         row = trace[: -1 : stepper.steps // SAMPLES], numbers
         rows = jax.tree.map(
-            lambda a, b: lax.dynamic_update_index_in_dim(a, b, i, axis=0), rows, row
+            lambda array, new_row: lax.dynamic_update_index_in_dim(
+                array, new_row, index, axis=0
+            ),
+            rows,
+            row,
         )
-        return state, rows, trace, jax.tree.map(jnp.add, power, own)
+        return state, rows, trace, jax.tree.map(jnp.add, power, cycle_power)
 
     _, trace, numbers, power = jax.eval_shape(one_cycle, state)
     row = jax.ShapeDtypeStruct((SAMPLES, *trace.shape[1:]), trace.dtype), numbers
-    rows = jax.tree.map(lambda a: jnp.zeros((CYCLES, *a.shape), a.dtype), row)
-    empty, none = (
-        jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), tree)
+    rows = jax.tree.map(lambda leaf: jnp.zeros((CYCLES, *leaf.shape), leaf.dtype), row)
+    no_trace, no_power = (
+        jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), tree)
         for tree in (trace, power)
     )
     state, (samples, numbers), trace, power = lax.fori_loop(
-        0, cycles, another, (state, rows, empty, none)
+        0, cycles, next_cycle, (state, rows, no_trace, no_power)
     )
     return state, samples, trace, numbers, power
 
 
 @Program
-def march_side_by_side(stepper, state, cycles, outputs):
-    """:func:`march` of several speeds, of which stepper, state and part of the outputs
-    have a leading axis.
+def march_side_by_side(
+    stepper: Stepper, state: Array, cycles: int | Array, outputs: Outputs | None
+):
+    """:func:`march` at several speeds; stepper, state and part of the outputs have a
+    leading axis for them.
     """
 
-    def one(stepper, state, outputs):
+    def march_one_speed(stepper, state, outputs):
         return march(stepper, state, cycles, outputs)
 
-    return jax.vmap(one, in_axes=(0, 0, cut(outputs, 0, None)))(stepper, state, outputs)
+    return jax.vmap(march_one_speed, in_axes=(0, 0, cut(outputs, 0, None)))(
+        stepper, state, outputs
+    )
 
 
-def harmonics_of(steps):
-    """Harmonics whose amplitudes are kept."""
+def harmonics_of(steps: int) -> int:
+    """Number of harmonics whose amplitudes are kept."""
     return min(HARMONICS, steps // STRIDE // 2)
 
 
-def _statistics(stepper, outputs, w, states):
+def _statistics(
+    stepper: Stepper, outputs, w: jax.Array, states: jax.Array
+) -> tuple[dict[str, jax.Array], jax.Array]:
     """Numbers and power of one cycle: w ``(steps + 1, 2G)``, states ``(steps + 1,
     2m)``.
     """
@@ -206,35 +237,41 @@ def _statistics(stepper, outputs, w, states):
     )
     deflection, rate = jnp.split(w.T, 2)
     elastic = backlash.force(law, deflection)
-    total = backlash.mesh_force(law, viscous, contact_damping, deflection, rate)
-    straight = outputs.mesh_modal @ states.T + _closed(outputs.mesh_linear)
-    held = jnp.split(straight, 2)[1]
-    gears = [
-        outputs.sums @ jnp.concatenate([held, forces]) for forces in (total, elastic)
+    transmitted = backlash.mesh_force(law, viscous, contact_damping, deflection, rate)
+    linear_meshes = outputs.mesh_modal @ states.T + _closed(outputs.mesh_linear)
+    linear_forces = jnp.split(linear_meshes, 2)[1]
+    gear_torques = [
+        outputs.sums @ jnp.concatenate([linear_forces, forces])
+        for forces in (transmitted, elastic)
     ]
     shafts = outputs.modal @ states[::STRIDE].T + _closed(outputs.linear)
     if outputs.beside is not None:
-        extra = (
-            outputs.beside @ (total - law.linear_stiffness * deflection)[:, ::STRIDE]
+        spring_torques = (
+            outputs.beside
+            @ (transmitted - law.linear_stiffness * deflection)[:, ::STRIDE]
         )
-        shafts = shafts.at[-len(extra) :].add(extra)
-    teeth = jnp.concatenate([straight, deflection, elastic, total, *gears])
-    parts = [
+        shafts = shafts.at[-len(spring_torques) :].add(spring_torques)
+    teeth = jnp.concatenate(
+        [linear_meshes, deflection, elastic, transmitted, *gear_torques]
+    )
+    by_samples = [
         _numbers(values, harmonics_of(stepper.steps)) for values in (shafts, teeth)
     ]
-    numbers, power = jax.tree.map(lambda *a: jnp.concatenate(a), *parts)
+    numbers, power = jax.tree.map(
+        lambda *part_leaves: jnp.concatenate(part_leaves), *by_samples
+    )
     return numbers | _contacts(law, deflection, rate), power
 
 
-def _closed(values):
-    """Samples ``(Q, samples + 1)`` of a cycle, the first of which comes again at its
-    end.
-    """
+def _closed(values: Array) -> jax.Array:
+    """Samples ``(Q, samples + 1)`` of a cycle, the first one repeated at its end."""
     return jnp.concatenate([values, values[:, :1]], axis=1)
 
 
-def _numbers(values, harmonics):
-    """Those of one cycle, from ``(Q, samples + 1)``."""
+def _numbers(
+    values: jax.Array, harmonics: int
+) -> tuple[dict[str, jax.Array], jax.Array]:
+    """Numbers ``(Q,)`` and power ``(Q, H+1)`` of samples ``(Q, samples + 1)``."""
     spectrum = fourier.analyze(values[:, :-1], harmonics)
     numbers = {
         "max": _highest(values),
@@ -245,21 +282,22 @@ def _numbers(values, harmonics):
     return numbers, spectrum.real**2 + spectrum.imag**2
 
 
-def _highest(values):
+def _highest(values: jax.Array) -> jax.Array:
     """Largest value of each row, on parabolas through neighbouring samples."""
     before = values[:, :-2]
     here = values[:, 1:-1]
     after = values[:, 2:]
     # Largest value between samples: the vertex of the parabola through three of them.
     bend = 2 * here - before - after
-    top = here + (after - before) ** 2 / (8 * jnp.where(bend > 0, bend, 1.0))
-    peak = (here >= before) & (here >= after) & (bend > 0)
+    vertex = here + (after - before) ** 2 / (8 * jnp.where(bend > 0, bend, 1.0))
+    is_peak = (here >= before) & (here >= after) & (bend > 0)
     return jnp.maximum(
-        jnp.where(peak, top, here).max(axis=1), jnp.maximum(values[:, 0], values[:, -1])
+        jnp.where(is_peak, vertex, here).max(axis=1),
+        jnp.maximum(values[:, 0], values[:, -1]),
     )
 
 
-def _contacts(law, deflection, rate):
+def _contacts(law: Law, deflection: jax.Array, rate: jax.Array) -> dict[str, jax.Array]:
     """Contact over one cycle, from (l, l') ``(G, steps + 1)``."""
     distance = jnp.abs(deflection) - law.gap
     entry = (distance[:, :-1] < 0) & (distance[:, 1:] >= 0)

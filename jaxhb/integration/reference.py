@@ -11,17 +11,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxhb._equal import by_value
-from jaxhb._jax import on_host, refuse_tracers
+from jaxhb._jax import Array, Number, on_host, refuse_tracers
 from jaxhb._program import Program
 from jaxhb.equations import backlash, fourier
-from jaxhb.equations.backlash import all_meshes, law_meshes
+from jaxhb.equations.backlash import MeshParameters, all_meshes, law_meshes
 from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.integration import shooting
-from jaxhb.integration.step import discretize, march
+from jaxhb.integration.step import Stepper, Trace, discretize, march
 from jaxhb.results.answers import need_solved
 from jaxhb.results.response import Response
 from jaxhb.train import chain
+from jaxhb.train.chain import System
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
@@ -29,33 +30,35 @@ from jaxhb.train.speeds import check_speed
 # the law asks for more.
 STEPS_PER_PERIOD = 40
 MOST_STEPS_PER_PERIOD = 400
-STEPS = 256  # of a cycle, at least
-MOST_STEPS = (
-    2**21
-    # Of a cycle times meshes, at most: samples of such a cycle, and those between, take
-    # 1 GiB
-)
+STEPS = 256  # steps of a cycle, at least
+# Steps of a cycle times meshes, at most: samples of such a cycle, and those between,
+# take 1 GiB.
+MOST_STEPS = 2**21
 # Share of the strain energy of a mode that backlash meshes hold from which it is a mesh
 # mode
 MESH_SHARE = 0.01
-CORRECTIONS = 10  # newton steps on the segments of a cycle, at most
-# Times the estimate of the truncation error above which a correction is asked with more
-# steps
+CORRECTIONS = 10  # Newton steps on the segments of a cycle, at most
+# Multiple of the estimated truncation error above which a correction is repeated with
+# more steps
 CONTRADICTS = 3.0
-STEP_ERROR = (
-    1e-4  # what the steps leave of an elastic tooth force, as a share of the largest
-)
-ROUNDED = (
-    1e-11  # share of a displacement that the coordinates of the integration may lose
-)
+# Error that the steps leave in an elastic tooth force, as a share of the largest
+STEP_ERROR = 1e-4
+# Share of a displacement that the coordinates of the integration may lose
+ROUNDED = 1e-11
 
 _discretize = Program(discretize, static_argnames=("steps", "parts"))
 _march = Program(march)
 
 
 @Program
-def _close(stepper, system, load, coefficients, tolerance):
-    """First state, cycle and Newton steps of the motion that closes next to
+def _close(
+    stepper: Stepper,
+    system: System,
+    load: Array,
+    coefficients: Array,
+    tolerance: float | Array,
+) -> tuple[jax.Array, Trace, jax.Array]:
+    """First state ``(n,)``, cycle and Newton steps of the motion that closes next to
     displacements ``(S, N+1)`` m.
     """
     system, load = jax.tree.map(jnp.asarray, (system, load))
@@ -64,10 +67,11 @@ def _close(stepper, system, load, coefficients, tolerance):
     deviation = fourier.resize(coefficients, harmonics) - fourier.resize(
         linear, harmonics
     )
-    both = jnp.concatenate(
+    motion = jnp.concatenate(
         [deviation, fourier.derivative(deviation, stepper.frequency)]
     )
-    nodes = (stepper.space.coordinates @ fourier.sample(both, shooting.SEGMENTS)).T
+    assert stepper.space is not None  # a stepper of one speed
+    nodes = (stepper.space.coordinates @ fourier.sample(motion, shooting.SEGMENTS)).T
     nodes, trace, steps = shooting.close(
         stepper, nodes, tolerance=tolerance, most=CORRECTIONS
     )
@@ -109,11 +113,17 @@ class Orbit:
     cycles: int
     newton_steps: int
     state: np.ndarray
-    stepper: object
+    stepper: Stepper
 
 
-def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
-    """Steps per cycle of Omega ``frequency`` rad/s that resolve the teeth.
+def resolving_steps(
+    system: System,
+    meshes: MeshParameters,
+    frequency: Number,
+    *,
+    per_period: float = STEPS_PER_PERIOD,
+) -> int:
+    """Steps per cycle at Omega ``frequency`` rad/s that resolve the teeth.
 
     At least ``per_period`` steps per period of the highest natural frequency omega in
     which the backlash meshes hold 1 % of the strain energy; and ``pi / (2 transition)``
@@ -139,10 +149,10 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
             - coupling.T
             @ np.linalg.lstsq(K[np.ix_(rest, rest)], coupling, rcond=None)[0]
         )
-    root = np.sqrt(system.mass[inertial])
-    squares, modes = np.linalg.eigh(stiffness / root[:, None] / root)
+    root_mass = np.sqrt(system.mass[inertial])
+    squares, modes = np.linalg.eigh(stiffness / root_mass[:, None] / root_mass)
     shapes = np.zeros((K.shape[0], inertial.size))
-    shapes[inertial] = modes / root[:, None]
+    shapes[inertial] = modes / root_mass[:, None]
     link = np.asarray(meshes.link)
     stiffness = np.maximum(system.stiffness[link], np.asarray(meshes.law.stiffness))
     strain = (stiffness[:, None] * system.deflections(shapes, link) ** 2).sum(axis=0)
@@ -156,24 +166,24 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
 
 
 def reference_orbit(
-    system,
-    meshes,
-    frequency,
-    load,
-    start_coefficients=None,
+    system: System,
+    meshes: MeshParameters,
+    frequency: Number,
+    load: Array,
+    start_coefficients: Array | None = None,
     *,
-    steps=None,
-    cycles=None,
-    tolerance=1e-9,
-    max_cycles=300,
-):
-    """The :class:`Orbit` of a System and its backlash meshes (MeshParameters) under
-    ``load`` ``(S, N+1)`` N, as :func:`integrate` finds it.
+    steps: int | None = None,
+    cycles: int | None = None,
+    tolerance: float = 1e-9,
+    max_cycles: int = 300,
+) -> Orbit:
+    """The :class:`Orbit` of a System and its backlash meshes under ``load``
+    ``(S, N+1)`` N, as :func:`integrate` finds it.
 
     start_coefficients : complex ``(S, N+1)`` m, displacements of a motion to check: it
     is corrected by shooting in segments of the cycle, of which ``steps`` are made a
-    multiple; that also holds unstable motions. Without, the train is marched from its
-    drive sides.
+    multiple; that also holds unstable motions. Without them the train is marched from
+    its drive sides.
     """
     if cycles is not None and cycles < 1:
         raise ValueError(f"cycles is {cycles}, must be at least 1.")
@@ -187,61 +197,71 @@ def reference_orbit(
             f" {MOST_STEPS // len(np.asarray(meshes.link)):.3g}: ask for a higher"
             " speed."
         )
-    given = start_coefficients is not None
-    newton = 0
-    if given:
+    has_start = start_coefficients is not None
+    newton_steps = 0
+    if has_start:
         steps += -steps % shooting.SEGMENTS
     stepper = _discretize(system, meshes, frequency, load, steps=steps, parts=parts)
-    if given:
-        state, trace, newton = _close(
+    if has_start:
+        state, trace, newton_steps = _close(
             stepper, system, load, jnp.asarray(start_coefficients), tolerance
         )
         cycles = 0
     else:
-        # No cycle closes better than by nothing: exactly so many are marched.
-        until = (tolerance, max_cycles) if cycles is None else (-1.0, cycles)
+        # No cycle closes to less than nothing: exactly so many are marched.
+        closing_tolerance = tolerance if cycles is None else -1.0
+        most_cycles = max_cycles if cycles is None else cycles
         state, trace, cycles = _march(
-            stepper, stepper.flank_state, tolerance=until[0], max_cycles=until[1]
+            stepper,
+            stepper.flank_state,
+            tolerance=closing_tolerance,
+            max_cycles=most_cycles,
         )
     meshes, deflection, rate = on_host((meshes, trace.deflection, trace.rate))
-    known = backlash.at_samples(meshes, fourier.Equidistant(steps).synthesize)
-    between = _between(deflection, rate, 2 * np.pi / float(frequency) / steps)
-    law, *_ = backlash.at_samples(
-        meshes, fourier.Equidistant(between.shape[1]).synthesize
+    law, viscous, contact_damping = backlash.at_samples(
+        meshes, fourier.Equidistant(steps).synthesize
     )
-    elastic = backlash.force(law, between)
+    fine_deflection = _between(deflection, rate, 2 * np.pi / float(frequency) / steps)
+    fine_law, *_ = backlash.at_samples(
+        meshes, fourier.Equidistant(fine_deflection.shape[1]).synthesize
+    )
+    elastic = backlash.force(fine_law, fine_deflection)
     return Orbit(
         deflection=deflection,
         rate=rate,
-        elastic=backlash.force(known[0], deflection),
-        transmitted=backlash.mesh_force(*known, deflection, rate),
+        elastic=backlash.force(law, deflection),
+        transmitted=backlash.mesh_force(
+            law, viscous, contact_damping, deflection, rate
+        ),
         smallest=elastic.min(axis=1, initial=np.inf),
         largest=elastic.max(axis=1, initial=-np.inf),
-        separated=backlash.separated(known[0], deflection).mean(axis=1),
+        separated=backlash.separated(law, deflection).mean(axis=1),
         periodicity_error=float(trace.periodicity_error),
         settled=bool(trace.periodicity_error <= tolerance),
         cycles=int(cycles),
-        newton_steps=int(newton),
+        newton_steps=int(newton_steps),
         state=np.asarray(state),
         stepper=stepper,
     )
 
 
-def _between(l, rate, dt):
+def _between(l: np.ndarray, rate: np.ndarray, dt: float) -> np.ndarray:
     """Deflections ``(G, 16 steps)`` m on the cubics through l and l' at the samples
     ``(G, steps)``.
     """
     slope = rate * dt
-    following = np.roll(l, -1, axis=1)
-    steepness = np.roll(slope, -1, axis=1)
+    next_l = np.roll(l, -1, axis=1)
+    next_slope = np.roll(slope, -1, axis=1)
     s = np.arange(16)[:, None, None] / 16
     # Hermite's cubics: the samples have the rates as well.
     values = (1 + 2 * s) * (1 - s) ** 2 * l + s * (1 - s) ** 2 * slope
-    values += s**2 * (3 - 2 * s) * following + s**2 * (s - 1) * steepness
+    values += s**2 * (3 - 2 * s) * next_l + s**2 * (s - 1) * next_slope
     return np.moveaxis(values, 0, -1).reshape(len(l), 16 * l.shape[1])
 
 
-def equations_of(train, rpm):
+def equations_of(
+    train: DriveTrain, rpm: float
+) -> tuple[System, MeshParameters, float, jax.Array]:
     """System, meshes that have a law, Omega and load of a train at a speed."""
     check_speed(train, rpm)
     system = chain.assemble(train)
@@ -316,7 +336,7 @@ def integrate(
 @by_value
 @dataclass(frozen=True)
 class Correction:
-    """What one-cycle shooting changes on a harmonic solution: its true error.
+    """Change that one-cycle shooting makes to a harmonic solution: its true error.
 
     Attributes
     ----------
@@ -341,8 +361,8 @@ def shooting_correction(
     The cycle is cut into 32 segments that Newton's method joins (multiple shooting):
     valid on unstable motions too. The answer is as good as the integration: see
     :func:`integrate`. Teeth without damping need more steps: a change above three times
-    ``response.truncation_error`` is asked with 4 and 16 times as many, which overrule
-    it if they close.
+    ``response.truncation_error`` is computed again with 4 and 16 times as many, which
+    overrule it if they close.
 
     Parameters
     ----------
@@ -399,47 +419,46 @@ def shooting_correction(
             f" {least:.1e} m: add a [[load]] or a stiffer [[ground]]."
         )
 
-    def correction(steps):
+    def correction(steps: int | None) -> Correction:
         orbit = reference_orbit(
             system, meshes, frequency, load, start, steps=steps, tolerance=tolerance
         )
         return _difference(response, meshes, orbit)
 
-    found = correction(steps)
-    believed = CONTRADICTS * max(float(response.truncation_error), STEP_ERROR)
+    best = correction(steps)
+    credible = CONTRADICTS * max(float(response.truncation_error), STEP_ERROR)
     for _ in range(2 if steps is None else 0):
-        if not found.orbit.settled or found.error <= believed:
+        if not best.orbit.settled or best.error <= credible:
             break
         # A correction far above the estimate is more often an error of the steps than
-        # of the harmonics: teeth without damping ring on what coarse steps make.
-        finer = correction(4 * found.orbit.deflection.shape[1])
+        # of the harmonics: teeth without damping ring under what coarse steps leave.
+        finer = correction(4 * best.orbit.deflection.shape[1])
         if not finer.orbit.settled:
             break
-        found = finer
-    return found
+        best = finer
+    return best
 
 
-def _difference(response, meshes, orbit):
+def _difference(response: Response, meshes: MeshParameters, orbit: Orbit) -> Correction:
     """The Correction of a response by the motion that closes beside it."""
     train = response.train
-    own = train.topology.law_index
+    assert train is not None  # the one that was integrated
+    mesh_indices = train.topology.law_index
     samples = orbit.elastic.shape[1]
     law, *_ = backlash.at_samples(
         on_host(meshes), fourier.Equidistant(samples).synthesize
     )
-    deflections = np.asarray(response.deflections)[own]
+    deflections = np.asarray(response.deflections)[mesh_indices]
     rates = fourier.derivative(
         deflections, train.topology.cycle_frequency(float(response.rpm))
     )
     force = backlash.force(law, fourier.sample(deflections, samples))
     force = force + backlash.dry_friction(law, fourier.sample(rates, samples))
-    wanted = orbit.elastic + backlash.dry_friction(law, orbit.rate)
-    extremes = np.array(
-        [[s.min, s.max] for s in (response._read("force", i).elastic for i in own)]
-    )
+    reference_force = orbit.elastic + backlash.dry_friction(law, orbit.rate)
+    signals = [response._read("force", mesh).elastic for mesh in mesh_indices]
+    extremes = np.array([[signal.min, signal.max] for signal in signals])
     change = extremes - np.stack([orbit.smallest, orbit.largest], axis=1)
-    largest = np.abs(wanted).max()
-    error, peak_error = (
-        float(np.abs(change).max() / largest) for change in (force - wanted, change)
-    )
+    largest = np.abs(reference_force).max()
+    error = float(np.abs(force - reference_force).max() / largest)
+    peak_error = float(np.abs(change).max() / largest)
     return Correction(error, peak_error, orbit)

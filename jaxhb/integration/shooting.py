@@ -13,8 +13,12 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxhb._jax import Array
 from jaxhb.equations import iterations
+from jaxhb.equations.state_space import StateSpace
 from jaxhb.integration.step import (
+    Stepper,
+    Trace,
     cycle_error,
     no_samples,
     periodicity_error,
@@ -24,11 +28,10 @@ from jaxhb.integration.step import (
     watch,
 )
 
-SEGMENTS = (
-    32  # of a cycle; divides every number of time steps. More of them cost no less.
-)
-# Share of the largest singular value of a condensed cycle below which a motion returns
-# whatever it is
+# Segments of a cycle; divides every number of time steps. More of them cost no less.
+SEGMENTS = 32
+# Share of the largest singular value of a condensed cycle below which every motion
+# returns
 SINGULAR = 1e-11
 # Shares of a Newton step on segments that are tried, all of them: one costs a run
 # through the segments and no linear solve, little beside the Jacobian, so that none
@@ -39,25 +42,29 @@ LENGTHS = (1.0, 0.5, 0.2, 0.05, 0.01)
 SEARCH_LENGTHS = (1.0, 0.6, 0.36, 0.2, 0.1, 0.03)
 
 
-def _end(stepper, state, segment, segments):
+def _end(
+    stepper: Stepper, state: jax.Array, segment: int | jax.Array, segments: int
+) -> jax.Array:
     """State at the end of one of ``segments`` from that at its beginning."""
     count = stepper.steps // segments
     return run(stepper, state, segment * count, count)[0]
 
 
-def moving(space):
-    """``(n,)`` 1, or 0 for states that return whatever they are: those that move
+def moving(space: StateSpace) -> jax.Array:
+    """Mask ``(n,)``: 1, or 0 for states that return from any value: those that move
     nothing (free rotation, modes left out), and those that move only these (the
     undamped rate of a free rotation).
     """
-    nothing = jnp.abs(space.transition) <= 1e-10 * jnp.max(jnp.abs(space.transition))
-    free = jnp.all(nothing, axis=0)
-    return 1.0 - jnp.all(nothing | free[:, None], axis=0)
+    zero = jnp.abs(space.transition) <= 1e-10 * jnp.max(jnp.abs(space.transition))
+    moves_nothing = jnp.all(zero, axis=0)
+    return 1.0 - jnp.all(zero | moves_nothing[:, None], axis=0)
 
 
-def beginnings(stepper, state, segments=SEGMENTS):
-    """States ``(segments, n)`` that a cycle from ``state`` goes through at the
-    beginnings of its segments.
+def beginnings(
+    stepper: Stepper, state: jax.Array, segments: int = SEGMENTS
+) -> jax.Array:
+    """States ``(segments, n)`` of a cycle from ``state`` at the beginnings of its
+    segments.
     """
 
     def through(state, segment):
@@ -66,13 +73,13 @@ def beginnings(stepper, state, segments=SEGMENTS):
     return lax.scan(through, state, jnp.arange(segments))[1]
 
 
-def gaps_and_error(stepper, nodes):
+def gaps_and_error(stepper: Stepper, nodes: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Gaps ``(K, n)``, and the periodicity error of :func:`motion`."""
     gap, largest = gaps(stepper, nodes, *watch(stepper))
     return gap, periodicity_error(stepper, _widest(stepper, gap), largest.max(axis=0))
 
 
-def motion(stepper, nodes):
+def motion(stepper: Stepper, nodes: jax.Array) -> Trace:
     """The :class:`~jaxhb.integration.step.Trace` of a cycle in segments; its
     periodicity error is that of the widest gap.
     """
@@ -90,39 +97,42 @@ def motion(stepper, nodes):
     )
 
 
-def gaps(stepper, nodes, *kept):
+def gaps(stepper: Stepper, nodes: jax.Array, *observer):
     """End of each segment less the beginning of the next, ``(K, n)``, of nodes ``(K,
-    n)``; what was seen on the way.
+    n)``, and what was seen on the way; observer : ``keep`` and ``seen`` of
+    :func:`~jaxhb.integration.step.run`.
     """
     count = stepper.steps // len(nodes)
 
     def through(node, segment):
-        end, _, seen = run(stepper, node, segment * count, count, *kept)
-        return end, seen
+        end, _, observed = run(stepper, node, segment * count, count, *observer)
+        return end, observed
 
-    end, seen = jax.vmap(through)(nodes, jnp.arange(len(nodes)))
-    return _gaps(stepper, nodes, end), seen
+    end, observed = jax.vmap(through)(nodes, jnp.arange(len(nodes)))
+    return _gaps(stepper, nodes, end), observed
 
 
-def _gaps(stepper, nodes, end):
+def _gaps(stepper: Stepper, nodes: jax.Array, end: jax.Array) -> jax.Array:
+    assert stepper.space is not None  # a stepper of one speed
     return (end - jnp.roll(nodes, -1, axis=0)) * moving(stepper.space)
 
 
-def _widest(stepper, gap):
+def _widest(stepper: Stepper, gap: jax.Array) -> jax.Array:
     """Largest of the gaps ``(K, n)`` in deflections and rates, ``(2G,)``."""
     return jnp.max(jnp.abs(gap @ stepper.observation.T), axis=0)
 
 
-def linearize(stepper, nodes):
+def linearize(stepper: Stepper, nodes: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Gaps ``(K, n)``, and the derivatives ``(K, n, n)`` of each end in its
     beginning.
     """
-    free = moving(stepper.space)
+    assert stepper.space is not None  # a stepper of one speed
+    is_moving = moving(stepper.space)
     end, slope = ends(stepper, nodes)
-    return _gaps(stepper, nodes, end), slope * free[:, None] * free
+    return _gaps(stepper, nodes, end), slope * is_moving[:, None] * is_moving
 
 
-def ends(stepper, nodes):
+def ends(stepper: Stepper, nodes: jax.Array) -> tuple[jax.Array, jax.Array]:
     """End ``(K, n)`` of each segment and its derivatives, as in :func:`linearize`, of
     all states.
     """
@@ -137,18 +147,16 @@ def ends(stepper, nodes):
     return reached, slopes
 
 
-def condense(slope):
-    """A cycle condensed on its first node: what :func:`closing` needs of its
-    derivatives.
-
-    slope ``(K, n, n)``, and the singular value decomposition of the condensed equations
+def condense(slope: jax.Array):
+    """Condense a cycle on its first node, as :func:`closing` needs it: its slope
+    ``(K, n, n)``, and the singular value decomposition of the condensed equations
     ``(n, n)``.
     """
     return slope, *jnp.linalg.svd(_over_cycle(slope) - jnp.eye(slope.shape[1]))
 
 
-def _over_cycle(slope):
-    """``(n, n)``: the change of the state after a cycle by that before it, from those
+def _over_cycle(slope: jax.Array) -> jax.Array:
+    """Derivative ``(n, n)`` of the state after a cycle in that before it, from those
     ``(K, n, n)`` of its segments.
     """
     return lax.scan(
@@ -156,30 +164,35 @@ def _over_cycle(slope):
     )[0]
 
 
-def closing(condensed, gap):
-    """``(K, n)``: the change of nodes, shortest at the first, that closes all gaps to
-    first order.
+def closing(condensed, gap: jax.Array) -> jax.Array:
+    """Change ``(K, n)`` of the nodes, shortest at the first, that closes all gaps
+    ``(K, n)`` to first order; condensed : of :func:`condense`.
     """
     slope, left, values, right = condensed
     # The gaps of all segments, taken on to the end of the cycle: what the first node
     # has to make up.
-    gathered, _ = lax.scan(
-        lambda carry, known: (known[0] @ carry + known[1], None),
+    cycle_gap, _ = lax.scan(
+        lambda carry, segment: (segment[0] @ carry + segment[1], None),
         0.0 * gap[0],
         (slope, gap),
     )
     # The pseudo-inverse leaves alone what nothing holds (free rotation) and gives of
     # all solutions the shortest.
-    known = values > SINGULAR * values[0]
-    first = right.T @ (
-        jnp.where(known, left.T @ -gathered, 0.0) / jnp.where(known, values, 1.0)
+    is_regular = values > SINGULAR * values[0]
+    first_node = right.T @ (
+        jnp.where(is_regular, left.T @ -cycle_gap, 0.0)
+        / jnp.where(is_regular, values, 1.0)
     )
     return lax.scan(
-        lambda node, known: (known[0] @ node + known[1], node), first, (slope, gap)
+        lambda node, segment: (segment[0] @ node + segment[1], node),
+        first_node,
+        (slope, gap),
     )[1]
 
 
-def close(stepper, nodes, *, tolerance, most):
+def close(
+    stepper: Stepper, nodes: jax.Array, *, tolerance: float | Array, most: int
+) -> tuple[jax.Array, Trace, jax.Array]:
     """Newton's method on the nodes ``(K, n)`` of one train until the periodicity error
     of their :func:`motion` is at most ``tolerance``: the nodes, their motion, and
     Newton steps taken, ``most`` at most; valid under jit and vmap.
@@ -201,8 +214,10 @@ def close(stepper, nodes, *, tolerance, most):
         def change(gap):
             return closing(condensed, gap)
 
-        def tried(length):
-            gap, periodicity_error = gaps_and_error(stepper, nodes + length * whole)
+        def try_length(length: jax.Array):
+            gap, periodicity_error = gaps_and_error(
+                stepper, nodes + length * full_change
+            )
             return (
                 iterations.lowers_level(jnp.linalg.norm(change(gap)), size, length),
                 periodicity_error,
@@ -210,17 +225,17 @@ def close(stepper, nodes, *, tolerance, most):
 
         # Every length is tried, and the longest that passes the test is taken: a run
         # through the segments is little beside their Jacobian.
-        whole = change(gap)
-        size = jnp.linalg.norm(whole)
-        lower, periodicity_errors = lax.map(tried, lengths)
-        best = jnp.argmax(lower)
-        closer = jnp.any(lower)
-        nodes = jnp.where(closer, nodes + lengths[best] * whole, nodes)
+        full_change = change(gap)
+        size = jnp.linalg.norm(full_change)
+        lowers_level, periodicity_errors = lax.map(try_length, lengths)
+        best = jnp.argmax(lowers_level)
+        any_closer = jnp.any(lowers_level)
+        nodes = jnp.where(any_closer, nodes + lengths[best] * full_change, nodes)
         return (
             nodes,
-            jnp.where(closer, periodicity_errors[best], periodicity_error),
+            jnp.where(any_closer, periodicity_errors[best], periodicity_error),
             done + 1,
-            closer,
+            any_closer,
         )
 
     start = (nodes, jnp.array(jnp.inf), jnp.array(0), jnp.array(True))
@@ -228,29 +243,36 @@ def close(stepper, nodes, *, tolerance, most):
     return nodes, motion(stepper, nodes), done
 
 
-def monodromy(stepper, state):
+def monodromy(stepper: Stepper, state: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Derivative ``(n, n)`` of the state after one cycle with respect to the state
-    before, and that state ``(n,)``.
+    before, and the state after it ``(n,)``.
 
-    The eigenvalues are the Floquet multipliers of a periodic motion. Found from as many
-    of the segments, side by side, as divide the steps: 2.4 times faster than along the
-    cycle with 6 states, twice with 24, no faster with 120.
+    Its eigenvalues are the Floquet multipliers of a periodic motion. Computed from as
+    many of the segments, side by side, as divide the steps: 2.4 times faster than along
+    the cycle with 6 states, twice with 24, no faster with 120.
     """
     nodes = beginnings(stepper, state, math.gcd(stepper.capacity, SEGMENTS))
     end, slope = ends(stepper, nodes)
     return _over_cycle(slope), end[-1]
 
 
-def shoot(stepper, state, *, most=20, tolerance=1e-11, cutoff=1e-10):
+def shoot(
+    stepper: Stepper,
+    state: jax.Array,
+    *,
+    most: int = 20,
+    tolerance: float = 1e-11,
+    cutoff: float = 1e-10,
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Correct a state until the cycle closes, ``z(T; z) = z``; valid under jit and
     vmap.
 
     Each Newton step has the length that closes best of several, whether or not the
     cycle closed better before: a search, for states ``(n,)`` far from any periodic
-    motion. Motion that returns whatever it is (free rotation of a floating train) makes
+    motion. Motion that returns from any state (free rotation of a floating train) makes
     ``I - Phi`` singular and is left alone by a pseudo-inverse: singular values below
-    the share ``cutoff`` of the largest count as zero. Gives the state, the periodicity
-    error of its cycle, and the Newton steps taken, one at least.
+    the share ``cutoff`` of the largest count as zero. Returns the state, the
+    periodicity error of its cycle, and the Newton steps taken, one at least.
     """
     identity = jnp.eye(state.shape[0])
     lengths = jnp.array(SEARCH_LENGTHS)
@@ -261,17 +283,17 @@ def shoot(stepper, state, *, most=20, tolerance=1e-11, cutoff=1e-10):
 
     def correct(carry):
         state, _, done = carry
-        matrix, end = monodromy(stepper, state)
+        transition, end = monodromy(stepper, state)
         # (I - Phi) dz = z(T) - z. Far from a motion the full step may land anywhere:
         # several lengths are run side by side, and the one that closes best is taken
         # even where none closes better.
-        direction = jnp.linalg.pinv(identity - matrix, rtol=cutoff) @ (end - state)
-        tried = state + lengths[:, None] * direction
+        direction = jnp.linalg.pinv(identity - transition, rtol=cutoff) @ (end - state)
+        trial_states = state + lengths[:, None] * direction
         periodicity_errors = jax.vmap(lambda state: cycle_error(stepper, state)[1])(
-            tried
+            trial_states
         )
         best = jnp.nanargmin(periodicity_errors)
-        return tried[best], periodicity_errors[best], done + 1
+        return trial_states[best], periodicity_errors[best], done + 1
 
     return lax.while_loop(
         unfinished, correct, (state, jnp.array(jnp.inf), jnp.array(0))

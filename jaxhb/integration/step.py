@@ -23,16 +23,20 @@ elastic force over the cycle relative to its maximum: 1000 steps 6 %, 2000 1 %, 
 per period of the highest mesh mode) 0.12 %, 4096 0.2 %, 8000 0.005 %.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxhb._jax import namespace
+from jaxhb._jax import Array, Number, namespace
 from jaxhb.equations import backlash, fourier
-from jaxhb.equations.backlash import Law
+from jaxhb.equations.backlash import Law, MeshParameters
+from jaxhb.equations.condensation import CondensedEquation
 from jaxhb.equations.state_space import (
+    Partition,
     StateSpace,
     dense_linear_motion,
     matrices,
@@ -42,6 +46,7 @@ from jaxhb.equations.state_space import (
     state_space,
     static_response,
 )
+from jaxhb.train.chain import System
 
 
 @jax.tree_util.register_dataclass
@@ -54,38 +59,39 @@ class Stepper:
     n)``: L exp(A dt) above L exp(A dt/2); weights ``(n + 2G, 3G)`` of the forces
     (first, sum of the two in the middle, last); first, second, third : stage weights
     ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``; linear ``(2 steps, 2G)``: w of the linear
-    train every half step, or more rows, whose rest is not used, if ``count`` holds the
-    number of steps (one program for many numbers); observation ``(2G, n)``: what a
-    state adds to w; law, viscous, contact_damping : of the meshes ``(G,)``; variation
-    ``(2 steps, G)``, as linear: stiffness of that instant over its mean, less 1; None
-    of constant ones; linear_state ``(n,)`` its state at t = 0; flank_state ``(n,)``:
-    deviation for which every mesh carries its linear force on its drive side; space :
-    the equations; frequency : rad/s; residual_flexibility ``(G, G)`` m/N : static
-    response of the modes that are no states, too fast for the steps.
+    train every half step, or more rows, of which the last are not used, if ``count``
+    holds the number of steps (one program for many numbers); observation ``(2G, n)``:
+    from a state to its part of w; law, viscous, contact_damping : of the meshes
+    ``(G,)``; variation ``(2 steps, G)``, as linear: stiffness of that instant over its
+    mean, less 1; None where it is constant; linear_state ``(n,)``: of the linear train
+    at t = 0; flank_state ``(n,)``: deviation for which every mesh carries its linear
+    force on its drive side; space : the equations; frequency : rad/s;
+    residual_flexibility ``(G, G)`` m/N : static response of the modes that are no
+    states, too fast for the steps.
     """
 
-    propagator: jax.Array
-    ahead: jax.Array
-    weights: jax.Array
-    first: jax.Array
-    second: jax.Array
-    third: jax.Array
-    linear: jax.Array
-    observation: jax.Array
+    propagator: Array
+    ahead: Array
+    weights: Array
+    first: Array
+    second: Array
+    third: Array
+    linear: Array
+    observation: Array
     law: Law
-    viscous: jax.Array
-    contact_damping: jax.Array
-    linear_state: jax.Array | None = None
-    flank_state: jax.Array | None = None
+    viscous: Array
+    contact_damping: Array
+    linear_state: Array | None = None
+    flank_state: Array | None = None
     space: StateSpace | None = None
-    frequency: jax.Array | None = None
-    residual_flexibility: jax.Array | None = None
-    count: jax.Array | None = None
-    variation: jax.Array | None = None
+    frequency: Number | None = None
+    residual_flexibility: Array | None = None
+    count: Array | None = None
+    variation: Array | None = None
 
     @property
-    def capacity(self):
-        """Steps of a cycle that arrays have room for."""
+    def capacity(self) -> int:
+        """Steps of a cycle that the arrays have room for."""
         return self.linear.shape[0] // 2
 
     @property
@@ -93,14 +99,16 @@ class Stepper:
         """Steps of a cycle; traced where there is room for more."""
         return self.capacity if self.count is None else self.count
 
-    def variation_at(self, row):
-        """Stiffness over its mean, less 1, ``(G,)`` half a step ``row`` of the
+    def variation_at(self, row: int | Array) -> jax.Array:
+        """Stiffness over its mean, less 1, ``(G,)`` at half step ``row`` of the
         cycle.
         """
         return lax.dynamic_index_in_dim(self.variation, row, keepdims=False)
 
-    def nonlinear_force(self, deflection, rate, row):
-        """Force ``(G,)`` N of the meshes, half a step ``row`` of the cycle, less its
+    def nonlinear_force(
+        self, deflection: Array, rate: Array, row: int | Array
+    ) -> jax.Array:
+        """Force ``(G,)`` N of the meshes at half step ``row`` of the cycle, less its
         linear part.
         """
         law = (
@@ -112,70 +120,85 @@ class Stepper:
             law, self.viscous, self.contact_damping, deflection, rate
         )
 
-    def nonlinear_force_at(self, w, row):
-        """phi ``(G,)`` N at ``w`` ``(2G,)``, deflections and rates of the states half a
-        step ``row`` of the cycle.
+    def nonlinear_force_at(self, w: Array, row: int | Array) -> jax.Array:
+        """phi ``(G,)`` N at ``w`` ``(2G,)``, deflections and rates of the states at
+        half step ``row`` of the cycle.
         """
         return self.nonlinear_force(
             self.with_fast_modes(w, row), jnp.split(w, 2)[1], row
         )
 
-    def with_fast_modes(self, w, row):
+    def with_fast_modes(self, w: Array, row: int | Array) -> jax.Array:
         """Deflections ``(G,)`` at w and ``row`` with the static response of the fast
         modes, R the residual flexibility: ``l + R phi(l) = l of the states``.
 
         Two steps of Newton's method mesh by mesh: the fast modes have a small part of
         the compliance of a mesh. Their part of the rate is left out.
         """
-        given, rate = jnp.split(w, 2)
+        state_deflection, rate = jnp.split(w, 2)
         if self.residual_flexibility is None:
-            return given
-        deflection = given
-        own = jnp.diag(self.residual_flexibility)
+            return state_deflection
+        deflection = state_deflection
+        flexibility = jnp.diag(self.residual_flexibility)
         for _ in range(2):
             force, slope = jax.jvp(
                 lambda l: self.nonlinear_force(l, rate, row),
                 (deflection,),
-                (jnp.ones_like(given),),
+                (jnp.ones_like(state_deflection),),
             )
             deflection = deflection - (
-                deflection + self.residual_flexibility @ force - given
-            ) / (1 + own * slope)
+                deflection + self.residual_flexibility @ force - state_deflection
+            ) / (1 + flexibility * slope)
         return deflection
 
-    def advance(self, state, w, k):
+    def advance(
+        self, state: Array, w: Array, k: int | Array
+    ) -> tuple[jax.Array, jax.Array]:
         """Deviation and w one step after step ``k`` of the cycle."""
+        # Rows of the linear train now, half a step ahead and one step ahead
         rows = (
+            2 * k,
             2 * k + 1,
             jnp.where(k + 1 < self.steps, 2 * k + 2, 0),
-        )  # w of the linear train half a step and one ahead
-        middle, last = (
-            lax.dynamic_index_in_dim(self.linear, row, keepdims=False) for row in rows
         )
-        whole, half = jnp.split(self.ahead @ state, 2)
-        whole = last + whole
-        half = middle + half
+        middle_linear, next_linear = (
+            lax.dynamic_index_in_dim(self.linear, row, keepdims=False)
+            for row in rows[1:]
+        )
+        next_w, middle_w = jnp.split(self.ahead @ state, 2)
+        next_w = next_linear + next_w
+        middle_w = middle_linear + middle_w
 
         def force(w, half_steps):
-            return self.nonlinear_force_at(w, (2 * k, *rows)[half_steps])
+            return self.nonlinear_force_at(w, rows[half_steps])
 
-        change = _product(self.weights, *stages(force, _product, self, w, half, whole))
+        change = _product(
+            self.weights, *stages(force, _product, self, w, middle_w, next_w)
+        )
         return (
             propagated(self.propagator, state) + change[: len(state)],
-            whole + change[len(state) :],
+            next_w + change[len(state) :],
         )
 
 
-def _product(weights, *forces):
+def _product(weights: Array, *forces: Array) -> Array:
     return weights @ jnp.concatenate(forces)
 
 
-def stages(force, product, weights, w, middle, ahead):
-    """The three forces of a step: first, sum of the two in the middle, last.
+def stages(
+    force: Callable[[Array, int], Array],
+    product: Callable[..., Array],
+    weights,
+    w: Array,
+    middle: Array,
+    ahead: Array,
+) -> tuple[Array, Array, Array]:
+    """Return the three forces of a step: first, sum of the two in the middle, last.
 
-    Krogstad's four stages: begin, twice the middle, end. ``middle`` and ``ahead`` are
-    what the state alone does to w, ``product(weights, *forces)`` what the forces before
-    a stage add, so that a stage needs w, and the half steps that it lies ahead, alone.
+    Krogstad's four stages: begin, twice the middle, end. ``middle`` and ``ahead`` are w
+    by the state alone, half a step and a step ahead; ``product(weights, *forces)`` is
+    added to them by the forces of the stages before, so that ``force(w, half_steps)``
+    needs w alone, and how many half steps its stage lies ahead.
     """
     f0 = force(w, 0)
     fa = force(middle + product(weights.first, f0), 1)
@@ -184,16 +207,32 @@ def stages(force, product, weights, w, middle, ahead):
     return f0, fa + fb, fc
 
 
-def krogstad(half_1, half_2, one, two, three):
+def krogstad(half_1: Array, half_2: Array, full_1, full_2, full_3):
     """Weights of the forces of each stage and of the whole step (the two in the middle
-    have one weight), of the integrals of the propagator over half a step and a whole
+    have one weight), from the integrals of the propagator over half a step and a full
     one.
     """
-    last = one - 3 * two + 4 * three, 2 * two - 4 * three, 4 * three - two
-    return (half_1,), (half_1 - half_2, half_2), (one - 2 * two, 2 * two), last
+    whole_step = (
+        full_1 - 3 * full_2 + 4 * full_3,
+        2 * full_2 - 4 * full_3,
+        4 * full_3 - full_2,
+    )
+    return (
+        (half_1,),
+        (half_1 - half_2, half_2),
+        (full_1 - 2 * full_2, 2 * full_2),
+        whole_step,
+    )
 
 
-def discretize(system, meshes, frequency, load, steps, parts=None):
+def discretize(
+    system: System,
+    meshes: MeshParameters,
+    frequency: Number,
+    load: Array,
+    steps: int,
+    parts: Partition | None = None,
+) -> Stepper:
     """The :class:`Stepper` of equations of motion at one speed.
 
     system : System, meshes taken in contact; meshes : MeshParameters of those that have
@@ -212,9 +251,11 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
         jnp.asarray, (system, meshes, frequency, load)
     )
     space = state_space(system, meshes, frequency, parts)
-    response = dense_linear_motion(system, frequency, load)
-    speed = fourier.derivative(response, frequency)
-    deflection = backlash.less_error(meshes, system.deflections(response, meshes.link))
+    displacement = dense_linear_motion(system, frequency, load)
+    velocity = fourier.derivative(displacement, frequency)
+    deflection = backlash.less_error(
+        meshes, system.deflections(displacement, meshes.link)
+    )
     shift = static_response(
         matrices(system)[1],
         system.spread(-force_on_flank(meshes.law, deflection), meshes.link),
@@ -222,7 +263,8 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
     linear = rows_of(with_rate(deflection, frequency), steps)
     flank_state = space.coordinates @ jnp.concatenate([shift, jnp.zeros_like(shift)])
     linear_state = (
-        space.coordinates @ fourier.sample(jnp.concatenate([response, speed]), 1)[:, 0]
+        space.coordinates
+        @ fourier.sample(jnp.concatenate([displacement, velocity]), 1)[:, 0]
     )
     variation = rows_of(meshes.variation, steps)
     return stepper_of(
@@ -230,8 +272,8 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
     )
 
 
-def rows_of(coefficients, steps):
-    """Values ``(2 steps, n)`` every half step of coefficients ``(n, N+1)``; None of
+def rows_of(coefficients: Array | None, steps: int):
+    """Values ``(2 steps, n)`` of coefficients ``(n, N+1)`` at every half step; None for
     None.
     """
     return (
@@ -240,22 +282,28 @@ def rows_of(coefficients, steps):
 
 
 def stepper_of(
-    space,
-    meshes,
-    linear,
-    variation,
-    frequency,
-    steps,
-    linear_state,
-    flank_state,
-    residual_flexibility=None,
-):
-    """The :class:`Stepper` of a state space, rows every half step of its linear
-    response and of the variation of the meshes, and what has their law, viscous and
-    contact_damping.
+    space: StateSpace,
+    meshes: MeshParameters | CondensedEquation,
+    linear: Array,
+    variation: Array | None,
+    frequency: Number,
+    steps: int,
+    linear_state: Array,
+    flank_state: Array,
+    residual_flexibility: Array | None = None,
+) -> Stepper:
+    """The :class:`Stepper` of a state space; linear ``(2 steps, 2G)`` and variation
+    ``(2 steps, G)`` : rows every half step of its linear response and of the stiffness
+    of the meshes; meshes : with their law, viscous and contact_damping.
     """
+    weights = _weights(space, 2 * jnp.pi / frequency / steps)
     return Stepper(
-        **_weights(space, 2 * jnp.pi / frequency / steps),
+        propagator=weights["propagator"],
+        ahead=weights["ahead"],
+        weights=weights["weights"],
+        first=weights["first"],
+        second=weights["second"],
+        third=weights["third"],
         linear=linear,
         observation=space.observation,
         linear_state=linear_state,
@@ -270,23 +318,23 @@ def stepper_of(
     )
 
 
-def force_on_flank(law, linear):
-    """phi ``(G,)`` N of meshes on their drive sides, the signs of the means of
-    ``linear`` ``(G, N+1)``.
+def force_on_flank(law: Law, linear: Array) -> Array:
+    """phi ``(G,)`` N of meshes on their drive sides, which the signs of the means of
+    ``linear`` ``(G, N+1)`` m tell.
     """
     return -backlash.offset(law) * namespace(linear).where(
         linear[:, 0].real < 0, -1.0, 1.0
     )
 
 
-def with_rate(deflection, frequency):
+def with_rate(deflection: Array, frequency: Number) -> Array:
     """Coefficients ``(2G, N+1)`` of w = (l, l') from those of l."""
     return namespace(deflection).concatenate(
         [deflection, fourier.derivative(deflection, frequency)]
     )
 
 
-def _weights(space, dt):
+def _weights(space: StateSpace, dt: Number) -> dict[str, jax.Array]:
     """Propagators and stage weights of Krogstad's scheme for steps of ``dt``
     seconds.
     """
@@ -301,13 +349,13 @@ def _weights(space, dt):
         jnp.zeros((n + 3 * G, n + 3 * G)).at[:n, :n].set(A).at[:n, n : n + G].set(E)
     )
     matrix = matrix.at[n : n + 2 * G, n + G :].set(jnp.eye(2 * G) / dt)
-    half = exponential(matrix * dt / 2)
-    full = half @ half
-    E_half = half[:n, :n]
-    half_1 = half[:n, n : n + G]
-    half_2 = 4 * half[:n, n + G : n + 2 * G]
-    E_full = full[:n, :n]
-    full_1, full_2, full_3 = jnp.split(full[:n, n:], 3, axis=1)
+    half_exponential = exponential(matrix * dt / 2)
+    step_exponential = half_exponential @ half_exponential
+    E_half = half_exponential[:n, :n]
+    half_1 = half_exponential[:n, n : n + G]
+    half_2 = 4 * half_exponential[:n, n + G : n + 2 * G]
+    E_full = step_exponential[:n, :n]
+    full_1, full_2, full_3 = jnp.split(step_exponential[:n, n:], 3, axis=1)
     first, second, third, end = krogstad(half_1, half_2, full_1, full_2, full_3)
     end = jnp.concatenate(end, axis=1)
     return {
@@ -320,9 +368,9 @@ def _weights(space, dt):
     }
 
 
-def exponential(matrix):
-    """Taylor series of degree 16 with squaring: an eighth of the time of jax.scipy in a
-    batch, half to compile.
+def exponential(matrix: jax.Array) -> jax.Array:
+    """Exponential of a matrix by its Taylor series of degree 16 with squaring: an
+    eighth of the time of jax.scipy in a batch, half to compile.
     """
     norm = jnp.abs(matrix).sum(axis=0).max()
     # Halved until the norm is below a half, where 16 terms leave 1e-20.
@@ -353,24 +401,32 @@ class Trace:
     periodicity_error: jax.Array
 
 
-def run(stepper, state, first, count, keep=lambda seen, *_: seen, seen=(), even=False):
-    """``count`` steps on from the deviation ``state`` at the beginning of step
-    ``first``; valid under jit and vmap.
+def run(
+    stepper: Stepper,
+    state: Array,
+    first: int | Array,
+    count: int | Array,
+    keep: Callable[..., Any] = lambda seen, *_: seen,
+    seen: Any = (),
+    even: bool = False,
+):
+    """Take ``count`` steps from the deviation ``state`` ``(n,)`` at the beginning of
+    step ``first``; valid under jit and vmap.
 
-    Gives the state and w ``(2G,)``, (l, l') of the states, at the end, and what was
+    Returns the state and w ``(2G,)``, (l, l') of the states, at the end, and what was
     seen: ``seen = keep(seen, k, w, state)`` before each step k = 0, 1, .. of them.
-    ``even``: so is the count, and two steps are taken at once.
+    ``even`` : the count is even, and two steps are taken at once.
     """
 
     def step(k, carry):
         state, w, seen = carry
         return *stepper.advance(state, w, first + k), keep(seen, k, w, state)
 
-    begin = (
+    w_begin = (
         lax.dynamic_index_in_dim(stepper.linear, 2 * first, keepdims=False)
         + stepper.observation @ state
     )
-    start = (state, begin, seen)
+    start = (state, w_begin, seen)
     # Two steps in a loop body: where a step takes a microsecond, the loop itself is a
     # good part of it.
     if even:
@@ -380,14 +436,14 @@ def run(stepper, state, first, count, keep=lambda seen, *_: seen, seen=(), even=
     return lax.fori_loop(0, count, step, start)
 
 
-def _whole(stepper, state, keep, seen):
+def _whole(stepper: Stepper, state: Array, keep: Callable[..., Any], seen: Any):
     """State after one cycle, the change of w ``(2G,)``, and what was seen."""
     even = stepper.count is not None or stepper.steps % 2 == 0
     end, w, seen = run(stepper, state, 0, stepper.steps, keep, seen, even)
     return end, w - (stepper.linear[0] + stepper.observation @ state), seen
 
 
-def cycle(stepper, state):
+def cycle(stepper: Stepper, state: Array) -> tuple[jax.Array, Trace]:
     """State ``(n,)`` after one cycle from the deviation ``state`` at t = 0, and its
     :class:`Trace`.
     """
@@ -397,7 +453,7 @@ def cycle(stepper, state):
     return end, trace_of(stepper, samples, change)
 
 
-def cycle_error(stepper, state):
+def cycle_error(stepper: Stepper, state: Array) -> tuple[jax.Array, jax.Array]:
     """State after one cycle from ``state``, and the periodicity error of its
     :class:`Trace`; no samples are kept.
     """
@@ -405,17 +461,17 @@ def cycle_error(stepper, state):
     return end, periodicity_error(stepper, change, largest)
 
 
-def put(samples, k, w, _):
-    """``keep`` of :func:`run` for samples ``(capacity, 2G)``."""
+def put(samples: jax.Array, k: int | Array, w: jax.Array, _: Array) -> jax.Array:
+    """Write a row of samples ``(capacity, 2G)``, as ``keep`` of :func:`run`."""
     return lax.dynamic_update_index_in_dim(samples, w, k, axis=0)
 
 
-def no_samples(stepper, capacity):
-    """Zeros ``(capacity, 2G)``, to :func:`put` samples over."""
+def no_samples(stepper: Stepper, capacity: int) -> jax.Array:
+    """Zeros ``(capacity, 2G)``, into which samples are :func:`put`."""
     return jnp.zeros((capacity, stepper.linear.shape[1]))
 
 
-def watch(stepper):
+def watch(stepper: Stepper) -> tuple[Callable[..., jax.Array], jax.Array]:
     """``keep`` and ``seen`` of :func:`run` for the largest deflections and rates
     ``(2G,)``.
     """
@@ -429,10 +485,11 @@ def watch(stepper):
     return keep, jnp.zeros(stepper.linear.shape[1])
 
 
-def periodicity_error(stepper, change, largest):
+def periodicity_error(stepper: Stepper, change: Array, largest: Array) -> jax.Array:
     """Periodicity error, see :class:`Trace`, of a change and the largest of deflections
     and rates, ``(2G,)`` each.
     """
+    assert stepper.frequency is not None  # a stepper of one speed
     gap = (1 - stepper.law.epsilon) * stepper.law.backlash + 1e-300
     return jnp.max(
         jnp.abs(change) / (largest + jnp.concatenate([gap, stepper.frequency * gap])),
@@ -440,7 +497,7 @@ def periodicity_error(stepper, change, largest):
     )
 
 
-def trace_of(stepper, samples, change):
+def trace_of(stepper: Stepper, samples: Array, change: Array) -> Trace:
     """The Trace of a cycle from w ``(capacity, 2G)``, (l, l') of the states, and its
     change ``(2G,)`` over the cycle.
     """
@@ -452,7 +509,13 @@ def trace_of(stepper, samples, change):
     return Trace(deflection, rate, periodicity_error(stepper, change, largest))
 
 
-def march(stepper, state, *, tolerance=1e-6, max_cycles=200):
+def march(
+    stepper: Stepper,
+    state: jax.Array,
+    *,
+    tolerance: float | Array = 1e-6,
+    max_cycles: int | Array = 200,
+) -> tuple[jax.Array, Trace, jax.Array]:
     """March from a deviation ``(n,)`` until a cycle closes to ``tolerance``, a
     ``trace.periodicity_error``, is not finite, or ``max_cycles`` have passed: state
     ``(n,)``, Trace of the last cycle, cycles; valid under jit and vmap.
@@ -462,19 +525,19 @@ def march(stepper, state, *, tolerance=1e-6, max_cycles=200):
     """
 
     def unfinished(carry):
-        _, trace, done = carry
+        _, trace, cycles = carry
         return (
-            (done < max_cycles)
+            (cycles < max_cycles)
             & ~(trace.periodicity_error <= tolerance)
             & ~jnp.isnan(trace.periodicity_error)
         )
 
-    def another(carry):
-        state, _, done = carry
-        return *cycle(stepper, state), done + 1
+    def next_cycle(carry):
+        state, _, cycles = carry
+        return *cycle(stepper, state), cycles + 1
 
-    # Begun with a Trace of nothing, the loop holds one copy of a cycle, and compiles
+    # With an empty Trace to begin with the loop holds one copy of a cycle, and compiles
     # faster.
     empty = jnp.zeros((len(stepper.viscous), stepper.capacity))
     begin = state, Trace(empty, empty, jnp.array(jnp.inf)), jnp.array(0)
-    return lax.while_loop(unfinished, another, begin)
+    return lax.while_loop(unfinished, next_cycle, begin)
