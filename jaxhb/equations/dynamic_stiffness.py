@@ -17,21 +17,22 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array, Number, added, namespace, placed
+from jaxhb._jax import Array, added, namespace, placed
 from jaxhb.equations.block_sweep import (
     last_pivot,
     nonzero_pivot,
     quotient,
     scalar_sweep,
 )
+from jaxhb.equations.fourier import AnyArray
 
 
-def frequencies(frequency: Number, harmonics: int) -> Array:
+def frequencies(frequency: AnyArray, harmonics: int) -> AnyArray:
     """Frequencies n Omega ``(N+1,)`` rad/s of the harmonics."""
     return frequency * namespace(frequency).arange(harmonics + 1)
 
 
-def link_stiffness(system, omega: Array) -> Array:
+def link_stiffness(system, omega: AnyArray) -> AnyArray:
     """Complex stiffness ``(L, H)`` N/m of every link: k (1 + i eta) + i omega r,
     without loss factor at the mean.
     """
@@ -43,13 +44,13 @@ def link_stiffness(system, omega: Array) -> Array:
 
 
 def complex_stiffness(
-    omega: Array, stiffness: Array, loss: Array, viscous: Array
-) -> Array:
+    omega: AnyArray, stiffness: AnyArray, loss: AnyArray, viscous: AnyArray
+) -> AnyArray:
     """Stiffness k (1 + i eta) + i omega r of a link, in N/m."""
     return stiffness * (1 + 1j * loss * (omega > 0)) + 1j * omega * viscous
 
 
-def node_stiffness(system, omega: Array) -> Array:
+def node_stiffness(system, omega: AnyArray) -> AnyArray:
     """Dynamic stiffness ``(S, N+1)`` N/m of every disk. A floating train is held at its
     root for the mean; without mean imbalance nothing flows through that support.
     """
@@ -60,7 +61,9 @@ def node_stiffness(system, omega: Array) -> Array:
     return added(Z, system.tree.node[-1], hold)
 
 
-def disk_stiffness(omega: Array, mass: Array, damping: Array, ground: Array) -> Array:
+def disk_stiffness(
+    omega: AnyArray, mass: AnyArray, damping: AnyArray, ground: AnyArray
+) -> AnyArray:
     """Dynamic stiffness in N/m of a disk with nothing else to hold it: -omega^2 m + i
     omega b + ground.
     """

@@ -30,7 +30,7 @@ import numpy as np
 
 from jaxhb._jax import Array, Number, namespace
 
-A = TypeVar("A", jax.Array, np.ndarray, Array)
+AnyArray = TypeVar("AnyArray", jax.Array, np.ndarray, Array)
 """Arrays of numpy, or of jax: each function gives the kind that it gets."""
 
 SQRT2 = 2.0**0.5
@@ -38,7 +38,7 @@ SQRT2 = 2.0**0.5
 SAMPLES_PER_HARMONIC = 16
 
 
-def pack(coefficients: A) -> A:
+def pack(coefficients: AnyArray) -> AnyArray:
     """Complex coefficients ``(..., N+1)`` to real packed coordinates ``(..., 2N+1)``.
 
     >>> [round(float(value), 4) for value in pack(jnp.array([1.0, 0.5 - 0.5j]))]
@@ -51,7 +51,7 @@ def pack(coefficients: A) -> A:
     )
 
 
-def unpack(packed: A) -> A:
+def unpack(packed: AnyArray) -> AnyArray:
     """Real packed coordinates ``(..., 2N+1)`` to complex coefficients ``(...,
     N+1)``.
     """
@@ -63,7 +63,7 @@ def unpack(packed: A) -> A:
     )
 
 
-def synthesize(coefficients: A, samples: int) -> A:
+def synthesize(coefficients: AnyArray, samples: int) -> AnyArray:
     """Values ``(..., samples)`` at equidistant time samples ``t_j = 2 pi j / (Omega
     samples)`` of complex coefficients ``(..., N+1)``; exact for ``samples >= 2N+1``,
     and harmonics above ``samples / 2`` must be absent.
@@ -87,7 +87,7 @@ def values_at(coefficients: np.ndarray, share: np.ndarray) -> np.ndarray:
     return (turned @ np.exp(2j * np.pi * harmonic[:, None] * share)).real
 
 
-def sample(coefficients: A, count: int) -> A:
+def sample(coefficients: AnyArray, count: int) -> AnyArray:
     """Values ``(..., count)`` at equidistant time samples as of :func:`synthesize`, for
     any ``count``.
     """
@@ -97,7 +97,7 @@ def sample(coefficients: A, count: int) -> A:
     return synthesize(coefficients, factor * count)[..., ::factor]
 
 
-def analyze(values: A, harmonics: int) -> A:
+def analyze(values: AnyArray, harmonics: int) -> AnyArray:
     """Complex coefficients ``(..., harmonics+1)`` of sampled values ``(...,
     samples)``.
     """
@@ -123,11 +123,11 @@ class Equidistant:
 
     samples: int
 
-    def synthesize(self, coefficients: A) -> A:
+    def synthesize(self, coefficients: AnyArray) -> AnyArray:
         """Values ``(..., samples)`` of coefficients ``(..., N+1)``."""
         return synthesize(coefficients, self.samples)
 
-    def analyze(self, values: A, harmonics: int) -> A:
+    def analyze(self, values: AnyArray, harmonics: int) -> AnyArray:
         """Coefficients ``(..., harmonics+1)`` of values ``(..., samples)``."""
         return analyze(values, harmonics)
 
@@ -142,7 +142,7 @@ def each(function: Callable[[Array], Array], *arrays: Array) -> Sequence[Array] 
     return jax.vmap(function)(jnp.stack(arrays))
 
 
-def derivative(coefficients: A, frequency: Number) -> A:
+def derivative(coefficients: AnyArray, frequency: Number) -> AnyArray:
     """Coefficients of dx/dt: ``i n Omega x^n``, with ``frequency`` = Omega in rad/s,
     ``()`` or ``(..., 1)``.
     """
@@ -150,7 +150,7 @@ def derivative(coefficients: A, frequency: Number) -> A:
     return 1j * frequency * xp.arange(coefficients.shape[-1]) * coefficients
 
 
-def resize(coefficients: A, harmonics: int) -> A:
+def resize(coefficients: AnyArray, harmonics: int) -> AnyArray:
     """The same signal with another number of harmonics: truncated, or padded with
     zeros.
     """

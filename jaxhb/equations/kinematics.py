@@ -14,7 +14,6 @@ from jaxhb._shown import brief
 
 if TYPE_CHECKING:
     from jaxhb.train.drivetrain import DriveTrain
-    from jaxhb.train.topology import Topology
 
 OF_PERIOD = ("stiffness_orders", "transmission_error")
 OF_GEARS = ("first_gear_error", "second_gear_error")
@@ -31,7 +30,7 @@ def speed_ratios(train: DriveTrain) -> Array:
     return rotor_ratios(train.topology, train.disks.radius)
 
 
-def rotor_ratios(topology: Topology, radius: Array) -> Array:
+def rotor_ratios(topology, radius: Array) -> Array:
     """Speed ratios ``(..., n_rotors)`` as :func:`speed_ratios`, of a topology with
     pitch radii ``(..., S)`` m.
     """
