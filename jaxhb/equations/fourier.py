@@ -73,7 +73,7 @@ def synthesize(coefficients: AnyArray, samples: int) -> AnyArray:
     )
 
 
-def values_at(coefficients: np.ndarray, share: np.ndarray) -> np.ndarray:
+def values_at(coefficients: Array, share: np.ndarray) -> np.ndarray:
     """Values ``(..., K)`` of host coefficients ``(..., N+1)`` at shares ``(K,)`` of the
     cycle, in any order.
 
