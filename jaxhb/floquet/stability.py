@@ -203,6 +203,7 @@ def stability(response: Response) -> Stability:
     space = state_space(host, meshes, frequency, parts, loss_damping(host))
     deflection = np.asarray(response.deflections)[topology.law_index]
     constant = _constant_transition(space, meshes, deflection, frequency)
+    disturbance: Array
     if constant is not None:
         rates, disturbance = np.linalg.eig(constant)
         multipliers = np.exp(period * rates)
