@@ -13,20 +13,27 @@ Arguments broadcast. Automatic differentiation of this form equals ``f'`` everyw
 the knots included, because ``u^2`` and ``v`` join with equal slopes.
 """
 
+from __future__ import annotations
+
 import dataclasses
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
 
-from jaxhb._jax import added, namespace
+from jaxhb._jax import Array, Number, added, namespace
 from jaxhb.equations import fourier
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, displacement_radii
 
-SMOOTH, LEFT = (
-    0.04,
-    1e-3,
-)  # share of a play in which stiffness sets in, and of the stiffness that is left in it
+if TYPE_CHECKING:
+    from jaxhb.equations.condensation import CondensedEquation
+
+# Share of a play in which stiffness sets in
+SMOOTH = 0.04
+# Share of the stiffness that is left in a play
+LEFT = 1e-3
 SLIP_SPEED = 0.1  # rad/s, from which dry friction is whole
 # In m, gap of a mesh without backlash whose stiffness varies: its law has no kink there
 NARROW = 1e-9
@@ -40,70 +47,70 @@ class Law:
     backlash; backlash m, total.
 
     linear : N/m, of the linear train in its place where that is not the stiffness in
-    contact: the mean of one that varies in time, 0 of what acts beside a link; side :
-    0, or +1 or -1 where there is but one flank, on that side; friction N against the
-    rate of deflection, in proportion to it below slip m/s. None where no mesh has any.
+    contact: the mean of a stiffness that varies in time, 0 of springs that act beside a
+    link; side : 0, or +1 or -1 where there is but one flank, on that side; friction N
+    against the rate of deflection, in proportion to it below slip m/s. None where no
+    mesh has any.
     """
 
-    stiffness: jax.Array
-    epsilon: jax.Array
-    transition: jax.Array
-    backlash: jax.Array
-    linear: jax.Array | None = None
-    side: jax.Array | None = None
-    friction: jax.Array | None = None
-    slip: jax.Array | None = None
+    stiffness: Array
+    epsilon: Array
+    transition: Array
+    backlash: Array
+    linear: Array | None = None
+    side: Array | None = None
+    friction: Array | None = None
+    slip: Array | None = None
 
     @property
-    def linear_stiffness(self):
+    def linear_stiffness(self) -> Array:
         """c in N/m, of the linear mesh that the train is condensed with."""
         return self.stiffness if self.linear is None else self.linear
 
-    def only(self, active):
+    def only(self, active: Array) -> Law:
         """The law without forces where ``active`` ``(G,)`` is 0."""
-        forces = {
-            name: getattr(self, name) for name in ("stiffness", "linear", "friction")
-        }
         return dataclasses.replace(
             self,
-            **{n: force * active for n, force in forces.items() if force is not None},
+            stiffness=self.stiffness * active,
+            linear=None if self.linear is None else self.linear * active,
+            friction=None if self.friction is None else self.friction * active,
         )
 
     @property
-    def gap(self):
+    def gap(self) -> Array:
         """(1 - tau) h/2 in m: the teeth are apart below it."""
         return (1 - self.transition) * self.backlash / 2
 
     @property
-    def width(self):
+    def width(self) -> Array:
         """tau h in m, of the smooth zone between gap and knee."""
         return self.transition * self.backlash
 
     @property
-    def knee(self):
+    def knee(self) -> Array:
         """(1 + tau) h/2 in m: the tooth has its full stiffness beyond it."""
         return (1 + self.transition) * self.backlash / 2
 
     @property
-    def knee_force(self):
+    def knee_force(self) -> Array:
         """Elastic force in N at the knee."""
         return self.stiffness * (self.epsilon + self.transition) * self.backlash / 2
 
     @property
-    def gap_spring_force(self):
-        """epsilon c h/2 in N, what the spring in the gap carries at most."""
+    def gap_spring_force(self) -> Array:
+        """Force epsilon c h/2 in N that the spring in the gap carries at most."""
         return self.stiffness * self.epsilon * self.backlash / 2
 
-    def expand(self):
+    def expand(self) -> Law:
         """The same parameters with a trailing axis, to meet samples of shape ``(meshes,
         samples)``.
         """
-        return jax.tree.map(lambda a: a[..., None], self)
+        return jax.tree.map(lambda parameter: parameter[..., None], self)
 
 
-def law_of(meshes):
-    """The :class:`Law` of the :class:`~jaxhb.train.tables.Meshes` of a train; of no
-    meaning for linear ones.
+def law_of(meshes) -> Law:
+    """Make the :class:`Law` of the :class:`~jaxhb.train.tables.Meshes` of a train; of
+    linear meshes it has no meaning.
     """
     return Law(meshes.stiffness, meshes.epsilon, meshes.transition, meshes.backlash)
 
@@ -111,72 +118,76 @@ def law_of(meshes):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class MeshParameters:
-    """Some meshes of a train, and behind them what acts beside the stiffness of shafts
-    and dampers: link indices, law, damping and damping law, each ``(n,)``: all in
-    harmonics, as any may be active or held on a flank; in time those that have a law,
-    the others being linear links.
+    """Some meshes of a train, and behind them the springs that act beside the stiffness
+    of shafts and dampers: link indices, law, damping N s/m and damping law, each
+    ``(n,)``. In harmonics these are all meshes, as any may be active or held on a
+    flank; in time those that have a law, the others being linear links.
 
     variation : complex ``(n, K+1)``, coefficients over the cycle of the stiffness over
     its mean, less 1; error : the same of the transmission error in m; None where no
-    mesh has any; springs : how many of them are no meshes.
+    mesh has any; springs : how many of the n entries are no meshes.
     """
 
-    link: jax.Array
+    link: Array
     law: Law
-    viscous: jax.Array
-    contact_damping: jax.Array
-    variation: jax.Array | None = None
-    error: jax.Array | None = None
+    viscous: Array
+    contact_damping: Array
+    variation: Array | None = None
+    error: Array | None = None
     springs: int = field(default=0, metadata={"static": True})
 
 
-def all_meshes(train):
-    """Every mesh as an entry of :class:`MeshParameters`, and ``springs`` of the
-    topology; meshes without backlash have epsilon 1, constant ones a gap of 1 m, others
-    one that is no measure of their motion.
+def all_meshes(train) -> MeshParameters:
+    """Every mesh of a train as an entry of :class:`MeshParameters`, and the ``springs``
+    of its topology. Meshes without backlash have epsilon 1; their gap is 1 m where
+    their stiffness is constant, else one that is no measure of their motion.
     """
     xp = namespace(train)
     topology = train.topology
     meshes = train.meshes
-    gap = np.array(topology.mesh_backlash, dtype=bool)
-    numbers = (meshes.epsilon, meshes.transition, meshes.backlash)
-    wide = np.where(topology.mesh_varies, NARROW, 1.0)
-    law = (
-        xp.where(gap, own, linear)
-        for own, linear in zip(numbers, (1.0, 0.5, wide), strict=True)
+    has_backlash = np.array(topology.mesh_backlash, dtype=bool)
+    # A linear mesh has no gap to measure: it gets one that its law does not notice.
+    linear_gap = np.where(topology.mesh_varies, NARROW, 1.0)
+    law = Law(
+        stiffness=xp.asarray(meshes.stiffness),
+        epsilon=xp.where(has_backlash, meshes.epsilon, 1.0),
+        transition=xp.where(has_backlash, meshes.transition, 0.5),
+        backlash=xp.where(has_backlash, meshes.backlash, linear_gap),
     )
-    meshes = MeshParameters(
+    parameters = MeshParameters(
         variation=_over_cycle(train, ["stiffness_orders"]),
         error=_over_cycle(train, [OF_PERIOD[1], *OF_GEARS]),
         link=np.arange(
-            len(topology.link_names) - len(gap),
+            len(topology.link_names) - len(has_backlash),
             len(topology.link_names),
             dtype=np.int32,
         ),
-        law=Law(xp.asarray(meshes.stiffness), *law),
+        law=law,
         viscous=xp.asarray(meshes.damping),
         contact_damping=np.array(
-            [law == "contact" for law in topology.mesh_damping_law], dtype=bool
+            [name == "contact" for name in topology.mesh_damping_law], dtype=bool
         )
-        & gap,
+        & has_backlash,
     )
-    return _with_springs(train, meshes) if topology.springs else meshes
+    return _with_springs(train, parameters) if topology.springs else parameters
 
 
-def _with_springs(train, meshes):
-    """The MeshParameters with what acts beside the stiffness of shafts and dampers
-    behind the meshes.
+def _with_springs(train, meshes: MeshParameters) -> MeshParameters:
+    """Append to the MeshParameters of meshes the springs that act beside the stiffness
+    of shafts and dampers.
     """
-    xp, topology, rows = namespace(train), train.topology, []
+    xp = namespace(train)
+    topology = train.topology
+    rows = []
     radius = displacement_radii(train)
     shafts = len(topology.shaft_names)
-    for link, kind, row in topology.springs:
-        table, index = (
-            (train.shafts, link) if link < shafts else (train.dampers, link - shafts)
-        )
+    for link, kind, number in topology.springs:
+        is_shaft = link < shafts
+        table = train.shafts if is_shaft else train.dampers
+        index = link if is_shaft else link - shafts
         arm = radius[topology.link_ends[link][0]]
         stiffness = table.stiffness[index]
-        law = {
+        values = {
             "stiffness": 0.0,
             "epsilon": 0.0,
             "transition": SMOOTH,
@@ -186,125 +197,115 @@ def _with_springs(train, meshes):
         }
         if kind == "friction":
             slip = 0.0 if table.slip_speed is None else table.slip_speed[index]
-            law |= {
+            values |= {
                 "epsilon": 1.0,
                 "backlash": NARROW,
                 "friction": table.friction[index] / arm,
             }
-            law |= {"slip": xp.where(slip > 0, slip, SLIP_SPEED) * arm}
+            values |= {"slip": xp.where(slip > 0, slip, SLIP_SPEED) * arm}
         elif kind == "clearance":
-            law |= {
+            values |= {
                 "epsilon": LEFT,
                 "backlash": xp.deg2rad(table.clearance[index]) * arm,
             }
-            law |= dict.fromkeys(("stiffness", "linear"), stiffness / arm**2)
+            values |= dict.fromkeys(("stiffness", "linear"), stiffness / arm**2)
         else:
-            twist, beyond = getattr(table, kind)[index, row]
+            twist, beyond = getattr(table, kind)[index, number]
             before = 0.0
             if kind == "stages":
-                before = table.stages[index, row - 1, 1] if row else stiffness
-            law |= {
+                before = table.stages[index, number - 1, 1] if number else stiffness
+            values |= {
                 "stiffness": (beyond - before) / arm**2,
                 "backlash": 2 * xp.deg2rad(xp.abs(twist)) * arm,
             }
-            law |= {"side": xp.sign(twist)} if kind == "stops" else {}
-        rows.append({"slip": arm} | law)
+            values |= {"side": xp.sign(twist)} if kind == "stops" else {}
+        rows.append({"slip": arm} | values)
     kinds = {kind for _, kind, _ in topology.springs}
-    count = len(meshes.link)
-    own = meshes.law
-    none = xp.zeros(count)
-    given = {
-        "linear": own.stiffness,
-        "side": none,
-        "friction": none,
-        "slip": none + 1.0,
-    }
-    given |= {
-        name: getattr(own, name)
-        for name in ("stiffness", "epsilon", "transition", "backlash")
-    }
-    needed = {"side": "stops", "friction": "friction", "slip": "friction"}
-    names = [name for name in given if needed.get(name, "") in (*kinds, "")]
-    law = {
-        n: xp.concatenate(
-            [given[n], xp.stack([xp.asarray(row[n], float) for row in rows])]
-        )
-        for n in names
-    }
+    zeros = xp.zeros(len(meshes.link))
 
-    def wider(values):
+    def joined(of_meshes: Array, name: str) -> Array:
+        of_springs = xp.stack([xp.asarray(row[name], float) for row in rows])
+        return xp.concatenate([of_meshes, of_springs])
+
+    law = Law(
+        stiffness=joined(meshes.law.stiffness, "stiffness"),
+        epsilon=joined(meshes.law.epsilon, "epsilon"),
+        transition=joined(meshes.law.transition, "transition"),
+        backlash=joined(meshes.law.backlash, "backlash"),
+        linear=joined(meshes.law.stiffness, "linear"),
+        side=joined(zeros, "side") if "stops" in kinds else None,
+        friction=joined(zeros, "friction") if "friction" in kinds else None,
+        slip=joined(zeros + 1.0, "slip") if "friction" in kinds else None,
+    )
+
+    def with_zeros(values: Array) -> Array:
         more = np.zeros((len(rows), *values.shape[1:]), values.dtype)
         return xp.concatenate([values, more])
 
     links = np.array([link for link, *_ in topology.springs], dtype=np.int32)
     return MeshParameters(
-        np.concatenate([meshes.link, links]),
-        Law(**law),
-        *(
-            jax.tree.map(wider, a)
-            for a in (
-                meshes.viscous,
-                meshes.contact_damping,
-                meshes.variation,
-                meshes.error,
-            )
-        ),
+        link=np.concatenate([meshes.link, links]),
+        law=law,
+        viscous=with_zeros(meshes.viscous),
+        contact_damping=with_zeros(meshes.contact_damping),
+        variation=jax.tree.map(with_zeros, meshes.variation),
+        error=jax.tree.map(with_zeros, meshes.error),
         springs=len(rows),
     )
 
 
-def _over_cycle(train, names):
-    """Complex coefficients ``(M, K+1)`` over the cycle of the sum of some rows of the
-    meshes, None without rows.
+def _over_cycle(train, names: Sequence[str]) -> Array | None:
+    """Complex coefficients ``(M, K+1)`` over the cycle of the sum of the named rows of
+    the meshes, None without rows.
     """
     topology = train.topology
     meshes = train.meshes
     listed = {name: getattr(topology, f"mesh_{name}") for name in names}
     rows = [
-        (name, i, k, n)
+        (name, mesh, column, order)
         for name in names
-        for i, row in enumerate(listed[name])
-        for k, n in enumerate(row)
+        for mesh, row in enumerate(listed[name])
+        for column, order in enumerate(row)
     ]
     if not rows:
         return None
     xp = namespace(train)
     coefficients = xp.zeros(
-        (len(topology.mesh_names), 1 + max(n for *_, n in rows)), dtype=complex
+        (len(topology.mesh_names), 1 + max(order for *_, order in rows)), dtype=complex
     )
     for name in names:
-        own = [row[1:] for row in rows if row[0] == name]
-        if not own:
+        places = [row[1:] for row in rows if row[0] == name]
+        if not places:
             continue
-        i, k, n = np.array(own).T
-        value = xp.asarray(getattr(meshes, name))[i, k]
+        mesh, column, order = np.array(places).T
+        value = xp.asarray(getattr(meshes, name))[mesh, column]
         value = 0.5 * (value[:, 0] + 1j * value[:, 1])
         if name in OF_PERIOD:
             value = value * xp.exp(
                 1j
-                * n
-                / np.array(topology.mesh_periods)[i]
-                * xp.deg2rad(meshes.phase)[i]
+                * order
+                / np.array(topology.mesh_periods)[mesh]
+                * xp.deg2rad(meshes.phase)[mesh]
             )
-        coefficients = added(coefficients, (i, n), value)
+        coefficients = added(coefficients, (mesh, order), value)
     return coefficients
 
 
-def law_meshes(train):
+def law_meshes(train) -> MeshParameters:
     """The meshes that are no constant springs, in the order of the scene, as
     :class:`MeshParameters`.
     """
     index = train.topology.law_index
-    return jax.tree.map(lambda a: a[index], all_meshes(train))
+    return jax.tree.map(lambda array: array[index], all_meshes(train))
 
 
-def separated(law, deflection):
+def separated(law: Law, deflection: Array) -> Array:
     """Whether the teeth are apart."""
     return namespace(law, deflection).abs(deflection) < law.gap
 
 
-def pieces(law, deflection):
-    """``tau h``, u and v."""
+def pieces(law: Law, deflection: Array) -> tuple[Array, Array, Array]:
+    """The widths ``tau h``, u and v of the law at a deflection, in m."""
     xp = namespace(law, deflection)
     width = law.width
     size = xp.abs(deflection)
@@ -312,13 +313,12 @@ def pieces(law, deflection):
         size = xp.where(law.side == 0, size, law.side * deflection)
     reach = size - law.gap
     inside = xp.clip(reach, 0.0, width)
-    beyond = xp.maximum(
-        reach - width, 0.0
-    )  # begins where ``inside`` ends to the last bit: derivatives at the knot
+    # Begins where ``inside`` ends to the last bit: derivatives at the knot
+    beyond = xp.maximum(reach - width, 0.0)
     return width, inside, beyond
 
 
-def force(law, deflection):
+def force(law: Law, deflection: Array) -> Array:
     """Elastic force f(l) in N.
 
     >>> round(float(force(Law(1.0, 0.04, 0.2, 0.5), 0.25)), 6)
@@ -333,20 +333,20 @@ def force(law, deflection):
     )
 
 
-def engagement(law, deflection):
+def engagement(law: Law, deflection: Array) -> Array:
     """Share of contact (f'(l) - c1) / (c2 - c1), 0 in the gap and 1 in contact."""
     width, inside, _ = pieces(law, deflection)
     return inside / width
 
 
-def slope(law, deflection):
+def slope(law: Law, deflection: Array) -> Array:
     """Tangent stiffness f'(l) in N/m."""
     return law.stiffness * (
         law.epsilon + (1 - law.epsilon) * engagement(law, deflection)
     )
 
 
-def energy(law, deflection):
+def energy(law: Law, deflection: Array) -> Array:
     """Elastic energy U(l), the integral of f from 0 to l, in J."""
     width, inside, beyond = pieces(law, deflection)
     drop = law.stiffness * (1 - law.epsilon)
@@ -354,16 +354,18 @@ def energy(law, deflection):
     return law.epsilon * law.stiffness * deflection**2 / 2 + drop * contact
 
 
-def contact_integral(width, inside, beyond):
+def contact_integral(width: Array, inside: Array, beyond: Array) -> Array:
     """Integral over the modulus of l of ``u^2 / (2 tau h) + v``, from
     :func:`pieces`.
     """
     return inside**3 / (6 * width) + beyond**2 / 2 + width * beyond / 2
 
 
-def mesh_force(law, viscous, contact_damping, deflection, rate):
-    """Transmitted force of a mesh, elastic + damping, in N; ``viscous`` r in N s/m,
-    which acts always or, with ``contact_damping``, in contact only: ``r l' (f' -
+def mesh_force(
+    law: Law, viscous: Array, contact_damping: Array, deflection: Array, rate: Array
+) -> Array:
+    """Force in N that a mesh transmits, elastic + damping. The damping ``viscous`` r in
+    N s/m acts always or, with ``contact_damping``, in contact only: ``r l' (f' -
     c1)/(c2 - c1)``.
     """
     share = namespace(law, deflection).where(
@@ -372,14 +374,16 @@ def mesh_force(law, viscous, contact_damping, deflection, rate):
     return force(law, deflection) + viscous * rate * share + dry_friction(law, rate)
 
 
-def dry_friction(law, rate):
+def dry_friction(law: Law, rate: Array) -> Number:
     """Force in N against a rate of deflection."""
-    if law.friction is None:
+    if law.friction is None or law.slip is None:
         return 0.0
     return law.friction * namespace(law, rate).clip(rate / law.slip, -1.0, 1.0)
 
 
-def nonlinear_force(law, viscous, contact_damping, deflection, rate):
+def nonlinear_force(
+    law: Law, viscous: Array, contact_damping: Array, deflection: Array, rate: Array
+) -> Array:
     """:func:`mesh_force` less its linear part ``c l + r l'``, in N, without its
     cancellation.
     """
@@ -388,13 +392,15 @@ def nonlinear_force(law, viscous, contact_damping, deflection, rate):
     share = inside / width
     elastic = xp.sign(deflection) * (share * inside / 2 + beyond) - deflection
     drop = law.stiffness * (1 - law.epsilon)
-    found = drop * elastic + viscous * rate * xp.where(contact_damping, share - 1, 0.0)
+    phi = drop * elastic + viscous * rate * xp.where(contact_damping, share - 1, 0.0)
     if law.linear is not None:
-        found = found + (law.stiffness - law.linear) * deflection
-    return found + dry_friction(law, rate)
+        phi = phi + (law.stiffness - law.linear) * deflection
+    return phi + dry_friction(law, rate)
 
 
-def mesh_slopes(law, viscous, contact_damping, deflection, rate):
+def mesh_slopes(
+    law: Law, viscous: Array, contact_damping: Array, deflection: Array, rate: Array
+) -> tuple[Array, Array]:
     """Partial derivatives of :func:`mesh_force` with respect to l (N/m) and l' (N s/m),
     written out by hand.
     """
@@ -405,15 +411,15 @@ def mesh_slopes(law, viscous, contact_damping, deflection, rate):
     # the engagement.
     moving = contact_damping & (inside > 0) & (inside < width)
     extra = xp.where(moving, viscous * rate * (xp.sign(deflection) / width), 0.0)
-    dry = (
-        0.0
-        if law.friction is None
-        else xp.where(xp.abs(rate) < law.slip, law.friction / law.slip, 0.0)
-    )
+    dry = 0.0
+    if law.friction is not None and law.slip is not None:
+        dry = xp.where(xp.abs(rate) < law.slip, law.friction / law.slip, 0.0)
     return slope(law, deflection) + extra, viscous * share + dry
 
 
-def nonlinear_slopes(law, viscous, contact_damping, deflection, rate):
+def nonlinear_slopes(
+    law: Law, viscous: Array, contact_damping: Array, deflection: Array, rate: Array
+) -> tuple[Array, Array]:
     """Partial derivatives of :func:`nonlinear_force` with respect to l (N/m) and l' (N
     s/m).
     """
@@ -423,12 +429,14 @@ def nonlinear_slopes(law, viscous, contact_damping, deflection, rate):
     return by_deflection - law.linear_stiffness, by_rate - viscous
 
 
-def at_samples(meshes, synthesize):
+def at_samples(
+    meshes: MeshParameters | CondensedEquation, synthesize: Callable[[Array], Array]
+) -> tuple[Law, Array, Array]:
     """Law, viscous N s/m and contact damping of meshes with a trailing axis, to meet
     samples ``(G, samples)``.
 
-    ``synthesize`` : values at these samples from coefficients ``(G, K+1)``, asked where
-    a stiffness varies.
+    ``synthesize`` : gives values at these samples from coefficients ``(G, K+1)``;
+    called only where a stiffness varies.
     """
     law = meshes.law.expand()
     if meshes.variation is not None:
@@ -436,51 +444,44 @@ def at_samples(meshes, synthesize):
     return law, meshes.viscous[:, None], meshes.contact_damping[:, None]
 
 
-def at_instant(law, variation):
-    """The law of meshes whose stiffness is 1 + ``variation`` times its mean at
-    present.
+def at_instant(law: Law, variation: Array) -> Law:
+    """The law of meshes at an instant at which their stiffness is 1 + ``variation``
+    times its mean.
     """
     return dataclasses.replace(
         law, stiffness=law.stiffness * (1 + variation), linear=law.linear_stiffness
     )
 
 
-def error_load(system, meshes, frequency, load):
-    """The ``load`` ``(S, N+1)`` N with what transmission errors e do to the train with
-    all meshes in contact besides, ``D^T (c e + r e')``: its motion is then that under
-    errors, and the deflections of meshes are ``D x - e``.
+def error_load(system, meshes: MeshParameters, frequency: Number, load: Array) -> Array:
+    """Add to the ``load`` ``(S, N+1)`` N the effect of transmission errors e on the
+    train with all meshes in contact, ``D^T (c e + r e')``: its motion is then that
+    under errors, and the deflections of meshes are ``D x - e``.
     """
     if meshes.error is None:
         return load
     xp = namespace(system, meshes, frequency, load)
     harmonics = max(load.shape[-1], meshes.error.shape[-1]) - 1
-    load, error = (
-        fourier.resize(xp.asarray(a), harmonics) for a in (load, meshes.error)
-    )
-    stiffness, viscous = (
-        xp.asarray(a)[:, None] for a in (meshes.law.stiffness, meshes.viscous)
-    )
-    return load + system.spread(
-        stiffness * error + viscous * fourier.derivative(error, frequency), meshes.link
-    )
+    load = fourier.resize(xp.asarray(load), harmonics)
+    error = fourier.resize(xp.asarray(meshes.error), harmonics)
+    stiffness = xp.asarray(meshes.law.stiffness)[:, None]
+    viscous = xp.asarray(meshes.viscous)[:, None]
+    force = stiffness * error + viscous * fourier.derivative(error, frequency)
+    return load + system.spread(force, meshes.link)
 
 
-def less_error(meshes, deflection):
-    """Deflections ``(n, N+1)`` of the teeth, from how far their gears approach each
-    other, D x.
-    """
+def less_error(meshes: MeshParameters, deflection: Array) -> Array:
+    """Deflections ``(n, N+1)`` m of the teeth, from the approach D x of their gears."""
     if meshes.error is None:
         return deflection
     return deflection - fourier.resize(meshes.error, deflection.shape[-1] - 1)
 
 
-def offset(law):
-    """Constant part of the force on the contact flank: f = c l - offset beyond the
-    knee, in N; 0 of what acts beside a link, which begins without a force.
+def offset(law: Law) -> Array:
+    """Constant part in N of the force on the contact flank, f = c l - offset beyond the
+    knee; 0 of springs beside a link, which begin without a force.
     """
     constant = law.stiffness * (1 - law.epsilon) * law.backlash / 2
-    return (
-        constant
-        if law.linear is None
-        else namespace(law).where(law.linear == 0, 0.0, constant)
-    )
+    if law.linear is None:
+        return constant
+    return namespace(law).where(law.linear == 0, 0.0, constant)

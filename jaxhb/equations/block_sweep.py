@@ -17,7 +17,10 @@ of all branches of a node add in ``P`` and ``psi``, which is what a fictitious n
 Fridman's numbering does.
 """
 
+from __future__ import annotations
+
 import heapq
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -25,10 +28,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import namespace
+from jaxhb._jax import Array, Number, namespace
 
 
-def quotient(numerator, denominator):
+def quotient(numerator: Number, denominator: Array) -> Array:
     """Complex quotient, 0 where the denominator is 0 (a ring behind a purely viscous
     link at the mean).
     """
@@ -41,21 +44,22 @@ def quotient(numerator, denominator):
     return numerator * xp.conj(denominator) * xp.where(square == 0, 0.0, inverse)
 
 
-LARGEST = 1e150  # pivot whose square does not overflow
+# Pivot whose square does not overflow
+LARGEST = 1e150
 # Stands for a last pivot of exactly zero: far below what rounding leaves of any other
 UNHELD = 1e-30
 
 
-def last_pivot(pivot):
-    """A last pivot, that of the whole train: where it vanishes the motion is huge, and
-    not infinite on one version of jax and nan on another.
+def last_pivot(pivot: Array) -> Array:
+    """Replace a last pivot, that of the whole train, where it vanishes: the motion is
+    then huge, and not infinite on one version of jax and nan on another.
     """
     return namespace(pivot).where(pivot == 0, UNHELD, pivot)
 
 
-def nonzero_pivot(pivot, link):
-    """A pivot that vanishes exactly (an undamped part at resonance with its upper node
-    held) moved by rounding: the whole train need not be singular there. One that
+def nonzero_pivot(pivot: Array, link: Array) -> Array:
+    """Move a pivot that vanishes exactly (an undamped part at resonance with its upper
+    node held) by rounding: the whole train need not be singular there. A pivot that
     vanishes together with its link stays zero.
     """
     xp = namespace(pivot, link)
@@ -64,158 +68,181 @@ def nonzero_pivot(pivot, link):
 
 
 class Slots(NamedTuple):
-    """Where a sweep keeps what the nodes under elimination have collected: ``(S,)``
-    place of each node and of its parent (of the root: its own); every place ``(D,)``,
-    few, used again and again.
+    """Rows in which a sweep collects what the nodes under elimination have received:
+    ``(S,)`` the row of each node and of its parent (of the root: its own), and all rows
+    ``(D,)``, few, used again and again.
     """
 
-    own: np.ndarray
-    above: np.ndarray
-    every: np.ndarray
+    row: np.ndarray
+    parent_row: np.ndarray
+    rows: np.ndarray
 
 
-def slots(parent):
-    """The :class:`Slots` of a tree, host: a node takes one when its first branch
+def slots(parent: Sequence[int] | np.ndarray) -> Slots:
+    """The :class:`Slots` of a tree, host: a node takes a row when its first branch
     arrives and frees it when done; ``parent`` int ``(S,)``, position of the parent,
-    larger than the own position; S for the root (last).
+    larger than that of the node; S for the root (last).
 
-    >>> slots([1, 4, 3, 4, 5, 6]).own.tolist()
+    >>> slots([1, 4, 3, 4, 5, 6]).row.tolist()
     [0, 0, 1, 1, 0, 0]
     """
-    own = np.full(len(parent), -1, np.int32)
+    row = np.full(len(parent), -1, np.int32)
     free = list(range(len(parent)))
     for node, up in enumerate(parent):
-        if own[node] < 0:
-            own[node] = heapq.heappop(free)
-        heapq.heappush(free, own[node])
-        if up < len(parent) and own[up] < 0:
-            own[up] = heapq.heappop(free)
-    above = [own[min(up, len(parent) - 1)] for up in parent]
-    return Slots(
-        own, np.array(above, np.int32), np.arange(own.max() + 1, dtype=np.int32)
-    )
+        if row[node] < 0:
+            row[node] = heapq.heappop(free)
+        heapq.heappush(free, row[node])
+        if up < len(parent) and row[up] < 0:
+            row[up] = heapq.heappop(free)
+    parent_row = np.array([row[min(up, len(parent) - 1)] for up in parent], np.int32)
+    return Slots(row, parent_row, np.arange(row.max() + 1, dtype=np.int32))
 
 
-def scalar_sweep(at, near, far, link, node, load, forces=None):
+def scalar_sweep(
+    places: Slots,
+    near: Array,
+    far: Array,
+    link: Array,
+    node: Array,
+    load: Array,
+    forces: int | None = None,
+) -> tuple[Array, Array]:
     """Displacements ``(S, R, H)`` of a tree of scalar links, and the forces ``(S,
     forces, H)`` of the links to the parents, positive for ``alpha x_s > beta x_p``,
     zero at the root.
 
-    at : Slots; near, far : ``(S,)`` arms alpha and beta; link : complex ``(S, H)``, C
-    of the link to the parent (these of no meaning for the root); node : complex ``(S,
+    places : Slots; near, far : ``(S,)`` arms alpha and beta; link : complex ``(S, H)``,
+    C of the link to the parent (these of no meaning for the root); node : complex ``(S,
     H)``, ground included; load : complex ``(S, R, H)``; forces : of how many loads, the
     first ones, default all.
     """
     xp = namespace(near, far, link, node, load)
+    rows: type[_HostRows] | type[_TracedRows]
     rows = _HostRows if xp is np else _TracedRows
-    kept = slice(load.shape[1] if forces is None else forces)
+    with_forces = slice(load.shape[1] if forces is None else forces)
 
-    def eliminate(collected, item):
-        own, above, alpha, beta, C, P, psi = item
+    def eliminate(collected, branch):
+        row, parent_row, alpha, beta, C, P, psi = branch
         stiffness, moment = collected
-        P = P + stiffness[own]
-        psi = psi + moment[own]
+        P = P + stiffness[row]
+        psi = psi + moment[row]
         inverse, unheld = rows.inverse(P, alpha**2 * C)
         hand = C * inverse
         passed = beta * hand * P
         pushed = alpha * hand * psi
-        stiffness = rows.moved(stiffness, own, above, beta * passed)
-        moment = rows.moved(moment, own, above, beta * pushed)
+        stiffness = rows.moved(stiffness, row, parent_row, beta * passed)
+        moment = rows.moved(moment, row, parent_row, beta * pushed)
         # A part that nothing holds (a ring without spring, at the mean) has no
         # stiffness and no pivot: it goes with its parent.
         follow = xp.where(unheld, beta / alpha, alpha * beta * hand)
-        return (stiffness, moment), (follow, passed, inverse * psi, pushed[kept])
+        return (stiffness, moment), (follow, passed, inverse * psi, pushed[with_forces])
 
-    nothing = [xp.zeros((len(at.every), *a.shape[1:]), a.dtype) for a in (node, load)]
-    below_root = [a[:-1] for a in (at.own, at.above, near, far, link, node, load)]
-    (stiffness, moment), held = rows.scan(eliminate, tuple(nothing), below_root)
+    zeros = [
+        xp.zeros((len(places.rows), *array.shape[1:]), array.dtype)
+        for array in (node, load)
+    ]
+    arrays = (places.row, places.parent_row, near, far, link, node, load)
+    below_root = [array[:-1] for array in arrays]
+    (stiffness, moment), eliminated = rows.scan(eliminate, tuple(zeros), below_root)
     # All that hangs on the root has arrived: its displacement is known, and with it,
     # parent by parent, all others.
-    root = (load[-1] + moment[at.own[-1]]) / last_pivot(
-        node[-1] + stiffness[at.own[-1]]
-    )
+    root_row = places.row[-1]
+    root_pivot = last_pivot(node[-1] + stiffness[root_row])
+    root = (load[-1] + moment[root_row]) / root_pivot
 
-    def substitute(motion, item):
-        own, above, follow, transfer, free, push = item
-        up = motion[above]
+    def substitute(motion, branch):
+        row, parent_row, follow, transfer, free, push = branch
+        up = motion[parent_row]
         below = free + follow * up
-        force = push - transfer * up[kept]
-        return rows.replaced(motion, own, below), (
-            below,
-            force,
-        )  # of the host in place: ``up`` is gone then
+        force = push - transfer * up[with_forces]
+        # Of the host in place: ``up`` is gone then
+        return rows.replaced(motion, row, below), (below, force)
 
-    motion = rows.replaced(xp.zeros_like(nothing[1]), at.own[-1], root)
-    _, (below, force) = rows.scan(
-        substitute, motion, (at.own[:-1], at.above[:-1], *held), reverse=True
-    )
-    return xp.concatenate([below, root[None]]), xp.concatenate(
-        [force, xp.zeros_like(root)[None, kept]]
-    )
+    motion = rows.replaced(xp.zeros_like(zeros[1]), root_row, root)
+    branches = (places.row[:-1], places.parent_row[:-1], *eliminated)
+    _, (below, force) = rows.scan(substitute, motion, branches, reverse=True)
+    displacement = xp.concatenate([below, root[None]])
+    at_root = xp.zeros_like(root)[None, with_forces]
+    return displacement, xp.concatenate([force, at_root])
 
 
 class _TracedRows:
-    """How a sweep of jax goes from node to node, and writes to rows of what nodes have
-    collected.
+    """Steps of a sweep from node to node in jax, and writes to the rows of what nodes
+    have collected.
     """
 
     scan = staticmethod(lax.scan)
 
     @staticmethod
-    def inverse(node, link):
-        """1 over the pivot ``node + link``, and where there is none."""
+    def inverse(node: Array, link: Array) -> tuple[Array, Array]:
+        """Inverse of the pivot ``node + link``, and whether there is none."""
         pivot = nonzero_pivot(node + link, link)
         return quotient(1.0, pivot), pivot == 0
 
     @staticmethod
-    def moved(array, own, above, values):
-        """Row ``own`` zero, and ``values`` added to row ``above``."""
-        return array.at[own].set(0.0, unique_indices=True).at[above].add(values)
+    def moved(
+        array: jax.Array, row: Array, parent_row: Array, values: Array
+    ) -> jax.Array:
+        """Clear ``row``, and add ``values`` to ``parent_row``."""
+        return array.at[row].set(0.0, unique_indices=True).at[parent_row].add(values)
 
     @staticmethod
-    def replaced(array, own, values):
-        """``values`` in row ``own``."""
-        return array.at[own].set(values, unique_indices=True)
+    def replaced(array: jax.Array, row: Array, values: Array) -> jax.Array:
+        """Put ``values`` into ``row``."""
+        return array.at[row].set(values, unique_indices=True)
 
 
 class _HostRows:
-    """The same of numpy, in place."""
+    """The same steps and writes in numpy, in place."""
 
     @staticmethod
-    def inverse(node, link):
+    def inverse(node: np.ndarray, link: np.ndarray) -> tuple[Array, Array | bool]:
+        """Inverse of the pivot, and whether there is none."""
         pivot = node + link
         if pivot.all() and np.abs(pivot).max() < LARGEST:
             return 1 / pivot, False
         return _TracedRows.inverse(node, link)
 
     @staticmethod
-    def scan(step, carry, items, reverse=False):
-        """As ``lax.scan``, of items in a tuple."""
-        made = []
-        each = zip(*items, strict=True)
-        for item in reversed(list(each)) if reverse else each:
-            carry, row = step(carry, item)
-            made.append(row)
-        return carry, [
-            np.stack(values)
-            for values in zip(*(made[::-1] if reverse else made), strict=True)
-        ]
+    def scan(
+        step: Callable, carry, arrays: Sequence[Array], reverse: bool = False
+    ) -> tuple:
+        """Scan as ``lax.scan`` does, over the rows of some arrays."""
+        outputs = []
+        rows = list(zip(*arrays, strict=True))
+        for row in reversed(rows) if reverse else rows:
+            carry, output = step(carry, row)
+            outputs.append(output)
+        if reverse:
+            outputs.reverse()
+        return carry, [np.stack(values) for values in zip(*outputs, strict=True)]
 
     @staticmethod
-    def moved(array, own, above, values):
-        array[own] = 0.0
-        array[above] += values
+    def moved(
+        array: np.ndarray, row: int, parent_row: int, values: np.ndarray
+    ) -> np.ndarray:
+        """Clear ``row``, and add ``values`` to ``parent_row``."""
+        array[row] = 0.0
+        array[parent_row] += values
         return array
 
     @staticmethod
-    def replaced(array, own, values):
-        array[own] = values
+    def replaced(array: np.ndarray, row: int, values: np.ndarray) -> np.ndarray:
+        """Put ``values`` into ``row``."""
+        array[row] = values
         return array
 
 
-def matrix_sweep(parent, near, far, link, node, load):
-    """The same elimination with matrices C and P: ``parent`` as of :func:`slots`,
-    ``link`` and ``node`` ``(S, P, P)``.
+def matrix_sweep(
+    parent: Array,
+    near: Array,
+    far: Array,
+    link: jax.Array,
+    node: jax.Array,
+    load: jax.Array,
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Eliminate a tree in the same way with matrices C and P: ``parent`` as of
+    :func:`slots`, ``link`` and ``node`` ``(S, P, P)``.
 
     Gives displacements ``(S, P)`` under ``load`` ``(S, P)``, deflections ``(S, P)`` of
     the links to the parents, zero at the root, and the smallest ratio of the extreme
@@ -225,9 +252,9 @@ def matrix_sweep(parent, near, far, link, node, load):
     """
     width = node.shape[-1]
 
-    def eliminate(carry, item):
+    def eliminate(carry, branch):
         stiffness, moment = carry
-        position, up, alpha, beta, C = item
+        position, up, alpha, beta, C = branch
         P = stiffness[position]
         psi = moment[position]
         factor = jax.scipy.linalg.lu_factor(P + alpha**2 * C)
@@ -248,12 +275,12 @@ def matrix_sweep(parent, near, far, link, node, load):
         return (stiffness, moment), (held, quality)
 
     places = jnp.arange(node.shape[0] - 1), parent[:-1]
-    items = (*places, near[:-1], far[:-1], link[:-1])
-    (stiffness, moment), (held, quality) = lax.scan(eliminate, (node, load), items)
+    branches = (*places, near[:-1], far[:-1], link[:-1])
+    (stiffness, moment), (held, quality) = lax.scan(eliminate, (node, load), branches)
     root = jnp.linalg.solve(stiffness[-1], moment[-1])
 
-    def substitute(displacement, item):
-        position, up, (free, follow, bent, transfer) = item
+    def substitute(displacement, branch):
+        position, up, (free, follow, bent, transfer) = branch
         above = displacement[up]
         return (
             displacement.at[position].set(free + follow @ above),

@@ -16,15 +16,19 @@ constant while a mesh stays on one flank. The unknowns are the deflections of th
 meshes alone; every other node is condensed by scalar sweeps, one for all harmonics.
 """
 
+from __future__ import annotations
+
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import added, kept, namespace
+from jaxhb._jax import Array, Numbers, added, kept, namespace
 from jaxhb._program import Program
 from jaxhb.equations import backlash, cell_forces, exact_integrals, fourier
 from jaxhb.equations.dynamic_stiffness import (
@@ -35,14 +39,16 @@ from jaxhb.equations.dynamic_stiffness import (
     solve_linear,
 )
 
-HOST_DISKS = (
-    100  # up to which the motion under a load is found without a program, as quickly
-)
+# Disks up to which the motion under a load is found without a program, as quickly
+HOST_DISKS = 100
 # Harmonics swept at a time for receptances, and for the motions of all disks, of which
-# more is kept on the way: even those of a finely divided train then stay in the cache
+# more is held on the way: even those of a finely divided train then stay in the cache
 # of a processor.
 CHUNK = 64
 MOTION_CHUNK = 16
+
+Rule = fourier.Equidistant | exact_integrals.Quadrature
+"""Time samples, and the integrals over them."""
 
 
 @jax.tree_util.register_dataclass
@@ -55,25 +61,25 @@ class CondensedEquation:
     contact_damping : ``(G,)``; integrals : of phi over the cycle, "sampled", "averaged"
     between the samples (:mod:`jaxhb.equations.cell_forces`) or "exact"
     (:mod:`jaxhb.equations.exact_integrals`); crossings : of the one deflection at which
-    it is used, where they are known; variation : complex ``(G, K+1)`` of the stiffness,
-    kappa - 1, None where none varies; by_rate : whether phi depends on l' (damping in
-    contact, dry friction), without which rates are not sampled.
+    the equation is used, where they are known; variation : complex ``(G, K+1)`` of the
+    stiffness, kappa - 1, None where none varies; by_rate : whether phi depends on l'
+    (damping in contact, dry friction), without which rates are not sampled.
     """
 
-    linear: jax.Array
-    receptance: jax.Array
+    linear: Array
+    receptance: Array
     frequency: jax.Array
     law: backlash.Law
-    viscous: jax.Array
-    contact_damping: jax.Array
+    viscous: Array
+    contact_damping: Array
     integrals: str = field(default="sampled", metadata={"static": True})
     crossings: exact_integrals.Crossings | None = None
-    variation: jax.Array | None = None
+    variation: Array | None = None
     by_rate: bool = field(default=True, metadata={"static": True})
 
-    def with_crossings(self, deflection):
-        """The same equation, with exact integrals knowing when ``deflection`` passes
-        the knots, to be used there.
+    def with_crossings(self, deflection: Array) -> CondensedEquation:
+        """The same equation, with exact integrals that know when ``deflection``, at
+        which it is to be used, passes the knots.
         """
         if self.integrals != "exact":
             return self
@@ -81,67 +87,75 @@ class CondensedEquation:
             self, crossings=exact_integrals.find_crossings(self.law, deflection)
         )
 
-    def nonlinear_force(self, deflection, rate, rule):
-        """phi at the samples ``(G, samples)`` of a rule: what the linear mesh does not
-        contain.
+    def nonlinear_force(self, deflection: Array, rate: Array, rule: Rule) -> Array:
+        """The force phi at the samples ``(G, samples)`` of a rule: what the linear mesh
+        does not contain.
         """
-        return backlash.nonlinear_force(
-            *backlash.at_samples(self, rule.synthesize), deflection, rate
-        )
+        law, viscous, contact_damping = backlash.at_samples(self, rule.synthesize)
+        return backlash.nonlinear_force(law, viscous, contact_damping, deflection, rate)
 
-    def _rule(self, deflection, samples):
+    def _rule(self, deflection: Array, samples: int) -> Rule:
         return quadrature(self.integrals, self.law, deflection, samples, self.crossings)
 
-    def nonlinear_slopes(self, deflection, samples, harmonics):
+    def nonlinear_slopes(
+        self, deflection: Array, samples: int, harmonics: int
+    ) -> Array:
         """Coefficients ``(2, G, harmonics+1)`` of the slopes of phi in l and l'."""
         if self.integrals == "averaged":
             return cell_forces.slope_coefficients(self, deflection, samples, harmonics)
         rule = self._rule(deflection, samples)
-        known = backlash.at_samples(self, rule.synthesize)
-        slopes = backlash.nonlinear_slopes(*known, *self._values(deflection, rule))
+        law, viscous, contact_damping = backlash.at_samples(self, rule.synthesize)
+        values, rates = self._values(deflection, rule)
+        slopes = backlash.nonlinear_slopes(law, viscous, contact_damping, values, rates)
         return jax.vmap(lambda slope: rule.analyze(slope, harmonics))(jnp.stack(slopes))
 
-    def nonlinear_force_coefficients(self, deflection, samples):
+    def nonlinear_force_coefficients(self, deflection: Array, samples: int) -> Array:
         """Coefficients ``(G, N+1)`` of phi at those of l."""
         if self.integrals == "averaged":
             return cell_forces.force_coefficients(self, deflection, samples)
         rule = self._rule(deflection, samples)
-        nonlinear_force = self.nonlinear_force(*self._values(deflection, rule), rule)
+        values, rates = self._values(deflection, rule)
+        nonlinear_force = self.nonlinear_force(values, rates, rule)
         return rule.analyze(nonlinear_force, deflection.shape[-1] - 1)
 
-    def _values(self, deflection, rule):
+    def _values(self, deflection: Array, rule: Rule) -> Sequence[Array] | Array:
+        """Values of l and l' at the samples of a rule."""
         if not self.by_rate:
             values = rule.synthesize(deflection)
             return values, namespace(values).zeros_like(values)
-        return fourier.each(
-            rule.synthesize, deflection, fourier.derivative(deflection, self.frequency)
-        )
+        rate = fourier.derivative(deflection, self.frequency)
+        return fourier.each(rule.synthesize, deflection, rate)
 
-    def sampled(self, deflection, samples):
+    def sampled(self, deflection: Array, samples: int) -> Sequence[Array] | Array:
         """Values of l and l' at ``samples`` equidistant time samples; l' is 0 where phi
         does not depend on it.
         """
         return self._values(deflection, fourier.Equidistant(samples))
 
-    def respond(self, nonlinear_force):
+    def respond(self, nonlinear_force: Array) -> Array:
         """Deflections caused by coefficients ``(G, N+1)`` of nonlinear force: G phi."""
         # Written out: a product of many small matrices takes six times as long.
         return (self.receptance * nonlinear_force.T[:, None, :]).sum(axis=-1).T
 
-    def residual(self, deflection, samples):
-        """F(l) as coefficients ``(G, N+1)``; phi at ``samples`` time samples, of which
-        exact integrals take none.
+    def residual(self, deflection: Array, samples: int) -> Array:
+        """Residual F(l) as coefficients ``(G, N+1)`` m; phi is taken at ``samples``
+        time samples, except by exact integrals.
         """
-        return self.left(
-            deflection, self.nonlinear_force_coefficients(deflection, samples)
-        )
+        nonlinear_force = self.nonlinear_force_coefficients(deflection, samples)
+        return self.left(deflection, nonlinear_force)
 
-    def left(self, deflection, nonlinear_force):
-        """F(l) of coefficients of l and phi."""
+    def left(self, deflection: Array, nonlinear_force: Array) -> Array:
+        """Residual F(l) ``(G, N+1)`` m from the coefficients of l and phi."""
         return deflection - self.linear + self.respond(nonlinear_force)
 
 
-def quadrature(integrals, law, deflection, samples, crossings=None):
+def quadrature(
+    integrals: str,
+    law: backlash.Law,
+    deflection: Array,
+    samples: int,
+    crossings: exact_integrals.Crossings | None = None,
+) -> Rule:
     """Time samples for integrals over the cycle of forces of ``law`` at ``deflection``:
     "sampled" or "exact".
     """
@@ -150,7 +164,7 @@ def quadrature(integrals, law, deflection, samples, crossings=None):
     return fourier.Equidistant(samples)
 
 
-def truncate(reduced, harmonics):
+def truncate(reduced: CondensedEquation, harmonics: int) -> CondensedEquation:
     """The same equation with fewer harmonics."""
     linear = reduced.linear[:, : harmonics + 1]
     receptance = reduced.receptance[: harmonics + 1]
@@ -166,35 +180,38 @@ class CondensedTrain:
     transmission errors included; columns ``(S, G)`` of D^T of the active meshes;
     balance : how the train takes the load alone (``dynamic_stiffness.balance``),
     ``(E+1,)`` N each; meshes : MeshParameters of all; alone : displacements ``(S,
-    E+1)`` and link forces ``(L, E+1)`` under the load alone, where there is no active
-    mesh.
+    E+1)`` m and link forces ``(L, E+1)`` N under the load alone, where there is no
+    active mesh.
     """
 
-    system: object
+    system: Any
     frequency: jax.Array
-    load: jax.Array
-    columns: jax.Array
-    balance: tuple
+    load: Array
+    columns: Array
+    balance: tuple[Array, Array, Array]
     meshes: backlash.MeshParameters
-    alone: tuple | None = None
+    alone: tuple[Array, Array] | None = None
 
-    def combine(self, nonlinear_force):
-        """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with nonlinear forces
-        ``(G, n+1)`` of the meshes.
+    def combine(self, nonlinear_force: Array) -> tuple[Array, Array]:
+        """Displacements ``(S, n+1)`` m and link forces ``(L, n+1)`` N with nonlinear
+        forces ``(G, n+1)`` N of the meshes.
         """
         harmonics = nonlinear_force.shape[-1] - 1
         omega = frequencies(self.frequency, harmonics)
         if self.alone is not None:
-            displacement, force = (fourier.resize(a, harmonics) for a in self.alone)
-            return displacement, self.less_error(force, omega)
+            displacement, force = self.alone
+            displacement = fourier.resize(displacement, harmonics)
+            return displacement, self.less_error(
+                fourier.resize(force, harmonics), omega
+            )
         # phi acts against the deflection: D^T phi on the side of the loads.
         load = fourier.resize(self.load, harmonics) - self.columns @ nonlinear_force
         displacement, force = motion_under(self.system, omega, load)
         return displacement, self.less_error(force, omega)
 
-    def less_error(self, force, omega):
-        """Forces ``(L, n+1)`` N of the linear links at teeth with errors, from those of
-        the bodies alone.
+    def less_error(self, force: Array, omega: Array) -> Array:
+        """Forces ``(L, n+1)`` N of the linear links at teeth with errors, from the
+        forces ``(L, n+1)`` N that the approach of the gears alone makes.
         """
         error = self.meshes.error
         if error is None:
@@ -202,14 +219,11 @@ class CondensedTrain:
         xp = namespace(force)
         links = xp.asarray(self.meshes.link)
         stiffness = link_stiffness(self.system, omega)[links]
-        return added(
-            xp.array(force),
-            links,
-            -stiffness * fourier.resize(error, omega.shape[-1] - 1),
-        )
+        error = fourier.resize(error, omega.shape[-1] - 1)
+        return added(xp.array(force), links, -stiffness * error)
 
 
-def motion_under(system, omega, load):
+def motion_under(system, omega: Array, load: Array) -> tuple[Array, Array]:
     """Displacements ``(S, H)`` m and link forces ``(L, H)`` N of the train under a load
     ``(S, H)`` N at frequencies ``(H,)``; on the host where its numbers lie there and
     disks are few.
@@ -223,21 +237,24 @@ def motion_under(system, omega, load):
 
 
 @kept
-def _kept_motion(given):
-    """What :func:`motion_under` gives: who plans a speed and then solves it asks for it
-    twice.
+def _cached_motion(arguments):
+    """Motion of :func:`motion_under`, whose arguments are a tuple: the plan and the
+    solve of a speed both need it.
     """
-    found = motion_under(*given)
-    for values in found:
+    system, omega, load = arguments
+    motion = motion_under(system, omega, load)
+    for values in motion:
         if isinstance(values, np.ndarray):
             values.flags.writeable = False
-    return found
+    return motion
 
 
-def displacements_and_bends(system, frequency, load):
+def displacements_and_bends(
+    system, frequency: Numbers, load: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Displacements ``(..., S, N+1)`` m of the train with all meshes in contact, and
-    deflections ``(..., L, N+1)`` m of all links: from their forces, as differences of
-    displacements lose digits where a train turns far as one.
+    deflections ``(..., L, N+1)`` m of all links. The deflections come from the link
+    forces, as differences of displacements lose digits where a train turns far as one.
 
     frequency : Omega ``(...)`` in rad/s; load ``(..., S, N+1)`` N.
     """
@@ -245,19 +262,24 @@ def displacements_and_bends(system, frequency, load):
     count = load.shape[-1]
     omega = np.multiply.outer(frequency, np.arange(count)).ravel()
     # One sweep over the tree for the harmonics of all speeds.
-    displacement, force = _kept_motion(
-        (system, omega, np.moveaxis(load, -2, 0).reshape(load.shape[-2], -1))
-    )
-    moved = (
-        displacement,
-        bends_of(system, displacement, force, link_stiffness(system, omega)),
-    )
-    return tuple(
-        np.moveaxis(rows.reshape(len(rows), *speeds, count), 0, -2) for rows in moved
-    )
+    loads = np.moveaxis(load, -2, 0).reshape(load.shape[-2], -1)
+    displacement, force = _cached_motion((system, omega, loads))
+    stiffness = link_stiffness(system, omega)
+    bends = bends_of(system, displacement, force, stiffness)
+
+    def by_speed(rows):
+        return np.moveaxis(rows.reshape(len(rows), *speeds, count), 0, -2)
+
+    return by_speed(displacement), by_speed(bends)
 
 
-def bends_of(system, displacement, force, stiffness, links=slice(None)):
+def bends_of(
+    system,
+    displacement: Array,
+    force: Array,
+    stiffness: Array,
+    links: slice | Array = slice(None),
+) -> Array:
     """Deflections ``(n, H)`` m of links, with displacements ``(S, H)`` m, from the link
     forces ``(L, H)`` N and complex stiffnesses ``(L, H)`` N/m of all.
     """
@@ -269,12 +291,14 @@ def bends_of(system, displacement, force, stiffness, links=slice(None)):
 
 
 @Program
-def _by_chunks(system, omega, load):
-    """What :func:`motion_under` gives, MOTION_CHUNK frequencies at a time."""
+def _by_chunks(
+    system, omega: jax.Array, load: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Compute :func:`motion_under` for MOTION_CHUNK frequencies at a time."""
     count = len(omega)
     size = -(-count // -(-count // MOTION_CHUNK))
 
-    def swept(chunk, found):
+    def swept(chunk, motion):
         # Chunks of equal size make one program; the last begins where it ends with the
         # frequencies.
         first = jnp.minimum(chunk * size, count - size)
@@ -282,21 +306,24 @@ def _by_chunks(system, omega, load):
         displacement, force = solve_linear(
             system, lax.dynamic_slice_in_dim(omega, first, size), part[:, None]
         )
-        moved = displacement[:, 0], force[:, 0]
-        return tuple(
-            lax.dynamic_update_slice_in_dim(a, b, first, 1)
-            for a, b in zip(found, moved, strict=True)
+        displacements, forces = motion
+        return (
+            lax.dynamic_update_slice_in_dim(
+                displacements, displacement[:, 0], first, 1
+            ),
+            lax.dynamic_update_slice_in_dim(forces, force[:, 0], first, 1),
         )
 
-    nothing = (
-        jnp.zeros((rows, count), complex) for rows in (len(load), len(system.arm_a))
+    zeros = (
+        jnp.zeros((len(load), count), complex),
+        jnp.zeros((len(system.arm_a), count), complex),
     )
-    return lax.fori_loop(0, -(-count // size), swept, tuple(nothing))
+    return lax.fori_loop(0, -(-count // size), swept, zeros)
 
 
-def _cut(values):
-    """Values ``(..., N+1)`` of harmonics in chunks ``(chunks, ..., size)`` for a sweep
-    of each; the last repeats.
+def _cut(values: Array) -> jax.Array:
+    """Cut values ``(..., N+1)`` of harmonics into chunks ``(chunks, ..., size)``, each
+    to be swept at once; the last repeats.
     """
     count = values.shape[-1]
     chunks = -(-count // CHUNK)
@@ -309,9 +336,11 @@ def _cut(values):
     return jnp.moveaxis(filled.reshape(*values.shape[:-1], chunks, size), -2, 0)
 
 
-def with_receptances(equation, system, columns):
-    """A CondensedEquation of a System with its receptances; columns ``(S, G)`` of D^T
-    of its meshes.
+def with_receptances(
+    equation: CondensedEquation, system, columns: Array
+) -> CondensedEquation:
+    """Give a CondensedEquation its receptances, those of a System; columns ``(S, G)``
+    of D^T of its meshes.
     """
     omega = frequencies(equation.frequency, equation.linear.shape[-1] - 1)
     return dataclasses.replace(
@@ -319,9 +348,17 @@ def with_receptances(equation, system, columns):
     )
 
 
-def linear_motion(system, frequency, load, harmonics, every, meshes, active):
-    """:class:`CondensedEquation` without receptances, and :class:`CondensedTrain`; of
-    numbers of the host there.
+def linear_motion(
+    system,
+    frequency: jax.Array,
+    load: Array,
+    harmonics: int,
+    every: backlash.MeshParameters,
+    meshes: backlash.MeshParameters,
+    active: Array,
+) -> tuple[CondensedEquation, CondensedTrain]:
+    """Make the :class:`CondensedEquation`, without receptances, and the
+    :class:`CondensedTrain`; numbers of the host stay there.
 
     frequency : Omega in rad/s; load : complex ``(S, E+1)`` N, of the excitation and of
     meshes held on one flank, those above ``harmonics`` N are dropped; every, meshes :
@@ -330,11 +367,10 @@ def linear_motion(system, frequency, load, harmonics, every, meshes, active):
     load = backlash.error_load(system, every, frequency, load)[:, : harmonics + 1]
     columns = system.incidence(meshes.link) * active
     excited = frequencies(frequency, load.shape[-1] - 1)
-    displacement, force = _kept_motion((system, excited, load))
-    apart = bends_of(
-        system, displacement, force, link_stiffness(system, excited), meshes.link
-    )
-    linear = backlash.less_error(meshes, apart) * active[:, None]
+    displacement, force = _cached_motion((system, excited, load))
+    stiffness = link_stiffness(system, excited)
+    approach = bends_of(system, displacement, force, stiffness, meshes.link)
+    linear = backlash.less_error(meshes, approach) * active[:, None]
     linear = fourier.resize(linear, harmonics)
     law = meshes.law.only(active)
     viscous = meshes.viscous * active
@@ -342,23 +378,27 @@ def linear_motion(system, frequency, load, harmonics, every, meshes, active):
     receptance = namespace(columns).zeros(
         (0, columns.shape[1], columns.shape[1]), complex
     )
-    varied = {"variation": meshes.variation}
     equation = CondensedEquation(
-        linear, receptance, frequency, law, viscous, in_contact, **varied
+        linear,
+        receptance,
+        frequency,
+        law,
+        viscous,
+        in_contact,
+        variation=meshes.variation,
     )
-    taken = balance(system, excited, load, displacement, force)
+    load_balance = balance(system, excited, load, displacement, force)
     alone = None if columns.shape[1] else (displacement, force)
-    return equation, CondensedTrain(
-        system, frequency, load, columns, taken, every, alone
-    )
+    train = CondensedTrain(system, frequency, load, columns, load_balance, every, alone)
+    return equation, train
 
 
-def _receptances(system, omega, columns):
+def _receptances(system, omega: Array, columns: Array) -> Array:
     """Deflections per unit force ``(N+1, G, G)`` m/N of the active meshes at
     frequencies ``(N+1,)``.
     """
     if not columns.shape[1]:
         return namespace(omega).zeros((len(omega), 0, 0), complex)
-    cut = _cut(omega)
-    receptances = lax.map(lambda omega: receptance(system, omega, columns), cut)
-    return receptances.reshape(cut.size, *receptances.shape[2:])[: len(omega)]
+    chunks = _cut(omega)
+    receptances = lax.map(lambda chunk: receptance(system, chunk, columns), chunks)
+    return receptances.reshape(chunks.size, *receptances.shape[2:])[: len(omega)]

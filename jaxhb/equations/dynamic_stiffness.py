@@ -5,71 +5,80 @@ Each solve is one sweep over the tree for all harmonics, closed by the links out
 derivatives are implicit.
 """
 
+from __future__ import annotations
+
 import dataclasses
+from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import added, namespace, placed
+from jaxhb._jax import Array, added, namespace, placed
 from jaxhb.equations.block_sweep import (
     last_pivot,
     nonzero_pivot,
     quotient,
     scalar_sweep,
 )
+from jaxhb.equations.fourier import AnyArray
 
 
-def frequencies(frequency, harmonics):
-    """``(N+1,)`` rad/s: n Omega."""
+def frequencies(frequency: AnyArray, harmonics: int) -> AnyArray:
+    """Frequencies n Omega ``(N+1,)`` rad/s of the harmonics."""
     return frequency * namespace(frequency).arange(harmonics + 1)
 
 
-def link_stiffness(system, omega):
-    """Complex stiffness ``(L, H)`` of every link: k (1 + i eta) + i omega r, without
-    loss factor at the mean.
+def link_stiffness(system, omega: AnyArray) -> AnyArray:
+    """Complex stiffness ``(L, H)`` N/m of every link: k (1 + i eta) + i omega r,
+    without loss factor at the mean.
     """
-    fields = system.stiffness, system.loss, system.viscous
-    return complex_stiffness(
-        omega, *(field if field.ndim == 2 else field[:, None] for field in fields)
+    stiffness, loss, viscous = (
+        field if field.ndim == 2 else field[:, None]
+        for field in (system.stiffness, system.loss, system.viscous)
     )
+    return complex_stiffness(omega, stiffness, loss, viscous)
 
 
-def complex_stiffness(omega, stiffness, loss, viscous):
-    """k (1 + i eta) + i omega r of a link."""
+def complex_stiffness(
+    omega: AnyArray, stiffness: AnyArray, loss: AnyArray, viscous: AnyArray
+) -> AnyArray:
+    """Stiffness k (1 + i eta) + i omega r of a link, in N/m."""
     return stiffness * (1 + 1j * loss * (omega > 0)) + 1j * omega * viscous
 
 
-def node_stiffness(system, omega):
-    """Dynamic stiffness ``(S, N+1)`` of every disk. A floating train is held at its
+def node_stiffness(system, omega: AnyArray) -> AnyArray:
+    """Dynamic stiffness ``(S, N+1)`` N/m of every disk. A floating train is held at its
     root for the mean; without mean imbalance nothing flows through that support.
     """
     Z = disk_stiffness(
         omega, system.mass[:, None], system.damping[:, None], system.ground[:, None]
     )
-    return added(
-        Z,
-        system.tree.node[-1],
-        namespace(Z).where(system.floating & (omega == 0), 1.0, 0.0),
-    )
+    hold = namespace(Z).where(system.floating & (omega == 0), 1.0, 0.0)
+    return added(Z, system.tree.node[-1], hold)
 
 
-def disk_stiffness(omega, mass, damping, ground):
-    """Dynamic stiffness of a disk with nothing else to hold it: -omega^2 m + i omega b
-    + ground.
+def disk_stiffness(
+    omega: AnyArray, mass: AnyArray, damping: AnyArray, ground: AnyArray
+) -> AnyArray:
+    """Dynamic stiffness in N/m of a disk with nothing else to hold it: -omega^2 m + i
+    omega b + ground.
     """
     return -(omega**2) * mass + 1j * omega * damping + ground
 
 
-def solve_linear(system, omega, load, forces=None):
+def solve_linear(
+    system, omega: Array, load: Array, forces: int | None = None
+) -> tuple[Array, Array]:
     """Displacements ``(S, R, H)`` m and link forces ``(L, forces, H)`` N of the train:
     ``Z x = q``, ``f = C D x``
 
     omega : ``(H,)`` rad/s; load : complex ``(S, R, H)`` N, R loads in disk order;
     forces : of how many loads, the first ones, the link forces (elastic, viscous and
-    loss-factor part, positive for ``a x_a > b x_b``) are wanted.
+    loss-factor part, positive for ``a x_a > b x_b``) are returned; default all.
 
     A change of the train acts like a load: ``Z dx = dq - dZ x``, one more sweep
     forwards and one backwards instead of the derivative of every step of the
@@ -77,45 +86,53 @@ def solve_linear(system, omega, load, forces=None):
     """
     if namespace(system, omega, load) is not np:
         return _solve_linear(system, omega, load, forces)
-    kept = load.shape[1] if forces is None else forces
-    return _sweep(
-        system, link_stiffness(system, omega), node_stiffness(system, omega), load, kept
-    )
+    with_forces = load.shape[1] if forces is None else forces
+    C = link_stiffness(system, omega)
+    node = node_stiffness(system, omega)
+    return _sweep(system, C, node, load, with_forces)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))
-def _solve_linear(system, omega, load, forces):
-    C, node = link_stiffness(system, omega), node_stiffness(system, omega)
-    kept = load.shape[1] if forces is None else forces
+def _solve_linear(
+    system, omega: jax.Array, load: jax.Array, forces: int | None
+) -> tuple[jax.Array, jax.Array]:
+    """Solve as :func:`solve_linear`, in a program, with implicit derivatives."""
+    C = link_stiffness(system, omega)
+    node = node_stiffness(system, omega)
+    with_forces = load.shape[1] if forces is None else forces
 
-    def residual(unknown):
-        displacement, force = unknown
+    def residual(motion):
+        displacement, force = motion
         pushed = C[:, None] * system.deflections(displacement)
         return (
             node[:, None] * displacement + system.spread(pushed),
-            force - pushed[:, :kept],
+            force - pushed[:, :with_forces],
         )
 
-    def solve(_, given):
-        load, shift = given
-        displacement, force = _sweep(system, C, node, load, kept)
+    def solve(_, right_side):
+        load, shift = right_side
+        displacement, force = _sweep(system, C, node, load, with_forces)
         return displacement, force + shift
 
-    def solve_transposed(_, given):
-        moved, pushed = given
-        load = system.spread(C[:, None] * pushed)
-        return _sweep(system, C, node, moved.at[:, :kept].add(load), 0)[0], pushed
+    def solve_transposed(_, right_side):
+        at_disks, at_links = right_side
+        load = system.spread(C[:, None] * at_links)
+        load = at_disks.at[:, :with_forces].add(load)
+        displacement, _ = _sweep(system, C, node, load, 0)
+        return displacement, at_links
 
     # The transpose stands here, as versions of jax differ in what they transpose by
     # themselves: not a loop that carries pivots beside loads. All that is solved for
     # has to be linear in the loads, so are the zeros.
-    nothing = jnp.zeros((len(C), 1, 1)) * load[:1, :kept]
-    return lax.custom_linear_solve(residual, (load, nothing), solve, solve_transposed)
+    zeros = jnp.zeros((len(C), 1, 1)) * load[:1, :with_forces]
+    return lax.custom_linear_solve(residual, (load, zeros), solve, solve_transposed)
 
 
 @_solve_linear.defjvp
-def _solve_linear_jvp(forces, primals, tangents):
-    (system, omega, load), (system_dot, omega_dot, load_dot) = primals, tangents
+def _solve_linear_jvp(forces: int | None, primals: tuple, tangents: tuple) -> tuple:
+    """Values and derivatives of :func:`_solve_linear`, by one more solve."""
+    system, omega, load = primals
+    system_dot, omega_dot, load_dot = tangents
     displacement, force = _solve_linear(system, omega, load, None)
 
     def parts(system, omega):
@@ -133,20 +150,25 @@ def _solve_linear_jvp(forces, primals, tangents):
     deflection = force / jnp.where(C == 0, 1.0, C)[:, None]
     held = C_dot[:, None] * deflection + C[:, None] * bent
     _, ends_dot = jax.jvp(type(system).spread, (system, force), (system_dot, held))
-    change = _solve_linear(
-        system, omega, load_dot - node_dot[:, None] * displacement - ends_dot, forces
+    change_of_load = load_dot - node_dot[:, None] * displacement - ends_dot
+    displacement_dot, force_dot = _solve_linear(system, omega, change_of_load, forces)
+    return (
+        (displacement, force[:, :forces]),
+        (displacement_dot, force_dot + held[:, :forces]),
     )
-    return (displacement, force[:, :forces]), (change[0], change[1] + held[:, :forces])
 
 
-def balance(system, omega, load, displacement, force):
-    """How loads ``(S, H)`` are taken: the largest force left on a disk, the largest
-    load, and the largest force of all links, inertias, dampers and grounds, ``(H,)`` N
-    each.
+def balance(
+    system, omega: Array, load: Array, displacement: Array, force: Array
+) -> tuple[Array, Array, Array]:
+    """Measures of how loads ``(S, H)`` are balanced: the largest force left on a disk,
+    the largest load, and the largest force of all links, inertias, dampers and grounds,
+    ``(H,)`` N each.
     """
     xp = namespace(system, load, displacement)
     mass, damping, ground = (
-        xp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground)
+        xp.asarray(field)[:, None]
+        for field in (system.mass, system.damping, system.ground)
     )
     left = (
         load
@@ -154,33 +176,36 @@ def balance(system, omega, load, displacement, force):
         - system.spread(force)
     )
     # A train that moves as one at its resonance strains no link.
-    own = (omega**2 * mass + omega * damping + ground) * _size(displacement)
-    left, load, force = (
-        xp.max(_size(a), axis=0, initial=0.0) for a in (left, load, force)
+    disk_force = (omega**2 * mass + omega * damping + ground) * _size(displacement)
+    largest_left, largest_load, largest_force = (
+        xp.max(_size(forces), axis=0, initial=0.0) for forces in (left, load, force)
     )
-    return left, load, xp.maximum(force, xp.max(own, axis=0))
+    largest_disk_force = xp.max(disk_force, axis=0)
+    return largest_left, largest_load, xp.maximum(largest_force, largest_disk_force)
 
 
-def _size(values):
+def _size(values: Array) -> Array:
+    """Sum of the moduli of real and imaginary part."""
     xp = namespace(values)
     return xp.abs(values.real) + xp.abs(values.imag)
 
 
-def _sweep(system, C, node, load, forces):
-    """The elimination of the tree with links ``C`` and disks ``node``, closed by the
-    links outside it.
+def _sweep(
+    system, C: Array, node: Array, load: Array, forces: int
+) -> tuple[Array, Array]:
+    """Eliminate the tree with links ``C`` and disks ``node``, and close it by the links
+    outside it: displacements and link forces of :func:`solve_linear`.
     """
     tree = system.tree
     xp = namespace(C, node, load)
     if not len(C):
-        return load / last_pivot(node[:, None]), xp.zeros(
-            (0, *load[:, :forces].shape[1:]), load.dtype
-        )
+        no_force = xp.zeros((0, *load[:, :forces].shape[1:]), load.dtype)
+        return load / last_pivot(node[:, None]), no_force
     near = xp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
     far = xp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
     loops = len(tree.loops)
     if loops:
-        # Beside the given loads, a unit force in each link outside the tree: from the
+        # Beside the loads, a unit force in each link outside the tree: from the
         # motion that it makes follows how much of it closes the loop.
         unit = unit_forces(system.incidence(tree.loops), load.shape[2])
         load = xp.concatenate([unit, load], axis=1)
@@ -202,16 +227,15 @@ def _sweep(system, C, node, load, forces):
     # The forces of the links outside the tree: (I + C G) f = C D x_tree at every
     # harmonic.
     unit = displacement[:, :loops]
-    given = displacement[:, loops:]
+    loaded = displacement[:, loops:]
     # The tree under its loads opens the loops by D x_tree, and a unit force in a link
     # closes them by its receptance (Woodbury's identity): I + C G is regular where the
     # whole train is.
-    gap, own = (
-        system.deflections(x, tree.loops).transpose(2, 0, 1) for x in (given, unit)
-    )
+    gap = system.deflections(loaded, tree.loops).transpose(2, 0, 1)
+    loop_receptance = system.deflections(unit, tree.loops).transpose(2, 0, 1)
     C_loop = C[tree.loops].T[:, :, None]
-    closing = _solve_small(xp.eye(loops) + C_loop * own, C_loop * gap)
-    displacement = given - xp.einsum("slh,hlr->srh", unit, closing)
+    closing = _solve_small(xp.eye(loops) + C_loop * loop_receptance, C_loop * gap)
+    displacement = loaded - xp.einsum("slh,hlr->srh", unit, closing)
     closing = closing[..., : link_force.shape[1] - loops]
     force = link_force[:, loops:] - xp.einsum(
         "klh,hlr->krh", link_force[:, :loops], closing
@@ -219,7 +243,7 @@ def _sweep(system, C, node, load, forces):
     return displacement, placed(force, tree.loops, closing.transpose(1, 2, 0))
 
 
-def _solve_small(matrices, right):
+def _solve_small(matrices: Array, right: Array) -> Array:
     """Solutions ``(H, n, R)`` of small systems ``(H, n, n)``; where one is singular
     they are huge.
     """
@@ -237,10 +261,10 @@ def _solve_small(matrices, right):
     return jax.scipy.linalg.lu_solve((factors, swaps), right)
 
 
-def condensed_chains(system, omega):
+def condensed_chains(system, omega: jax.Array) -> tuple[Any, jax.Array, jax.Array]:
     """The train with its chains of disks without teeth as single links
     (:class:`~jaxhb.train.chain.Condensation`): a System whose tree and arms alone are
-    those of the K disks that are kept, links ``(L, H)`` and nodes ``(K, H)`` N/m.
+    those of the K disks that remain, links ``(L, H)`` and nodes ``(K, H)`` N/m.
 
     A disk of dynamic stiffness g between links k and c is a link kc/(k+c+g) between its
     neighbours, and stiffnesses kg/(k+c+g) and cg/(k+c+g) of these: sums without
@@ -248,92 +272,86 @@ def condensed_chains(system, omega):
     """
     condensation = system.tree.condensation
 
-    def numbers(*fields, at):
-        return tuple(jnp.asarray(getattr(system, name))[at] for name in fields)
+    def fields(names: Sequence[str], index: Array) -> tuple[jax.Array, ...]:
+        return tuple(jnp.asarray(getattr(system, name))[index] for name in names)
 
-    elastic = "stiffness", "loss", "viscous"
+    of_links = ("stiffness", "loss", "viscous")
+    of_disks = ("mass", "damping", "ground")
 
-    def take_out(state, item):
+    def take_out(state, row):
         (link, begin, end), chains = state
-        chain, first, held, before, after, disk = item
-        link = jnp.where(
-            first, jnp.where(held, complex_stiffness(omega, *before), 0.0), link
-        )
+        chain, first, held, before, after, disk = row
+        link_before = jnp.where(held, complex_stiffness(omega, *before), 0.0)
+        link = jnp.where(first, link_before, link)
         begin = jnp.where(first, 0.0, begin)
         end = jnp.where(first, 0.0, end)
         onward = complex_stiffness(omega, *after)
-        own = disk_stiffness(omega, *disk) + end
-        inverse = quotient(1.0, nonzero_pivot(link + onward + own, link + onward))
-        # What the chain so far is seen as: a link k = C1 C2 / (C1 + C2 + g), and
+        to_ground = disk_stiffness(omega, *disk) + end
+        pivot = nonzero_pivot(link + onward + to_ground, link + onward)
+        inverse = quotient(1.0, pivot)
+        # Condensed so far, the chain is a link k = C1 C2 / (C1 + C2 + g), and
         # stiffnesses to ground at its two ends.
-        now = (
+        condensed = (
             link * onward * inverse,
-            begin + link * own * inverse,
-            onward * own * inverse,
+            begin + link * to_ground * inverse,
+            onward * to_ground * inverse,
         )
         chains = tuple(
-            lax.dynamic_update_index_in_dim(c, new, chain, 0)
-            for c, new in zip(chains, now, strict=True)
+            lax.dynamic_update_index_in_dim(values, new, chain, 0)
+            for values, new in zip(chains, condensed, strict=True)
         )
-        return (now, chains), None
+        return (condensed, chains), None
 
     joined = len(condensation.begin)
-    items = (
+    rows = (
         condensation.chain,
         jnp.diff(condensation.chain, prepend=-1) != 0,
         condensation.chain < joined,
+        fields(of_links, condensation.before),
+        fields(of_links, condensation.after),
+        fields(of_disks, condensation.disk),
     )
-    items += (
-        numbers(*elastic, at=condensation.before),
-        numbers(*elastic, at=condensation.after),
-    )
-    items += (numbers("mass", "damping", "ground", at=condensation.disk),)
-    nothing = (jnp.zeros(len(omega), complex),) * 3
+    zeros = (jnp.zeros(len(omega), complex),) * 3
     chains = (jnp.zeros((len(condensation.end), len(omega)), complex),) * 3
     if len(condensation.end):
-        (_, chains), _ = lax.scan(take_out, (nothing, chains), items)
+        (_, chains), _ = lax.scan(take_out, (zeros, chains), rows)
+    chain_link, chain_begin, chain_end = chains
     plain = condensation.plain
-    link = jnp.concatenate(
-        [
-            chains[0][:joined],
-            complex_stiffness(
-                omega, *(a[:, None] for a in numbers(*elastic, at=plain))
-            ),
-        ]
-    )
+    stiffness, loss, viscous = (field[:, None] for field in fields(of_links, plain))
+    plain_link = complex_stiffness(omega, stiffness, loss, viscous)
+    link = jnp.concatenate([chain_link[:joined], plain_link])
     node = node_stiffness(system, omega)[condensation.kept]
-    node = (
-        node.at[condensation.begin]
-        .add(chains[1][:joined])
-        .at[condensation.end]
-        .add(chains[2])
+    node = node.at[condensation.begin].add(chain_begin[:joined])
+    node = node.at[condensation.end].add(chain_end)
+    arm_a, arm_b = (
+        jnp.concatenate([jnp.ones(joined), arm])
+        for arm in fields(("arm_a", "arm_b"), plain)
     )
-    arms = {
-        name: jnp.concatenate([jnp.ones(joined), *numbers(name, at=plain)])
-        for name in ("arm_a", "arm_b")
-    }
-    return (
-        dataclasses.replace(
-            system, tree=condensation.tree, mass=system.mass[condensation.kept], **arms
-        ),
-        link,
-        node,
+    condensed = dataclasses.replace(
+        system,
+        tree=condensation.tree,
+        mass=system.mass[condensation.kept],
+        arm_a=arm_a,
+        arm_b=arm_b,
     )
+    return condensed, link, node
 
 
 @jax.custom_jvp
-def receptance(system, omega, columns):
+def receptance(system, omega: jax.Array, columns: jax.Array) -> jax.Array:
     """Deflections per unit force ``(H, G, G)`` m/N, ``D Z^{-1} D^T``, of meshes with
     ``columns`` ``(S, G)`` of D^T.
     """
-    small, link, node = condensed_chains(system, omega)
-    own = columns[system.tree.condensation.kept]
-    motion, _ = _sweep(small, link, node, unit_forces(own, len(omega)), 0)
-    return jnp.einsum("sg,srh->hgr", own, motion)
+    condensed, link, node = condensed_chains(system, omega)
+    mesh_columns = columns[system.tree.condensation.kept]
+    motion, _ = _sweep(condensed, link, node, unit_forces(mesh_columns, len(omega)), 0)
+    return jnp.einsum("sg,srh->hgr", mesh_columns, motion)
 
 
-def _receptance_of_all_disks(system, omega, columns):
-    """The same by a sweep over all disks, whose derivative is known."""
+def _receptance_of_all_disks(system, omega: jax.Array, columns: jax.Array) -> jax.Array:
+    """Receptances as of :func:`receptance` by a sweep over all disks, whose derivative
+    is defined.
+    """
     motion, _ = solve_linear(system, omega, unit_forces(columns, len(omega)), forces=0)
     return jnp.einsum("sg,srh->hgr", columns, motion)
 
@@ -341,12 +359,10 @@ def _receptance_of_all_disks(system, omega, columns):
 receptance.defjvp(partial(jax.jvp, _receptance_of_all_disks))
 
 
-def unit_forces(columns, count):
-    """Loads ``(S, G, count)``: a unit force in each link with ``columns`` ``(S, G)`` of
-    D^T, at every frequency.
+def unit_forces(columns: Array, count: int) -> Array:
+    """Loads ``(S, G, count)`` N: a unit force in each link with ``columns`` ``(S, G)``
+    of D^T, at every frequency.
     """
-    return (
-        namespace(columns)
-        .broadcast_to(columns[:, :, None], (*columns.shape, count))
-        .astype(complex)
-    )
+    xp = namespace(columns)
+    shape = (*columns.shape, count)
+    return xp.broadcast_to(columns[:, :, None], shape).astype(complex)

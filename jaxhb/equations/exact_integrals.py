@@ -17,7 +17,10 @@ elastic force do not see the switching times move, because the law has a continu
 slope; those of damping in contact do.)
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, cast
 
 import jax
 import jax.numpy as jnp
@@ -25,10 +28,15 @@ import numpy as np
 from jax import lax
 from numpy.polynomial import legendre
 
-from jaxhb._jax import namespace, on_host
+from jaxhb._jax import Array, namespace, on_host
 from jaxhb.equations import fourier
+from jaxhb.equations.fourier import AnyArray
 
-CELLS, FEWEST_HARMONICS = 8, 16  # per harmonic, of so many harmonics at least
+if TYPE_CHECKING:
+    from jaxhb.equations.backlash import Law
+
+CELLS = 8  # per harmonic
+FEWEST_HARMONICS = 16  # for which there are cells, at least
 POINTS = 8  # Gauss-Legendre time samples of a cell, and of each arc of one that is cut
 FEWEST_CUT = 32  # cells per mesh that can be cut, at least; one per harmonic else
 # By how much of the range of its samples in a cell a deflection may leave that range
@@ -39,7 +47,9 @@ NEWTON_STEPS = 12  # to a switching time, bracketed: enough for the last bit
 _AT, _WEIGHT = legendre.leggauss(POINTS)
 _VALUES = legendre.legvander(_AT, POINTS - 1)
 _MODES = (np.arange(POINTS)[:, None] + 0.5) * _VALUES.T * _WEIGHT
-"""From values at the time samples of a cell to coefficients of Legendre polynomials."""
+"""Matrix from values at the time samples of a cell to coefficients of Legendre
+polynomials.
+"""
 
 _POWERS = np.array(
     [
@@ -65,7 +75,7 @@ class Quadrature:
     weight: jax.Array
     cells: int = field(metadata={"static": True})
 
-    def synthesize(self, coefficients):
+    def synthesize(self, coefficients: Array) -> jax.Array:
         """Values ``(G, time_steps)``, those of all cells and then those of the arcs,
         from coefficients ``(G, N+1)``.
         """
@@ -75,7 +85,7 @@ class Quadrature:
             [smooth.reshape(len(smooth), -1), arcs.reshape(len(arcs), -1)], axis=-1
         )
 
-    def analyze(self, values, harmonics):
+    def analyze(self, values: Array, harmonics: int) -> jax.Array:
         """Complex coefficients ``(G, harmonics+1)`` of values at the time samples, of
         at most ``cells`` harmonics.
         """
@@ -94,58 +104,55 @@ class Quadrature:
         equivalent = jnp.einsum(
             "gmk,jm->gjk", moments, _VALUES * (np.arange(POINTS) + 0.5)
         )
-        place = jax.vmap(lambda cells, at, new: cells.at[:, at].set(new, mode="drop"))
-        spectrum = fourier.analyze(
-            place(smooth, self.cell, equivalent), self.cells // 2
+        place = jax.vmap(
+            lambda values, cell, new: values.at[:, cell].set(new, mode="drop")
         )
+        samples = place(smooth, self.cell, equivalent)
+        spectrum = fourier.analyze(samples, self.cells // 2)
         # Samples one a cell tell harmonics n and cells - n apart only by the place of
         # the sample, which the sum over the places below does.
-        spectrum = jnp.concatenate(
-            [spectrum, jnp.conj(spectrum[..., -2::-1])], axis=-1
-        )[..., : harmonics + 1]
-        return jnp.einsum(
-            "gjn,jn->gn",
-            spectrum,
-            _WEIGHT[:, None] / 2 * np.conj(_shift(harmonics, self.cells)),
-        )
+        mirrored = jnp.conj(spectrum[..., -2::-1])
+        spectrum = jnp.concatenate([spectrum, mirrored], axis=-1)
+        spectrum = spectrum[..., : harmonics + 1]
+        shift_back = _WEIGHT[:, None] / 2 * np.conj(_shift(harmonics, self.cells))
+        return jnp.einsum("gjn,jn->gn", spectrum, shift_back)
 
 
-def _shift(harmonics, cells):
-    """``(POINTS, N+1)``: factors that move a signal to each of the time samples of the
+def _shift(harmonics: int, cells: int) -> np.ndarray:
+    """Factors ``(POINTS, N+1)`` that move a signal to each of the time samples of the
     first cell.
     """
     return np.exp(1j * np.pi / cells * (_AT[:, None] + 1) * np.arange(harmonics + 1))
 
 
-def _in_cells(coefficients, cells):
+def _in_cells(coefficients: Array, cells: int) -> Array:
     """Values ``(G, POINTS, cells)`` at the time samples of all cells."""
     # The j-th samples of all cells are equidistant: one transform, of the signal moved
     # by the place of the first.
-    return fourier.synthesize(
-        coefficients[:, None] * _shift(coefficients.shape[-1] - 1, cells), cells
-    )
+    shifted = coefficients[:, None] * _shift(coefficients.shape[-1] - 1, cells)
+    return fourier.synthesize(shifted, cells)
 
 
-def _modes(smooth, cell):
-    """Coefficients ``(G, POINTS, K)`` of Legendre polynomials in the given cells."""
-    chosen = jax.vmap(lambda values, at: values.at[:, at].get(mode="clip"))(
-        smooth, cell
-    )
-    return jnp.einsum("mj,gjk->gmk", _MODES, chosen)
+def _modes(smooth: Array, cell: jax.Array) -> jax.Array:
+    """Coefficients ``(G, POINTS, K)`` of Legendre polynomials in the cells
+    ``(G, K)``.
+    """
+    pick = jax.vmap(lambda samples, cell: samples.at[:, cell].get(mode="clip"))
+    return jnp.einsum("mj,gjk->gmk", _MODES, pick(smooth, cell))
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Crossings:
-    """When deflections pass the knots of their laws; made by :func:`find_crossings`,
-    without derivatives.
+    """Times at which deflections pass the knots of their laws; made by
+    :func:`find_crossings`, without derivatives.
 
     cell : int ``(G, K)`` of the cells that may hold a switching time, ``cells`` for
     room left over; low, high : ``(G, 1, 2, K)`` ends, -1 .. 1 in the cell, of its two
     parts, in which the deflection is monotonic; time : ``(G, 4, 2, K)`` at which it
     passes each knot, or the end before or after which it does; inverse_rate : the same
     shape, one over its rate there, 0 where it does not pass; rising : ``(G, 1, 2, K)``;
-    complete : room for all.
+    complete : whether there was room for all.
     """
 
     cell: jax.Array
@@ -157,7 +164,9 @@ class Crossings:
     complete: jax.Array
 
 
-def find_crossings(law, deflection, capacity=None):
+def find_crossings(
+    law: Law, deflection: Array, capacity: int | None = None
+) -> Crossings:
     """The :class:`Crossings` of deflections ``(G, N+1)`` m, with room for ``capacity``
     cells per mesh.
 
@@ -170,35 +179,37 @@ def find_crossings(law, deflection, capacity=None):
     capacity = capacity or max(harmonics, FEWEST_CUT)
     passed = _passed(smooth, _knots(law))
     cells = passed.shape[-1]
-    cell = jax.vmap(lambda one: jnp.nonzero(one, size=capacity, fill_value=cells)[0])(
-        passed
-    )
+    cell = jax.vmap(
+        lambda passes: jnp.nonzero(passes, size=capacity, fill_value=cells)[0]
+    )(passed)
     complete = jnp.all(passed.sum(-1) <= capacity)
-    return Crossings(
-        cell, *_pass(_modes(smooth, cell), _knots(law)[..., None, None]), complete
+    low, high, time, inverse_rate, rising = _pass(
+        _modes(smooth, cell), _knots(law)[..., None, None]
     )
+    return Crossings(cell, low, high, time, inverse_rate, rising, complete)
 
 
-def switching_times(law, deflection):
-    """Shares of the cycle ``(K,)``, in no order, at which one of the deflections ``(G,
-    N+1)`` passes a knot of its law; on the host.
+def switching_times(law: Law, deflection: Array) -> np.ndarray:
+    """Shares of the cycle ``(K,)``, in no order, at which any of the deflections ``(G,
+    N+1)`` m passes a knot of its law; on the host.
     """
     law, deflection = on_host((law, deflection))
     cells = _cells(deflection.shape[-1] - 1)
     smooth = _in_cells(deflection, cells)
     mesh, cell = np.nonzero(_passed(smooth, _knots(law)))
     knots = _knots(law)[mesh].T[None, :, None]
-    *_, time, inverse_rate, _ = _pass(
-        np.einsum("mj,kj->mk", _MODES, smooth[mesh, :, cell])[None], knots
-    )
+    modes = np.einsum("mj,kj->mk", _MODES, smooth[mesh, :, cell])[None]
+    _, _, time, inverse_rate, _ = _pass(modes, knots)
     return ((cell + (time + 1) / 2) / cells)[inverse_rate != 0]
 
 
-def quadrature(law, deflection, crossings=None):
+def quadrature(
+    law: Law, deflection: Array, crossings: Crossings | None = None
+) -> Quadrature:
     """The :class:`Quadrature` of deflections ``(G, N+1)`` m, differentiable twice with
     respect to both arguments.
 
-    ``crossings`` : of the same law and deflection, where they are known.
+    ``crossings`` : of the same law and deflection, found here where they are None.
 
     >>> from jaxhb.equations import backlash
     >>> law = backlash.Law(*(np.array([value]) for value in (1.0, 0.04, 0.2, 0.5)))
@@ -226,21 +237,22 @@ def quadrature(law, deflection, crossings=None):
     high = breaks[:, 1:].reshape(shape)
     at = (high + low) / 2 + (high - low) / 2 * _AT[:, None, None]
     weight = (high - low) / 2 * _WEIGHT[:, None, None]
-    shape = (len(breaks), -1, breaks.shape[-1])
-    return Quadrature(crossings.cell, at.reshape(shape), weight.reshape(shape), cells)
+    arcs = (len(breaks), -1, breaks.shape[-1])
+    return Quadrature(crossings.cell, at.reshape(arcs), weight.reshape(arcs), cells)
 
 
-def _cells(harmonics):
+def _cells(harmonics: int) -> int:
+    """Number of cells of a cycle."""
     return CELLS * max(harmonics, FEWEST_HARMONICS)
 
 
-def _knots(law):
-    """``(G, 4)``, rising."""
+def _knots(law: Law) -> Array:
+    """Knots ``(G, 4)`` m of the law, rising."""
     return namespace(law).stack([-law.knee, -law.gap, law.gap, law.knee], axis=-1)
 
 
-def _passed(smooth, knots):
-    """Whether ``(G, cells)`` the deflection may pass a knot in a cell."""
+def _passed(smooth: Array, knots: Array) -> Array:
+    """Whether the deflection may pass a knot in a cell, ``(G, cells)``."""
     low = smooth.min(1)
     high = smooth.max(1)
     slack = MARGIN * (high - low)
@@ -249,8 +261,12 @@ def _passed(smooth, knots):
     return ((low < knots[:, None]) & (knots[:, None] < high)).any(axis=-1)
 
 
-def _pass(modes, knots):
-    """What :class:`Crossings` holds between ``cell`` and ``complete``."""
+def _pass(
+    modes: AnyArray, knots: Array
+) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray, AnyArray]:
+    """Fields of :class:`Crossings` from ``low`` to ``rising``, from Legendre series
+    ``(G, POINTS, K)`` of deflections.
+    """
     xp = namespace(modes)
     powers = xp.einsum("gmk,mi->igk", modes, _POWERS)[:, :, None, None]
     rates = _derivative(powers)
@@ -268,32 +284,34 @@ def _pass(modes, knots):
     ahead = sense * (knots - first) > 0
     before = sense * (last - knots) > 0
     time = _root(
-        powers, knots, *(xp.broadcast_to(end, ahead.shape) for end in (low, high))
+        powers,
+        knots,
+        xp.broadcast_to(low, ahead.shape),
+        xp.broadcast_to(high, ahead.shape),
     )
     # The time of a graze has no derivative, and needs none: on both sides of it lies
     # the same piece of the law.
     rate = _horner(rates, time)
-    # Nor has that of a deflection that rests on a knot to rounding.
+    # Neither does the time of a deflection that rests on a knot to rounding.
     grazing = xp.abs(rate) <= xp.maximum(
         1e-7 * xp.max(xp.abs(rates), axis=0), AT_REST * xp.abs(knots)
     )
     inverse_rate = xp.where(
         ahead & before & ~grazing, 1 / xp.where(grazing, 1.0, rate), 0.0
     )
-    return (
-        low,
-        high,
-        xp.where(ahead, xp.where(before, time, high), low),
-        inverse_rate,
-        rising,
-    )
+    time = xp.where(before, time, high)
+    time = xp.where(ahead, time, low)
+    return low, high, time, inverse_rate, rising
 
 
-def _root(powers, level, low, high):
-    """Where a polynomial, monotonic from ``low`` to ``high``, has the value ``level``:
-    Newton's method, bracketed.
+def _root(
+    powers: AnyArray, level: Array | float, low: AnyArray, high: AnyArray
+) -> AnyArray:
+    """Argument at which a polynomial, monotonic from ``low`` to ``high``, has the value
+    ``level``: Newton's method, bracketed.
     """
-    xp, rates = namespace(powers), _derivative(powers)
+    xp = namespace(powers)
+    rates = _derivative(powers)
     sense = xp.sign(_horner(powers, high) - _horner(powers, low))
 
     def step(_, state):
@@ -308,7 +326,7 @@ def _root(powers, level, low, high):
         inside = (rate != 0) & (ahead >= low) & (ahead <= high)
         return low, high, xp.where(inside, ahead, (low + high) / 2)
 
-    state = low, high, (low + high) / 2
+    state = (low, high, (low + high) / 2)
     if xp is not np:
         return lax.fori_loop(0, NEWTON_STEPS, step, state)[2]
     for k in range(NEWTON_STEPS):
@@ -316,11 +334,13 @@ def _root(powers, level, low, high):
     return state[2]
 
 
-def _derivative(powers):
-    return np.arange(1, len(powers)).reshape(-1, *[1] * (powers.ndim - 1)) * powers[1:]
+def _derivative(powers: Array) -> Array:
+    """Derivative of the polynomials whose coefficients lie along the leading axis."""
+    degree = np.arange(1, len(powers)).reshape((-1,) + (1,) * (powers.ndim - 1))
+    return degree * powers[1:]
 
 
-def _horner(powers, x):
+def _horner(powers: AnyArray, x: AnyArray) -> AnyArray:
     """Value at x of the polynomials whose coefficients lie along the leading axis."""
     value = powers[-1]
     for coefficient in powers[-2::-1]:
@@ -328,14 +348,16 @@ def _horner(powers, x):
     return value
 
 
-def _polynomials(x):
+def _polynomials(x: jax.Array) -> list[jax.Array]:
     """Legendre polynomials of degree 0 .. POINTS-1 at x."""
-    found = [jnp.ones_like(x), x]
+    polynomials = [jnp.ones_like(x), x]
     for k in range(1, POINTS - 1):
-        found.append(((2 * k + 1) * x * found[k] - k * found[k - 1]) / (k + 1))
-    return found
+        rising = (2 * k + 1) * x * polynomials[k]
+        polynomials.append((rising - k * polynomials[k - 1]) / (k + 1))
+    return polynomials
 
 
-def _value(modes, x):
+def _value(modes: jax.Array, x: jax.Array) -> jax.Array:
     """Value at x ``(G, ..., K)`` of the Legendre series ``(G, POINTS, ..., K)``."""
-    return sum(modes[:, m] * polynomial for m, polynomial in enumerate(_polynomials(x)))
+    terms = (modes[:, m] * values for m, values in enumerate(_polynomials(x)))
+    return cast(jax.Array, sum(terms))

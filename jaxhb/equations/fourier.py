@@ -18,24 +18,30 @@ Nothing else in the package calls a fast Fourier transform. Numpy arrays are tra
 by numpy, on the host.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._jax import namespace
+from jaxhb._jax import Array, Number, namespace
+
+AnyArray = TypeVar("AnyArray", jax.Array, np.ndarray, Array)
+"""Arrays of numpy, or of jax: each function gives the kind that it gets."""
 
 SQRT2 = 2.0**0.5
-SAMPLES_PER_HARMONIC = (
-    16  # time samples at which tooth forces are taken (docs/theory A6)
-)
+# Time samples at which tooth forces are taken (docs/theory A6)
+SAMPLES_PER_HARMONIC = 16
 
 
-def pack(coefficients):
+def pack(coefficients: AnyArray) -> AnyArray:
     """Complex coefficients ``(..., N+1)`` to real packed coordinates ``(..., 2N+1)``.
 
-    >>> [round(float(v), 4) for v in pack(jnp.array([1.0, 0.5 - 0.5j]))]
+    >>> [round(float(value), 4) for value in pack(jnp.array([1.0, 0.5 - 0.5j]))]
     [1.0, 0.7071, 0.7071]
     """
     tail = coefficients[..., 1:]
@@ -45,7 +51,7 @@ def pack(coefficients):
     )
 
 
-def unpack(packed):
+def unpack(packed: AnyArray) -> AnyArray:
     """Real packed coordinates ``(..., 2N+1)`` to complex coefficients ``(...,
     N+1)``.
     """
@@ -57,7 +63,7 @@ def unpack(packed):
     )
 
 
-def synthesize(coefficients, samples):
+def synthesize(coefficients: AnyArray, samples: int) -> AnyArray:
     """Values ``(..., samples)`` at equidistant time samples ``t_j = 2 pi j / (Omega
     samples)`` of complex coefficients ``(..., N+1)``; exact for ``samples >= 2N+1``,
     and harmonics above ``samples / 2`` must be absent.
@@ -67,10 +73,11 @@ def synthesize(coefficients, samples):
     )
 
 
-def values_at(coefficients, share):
-    """Values ``(..., K)`` at shares ``(K,)`` of the cycle, in no order, of host arrays.
+def values_at(coefficients: Array, share: np.ndarray) -> np.ndarray:
+    """Values ``(..., K)`` of host coefficients ``(..., N+1)`` at shares ``(K,)`` of the
+    cycle, in any order.
 
-    Work and memory are K times the harmonics that are there: the stiffness of a mesh
+    Work and memory are K times the harmonics that are present: the stiffness of a mesh
     has a few among thousands.
     """
     harmonic = np.flatnonzero(
@@ -80,9 +87,9 @@ def values_at(coefficients, share):
     return (turned @ np.exp(2j * np.pi * harmonic[:, None] * share)).real
 
 
-def sample(coefficients, count):
-    """Values ``(..., count)`` at equidistant time samples as :func:`synthesize`, but
-    however few they are.
+def sample(coefficients: AnyArray, count: int) -> AnyArray:
+    """Values ``(..., count)`` at equidistant time samples as of :func:`synthesize`, for
+    any ``count``.
     """
     # Fewer samples than 2 N + 1 would alias: every ``factor``-th of enough of them is
     # taken.
@@ -90,7 +97,7 @@ def sample(coefficients, count):
     return synthesize(coefficients, factor * count)[..., ::factor]
 
 
-def analyze(values, harmonics):
+def analyze(values: AnyArray, harmonics: int) -> AnyArray:
     """Complex coefficients ``(..., harmonics+1)`` of sampled values ``(...,
     samples)``.
     """
@@ -99,8 +106,8 @@ def analyze(values, harmonics):
     ]
 
 
-def samples_for(harmonics):
-    """A number of time samples that represents so many harmonics and is quick to
+def samples_for(harmonics: int) -> int:
+    """Number of time samples that represents so many harmonics and is quick to
     transform.
     """
     from scipy.fft import next_fast_len  # a tenth of a second, which few commands need
@@ -110,44 +117,40 @@ def samples_for(harmonics):
 
 @dataclass(frozen=True)
 class Equidistant:
-    """``samples`` equidistant time samples of the cycle, to evaluate a law at and to
-    analyse what it gives.
+    """The ``samples`` equidistant time samples of the cycle, at which a law is
+    evaluated and analysed.
     """
 
     samples: int
 
-    def synthesize(self, coefficients):
+    def synthesize(self, coefficients: AnyArray) -> AnyArray:
+        """Values ``(..., samples)`` of coefficients ``(..., N+1)``."""
         return synthesize(coefficients, self.samples)
 
-    def analyze(self, values, harmonics):
+    def analyze(self, values: AnyArray, harmonics: int) -> AnyArray:
+        """Coefficients ``(..., harmonics+1)`` of values ``(..., samples)``."""
         return analyze(values, harmonics)
 
 
-def each(function, *arrays):
-    """What a function makes of each of some arrays of one shape; in a program of all at
+def each(function: Callable[[Array], Array], *arrays: Array) -> Sequence[Array] | Array:
+    """Apply a function to each of some arrays of one shape; in a program to all at
     once.
     """
     xp = namespace(arrays)
-    return (
-        [function(array) for array in arrays]
-        if xp is np
-        else jax.vmap(function)(jnp.stack(arrays))
-    )
+    if xp is np:
+        return [function(array) for array in arrays]
+    return jax.vmap(function)(jnp.stack(arrays))
 
 
-def derivative(coefficients, frequency):
+def derivative(coefficients: AnyArray, frequency: Number) -> AnyArray:
     """Coefficients of dx/dt: ``i n Omega x^n``, with ``frequency`` = Omega in rad/s,
     ``()`` or ``(..., 1)``.
     """
-    return (
-        1j
-        * frequency
-        * namespace(coefficients, frequency).arange(coefficients.shape[-1])
-        * coefficients
-    )
+    xp = namespace(coefficients, frequency)
+    return 1j * frequency * xp.arange(coefficients.shape[-1]) * coefficients
 
 
-def resize(coefficients, harmonics):
+def resize(coefficients: AnyArray, harmonics: int) -> AnyArray:
     """The same signal with another number of harmonics: truncated, or padded with
     zeros.
     """
@@ -159,7 +162,7 @@ def resize(coefficients, harmonics):
     return xp.concatenate([coefficients, xp.zeros(beyond, coefficients.dtype)], axis=-1)
 
 
-def packed_diagonal(gain):
+def packed_diagonal(gain: jax.Array) -> jax.Array:
     """Real packed matrix ``(..., 2N+1, 2N+1)`` of the harmonic-wise product with
     complex ``gain`` ``(..., N+1)``.
     """
@@ -186,9 +189,9 @@ def packed_diagonal(gain):
     )
 
 
-def product_matrix(coefficients):
-    """Packed matrix ``(..., 2N+1, 2N+1)`` of the product with a function c given to 2N
-    harmonics ``(..., 2N+1)``.
+def product_matrix(coefficients: jax.Array) -> jax.Array:
+    """Packed matrix ``(..., 2N+1, 2N+1)`` of the product with a function c, of which
+    the coefficients go to 2N harmonics ``(..., 2N+1)``.
 
     Truncated to N harmonics the product is Hermitian Toeplitz in complex coefficients,
     hence real and symmetric here: with ``c^k = alpha_k - i beta_k`` (alpha even, beta

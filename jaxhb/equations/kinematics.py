@@ -1,39 +1,38 @@
 """Numbers of a train that follow from its tables: speeds of the rotors, inertias of all
-disks, what they are referred to the reference rotor.
+disks, and both referred to the reference rotor.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxhb._jax import namespace
+from jaxhb._jax import Array, namespace
 from jaxhb._shown import brief
 
 if TYPE_CHECKING:
     from jaxhb.train.drivetrain import DriveTrain
 
-Array = Any
-
 OF_PERIOD = ("stiffness_orders", "transmission_error")
 OF_GEARS = ("first_gear_error", "second_gear_error")
-"""Rows of a mesh by orders of its mesh period, and of the own revolutions of its first
-and its second gear.
+"""Names of the rows of a mesh by orders of its mesh period, and by orders of the
+revolutions of its first and of its second gear.
 """
 
 
-def speed_ratios(train):
+def speed_ratios(train: DriveTrain) -> Array:
     """Speed ``[n_rotors]`` of each rotor over that of the reference rotor, from the
-    pitch radii: r_a Omega_a = r_b Omega_b; positive, as each rotor has its own sense.
+    pitch radii: r_a Omega_a = r_b Omega_b; positive, as each rotor has a sense of its
+    own.
     """
     return rotor_ratios(train.topology, train.disks.radius)
 
 
-def rotor_ratios(topology, radius):
-    """:func:`speed_ratios` of a topology with pitch radii ``(..., S)`` m: ``(...,
-    n_rotors)``.
+def rotor_ratios(topology, radius: Array) -> Array:
+    """Speed ratios ``(..., n_rotors)`` as :func:`speed_ratios`, of a topology with
+    pitch radii ``(..., S)`` m.
     """
     paths = topology.rotor_path
     xp = namespace(radius)
@@ -44,16 +43,17 @@ def rotor_ratios(topology, radius):
     # Shorter paths are filled up by a gear over itself: disks that are no gears have
     # radius 0.
     gear = longest[0][0]
-    steps = np.array([[*p, *([(gear, gear)] * (len(longest) - len(p)))] for p in paths])
+    filler = [(gear, gear)] * len(longest)
+    steps = np.array([[*path, *filler[len(path) :]] for path in paths])
     return xp.prod(radius[..., steps[..., 0]] / radius[..., steps[..., 1]], axis=-1)
 
 
-def displacement_radii(train):
-    """``(S,)`` m: the radius R of every disk's rotor, x = R phi."""
+def displacement_radii(train: DriveTrain) -> Array:
+    """Radius R ``(S,)`` m of every disk's rotor, x = R phi."""
     xp = namespace(train.disks.radius)
     topology = train.topology
     scene_disks = train.disks.radius.shape[0]
-    first_gear = {}
+    first_gear: dict[int, int] = {}
     for ends in topology.mesh_ends:
         for disk in ends:
             first_gear.setdefault(topology.rotor[disk], disk)
@@ -61,10 +61,10 @@ def displacement_radii(train):
     return xp.append(xp.asarray(train.disks.radius), 1.0)[gear]
 
 
-def inertias(train):
+def inertias(train: DriveTrain) -> Array:
     """Inertia ``[n_disks]`` kg m2 of every disk, the rings of the dampers last."""
-    inertia = train.disks.inertia, train.dampers.inertia
-    return namespace(inertia).concatenate(inertia)
+    parts = (train.disks.inertia, train.dampers.inertia)
+    return namespace(parts).concatenate(parts)
 
 
 def tooth_damping_ratios(train: DriveTrain) -> Array:
@@ -126,8 +126,8 @@ class Referred:
     reference rotor; 0: not tuned
     """
 
-    disks: tuple
-    links: tuple
+    disks: tuple[str, ...]
+    links: tuple[str, ...]
     factor: Array
     inertia: Array
     inertia_referred: Array
@@ -157,41 +157,42 @@ def referred(train: DriveTrain) -> Referred:
     ...     Disk(name="slow", inertia=1.0, radius=0.2),
     ...     Disk(name="fast", inertia=0.5, radius=0.1),
     ... ]
-    >>> found = referred(
+    >>> numbers = referred(
     ...     build(
     ...         [*gears, Mesh(between=("slow", "fast"), stiffness=1e8)],
     ...         reference="slow",
     ...     )
     ... )
     >>> (
-    ...     found.factor.tolist(),
-    ...     found.inertia_referred.tolist(),
-    ...     found.stiffness_referred.round(6).tolist(),
+    ...     numbers.factor.tolist(),
+    ...     numbers.inertia_referred.tolist(),
+    ...     numbers.stiffness_referred.round(6).tolist(),
     ... )
     ([1.0, 2.0], [1.0, 2.0], [4000000.0])
     """
     topology = train.topology
-    J = inertias(train)
+    inertia = inertias(train)
     xp = namespace(train)
     factor = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
     first = np.array([a for a, _ in topology.link_ends], dtype=int)
     meshes = np.arange(len(first)) >= len(first) - len(topology.mesh_names)
     radius = xp.concatenate([train.disks.radius, np.ones(len(topology.damper_names))])
     link_factor = factor[first] * xp.where(meshes, radius[first], 1.0)
-    tables = train.shafts, train.dampers, train.meshes
-    k, r = (
-        xp.concatenate([getattr(t, name) for t in tables])
-        for name in ("stiffness", "damping")
-    )
-    links = (link_factor, k, k * link_factor**2, r, r * link_factor**2)
-    order = train.dampers.order
-    orders = order, order * factor[np.array(topology.damper_disk, dtype=int)]
+    tables = (train.shafts, train.dampers, train.meshes)
+    stiffness = xp.concatenate([table.stiffness for table in tables])
+    damping = xp.concatenate([table.damping for table in tables])
+    damper_disk = np.array(topology.damper_disk, dtype=int)
     return Referred(
-        topology.disk_names,
-        topology.link_names,
-        factor,
-        J,
-        J * factor**2,
-        *links,
-        *orders,
+        disks=topology.disk_names,
+        links=topology.link_names,
+        factor=factor,
+        inertia=inertia,
+        inertia_referred=inertia * factor**2,
+        link_factor=link_factor,
+        stiffness=stiffness,
+        stiffness_referred=stiffness * link_factor**2,
+        damping=damping,
+        damping_referred=damping * link_factor**2,
+        order=train.dampers.order,
+        order_referred=train.dampers.order * factor[damper_disk],
     )

@@ -6,7 +6,10 @@ Galerkin): one sparse elimination a frequency, which a tree does not fill. Error
 here cost sweeps, never accuracy.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -21,12 +24,17 @@ from jaxhb.equations.state_space import (
     modes_of,
 )
 
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
+
+    from jaxhb.equations.backlash import MeshParameters
+
 # Frequencies at which responses are taken; with 20 of them 300 and 3000 disks take as
 # many sweeps
 SHIFTS = 12
 
 
-def projected_modes(system, meshes, frequency) -> Modes:
+def projected_modes(system, meshes: MeshParameters, frequency: float) -> Modes:
     """The :class:`~jaxhb.equations.state_space.Modes` of a System of the host that its
     meshes notice.
 
@@ -51,10 +59,12 @@ def projected_modes(system, meshes, frequency) -> Modes:
     rows = sparse.mesh_rows @ shapes
     scale = np.maximum(np.sqrt(squares), frequency)
     momenta = shapes.T * sparse.mass
-    square, mesh_zeros, disk_zeros = (np.zeros_like(a) for a in (drag, rows, shapes))
+    mode_zeros = np.zeros_like(drag)
+    mesh_zeros = np.zeros_like(rows)
+    disk_zeros = np.zeros_like(shapes)
     space = StateSpace(
         transition=np.block(
-            [[square, np.diag(scale)], [-np.diag(squares / scale), -drag]]
+            [[mode_zeros, np.diag(scale)], [-np.diag(squares / scale), -drag]]
         ),
         forcing=np.concatenate([mesh_zeros.T, -rows.T]),
         observation=np.block([[rows / scale, mesh_zeros], [mesh_zeros, rows]]),
@@ -68,51 +78,49 @@ def projected_modes(system, meshes, frequency) -> Modes:
 
 @dataclass(frozen=True)
 class SparseTrain:
-    """Sparse stiffness N/m, damping N s/m and imaginary stiffness of loss factors ``(S,
-    S)``; mass ``(S,)`` kg, a little of disks without inertia; rows ``(G, S)`` of D of
-    the meshes; highest : rad/s, above the modes in which gears swing against their
-    teeth and shafts.
+    """Sparse stiffness N/m, damping N s/m and imaginary stiffness N/m of loss factors,
+    ``(S, S)`` each; mass ``(S,)`` kg, a little of disks without inertia; mesh_rows
+    ``(G, S)`` of D of the meshes; highest : rad/s, above the modes in which gears swing
+    against their teeth and shafts.
     """
 
-    stiffness: object
-    damping: object
-    loss: object
+    stiffness: csc_matrix
+    damping: csc_matrix
+    loss: csc_matrix
     mass: np.ndarray
     mesh_rows: np.ndarray
     highest: float
 
     @classmethod
-    def of(cls, system, links) -> "SparseTrain":
-        """Of a System, and the links that are meshes."""
+    def of(cls, system, links: np.ndarray) -> SparseTrain:
+        """Make it of a System, and the links that are meshes."""
         from scipy.sparse import csr_matrix, diags  # large trains alone need it
 
         tree = system.tree
         disks = len(system.mass)
         count = np.arange(len(system.arm_a))
         arms = np.concatenate([system.arm_a, -np.asarray(system.arm_b)])
-        at = np.tile(count, 2), np.concatenate([tree.end_a, tree.end_b])
-        deflections = csr_matrix((arms, at), shape=(len(count), disks))
+        places = (np.tile(count, 2), np.concatenate([tree.end_a, tree.end_b]))
+        deflections = csr_matrix((arms, places), shape=(len(count), disks))
 
-        def assembled(of_links, of_disks):
-            return (
-                deflections.T @ diags(of_links) @ deflections + diags(of_disks)
-            ).tocsc()
+        def assembled(of_links: np.ndarray, of_disks: np.ndarray) -> csc_matrix:
+            from_links = deflections.T @ diags(of_links) @ deflections
+            return (from_links + diags(of_disks)).tocsc()
 
         mass = np.where(system.mass > 0, system.mass, LIGHT * np.mean(system.mass))
         ends = np.concatenate([tree.end_a[links], tree.end_b[links]])
+        highest_square = 2 * np.max(system.held_stiffness()[ends] / mass[ends])
         return cls(
             stiffness=assembled(system.stiffness, system.ground),
             damping=assembled(system.viscous, system.damping),
             loss=assembled(system.loss * system.stiffness, np.zeros(disks)),
             mass=mass,
             mesh_rows=deflections[links].toarray(),
-            highest=float(
-                np.sqrt(2 * np.max(system.held_stiffness()[ends] / mass[ends]))
-            ),
+            highest=float(np.sqrt(highest_square)),
         )
 
 
-def _basis(sparse, frequency):
+def _basis(sparse: SparseTrain, frequency: float) -> np.ndarray:
     """Columns ``(S, r)`` with ``basis^T M basis = 1`` of the responses to forces at the
     meshes.
     """
@@ -136,7 +144,6 @@ def _basis(sparse, frequency):
     sizes = np.linalg.norm(columns, axis=0)
     columns = columns[:, sizes > 0] / sizes[sizes > 0]
     orthonormal, triangle, _ = scipy.linalg.qr(columns, mode="economic", pivoting=True)
-    independent = np.abs(np.diag(triangle)) > np.finfo(float).eps * np.abs(
-        triangle[0, 0]
-    )
+    least = np.finfo(float).eps * np.abs(triangle[0, 0])
+    independent = np.abs(np.diag(triangle)) > least
     return orthonormal[:, independent] / root

@@ -1,5 +1,5 @@
-"""A train that marches may use in place of the true one: inertial, viscous damping
-alone, few modes.
+"""Reduced-order model that a train which marches may use in place of the true one:
+inertial, viscous damping alone, few modes.
 
 What the harmonics of a solve cannot see need not be integrated: modes faster than the
 steps respond statically, a disk without inertia (beside a backlash mesh an algebraic
@@ -9,6 +9,8 @@ projected on its responses to forces at the meshes over the frequencies that mat
 (rational Krylov, Galerkin). Errors made here cost iterations, never accuracy.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxhb._jax import Array, Number
 from jaxhb.equations.dynamic_stiffness import solve_linear, unit_forces
 from jaxhb.equations.state_space import (
     LIGHT,
@@ -27,10 +30,10 @@ from jaxhb.equations.state_space import (
     paired_matrix,
 )
 
-DISKS, MODES = (
-    64,
-    48,
-)  # of a train whose modes are all kept, and how many are of a larger one
+# Disks of a train, at most, whose modes are all part of the model
+DISKS = 64
+# Modes in the model of a larger train
+MODES = 48
 # Frequencies at which the responses of a larger train to mesh forces are taken, its
 # basis
 SHIFTS = 12
@@ -58,17 +61,19 @@ class ReducedOrderModel:
     at_rest: jax.Array
 
 
-def states_of(disks):
+def states_of(disks: int) -> int:
     """Number of states of a reduced-order model, at most."""
     return 2 * (disks if disks <= DISKS else MODES)
 
 
-def reduced_model(system, links, active, frequency, time_steps):
+def reduced_model(
+    system, links: Array, active: Array, frequency: Number, time_steps: int
+) -> ReducedOrderModel:
     """The :class:`ReducedOrderModel` of all modes of a train; of a larger train, of
     those that meshes see most.
 
     links, active : ``(G,)`` the links with backlash, and 1, 0 for padding; frequency :
-    Omega in rad/s; time_steps : per cycle that will be taken: modes with fewer of them
+    Omega in rad/s; time_steps : per cycle that will be taken: modes with fewer steps
     per period than resolve them are fast.
     """
     system = jax.tree.map(jnp.asarray, lax.stop_gradient(system))
@@ -93,24 +98,22 @@ def reduced_model(system, links, active, frequency, time_steps):
     slow = squares <= fastest**2
     rows = active[:, None] * (bend[links] @ vectors)
     free = ROTATION * squares[-1]
-    kept = np.arange(len(squares))
+    chosen: Array = np.arange(len(squares))
     if len(system.mass) > DISKS:
         seen = jnp.max(rows**2, axis=0, initial=0.0) / (squares + frequency**2)
-        kept = jnp.argsort(jnp.where(slow, -seen, 1.0))[
-            :MODES
-        ]  # the most visible of the slow ones
-        slow = slow & jnp.zeros(len(squares), bool).at[kept].set(True)
+        # The most visible of the slow modes
+        chosen = jnp.argsort(jnp.where(slow, -seen, 1.0))[:MODES]
+        slow = slow & jnp.zeros(len(squares), bool).at[chosen].set(True)
     # Fast modes respond statically: row^2 / omega^2 of each, their residual
     # flexibility.
     apart = ~slow & (squares > free)
-    residual_flexibility = (
-        rows * jnp.where(apart, 1 / jnp.where(apart, squares, 1.0), 0.0)
-    ) @ rows.T
-    vectors, rows = (jnp.where(slow, a, 0.0)[:, kept] for a in (vectors, rows))
-    squares = jnp.where(slow & (squares > free), squares, 0.0)[kept]
-    root = jnp.where(
-        squares > 0, jnp.where(squares > 0, squares, 1.0) ** -0.25, 0.0
-    )  # as in loss_damping
+    softness = jnp.where(apart, 1 / jnp.where(apart, squares, 1.0), 0.0)
+    residual_flexibility = (rows * softness) @ rows.T
+    vectors = jnp.where(slow, vectors, 0.0)[:, chosen]
+    rows = jnp.where(slow, rows, 0.0)[:, chosen]
+    squares = jnp.where(slow & (squares > free), squares, 0.0)[chosen]
+    # As in loss_damping
+    root = jnp.where(squares > 0, jnp.where(squares > 0, squares, 1.0) ** -0.25, 0.0)
     drag = vectors.T @ B @ vectors + root[:, None] * (vectors.T @ H @ vectors) * root
     # States (s q, q') of undamped modes: all entries are velocities, free rotation
     # included, whose q alone would have none.
@@ -118,21 +121,24 @@ def reduced_model(system, links, active, frequency, time_steps):
     shapes = basis @ vectors
     modal = shapes.T * mass
     zero = jnp.zeros_like(drag)
-    none = jnp.zeros_like(rows)
+    row_zeros = jnp.zeros_like(rows)
     transition = jnp.block(
         [[zero, jnp.diag(scale)], [-jnp.diag(squares / scale), -drag]]
     )
     held = squares / scale > 1e-12 * jnp.max(squares / scale)
     at_rest = jnp.concatenate(
-        [jnp.where(held, -rows / jnp.where(held, squares / scale, 1.0), 0.0).T, none.T]
+        [
+            jnp.where(held, -rows / jnp.where(held, squares / scale, 1.0), 0.0).T,
+            row_zeros.T,
+        ]
     )
     # Undamped free rotation, and what is left out, has no two eigenvectors: with a
     # spring of its own it has.
     count = len(squares)
-    alone = (squares == 0) & (
+    isolated = (squares == 0) & (
         jnp.abs(drag).max(axis=1) <= UNDAMPED * jnp.abs(drag).max()
     )
-    springs = jnp.where(alone, scale * (1 + jnp.arange(count) / count), 0.0)
+    springs = jnp.where(isolated, scale * (1 + jnp.arange(count) / count), 0.0)
     basis = modal_basis(transition.at[count:, :count].add(-jnp.diag(springs)))
     rates = paired(jnp.linalg.solve(basis, transition @ basis))
     # What takes longest to decay first, and what does not move by itself, which no
@@ -150,8 +156,8 @@ def reduced_model(system, links, active, frequency, time_steps):
     to_modes = partial(jnp.linalg.solve, basis)
     space = StateSpace(
         transition=paired_matrix(rates),
-        forcing=to_modes(jnp.concatenate([none.T, -rows.T])),
-        observation=jnp.block([[rows / scale, none], [none, rows]]) @ basis,
+        forcing=to_modes(jnp.concatenate([row_zeros.T, -rows.T])),
+        observation=jnp.block([[rows / scale, row_zeros], [row_zeros, rows]]) @ basis,
         coordinates=to_modes(
             jnp.block([[scale[:, None] * modal, 0 * modal], [0 * modal, modal]])
         ),
@@ -161,7 +167,9 @@ def reduced_model(system, links, active, frequency, time_steps):
     return ReducedOrderModel(space, residual_flexibility, motion, to_modes(at_rest))
 
 
-def _basis(system, mass, links, frequency, time_steps):
+def _basis(
+    system, mass: jax.Array, links: Array, frequency: Number, time_steps: int
+) -> jax.Array:
     """Columns ``(S, r)`` with ``basis^T M basis = 1``: all motions, or those that mesh
     forces excite.
     """
@@ -169,9 +177,8 @@ def _basis(system, mass, links, frequency, time_steps):
     disks = len(system.mass)
     if disks <= DISKS:
         return jnp.eye(disks) / root
-    highest = (
-        time_steps / 6
-    )  # harmonic of the fastest mode that so many time steps resolve
+    # Harmonic of the fastest mode that so many time steps resolve
+    highest = time_steps / 6
     # Geometric from the cycle to the fastest mode that the steps resolve: as many
     # shifts in each octave.
     omega = frequency * highest ** (jnp.arange(SHIFTS) / (SHIFTS - 1.0))
@@ -184,8 +191,7 @@ def _basis(system, mass, links, frequency, time_steps):
     # Responses at resonances would drown the others: columns of length one before they
     # are made orthogonal.
     sizes = jnp.linalg.norm(columns, axis=0)
-    columns = columns / jnp.where(
-        sizes > 0, sizes, 1.0
-    )  # no damping, no imaginary parts
+    # Some may be 0: without damping there are no imaginary parts
+    columns = columns / jnp.where(sizes > 0, sizes, 1.0)
     q, _ = jnp.linalg.qr(columns)
     return q / root

@@ -13,6 +13,9 @@ which carry nothing in a motion that solves the balance: the rotation of a float
 train, weighted by inertia, at 0, and a ring behind a link without stiffness at its hub.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,33 +41,36 @@ class ForceBalance:
 
     system : System; meshes : MeshParameters, at least those that have a law; the others
     are linear links; frequency : Omega in rad/s; load : complex ``(S, N+1)`` N, without
-    that of transmission errors; rigid : ``(S,)`` displacements of the rigid rotation;
-    samples : per cycle, at which the law is evaluated, more than 4 N.
+    the load of transmission errors; rigid : ``(S,)`` m, displacements of the rigid
+    rotation; samples : per cycle, at which the law is evaluated, more than 4 N.
     """
 
     system: Any
     meshes: MeshParameters
-    frequency: Array
-    load: Array
-    rigid: Array
+    frequency: jax.Array
+    load: jax.Array
+    rigid: jax.Array
     samples: int = field(metadata={"static": True})
 
     @property
-    def harmonics(self):
+    def harmonics(self) -> int:
+        """Number N of harmonics."""
         return self.load.shape[-1] - 1
 
-    def residual(self, packed):
-        """A(x) ``(S, P)`` N at ``packed`` displacements ``(S, P)`` m."""
+    def residual(self, packed: jax.Array) -> jax.Array:
+        """Residual A(x) ``(S, P)`` N at ``packed`` displacements ``(S, P)`` m."""
         return self.residual_at(packed, self.deflections(packed))
 
-    def deflections(self, packed):
-        """Packed deflections D x ``(L, P)`` m of all links."""
+    def deflections(self, packed: jax.Array) -> jax.Array:
+        """Packed deflections D x ``(L, P)`` m of all links, from displacements ``(S,
+        P)`` m.
+        """
         return fourier.pack(self.system.deflections(fourier.unpack(packed)))
 
-    def residual_at(self, displacement, deflection):
-        """The same at packed displacements ``(S, P)`` m and the deflections ``(L, P)``
-        m of all links between them, which a train that turns far as one does not tell
-        by their differences.
+    def residual_at(self, displacement: jax.Array, deflection: jax.Array) -> jax.Array:
+        """Residual A(x) ``(S, P)`` N at packed displacements ``(S, P)`` m and the
+        deflections ``(L, P)`` m of all links between them, which the differences of
+        displacements lose where a train turns far as one.
         """
         mean = displacement[:, 0]
         x = fourier.unpack(displacement)
@@ -86,7 +92,7 @@ class ForceBalance:
         left = fourier.pack(self._disks() * x - self.load + self.system.spread(force))
         return left.at[:, 0].add(self._hold(mean))
 
-    def link_blocks(self, packed):
+    def link_blocks(self, packed: jax.Array) -> jax.Array:
         """Tangent blocks ``(L, P, P)`` of all links at ``packed`` deflections ``(L,
         P)`` m: diagonal for linear links, for those with a law Toeplitz, ``T[df/dl] +
         T[df/dl'] d/dt``, with the slopes of the law written out by hand.
@@ -112,13 +118,13 @@ class ForceBalance:
         linear = self._linear_beside()[:, :, None] * jnp.eye(packed.shape[-1])
         return blocks.at[meshes.link[count:]].add(of_law[count:] - linear)
 
-    def node_blocks(self):
+    def node_blocks(self) -> jax.Array:
         """Diagonal blocks ``(S, P, P)`` of the disks: inertia, damping to ground and
         ground.
         """
         return fourier.packed_diagonal(self._disks() + 0j)
 
-    def jacobian(self, packed):
+    def jacobian(self, packed: jax.Array) -> jax.Array:
         """The dense Jacobian ``(S, P, S, P)`` of the residual, assembled from the
         blocks of disks and links.
         """
@@ -148,16 +154,19 @@ class ForceBalance:
         )
         return matrix.transpose(0, 2, 1, 3)
 
-    def solve(self, packed, right_side):
-        """J(x)^-1 ``right_side``, both ``(S, P)``, by :meth:`sweep`, with its
+    def solve(self, packed: jax.Array, right_side: jax.Array) -> jax.Array:
+        """Solve J(x) y = ``right_side``, both ``(S, P)``, by :meth:`sweep`, with its
         derivative.
         """
-        node, link = self.node_blocks(), self.link_blocks(self.deflections(packed))
+        node = self.node_blocks()
+        link = self.link_blocks(self.deflections(packed))
 
         def product(change):
             force = jnp.einsum("lij,lj->li", link, self.system.deflections(change))
-            taken = jnp.einsum("sij,sj->si", node, change) + self.system.spread(force)
-            return taken.at[:, 0].add(self._hold(change[:, 0]))
+            on_disks = jnp.einsum("sij,sj->si", node, change) + self.system.spread(
+                force
+            )
+            return on_disks.at[:, 0].add(self._hold(change[:, 0]))
 
         def by(node, link):
             return lambda _, right_side: self._swept(node, link, right_side)[0]
@@ -165,14 +174,18 @@ class ForceBalance:
         transposed = by(node.transpose(0, 2, 1), link.transpose(0, 2, 1))
         return lax.custom_linear_solve(product, right_side, by(node, link), transposed)
 
-    def sweep(self, deflection, right_side):
-        """J^-1 ``right_side`` ``(S, P)`` at packed deflections ``(L, P)`` by one block
-        sweep over the tree, and the deflections ``(L, P)`` of its links in it; without
-        links outside the tree.
+    def sweep(
+        self, deflection: jax.Array, right_side: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
+        """Solve with the Jacobian at packed deflections ``(L, P)`` m for a
+        ``right_side`` ``(S, P)`` by one block sweep over the tree: the solution, and
+        the deflections ``(L, P)`` of its links; without links outside the tree.
         """
         return self._swept(self.node_blocks(), self.link_blocks(deflection), right_side)
 
-    def _swept(self, node, link, right_side):
+    def _swept(
+        self, node: jax.Array, link: jax.Array, right_side: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
         """Solution and deflections by elimination with blocks of disks and links."""
         system = self.system
         tree = self.system.tree
@@ -188,82 +201,89 @@ class ForceBalance:
         # The hold of a floating train joins all disks, a tree does not. The balance of
         # its mean torques, what the hold takes, tells the rotation; what is left is
         # balanced, and the root may then be held by any spring.
-        (turned, inertia) = self._turned()
+        turned, inertia = self._turned()
         hold = self._hold_per_drift()
         floating = system.floating
         unbalanced = jnp.where(floating, self.rigid @ right_side[:, 0], 0.0)
         balanced = right_side.at[:, 0].add(-turned * unbalanced / inertia)
         node = node.at[tree.node[-1], 0, 0].add(jnp.where(floating, 1.0, 0.0))
-        given = link[tree.link], node[tree.node], balanced[tree.node]
-        found, apart, _ = matrix_sweep(tree.parent, near, far, *given)
-        apart = jnp.where(tree.from_a, 1.0, -1.0)[:, None] * apart
+        swept, bent, _ = matrix_sweep(
+            tree.parent,
+            near,
+            far,
+            link[tree.link],
+            node[tree.node],
+            balanced[tree.node],
+        )
+        bent = jnp.where(tree.from_a, 1.0, -1.0)[:, None] * bent
         deflection = (
-            jnp.zeros((len(link), found.shape[-1])).at[tree.link[:-1]].set(apart[:-1])
+            jnp.zeros((len(link), swept.shape[-1])).at[tree.link[:-1]].set(bent[:-1])
         )
-        change = jnp.zeros_like(found).at[tree.node].set(found)
+        change = jnp.zeros_like(swept).at[tree.node].set(swept)
         rotation = unbalanced / jnp.where(floating, hold, 1.0) - turned @ change[:, 0]
-        return (
-            change.at[:, 0].add(
-                jnp.where(floating, self.rigid * rotation / inertia, 0.0)
-            ),
-            deflection,
-        )
+        turn = jnp.where(floating, self.rigid * rotation / inertia, 0.0)
+        return change.at[:, 0].add(turn), deflection
 
     @property
-    def _meshes_proper(self):
-        """How many of the laws are those of meshes; the others act beside shafts."""
+    def _meshes_proper(self) -> int:
+        """Number of laws that are those of meshes; the others act beside shafts."""
         return len(self.meshes.link) - self.meshes.springs
 
-    def _omega(self):
+    def _omega(self) -> jax.Array:
+        """Frequencies ``(N+1,)`` rad/s of the harmonics."""
         return frequencies(self.frequency, self.harmonics)
 
-    def _link_stiffness(self):
-        """Complex ``(L, N+1)`` N/m of the linear links, with what holds rings at the
-        mean.
+    def _link_stiffness(self) -> jax.Array:
+        """Complex stiffness ``(L, N+1)`` N/m of the linear links, with the springs that
+        hold rings at the mean.
         """
         system = self.system
         ring = self.frequency**2 * system.mass[system.tree.end_b]
         hold = jnp.where(system.tree.pinned & (system.stiffness == 0), ring, 0.0)
         return link_stiffness(system, self._omega()).at[:, 0].add(hold)
 
-    def _linear_beside(self):
-        """``(n, 1)`` N/m, of the laws beside shafts what is in the linear links."""
+    def _linear_beside(self) -> Array:
+        """Stiffness ``(n, 1)`` N/m of the laws beside shafts that the linear links
+        contain.
+        """
         return self.meshes.law.linear_stiffness[self._meshes_proper :, None]
 
-    def _disks(self):
+    def _disks(self) -> jax.Array:
+        """Dynamic stiffness ``(S, N+1)`` N/m of the disks."""
         system = self.system
-        numbers = (
-            jnp.asarray(values)[:, None]
-            for values in (system.mass, system.damping, system.ground)
+        mass, damping, ground = (
+            jnp.asarray(field)[:, None]
+            for field in (system.mass, system.damping, system.ground)
         )
-        return disk_stiffness(self._omega(), *numbers)
+        return disk_stiffness(self._omega(), mass, damping, ground)
 
-    def _turned(self):
-        """``(S,)`` kg m, inertia times the rigid rotation of each disk, and the inertia
+    def _turned(self) -> tuple[jax.Array, jax.Array]:
+        """Inertia times the rigid rotation of each disk ``(S,)`` kg m, and the inertia
         of that rotation.
         """
         turned = jnp.asarray(self.system.mass) * self.rigid
         return turned, jnp.where(self.system.floating, turned @ self.rigid, 1.0)
 
-    def _hold_per_drift(self):
-        """Omega^2 of a floating train, 0 of one that a ground holds."""
+    def _hold_per_drift(self) -> jax.Array:
+        """Square Omega^2 of a floating train, 0 of one that a ground holds."""
         return jnp.where(self.system.floating, self.frequency**2, 0.0)
 
-    def _hold(self, mean):
+    def _hold(self, mean: jax.Array) -> jax.Array:
         """Forces ``(S,)`` N that hold the mean rotation of a floating train, from mean
         displacements ``(S,)``.
         """
         turned, inertia = self._turned()
         return self._hold_per_drift() * turned * (turned @ mean) / inertia
 
-    def _at_samples(self, function, deflection):
-        """A function of the laws along the motion with deflections ``(L, N+1)`` of the
-        links, at time samples.
+    def _at_samples(self, function: Callable, deflection: jax.Array):
+        """Evaluate a function of the laws at time samples, along the motion with
+        deflections ``(L, N+1)`` m of the links.
         """
         teeth = backlash.less_error(self.meshes, deflection[self.meshes.link])
         rule = fourier.Equidistant(self.samples)
-        motion = (
-            rule.synthesize(l)
-            for l in (teeth, fourier.derivative(teeth, self.frequency))
+        law, viscous, contact_damping = backlash.at_samples(
+            self.meshes, rule.synthesize
         )
-        return function(*backlash.at_samples(self.meshes, rule.synthesize), *motion)
+        values = rule.synthesize(teeth)
+        rates = rule.synthesize(fourier.derivative(teeth, self.frequency))
+        return function(law, viscous, contact_damping, values, rates)

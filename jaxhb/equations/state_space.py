@@ -25,8 +25,12 @@ cycle frequency parts it, which no mesh notices. Rates at which eigenvectors coi
 are parted by a little more damping.
 """
 
+from __future__ import annotations
+
 import dataclasses
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +38,10 @@ import numpy as np
 import scipy.linalg
 from jax import lax
 
-from jaxhb._jax import Array, namespace, on_host, traced
+from jaxhb._jax import Array, Number, namespace, on_host, traced
+
+if TYPE_CHECKING:
+    from jaxhb.equations.backlash import MeshParameters
 
 # Share of the mean inertia that a disk without inertia gets: its mode is then far above
 # all others
@@ -47,10 +54,10 @@ ROTATION = 1e-14
 # rounding leaves.
 HELD = 1e-5
 HELD_ROUNDED = 1e-15
-CONDITION, PARTING = (
-    1e7,
-    1e-9,
-)  # of eigenvectors, above which damping is added, and that as a share of the largest
+# Condition number of eigenvectors above which damping is added
+CONDITION = 1e7
+# That damping as a share of the largest
+PARTING = 1e-9
 # Damping that is always added where real modes are made, as a share of the largest
 PARTED = 1e-13
 
@@ -69,8 +76,8 @@ class Partition:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class StateSpace:
-    """``y' = A y + E phi``, mesh deflections and rates ``w = L y`` (l before l'), ``y =
-    T (x, x')``.
+    """First-order equations ``y' = A y + E phi``, with mesh deflections and rates ``w =
+    L y`` (l before l'), ``y = T (x, x')``.
 
     transition A ``(n, n)`` 1/s; forcing E ``(n, G)``; observation L ``(2G, n)``;
     coordinates T ``(n, 2S)``; in_modes : whether A has entries only in the blocks of
@@ -84,33 +91,33 @@ class StateSpace:
     in_modes: bool = field(default=False, metadata={"static": True})
 
 
-def paired(matrix):
-    """The blocks ``(2, 2, n/2)`` of a matrix ``(n, n)`` that couples states k and n/2 +
-    k alone.
+def paired(matrix: Array) -> jax.Array:
+    """Blocks ``(2, 2, n/2)`` of a matrix ``(n, n)`` that couples states k and n/2 + k
+    alone.
     """
     half = len(matrix) // 2
     quarters = jnp.stack([matrix[:half], matrix[half:]]).reshape(2, half, 2, half)
     return jnp.diagonal(quarters, axis1=1, axis2=3)
 
 
-def paired_matrix(blocks):
-    """The matrix ``(n, n)`` of the blocks that :func:`paired` gives."""
+def paired_matrix(blocks: Array) -> jax.Array:
+    """Matrix ``(n, n)`` of the blocks that :func:`paired` gives."""
     return jnp.block([[jnp.diag(block) for block in row] for row in blocks])
 
 
-def propagated(propagator, state):
+def propagated(propagator: Array, state: Array) -> Array:
     """Product of a matrix ``(n, n)``, or of the blocks that :func:`paired` gives, with
     states ``(n, ...)``.
     """
     if propagator.ndim == 2:
         return propagator @ state
-    pairs = state.reshape(2, -1, *state.shape[1:])
-    blocks = propagator.reshape(*propagator.shape, *[1] * (state.ndim - 1))
+    pairs = state.reshape((2, -1) + state.shape[1:])
+    blocks = propagator.reshape(propagator.shape + (1,) * (state.ndim - 1))
     return jnp.concatenate([row[0] * pairs[0] + row[1] * pairs[1] for row in blocks])
 
 
-def modal_basis(transition):
-    """A real basis ``(n, n)`` in which a transition matrix couples states k and n/2 + k
+def modal_basis(transition: jax.Array) -> jax.Array:
+    """Real basis ``(n, n)`` in which a transition matrix couples states k and n/2 + k
     alone, for even n.
 
     Columns k and n/2 + k are real and imaginary part of an eigenvector, or two real
@@ -121,23 +128,24 @@ def modal_basis(transition):
     n = len(transition)
     little = PARTED * jnp.abs(jnp.diag(transition)).max()
     shares = (1 + jnp.arange(n)) / n
-    rates, vectors = jnp.linalg.eig(
-        lax.stop_gradient(transition - jnp.diag(little * shares))
-    )
-    # Those that turn, real ones, and the conjugates of the first; of the first their
-    # real and imaginary parts.
+    parted = transition - jnp.diag(little * shares)
+    rates, vectors = jnp.linalg.eig(lax.stop_gradient(parted))
+    # In this order: eigenvectors that turn, real ones, and the conjugates of the first;
+    # of the first their real and imaginary parts.
     vectors = vectors[:, jnp.argsort(-rates.imag)]
     turning = jnp.sum(rates.imag > 0)
     k = jnp.arange(n // 2)
     real = turning + 2 * (k - turning)
     first, second = (jnp.where(k < turning, k, real + i) for i in (0, 1))
-    own = jnp.where(k < turning, vectors[:, first].imag, vectors[:, second].real)
-    return jnp.concatenate([vectors[:, first].real, own], axis=1)
+    second_columns = jnp.where(
+        k < turning, vectors[:, first].imag, vectors[:, second].real
+    )
+    return jnp.concatenate([vectors[:, first].real, second_columns], axis=1)
 
 
-def matrices(system):
-    """Dense damping matrix B and stiffness matrix K ``(S, S)``, meshes taken in
-    contact.
+def matrices(system) -> tuple[Array, Array]:
+    """Dense damping matrix B ``(S, S)`` N s/m and stiffness matrix K ``(S, S)`` N/m,
+    meshes taken in contact.
     """
     xp = namespace(system)
     D = system.incidence().T
@@ -146,15 +154,15 @@ def matrices(system):
     return B, K
 
 
-def loss_stiffness(system):
-    """The imaginary part ``(S, S)`` N/m that loss factors add to K for harmonics above
-    0.
+def loss_stiffness(system) -> Array:
+    """Imaginary part ``(S, S)`` N/m that loss factors add to K for harmonics
+    above 0.
     """
     D = system.incidence().T
     return D.T @ ((system.loss * system.stiffness)[:, None] * D)
 
 
-def loss_damping(system):
+def loss_damping(system) -> np.ndarray:
     """Damping matrix ``(S, S)`` N s/m, host, that takes as much from every mode as loss
     factors do, which have no equation in time.
 
@@ -168,22 +176,28 @@ def loss_damping(system):
         return np.zeros((len(system.mass),) * 2)
     mass = np.where(system.mass > 0, system.mass, LIGHT * np.mean(system.mass))
     scale = np.sqrt(mass)[:, None]
-    squares, shapes = np.linalg.eigh(matrices(system)[1] / scale / scale.T)
+    _, K = matrices(system)
+    squares, shapes = np.linalg.eigh(K / scale / scale.T)
     moving = squares > ROTATION * squares[-1]
     root = np.where(moving, np.where(moving, squares, 1.0) ** -0.25, 0.0)
     left = scale * shapes * root
-    return (
-        left @ ((shapes / scale).T @ loss_stiffness(system) @ (shapes / scale)) @ left.T
-    )
+    modal_loss = (shapes / scale).T @ loss_stiffness(system) @ (shapes / scale)
+    return left @ modal_loss @ left.T
 
 
-def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
+def partition(
+    system,
+    meshes: MeshParameters,
+    disk_names: Sequence[str] | None = None,
+    link_names: Sequence[str] | None = None,
+    lossy: bool = False,
+) -> Partition:
     """The :class:`Partition` of the disks, on the host; hashable, to be passed where
     the system is traced.
 
-    meshes : those with backlash; names : for the sentences of errors; lossy : whether
-    loss factors are served, by :func:`loss_damping`. Raises ValueError naming loss
-    factors, or massless disks that leave no equation to integrate.
+    meshes : those with backlash; disk_names, link_names : for the sentences of errors;
+    lossy : whether loss factors are served, by :func:`loss_damping`. Raises ValueError
+    naming loss factors, or massless disks that leave no equation to integrate.
     """
     if traced((system, meshes)):
         raise ValueError(
@@ -194,8 +208,8 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
     system = jax.tree.map(np.asarray, system)
     meshed = np.asarray(meshes.link)
 
-    def named(names, what, at):
-        return ", ".join(repr(names[i]) if names else f"{what} {i}" for i in at)
+    def named(names: Sequence[str] | None, kind: str, indices: Iterable[int]) -> str:
+        return ", ".join(repr(names[i]) if names else f"{kind} {i}" for i in indices)
 
     refused = [] if lossy else np.flatnonzero(system.loss)
     if len(refused):
@@ -215,41 +229,45 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
     undamped = ~np.any(B[massless] != 0, axis=1)
     static = massless[undamped]
     damped = massless[~undamped]
-    for group, matrix, what in ((static, K, "stiffness"), (damped, B, "damping")):
+    for group, matrix, quantity in ((static, K, "stiffness"), (damped, B, "damping")):
         block = matrix[np.ix_(group, group)]
         scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
-        if (
-            group.size
-            and not np.linalg.eigvalsh(block / scale[:, None] / scale)[0] > 1e-10
-        ):
+        if not group.size:
+            continue
+        if not np.linalg.eigvalsh(block / scale[:, None] / scale)[0] > 1e-10:
             raise ValueError(
-                f"{named(disk_names, 'disk', group)}: no inertia, and the {what}"
+                f"{named(disk_names, 'disk', group)}: no inertia, and the {quantity}"
                 " between them does not determine their motion. Give them an inertia,"
                 " or use a harmonic method."
             )
     return Partition(
-        *(
-            tuple(group.tolist())
-            for group in (np.flatnonzero(system.mass != 0), damped, static)
-        )
+        inertial=tuple(np.flatnonzero(system.mass != 0).tolist()),
+        damped=tuple(damped.tolist()),
+        static=tuple(static.tolist()),
     )
 
 
-def state_space(system, meshes, frequency, parts, damping=0.0):
+def state_space(
+    system,
+    meshes: MeshParameters,
+    frequency: Number,
+    parts: Partition,
+    damping: Number = 0.0,
+) -> StateSpace:
     """The :class:`StateSpace` of the train and its meshes with backlash; ``frequency``
     Omega in rad/s only scales the slow modes, ``damping`` ``(S, S)`` N s/m acts beside
     that of the system.
     """
     xp = namespace(system, meshes, frequency)
-    (B, K) = matrices(system)
+    B, K = matrices(system)
     B = B + damping
-    inertial, damped, static = (
-        np.array(g, dtype=int) for g in (parts.inertial, parts.damped, parts.static)
-    )
-    kept = np.concatenate([inertial, damped])
-    stiffness = K[np.ix_(kept, kept)]
+    inertial = np.array(parts.inertial, dtype=int)
+    damped = np.array(parts.damped, dtype=int)
+    static = np.array(parts.static, dtype=int)
+    dynamic = np.concatenate([inertial, damped])
+    stiffness = K[np.ix_(dynamic, dynamic)]
     if static.size:
-        coupling = K[np.ix_(static, kept)]
+        coupling = K[np.ix_(static, dynamic)]
         stiffness = stiffness - coupling.T @ xp.linalg.solve(
             K[np.ix_(static, static)], coupling
         )
@@ -258,14 +276,13 @@ def state_space(system, meshes, frequency, parts, damping=0.0):
     root = xp.sqrt(system.mass[inertial])
     # Any orthonormal basis is exact, hence no derivative through that of the undamped
     # modes.
-    constant = lax.stop_gradient if xp is jnp else lambda a: a
-    squares, vectors = xp.linalg.eigh(
-        constant(stiffness[:n, :n] / root[:, None] / root)
-    )
+    constant = lax.stop_gradient if xp is jnp else lambda array: array
+    scaled = constant(stiffness[:n, :n] / root[:, None] / root)
+    squares, vectors = xp.linalg.eigh(scaled)
     scale = constant(xp.sqrt(xp.maximum(squares, frequency**2)))
     to_modal = vectors.T * root
     from_modal = vectors / root[:, None]
-    drag = B[np.ix_(kept, kept)]
+    drag = B[np.ix_(dynamic, dynamic)]
     # B x' + K x = 0: velocities of damped disks without inertia from all displacements
     # and the others' velocities.
     follow = xp.zeros((extra, 2 * n + extra))
@@ -289,17 +306,17 @@ def state_space(system, meshes, frequency, parts, damping=0.0):
         transition=to @ physical @ back,
         forcing=to @ forcing,
         observation=observation @ back,
-        coordinates=to @ np.eye(2 * disks)[np.concatenate([kept, disks + inertial])],
+        coordinates=to @ np.eye(2 * disks)[np.concatenate([dynamic, disks + inertial])],
     )
 
 
-def dense_linear_motion(system, frequency, load):
+def dense_linear_motion(system, frequency: Number, load: Array) -> Array:
     """Steady displacements ``(S, N+1)`` m of the train with all meshes in contact under
-    ``load`` ``(S, N+1)`` N, one dense solve per harmonic; those that no force opposes
+    ``load`` ``(S, N+1)`` N, one dense solve per harmonic; motions that no force opposes
     (rotation, rings without spring) have mean zero.
     """
     xp = namespace(system, frequency, load)
-    (B, K) = matrices(system)
+    B, K = matrices(system)
     mean = static_response(K, load[:, 0].real)
     omega = frequency * xp.arange(1, load.shape[-1])
     K = K + 1j * loss_stiffness(system)
@@ -312,9 +329,9 @@ def dense_linear_motion(system, frequency, load):
     return xp.concatenate([mean[:, None] + 0j, harmonics], axis=1)
 
 
-def static_response(K, force):
-    """K^-1 force, without the motions that meet no stiffness (the load is balanced on
-    them).
+def static_response(K: Array, force: Array) -> Array:
+    """Displacements K^-1 force ``(S,)`` m, without the motions that meet no stiffness
+    (the load is balanced on them).
     """
     xp = namespace(K, force)
     diagonal = xp.diag(K)
@@ -339,31 +356,33 @@ class Modes:
     motion: np.ndarray
     coordinates: np.ndarray
 
-    def only(self, chosen):
+    def only(self, chosen: np.ndarray) -> Modes:
         """Some of the modes, by index or mask."""
-        rows = (self.rates, self.forcing, self.coordinates)
-        rates, forcing, coordinates = (array[chosen] for array in rows)
         return Modes(
-            rates,
-            forcing,
-            self.observation[:, chosen],
-            self.motion[:, chosen],
-            coordinates,
+            rates=self.rates[chosen],
+            forcing=self.forcing[chosen],
+            observation=self.observation[:, chosen],
+            motion=self.motion[:, chosen],
+            coordinates=self.coordinates[chosen],
         )
 
 
-def march_modes(system, meshes, frequency, parts):
+def march_modes(
+    system, meshes: MeshParameters, frequency: float, parts: Partition
+) -> Modes:
     """The :class:`Modes` of a train; arguments as of :func:`state_space`."""
     # Springs in proportion to the inertias leave the undamped shapes as they are: they
     # part the Jordan block of free rotation, and raise the other frequencies by less
     # than rounding shows.
     soft = _holding(system, frequency, parts)
     held = dataclasses.replace(system, ground=system.ground + soft * system.mass)
-    space = state_space(*on_host((held, meshes)), frequency, parts, loss_damping(held))
+    host_system, host_meshes = on_host((held, meshes))
+    damping = loss_damping(held)
+    space = state_space(host_system, host_meshes, frequency, parts, damping)
     return modes_of(space, _motion(system, space, parts))
 
 
-def _holding(system, frequency, parts):
+def _holding(system, frequency: float, parts: Partition) -> float:
     """Stiffness over inertia, 1/s2, of the springs that hold free rotation."""
     inertial = np.array(parts.inertial, int)
     highest = np.max(
@@ -372,38 +391,46 @@ def _holding(system, frequency, parts):
     return max((HELD * frequency) ** 2, HELD_ROUNDED * highest)
 
 
-def unheld_modes(system, meshes, space, frequency, parts):
+def unheld_modes(
+    system,
+    meshes: MeshParameters,
+    space: StateSpace,
+    frequency: float,
+    parts: Partition,
+) -> Modes:
     """The :class:`Modes` of a train with its StateSpace, without the spring of
     :func:`march_modes`: where rotation is free its rates are 0.
     """
     rates, vectors = np.linalg.eig(space.transition)
     if np.linalg.cond(vectors) <= CONDITION:
-        return _kept_modes(rates, vectors, space, _motion(system, space, parts))
+        motion = _motion(system, space, parts)
+        return _modes_of_pairs(rates, vectors, space, motion)
     modes = march_modes(system, meshes, frequency, parts)
     free = np.abs(modes.rates) <= 2 * np.sqrt(_holding(system, frequency, parts))
     return _without_spring(modes, free)
 
 
-def _without_spring(modes, free):
-    """The Modes with rates 0 of those that are ``free`` ``(m,)``: real and imaginary
-    part of one that turns on its spring are two, angle and speed of a rotation.
+def _without_spring(modes: Modes, free: np.ndarray) -> Modes:
+    """The Modes with rates 0 where they are ``free`` ``(m,)``: real and imaginary part
+    of a mode that turns on its spring are two, angle and speed of a rotation.
     """
     turns = free & (modes.rates.imag != 0)
-    others, turning = modes.only(~turns), modes.only(turns)
-    still = np.zeros(np.count_nonzero(turns))
+    rest = modes.only(~turns)
+    turning = modes.only(turns)
+    zeros = np.zeros(np.count_nonzero(turns))
 
-    def rows(name):
+    def rows(name: str) -> np.ndarray:
         rotation = getattr(turning, name)
-        return np.concatenate([getattr(others, name), rotation.real, rotation.imag])
+        return np.concatenate([getattr(rest, name), rotation.real, rotation.imag])
 
-    def columns(name):
+    def columns(name: str) -> np.ndarray:
         rotation = getattr(turning, name)
         return np.concatenate(
-            [getattr(others, name), rotation.real, -rotation.imag], axis=1
+            [getattr(rest, name), rotation.real, -rotation.imag], axis=1
         )
 
     return Modes(
-        rates=np.concatenate([np.where(free[~turns], 0.0, others.rates), still, still]),
+        rates=np.concatenate([np.where(free[~turns], 0.0, rest.rates), zeros, zeros]),
         forcing=rows("forcing"),
         observation=columns("observation"),
         motion=columns("motion"),
@@ -411,52 +438,57 @@ def _without_spring(modes, free):
     )
 
 
-def modes_of(space, motion):
+def modes_of(space: StateSpace, motion: np.ndarray) -> Modes:
     """The :class:`Modes` of a StateSpace; ``motion`` ``(2S, n)``: (x, x') of its
     states.
     """
     A = np.asarray(space.transition)
     rates, vectors = np.linalg.eig(A)
     if np.linalg.cond(vectors) > CONDITION:
-        shares = (1 + np.arange(len(A))) / len(A)
         # Different shares for every state: equal ones would move all eigenvalues alike
         # and part none.
-        rates, vectors = np.linalg.eig(
-            A - np.diag(PARTING * np.abs(np.diag(A)).max() * shares)
-        )
-    return _kept_modes(rates, vectors, space, motion)
+        shares = (1 + np.arange(len(A))) / len(A)
+        damping = PARTING * np.abs(np.diag(A)).max() * shares
+        rates, vectors = np.linalg.eig(A - np.diag(damping))
+    return _modes_of_pairs(rates, vectors, space, motion)
 
 
-def _kept_modes(rates, vectors, space, motion):
-    """The :class:`Modes` of eigenvalues and eigenvectors of a StateSpace."""
-    E, L, T = (
-        np.asarray(a) for a in (space.forcing, space.observation, space.coordinates)
+def _modes_of_pairs(
+    rates: np.ndarray, vectors: np.ndarray, space: StateSpace, motion: np.ndarray
+) -> Modes:
+    """The :class:`Modes` of eigenvalues and eigenvectors of a StateSpace: of a
+    conjugate pair one.
+    """
+    forcing = np.asarray(space.forcing)
+    observation = np.asarray(space.observation)
+    coordinates = np.asarray(space.coordinates)
+    # One mode of a conjugate pair, counted twice: Re(v z) of both is twice that of one.
+    chosen = rates.imag >= 0
+    inverse = np.linalg.inv(vectors)[chosen]
+    rates = rates[chosen]
+    vectors = np.where(rates.imag > 0, 2.0, 1.0) * vectors[:, chosen]
+    return Modes(
+        rates=rates,
+        forcing=inverse @ forcing,
+        observation=observation @ vectors,
+        motion=motion @ vectors,
+        coordinates=inverse @ coordinates,
     )
-    # Of a conjugate pair one mode, counted twice below: Re(v z) of both is twice that
-    # of one.
-    one = rates.imag >= 0
-    inverse = np.linalg.inv(vectors)[one]
-    rates, vectors = (
-        rates[one],
-        np.where(rates[one].imag > 0, 2.0, 1.0) * vectors[:, one],
-    )
-    return Modes(rates, inverse @ E, L @ vectors, motion @ vectors, inverse @ T)
 
 
-def _motion(system, space, parts):
-    """(x, x') ``(2S, n)`` of all disks from the state."""
+def _motion(system, space: StateSpace, parts: Partition) -> np.ndarray:
+    """Matrix ``(2S, n)`` from the state to (x, x') of all disks."""
     A = np.asarray(space.transition)
     T = np.asarray(space.coordinates)
     inertial = np.array(parts.inertial, int)
-    kept = np.array(parts.inertial + parts.damped, int)
+    dynamic = np.array(parts.inertial + parts.damped, int)
     static = np.array(parts.static, int)
     disks = len(system.mass)
-    inverse = np.linalg.inv(T[:, np.concatenate([kept, disks + inertial])])
+    inverse = np.linalg.inv(T[:, np.concatenate([dynamic, disks + inertial])])
     x = np.zeros((disks, len(A)))
-    x[kept] = inverse[: len(kept)]
+    x[dynamic] = inverse[: len(dynamic)]
     if static.size:
         K = np.asarray(matrices(system)[1])
-        x[static] = -np.linalg.solve(
-            K[np.ix_(static, static)], K[np.ix_(static, kept)] @ x[kept]
-        )
+        pull = K[np.ix_(static, dynamic)] @ x[dynamic]
+        x[static] = -np.linalg.solve(K[np.ix_(static, static)], pull)
     return np.concatenate([x, x @ A])

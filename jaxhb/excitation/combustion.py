@@ -23,9 +23,13 @@ Sources: I. Wiebe, *Brennverlauf und Kreisprozess von Verbrennungsmotoren*, 1970
 Heywood, *Internal Combustion Engine Fundamentals*, sections 9.2 and 9.6.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+
 import numpy as np
 
-from jaxhb._jax import namespace
+from jaxhb._jax import Array, Number, namespace
 from jaxhb.excitation.crank import slider_crank
 
 # Share of the fuel that is burnt at the end of the duration: Wiebe's function never
@@ -41,8 +45,10 @@ NUMBERS = (
 )
 
 
-def burnt_share(angle, start, duration, shape):
-    """Wiebe's share of the heat released up to an angle (deg); arguments broadcast."""
+def burnt_share(angle: Number, start: Number, duration: Number, shape: Number) -> Array:
+    """Share of the heat released up to an angle (deg) by Wiebe's function; arguments
+    broadcast.
+    """
     xp = namespace(angle, start, duration, shape)
     begun = angle > start
     # 1 before the start: powers of negative numbers are nan, and derivatives would
@@ -54,18 +60,27 @@ def burnt_share(angle, start, duration, shape):
     )
 
 
-def pressures(bore, stroke, rod, numbers, *, revolutions, samples):
+def pressures(
+    bore: Array,
+    stroke: Array,
+    rod: Array,
+    numbers: Mapping[str, Array],
+    *,
+    revolutions: int,
+    samples: int,
+) -> tuple[Array, Array, Array]:
     """Pressures (Pa) that 1 Pa of charge, 1 Pa in the exhaust and 1 J of heat make, [n,
-    samples] each, from firing TDC on; that of a cycle is their sum, times these three.
+    samples] each, from firing TDC on; the pressure of a cycle is their sum, times these
+    three.
 
     Arrays [n]: bore, stroke and rod in m, and by their names the :data:`NUMBERS` of a
     :class:`~jaxhb.elements.elements.Combustion`. ``revolutions`` of the crank in a gas
     cycle, 2 (four-stroke) or 1, of ``samples`` equal steps, a multiple of 4.
     """
-    given = bore, stroke, rod, *(numbers[name] for name in NUMBERS)
-    xp = namespace(given)
+    columns = (bore, stroke, rod, *(numbers[name] for name in NUMBERS))
+    xp = namespace(columns)
     bore, stroke, rod, ratio, start, duration, shape, before, after = (
-        v[:, None] for v in given
+        column[:, None] for column in columns
     )
     closed = samples // revolutions
     angle = np.linspace(-180.0, 180.0, closed + 1)
@@ -74,54 +89,58 @@ def pressures(bore, stroke, rod, numbers, *, revolutions, samples):
     exponent = before + (after - before) * burnt
     # The equation is linear in p, and exp(growth) its integrating factor.
     growth = _integral(exponent, xp.log(volume))
-    per_joule = xp.exp(-growth) * _integral(
-        (exponent - 1.0) / volume * xp.exp(growth), burnt
-    )
+    released = _integral((exponent - 1.0) / volume * xp.exp(growth), burnt)
+    per_joule = xp.exp(-growth) * released
     of_charge, of_exhaust = _with_exchange(xp.exp(-growth), samples)
-    none = xp.zeros((len(bore), samples - closed))
-    return of_charge, of_exhaust, xp.concatenate(_around(per_joule, none), axis=1)
+    no_heat = xp.zeros((len(bore), samples - closed))
+    return of_charge, of_exhaust, xp.concatenate(_around(per_joule, no_heat), axis=1)
 
 
-def unburnt(stroke, rod, numbers, *, revolutions, samples):
-    """The same of a cycle without injection: pressures that 1 Pa of charge and 1 Pa in
-    the exhaust make.
+def unburnt(
+    stroke: Array,
+    rod: Array,
+    numbers: Mapping[str, Array],
+    *,
+    revolutions: int,
+    samples: int,
+) -> tuple[Array, Array]:
+    """Pressures (Pa) that 1 Pa of charge and 1 Pa in the exhaust make in a cycle
+    without injection, [n, samples] each; arguments as of :func:`pressures`.
     """
     xp = namespace(stroke, rod, numbers)
     stroke = stroke[:, None]
     rod = rod[:, None]
-    ratio, exponent = (
-        numbers[name][:, None] for name in ("compression_ratio", "compression_exponent")
-    )
-    height = _height(
-        np.linspace(-180.0, 180.0, samples // revolutions + 1), stroke, rod, ratio
-    )
-    return _with_exchange(xp.exp(-exponent * xp.log(height / height[:, :1])), samples)
+    ratio = numbers["compression_ratio"][:, None]
+    exponent = numbers["compression_exponent"][:, None]
+    angle = np.linspace(-180.0, 180.0, samples // revolutions + 1)
+    height = _height(angle, stroke, rod, ratio)
+    closed = xp.exp(-exponent * xp.log(height / height[:, :1]))
+    return _with_exchange(closed, samples)
 
 
-def _height(angle, stroke, rod, ratio):
-    """Height (m) of the gas above the piston; of the compression ratio r the clearance
-    is the stroke over r - 1.
+def _height(angle: np.ndarray, stroke: Array, rod: Array, ratio: Array) -> Array:
+    """Height (m) of the gas above the piston; with the compression ratio r the
+    clearance is the stroke over r - 1.
     """
     return stroke / (ratio - 1.0) + slider_crank(np.deg2rad(angle), stroke, rod)[0]
 
 
-def _with_exchange(closed, samples):
-    """What 1 Pa of charge and 1 Pa in the exhaust make of a cycle whose closed part,
-    from bottom to bottom dead centre, begins with 1 Pa of charge.
+def _with_exchange(closed: Array, samples: int) -> tuple[Array, Array]:
+    """Pressures that 1 Pa of charge and 1 Pa in the exhaust make in a cycle whose
+    closed part, from bottom to bottom dead centre, begins with 1 Pa of charge.
     """
     xp = namespace(closed)
     exchange = samples - closed.shape[1] + 1
-    none, ones = (xp.full((len(closed), exchange // 2), value) for value in (0.0, 1.0))
-    of_charge = xp.concatenate(
-        _around(closed, xp.concatenate([none, ones], axis=1)), axis=1
-    )
-    of_exhaust = xp.concatenate(
-        _around(xp.zeros_like(closed), xp.concatenate([ones, none], axis=1)), axis=1
-    )
+    zeros = xp.full((len(closed), exchange // 2), 0.0)
+    ones = xp.full((len(closed), exchange // 2), 1.0)
+    inlet = xp.concatenate([zeros, ones], axis=1)
+    exhaust = xp.concatenate([ones, zeros], axis=1)
+    of_charge = xp.concatenate(_around(closed, inlet), axis=1)
+    of_exhaust = xp.concatenate(_around(xp.zeros_like(closed), exhaust), axis=1)
     return of_charge, of_exhaust
 
 
-def _around(closed, exchange):
+def _around(closed: Array, exchange: Array) -> tuple[Array, Array, Array]:
     """Parts of a cycle from firing top dead centre on: expansion, gas exchange,
     compression.
     """
@@ -129,12 +148,11 @@ def _around(closed, exchange):
     return closed[:, half:-1], exchange, closed[:, :half]
 
 
-def _integral(values, over):
+def _integral(values: Array, over: Array) -> Array:
     """Integral of ``values`` d``over`` from the first sample on, by the trapezoidal
     rule, zero at the first.
     """
     xp = namespace(values, over)
     steps = 0.5 * (values[:, 1:] + values[:, :-1]) * (over[:, 1:] - over[:, :-1])
-    return xp.concatenate(
-        [xp.zeros_like(values[:, :1]), xp.cumsum(steps, axis=1)], axis=1
-    )
+    zeros = xp.zeros_like(values[:, :1])
+    return xp.concatenate([zeros, xp.cumsum(steps, axis=1)], axis=1)

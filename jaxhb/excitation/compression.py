@@ -24,9 +24,11 @@ stays as the table has it. In two-stroke engines the mirrored compression holds 
 scavenging pressure instead of the blowdown.
 """
 
+from __future__ import annotations
+
 import numpy as np
 
-from jaxhb._jax import namespace
+from jaxhb._jax import Array, namespace
 from jaxhb.excitation.crank import slider_crank
 
 BEFORE_IGNITION = -80.0, -30.0
@@ -34,8 +36,8 @@ BEFORE_IGNITION = -80.0, -30.0
 yet.
 """
 EXPONENT = 1.1, 1.6
-"""Of the compression of gases in engines, 1.25 to 1.40, with room for the errors of
-measurements.
+"""Exponents of the compression of gases in engines, 1.25 to 1.40, with room for the
+errors of measurements.
 """
 CLEARANCE = 1.0 / 40.0, 1.0 / 3.0
 """Clearance over the stroke: compression ratios of 4 to 41."""
@@ -45,13 +47,15 @@ is not open wide yet.
 """
 
 
-def unburnt_table(pressure, stroke, rod, *, revolutions):
+def unburnt_table(
+    pressure: Array, stroke: Array, rod: Array, *, revolutions: int
+) -> Array:
     """The table without injection, as ``pressure`` [..., n, M] (Pa, absolute) at equal
     steps from firing TDC on.
 
     stroke and rod [n] in m; ``revolutions`` of the crank in a gas cycle, 2
-    (four-stroke) or 1. Where the compression of the table is no polytrope of an engine,
-    it is taken up to top dead centre as it is.
+    (four-stroke) or 1. A table whose compression is no polytrope of an engine is taken
+    up to top dead centre as it is.
     """
     xp = namespace(pressure, stroke, rod)
     samples = pressure.shape[-1]
@@ -86,9 +90,9 @@ def unburnt_table(pressure, stroke, rod, *, revolutions):
     return xp.concatenate([expanded, exchange, compressed[..., :-1]], axis=-1)
 
 
-def _without_blowdown(exchange):
-    """Exhaust and inlet stroke [..., K], 180 to 540 deg, that begins with the pressure
-    of :data:`LATE_EXHAUST`.
+def _without_blowdown(exchange: Array) -> Array:
+    """Cut exhaust and inlet stroke [..., K], 180 to 540 deg, so that they begin with
+    the pressure of :data:`LATE_EXHAUST`.
     """
     xp = namespace(exchange)
     samples = exchange.shape[-1]
@@ -99,17 +103,13 @@ def _without_blowdown(exchange):
     )
 
 
-def _polytrope(pressure, travel):
+def _polytrope(pressure: Array, travel: Array) -> tuple[Array, Array]:
     """Clearance (m) and exponent [..., n] of a compression, samples [..., n, K]; nan or
     absurd where there is none.
     """
     xp = namespace(pressure, travel)
-    steps = (
-        0.5
-        * (pressure[..., 1:] + pressure[..., :-1])
-        * (travel[..., 1:] - travel[..., :-1])
-    )
-    work = xp.cumsum(steps, axis=-1)
+    mean = 0.5 * (pressure[..., 1:] + pressure[..., :-1])
+    work = xp.cumsum(mean * (travel[..., 1:] - travel[..., :-1]), axis=-1)
     # In shares of the last pressure and the first travel, squares of numbers near 1 are
     # summed.
     size = xp.where(pressure[..., -1:] > 0.0, pressure[..., -1:], 1.0)
@@ -117,13 +117,14 @@ def _polytrope(pressure, travel):
     work = work / (size * travel[..., :1])
     product = (pressure * travel)[..., :1] - (pressure * travel)[..., 1:]
     product = product / (size * travel[..., :1])
-    rise2, work2, both = (
-        (a * b).sum(axis=-1) for a, b in ((rise, rise), (work, work), (rise, work))
-    )
+    rise2 = (rise * rise).sum(axis=-1)
+    work2 = (work * work).sum(axis=-1)
+    both = (rise * work).sum(axis=-1)
     determinant = rise2 * work2 - both**2
     solvable = determinant > 1e-12 * rise2 * work2
     determinant = xp.where(solvable, determinant, 1.0)
-    of_rise, of_work = ((a * product).sum(axis=-1) for a in (rise, work))
+    of_rise = (rise * product).sum(axis=-1)
+    of_work = (work * product).sum(axis=-1)
     clearance = (work2 * of_rise - both * of_work) / determinant * travel[..., 0]
     exponent = 1.0 + (rise2 * of_work - both * of_rise) / determinant
     return xp.where(solvable, clearance, 0.0), exponent

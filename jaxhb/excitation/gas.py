@@ -6,33 +6,31 @@ angle that do not depend on the speed (:func:`components`, :func:`weights`): har
 are taken of these once, for all speeds.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, dataclass_transform
+from typing import dataclass_transform
 
 import numpy as np
 
-from jaxhb._jax import namespace, pytree
+from jaxhb._jax import Array, Number, namespace, pytree
 from jaxhb._shown import brief
 from jaxhb.excitation.combustion import NUMBERS, pressures, unburnt
 from jaxhb.excitation.compression import unburnt_table
 from jaxhb.excitation.crank import slider_crank
-
-Array = Any
 
 GAS_SAMPLES = 7200  # angles of a gas cycle: a tenth of a degree of four strokes
 # Speed or load of points that fill up a grid: interpolation never reaches them
 FAR = 1e30
 STANDARD_ATMOSPHERE = 101325.0  # Pa
 CHARGE_EXPONENT = 1.5
-"""Power of the engine's power with which a turbocharger's pressure above the atmosphere
-grows, as engines on test beds show it at part load, on the propeller law and at
-constant speed: see ``docs/reference/excitation.md``.
+"""Exponent of the engine's power with which a turbocharger's pressure above the
+atmosphere grows, as engines on test beds show it at part load, on the propeller law and
+at constant speed: see ``docs/reference/excitation.md``.
 """
-COMPUTED = (
-    "pressure",
-    "traces",
-    "combustion",
-)  # fields of a cylinder whose gas torque is computed from its pressure
+# Fields of a cylinder whose gas torque is computed from its pressure
+COMPUTED = ("pressure", "traces", "combustion")
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, eq_default=False)
@@ -44,8 +42,8 @@ def table(cls):
     return pytree(brief(dataclass(frozen=True, kw_only=True, eq=False)(cls)))
 
 
-def _locked(self):
-    """Hold read-only views: what gave the arrays may still write to its own."""
+def _locked(self) -> None:
+    """Hold read-only views: the caller may still write to the arrays that it passed."""
     for name, value in list(vars(self).items()):
         if isinstance(value, np.ndarray) and value.flags.writeable:
             view = value.view()
@@ -75,9 +73,10 @@ class Combustions:
     or ``imep``, and ``exhaust_pressure``, are 0 if absent.
 
     ``seats`` [n] are the cylinders with a combustion, ``revolutions`` [n] those of
-    their gas cycle; ``by_work`` [n] tells whose ``imep`` is given; ``charge_by`` [n]
-    over what the factors of charge and exhaust pressure are given, "load", "rpm" or "":
-    ``charge_factor`` [n, L] at ``charge_at`` [n, L], None where nobody has any.
+    their gas cycle; ``by_work`` [n] tells which have an ``imep``; ``charge_by`` [n]
+    names the variable of the factors of charge and exhaust pressure, "load", "rpm" or
+    "": ``charge_factor`` [n, L] at ``charge_at`` [n, L], None where no cylinder has
+    any.
     """
 
     seats: tuple[int, ...] = field(metadata={"static": True})
@@ -99,28 +98,27 @@ class Combustions:
 
 
 def source(cylinder) -> str | None:
-    """Field that the gas torque of a cylinder is computed from, None where it is not
-    computed.
+    """Name the field that the gas torque of a cylinder is computed from, None where it
+    is not computed.
     """
     return next((key for key in COMPUTED if getattr(cylinder, key)), None)
 
 
 def source_word(cylinder) -> str:
-    """The same as a word: "harmonics" of a gas torque that is given, "none" where there
-    is none.
+    """Name the :func:`source` as a word: "harmonics" of a prescribed gas torque, "none"
+    where there is none.
     """
-    given = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
-    return source(cylinder) or ("harmonics" if given else "none")
+    prescribed = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
+    return source(cylinder) or ("harmonics" if prescribed else "none")
 
 
-def is_four_stroke(rows) -> bool:
+def is_four_stroke(rows: Sequence[Sequence[float]] | np.ndarray) -> bool:
     """Tell whether a pressure table (angle deg, Pa) is that of two revolutions: it
     extends beyond 360 deg.
     """
     angle = np.asarray(rows, dtype=np.float64)[:, 0]
-    return bool(
-        angle[-1] - angle[0] > 360.0 + 1e-9 or np.abs(angle).max() > 360.0 + 1e-9
-    )
+    longest = 360.0 + 1e-9
+    return bool(angle[-1] - angle[0] > longest or np.abs(angle).max() > longest)
 
 
 def gas_revolutions(cylinder) -> int:
@@ -135,7 +133,9 @@ def gas_revolutions(cylinder) -> int:
     return 2 if rows and is_four_stroke(rows) else 1
 
 
-def gas_cycle(rows, firing_tdc: float | None) -> np.ndarray:
+def gas_cycle(
+    rows: Sequence[Sequence[float]] | np.ndarray, firing_tdc: float | None
+) -> np.ndarray:
     """Sample a pressure table (angle deg, Pa) linearly at ``GAS_SAMPLES`` angles from
     firing TDC on.
     """
@@ -155,8 +155,8 @@ def gas_cycle(rows, firing_tdc: float | None) -> np.ndarray:
     return np.interp(turned, angle, pressure)
 
 
-def padded(grids) -> np.ndarray:
-    """Stack increasing numbers, the shorter ones continued so far away that
+def padded(grids: Sequence[Sequence[float]]) -> np.ndarray:
+    """Stack increasing numbers, the shorter rows continued so far away that
     :func:`hats` never sees it.
     """
     longest = max(len(grid) for grid in grids)
@@ -166,7 +166,7 @@ def padded(grids) -> np.ndarray:
     )
 
 
-def hats(x, grid):
+def hats(x: Array, grid: Array) -> Array:
     """Weights [..., n, R] of values at ``grid`` [n, R] in their linear interpolation at
     ``x`` [..., n].
 
@@ -178,14 +178,14 @@ def hats(x, grid):
     )
     ends = xp.zeros((*x.shape, 1))
     # A hat is the ramp up to its point less the ramp beyond it.
-    return xp.concatenate([ends + 1.0, passed], axis=-1) - xp.concatenate(
-        [passed, ends], axis=-1
-    )
+    up = xp.concatenate([ends + 1.0, passed], axis=-1)
+    beyond = xp.concatenate([passed, ends], axis=-1)
+    return up - beyond
 
 
 @dataclass(frozen=True)
 class GasCycles:
-    """How the gas of each cylinder works: where its torque comes from (:func:`source`,
+    """Gas cycle of each cylinder: where its torque comes from (:func:`source`,
     "harmonics" or "none"), whether it fires, whether it is cut off and has no gas
     torque at all, the revolutions of its crank in a gas cycle, and in every how many of
     these it is injected.
@@ -203,24 +203,25 @@ class GasCycles:
         alone.
         """
         return any(
-            works and every > 1
-            for works, every in zip(self.computed, self.every, strict=True)
+            computed and every > 1
+            for computed, every in zip(self.computed, self.every, strict=True)
         )
 
     @property
     def computed(self) -> tuple[bool, ...]:
         """Whether a gas torque is computed from a pressure."""
-        both = zip(self.source, self.cut_off, strict=True)
-        return tuple(source in COMPUTED and not cut for source, cut in both)
+        cylinders = zip(self.source, self.cut_off, strict=True)
+        return tuple(source in COMPUTED and not cut for source, cut in cylinders)
 
     @property
-    def given(self) -> tuple[bool, ...]:
-        """Whether there is a given gas torque; without injection there is none, as its
-        compression cannot be told.
+    def prescribed(self) -> tuple[bool, ...]:
+        """Whether the gas torque is prescribed as harmonics; without injection there is
+        none, as its compression is not known.
         """
-        each = zip(self.source, self.fires, self.cut_off, strict=True)
+        cylinders = zip(self.source, self.fires, self.cut_off, strict=True)
         return tuple(
-            source == "harmonics" and fires and not cut for source, fires, cut in each
+            source == "harmonics" and fires and not cut
+            for source, fires, cut in cylinders
         )
 
     def compressing(self, cylinders) -> bool:
@@ -228,28 +229,26 @@ class GasCycles:
         if self.skipping:
             return True
         idle = any(
-            works and not fires
-            for works, fires in zip(self.computed, self.fires, strict=True)
+            computed and not fires
+            for computed, fires in zip(self.computed, self.fires, strict=True)
         )
         return idle or (cylinders.injection is not None and any(self.computed))
 
 
-def injection(cylinders, cycles: GasCycles):
-    """Share of its injection that each cylinder has [nc], 0 of one that does not
-    fire.
-    """
+def injection(cylinders, cycles: GasCycles) -> Array:
+    """Share of its injection that each cylinder has [nc], 0 where it does not fire."""
     if cylinders.injection is None:
         return np.array(cycles.fires, dtype=float)
-    return namespace(cylinders.injection).where(
-        np.array(cycles.fires), cylinders.injection, 0.0
-    )
+    xp = namespace(cylinders.injection)
+    return xp.where(np.array(cycles.fires), cylinders.injection, 0.0)
 
 
-def components(cylinders, cycles: GasCycles):
+def components(cylinders, cycles: GasCycles) -> Array:
     """Pressures [J, nc, M] (Pa) from firing top dead centre on; their sum with
-    :func:`weights` is that at a speed.
+    :func:`weights` is the pressure at a speed.
 
-    With injection, and behind these, where some cylinder lacks it, without.
+    Pressures with injection come first, and behind them, where some cylinder lacks it,
+    those without.
     """
     parts = _parts(cylinders, lambda table: table, _burning)
     if cycles.compressing(cylinders):
@@ -260,7 +259,9 @@ def components(cylinders, cycles: GasCycles):
     return namespace(parts).concatenate(parts) if parts else np.zeros((1, count, 0))
 
 
-def _parts(cylinders, of_tables, of_combustion) -> list:
+def _parts(
+    cylinders, of_tables: Callable[[Array], Array], of_combustion: Callable
+) -> list[Array]:
     """Pressures [J, nc, M] of tables, of traces and of the combustion model;
     ``of_tables`` takes [J, nc, M].
     """
@@ -271,9 +272,8 @@ def _parts(cylinders, of_tables, of_combustion) -> list:
     if cylinders.pressure.shape[-1]:
         parts.append(of_tables(cylinders.pressure[None]))
     if traces is not None:
-        by_trace = traces.pressure.reshape(len(traces.seats), -1, GAS_SAMPLES).swapaxes(
-            0, 1
-        )
+        by_trace = traces.pressure.reshape(len(traces.seats), -1, GAS_SAMPLES)
+        by_trace = by_trace.swapaxes(0, 1)
         parts.append(of_tables(_on_cylinders(by_trace, traces.seats, count, axis=1)))
     if burning is not None:
         parts.append(
@@ -282,7 +282,7 @@ def _parts(cylinders, of_tables, of_combustion) -> list:
     return parts
 
 
-def _of_tables(cylinders, cycles, pressure):
+def _of_tables(cylinders, cycles: GasCycles, pressure: Array) -> Array:
     """Pressure tables [J, nc, M] without injection."""
     revolutions = np.array(cycles.revolutions)
     # Two- and four-strokes have other angles at the same sample.
@@ -291,20 +291,18 @@ def _of_tables(cylinders, cycles, pressure):
         for turns in sorted(set(revolutions.tolist()))
     ]
     xp = namespace(cylinders, pressure)
-    found = []
+    tables = []
     for rows in groups:
-        stroke, rod = (
-            xp.asarray(sizes)[rows] for sizes in (cylinders.stroke, cylinders.rod)
-        )
-        stroke = xp.where(
-            stroke > 0.0, stroke, 1.0
-        )  # cylinders without pressures may have none
+        stroke = xp.asarray(cylinders.stroke)[rows]
+        rod = xp.asarray(cylinders.rod)[rows]
+        # Cylinders without pressures may have none
+        stroke = xp.where(stroke > 0.0, stroke, 1.0)
         turns = int(revolutions[rows[0]])
-        found.append(unburnt_table(pressure[:, rows], stroke, rod, revolutions=turns))
-    return xp.concatenate(found, axis=1)[:, np.argsort(np.concatenate(groups))]
+        tables.append(unburnt_table(pressure[:, rows], stroke, rod, revolutions=turns))
+    return xp.concatenate(tables, axis=1)[:, np.argsort(np.concatenate(groups))]
 
 
-def weights(cylinders, cycles: GasCycles, rpm):
+def weights(cylinders, cycles: GasCycles, rpm: Number) -> Array:
     """Weight [..., J, nc] of each of the :func:`components` at ``rpm`` [...] of the
     reference rotor.
     """
@@ -314,12 +312,11 @@ def weights(cylinders, cycles: GasCycles, rpm):
     if not cycles.compressing(cylinders):
         return burnt
     share = injection(cylinders, cycles)
-    return xp.concatenate(
-        [share * burnt, (1.0 - share) * unburnt_weights(cylinders, rpm)], axis=-2
-    )
+    idle = (1.0 - share) * unburnt_weights(cylinders, rpm)
+    return xp.concatenate([share * burnt, idle], axis=-2)
 
 
-def unburnt_weights(cylinders, rpm):
+def unburnt_weights(cylinders, rpm: Number) -> Array:
     """Weight [..., J, nc] at ``rpm`` [...] of the last J :func:`components`, those
     without injection.
     """
@@ -329,7 +326,7 @@ def unburnt_weights(cylinders, rpm):
     return namespace(parts).concatenate(parts, axis=-2)
 
 
-def _weights(cylinders, rpm):
+def _weights(cylinders, rpm: Number) -> tuple[list[Array], list[Array]]:
     """Weights [..., J, nc] of tables and traces, and of the combustion model, each in a
     list.
     """
@@ -337,44 +334,44 @@ def _weights(cylinders, rpm):
     burning = cylinders.combustion
     xp = namespace(cylinders, rpm)
     count = cylinders.bore.shape[-1]
-    rpm = xp.asarray(rpm, dtype=float)
-    tabled = [xp.ones((*rpm.shape, 1, count))] if cylinders.pressure.shape[-1] else []
+    speed = xp.asarray(rpm, dtype=float)
+    tabled = [xp.ones((*speed.shape, 1, count))] if cylinders.pressure.shape[-1] else []
     if traces is None and burning is None:
-        return tabled or [xp.ones((*rpm.shape, 1, count))], []
-    share = load_share(cylinders, rpm)
+        return tabled or [xp.ones((*speed.shape, 1, count))], []
+    share = load_share(cylinders, speed)
     if traces is not None:
         seats = np.array(traces.seats)
         by_speed = hats(
-            xp.broadcast_to(rpm[..., None], (*rpm.shape, seats.size)), traces.rpm
+            xp.broadcast_to(speed[..., None], (*speed.shape, seats.size)), traces.rpm
         )
         by_load = hats(share[..., seats], traces.load)
-        both = (by_speed[..., :, None] * by_load[..., None, :]).reshape(
-            *rpm.shape, seats.size, -1
-        )
+        both = by_speed[..., :, None] * by_load[..., None, :]
+        both = both.reshape((*speed.shape, seats.size, -1))
         tabled.append(
             _on_cylinders(xp.swapaxes(both, -1, -2), traces.seats, count, axis=-1)
         )
     if burning is None:
         return tabled, []
     seats = np.array(burning.seats)
-    own = xp.stack([*charge_pressures(cylinders, rpm), share[..., seats]], axis=-2)
-    return tabled, [_on_cylinders(own, burning.seats, count, axis=-1)]
+    charge, exhaust = charge_pressures(cylinders, speed)
+    by_cylinder = xp.stack([charge, exhaust, share[..., seats]], axis=-2)
+    return tabled, [_on_cylinders(by_cylinder, burning.seats, count, axis=-1)]
 
 
-def charge_pressures(cylinders, rpm):
+def charge_pressures(cylinders, rpm: Number) -> tuple[Array, Array]:
     """Pressure (Pa) of the charge and in the exhaust [..., n] of the cylinders with a
     combustion at ``rpm`` [...].
 
-    Those at full load times the factor of the table over load or speed. Without one
-    what lies above the atmosphere grows with the power of the engine to the
-    :data:`CHARGE_EXPONENT`. An engine that is not charged keeps its pressure.
+    Each is the pressure at full load times the factor of the table over load or speed.
+    Without a table the part above the atmosphere grows with the power of the engine to
+    the :data:`CHARGE_EXPONENT`. An engine that is not charged keeps its pressure.
     """
     table = cylinders.combustion
     xp = namespace(cylinders, rpm)
     seats = np.array(table.seats)
     charging = power_share(cylinders, rpm)[..., seats] ** CHARGE_EXPONENT
 
-    def with_the_power(full):
+    def with_the_power(full: Array) -> Array:
         uncharged = xp.minimum(full, STANDARD_ATMOSPHERE)
         return uncharged + (full - uncharged) * charging
 
@@ -383,26 +380,25 @@ def charge_pressures(cylinders, rpm):
     if table.charge_at is not None:
         speed = xp.broadcast_to(xp.asarray(rpm, dtype=float)[..., None], charging.shape)
         by_speed = np.array([by == "rpm" for by in table.charge_by])
-        at = xp.where(by_speed, speed, load_share(cylinders, rpm)[..., seats])
-        factor = (hats(at, table.charge_at) * table.charge_factor).sum(axis=-1)
+        variable = xp.where(by_speed, speed, load_share(cylinders, rpm)[..., seats])
+        factor = (hats(variable, table.charge_at) * table.charge_factor).sum(axis=-1)
 
-    def at_load(full):
+    def at_load(full: Array) -> Array:
         return xp.where(tabled, full * factor, with_the_power(full))
 
     return at_load(table.charge_pressure), at_load(full_exhaust_pressure(table))
 
 
-def full_exhaust_pressure(table: Combustions):
-    """Pressure (Pa) in the exhaust at full load [n]: that of the charge unless one is
-    given.
+def full_exhaust_pressure(table: Combustions) -> Array:
+    """Pressure (Pa) in the exhaust at full load [n]: that of the charge where the table
+    has none.
     """
-    given = table.exhaust_pressure
-    return namespace(given, table.charge_pressure).where(
-        given > 0.0, given, table.charge_pressure
-    )
+    exhaust = table.exhaust_pressure
+    xp = namespace(exhaust, table.charge_pressure)
+    return xp.where(exhaust > 0.0, exhaust, table.charge_pressure)
 
 
-def power_share(cylinders, rpm):
+def power_share(cylinders, rpm: Number) -> Array:
     """Power [..., nc] of each cylinder over that at full load.
 
     The most power among the rows of its load has the largest load among them as its
@@ -413,18 +409,18 @@ def power_share(cylinders, rpm):
     loads = cylinders.load_share
     xp = namespace(rows, loads, rpm)
     # Points that fill up the grid do not count.
-    given = rows < FAR
-    most_power = xp.where(given, rows * loads, 0.0).max(axis=-1)
-    most_load = xp.where(given, loads, 0.0).max(axis=-1)
-    last_speed = xp.where(given, rows, 0.0).max(axis=-1)
+    counts = rows < FAR
+    most_power = xp.where(counts, rows * loads, 0.0).max(axis=-1)
+    most_load = xp.where(counts, loads, 0.0).max(axis=-1)
+    last_speed = xp.where(counts, rows, 0.0).max(axis=-1)
     load = load_share(cylinders, rpm)
     speed = xp.minimum(xp.asarray(rpm, dtype=float)[..., None], last_speed)
-    known = most_power > 0.0
-    power = load * speed / xp.where(known, most_power, 1.0)
-    return xp.where(known, most_load * power, load)
+    has_rows = most_power > 0.0
+    power = load * speed / xp.where(has_rows, most_power, 1.0)
+    return xp.where(has_rows, most_load * power, load)
 
 
-def load_share(cylinders, rpm):
+def load_share(cylinders, rpm: Number) -> Array:
     """Load [..., nc] of each cylinder at ``rpm`` [...]: share of the mean effective
     pressure at full load.
     """
@@ -436,34 +432,38 @@ def load_share(cylinders, rpm):
     return (hats(x, cylinders.load_rpm) * cylinders.load_share).sum(axis=-1)
 
 
-def _on_cylinders(values, seats, count, *, axis):
+def _on_cylinders(
+    values: Array, seats: Sequence[int], count: int, *, axis: int
+) -> Array:
     """Spread values of some cylinders along ``axis`` over all of them: zeros where
     there is none.
     """
     xp = namespace(values)
     place = np.full(count, len(seats))
     place[list(seats)] = np.arange(len(seats))
-    none = xp.zeros_like(xp.take(values, np.array([0]), axis=axis))
-    return xp.take(xp.concatenate([values, none], axis=axis), place, axis=axis)
+    zeros = xp.zeros_like(xp.take(values, np.array([0]), axis=axis))
+    return xp.take(xp.concatenate([values, zeros], axis=axis), place, axis=axis)
 
 
-def _burning(cylinders):
+def _burning(cylinders) -> Array:
     """Pressures per Pa of charge, per Pa in the exhaust and of the heat at full load,
     [3, n, M], of the cylinders with a combustion.
     """
     return _by_strokes(cylinders, _with_heat)
 
 
-def _unburnt(cylinders):
-    """Those per Pa of charge and per Pa in the exhaust without injection, [2, n, M]."""
+def _unburnt(cylinders) -> Array:
+    """Pressures per Pa of charge and per Pa in the exhaust without injection, [2, n,
+    M], of the cylinders with a combustion.
+    """
 
-    def without_heat(given, revolutions):
-        xp = namespace(given)
+    def without_heat(numbers: Mapping[str, Array], revolutions: int) -> Array:
+        xp = namespace(numbers)
         return xp.stack(
             unburnt(
-                given["stroke"],
-                given["rod"],
-                given,
+                numbers["stroke"],
+                numbers["rod"],
+                numbers,
                 revolutions=revolutions,
                 samples=GAS_SAMPLES,
             )
@@ -472,7 +472,9 @@ def _unburnt(cylinders):
     return _by_strokes(cylinders, without_heat)
 
 
-def _by_strokes(cylinders, pressures_of):
+def _by_strokes(
+    cylinders, pressures_of: Callable[[Mapping[str, Array], int], Array]
+) -> Array:
     """``pressures_of(numbers by their names, revolutions)`` of two- and four-strokes,
     in the order of the cylinders.
     """
@@ -484,50 +486,53 @@ def _by_strokes(cylinders, pressures_of):
         np.flatnonzero(revolutions == turns)
         for turns in sorted(set(revolutions.tolist()))
     ]
-    found = []
+    pressure = []
     for rows in groups:
         seats = np.array(table.seats)[rows]
-        given = {
+        numbers = {
             name: xp.asarray(getattr(table, name))[rows]
             for name in (*NUMBERS, "heat", "imep")
         }
-        given |= {
+        numbers |= {
             name: xp.asarray(getattr(cylinders, name))[seats]
             for name in ("bore", "stroke", "rod")
         }
-        given["by_work"] = np.array(table.by_work)[rows]
-        found.append(pressures_of(given, int(revolutions[rows[0]])))
-    return namespace(found).concatenate(found, axis=1)[
-        :, np.argsort(np.concatenate(groups))
-    ]
+        numbers["by_work"] = np.array(table.by_work)[rows]
+        pressure.append(pressures_of(numbers, int(revolutions[rows[0]])))
+    order = np.argsort(np.concatenate(groups))
+    return namespace(pressure).concatenate(pressure, axis=1)[:, order]
 
 
-def _with_heat(given, revolutions):
-    """As :func:`_burning` of cylinders with the same number of revolutions in a gas
-    cycle, [3, n, M].
+def _with_heat(numbers: Mapping[str, Array], revolutions: int) -> Array:
+    """Pressures of :func:`_burning`, [3, n, M], of cylinders with the same number of
+    revolutions in a gas cycle.
     """
-    xp = namespace(given)
-    bore, stroke, rod = (given[name] for name in ("bore", "stroke", "rod"))
-    heat, imep, by_work = (given[name][:, None] for name in ("heat", "imep", "by_work"))
-    samples = {"revolutions": revolutions, "samples": GAS_SAMPLES}
-    of_charge, of_exhaust, per_joule = pressures(bore, stroke, rod, given, **samples)
+    xp = namespace(numbers)
+    stroke = numbers["stroke"]
+    rod = numbers["rod"]
+    heat, imep, by_work = (
+        numbers[name][:, None] for name in ("heat", "imep", "by_work")
+    )
+    of_charge, of_exhaust, per_joule = pressures(
+        numbers["bore"],
+        stroke,
+        rod,
+        numbers,
+        revolutions=revolutions,
+        samples=GAS_SAMPLES,
+    )
     angle = 2.0 * np.pi * revolutions * np.arange(GAS_SAMPLES) / GAS_SAMPLES
     travel = slider_crank(angle, stroke[:, None], rod[:, None])[1]
 
-    def mean_effective(pressure):
+    def mean_effective(pressure: Array) -> Array:
         # Work of a cycle over the swept volume, in which the area of the piston
         # cancels.
-        return (
-            2.0
-            * np.pi
-            * revolutions
-            * (pressure * travel).mean(axis=1, keepdims=True)
-            / stroke[:, None]
-        )
+        mean = (pressure * travel).mean(axis=1, keepdims=True)
+        return 2.0 * np.pi * revolutions * mean / stroke[:, None]
 
-    def without_work(pressure):
-        # With imep given so much heat is taken off that the rest does no work: imep is
-        # then the whole of it.
+    def without_work(pressure: Array) -> Array:
+        # Where there is an imep, so much heat is taken off that the rest does no work:
+        # the imep is then the whole of it.
         idle = mean_effective(pressure) / mean_effective(per_joule)
         return xp.where(by_work, pressure - idle * per_joule, pressure)
 
@@ -535,30 +540,30 @@ def _with_heat(given, revolutions):
     return xp.stack([without_work(of_charge), without_work(of_exhaust), burnt])
 
 
-def outside_traces(train, rpm) -> list[str]:
-    """Sentences on speeds and loads outside of what traces cover; see
+def outside_traces(train, rpm: Number) -> list[str]:
+    """Write sentences on speeds and loads outside of the range of traces; see
     :meth:`DriveTrain.outside_traces`.
     """
     cylinders = train.cylinders
     names = train.topology.cylinder_names
     traces = cylinders.traces
-    alike = {}
+    cylinders_by_range: dict[tuple[str, str], list[str]] = {}
     if traces is None:
         return []
     share = np.asarray(load_share(cylinders, rpm))
     for k, i in enumerate(traces.seats):
         speeds, loads = traces.sizes[k]
-        asked = [("speed", float(rpm), traces.rpm[k][:speeds], " rpm")]
-        asked += [("load", float(share[i]), traces.load[k][:loads], "")] * (loads > 1)
-        for what, value, grid, unit in asked:
+        grids = [("speed", float(rpm), traces.rpm[k][:speeds], " rpm")]
+        if loads > 1:
+            grids.append(("load", float(share[i]), traces.load[k][:loads], ""))
+        for quantity, value, grid, unit in grids:
             low = float(grid[0])
             high = float(grid[-1])
             if not low <= value <= high:
-                alike.setdefault(
-                    (what, f"({low:g} to {high:g}{unit}): the nearest is used"), []
-                ).append(names[i])
+                covered = f"({low:g} to {high:g}{unit}): the nearest is used"
+                cylinders_by_range.setdefault((quantity, covered), []).append(names[i])
     return [
-        f"the {what} lies outside the pressure traces of {', '.join(map(repr, own))}"
-        f" {covered}"
-        for (what, covered), own in alike.items()
+        f"the {quantity} lies outside the pressure traces of"
+        f" {', '.join(map(repr, cylinder_names))} {covered}"
+        for (quantity, covered), cylinder_names in cylinders_by_range.items()
     ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxhb._jax import kept, namespace
+from jaxhb._jax import Array, Number, kept, namespace
 from jaxhb.excitation import gas
 from jaxhb.excitation.crank import gas_torque
 
@@ -17,23 +17,22 @@ if TYPE_CHECKING:
     from jaxhb.train.tables import Cylinders, Torques
 
 
-def scale_at(table, rpm):
+def scale_at(table, rpm: Number) -> Array:
     """Factor of each element at ``rpm`` [..., n]: its scale, linear between the points
     and constant outside them.
 
-    Of torques with a rated speed times the power of the speed.
+    That of torques with a rated speed is multiplied by the power of the speed.
     """
+    factor: Array
     if namespace(table.scale_rpm, table.scale_factor, rpm) is not np:
         import jax
         import jax.numpy as jnp
 
-        rows = jax.vmap(jnp.interp, in_axes=(None, 0, 0), out_axes=-1)
-        factor = rows(rpm, table.scale_rpm, table.scale_factor)
+        interpolate = jax.vmap(jnp.interp, in_axes=(None, 0, 0), out_axes=-1)
+        factor = interpolate(rpm, table.scale_rpm, table.scale_factor)
     else:
-        rows = [
-            np.interp(rpm, *points)
-            for points in zip(table.scale_rpm, table.scale_factor, strict=True)
-        ]
+        points = zip(table.scale_rpm, table.scale_factor, strict=True)
+        rows = [np.interp(rpm, speeds, factors) for speeds, factors in points]
         factor = np.reshape(rows, (len(rows), *np.shape(rpm))).T
     if getattr(table, "rated_rpm", None) is None:
         return factor
@@ -44,25 +43,29 @@ def scale_at(table, rpm):
     return factor * xp.where(table.rated_rpm > 0.0, power, 1.0)
 
 
-def gas_pressures(cylinders: Cylinders, cycles: GasCycles, rpm):
+def gas_pressures(cylinders: Cylinders, cycles: GasCycles, rpm: Number) -> Array:
     """Pressure [..., nc, M] (Pa) of every cylinder from firing top dead centre on,
     times its scale, at ``rpm`` [...].
 
     M is 0 where no cylinder computes its torque from a pressure; zeros stand for those
     that do not.
     """
-    parts = gas.weights(cylinders, cycles, rpm), gas.components(cylinders, cycles)
-    return scale_at(cylinders, rpm)[..., None] * np.einsum("...jn,jnm->...nm", *parts)
+    weights = gas.weights(cylinders, cycles, rpm)
+    components = gas.components(cylinders, cycles)
+    pressure = np.einsum("...jn,jnm->...nm", weights, components)
+    return scale_at(cylinders, rpm)[..., None] * pressure
 
 
-def mean_torques(torques: Torques, cylinders: Cylinders, cycles: GasCycles, rpm):
-    """Mean of the given torques and then of the gas torques of the cylinders, N m [...,
-    nt + nc], at ``rpm`` [...].
+def mean_torques(
+    torques: Torques, cylinders: Cylinders, cycles: GasCycles, rpm: Number
+) -> Array:
+    """Mean of the prescribed torques and then of the gas torques of the cylinders, N m
+    [..., nt + nc], at ``rpm`` [...].
 
     The ambient pressure and the inertia torque do no work over a cycle. In NumPy or
     JAX.
     """
-    given_mean = namespace(cylinders.gas_torque_mean).asarray(cylinders.gas_torque_mean)
+    prescribed = namespace(cylinders.gas_torque_mean).asarray(cylinders.gas_torque_mean)
     means = _computed_means(cylinders, cycles)
     computed = (gas.weights(cylinders, cycles, rpm) * means).sum(axis=-2)
     if cycles.skipping:
@@ -70,23 +73,29 @@ def mean_torques(torques: Torques, cylinders: Cylinders, cycles: GasCycles, rpm)
         every = np.array(cycles.every)
         idle = (unburnt * means[means.shape[0] - unburnt.shape[-2] :]).sum(axis=-2)
         computed = (computed + (every - 1) * idle) / every
-    given_mean = np.array(cycles.given) * gas.injection(cylinders, cycles) * given_mean
-    mean = given_mean + np.array(cycles.computed) * computed
+    prescribed = (
+        np.array(cycles.prescribed) * gas.injection(cylinders, cycles) * prescribed
+    )
+    mean = prescribed + np.array(cycles.computed) * computed
     if cylinders.gas_factor is not None:
         mean = cylinders.gas_factor * mean
-    given = scale_at(torques, rpm) * torques.mean, scale_at(cylinders, rpm) * mean
-    return namespace(given).concatenate(given, axis=-1)
+    parts = (scale_at(torques, rpm) * torques.mean, scale_at(cylinders, rpm) * mean)
+    return namespace(parts).concatenate(parts, axis=-1)
 
 
 @kept
-def _computed_means(cylinders, cycles):
+def _computed_means(cylinders: Cylinders, cycles: GasCycles) -> Array:
     """Mean torque [J, nc], N m, of each component of the gas pressure: speeds differ in
     its weights alone.
     """
     pressures = gas.components(cylinders, cycles)
-    geometry = (cylinders.bore, cylinders.stroke, cylinders.rod)
     if not pressures.shape[-1]:
         return np.zeros(pressures.shape[:-1])
-    return gas_torque(
-        pressures, *geometry, revolutions=np.array(cycles.revolutions)
-    ).mean(axis=-1)
+    torque = gas_torque(
+        pressures,
+        cylinders.bore,
+        cylinders.stroke,
+        cylinders.rod,
+        revolutions=np.array(cycles.revolutions),
+    )
+    return torque.mean(axis=-1)

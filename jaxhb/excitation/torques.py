@@ -1,29 +1,36 @@
-"""Excitation: the torque of cylinders, given torques and loads as harmonics of the
+"""Excitation: the torque of cylinders, prescribed torques and loads as harmonics of the
 cycle. Pure functions on arrays.
 
 A cylinder's gas torque is T = gas_factor (scale(rpm) p - p_ambient) A x'(a), its
 inertia torque at constant speed w of its own rotor T = -m x'(a) x''(a) w^2, with the
 travel x from top dead centre (:func:`~jaxhb.excitation.crank.slider_crank`). Without
-injection p is that of compression alone; a given gas torque, of which this cannot be
-told, is then 0. The scale over rpm multiplies gas torques and given torques, never
-inertia torques. The pressure p is a sum of functions of the angle, weighted by speed
-and load (:mod:`jaxhb.excitation.gas`). Coefficients are those of T(t) = sum_{n=-N..N}
-T^n exp(i n Omega t); an amplitude A in Re(A exp(i n Omega t)) gives T^n = A/2. The
-number of operations does not grow with the number of elements.
+injection p is that of compression alone; a prescribed gas torque, of which this is not
+known, is then 0. The scale over rpm multiplies gas torques and prescribed torques,
+never inertia torques. The pressure p is a sum of functions of the angle, weighted by
+speed and load (:mod:`jaxhb.excitation.gas`). Coefficients are those of T(t) =
+sum_{n=-N..N} T^n exp(i n Omega t); an amplitude A in Re(A exp(i n Omega t)) gives T^n =
+A/2. The number of operations does not grow with the number of elements.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxhb._jax import added, kept, namespace
+from jaxhb._jax import Array, Number, added, kept, namespace
 from jaxhb.equations import fourier
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, speed_ratios
 from jaxhb.excitation.crank import CRANK_SAMPLES, gas_torque, inertia_torque
-from jaxhb.excitation.gas import components, injection, unburnt_weights, weights
+from jaxhb.excitation.gas import (
+    GasCycles,
+    components,
+    injection,
+    unburnt_weights,
+    weights,
+)
 from jaxhb.excitation.mean_torques import mean_torques, scale_at
 
 if TYPE_CHECKING:
@@ -40,66 +47,71 @@ NEGLIGIBLE_GAS = 1e-6
 
 
 @kept
-def _pressure_harmonics(table, rows, cycles):
-    """Harmonics of the gas cycle of p A x' [J, n, K], one for each component of p, and
-    of p_ambient A x' [n, K].
+def _pressure_harmonics(
+    table, cylinders: Sequence[int], cycles: GasCycles
+) -> tuple[Array, Array]:
+    """Harmonics of the gas cycle of p A x' [J, n, K] N m, one for each component of p,
+    and of p_ambient A x' [n, K].
 
-    ``rows`` are the n cylinders of the table.
+    ``cylinders`` are the n rows of the table.
     """
-    revolutions = np.array([cycles.revolutions[i] for i in rows])
+    revolutions = np.array([cycles.revolutions[i] for i in cylinders])
     xp = namespace(table)
-    rows = np.array(rows, dtype=int)
-    given = (table.ambient_pressure, table.bore, table.stroke, table.rod)
+    rows = np.array(cylinders, dtype=int)
     pressure = xp.asarray(components(table, cycles))[:, rows]
-    ambient, *geometry = (xp.asarray(values)[rows] for values in given)
-    all_of = xp.concatenate(
-        [pressure, xp.broadcast_to(ambient[None, :, None], (1, *pressure.shape[1:]))]
+    ambient, bore, stroke, rod = (
+        xp.asarray(values)[rows]
+        for values in (table.ambient_pressure, table.bore, table.stroke, table.rod)
     )
-    torque = gas_torque(all_of, *geometry, revolutions=revolutions)
+    ambient = xp.broadcast_to(ambient[None, :, None], (1, *pressure.shape[1:]))
+    pressures = xp.concatenate([pressure, ambient])
+    torque = gas_torque(pressures, bore, stroke, rod, revolutions=revolutions)
     if cycles.skipping:
-        return _over_several_cycles(
-            torque[:-1], torque[-1], [cycles.every[i] for i in rows]
-        )
+        every = [cycles.every[i] for i in rows]
+        return _over_several_cycles(torque[:-1], torque[-1], every)
     harmonics = fourier.analyze(torque, torque.shape[-1] // 2)
     return harmonics[:-1], harmonics[-1]
 
 
-def _over_several_cycles(torque, ambient, every):
-    """The same of cylinders that are injected in one of ``every`` [n] gas cycles:
-    harmonics of all these cycles.
+def _over_several_cycles(
+    torque: Array, ambient: Array, every: Sequence[int]
+) -> tuple[Array, Array]:
+    """Harmonics as of :func:`_pressure_harmonics`, of cylinders that are injected in
+    one of ``every`` [n] gas cycles: those of all these cycles.
 
-    Components [J, n, M] hold in the gas cycle round the injection; those without
-    injection, the second half of them but for the heat, hold in the others too, and
-    follow once more with that part.
+    Components [J, n, M] hold in the gas cycle round the injection; the components
+    without injection, the second half of all but the heat, hold in the other cycles
+    too, and follow once more with that part.
     """
     xp = namespace(torque)
     samples = torque.shape[-1]
     half = samples // 2
-    found = []
-    order = []
+    groups = []
+    members = []
     for cycles in sorted(set(every)):
         rows = np.flatnonzero(np.array(every) == cycles)
-        between = xp.zeros((*torque[:, rows].shape[:-1], (cycles - 1) * samples))
+        of_rows = torque[:, rows]
+        between = xp.zeros((*of_rows.shape[:-1], (cycles - 1) * samples))
         with_injection = xp.concatenate(
-            [torque[:, rows, :half], between, torque[:, rows, half:]], axis=-1
+            [of_rows[..., :half], between, of_rows[..., half:]], axis=-1
         )
-        turned = xp.roll(torque[:, rows], -half, axis=-1)
-        others = (
-            xp.concatenate([turned] * (cycles - 1), axis=-1) if cycles > 1 else between
-        )
-        none = xp.zeros((*others.shape[:-1], half))
-        without = xp.concatenate([none, others, none], axis=-1)
+        turned = xp.roll(of_rows, -half, axis=-1)
+        idle = between
+        if cycles > 1:
+            idle = xp.concatenate([turned] * (cycles - 1), axis=-1)
+        zeros = xp.zeros((*idle.shape[:-1], half))
+        without = xp.concatenate([zeros, idle, zeros], axis=-1)
         outside = xp.concatenate([ambient[None, rows]] * cycles, axis=-1)
-        found.append(
-            fourier.analyze(xp.concatenate([with_injection, without, outside]), half)
-        )
-        order.append(rows)
-    harmonics = xp.concatenate(found, axis=1)[:, np.argsort(np.concatenate(order))]
+        signal = xp.concatenate([with_injection, without, outside])
+        groups.append(fourier.analyze(signal, half))
+        members.append(rows)
+    order = np.argsort(np.concatenate(members))
+    harmonics = xp.concatenate(groups, axis=1)[:, order]
     return harmonics[:-1], harmonics[-1]
 
 
 @kept
-def _unit_inertia_harmonics(table, short_series):
+def _unit_inertia_harmonics(table, short_series: Sequence[bool]) -> Array:
     """Harmonics [..., 257] of the torque of 1 kg at 1 rad/s over a revolution of each
     cylinder's crank, m2.
     """
@@ -109,20 +121,21 @@ def _unit_inertia_harmonics(table, short_series):
     return fourier.analyze(torque, CRANK_SAMPLES // 2)
 
 
-def _computed_gas(train):
-    """Cylinders whose gas torque is computed, and its :func:`_pressure_harmonics`, of
-    the ambient pressure as well.
+def _computed_gas(train: DriveTrain) -> tuple:
+    """Cylinders whose gas torque is computed, and their :func:`_pressure_harmonics`,
+    also of the ambient pressure.
     """
     cycles = train.topology.gas_cycles
     rows = tuple(i for i, computed in enumerate(cycles.computed) if computed)
-    return (
-        (rows, *_pressure_harmonics(train.cylinders, rows, cycles))
-        if rows
-        else (rows, None, None)
-    )
+    if not rows:
+        return rows, None, None
+    harmonics, ambient = _pressure_harmonics(train.cylinders, rows, cycles)
+    return rows, harmonics, ambient
 
 
-def excitation(train: DriveTrain, rpm, harmonics: int):
+def excitation(
+    train: DriveTrain, rpm: Number, harmonics: int
+) -> tuple[Array, Array, Array]:
     """Torque in N m on every disk up to harmonic N of the cycle, complex [..., n_disks,
     N + 1], loads included; the mean torque of each load [..., n_loads]; and the
     imbalance left, sum over disks of speed ratio x mean torque; at speeds ``rpm``
@@ -132,87 +145,90 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
     proportion to the torque that each takes. The angle 0 of the reference rotor is
     firing top dead centre of a cylinder with ``firing_angle`` 0; an event later by
     alpha of its own rotor multiplies by exp(-i order alpha). Of numbers of the host the
-    arrays are read-only: who asks again, as plan and problem of one speed do, has the
-    same.
+    arrays are read-only: they are cached, as plan and problem of one speed both need
+    them.
     """
     if namespace(train, rpm) is not np or np.size(rpm) != 1:
         return _excitation(train, rpm, harmonics)
-    found = _kept_excitation(train, np.asarray(rpm, dtype=float).item(), harmonics)
+    speed = np.asarray(rpm, dtype=float).item()
+    torque, load_torque, imbalance = _cached_excitation(train, speed, harmonics)
+    if not np.ndim(rpm):
+        return torque, load_torque, imbalance
+    shape = np.shape(rpm)
     return (
-        tuple(
-            np.broadcast_to(values, (*np.shape(rpm), *np.shape(values)))
-            for values in found
-        )
-        if np.ndim(rpm)
-        else found
+        np.broadcast_to(torque, (*shape, *np.shape(torque))),
+        np.broadcast_to(load_torque, (*shape, *np.shape(load_torque))),
+        np.broadcast_to(imbalance, (*shape, *np.shape(imbalance))),
     )
 
 
 @kept
-def _kept_excitation(train, rpm, harmonics):
-    found = _excitation(train, rpm, harmonics)
-    for values in found[:2]:
-        values.flags.writeable = False
-    return found
+def _cached_excitation(train, rpm, harmonics):
+    """Remember :func:`_excitation` at a speed, as read-only arrays of the host."""
+    torque, load_torque, imbalance = _excitation(train, rpm, harmonics)
+    torque.flags.writeable = False
+    load_torque.flags.writeable = False
+    return torque, load_torque, imbalance
 
 
-def _excitation(train, rpm, harmonics):
-    """What :func:`excitation` gives, anew."""
+def _excitation(train: DriveTrain, rpm: Number, harmonics: int):
+    """Compute :func:`excitation` anew."""
     xp = namespace(train, rpm)
     topology = train.topology
-    rpm = xp.asarray(rpm, dtype=float)
+    speed = xp.asarray(rpm, dtype=float)
     ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
-    torque = xp.zeros((*rpm.shape, topology.n_disks, harmonics + 1), dtype=complex)
+    torque = xp.zeros((*speed.shape, topology.n_disks, harmonics + 1), dtype=complex)
     seats = np.array([*topology.torque_disk, *topology.cylinder_disk], dtype=int)
-    means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, rpm)
+    means = mean_torques(train.torques, train.cylinders, topology.gas_cycles, speed)
     torque = added(torque, (..., seats, 0), means)
-    own = (topology.torque_disk, topology.torque_harmonics)
-    scale = scale_at(train.torques, rpm)
-    rows = train.torques.harmonics
+    scale = scale_at(train.torques, speed)
+    torque_rows = train.torques.harmonics
 
-    def later(i, k, n):
+    def prescribed(i: np.ndarray, k: np.ndarray, n: np.ndarray) -> Array:
         return (
             scale[..., i]
-            * _coefficients(rows, i, k)
+            * _coefficients(torque_rows, i, k)
             * _turned(train, topology.phase_torques, i, n)
         )
 
-    torque = _add_listed(torque, *own, later)
+    torque = _add_listed(
+        torque, topology.torque_disk, topology.torque_harmonics, prescribed
+    )
     if topology.cylinder_names:
-        torque = _add_cylinders(torque, train, rpm, ratio)
+        torque = _add_cylinders(torque, train, speed, ratio)
     # Power of the mean torques over the speed of the reference rotor: torque x speed
     # ratio, summed.
     power = torque[..., 0].real @ ratio
     if not topology.load_disk:
-        return torque, xp.zeros((*rpm.shape, 0)), power
+        return torque, xp.zeros((*speed.shape, 0)), power
     share = xp.asarray(train.loads.share)
     load_disk = np.array(topology.load_disk, dtype=int)
     # Each load takes its share of torque, and all together the power: sum of ratio x
     # load torque = -power.
     load_torque = -power[..., None] * share / (share @ ratio[load_disk])
     torque = added(torque, (..., load_disk, 0), load_torque)
-    torque = _add_given(
-        torque, load_disk, topology.load_harmonics, train.loads.harmonics, load_torque
-    )
+    rows = train.loads.harmonics
+    if rows is not None:
+        torque = _add_rows(
+            torque, load_disk, topology.load_harmonics, rows, load_torque
+        )
     return torque, load_torque, torque[..., 0].real @ ratio
 
 
-def _add_cylinders(torque, train, rpm, ratio):
-    """Add the harmonics of the gas torques, given and computed, and of the
+def _add_cylinders(torque: Array, train: DriveTrain, rpm: Array, ratio: Array) -> Array:
+    """Add the harmonics of the gas torques, prescribed and computed, and of the
     reciprocating masses.
     """
-    topology, table, disks = (
-        train.topology,
-        train.cylinders,
-        train.topology.cylinder_disk,
-    )
+    topology = train.topology
+    table = train.cylinders
+    disks = topology.cylinder_disk
     scale = scale_at(table, rpm)
     factor = table.gas_factor if table.gas_factor is not None else np.ones(len(disks))
     cycles = topology.gas_cycles
     injected = injection(table, cycles)
 
-    def phase(i, n):
-        """exp(-i order alpha) of cylinder i at harmonic n of the cycle; order in
+    def phase(i: np.ndarray, n: np.ndarray) -> Array:
+        """Factor exp(-i order alpha) of cylinder i at harmonic n of the cycle; order in
         revolutions of its own rotor.
         """
         order = n / np.array(topology.cylinder_turn)[i]
@@ -220,7 +236,7 @@ def _add_cylinders(torque, train, rpm, ratio):
         turned = xp.exp(-1j * order * xp.deg2rad(table.firing_angle)[i])
         return turned * _turned(train, topology.phase_cylinders, i, n)
 
-    def given(i, k, n):
+    def prescribed(i: np.ndarray, k: np.ndarray, n: np.ndarray) -> Array:
         return (
             factor[i]
             * injected[i]
@@ -230,69 +246,75 @@ def _add_cylinders(torque, train, rpm, ratio):
 
     lists = [
         row if counts else ()
-        for row, counts in zip(topology.cylinder_harmonics, cycles.given, strict=True)
+        for row, counts in zip(
+            topology.cylinder_harmonics, cycles.prescribed, strict=True
+        )
     ]
-    torque = _add_listed(torque, disks, lists, given)
+    torque = _add_listed(torque, disks, lists, prescribed)
     rows, parts, ambient = _computed_gas(train)
 
-    def computed(i, k, n):
+    def computed(i: np.ndarray, k: np.ndarray, n: np.ndarray) -> Array:
         row = np.searchsorted(rows, i)
-        gas = (_gas_weights(table, cycles, rpm)[..., i] * parts[:, row, k + 1]).sum(
-            axis=-2
-        )
+        weighted = _gas_weights(table, cycles, rpm)[..., i] * parts[:, row, k + 1]
+        gas = weighted.sum(axis=-2)
         return factor[i] * (scale[..., i] * gas - ambient[row, k + 1]) * phase(i, n)
 
-    steps = enumerate(zip(topology.cylinder_step, topology.cylinder_gas, strict=True))
+    steps = zip(topology.cylinder_step, topology.cylinder_gas, strict=True)
     lists = [
-        tuple(step * k for k in range(1, kept + 1)) if i in rows else ()
-        for i, (step, kept) in steps
+        tuple(step * k for k in range(1, count + 1)) if i in rows else ()
+        for i, (step, count) in enumerate(steps)
     ]
     torque = _add_listed(torque, disks, lists, computed)
 
-    def inertia(i, k, n):
-        speed = (
-            ratio[np.array(disks, dtype=int)] * (2.0 * np.pi / 60.0) * rpm[..., None]
-        )
+    def inertia(i: np.ndarray, k: np.ndarray, n: np.ndarray) -> Array:
+        disk = np.array(disks, dtype=int)
+        speed = ratio[disk] * (2.0 * np.pi / 60.0) * rpm[..., None]
         unit = _unit_inertia_harmonics(table, topology.cylinder_series)
-        return (
-            (table.reciprocating_mass * speed**2)[..., i] * unit[i, k + 1] * phase(i, n)
-        )
+        of_mass = (table.reciprocating_mass * speed**2)[..., i]
+        return of_mass * unit[i, k + 1] * phase(i, n)
 
     turns = zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)
     lists = [
-        tuple(round(j * turn) for j in range(1, min(kept, CRANK_SAMPLES // 2) + 1))
-        for kept, turn in turns
+        tuple(round(j * turn) for j in range(1, min(count, CRANK_SAMPLES // 2) + 1))
+        for count, turn in turns
     ]
     return _add_listed(torque, disks, lists, inertia)
 
 
-def _gas_weights(table, cycles, rpm):
-    """Weights [..., J, nc] of all that :func:`_pressure_harmonics` gives."""
-    own = weights(table, cycles, rpm)
+def _gas_weights(table, cycles: GasCycles, rpm: Number) -> Array:
+    """Weights [..., J, nc] of all harmonics that :func:`_pressure_harmonics` gives."""
+    by_component = weights(table, cycles, rpm)
     if not cycles.skipping:
-        return own
+        return by_component
     unburnt = unburnt_weights(table, rpm)
-    xp = namespace(own, unburnt)
-    burnt = xp.zeros(
-        (*own.shape[:-2], own.shape[-2] - unburnt.shape[-2], own.shape[-1])
-    )
-    return xp.concatenate([own, burnt, unburnt], axis=-2)
+    xp = namespace(by_component, unburnt)
+    burnt = by_component.shape[-2] - unburnt.shape[-2]
+    zeros = xp.zeros((*by_component.shape[:-2], burnt, by_component.shape[-1]))
+    return xp.concatenate([by_component, zeros, unburnt], axis=-2)
 
 
-def _turned(train, members, i, n):
-    """exp(-i n alpha / turn) of elements i at harmonics n of the cycle, for every phase
-    of which they are members.
+def _turned(
+    train: DriveTrain, members: Sequence[Sequence[int]], i: np.ndarray, n: np.ndarray
+) -> Number:
+    """Factor exp(-i n alpha / turn) of elements i at harmonics n of the cycle, over all
+    phases of which they are members.
     """
     if not members:
         return 1.0
+    assert train.phases is not None  # there are members
     xp = namespace(train.phases)
     angle = train.phases.angle
-    own = np.array([np.isin(i, row) for row in members])
-    turns = own * n / np.array(train.topology.phase_turn)[:, None]
+    is_member = np.array([np.isin(i, row) for row in members])
+    turns = is_member * n / np.array(train.topology.phase_turn)[:, None]
     return xp.exp(-1j * (xp.deg2rad(angle) @ turns))
 
 
-def _add_listed(torque, disks, numbers, values):
+def _add_listed(
+    torque: Array,
+    disks: Sequence[int] | np.ndarray,
+    numbers: Iterable[tuple[int, ...]],
+    values: Callable[[np.ndarray, np.ndarray, np.ndarray], Array],
+) -> Array:
     """Add ``values(i, k, n)`` of elements i on ``disks`` at their harmonics n =
     ``numbers[i][k]`` up to N.
     """
@@ -303,7 +325,7 @@ def _add_listed(torque, disks, numbers, values):
 
 
 @lru_cache(maxsize=256)
-def _listed(numbers, most):
+def _listed(numbers: tuple[tuple[int, ...], ...], most: int) -> np.ndarray:
     """Elements i, places k and harmonics n = ``numbers[i][k]`` up to ``most``."""
     flat = [
         (i, k, n)
@@ -314,8 +336,16 @@ def _listed(numbers, most):
     return np.array(flat, dtype=int).reshape(-1, 3).T
 
 
-def _add_given(torque, disks, numbers, rows, factor):
-    """Add the given harmonics of elements, each times its factor."""
+def _add_rows(
+    torque: Array,
+    disks: Sequence[int] | np.ndarray,
+    numbers: Iterable[tuple[int, ...]],
+    rows: Array,
+    factor: Array,
+) -> Array:
+    """Add harmonics of elements, from their rows of amplitudes, each times
+    its factor.
+    """
     return _add_listed(
         torque,
         disks,
@@ -324,66 +354,63 @@ def _add_given(torque, disks, numbers, rows, factor):
     )
 
 
-def _coefficients(rows, i, k):
-    """T^n of rows (Re, Im) of peak amplitudes."""
+def _coefficients(rows: Array, i: np.ndarray, k: np.ndarray) -> Array:
+    """Coefficients T^n of rows (Re, Im) of peak amplitudes."""
     pair = rows[i, k]
     return 0.5 * (pair[:, 0] + 1j * pair[:, 1])
 
 
-def load_power_kW(train: DriveTrain, rpm, load_torque):  # noqa: N802
+def load_power_kW(train: DriveTrain, rpm: Number, load_torque: Array) -> Array:  # noqa: N802
     """Power in kW that loads of ``load_torque`` [n_loads] N m take: -sum_j
     load_torque_j x ratio_j x 2 pi rpm / 60.
     """
-    rotor = np.array(train.topology.rotor, dtype=int)[
-        np.array(train.topology.load_disk, dtype=int)
-    ]
-    return (
-        -(load_torque @ speed_ratios(train)[rotor])
-        * (2.0 * np.pi / 60.0 / 1000.0)
-        * rpm
-    )
+    load_disk = np.array(train.topology.load_disk, dtype=int)
+    rotor = np.array(train.topology.rotor, dtype=int)[load_disk]
+    at_reference = load_torque @ speed_ratios(train)[rotor]
+    return -at_reference * (2.0 * np.pi / 60.0 / 1000.0) * rpm
 
 
 def highest_harmonic(train: DriveTrain) -> int:
     """Largest harmonic n >= 1 of the cycle that the excitation holds to an extent that
     counts. Host: concrete values.
 
-    Counted are all harmonics given with an amplitude, those of meshes too, inertia
+    Counted are all harmonics that have an amplitude, those of meshes too, inertia
     torques up to order 6 of their own rotor, and of computed gas torques those above
     1e-6 of the largest, always within the cylinder's ``orders``.
     """
     topology = train.topology
-    found = [1]
-    given = [(topology.torque_harmonics, train.torques.harmonics)]
-    given.append((topology.cylinder_harmonics, train.cylinders.gas_torque))
-    own = [
+    harmonics = [1]
+    rows_of = [
+        (topology.torque_harmonics, train.torques.harmonics),
+        (topology.cylinder_harmonics, train.cylinders.gas_torque),
+    ]
+    optional = [
         (f"mesh_{name}", getattr(train.meshes, name))
         for name in (*OF_PERIOD, *OF_GEARS)
     ]
-    own.append(("load_harmonics", train.loads.harmonics))
-    given += [
-        (getattr(topology, name), values) for name, values in own if values is not None
+    optional.append(("load_harmonics", train.loads.harmonics))
+    rows_of += [
+        (getattr(topology, name), values)
+        for name, values in optional
+        if values is not None
     ]
-    for numbers, values in given:
+    for numbers, values in rows_of:
         present = (np.asarray(values) != 0.0).any(axis=-1).tolist()
         for row, counts in zip(numbers, present, strict=True):
-            found += [n for n, there in zip(row, counts, strict=False) if there]
+            harmonics += [n for n, there in zip(row, counts, strict=False) if there]
     mass = np.asarray(train.cylinders.reciprocating_mass)
-    for i, (orders, turn) in enumerate(
-        zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)
-    ):
+    inertia = zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)
+    for i, (orders, turn) in enumerate(inertia):
         if orders and mass[i] > 0.0:
-            found.append(round(min(orders, INERTIA_ORDERS_THAT_COUNT) * turn))
-    rows, gas, _ = _computed_gas(train)
-    for i, row in zip(
-        rows, np.abs(np.asarray(gas)).max(axis=0) if rows else (), strict=True
-    ):
-        row = row[1 : topology.cylinder_gas[i] + 1]
-        counts = np.flatnonzero(
-            row > NEGLIGIBLE_GAS * max(row.max(initial=0.0), 1e-300)
-        )
-        found += [(k + 1) * topology.cylinder_step[i] for k in counts.tolist()]
-    return int(max(found))
+            harmonics.append(round(min(orders, INERTIA_ORDERS_THAT_COUNT) * turn))
+    cylinders, gas, _ = _computed_gas(train)
+    sizes = np.abs(np.asarray(gas)).max(axis=0) if cylinders else ()
+    for i, size in zip(cylinders, sizes, strict=True):
+        size = size[1 : topology.cylinder_gas[i] + 1]
+        least = NEGLIGIBLE_GAS * max(size.max(initial=0.0), 1e-300)
+        counts = np.flatnonzero(size > least)
+        harmonics += [(k + 1) * topology.cylinder_step[i] for k in counts.tolist()]
+    return int(max(harmonics))
 
 
 @lru_cache(maxsize=256)
@@ -404,17 +431,9 @@ def listed_harmonic(topology: Topology) -> int:
         for name in (*OF_PERIOD, *OF_GEARS)
         for row in getattr(topology, f"mesh_{name}")
     )
-    found = [1, *(n for row in listed for n in row)]
-    found += [
-        kept * step
-        for kept, step in zip(
-            topology.cylinder_gas, topology.cylinder_step, strict=True
-        )
-    ]
-    found += [
-        round(kept * turn)
-        for kept, turn in zip(
-            topology.cylinder_inertia, topology.cylinder_turn, strict=True
-        )
-    ]
-    return int(max(found))
+    harmonics = [1, *(n for row in listed for n in row)]
+    gas = zip(topology.cylinder_gas, topology.cylinder_step, strict=True)
+    harmonics += [count * step for count, step in gas]
+    inertia = zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)
+    harmonics += [round(orders * turn) for orders, turn in inertia]
+    return int(max(harmonics))

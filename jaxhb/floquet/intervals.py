@@ -38,27 +38,27 @@ from jaxhb.floquet.slopes import Reactions, SampledMotion, moments
 from jaxhb.floquet.variational import Monodromy
 
 DEGREES = 4  # Q
-# Intervals per period of the fastest mode in which teeth move, or of what the stiffest
-# reaction makes of a mesh, and per cycle: errors of multipliers of gear_train_30 are
-# below 1e-4 of the largest.
+# Intervals per period of the fastest mode in which teeth move, or of a mesh on the
+# stiffest reaction, and per cycle: errors of multipliers of gear_train_30 are below
+# 1e-4 of the largest.
 PER_PERIOD = 2.2
 FEWEST = 256
-# Times the fastest mode, up to which intervals follow what reactions make of a mesh
+# Multiple of the fastest rate up to which intervals follow a mesh on its reactions
 STIFFEST = 8.0
 GRID = 32  # grid steps of the longest interval
 CHUNK = 4096  # intervals that are prepared at a time
-REACH, TERMS = (
-    4.0,
-    40,
-    # Of rates h up to which integrals are power series, and their terms: exact to
-    # rounding
-)
+# Modulus of rates h up to which integrals are power series, and the number of their
+# terms: exact to rounding
+REACH = 4.0
+TERMS = 40
 # Largest decay in an interval of a mode whose share in the determinant of an interval
 # is counted
 LIVELY = 2.0
 
 
-def monodromy(modes: Modes, reactions: Reactions, deflection, frequency) -> Monodromy:
+def monodromy(
+    modes: Modes, reactions: Reactions, deflection: np.ndarray, frequency: float
+) -> Monodromy:
     """The :class:`~jaxhb.floquet.variational.Monodromy` in the states of
     :func:`real_states`; on the host.
 
@@ -88,7 +88,7 @@ def monodromy(modes: Modes, reactions: Reactions, deflection, frequency) -> Mono
     )
 
 
-def real_states(modes: Modes, vectors):
+def real_states(modes: Modes, vectors: np.ndarray) -> np.ndarray:
     """Vectors ``(r, m)`` of the modes as columns ``(r, n)`` of their real states: real
     and imaginary parts of those that turn, real parts of others.
     """
@@ -96,23 +96,24 @@ def real_states(modes: Modes, vectors):
     return pairs[:, _real_columns(modes.rates)]
 
 
-def _real_columns(rates):
-    """Which of the parts of all modes, real and imaginary in turn, are states."""
+def _real_columns(rates: np.ndarray) -> np.ndarray:
+    """Mask ``(2m,)`` of the parts of all modes, real and imaginary in turn, that are
+    states.
+    """
     return np.stack([np.ones(len(rates), bool), rates.imag != 0], axis=-1).ravel()
 
 
-def _real_states(rates):
+def _real_states(rates: np.ndarray) -> np.ndarray:
     """Unit states ``(n, 2m)``, by rows."""
     return np.eye(2 * len(rates))[_real_columns(rates)]
 
 
-def fewest_intervals(modes: Modes, reactions: Reactions, frequency) -> int:
+def fewest_intervals(modes: Modes, reactions: Reactions, frequency: float) -> int:
     """Intervals of a cycle in which teeth pass no knots."""
     meshes = len(modes.observation) // 2
     seen = modes.observation[meshes:][reactions.mesh]
-    lightness = np.einsum(
-        "cm,mc->c", seen, modes.forcing[:, reactions.mesh]
-    ).real  # 1/kg, of a force on its mesh
+    # In 1/kg, of a force on its mesh
+    lightness = np.einsum("cm,mc->c", seen, modes.forcing[:, reactions.mesh]).real
     stiff = np.abs(lightness) * reactions.stiffest
     stiffest = np.where(reactions.observed >= meshes, stiff, np.sqrt(stiff)).max()
     variation = reactions.meshes.variation
@@ -126,7 +127,9 @@ def fewest_intervals(modes: Modes, reactions: Reactions, frequency) -> int:
     return int(np.ceil(PER_PERIOD * fastest / frequency))
 
 
-def _lengths(motion: SampledMotion, fewest, frequency):
+def _lengths(
+    motion: SampledMotion, fewest: int, frequency: float
+) -> tuple[np.ndarray, float]:
     """Lengths ``(K,)`` of the intervals of a cycle in steps of a grid, and its step in
     s.
     """
@@ -135,9 +138,8 @@ def _lengths(motion: SampledMotion, fewest, frequency):
     arc = np.diff(np.append(ends, grid))
     count = -(-arc // GRID)
     number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    begin = np.repeat(ends, count) + number * np.repeat(arc, count) // np.repeat(
-        count, count
-    )
+    share = number * np.repeat(arc, count) // np.repeat(count, count)
+    begin = np.repeat(ends, count) + share
     return np.diff(np.append(begin, grid)), 2 * np.pi / frequency / grid
 
 
@@ -150,64 +152,63 @@ class _Weights:
     h) B; decay : complex ``(k, m)``.
     """
 
-    def __init__(self, modes: Modes, reactions: Reactions, length):
+    def __init__(self, modes: Modes, reactions: Reactions, length: np.ndarray):
         seen = modes.observation[reactions.observed]
         forcing = reactions.forcing.T
-        shape = len(length)
+        lengths = len(length)
         size = len(seen) * DEGREES
         x = length[:, None] * modes.rates
-        moment, repeated = (
-            a.reshape(*x.shape, *a.shape[1:]) for a in _exponential_integrals(x.ravel())
-        )
+        moment, repeated = _exponential_integrals(x.ravel())
+        moment = moment.reshape(x.shape + moment.shape[1:])
+        repeated = repeated.reshape(x.shape + repeated.shape[1:])
         norm = 2 * np.arange(DEGREES) + 1
         by_degree = (moment * norm).transpose(0, 2, 1)[:, None]
-        observed = (seen[:, None] * by_degree).reshape(shape, size, -1)
+        observed = (seen[:, None] * by_degree).reshape(lengths, size, -1)
         by_degree = (moment * (-1.0) ** np.arange(DEGREES)).transpose(0, 2, 1)[:, None]
-        pushed = length[:, None, None] * (forcing[:, None] * by_degree).reshape(
-            shape, size, -1
-        )
+        pushed = (forcing[:, None] * by_degree).reshape(lengths, size, -1)
+        pushed = length[:, None, None] * pushed
         pairs = (seen[:, None] * forcing).reshape(-1, len(modes.rates)).T
-        by_degree = (repeated * norm[:, None]).reshape(*x.shape, -1).transpose(0, 2, 1)
-        response = (by_degree @ pairs).real.reshape(
-            shape, DEGREES, DEGREES, len(seen), len(seen)
+        by_degree = (repeated * norm[:, None]).reshape(x.shape + (-1,))
+        response = (by_degree.transpose(0, 2, 1) @ pairs).real.reshape(
+            lengths, DEGREES, DEGREES, len(seen), len(seen)
         )
-        self.response = length[:, None, None] * response.transpose(
-            0, 3, 1, 4, 2
-        ).reshape(shape, size, size)
-        back = np.where(
-            np.abs(x.real) <= LIVELY,
-            np.exp(-np.maximum(x.real, -LIVELY) - 1j * x.imag),
-            0.0,
-        )
+        response = response.transpose(0, 3, 1, 4, 2).reshape(lengths, size, size)
+        self.response = length[:, None, None] * response
+        lively = np.abs(x.real) <= LIVELY
+        grown = np.exp(-np.maximum(x.real, -LIVELY) - 1j * x.imag)
+        back = np.where(lively, grown, 0.0)
         self.around = ((observed * back[:, None]) @ pushed.transpose(0, 2, 1)).real
-        self.decay, self.pushed = np.exp(x), np.ascontiguousarray(pushed).view(float)
+        self.decay = np.exp(x)
+        self.pushed = np.ascontiguousarray(pushed).view(float)
         self.observed = np.ascontiguousarray(observed.conj()).view(float)
 
-    def march(self, state, slope, index):
-        """Takes states ``(n, 2m)``, by rows, through intervals of lengths ``index``
-        ``(K,)`` with moments of slopes ``(C, K, 2Q-1)``; gives the logarithm of the
+    def march(self, state: np.ndarray, slope: np.ndarray, index: np.ndarray) -> float:
+        """Take states ``(n, 2m)``, by rows, through intervals of lengths ``index``
+        ``(K,)`` with moments of slopes ``(C, K, 2Q-1)``; give the logarithm of the
         determinant over that of the modes by themselves.
         """
-        coupling = (slope @ _PRODUCTS).reshape(*slope.shape[:2], DEGREES, DEGREES)
+        coupling = (slope @ _PRODUCTS).reshape(slope.shape[:2] + (DEGREES, DEGREES))
         acting = (slope != 0).any(axis=-1)
         patterns, kind = np.unique(acting.T, axis=0, return_inverse=True)
-        steps = [None] * len(index)
+        steps: list[tuple[np.ndarray, np.ndarray] | None] = [None] * len(index)
         log_determinant = 0.0
         number = np.arange(len(self.decay))
         index = index.astype(int)
         for pattern in np.flatnonzero(patterns.any(axis=1)):
             chosen = np.flatnonzero(patterns[pattern])
-            at = np.flatnonzero(kind.ravel() == pattern)
+            members = np.flatnonzero(kind.ravel() == pattern)
             rows = (DEGREES * chosen[:, None] + np.arange(DEGREES)).ravel()
             block = np.ix_(number, rows, rows)
-            length = index[at]
-            answer = _answers(coupling[chosen][:, at], self.response[block][length])
+            length = index[members]
+            response = self.response[block][length]
+            answer = _answers(coupling[chosen][:, members], response)
             around = np.eye(len(rows)) + answer @ self.around[block][length]
             log_determinant += np.linalg.slogdet(around)[1].sum()
             observed = (answer @ self.observed[:, rows][length]).transpose(0, 2, 1)
             pushed = list(self.pushed[:, rows])
-            for i, row, k in zip(at.tolist(), observed, length.tolist(), strict=True):
-                steps[i] = row, pushed[k]
+            places = zip(members.tolist(), observed, length.tolist(), strict=True)
+            for i, row, k in places:
+                steps[i] = (row, pushed[k])
         decay = list(self.decay)
         modal = state.view(complex)
         moved = np.empty_like(state)
@@ -215,16 +216,16 @@ class _Weights:
             if step is None:
                 modal *= decay[k]
                 continue
-            observed, pushed = step
-            force = np.dot(state, observed)
+            from_state, to_state = step
+            force = np.dot(state, from_state)
             modal *= decay[k]
-            state += np.dot(force, pushed, out=moved)
+            state += np.dot(force, to_state, out=moved)
         return log_determinant
 
 
-def _answers(coupling, response):
-    """``(I - T R)^-1 T`` ``(K, c Q, c Q)`` of T ``(c, K, Q, Q)`` of the reactions that
-    act and their R.
+def _answers(coupling: np.ndarray, response: np.ndarray) -> np.ndarray:
+    """Solutions ``(I - T R)^-1 T`` ``(K, c Q, c Q)`` of T ``(c, K, Q, Q)`` of the
+    reactions that act and their R.
     """
     reactions, intervals = coupling.shape[:2]
     size = reactions * DEGREES
@@ -238,16 +239,18 @@ def _answers(coupling, response):
     return np.linalg.solve(np.eye(size) - back, right.reshape(intervals, size, size))
 
 
-def _exponential_integrals(x):
-    """``int e^(x s) P_p(s) ds`` ``(n, Q)``, and ``int int e^(x (s - r)) P_q(r) P_p(s)
-    dr ds`` ``(n, p, q)`` over r < s, from 0 to 1, of the Legendre polynomials there.
+def _exponential_integrals(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Integrals ``int e^(x s) P_p(s) ds`` ``(n, Q)``, and ``int int e^(x (s - r))
+    P_q(r) P_p(s) dr ds`` ``(n, p, q)`` over r < s, from 0 to 1, of the Legendre
+    polynomials there.
     """
     moment = np.zeros((len(x), DEGREES), complex)
     repeated = np.zeros((len(x), DEGREES**2), complex)
     near = np.abs(x) < REACH
     powers = x[near, None] ** np.arange(TERMS)
     series, double_series = _series()
-    moment[near], repeated[near] = powers @ series.T, powers @ double_series.T
+    moment[near] = powers @ series.T
+    repeated[near] = powers @ double_series.T
     far = x[~near]
     # By parts: a polynomial p leaves -sum_k p^(k) / x^(k+1) behind at both ends.
     begin, end, within = _derivatives()
@@ -255,14 +258,13 @@ def _exponential_integrals(x):
     signed = inverse * (-1.0) ** np.arange(DEGREES)
     moment[~near] = np.exp(far)[:, None] * (signed @ end) - signed @ begin
     by_begin = (inverse @ begin)[:, None, :] * moment[~near][:, :, None]
-    repeated[~near] = by_begin.reshape(-1, DEGREES**2) - inverse @ within.reshape(
-        DEGREES, -1
-    )
+    left_behind = inverse @ within.reshape(DEGREES, -1)
+    repeated[~near] = by_begin.reshape(-1, DEGREES**2) - left_behind
     return moment, repeated.reshape(-1, DEGREES, DEGREES)
 
 
 @cache
-def _series():
+def _series() -> tuple[np.ndarray, np.ndarray]:
     """Coefficients ``(Q, TERMS)`` and ``(Q Q, TERMS)`` of powers of x in
     :func:`_exponential_integrals`.
     """
@@ -288,22 +290,24 @@ def _series():
 
 
 @cache
-def _derivatives():
-    """The k-th derivatives of the Legendre polynomials of 0 .. 1 at 0 and 1 ``(k, q)``,
-    and their integrals with the polynomials ``(k, p, q)``.
+def _derivatives() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Derivatives of order k of the Legendre polynomials of 0 .. 1 at 0 and 1 ``(k,
+    q)``, and their integrals with the polynomials ``(k, p, q)``.
     """
-    found = np.zeros((DEGREES, DEGREES, DEGREES))
+    derivatives = np.zeros((DEGREES, DEGREES, DEGREES))
     for q in range(DEGREES):
         series = np.eye(DEGREES)[q]
         for k in range(DEGREES):
-            found[k, : len(series), q] = series
+            derivatives[k, : len(series), q] = series
             series = 2 * legendre.legder(series)
-    begin, end = ((sign ** np.arange(DEGREES)) @ found for sign in (-1.0, 1.0))
-    return begin, end, found / (2 * np.arange(DEGREES) + 1)[:, None]
+    begin, end = ((sign ** np.arange(DEGREES)) @ derivatives for sign in (-1.0, 1.0))
+    return begin, end, derivatives / (2 * np.arange(DEGREES) + 1)[:, None]
 
 
-def _products():
-    """``(2Q-1, Q Q)``: moments of a slope to its T, ``(2 q + 1) int slope P_q P_p``."""
+def _products() -> np.ndarray:
+    """Matrix ``(2Q-1, Q Q)`` from moments of a slope to its T, ``(2 q + 1) int slope
+    P_q P_p``.
+    """
     degrees = 2 * DEGREES - 1
     node, weight = legendre.leggauss(2 * degrees)
     values = legendre.legvander(node, degrees - 1)

@@ -1,4 +1,4 @@
-"""Whether a train runs in a periodic motion: what becomes of a small disturbance of it
+"""Stability of a periodic motion of a train: what becomes of a small disturbance of it
 (Floquet multipliers).
 
 Over a cycle a disturbance y of the state is multiplied by the monodromy matrix; its
@@ -13,22 +13,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb._jax import on_host, refuse_tracers
+from jaxhb._jax import Array, on_host, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.march import noticed_modes
 from jaxhb.equations import backlash, exact_integrals, fourier
-from jaxhb.equations.backlash import law_meshes
+from jaxhb.equations.backlash import MeshParameters, law_meshes
 from jaxhb.equations.state_space import (
+    Modes,
+    StateSpace,
     loss_damping,
     partition,
     state_space,
     unheld_modes,
 )
 from jaxhb.floquet import intervals, variational
-from jaxhb.floquet.slopes import reactions_of
+from jaxhb.floquet.slopes import Reactions, reactions_of
 from jaxhb.results.answers import need_solved
 from jaxhb.results.response import Response
 from jaxhb.train import chain
+from jaxhb.train.chain import System
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.topology import Topology
 
 # Natural frequency over Omega of a rotation against grounds that are no support, but a
 # hold
@@ -39,9 +44,8 @@ NEUTRAL = 1e-8
 # equation solves them one by one, of so many disks at most.
 MOST_INTERVALS = 100_000
 DENSE_DISKS = 80
-FIRST_LOOK = (
-    64  # samples of a motion, before the times at which it passes knots are looked for
-)
+# Samples of a motion, before the times at which it passes knots are looked for
+FIRST_LOOK = 64
 DISKS = 1000  # beyond which it would take minutes
 
 
@@ -49,12 +53,10 @@ def fall_text(largest: float) -> str:
     """Words for how a disturbance falls by a multiplier below 1: to a share of its
     size, or by one near 1.
     """
-    left = f"{largest:.2g}"
-    return (
-        f"falls to {left} of its size"
-        if left != "1"
-        else f"falls by {100 * (1 - largest):.1g} %"
-    )
+    share = f"{largest:.2g}"
+    if share == "1":
+        return f"falls by {100 * (1 - largest):.1g} %"
+    return f"falls to {share} of its size"
 
 
 @brief
@@ -87,13 +89,13 @@ class Stability:
         """The multiplier of largest modulus, those of rotation left out; 0 where there
         is no other.
         """
-        own = self.multipliers[~self.rotation]
-        return complex(own[0]) if len(own) else 0j
+        of_teeth = self.multipliers[~self.rotation]
+        return complex(of_teeth[0]) if len(of_teeth) else 0j
 
     @property
     def largest(self) -> float:
-        """Modulus of :attr:`critical`: from 1 on the motion is not what the train
-        does.
+        """Modulus of :attr:`critical`: from 1 on the train does not run in
+        this motion.
         """
         return abs(self.critical)
 
@@ -113,18 +115,20 @@ class Stability:
             return "Neimark-Sacker"
         return "fold" if self.critical.real > 0 else "period doubling"
 
-    def __str__(self):
+    def __str__(self) -> str:
         if self.stable:
             return f"stable: a disturbance {fall_text(self.largest)} in a cycle."
+        loses_by = self.loses_by
+        assert loses_by is not None  # it is not stable
         manner = {
             "fold": "",
             "period doubling": (
                 " and changes its sign each time, so that two cycles differ"
             ),
             "Neimark-Sacker": " and turns, so that a second frequency appears",
-        }[self.loses_by]
+        }[loses_by]
         grows = (
-            f"unstable ({self.loses_by}): a disturbance grows {self.largest:.3g} times"
+            f"unstable ({loses_by}): a disturbance grows {self.largest:.3g} times"
             f" a cycle{manner}"
         )
         return f"{grows}; the train does not run in this motion."
@@ -169,11 +173,13 @@ def stability(response: Response) -> Stability:
     Examples
     --------
     >>> import jaxhb
-    >>> found = jaxhb.stability(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0))
+    >>> stability = jaxhb.stability(
+    ...     jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0)
+    ... )
     >>> (
-    ...     found.stable,
-    ...     round(found.largest, 2),
-    ...     found.multipliers[found.rotation].real.round(2).tolist(),
+    ...     stability.stable,
+    ...     round(stability.largest, 2),
+    ...     stability.multipliers[stability.rotation].real.round(2).tolist(),
     ... )
     (True, 0.41, [1.0, 1.0])
     """
@@ -197,37 +203,41 @@ def stability(response: Response) -> Stability:
     space = state_space(host, meshes, frequency, parts, loss_damping(host))
     deflection = np.asarray(response.deflections)[topology.law_index]
     constant = _constant_transition(space, meshes, deflection, frequency)
+    disturbance: Array
     if constant is not None:
         rates, disturbance = np.linalg.eig(constant)
         multipliers = np.exp(period * rates)
         determinant = period * (rates.sum().real - np.trace(constant))
     else:
         modes = unheld_modes(host, meshes, space, frequency, parts)
-        of_motion = _of_motion(modes, space, meshes, deflection, frequency, topology)
-        multipliers, disturbance, determinant = of_motion
+        multipliers, disturbance, determinant = _of_motion(
+            modes, space, meshes, deflection, frequency, topology
+        )
     rotation = _of_rotation(disturbance, space.coordinates, system, frequency)
     order = np.argsort(-np.abs(multipliers), kind="stable")
     with np.errstate(over="ignore"):  # where dry friction sticks, multipliers may be 0
-        return Stability(
-            multipliers[order], rotation[order], float(np.expm1(determinant))
-        )
+        liouville = float(np.expm1(determinant))
+    return Stability(multipliers[order], rotation[order], liouville)
 
 
-def attracts(response):
-    """Whether a train near a periodic motion runs into it, and its :class:`Stability`,
-    None where that is not decided; and the sentence that says why.
+def attracts(response: Response) -> tuple[bool | None, Stability | None, str]:
+    """Decide whether a train near a periodic motion runs into it, with its
+    :class:`Stability`, None for both where that is not decided; and the sentence that
+    says why.
     """
     try:
-        found = stability(response)
+        of_motion = stability(response)
     except np.linalg.LinAlgError:  # a ValueError, and no refusal
         raise
     except ValueError as refusal:
         return None, None, str(refusal)
-    return bool(found.stable), found, ""
+    return bool(of_motion.stable), of_motion, ""
 
 
-def train_of(response):
-    """The train of a response at one speed that solves its equations."""
+def train_of(response: Response) -> DriveTrain:
+    """The train of a response at one speed that solves its equations; ValueError of
+    others.
+    """
     name = response.topology.title
     if np.ndim(response.rpm):
         raise ValueError(
@@ -242,56 +252,61 @@ def train_of(response):
     return need_solved(response).train
 
 
-def _constant_transition(space, meshes, deflection, frequency):
-    """The matrix ``(n, n)`` of the variational equation where it is the same all along,
-    as of teeth that stay in contact; else None.
+def _constant_transition(
+    space: StateSpace, meshes: MeshParameters, deflection: np.ndarray, frequency: float
+) -> np.ndarray | None:
+    """The matrix ``(n, n)`` 1/s of the variational equation where it is constant along
+    the motion, as of teeth that stay in contact; else None.
     """
-    values, rates = (
-        fourier.sample(signal, FIRST_LOOK)
-        for signal in (deflection, fourier.derivative(deflection, frequency))
+    values = fourier.sample(deflection, FIRST_LOOK)
+    rates = fourier.sample(fourier.derivative(deflection, frequency), FIRST_LOOK)
+    by_deflection, by_rate = backlash.nonlinear_slopes(
+        meshes.law.expand(),
+        meshes.viscous[:, None],
+        meshes.contact_damping[:, None],
+        values,
+        rates,
     )
-    law = meshes.law.expand()
-    slopes = np.stack(
-        backlash.nonlinear_slopes(
-            law, meshes.viscous[:, None], meshes.contact_damping[:, None], values, rates
-        )
-    )
+    slopes = np.stack([by_deflection, by_rate])
     if meshes.variation is not None or (slopes != slopes[..., :1]).any():
         return None
     if len(_switching_times(meshes, deflection, frequency)):
         return None
     on, following = np.split(space.observation, 2)
-    return space.transition + space.forcing @ (
-        slopes[0, :, :1] * on + slopes[1, :, :1] * following
-    )
+    rows = slopes[0, :, :1] * on + slopes[1, :, :1] * following
+    return space.transition + space.forcing @ rows
 
 
-def _switching_times(meshes, deflection, frequency):
-    """Shares of the cycle at which one of the deflections passes a knot of its law."""
+def _switching_times(
+    meshes: MeshParameters, deflection: np.ndarray, frequency: float
+) -> np.ndarray:
+    """Shares of the cycle at which any of the deflections passes a knot of its law."""
     times = exact_integrals.switching_times(meshes.law, deflection)
-    if meshes.law.friction is None:
+    if meshes.law.friction is None or meshes.law.slip is None:
         return times
     # Friction is whole from a rate of slip on.
     slip = dataclasses.replace(
         meshes.law, transition=0 * meshes.law.transition, backlash=2 * meshes.law.slip
     )
-    return np.concatenate(
-        [
-            times,
-            exact_integrals.switching_times(
-                slip, fourier.derivative(deflection, frequency)
-            ),
-        ]
-    )
+    rate = fourier.derivative(deflection, frequency)
+    return np.concatenate([times, exact_integrals.switching_times(slip, rate)])
 
 
-def _of_motion(modes, space, meshes, deflection, frequency, topology):
+def _of_motion(
+    modes: Modes,
+    space: StateSpace,
+    meshes: MeshParameters,
+    deflection: np.ndarray,
+    frequency: float,
+    topology: Topology,
+) -> tuple[np.ndarray, Array, float]:
     """Multipliers ``(n,)`` of a motion of teeth that part, their disturbances ``(n,
-    n)`` in columns, and by how much the logarithm of the determinant is off.
+    n)`` in columns, and the error of the logarithm of the determinant.
     """
     noticed = noticed_modes(modes.rates, modes.forcing, modes.observation, frequency)
-    reactions = reactions_of(modes.only(noticed), meshes)
-    count = intervals.fewest_intervals(modes.only(noticed), reactions, frequency)
+    seen = modes.only(noticed)
+    reactions = reactions_of(seen, meshes)
+    count = intervals.fewest_intervals(seen, reactions, frequency)
     if count <= MOST_INTERVALS:
         multipliers, motion, determinant = _in_modes(
             modes, noticed, reactions, deflection, frequency
@@ -303,19 +318,26 @@ def _of_motion(modes, space, meshes, deflection, frequency, topology):
             " teeth vibrate fast beside it: ask at a higher speed."
         )
     times = _switching_times(meshes, deflection, frequency)
-    found = variational.monodromy(space, meshes, deflection, frequency, times)
-    return *np.linalg.eig(found.matrix), found.log_determinant - found.trace
+    cycle = variational.monodromy(space, meshes, deflection, frequency, times)
+    multipliers, disturbance = np.linalg.eig(cycle.matrix)
+    return multipliers, disturbance, cycle.log_determinant - cycle.trace
 
 
-def _in_modes(modes, noticed, reactions, deflection, frequency):
+def _in_modes(
+    modes: Modes,
+    noticed: np.ndarray,
+    reactions: Reactions,
+    deflection: np.ndarray,
+    frequency: float,
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Multipliers ``(n,)``, their disturbances ``(2S, n)`` of (x, x') in columns, and
-    by how much the logarithm of the determinant is off; reactions of the modes that
-    meshes notice.
+    the error of the logarithm of the determinant; reactions of the modes that meshes
+    notice.
     """
     seen = modes.only(noticed)
     alone = modes.only(~noticed)
-    found = intervals.monodromy(seen, reactions, deflection, frequency)
-    multipliers, vectors = np.linalg.eig(found.matrix)
+    cycle = intervals.monodromy(seen, reactions, deflection, frequency)
+    multipliers, vectors = np.linalg.eig(cycle.matrix)
     disturbance = intervals.real_states(seen, seen.motion) @ vectors
     # A mode that no mesh notices decays by itself, and so does its conjugate.
     turning = alone.only(alone.rates.imag != 0)
@@ -324,11 +346,15 @@ def _in_modes(modes, noticed, reactions, deflection, frequency):
     disturbance = np.concatenate(
         [disturbance, alone.motion, turning.motion.conj()], axis=1
     )
-    return multipliers, disturbance, found.log_determinant - found.trace
+    return multipliers, disturbance, cycle.log_determinant - cycle.trace
 
 
-def _of_rotation(disturbance, coordinates, system, frequency):
-    """Which eigenvectors of a monodromy matrix, its columns, are those of rotation."""
+def _of_rotation(
+    disturbance: Array, coordinates: Array, system: System, frequency: float
+) -> np.ndarray:
+    """Mask of the eigenvectors of a monodromy matrix, its columns, that are those of
+    rotation.
+    """
     # Those nearest to the space of rotations: by their values a slow decay of the teeth
     # could not be told from them. Rotations are motions (S, d) of the disks that bend
     # no link, meshes in contact, held by soft grounds at most. Null space of the links
@@ -337,14 +363,13 @@ def _of_rotation(disturbance, coordinates, system, frequency):
     _, values, right = np.linalg.svd(rows)
     free = right[np.count_nonzero(values > 1e-10 * values.max(initial=1e-300)) :].T
     inertia, held = (
-        free.T @ (np.asarray(a)[:, None] * free) for a in (system.mass, system.ground)
+        free.T @ (np.asarray(field)[:, None] * free)
+        for field in (system.mass, system.ground)
     )
     squares, shapes = np.linalg.eig(np.linalg.pinv(inertia) @ held)
     rotations = free @ shapes.real[:, squares.real < (SOFT * frequency) ** 2]
     basis, _ = np.linalg.qr(coordinates @ np.kron(np.eye(2), rotations))
-    share = np.linalg.norm(basis.T @ disturbance, axis=0) / np.linalg.norm(
-        disturbance, axis=0
-    )
-    return np.isin(
-        np.arange(len(share)), np.argsort(-share, kind="stable")[: basis.shape[1]]
-    )
+    size = np.linalg.norm(disturbance, axis=0)
+    share = np.linalg.norm(basis.T @ disturbance, axis=0) / size
+    nearest = np.argsort(-share, kind="stable")[: basis.shape[1]]
+    return np.isin(np.arange(len(share)), nearest)
