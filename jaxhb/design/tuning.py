@@ -17,8 +17,8 @@ from jaxhb.balance.plan import Request
 from jaxhb.design.between_speeds import (
     check_between,
     exceeded,
+    followed_at,
     is_linear,
-    near,
     worst_share,
 )
 from jaxhb.design.descent import (
@@ -368,7 +368,7 @@ def _new_peaks(followed, train, rpm, excesses):
     known = {each.name for each in followed}
     new = {}
     for excess in excesses:
-        peak = near(excess.rpm, train, rpm, known)
+        peak = followed_at(excess.rpm, train, rpm, known)
         if peak.name not in known:
             new[peak.name] = peak
     return tuple(new.values())
