@@ -143,7 +143,7 @@ def _numbers(train, box):
             if own
         ]
         return (), f"the stiffness of {(beside + varying)[0]} is not constant"
-    for j, (one, own) in enumerate(zip(box.parameters, box.own, strict=True)):
+    for j, (one, own) in enumerate(zip(box.parameters, box.nominal, strict=True)):
         for name, value in own:
             table, field, index = locate(topology, name)
             element = None

@@ -254,7 +254,9 @@ def impact_severity(
 def _motion(
     response: Response, a: str, b: str | None, smoothing: float
 ) -> tuple[Array, Array, Array, Array]:
-    """l| m, d|l|/dt m/s ``(..., time_steps)``, the gap m and the width of its smooth edge m ``(..., 1)``."""
+    """Read ``|l|`` in m and ``d|l|/dt`` in m/s ``(..., time_steps)``, the gap and the
+    width of its smooth edge in m ``(..., 1)``.
+    """
     topology = response.topology
     signal = usable(response).deflection(a, b)
     index = topology.link_index(a, b)[0] - response.torques.shape[-2]

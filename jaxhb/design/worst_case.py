@@ -234,7 +234,9 @@ class Spread:
         """Numbers of the train at the worst case of a speed and a quantity, for
         :meth:`jaxhb.DriveTrain.replace`.
         """
-        return box_of(self.train, self.tolerances, self.of).named(self.shares[i, j])
+        box = box_of(self.train, self.tolerances, self.of)
+        numbers = box.named(self.shares[i, j])
+        return {name: float(number) for name, number in numbers.items()}
 
 
 def tolerance(
