@@ -230,7 +230,7 @@ class Box(Task):
     smooth = False
     step_tolerance = 1e-4  # enough to know the way up
 
-    def named(self, z: Array) -> dict[str, Number]:
+    def named(self, z: Array) -> dict[str, Any]:
         xp = namespace(z)
         numbers = {}
         for k, (tolerance, ((_, value), *companions)) in enumerate(

@@ -235,8 +235,7 @@ class Spread:
         :meth:`jaxhb.DriveTrain.replace`.
         """
         box = box_of(self.train, self.tolerances, self.of)
-        numbers = box.named(self.shares[i, j])
-        return {name: float(number) for name, number in numbers.items()}
+        return box.named(self.shares[i, j])
 
 
 def tolerance(
