@@ -283,7 +283,7 @@ def label(criterion: Criterion) -> str:
     return f"{criterion.quantity}{order}{mode}{element}"
 
 
-def judged(train: DriveTrain, criterion: Criterion, rpm: np.ndarray) -> np.ndarray:
+def judged(train: DriveTrain, criterion: Criterion, rpm: Array) -> np.ndarray:
     """Whether a reading has a meaning at each speed ``(n,)``: a share of a limit has
     none where the rule of the shaft has no limit.
     """
