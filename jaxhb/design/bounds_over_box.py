@@ -34,17 +34,25 @@ bounds of the deflections at the teeth show to exist in every train within the
 tolerances; another motion, in which teeth part, may coexist with it.
 """
 
+from __future__ import annotations
+
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
+from jaxhb._jax import Array
 from jaxhb._program import Program
-from jaxhb.balance.problem import problem_at
+from jaxhb.balance.problem import Problem, problem_at
+from jaxhb.design.quantities import Objective
+from jaxhb.design.tolerances import Box
 from jaxhb.equations import backlash, dynamic_stiffness, fourier
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.linear import strength
 from jaxhb.train.changes import locate
+from jaxhb.train.drivetrain import DriveTrain
 
 CLOSE = 1.02  # bound over the largest response found at which a box is halved no more
 BOXES = 1000  # for a quantity at a speed, at most
@@ -55,10 +63,8 @@ TOGETHER = 16  # boxes that are halved at a time
 # Share of its root mean square by which a signal may be larger between the instants
 # looked at
 BETWEEN = 2e-3
-INSTANTS, COMBINED = (
-    100,
-    1000,
-)  # highest and lowest instants, and pairs of them, whose polynomials are looked at
+INSTANTS = 100  # highest and lowest instants whose polynomials are looked at
+COMBINED = 1000  # pairs of instants whose polynomials are looked at
 READ_AS = {
     "tooth force peak": "peak",
     "damper power": "power",
@@ -74,7 +80,8 @@ READ_AS |= dict.fromkeys(
 READ_AS |= dict.fromkeys(
     ("tooth force order", "shaft torque order", "angle order"), "order"
 )
-"""What of a signal, or a power, a quantity is."""
+"""The size of a signal, or the power, that a quantity is."""
+
 OF_LINKS = ("stiffness", "loss_factor", "damping")
 OF_DISKS = ("inertia", "damping")
 OF_LOADS = {
@@ -84,76 +91,84 @@ OF_LOADS = {
 OF_LOADS["mesh"] = ("backlash",)
 """Numbers on which torques, or the places of the flanks, depend linearly."""
 
+# A link or disk of the equations: ("link", i) or ("disk", i)
+Element: TypeAlias = tuple[str, int]
 
-def bounds_over_box(train, rpm, box, found, harmonics=None):
-    """Upper bounds ``(n, Q)`` of the responses of all trains in a
-    :class:`~jaxhb.design.tolerances.Box`, nan where none is guaranteed, ``(n, Q)``
-    sentences why, "" where one is, and the index of a speed and the shares of each
-    train on the way whose response is above ``found`` ``(n, Q)``, the largest known.
+
+def bounds_over_box(
+    train: DriveTrain,
+    rpm: np.ndarray,
+    box: Box,
+    largest: np.ndarray,
+    harmonics: int | None = None,
+) -> tuple[np.ndarray, np.ndarray, list[tuple[int, np.ndarray]]]:
+    """Bound the responses of all trains in a :class:`~jaxhb.design.tolerances.Box`.
+
+    Upper bounds ``(n, Q)``, nan where none is guaranteed, ``(n, Q)`` sentences why, ""
+    where one is, and the index of a speed and the shares of each train on the way whose
+    response is above ``largest`` ``(n, Q)``, the largest known.
     """
-    places: list = []
-    bound = np.full(found.shape, np.nan)
-    why = np.full(found.shape, "", dtype=object)
+    places: list[tuple[int, np.ndarray]] = []
+    bound = np.full(largest.shape, np.nan)
+    why = np.full(largest.shape, "", dtype=object)
     numbers, fault = _numbers(train, box)
     for i, speed in enumerate(rpm):
-        if fault or not np.isfinite(found[i]).all():
+        if fault or not np.isfinite(largest[i]).all():
             why[i] = fault or "the scene as it is was not solved"
             continue
-        lanes = _Speed(train, float(speed), box, numbers, harmonics)
-        parting = lanes.parting()
-        for j, one in enumerate(box.objectives):
-            if parting or one.quantity not in READ_AS:
-                why[i, j] = parting or f"no bound of {one.quantity} is known"
+        at_speed = _Speed(train, float(speed), box, numbers, harmonics)
+        parting = at_speed.parting()
+        for j, objective in enumerate(box.objectives):
+            if parting or objective.quantity not in READ_AS:
+                why[i, j] = parting or f"no bound of {objective.quantity} is known"
                 continue
-            value, place = lanes.bound(one, found[i, j])
+            value, place = at_speed.bound(objective, largest[i, j])
             if np.isfinite(value):
                 bound[i, j] = value
             else:
                 why[i, j] = "no bound was found, as at a resonance without damping"
-            places += [] if place is None else [(i, place)]
+            if place is not None:
+                places.append((i, place))
     return bound, why.astype(str), places
 
 
 @dataclass(frozen=True)
 class _Number:
     """A number within its tolerance, ``middle + u[share] slope``, and the ``element``
-    of the equations that it changes, ("link", i) or ("disk", i), None of loads.
+    of the equations that it changes, None of loads.
     """
 
     name: str
     share: int
     middle: float
     slope: float
-    element: tuple | None
+    element: Element | None
     field: str
 
 
-def _numbers(train, box):
-    """The numbers of a box as :class:`_Number`, and why there is no bound over it, ""
-    where there may be one.
+def _numbers(train: DriveTrain, box: Box) -> tuple[tuple[_Number, ...], str]:
+    """List the numbers of a box as :class:`_Number`, and why there is no bound over it,
+    "" where there may be one.
     """
     topology = train.topology
-    found = []
+    numbers = []
     loaded = []
     if not topology.linear_in_contact:
-        beside = [topology.link_names[link] for link, *_ in topology.springs]
-        varying = [
-            name
-            for name, own in zip(topology.mesh_names, topology.mesh_varies, strict=True)
-            if own
-        ]
-        return (), f"the stiffness of {(beside + varying)[0]} is not constant"
-    for j, (one, own) in enumerate(zip(box.parameters, box.own, strict=True)):
-        for name, value in own:
+        with_springs = [topology.link_names[link] for link, *_ in topology.springs]
+        meshes = zip(topology.mesh_names, topology.mesh_varies, strict=True)
+        varying = [name for name, varies in meshes if varies]
+        return (), f"the stiffness of {(with_springs + varying)[0]} is not constant"
+    for j, (tolerance, nominal) in enumerate(
+        zip(box.parameters, box.nominal, strict=True)
+    ):
+        for name, value in nominal:
             table, field, index = locate(topology, name)
-            element = None
+            element: Element | None = None
             if table in ("shaft", "damper", "mesh") and field in OF_LINKS:
                 element = "link", topology.link_names.index(name[: -len(field) - 1])
             elif table in ("disk", "damper") and field in OF_DISKS:
-                element = (
-                    "disk",
-                    index + (topology.n_scene_disks if table == "damper" else 0),
-                )
+                rings_from = topology.n_scene_disks if table == "damper" else 0
+                element = ("disk", index + rings_from)
             elif (table, field) == ("ground", "stiffness"):
                 element = ("disk", topology.ground_disk[index])
                 field = "ground"
@@ -164,14 +179,14 @@ def _numbers(train, box):
             if element and element[0] == "link" and field == "stiffness" and value == 0:
                 return (), f"{name} is 0 in the scene"
             # With one number of 0 none is together, and the ratio is of no use.
-            ratio = value / own[0][1] if own[0][1] else 1.0
-            half = (one.high - one.low) / 2
-            found.append(
-                _Number(name, j, ratio * (one.low + half), ratio * half, element, field)
-            )
+            _, first_value = nominal[0]
+            ratio = value / first_value if first_value else 1.0
+            half = (tolerance.high - tolerance.low) / 2
+            middle = ratio * (tolerance.low + half)
+            numbers.append(_Number(name, j, middle, ratio * half, element, field))
     if len(set(loaded)) < len(loaded):
         return (), "two numbers of one excitation multiply each other"
-    return tuple(found), ""
+    return tuple(numbers), ""
 
 
 _motions = Program(dynamic_stiffness.solve_linear)
@@ -180,12 +195,19 @@ _motions = Program(dynamic_stiffness.solve_linear)
 class _Speed:
     """The train at one speed. Arrays have harmonics first: ``y`` (H, K, R) and ``G``
     (H, K, K) of the K elements whose numbers vary, their deflections and motions under
-    R loads, the own one and its changes with the P shares, and under forces at each
-    other; ``forces``, ``deflections``, ``motions`` (H, L or S, R + K) of all links and
-    disks.
+    R loads, the load of the train and its changes with the P shares, and under forces
+    at each other; ``forces``, ``deflections``, ``motions`` (H, L or S, R + K) of all
+    links and disks.
     """
 
-    def __init__(self, train, rpm, box, numbers, harmonics):
+    def __init__(
+        self,
+        train: DriveTrain,
+        rpm: float,
+        box: Box,
+        numbers: tuple[_Number, ...],
+        harmonics: int | None,
+    ):
         self.train = train
         self.rpm = rpm
         self.box = box
@@ -202,10 +224,8 @@ class _Speed:
             if a.element == b.element and (a.field, b.field) == OF_LINKS[:2]
         ]
         self.products = sorted({(a.share, b.share) for a, b in both})
-        self.own, self.flank = (
-            box.unbounded(train),
-            np.zeros(len(train.topology.mesh_names)),
-        )
+        self.nominal_shares = box.unbounded(train)
+        self.flank = np.zeros(len(train.topology.mesh_names))
         self._solve()
         if any(train.topology.mesh_backlash):
             # Which flanks are pressed, linear springs tell: on a wrong one no teeth are
@@ -215,55 +235,65 @@ class _Speed:
             )
             self._solve()
 
-    def _loads(self, share=None, end=0.0):
-        """Load on the disks ``(S, H)`` N, how far teeth are from l = 0 without a force
-        ``(M, H)`` m, and how much they deflect from there at least in contact ``(M,)``
-        m; of the train, or with one share of its loads at an end.
+    def _loads(
+        self, share: int | None = None, end: float = 0.0
+    ) -> tuple[Problem, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """The problem, and its loads: on the disks ``(S, H)`` N, how far teeth are from
+        l = 0 without a force ``(M, H)`` m, and how much they deflect from there at
+        least in contact ``(M,)`` m; of the train, or with one share of its loads at an
+        end.
         """
-        own = [one for one in self.numbers if one.share == share and not one.element]
-        train = (
-            self.train.replace({one.name: one.middle + end * one.slope for one in own})
-            if own
-            else self.train
-        )
+        train = self.train
+        moved = {
+            number.name: number.middle + end * number.slope
+            for number in self.numbers
+            if number.share == share and not number.element
+        }
+        if moved:
+            train = train.replace(moved)
         problem = problem_at(train, self.rpm, self.harmonics)
         meshes = problem.meshes
-        gap = np.array(train.topology.mesh_backlash, dtype=bool)
+        has_gap = np.array(train.topology.mesh_backlash, dtype=bool)
         load = backlash.error_load(
             problem.system, meshes, problem.frequency, problem.load
         )
         error = (
-            np.zeros((len(gap), 1), complex) if meshes.error is None else meshes.error
+            np.zeros((len(has_gap), 1), complex)
+            if meshes.error is None
+            else meshes.error
         )
-        load, error = (
-            np.array(fourier.resize(a, self.harmonics)) for a in (load, error)
-        )
+        load = np.array(fourier.resize(load, self.harmonics))
+        error = np.array(fourier.resize(error, self.harmonics))
         # Beyond the knee f = c (l - e): e is where the flank would be without a
         # transition.
-        place = np.where(gap, backlash.offset(meshes.law) / meshes.law.stiffness, 0.0)
+        place = np.where(
+            has_gap, backlash.offset(meshes.law) / meshes.law.stiffness, 0.0
+        )
         load[:, 0] += problem.system.spread(
             meshes.law.stiffness * self.flank * place, meshes.link
         )
         error[:, 0] += self.flank * place
-        return problem, (load, error, np.where(gap, meshes.law.knee - place, 0.0))
+        return problem, (load, error, np.where(has_gap, meshes.law.knee - place, 0.0))
 
-    def _solve(self):
+    def _solve(self) -> None:
+        """Solve for the responses to the loads, and to unit forces at the elements
+        whose numbers vary.
+        """
         problem, base = self._loads()
         system = problem.system
         meshes = problem.meshes.link
         loads = [base]
         loaded = {number.share for number in self.numbers if not number.element}
-        for share in range(len(self.own)):
-            ends = [
-                self._loads(share, end)[1] if share in loaded else base
-                for end in (-1.0, 1.0)
-            ]
-            loads.append(
-                tuple((high - low) / 2 for low, high in zip(*ends, strict=True))
-            )
-        load, error, self.knee = (
-            np.stack(parts, axis=1) for parts in zip(*loads, strict=True)
-        )
+        for share in range(len(self.nominal_shares)):
+            low_loads = high_loads = base
+            if share in loaded:
+                _, low_loads = self._loads(share, -1.0)
+                _, high_loads = self._loads(share, 1.0)
+            ends = zip(low_loads, high_loads, strict=True)
+            loads.append(tuple((high - low) / 2 for low, high in ends))
+        load = np.stack([load for load, _, _ in loads], axis=1)
+        error = np.stack([error for _, error, _ in loads], axis=1)
+        self.knee = np.stack([knee for _, _, knee in loads], axis=1)
         incidence = np.asarray(system.incidence())
         disks = np.eye(len(system.mass))
         columns = [
@@ -298,37 +328,35 @@ class _Speed:
         self.omega = omega
         self.system = system
         self.stiffness = stiffness[:, 0].T
-        self.forces, self.deflections, self.motions = (
-            a.transpose(2, 0, 1).copy() for a in (force, bent, moved)
-        )
+        self.forces = force.transpose(2, 0, 1).copy()
+        self.deflections = bent.transpose(2, 0, 1).copy()
+        self.motions = moved.transpose(2, 0, 1).copy()
         for k, (kind, i) in enumerate(self.elements):
-            if (
-                kind == "link"
-            ):  # its force is (C + D) y, and D y the force of the unit load
+            # The force of a link is (C + D) y, and D y the force of the unit load.
+            if kind == "link":
                 self.forces[:, i, count + k] -= 1.0
 
-    def _stiffness_at(self, u, omega):
+    def _stiffness_at(self, u: np.ndarray, omega: np.ndarray) -> np.ndarray:
         """Dynamic stiffness ``(B, H, K)`` N/m of the elements that vary, at shares u
         ``(B, P)``.
         """
         system = self.system
-        found = []
+        stiffness = []
         shafts = len(self.system.loss) - len(self.flank)
         for kind, i in self.elements:
             square = (
                 float(system.radius[system.tree.end_a[i] if kind == "link" else i]) ** 2
             )
             square = 1.0 if kind == "link" and i >= shafts else square
+            fields: dict[str, Array]
             if kind == "link":
-                law = dynamic_stiffness.complex_stiffness
-                own = {
+                fields = {
                     "stiffness": system.stiffness[i],
                     "loss_factor": system.loss[i],
                     "damping": system.viscous[i],
                 }
             else:
-                law = dynamic_stiffness.disk_stiffness
-                own = {
+                fields = {
                     "inertia": system.mass[i],
                     "damping": system.damping[i],
                     "ground": system.ground[i],
@@ -336,23 +364,33 @@ class _Speed:
             for number in self.numbers:
                 if number.element == (kind, i):
                     value = number.middle + u[:, [number.share]] * number.slope
-                    own[number.field] = value / (
+                    fields[number.field] = value / (
                         1.0 if number.field == "loss_factor" else square
                     )
-            found.append(
-                np.broadcast_to(law(omega, *own.values()), (len(u), len(omega)))
-            )
+            if kind == "link":
+                values = dynamic_stiffness.complex_stiffness(
+                    omega, fields["stiffness"], fields["loss_factor"], fields["damping"]
+                )
+            else:
+                values = dynamic_stiffness.disk_stiffness(
+                    omega, fields["inertia"], fields["damping"], fields["ground"]
+                )
+            stiffness.append(np.broadcast_to(values, (len(u), len(omega))))
         return (
-            np.array(found, complex).reshape(-1, len(u), len(omega)).transpose(1, 2, 0)
+            np.array(stiffness, complex)
+            .reshape(-1, len(u), len(omega))
+            .transpose(1, 2, 0)
         )
 
-    def _changes(self, u, half, omega):
-        """How far the elements are from their own stiffness ``(B, H, K)`` at the
-        centres u ``(B, P)`` of boxes, and its changes over half their widths ``(B, H,
-        K, P + E)``; behind the shares stand products of two of them.
+    def _changes(
+        self, u: np.ndarray, half: np.ndarray, omega: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """How far the elements are from their stiffness in the train ``(B, H, K)`` N/m
+        at the centres u ``(B, P)`` of boxes, and its changes over half their widths
+        ``(B, H, K, P + E)``; behind the shares stand products of two of them.
         """
 
-        def at(move):
+        def at(move: np.ndarray | float) -> np.ndarray:
             return self._stiffness_at(u + move, omega)
 
         # Exact, as no number but stiffness times loss factor is a product.
@@ -362,42 +400,51 @@ class _Speed:
         for a, b in ((steps[j], steps[k]) for j, k in self.products):
             mixed = (at(a + b) - at(a - b) - at(b - a) + at(-a - b)) / 4
             changes.append((at(a) + at(-a)) / 2 - middle if (a == b).all() else mixed)
-        return middle - self._stiffness_at(self.own[None], omega), np.stack(
-            changes, axis=-1
-        )
+        nominal = self._stiffness_at(self.nominal_shares[None], omega)
+        return middle - nominal, np.stack(changes, axis=-1)
 
-    def _model(self, row, which, half, u, centre, w):
-        """Of an observed row ``(H, R + K)`` at some harmonics over boxes the terms of
-        the polynomials, ``(B, H)``, ``(B, H, P + E)``, ``(B, H, P + E, P + E)``, and
-        what is left at most, ``(B, H)``, infinite where none is known; and what every
-        number has to do with that, ``(B, P + E)``. u, half : ``(B, P)``; centre, w : of
-        the boxes.
+    def _model(
+        self,
+        row: np.ndarray,
+        which: np.ndarray,
+        half: np.ndarray,
+        u: np.ndarray,
+        centre: np.ndarray,
+        w: np.ndarray,
+    ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+        """Polynomials of an observed row ``(H, R + K)`` at some harmonics over boxes.
+
+        Their terms ``(B, H)``, ``(B, H, P + E)``, ``(B, H, P + E, P + E)``, and the
+        remainder at most, ``(B, H)``, infinite where none is known; and the share of
+        every number in that, ``(B, P + E)``. u, half : ``(B, P)``; centre, w : of the
+        boxes.
         """
         count = self.y.shape[-1]
         G = self.G[which]
-        every = np.eye(len(self.elements))
+        identity = np.eye(len(self.elements))
         # The observed stands in one array with the deflections, behind them.
         loads = np.concatenate([self.y[which], row[which, None, :count]], axis=1)
-        own = loads[..., 0] + np.einsum("bp,hxp->bhx", u - self.own, loads[..., 1:])
+        centred = loads[..., 0] + np.einsum(
+            "bp,hxp->bhx", u - self.nominal_shares, loads[..., 1:]
+        )
         moved = loads[None, ..., 1:] * half[:, None, None]
         moved = np.pad(moved, [(0, 0)] * 3 + [(0, w.shape[-1] - moved.shape[-1])])
-        given = np.concatenate(
+        right = np.concatenate(
             [
                 np.broadcast_to(G, (len(u), *G.shape)),
-                own[..., :-1, None],
+                centred[..., :-1, None],
                 moved[..., :-1, :],
             ],
             axis=-1,
         )
-        given, solved = _solved(every + G * centre[..., None, :], given)
-        G, y, moved_y = np.split(given, [len(every), len(every) + 1], axis=-1)
-        held = row[which, count:] * centre
+        right, solved = _solved(identity + G * centre[..., None, :], right)
+        G, y, moved_y = np.split(right, [len(identity), len(identity) + 1], axis=-1)
+        row_at_centre = row[which, count:] * centre
         g = row[which, None, count:]
-        q = own[..., -1] - (held * y[..., 0]).sum(-1)
-        moved_q, g = (
-            (b - held[..., None, :] @ a)[..., 0, :]
-            for a, b in ((moved_y, moved[..., -1:, :]), (G, g))
-        )
+        q = centred[..., -1] - (row_at_centre * y[..., 0]).sum(-1)
+        row_at_centre = row_at_centre[..., None, :]
+        moved_q = (moved[..., -1:, :] - row_at_centre @ moved_y)[..., 0, :]
+        g = (g - row_at_centre @ G)[..., 0, :]
         first = moved_y - G @ (w * y)
         gw = g[..., None] * w
         linear = moved_q - (gw * y).sum(-2)
@@ -406,51 +453,56 @@ class _Speed:
         parts = np.abs(w)
         g = np.abs(g)[..., None, :]
         change = parts.sum(-1)
-        both = np.stack([np.ones(change.shape), np.abs(first).sum(-1)], axis=-1)
-        ends, contracting = _solved(every - size * change[..., None, :], both)
-        one, v = np.moveaxis(ends, -1, 0)
-        regular = (one > 0).all(-1) & solved & contracting
+        right_of_ends = np.stack(
+            [np.ones(change.shape), np.abs(first).sum(-1)], axis=-1
+        )
+        ends, contracting = _solved(
+            identity - size * change[..., None, :], right_of_ends
+        )
+        positive, v = np.moveaxis(ends, -1, 0)
+        regular = (positive > 0).all(-1) & solved & contracting
         beyond = (size @ (change * v)[..., None])[..., 0]
         left = np.where(regular, (g[..., 0, :] * change * beyond).sum(-1), np.inf)
         # A number takes part as the first or the second change of what is left, or in
         # what keeps the train irregular.
-        part = g @ (parts * beyond[..., None]) + (g * change[..., None, :]) @ size @ (
-            parts * v[..., None]
-        )
+        participation = g @ (parts * beyond[..., None]) + (
+            g * change[..., None, :]
+        ) @ size @ (parts * v[..., None])
         all_regular = regular.all(1)[:, None, None]
-        part = np.where(
-            all_regular, part[..., 0, :], (size @ parts).sum(2) * ~regular[..., None]
+        participation = np.where(
+            all_regular,
+            participation[..., 0, :],
+            (size @ parts).sum(2) * ~regular[..., None],
         )
-        return (q, linear, quadratic, left), part.sum(1)
+        return (q, linear, quadratic, left), participation.sum(1)
 
-    def parting(self):
-        """Which teeth are not known to stay in contact all over the tolerances, "" if
-        all are.
+    def parting(self) -> str:
+        """Say which teeth are not known to stay in contact all over the tolerances, ""
+        if all are.
         """
         for mesh in np.flatnonzero(self.train.topology.mesh_backlash):
             # How far its teeth are from the knee, on the other side: never above 0 in
             # contact.
-            row = (
-                -self.flank[mesh]
-                * self.deflections[
-                    :, self.deflections.shape[1] - len(self.flank) + mesh
-                ]
-            )
+            link = self.deflections.shape[1] - len(self.flank) + mesh
+            row = -self.flank[mesh] * self.deflections[:, link]
             row[0, : self.knee.shape[1]] += self.knee[mesh]
-            if self._largest(row, "max", 0, -np.inf, 0.0)[0] > 0:
+            beyond_knee, _ = self._largest(row, "max", 0, -np.inf, 0.0)
+            if beyond_knee > 0:
                 return f"teeth of {self.train.topology.mesh_names[mesh]} may separate"
         return ""
 
-    def bound(self, one, found):
-        """The bound of an Objective, infinite where there is none, ``found`` the
+    def bound(
+        self, objective: Objective, largest: float
+    ) -> tuple[float, np.ndarray | None]:
+        """The bound of an Objective, infinite where there is none, ``largest`` the
         largest response known; and shares of a train that has a larger one, or None.
         """
         topology = self.train.topology
         train = self.train
-        quantity = one.quantity
-        name = one.of
+        quantity = objective.quantity
+        name = objective.of
         kind = READ_AS[quantity]
-        at = 0
+        index = 0
         factor = 1.0
         if quantity.startswith("angle"):
             i = topology.disk_index(name)
@@ -465,7 +517,8 @@ class _Speed:
                 train.disks.radius[i]
             )
         else:
-            i = at = topology.link_index(name)[0]
+            i, _ = topology.link_index(name)
+            index = i
             # From N to N m on the pitch circle of the rotor.
             arm = (
                 1.0
@@ -476,44 +529,49 @@ class _Speed:
         if quantity == "power over limit":
             factor = 1 / float(strength.power_limit(train, name))
         elif quantity == "tooth torque over limit":
-            factor = float(np.divide(*strength.rated_gear(train, name)))
+            radius, limit = strength.rated_gear(train, name)
+            factor = float(np.divide(radius, limit))
         elif quantity.startswith("stress"):
             factor = float(strength.stress_of(train, name, 1.0))
             if " over " in quantity:
-                factor /= float(
-                    strength.stress_limits(train, name, self.rpm)[
-                        "transient" in quantity
-                    ]
-                )
+                limits = strength.stress_limits(train, name, self.rpm)
+                factor /= float(limits["transient" in quantity])
         if kind == "order":
-            at = round(one.order * topology.revolutions_per_cycle)
-        if factor == 0 or (kind == "order" and at > self.harmonics):
+            assert objective.order is not None  # as its faults tell
+            index = round(objective.order * topology.revolutions_per_cycle)
+        if factor == 0 or (kind == "order" and index > self.harmonics):
             return 0.0, None
-        value, place = self._largest(row, kind, at, found / factor, CLOSE)
+        value, place = self._largest(row, kind, index, largest / factor, CLOSE)
         return factor * value, place
 
-    def _largest(self, row, kind, at, found, close):
+    def _largest(
+        self, row: np.ndarray, kind: str, index: int, largest: float, close: float
+    ) -> tuple[float, np.ndarray | None]:
         """The bound over all tolerances of a row ``(H, R + K)`` read as ``kind``, of
-        harmonic or link ``at``, near ``close`` times the largest value where that takes
-        few boxes; and shares with more than ``found``, or None.
+        harmonic or link ``index``, near ``close`` times the largest value where that
+        takes few boxes; and shares with more than ``largest``, or None.
         """
-        low = -np.ones((1, len(self.own)))
-        high = np.ones((1, len(self.own)))
+        new_low = -np.ones((1, len(self.nominal_shares)))
+        new_high = np.ones((1, len(self.nominal_shares)))
         place = None
-        bounds = parts = np.zeros(0)
-        new = (low, high)
         chosen = np.zeros(0, dtype=int)
-        limits = np.inf
-        low, high, parts = low[:0], high[:0], low[:0]
+        limits: np.ndarray | float = np.inf
+        low = new_low[:0]
+        high = new_high[:0]
+        parts = new_low[:0]
+        bounds = np.zeros(0)
         while True:
-            new_bounds, new_parts, own = self._bounds(row, kind, at, *new, found)
-            if own.max() > found:
-                found = own.max()
-                place = new[0][own.argmax()] / 2 + new[1][own.argmax()] / 2
+            new_bounds, new_parts, centre_values = self._bounds(
+                row, kind, index, new_low, new_high, largest
+            )
+            if centre_values.max() > largest:
+                highest = centre_values.argmax()
+                largest = centre_values.max()
+                place = new_low[highest] / 2 + new_high[highest] / 2
             # What holds of the whole holds of its halves.
             pairs = (
-                (low, new[0]),
-                (high, new[1]),
+                (low, new_low),
+                (high, new_high),
                 (parts, new_parts),
                 (bounds, np.minimum(new_bounds, limits)),
             )
@@ -522,25 +580,39 @@ class _Speed:
             )
             chosen = np.argsort(-bounds, kind="stable")[:TOGETHER]
             chosen = chosen[
-                (bounds[chosen] > close * found) & (parts[chosen] > 0).any(1)
+                (bounds[chosen] > close * largest) & (parts[chosen] > 0).any(1)
             ]
-            if not len(chosen) or len(bounds) >= BOXES or (kind == "max" and found > 0):
+            if (
+                not len(chosen)
+                or len(bounds) >= BOXES
+                or (kind == "max" and largest > 0)
+            ):
                 return float(bounds.max()), place
             which = np.repeat(chosen, 2)
             lower = np.arange(0, 2 * len(chosen), 2)
             along = parts[chosen].argmax(1)
-            new = (low[which], high[which])
+            new_low = low[which]
+            new_high = high[which]
             limits = bounds[which]
             middle = (low + high)[chosen, along] / 2
-            new[1][lower, along] = new[0][lower + 1, along] = middle
+            new_high[lower, along] = middle
+            new_low[lower + 1, along] = middle
 
-    def _bounds(self, row, kind, at, low, high, found):
-        """Bounds ``(B,)`` over boxes, or what is found where that is more, what each
-        number has to do with them ``(B, P)``, and the values at the centres ``(B,)``.
+    def _bounds(
+        self,
+        row: np.ndarray,
+        kind: str,
+        index: int,
+        low: np.ndarray,
+        high: np.ndarray,
+        largest: float,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bounds ``(B,)`` over boxes, or ``largest`` where that is more, the share of
+        each number in them ``(B, P)``, and the values at the centres ``(B,)``.
         """
         constant = kind in ("max", "peak")
         which = (
-            np.array([at])
+            np.array([index])
             if kind == "order"
             else np.arange(0 if constant else 1, len(self.omega))
         )
@@ -550,48 +622,40 @@ class _Speed:
         (q, linear, quadratic, left), parts = self._model(
             row, which, half, u, centre, w
         )
-        for e, pair in enumerate(self.products):
-            parts[:, pair] += parts[:, [low.shape[1] + e]]
+        for column, pair in enumerate(self.products):
+            parts[:, pair] += parts[:, [low.shape[1] + column]]
         parts = parts[:, : low.shape[1]] * (half > FINEST)
         if kind == "power":
-            # What of the square of its deflection a link turns into heat.
+            # Heat of a link over the square of its deflection.
             heat = 2 * self.omega[which]
-            own = np.array([one == ("link", at) for one in self.elements], dtype=float)
-            damping = (
-                heat * (self.stiffness[which, at] + centre @ own).imag,
-                heat[:, None] * (own @ w).imag,
+            is_link = np.array(
+                [element == ("link", index) for element in self.elements], dtype=float
             )
-            values, slopes, squares, left = _power(*damping, q, linear, quadratic, left)
-            return (
-                np.maximum(_over_corners(values, slopes, squares) + left, found),
-                parts,
-                values,
+            damping = heat * (self.stiffness[which, index] + centre @ is_link).imag
+            damping_changes = heat[:, None] * (is_link @ w).imag
+            values, slopes, squares, left = _power(
+                damping, damping_changes, q, linear, quadratic, left
             )
+            bounds = np.maximum(_over_corners(values, slopes, squares) + left, largest)
+            return bounds, parts, values
         # The amplitude of an order is the largest value of a cosine, whatever its
         # harmonic.
         weight = np.where(which > 0, 2.0, 1.0)
         waves = np.ones(1) if kind == "order" else which
         bend = weight * (np.pi * waves) ** 2 / 2
         size = np.sqrt(np.abs(q) ** 2 @ weight)
-        count = (
-            int(
-                np.ceil(
-                    np.sqrt(
-                        np.max(np.abs(q) @ bend / np.where(size > 0, size, 1.0))
-                        / BETWEEN
-                    )
-                )
-            )
-            + 4
-        )
+        most_bend = np.max(np.abs(q) @ bend / np.where(size > 0, size, 1.0))
+        count = int(np.ceil(np.sqrt(most_bend / BETWEEN))) + 4
         phase = weight[:, None] * np.exp(
             2j * np.pi / count * waves[:, None] * np.arange(count)
         )
         phase = np.concatenate([phase, -phase], axis=1) if kind == "peak" else phase
         values = (q @ phase).real
         slopes = (linear.swapaxes(1, 2) @ phase).real.swapaxes(1, 2)
-        own = (values.max(1) - values.min(1)) / 2 if kind == "swing" else values.max(1)
-        found = max(found, own.max())
+        centre_values = (
+            (values.max(1) - values.min(1)) / 2 if kind == "swing" else values.max(1)
+        )
+        largest = max(largest, centre_values.max())
         curved = np.abs(quadratic).sum((2, 3))
         # From a largest value to the nearest instant a signal falls by its second
         # derivative at most.
@@ -601,34 +665,48 @@ class _Speed:
         bounds = np.full(len(low), np.inf)
         for i in np.flatnonzero(np.isfinite(left)):
 
-            def squares(at, own=quadratic[i]):
-                return (own.reshape(len(own), -1).T @ phase[:, at]).real.T.reshape(
-                    -1, *own.shape[1:]
-                )
+            def terms_at(
+                instants: np.ndarray, terms: np.ndarray = quadratic[i]
+            ) -> np.ndarray:
+                flat = terms.reshape(len(terms), -1).T @ phase[:, instants]
+                return flat.real.T.reshape(-1, *terms.shape[1:])
 
-            polynomials = values[i], slopes[i], squares, curved[i], left[i]
             bounds[i] = between[i] + _largest_of(
-                *polynomials, found - between[i], kind == "swing"
+                values[i],
+                slopes[i],
+                terms_at,
+                curved[i],
+                left[i],
+                largest - between[i],
+                kind == "swing",
             )
-        return bounds, parts, own
+        return bounds, parts, centre_values
 
 
-def _solved(matrices, right):
-    """Solutions of linear equations, 0 where a matrix is singular, and where none
+def _solved(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Solve linear equations: solutions, 0 where a matrix is singular, and where none
     is.
     """
     try:
-        found = np.linalg.solve(matrices, right)
+        solution = np.linalg.solve(matrices, right)
     except np.linalg.LinAlgError:
         regular = np.linalg.matrix_rank(matrices) == matrices.shape[-1]
-        found = np.linalg.solve(
+        solution = np.linalg.solve(
             np.where(regular[..., None, None], matrices, np.nan), right
         )
-    good = np.isfinite(found).all((-2, -1))
-    return np.where(good[..., None, None], found, 0.0), good
+    is_solved = np.isfinite(solution).all((-2, -1))
+    return np.where(is_solved[..., None, None], solution, 0.0), is_solved
 
 
-def _largest_of(values, slopes, quadratic, curved, left, least, swing):
+def _largest_of(
+    values: np.ndarray,
+    slopes: np.ndarray,
+    quadratic: Callable[[np.ndarray], np.ndarray],
+    curved: float,
+    left: float,
+    least: float,
+    swing: bool,
+) -> float:
     """The bound of polynomials at instants ``(M,)``, ``(M, P)`` and, for some of them,
     ``(T, P, P)``, all of whose quadratic terms are at most ``curved``; with ``swing``
     of half the differences of any two; at least ``least``.
@@ -640,31 +718,25 @@ def _largest_of(values, slopes, quadratic, curved, left, least, swing):
         low = values - reach
         top, out = _highest((high - low.min()) / 2 + beyond, least, INSTANTS)
         bottom, below = _highest((high.max() - low) / 2 + beyond, least, INSTANTS)
-        i, j = (
-            index.ravel()
-            for index in np.meshgrid(
-                np.arange(len(top)), np.arange(len(bottom)), indexing="ij"
-            )
-        )
+        # All pairs of a highest and a lowest instant.
+        i = np.repeat(np.arange(len(top)), len(bottom))
+        j = np.tile(np.arange(len(bottom)), len(top))
         values = (values[top][i] - values[bottom][j]) / 2
         slopes = (slopes[top][i] - slopes[bottom][j]) / 2
-        kept, lost = _highest(values + np.abs(slopes).sum(1) + beyond, least, COMBINED)
-        squares = (quadratic(top)[i[kept]] - quadratic(bottom)[j[kept]]) / 2
+        selected, lost = _highest(
+            values + np.abs(slopes).sum(1) + beyond, least, COMBINED
+        )
+        squares = (quadratic(top)[i[selected]] - quadratic(bottom)[j[selected]]) / 2
         out = max(out, below, lost)
     else:
-        kept, out = _highest(values + reach + beyond, least, COMBINED)
-        squares = quadratic(kept)
-    return max(
-        least,
-        out,
-        (_over_corners(values[kept], slopes[kept], squares) + left).max(
-            initial=-np.inf
-        ),
-    )
+        selected, out = _highest(values + reach + beyond, least, COMBINED)
+        squares = quadratic(selected)
+    bounds = _over_corners(values[selected], slopes[selected], squares) + left
+    return max(least, out, bounds.max(initial=-np.inf))
 
 
-def _highest(values, least, most):
-    """The places of at most so many values, the largest above ``least``, and the
+def _highest(values: np.ndarray, least: float, most: int) -> tuple[np.ndarray, float]:
+    """Select the places of at most so many values, the largest above ``least``, and the
     largest that is left out.
     """
     order = np.argsort(-values)[: most + 1]
@@ -672,38 +744,50 @@ def _highest(values, least, most):
     return order[:most], values[order[most]] if len(order) > most else -np.inf
 
 
-def _over_corners(values, slopes, squares):
-    """The bound ``(T,)`` of quadratic polynomials over -1 to 1 in each of P numbers."""
+def _over_corners(
+    values: np.ndarray, slopes: np.ndarray, squares: np.ndarray
+) -> np.ndarray:
+    """Bound quadratic polynomials ``(T,)`` over -1 to 1 in each of P numbers."""
     squares = (squares + squares.swapaxes(1, 2)) / 2
     steep = np.abs(slopes) >= 2 * np.abs(squares).sum(2)
     corner = np.where(steep, np.sign(slopes), 0.0)
     turned = (squares @ corner[..., None])[..., 0]
     # A square is never negative, its term at most 0 where its factor is less.
     sizes = np.abs(squares)
-    own = np.einsum("tjj->tj", squares)
-    mixed = ((sizes @ ~steep[..., None])[..., 0] - (np.abs(own) - own) / 2) * ~steep
+    diagonal = np.einsum("tjj->tj", squares)
+    mixed = (
+        (sizes @ ~steep[..., None])[..., 0] - (np.abs(diagonal) - diagonal) / 2
+    ) * ~steep
     return values + (
         corner * (slopes + turned) + ~steep * np.abs(slopes + 2 * turned) + mixed
     ).sum(1)
 
 
-def _power(damping, damping1, y, y1, y2, yr):
-    """Of ``sum damping |y|^2`` over harmonics ``(B, H)`` the polynomials ``(B,)``,
-    ``(B, P)``, ``(B, P, P)`` and what is left at most ``(B,)``.
+def _power(
+    damping: np.ndarray,
+    damping1: np.ndarray,
+    y: np.ndarray,
+    y1: np.ndarray,
+    y2: np.ndarray,
+    yr: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Polynomials ``(B,)``, ``(B, P)``, ``(B, P, P)`` of ``sum damping |y|^2`` over
+    harmonics ``(B, H)``, and their remainder at most ``(B,)``.
     """
-    sizes = np.abs(y), np.abs(y1).sum(2), np.abs(y2).sum((2, 3))
-    own = np.conj(y)[..., None]
+    Y = np.abs(y)
+    Y1 = np.abs(y1).sum(2)
+    Y2 = np.abs(y2).sum((2, 3))
+    conjugate = np.conj(y)[..., None]
     both = (np.conj(y1)[..., None] * y1[..., None, :]).real
-    square = sizes[0] ** 2
-    square1 = 2 * (own * y1).real
-    square2 = both + 2 * (own[..., None] * y2).real
+    square = Y**2
+    square1 = 2 * (conjugate * y1).real
+    square2 = both + 2 * (conjugate[..., None] * y2).real
     c = damping[..., None]
     values = (damping * square).sum(1)
     slopes = (c * square1 + damping1 * square[..., None]).sum(1)
     squares = (
         c[..., None] * square2 + damping1[..., None] * square1[..., None, :]
     ).sum(1)
-    Y, Y1, Y2 = sizes
     grown = np.abs(damping1).sum(2)
     all_of_y = Y + Y1 + Y2
     third = (2 * Y1 + Y2) * Y2

@@ -4,15 +4,16 @@ their history. Imports optax.
 
 import dataclasses
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import jax
 import numpy as np
 import optax
 
 from jaxhb._shown import counts
-from jaxhb.design.evaluation import Aim, where
+from jaxhb.design.evaluation import Aim, Evaluator, Point, Reading, where
 from jaxhb.elements.elements import SceneError
 from jaxhb.results.checkpoint import computed
 from jaxhb.results.status import Status
@@ -22,28 +23,23 @@ Optimizer: TypeAlias = str | optax.GradientTransformation
 
 # Largest change of a z in one step: the share of the range then moves by at most 0.36
 LONGEST = 1.5
-TRIALS = 12
+TRIALS = 12  # lengths of a step tried at most
+# Trial from which on a length is taken that falls without Wolfe's condition
 EXPANSIONS = 2
-"""Lengths of a step tried at most; and that trial from which on one is taken that falls
-without Wolfe's condition.
-"""
-
-DECREASE, CURVATURE = 1e-4, 0.9  # of the line search: Armijo's and Wolfe's conditions
+DECREASE = 1e-4  # of the line search: Armijo's condition
+CURVATURE = 0.9  # of the line search: Wolfe's condition
 BY_USER = "stopped by the user"
 AGAIN = 2  # times that the last width is taken up again where peaks are followed
-FLAT = (
-    1e-7  # largest slope, as a share of the objective, at which nothing is left to win
-)
+# Largest slope, as a share of the objective, at which nothing is left to win
+FLAT = 1e-7
 
 
 def fault_of_optimizer(optimizer: object) -> str:
     """Why something is no optimizer, a sentence; empty where it is."""
     if isinstance(optimizer, str):
-        return (
-            ""
-            if optimizer in OPTIMIZERS
-            else f"optimizer is {optimizer!r}, must be 'lbfgs' or 'adam'."
-        )
+        if optimizer in OPTIMIZERS:
+            return ""
+        return f"optimizer is {optimizer!r}, must be 'lbfgs' or 'adam'."
     if isinstance(optimizer, optax.GradientTransformation):
         return ""
     return (
@@ -64,7 +60,7 @@ class Step:
 
     number: int
     objective: float
-    parameters: dict
+    parameters: dict[str, float]
     gradient_norm: float
     valid: int
     width: float
@@ -76,7 +72,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Rules:
-    """The way of a descent.
+    """Rules of a descent.
 
     optimizer : a name of OPTIMIZERS, or an optax transformation; rate : step of "adam"
     in z; widths : of smooth maxima, shares of the worst value, each in its turn;
@@ -86,24 +82,28 @@ class Rules:
 
     optimizer: Optimizer
     rate: float
-    widths: tuple
+    widths: tuple[float, ...]
     improvement: float
     patience: int
 
     @property
-    def searching(self):
+    def searching(self) -> bool:
         """Whether each step is a line search."""
         return self.optimizer == "lbfgs"
 
     @property
-    def transformation(self):
-        """What makes steps of gradients; those of a line search have a length of their
-        own.
+    def transformation(self) -> optax.GradientTransformation:
+        """The optax transformation of gradients into steps; those of a line search have
+        a length of their own.
         """
         if not isinstance(self.optimizer, str):
             return self.optimizer
         length = 1.0 if self.searching else self.rate
         return optax.chain(OPTIMIZERS[self.optimizer](), optax.scale(-length))
+
+
+# State of the optimiser, and whether the next step of each design is to be short
+Memory: TypeAlias = tuple[Any, np.ndarray]
 
 
 class Descent:
@@ -113,17 +113,18 @@ class Descent:
 
     def __init__(
         self,
-        evaluator,
-        rules,
+        evaluator: Evaluator,
+        rules: Rules,
         *,
-        on_step=None,
-        on_start=None,
-        keep=computed,
-        history=(),
+        on_step: Callable[[Step], object] | None = None,
+        on_start: Callable[[Reading], object] | None = None,
+        keep: Callable[..., Point] = computed,
+        history: Sequence[Step] = (),
     ):
-        """``keep`` as of :func:`jaxhb.results.checkpoint.keeper`: an evaluation follows
-        from those before, so that a descent whose evaluations are kept goes on with the
-        same numbers. ``history`` of one before goes on, too.
+        """Begin with an empty history, or with that of a descent before. ``keep`` as of
+        :func:`jaxhb.results.checkpoint.keeper`: an evaluation follows from those
+        before, so that a descent whose evaluations are kept goes on with the same
+        numbers.
         """
         self.evaluator = evaluator
         self.rules = rules
@@ -132,12 +133,14 @@ class Descent:
         self.keep = keep
         self.optimizer = rules.transformation
         self.update = jax.jit(jax.vmap(self.optimizer.update))
-        self.history, self.evaluations, self.began = list(history), 0, time.monotonic()
+        self.history = list(history)
+        self.evaluations = 0
+        self.began = time.monotonic()
         self.earlier = history[-1] if history else None
 
-    def run(self, z, steps):
-        """From the designs z to the end, or to Ctrl-C: the first and the best Point,
-        why it stopped, whether so.
+    def run(self, z: np.ndarray, steps: int) -> tuple[Point, Point, str, bool]:
+        """Go down from the designs z ``(A, P)`` to the end, or to Ctrl-C: the first and
+        the best Point, why it stopped, and whether the user stopped it.
         """
         first = self.best = self.point = self._first(z)
         self._note(0)
@@ -149,21 +152,26 @@ class Descent:
             interrupted = True
         return first, self.best, stopped, interrupted
 
-    def _at(self, z, near, **options):
+    def _at(self, z: np.ndarray, near: Point, **options: Any) -> Point:
+        """Evaluate designs z near a Point, or take the evaluation from those kept;
+        ``options`` as of :meth:`Evaluator.at`.
+        """
         self.evaluations += 1
-        asked = {name: value for name, value in options.items() if name != "on_lanes"}
-        question = self.evaluations, z, self.aim, asked
+        arguments = {
+            name: value for name, value in options.items() if name != "on_lanes"
+        }
+        question = self.evaluations, z, self.aim, arguments
 
-        def compute():
+        def compute() -> Point:
             return jax.tree.map(
                 np.asarray, self.evaluator.at(z, near, self.aim, **options)
             )
 
         return self.keep(question, compute)
 
-    def _first(self, z):
-        """The starts, solved; objectives from now on are shares of those of the train
-        as it is.
+    def _first(self, z: np.ndarray) -> Point:
+        """Solve the starts; objectives from now on are shares of those of the train as
+        it is.
         """
         evaluator = self.evaluator
         near = self.evaluator.unsolved(z)
@@ -173,9 +181,11 @@ class Descent:
         if not point.solved[0].any():
             raise SceneError(_nothing_solved(evaluator, point.status[0]))
         self._count(point.solved)
-        while (finer := evaluator.finer(point, point.solved)) is not None:
+        finer = evaluator.finer(point, point.solved)
+        while finer is not None:
             point = self._at(z, finer)
             self._count(point.solved)
+            finer = evaluator.finer(point, point.solved)
         if evaluator.peaks:
             point = self._at(z, evaluator.replanned(point))
             self._count(point.solved)
@@ -183,30 +193,37 @@ class Descent:
         self._sharpen(self.rules.widths[0], point)
         return self._at(z, point)
 
-    def _count(self, counted):
+    def _count(self, counted: np.ndarray) -> None:
+        """Let the speeds ``counted`` ``(A, n)`` enter the objective from now on."""
         self.aim = dataclasses.replace(self.aim, counted=counted)
 
-    def _sizes(self, point, design):
-        """What one unit of every objective is: its value at a design."""
+    def _sizes(self, point: Point, design: int) -> np.ndarray:
+        """The unit of every objective: its value at a design."""
         solved = point.solved[design]
         sizes = []
         for objective, values in zip(
             self.evaluator.task.objectives, point.readings, strict=False
         ):
-            own = np.asarray(values[design][solved])
-            size = float(own.max() if objective.over == "worst" else own.mean())
+            solved_values = np.asarray(values[design][solved])
+            size = float(
+                solved_values.max()
+                if objective.over == "worst"
+                else solved_values.mean()
+            )
             sizes.append(size if size > 0 else 1.0)
         return np.array(sizes)
 
-    def _sharpen(self, share, point):
-        """Smooth maxima of the width ``share`` of the worst value of the best
-        design.
+    def _sharpen(self, share: float, point: Point) -> None:
+        """Set the width of the smooth maxima to the ``share`` of the worst value of the
+        best design.
         """
         widths = share * self._sizes(point, best_of(point)) / self.aim.scales
         self.aim = dataclasses.replace(self.aim, share=share, widths=widths)
 
-    def _stages(self, steps):
-        """Each width in turn until nothing is won or the steps are used up."""
+    def _stages(self, steps: int) -> str:
+        """Take each width in turn until nothing is won or the steps are used up; say
+        which.
+        """
         number = 0
         again = self.rules.widths[-1:] * AGAIN if self.evaluator.peaks else ()
         for stage, width in enumerate((*self.rules.widths, *again)):
@@ -224,8 +241,8 @@ class Descent:
                 return f"stopped after {steps} steps, which is all that was allowed"
         return "stopped where nothing more is won"
 
-    def _descend(self, number, steps):
-        """Steps at one width: (whether the steps are used up, their number)."""
+    def _descend(self, number: int, steps: int) -> tuple[bool, int]:
+        """Take steps at one width: (whether the steps are used up, their number)."""
         idle = np.zeros(len(self.point.z), dtype=int)
         memory = self._memory()
         while number < steps:
@@ -237,54 +254,55 @@ class Descent:
                 return False, number
             direction, memory = self._direction(memory)
             before = self.point
-            after, moved = (self._search if self.rules.searching else self._stride)(
-                before, direction, moving
-            )
+            step = self._search if self.rules.searching else self._stride
+            after, moved = step(before, direction, moving)
             number += 1
             self.point = where(moved, after, before)
             won = self.best.value - self.point.value
             idle = np.where(
                 won > self.rules.improvement * np.abs(self.best.value), 0, idle + 1
             )
-            idle = np.where(
-                moved, idle, np.maximum(idle, self.rules.patience - 1)
-            )  # once more, along the gradient
+            # One that did not move is tried once more, along the gradient.
+            idle = np.where(moved, idle, np.maximum(idle, self.rules.patience - 1))
             self.best = where(won > 0, self.point, self.best)
             # Between plans the objective jumps by its truncation error: such a step
             # says nothing about curvature.
-            other = (self.point.plan_number != before.plan_number).any(1)
-            memory = self._without_curvature(memory, before, moved & ~other)
-            if (
-                self.point.solved & ~self.aim.counted
-            ).any():  # from now on such a speed counts
+            replanned = (self.point.plan_number != before.plan_number).any(1)
+            memory = self._without_curvature(memory, before, moved & ~replanned)
+            # A speed that is solved now counts from now on.
+            if (self.point.solved & ~self.aim.counted).any():
                 self._count(self.aim.counted | self.point.solved)
                 self._renew(self.best)
                 memory = self._memory()
             self._note(number)
         return True, number
 
-    def _stride(self, point, direction, moving):
-        """One step as it is, halved while it loses a speed: (Point, whether each design
-        moved).
+    def _stride(
+        self, point: Point, direction: np.ndarray, moving: np.ndarray
+    ) -> tuple[Point, np.ndarray]:
+        """Take one step as it is, halved while it loses a speed: (Point, whether each
+        design moved).
         """
         length = np.ones(len(point.z))
         best = point
         moved = np.zeros(len(point.z), dtype=bool)
         for _ in range(TRIALS):
             trial = self._at(
-                point.z + length[:, None] * direction, point, wanted=moving & ~moved
+                point.z + length[:, None] * direction, point, to_solve=moving & ~moved
             )
-            good = self._kept(trial) & moving & ~moved
-            best = where(good, trial, best)
-            moved = moved | good
+            acceptable = self._is_acceptable(trial) & moving & ~moved
+            best = where(acceptable, trial, best)
+            moved = moved | acceptable
             if (moved | ~moving).all():
                 break
             length = np.where(moved, length, length / 2)
         return best, moved
 
-    def _search(self, point, direction, moving):
-        """Line search of Lewis and Overton for all designs at once: (Point, whether
-        each design moved).
+    def _search(
+        self, point: Point, direction: np.ndarray, moving: np.ndarray
+    ) -> tuple[Point, np.ndarray]:
+        """Search along a line after Lewis and Overton, for all designs at once: (Point,
+        whether each design moved).
         """
         slope = np.sum(point.gradient * direction, axis=1)
         low = np.zeros(len(slope))
@@ -293,56 +311,56 @@ class Descent:
         best = point
         moved = np.zeros(len(slope), dtype=bool)
         done = ~moving | ~(slope < 0)
-        for trial in range(TRIALS):
+        for attempt in range(TRIALS):
             if done.all():
                 break
             z = point.z + np.where(done, 0.0, length)[:, None] * direction
             most = point.value + DECREASE * length * slope
-            at = self._at(z, point, wanted=~done, most=most)
-            falls = self._kept(at) & (at.value <= most) & ~done
+            trial = self._at(z, point, to_solve=~done, most=most)
+            falls = self._is_acceptable(trial) & (trial.value <= most) & ~done
             # Weak Wolfe conditions by bisection, which ends at the kinks of a worst
             # value, too (Lewis and Overton, Math. Program. 141 (2013) 135): a step that
             # rises is the new ``high``, one still steep the new ``low``.
-            curved = np.sum(at.gradient * direction, axis=1) >= CURVATURE * slope
-            best = where(falls & (at.value <= best.value), at, best)
+            curved = np.sum(trial.gradient * direction, axis=1) >= CURVATURE * slope
+            best = where(falls & (trial.value <= best.value), trial, best)
             moved = moved | falls
-            done |= falls & (curved | (trial >= EXPANSIONS))
+            done |= falls & (curved | (attempt >= EXPANSIONS))
             high = np.where(falls | done, high, length)
             low = np.where(falls, length, low)
-            done |= moved & ~falls & (trial >= EXPANSIONS)
+            done |= moved & ~falls & (attempt >= EXPANSIONS)
             length = np.where(
                 np.isinf(high), 2 * length, (low + np.minimum(high, 1e300)) / 2
             )
         return best, moved
 
-    def _kept(self, point):
-        """Whether each design still has every speed that counts, and a finite value and
-        gradient.
+    def _is_acceptable(self, point: Point) -> np.ndarray:
+        """Whether each design ``(A,)`` still has every speed that counts, and a finite
+        value and gradient.
         """
         finite = np.isfinite(point.value) & np.isfinite(point.gradient).all(1)
         return finite & (point.solved | ~self.aim.counted).all(1)
 
-    def _renew(self, best):
-        """The best designs under the present plans, widths and speeds, less what finer
-        plans lose for good.
+    def _renew(self, best: Point) -> None:
+        """Evaluate the best designs under the present plans, widths and speeds, less
+        those that finer plans lose for good.
         """
-        self.best = self.point = self._at(best.z, best, rescues=best.status.shape[1])
+        self.best = self._at(best.z, best, rescues=best.status.shape[1])
+        self.point = self.best
         self._count(self.aim.counted & self.point.solved)
 
-    def _memory(self):
-        """Memory of the optimiser, empty, and whether the next step of a design is to
-        be short.
+    def _memory(self) -> Memory:
+        """Empty memory of the optimiser, and whether the next step of a design is to be
+        short.
         """
-        return jax.vmap(self.optimizer.init)(self.point.z), np.full(
-            len(self.point.z), self.sharpened
-        )
+        state = jax.vmap(self.optimizer.init)(self.point.z)
+        return state, np.full(len(self.point.z), self.sharpened)
 
-    def _direction(self, memory):
+    def _direction(self, memory: Memory) -> tuple[np.ndarray, Memory]:
         """Descent directions ``(A, P)``, no component longer than the longest, and the
-        memory.
+        memory after them.
         """
-        memory, short = memory
-        updates, memory = self.update(self.point.gradient, memory, self.point.z)
+        state, short = memory
+        updates, state = self.update(self.point.gradient, state, self.point.z)
         direction = np.asarray(updates)
         # With gradients of two sides of a kink in its memory L-BFGS may point uphill.
         uphill = np.sum(direction * self.point.gradient, axis=1) >= 0
@@ -355,10 +373,14 @@ class Descent:
             )
             direction *= np.where(short, promised, 1.0)[:, None]
         longest = np.maximum(np.abs(direction).max(1), 1e-300)
-        return direction * np.minimum(1.0, LONGEST / longest)[:, None], (memory, short)
+        return direction * np.minimum(1.0, LONGEST / longest)[:, None], (state, short)
 
-    def _without_curvature(self, memory, before, moved):
-        """L-BFGS begins anew where a step did not turn the gradient the right way."""
+    def _without_curvature(
+        self, memory: Memory, before: Point, moved: np.ndarray
+    ) -> Memory:
+        """Empty the memory of L-BFGS where a step did not turn the gradient the right
+        way.
+        """
         if not self.rules.searching:
             return memory
         change = (self.point.z - before.z) * (self.point.gradient - before.gradient)
@@ -366,10 +388,12 @@ class Descent:
         bad = ~moved | ~(change.sum(1) > 0)
         return where(bad, self._memory(), (memory[0], np.zeros_like(bad)))
 
-    def _note(self, number):
+    def _note(self, number: int) -> None:
+        """Add a step to the history."""
         evaluator = self.evaluator
         design = best_of(self.best)
         earlier = self.earlier
+        seconds = time.monotonic() - self.began
         step = Step(
             number=number + (earlier.number + 1 if earlier else 0),
             objective=float(self.best.value[design]),
@@ -380,37 +404,34 @@ class Descent:
             start=design,
             evaluations=self.evaluations + (earlier.evaluations if earlier else 0),
             plan=evaluator.described(self.best, design),
-            seconds=time.monotonic()
-            - self.began
-            + (earlier.seconds if earlier else 0.0),
+            seconds=seconds + (earlier.seconds if earlier else 0.0),
         )
         self.history.append(step)
         if self.on_step:
             self.on_step(step)
 
 
-def best_of(point):
-    """The start that keeps most speeds and, among those, has the lowest objective."""
+def best_of(point: Point) -> int:
+    """Index of the start that keeps most speeds and, among those, has the lowest
+    objective.
+    """
     return int(np.lexsort((point.value, -point.solved.sum(1)))[0])
 
 
-def _nothing_solved(evaluator, status):
-    name = evaluator.train.topology.title
+def _nothing_solved(evaluator: Evaluator, status: np.ndarray) -> str:
+    """Say in a sentence that no speed converges at the start, and what may help."""
+    title = evaluator.train.topology.title
     rpm = evaluator.rpm
-    found = counts([Status(int(s)).name for s in status])
-    way = "choose other speeds, more damping, or look at them with jaxhb sweep."
+    outcomes = counts([Status(int(s)).name for s in status])
+    remedy = "choose other speeds, more damping, or look at them with jaxhb sweep."
     if any(evaluator.train.topology.mesh_backlash):
-        way = (
+        remedy = (
             "where teeth hammer there may be no periodic motion to follow. Tune a copy"
-            " of the scene without the "
+            " of the scene without the backlash keys, or other speeds, or begin with"
+            " more damping; then check the result with backlash by jaxhb sweep."
         )
-        way += (
-            "backlash keys, or other speeds, or begin with more damping; then check the"
-            " result with backlash by "
-        )
-        way += "jaxhb sweep."
     head = (
-        f"{name}: none of the {len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm"
-        " converges at the start"
+        f"{title}: none of the {len(rpm)} speeds from {rpm.min():g} to"
+        f" {rpm.max():g} rpm converges at the start"
     )
-    return f"{head} ({found}): {way}"
+    return f"{head} ({outcomes}): {remedy}"

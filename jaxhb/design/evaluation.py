@@ -3,28 +3,31 @@ speeds in batches of lanes.
 
 A lane is one design at one speed. The parameters are unbounded numbers z: a parameter
 lies the share ``1 / (1 + exp(-z))`` of the way from its lower to its upper bound, on
-its scale. What depends on them is done for all designs at once and ends in the numbers
-of the lanes' problems; a solve per lane knows no parameters: its program serves any of
-them, and a gradient passes it once whatever their number. A gradient is taken only
-where the value turned out to be worth it, and only through the speeds that matter.
+its scale. All that depends on them is computed for all designs at once and ends in the
+numbers of the lanes' problems; a solve per lane knows no parameters: its program serves
+any of them, and a gradient passes it once whatever their number. A gradient is taken
+only where the value turned out to be worth it, and only through the speeds that matter.
 """
 
+from __future__ import annotations
+
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._jax import namespace
+from jaxhb._jax import Array, namespace
 from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb._threads import side_by_side
 from jaxhb.balance.derivative import all_finite, only_if
-from jaxhb.balance.plan import RESIDUAL
-from jaxhb.balance.problem import problem_at
+from jaxhb.balance.plan import RESIDUAL, Plan, Request
+from jaxhb.balance.problem import ActiveMeshes, Problem, problem_at
 from jaxhb.balance.program import (
     START_SETTLED,
     active_deflections,
@@ -34,10 +37,11 @@ from jaxhb.balance.program import (
     respond,
 )
 from jaxhb.design import objectives
-from jaxhb.design.between_speeds import speeds_of
+from jaxhb.design.between_speeds import Followed, speeds_of
 from jaxhb.design.quantities import (
     OF_DESIGN,
     QUANTITIES,
+    Criterion,
     Penalty,
     inertia_added,
     judged,
@@ -47,9 +51,15 @@ from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.linear.sensitivity import frequencies_hz
 from jaxhb.results import answers
+from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.solutions.planning import next_level, plan_marching, plan_speeds
 from jaxhb.solutions.solve import solve
+from jaxhb.train.drivetrain import DriveTrain
+
+if TYPE_CHECKING:
+    from jaxhb.design.robust import Scatter
+    from jaxhb.design.tolerances import Box
 
 NEWTON_STEPS = 15  # of a lane at most
 NEGLIGIBLE = 1e-8
@@ -63,19 +73,31 @@ the step went too far.
 """
 
 RESCUE_SECONDS = 30.0
-"""After which a lost speed gets no further attempt; most of what is not found soon has
-no motion of one cycle.
+"""Time after which a lost speed gets no further attempt; most of those that are not
+found soon have no motion of one cycle.
 """
 
-FEW_LANES, MANY_LANES = 16, 64  # that one program computes side by side
+# Lanes that one program computes side by side
+FEW_LANES = 16
+MANY_LANES = 64
 # |z| of a start on a bound: a thousandth of the range inside it, where the share still
 # has a slope
 FARTHEST = 6.9
 
+# Structure of the train and problem of a lane, and which of its leaves all lanes share
+Form: TypeAlias = tuple[jax.tree_util.PyTreeDef, tuple[bool, ...]]
+# A pullback from cotangents of results to those of arguments
+Pullback: TypeAlias = Callable[..., Any]
+# Quantity, element and order of a reading, and which variant of it is differentiated
+ResponseReading: TypeAlias = tuple[str, str | None, float | None, str]
+Tree = TypeVar("Tree")
+UNSOLVED: Any = None
+"""Value of the fields of a Point that a solve fills in."""
+
 
 @dataclass(frozen=True)
 class Task:
-    """What is tuned for what: tuples of Parameter, Objective, Penalty."""
+    """The purpose of a tuning: tuples of Parameter, Objective, Penalty."""
 
     parameters: tuple
     objectives: tuple
@@ -85,40 +107,44 @@ class Task:
     """Newton step after which a lane is solved; 0 for the accuracy of derivatives."""
 
     @property
-    def of_response(self):
+    def of_response(self) -> tuple[Criterion, ...]:
         """The objectives, and the penalties that read a response: J of them."""
         return self.objectives + tuple(
-            p for p in self.penalties if p.quantity not in OF_DESIGN
+            penalty for penalty in self.penalties if penalty.quantity not in OF_DESIGN
         )
 
     @property
-    def of_design(self):
+    def of_design(self) -> tuple[Penalty, ...]:
         """The penalties that read the train alone."""
-        return tuple(p for p in self.penalties if p.quantity in OF_DESIGN)
-
-    @property
-    def asked(self):
-        """Quantity, element and order of each reading of a response, and which of its
-        readings is differentiated.
-        """
-        how = [
-            "close" if isinstance(chosen, Penalty) else "read"
-            for chosen in self.of_response
-        ]
-        how = how if self.smooth else ["sharp"] * len(how)
         return tuple(
-            (c.quantity, c.of, c.order, reading)
-            for c, reading in zip(self.of_response, how, strict=True)
+            penalty for penalty in self.penalties if penalty.quantity in OF_DESIGN
         )
 
-    def named(self, z):
-        """Parameters by name, in their own units, from z ``(P,)``; floats on the
-        host.
+    @property
+    def response_readings(self) -> tuple[ResponseReading, ...]:
+        """Quantity, element and order of each reading of a response, and which variant
+        of it is differentiated.
+        """
+        variants = [
+            "close" if isinstance(criterion, Penalty) else "read"
+            for criterion in self.of_response
+        ]
+        variants = variants if self.smooth else ["sharp"] * len(variants)
+        return tuple(
+            (criterion.quantity, criterion.of, criterion.order, variant)
+            for criterion, variant in zip(self.of_response, variants, strict=True)
+        )
+
+    def named(self, z: Array) -> dict[str, Any]:
+        """Parameters by name, in their own units, from z ``(P,)``; floats on
+        the host.
         """
         xp = namespace(z)
         share = 1 / (1 + xp.exp(-z))
-        low, high = np.array([(p.low, p.high) for p in self.parameters]).T
-        log = np.array([p.scale == "log" for p in self.parameters])
+        low, high = np.array(
+            [(parameter.low, parameter.high) for parameter in self.parameters]
+        ).T
+        log = np.array([parameter.scale == "log" for parameter in self.parameters])
         # On a log scale the share of the way is that of the logarithm.
         ratio = np.log(np.where(log, high, 1.0) / np.where(log, low, 1.0))
         values = xp.where(
@@ -127,20 +153,20 @@ class Task:
             low + share * (high - low),
         )
         return {
-            p.name: values[i] if xp is jnp else float(values[i])
-            for i, p in enumerate(self.parameters)
+            parameter.name: values[i] if xp is jnp else float(values[i])
+            for i, parameter in enumerate(self.parameters)
         }
 
-    def unbounded(self, train):
-        """z ``(P,)`` of a train, of values on a bound a little inside."""
-        values = [train.value(p.name) for p in self.parameters]
+    def unbounded(self, train: DriveTrain) -> np.ndarray:
+        """The z ``(P,)`` of a train, of values on a bound a little inside."""
+        values = [train.value(parameter.name) for parameter in self.parameters]
         shares = [
             (
-                np.log(v / p.low) / np.log(p.high / p.low)
-                if p.scale == "log"
-                else (v - p.low) / (p.high - p.low)
+                np.log(value / parameter.low) / np.log(parameter.high / parameter.low)
+                if parameter.scale == "log"
+                else (value - parameter.low) / (parameter.high - parameter.low)
             )
-            for v, p in zip(values, self.parameters, strict=True)
+            for value, parameter in zip(values, self.parameters, strict=True)
         ]
         with np.errstate(divide="ignore"):
             z = np.log(shares) - np.log1p(-np.array(shares))
@@ -149,7 +175,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Aim:
-    """What the objective is made of at present.
+    """The present aim of a descent.
 
     counted : bool ``(A, n)``, speeds that enter where they are solved; scales, widths :
     of every objective, unit of its values in its own, and width of its smooth maximum
@@ -165,16 +191,16 @@ class Aim:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Point:
-    """Designs and how they do: A starts, n speeds, P parameters, M meshes, N harmonics
-    of the finest plan.
+    """Designs and their readings: A starts, n speeds, P parameters, M meshes, N
+    harmonics of the finest plan.
 
     z : ``(A, P)``; speeds : ``(A, n)`` rpm, those asked for, those that follow peaks,
-    and those at critical speeds status : ``(A, n)``; plan_number : ``(A, n)``, index of
-    ``plans``, the first of which serves any motion motion : complex ``(A, n, M, N+1)``
-    m, deflections; resumed : bool ``(A, n)``, solved from the motion at hand alone
-    smooth, exact : readings of responses ``(A, n, J)``; of_design : readings ``(A,)``
-    of the train alone value : ``(A,)``; gradient : ``(A, P)``, with respect to z, nan
-    where it was not asked for
+    and those at critical speeds; status : ``(A, n)``; plan_number : ``(A, n)``, index
+    of ``plans``, the first of which serves any motion; motion : complex ``(A, n, M,
+    N+1)`` m, deflections; resumed : bool ``(A, n)``, solved from the motion at hand
+    alone; smooth, exact : readings of responses ``(A, n, J)``; of_design : readings
+    ``(A,)`` of the train alone; value : ``(A,)``; gradient : ``(A, P)``, with respect
+    to z, nan where it was not asked for
     """
 
     z: np.ndarray
@@ -182,34 +208,34 @@ class Point:
     status: np.ndarray
     plan_number: np.ndarray
     motion: np.ndarray
-    resumed: np.ndarray | None = None
-    smooth: np.ndarray | None = None
-    exact: np.ndarray | None = None
-    of_design: tuple = ()
-    value: np.ndarray | None = None
-    gradient: np.ndarray | None = None
-    plans: tuple = field(default=(), metadata={"static": True})
+    resumed: np.ndarray = UNSOLVED
+    smooth: np.ndarray = UNSOLVED
+    exact: np.ndarray = UNSOLVED
+    of_design: tuple[np.ndarray, ...] = ()
+    value: np.ndarray = UNSOLVED
+    gradient: np.ndarray = UNSOLVED
+    plans: tuple[Plan, ...] = field(default=(), metadata={"static": True})
 
     @property
-    def solved(self):
+    def solved(self) -> np.ndarray:
         """Whether the equations are solved ``(A, n)``."""
         return answers.solved(self.status)
 
     @property
-    def readings(self):
-        """Not smoothed, of what reads a response ``(A, n)`` each, then of what reads
-        the train alone ``(A,)``.
+    def readings(self) -> tuple[np.ndarray, ...]:
+        """Readings that are not smoothed: of a response ``(A, n)`` each, then of the
+        train alone ``(A,)``.
         """
         return (*np.moveaxis(self.exact, -1, 0), *self.of_design)
 
 
-def where(chosen, here, there):
-    """A tree of arrays ``(A, ...)`` with the designs of one where ``chosen`` ``(A,)``,
-    else of the other.
+def where(chosen: np.ndarray, here: Tree, there: Tree) -> Tree:
+    """Join two trees of arrays ``(A, ...)``: the designs of one where ``chosen``
+    ``(A,)``, else of the other.
     """
 
-    def pick(one, other):
-        return np.where(chosen.reshape(-1, *[1] * (np.ndim(one) - 1)), one, other)
+    def pick(first: Any, second: Any) -> np.ndarray:
+        return np.where(chosen.reshape(-1, *[1] * (np.ndim(first) - 1)), first, second)
 
     return jax.tree.map(pick, here, there)
 
@@ -217,25 +243,25 @@ def where(chosen, here, there):
 @brief
 @dataclass(frozen=True)
 class Reading:
-    """What a design does: parameters by name, whether each speed is solved ``(n,)``,
-    readings by label.
+    """The readings of a design: parameters by name, whether each speed is solved
+    ``(n,)``, readings by label.
 
     A reading is an array ``(n,)`` in SI units, nan where the speed is not solved or a
     rule has no limit, or a float for those of the train alone; its label is ``"tooth
     force of crank gear|idler"``.
     """
 
-    parameters: dict
+    parameters: dict[str, float]
     solved: np.ndarray
-    readings: dict
+    readings: dict[str, Any]
 
-    def of_first(self, count):
-        """The same of the first speeds."""
-        cut = {
-            name: own[:count] if np.ndim(own) else own
-            for name, own in self.readings.items()
+    def of_first(self, count: int) -> Reading:
+        """Select the readings of the first speeds."""
+        readings = {
+            name: values[:count] if np.ndim(values) else values
+            for name, values in self.readings.items()
         }
-        return dataclasses.replace(self, solved=self.solved[:count], readings=cut)
+        return dataclasses.replace(self, solved=self.solved[:count], readings=readings)
 
 
 class Evaluator:
@@ -243,12 +269,21 @@ class Evaluator:
     way down.
     """
 
-    def __init__(self, train, rpm, task, request, peaks=0, scatter=None, critical=()):
-        """``peaks`` speeds are added for every objective that is a maximum, to follow
-        its highest peaks; ``scatter`` is None, or the
-        :class:`~jaxhb.design.robust.Scatter` of the trains at these speeds;
-        ``critical`` are the :class:`~jaxhb.design.between_speeds.Followed` at whose
-        speed each design is looked at, too.
+    def __init__(
+        self,
+        train: DriveTrain,
+        rpm: np.ndarray,
+        task: Task,
+        request: Request,
+        peaks: int = 0,
+        scatter: Scatter | None = None,
+        critical: Sequence[Followed] = (),
+    ):
+        """Plan the speeds ``rpm`` ``(n,)``, to which ``peaks`` speeds are added for
+        every objective that is a maximum, to follow its highest peaks; ``scatter`` is
+        None, or the :class:`~jaxhb.design.robust.Scatter` of the trains at these
+        speeds; ``critical`` are the :class:`~jaxhb.design.between_speeds.Followed` at
+        whose speed each design is looked at, too.
         """
         self.critical = tuple(critical)
         self.train = train
@@ -256,35 +291,27 @@ class Evaluator:
         self.task = task
         self.request = request
         self.peaks = peaks
-        self.followed = (
-            [
-                j
-                for j, objective in enumerate(task.objectives)
-                if objective.over == "worst"
-            ]
-            if peaks
-            else []
-        )
+        self.followed = [
+            j
+            for j, objective in enumerate(task.objectives)
+            if peaks and objective.over == "worst"
+        ]
         self.fallback, plans = plan_designs(train, rpm, request)
         excited = listed_harmonic(train.topology)
         self.excited = excited or max(
             plan.harmonics for plan in (self.fallback, *plans)
         )
-        self.heavy = tuple(
-            (np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0).tolist()
-        )
-        self.box, self.shares = (
-            (scatter.box, scatter.shares)
-            if scatter
-            else (None, np.zeros((len(rpm), 0)))
-        )
+        inertia = np.concatenate([train.disks.inertia, train.dampers.inertia])
+        self.heavy = tuple((inertia > 0).tolist())
+        self.box = scatter.box if scatter else None
+        self.shares = scatter.shares if scatter else np.zeros((len(rpm), 0))
         moved = train.replace(task.named(task.unbounded(train)))
         moved = scatter.of_lanes(moved) if scatter else moved
         leaves, structure = jax.tree.flatten(
             (train, problem_at(train, float(rpm[0]), self.excited))
         )
-        # What no parameter changes, as tables of pressures, is handed to programs once;
-        # the rest for each lane.
+        # Leaves that no parameter changes, as tables of pressures, are handed to
+        # programs once; the rest for each lane.
         same = [
             old is new
             for old, new in zip(
@@ -293,26 +320,24 @@ class Evaluator:
         ]
         same += [False] * (len(leaves) - len(same))
         held = [
-            keep or jnp.result_type(leaf).kind not in "fc"
-            for leaf, keep in zip(leaves, same, strict=True)
+            is_held or jnp.result_type(leaf).kind not in "fc"
+            for leaf, is_held in zip(leaves, same, strict=True)
         ]
         self.held = [
-            jnp.asarray(leaf) for leaf, keep in zip(leaves, held, strict=True) if keep
+            jnp.asarray(leaf)
+            for leaf, is_held in zip(leaves, held, strict=True)
+            if is_held
         ]
-        self.form = structure, tuple(held)
+        self.form: Form = structure, tuple(held)
 
-    def unsolved(self, z):
+    def unsolved(self, z: np.ndarray) -> Point:
         """The Point of designs ``(A, P)`` without motions."""
-        spread = (
-            np.linspace(0, len(self.rpm) - 1, self.peaks * len(self.followed))
-            .round()
-            .astype(int)
+        added = self.peaks * len(self.followed)
+        spread = np.linspace(0, len(self.rpm) - 1, added).round().astype(int)
+        of_design = np.concatenate(
+            [self.rpm, self.rpm[spread], np.zeros(len(self.critical))]
         )
-        speeds = np.tile(
-            np.concatenate([self.rpm, self.rpm[spread], np.zeros(len(self.critical))]),
-            (len(z), 1),
-        )
-        speeds = self._at_critical(z, speeds)
+        speeds = self._at_critical(z, np.tile(of_design, (len(z), 1)))
         motion = np.zeros(
             (*speeds.shape, len(self.train.topology.has_law), 1), dtype=complex
         )
@@ -321,8 +346,8 @@ class Evaluator:
             Point(z, speeds, lost, np.zeros_like(lost), motion, plans=(self.fallback,))
         )
 
-    def _at_critical(self, z, speeds):
-        """The speeds ``(A, n)`` with the last ones at the critical speeds of designs
+    def _at_critical(self, z: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+        """Move the last of the speeds ``(A, n)`` to the critical speeds of designs
         ``(A, P)``.
 
         There a reading is at a maximum over the speed: its derivative by z is that at a
@@ -330,124 +355,132 @@ class Evaluator:
         """
         if not self.critical:
             return speeds
-        trains = [self.train.replace(self.task.named(own)) for own in z]
+        trains = [self.train.replace(self.task.named(design)) for design in z]
         critical = np.array(
             [speeds_of(self.critical, train, self.rpm) for train in trains]
         )
         return np.concatenate([speeds[:, : -len(self.critical)], critical], axis=1)
 
-    def replanned(self, point):
-        """The same designs to be solved anew: the added speeds on their highest peaks,
-        all planned by their numbers.
+    def replanned(self, point: Point) -> Point:
+        """Prepare the same designs to be solved anew: the added speeds on their highest
+        peaks, all planned by their numbers.
         """
         speeds = point.speeds.copy()
-        into = len(self.rpm)
-        near = np.tile(np.arange(speeds.shape[1]), (len(point.z), 1))
+        column = len(self.rpm)
+        nearest = np.tile(np.arange(speeds.shape[1]), (len(point.z), 1))
         for j in self.followed:
             values = self.weights(point.speeds)[..., j] * point.readings[j]
-            for a, good in enumerate(point.solved):
+            for design, solved in enumerate(point.solved):
                 places, summits = highest_peaks(
-                    point.speeds[a][good], values[a][good], self.peaks
+                    point.speeds[design][solved], values[design][solved], self.peaks
                 )
-                near[a, into : into + len(places)] = np.flatnonzero(good)[places]
-                speeds[a, into : into + len(places)] = summits
-            into += self.peaks
-        rows = np.arange(len(near))[:, None]
-        status = point.status[rows, near]
-        motion = point.motion[rows, near]
+                added = slice(column, column + len(places))
+                nearest[design, added] = np.flatnonzero(solved)[places]
+                speeds[design, added] = summits
+            column += self.peaks
+        rows = np.arange(len(nearest))[:, None]
+        status = point.status[rows, nearest]
+        motion = point.motion[rows, nearest]
         return self._planned(
             dataclasses.replace(point, speeds=speeds, status=status, motion=motion)
         )
 
-    def _planned(self, point):
-        """Every design planned by its own numbers, as a changed one may shake off a
-        tooth; of the plans at hand those that hold the same meshes, whose harmonics
-        have proved enough.
+    def _planned(self, point: Point) -> Point:
+        """Plan every design by its own numbers, as a changed one may shake off a tooth;
+        of the plans at hand those that hold the same meshes, whose harmonics have
+        proved enough.
         """
         plans = {(plan.active, plan.flank): plan for plan in point.plans}
         numbers = []
         for z, speeds in zip(point.z, point.speeds, strict=True):
-            own = plan_designs(
-                self.train.replace(self.task.named(z)), speeds, self.request
-            )[1]
-            for plan in own:
+            design = self.train.replace(self.task.named(z))
+            _, design_plans = plan_designs(design, speeds, self.request)
+            for plan in design_plans:
                 plans.setdefault((plan.active, plan.flank), plan)
             numbers.append(
-                [list(plans).index((plan.active, plan.flank)) for plan in own]
+                [list(plans).index((plan.active, plan.flank)) for plan in design_plans]
             )
         return dataclasses.replace(
             point, plans=tuple(plans.values()), plan_number=np.array(numbers)
         )
 
-    def weights(self, speeds):
+    def weights(self, speeds: np.ndarray) -> np.ndarray:
         """Factors of the objectives at all speeds ``(A, n, objectives)``, interpolated
         at the added ones.
         """
         order = np.argsort(self.rpm, kind="stable")
         columns = []
         for objective in self.task.objectives:
-            given = np.array(objective.weights or np.ones(len(self.rpm)))
-            columns.append(np.interp(speeds, self.rpm[order], given[order]))
-            columns[-1][:, : len(self.rpm)] = given
+            factors = np.array(objective.weights or np.ones(len(self.rpm)))
+            columns.append(np.interp(speeds, self.rpm[order], factors[order]))
+            columns[-1][:, : len(self.rpm)] = factors
         return np.stack(columns, axis=-1)
 
     def at(
         self,
-        z,
-        near,
-        aim,
+        z: np.ndarray,
+        near: Point,
+        aim: Aim,
         *,
-        wanted=True,
-        most=np.inf,
-        rescues=MOST_RESCUES,
-        on_lanes=None,
-    ):
-        """The Point of designs z ``(A, P)`` near those of the Point ``near``.
+        to_solve: np.ndarray | bool = True,
+        most: np.ndarray | float = np.inf,
+        rescues: int = MOST_RESCUES,
+        on_lanes: Callable[[Reading], object] | None = None,
+    ) -> Point:
+        """Evaluate designs z ``(A, P)`` near those of the Point ``near``.
 
-        wanted : bool ``(A,)``, designs to be solved; the others are those of ``near``
-        without value most : ``(A,)``, values above which no gradient is asked for
+        to_solve : bool ``(A,)``, designs to be solved; the others are those of ``near``
+        without value; most : ``(A,)``, values above which no gradient is asked for;
         rescues : lost speeds of a design that are tried from all starts of
-        :func:`jaxhb.solve` on_lanes : called with the Reading of the first design,
+        :func:`jaxhb.solve`; on_lanes : called with the Reading of the first design,
         again and again while its speeds are solved
         """
-        wanted = np.broadcast_to(wanted, len(z))
+        to_solve = np.broadcast_to(to_solve, len(z))
         near = dataclasses.replace(near, speeds=self._at_critical(z, near.speeds))
         lanes, pull = self.solved(
-            z, near, wanted[:, None] & aim.counted, rescues=rescues, on_lanes=on_lanes
+            z, near, to_solve[:, None] & aim.counted, rescues=rescues, on_lanes=on_lanes
         )
-        return self._valued(lanes, pull, aim, wanted, most)
+        return self._valued(lanes, pull, aim, to_solve, most)
 
     def solved(
-        self, z, near, which, *, again=True, rescues=MOST_RESCUES, on_lanes=None
-    ):
-        """The :class:`Lanes` of designs z near those of a Point, solved where ``which``
-        ``(A, n)``, lost ones from another start ``again``, and the pullback of their
-        numbers to z; other arguments as of :meth:`at`.
+        self,
+        z: np.ndarray,
+        near: Point,
+        which: np.ndarray,
+        *,
+        again: bool = True,
+        rescues: int = MOST_RESCUES,
+        on_lanes: Callable[[Reading], object] | None = None,
+    ) -> tuple[Lanes, Pullback]:
+        """Solve the :class:`Lanes` of designs z near those of a Point where ``which``
+        ``(A, n)``, lost ones from another start ``again``, and give the pullback of
+        their numbers to z; other arguments as of :meth:`at`.
         """
         numbers, pull = self.numbers_of(z, near.speeds)
         nothing = np.zeros((*which.shape, len(self.task.of_response)))
         motion = fourier.resize(near.motion, max(plan.harmonics for plan in near.plans))
-        changes = {
-            "motion": motion,
-            "resumed": np.zeros_like(which),
-            "smooth": nothing,
-            "exact": nothing,
-        }
-        point = dataclasses.replace(near, z=z, of_design=(), **changes)
-        lanes = Lanes(
-            self, point, numbers, which, (z == near.z).all(1, keepdims=True), on_lanes
+        point = dataclasses.replace(
+            near,
+            z=z,
+            of_design=(),
+            motion=motion,
+            resumed=np.zeros_like(which),
+            smooth=nothing,
+            exact=nothing,
         )
+        unmoved = (z == near.z).all(1, keepdims=True)
+        lanes = Lanes(self, point, numbers, which, unmoved, on_lanes)
         lanes = lanes.solve(which, near.solved)
-        # What was lost from a march is tried from the motion of the design nearby, and
+        # A speed lost from a march is tried from the motion of the design nearby, and
         # the other way round.
-        again = (
+        retry = (
             again
             & lanes.lost
             & near.solved
             & (lanes.point.status != Status.PLAN_VIOLATED)
         )
-        lanes = lanes.solve(again & ~lanes.point.resumed, True, other=False)
-        lanes = lanes.solve(again & lanes.point.resumed, False)
+        lanes = lanes.solve(retry & ~lanes.point.resumed, True, other_starts=False)
+        lanes = lanes.solve(retry & lanes.point.resumed, False)
         violated = lanes.lost & (lanes.point.status == Status.PLAN_VIOLATED)
         lanes = lanes.with_point(
             plan_number=np.where(violated, 0, lanes.point.plan_number)
@@ -455,45 +488,51 @@ class Evaluator:
         lost = lanes.lost
         return lanes.rescue(lost & (lost.sum(1, keepdims=True) <= rescues)), pull
 
-    def _valued(self, lanes, pull, aim, wanted, most):
+    def _valued(
+        self,
+        lanes: Lanes,
+        pull: Pullback,
+        aim: Aim,
+        to_solve: np.ndarray,
+        most: np.ndarray | float,
+    ) -> Point:
         """The Point, with gradients where the value is at most ``most``; a speed
         without one counts as lost.
         """
         point = lanes.point
         status = lanes.point.status
         while True:
-            kept = lanes.counted & answers.solved(status)
-            weighted = (
+            valid = lanes.counted & answers.solved(status)
+            combined = combine(
+                self.train,
+                point.z,
                 point.smooth,
-                kept,
+                valid,
                 self.weights(point.speeds),
                 aim.widths,
                 aim.scales,
+                task=self.task,
+                n_speeds=len(self.rpm),
+                critical=len(self.critical),
+                heavy=self.heavy,
             )
-            shape = {
-                "task": self.task,
-                "own": len(self.rpm),
-                "critical": len(self.critical),
-                "heavy": self.heavy,
-            }
-            combined = combine(self.train, point.z, *weighted, **shape)
             value, of_design, by_z, by_smooth = jax.tree.map(np.asarray, combined)
             # A line search rejects higher values without their gradients, which cost as
             # much as the solves.
-            steep = wanted & (value <= most)
+            steep = to_solve & (value <= most)
             by_numbers = lanes.pulled(np.where(steep[:, None, None], by_smooth, 0.0))
             whole = np.all(
                 [
-                    np.isfinite(by).all(axis=tuple(range(2, by.ndim)))
-                    for by in by_numbers
+                    np.isfinite(slopes).all(axis=tuple(range(2, slopes.ndim)))
+                    for slopes in by_numbers
                 ],
                 axis=0,
             )
-            if (whole | ~kept).all():
+            if (whole | ~valid).all():
                 break
             # Near a fold the equations are solved and their derivative is not: the
             # speed is lost, and the rest evaluated without it.
-            status = np.where(kept & ~whole, Status.STALLED, status)
+            status = np.where(valid & ~whole, Status.STALLED, status)
         gradient = np.where(
             steep[:, None], by_z + np.asarray(pull_back(pull, by_numbers)), np.nan
         )
@@ -501,23 +540,25 @@ class Evaluator:
             point, status=status, value=value, gradient=gradient, of_design=of_design
         )
 
-    def finer(self, point, counted):
+    def finer(self, point: Point, counted: np.ndarray) -> Point | None:
         """The point under plans of more harmonics where counted speeds need them, None
         where none does.
         """
         plans = list(point.plans)
         counted = counted & point.solved & (not self.request.harmonics)
-        numbers = self.numbers_of(point.z, point.speeds)[0] if counted.any() else None
+        if not counted.any():
+            return None
+        numbers, _ = self.numbers_of(point.z, point.speeds)
         for number, plan in enumerate(point.plans):
             higher = next_level(plan.harmonics, plan.method) if plan.active else None
-            lanes = (
-                np.argwhere(counted & (point.plan_number == number)) if higher else ()
-            )
+            if not higher:
+                continue
+            lanes = np.argwhere(counted & (point.plan_number == number))
             for chunk, padded in batches(lanes, plan):
                 motion = of_active_meshes(point.motion[tuple(padded.T)], plan)
-                own = [leaf[tuple(padded.T)] for leaf in numbers]
+                chunk_numbers = [leaf[tuple(padded.T)] for leaf in numbers]
                 errors = estimate_lanes(
-                    own,
+                    chunk_numbers,
                     self.held,
                     motion,
                     plan.active_meshes,
@@ -529,58 +570,55 @@ class Evaluator:
                         plan, harmonics=higher, tolerance_share=1.0
                     )
                     break
-        return (
-            dataclasses.replace(point, plans=tuple(plans))
-            if tuple(plans) != point.plans
-            else None
-        )
+        if tuple(plans) == point.plans:
+            return None
+        return dataclasses.replace(point, plans=tuple(plans))
 
-    def numbers_of(self, z, speeds):
+    def numbers_of(
+        self, z: np.ndarray, speeds: np.ndarray
+    ) -> tuple[list[np.ndarray], Pullback]:
         """Numbers of all lanes ``(A, n, ...)`` of designs z, and the pullback to z."""
-        shape = {
-            "task": self.task,
-            "box": self.box,
-            "excited": self.excited,
-            "held": self.form[1],
-        }
-        shares = np.resize(
-            self.shares, (speeds.shape[1], self.shares.shape[1])
-        )  # of a box there are no added speeds
-        numbers, pull = problems_of_designs(self.train, speeds, shares, z, **shape)
+        # Of a box there are no added speeds.
+        shares = np.resize(self.shares, (speeds.shape[1], self.shares.shape[1]))
+        numbers, pull = problems_of_designs(
+            self.train,
+            speeds,
+            shares,
+            z,
+            task=self.task,
+            box=self.box,
+            excited=self.excited,
+            held=self.form[1],
+        )
         return [np.asarray(leaf) for leaf in numbers], pull
 
-    def reading(self, point, design):
-        """The :class:`Reading` of one design, of as much as is known."""
+    def reading(self, point: Point, design: int) -> Reading:
+        """The :class:`Reading` of one design, as far as it is known."""
         solved = point.solved[design, : len(self.rpm)]
-        told = {}
-        for chosen, values in zip(
+        readings: dict[str, Any] = {}
+        for criterion, values in zip(
             self.task.of_response + self.task.of_design, point.readings, strict=False
         ):
-            if chosen.quantity in OF_DESIGN:
-                told[label(chosen)] = float(values[design])
+            if criterion.quantity in OF_DESIGN:
+                readings[label(criterion)] = float(values[design])
             else:
-                kept = solved & judged(self.train, chosen, self.rpm)
-                told[label(chosen)] = np.where(
-                    kept, values[design][: len(solved)], np.nan
+                has_value = solved & judged(self.train, criterion, self.rpm)
+                readings[label(criterion)] = np.where(
+                    has_value, values[design][: len(solved)], np.nan
                 )
-        return Reading(self.task.named(point.z[design]), solved, told)
+        return Reading(self.task.named(point.z[design]), solved, readings)
 
-    def described(self, point, design):
-        """The plans of one design, for people."""
+    def described(self, point: Point, design: int) -> str:
+        """Describe the plans of one design, for people."""
         numbers, counts = np.unique(point.plan_number[design], return_counts=True)
         return "; ".join(
-            f"{n} speeds: {point.plans[k]}"
-            for k, n in zip(numbers, counts, strict=True)
+            f"{count} speeds: {point.plans[number]}"
+            for number, count in zip(numbers, counts, strict=True)
         )
 
 
-SOLVED = (
-    "status",
-    "motion",
-    "resumed",
-    "smooth",
-    "exact",
-)  # fields of Point that a solve gives
+# Fields of a Point that a solve gives
+SOLVED = ("status", "motion", "resumed", "smooth", "exact")
 
 
 @dataclass(frozen=True)
@@ -589,131 +627,177 @@ class Lanes:
     others.
 
     numbers : arrays ``(A, n, ...)``; counted : ``(A, n)``, lanes that enter the
-    objective unmoved : ``(A, 1)``, designs that are those of the motions at hand;
-    on_lanes : None, or called with a Reading batches : (lanes, padded lanes,
+    objective; unmoved : ``(A, 1)``, designs that are those of the motions at hand;
+    on_lanes : None, or called with a Reading; batches : (lanes, padded lanes,
     derivative) of each batch solved
     """
 
     evaluator: Evaluator
     point: Point
-    numbers: list
+    numbers: list[np.ndarray]
     counted: np.ndarray
     unmoved: np.ndarray
-    on_lanes: Callable | None = None
-    batches: tuple = ()
+    on_lanes: Callable[[Reading], object] | None = None
+    batches: tuple[tuple[np.ndarray, np.ndarray, Pullback], ...] = ()
 
     @property
-    def lost(self):
+    def lost(self) -> np.ndarray:
         """Lanes that count and are not solved ``(A, n)``."""
         return self.counted & ~self.point.solved
 
-    def with_point(self, **changes):
+    def with_point(self, **changes: Any) -> Lanes:
         """The lanes with changes of their point."""
         return dataclasses.replace(
             self, point=dataclasses.replace(self.point, **changes)
         )
 
-    def solve(self, which, given, other=True):
-        """Solve ``which`` ``(A, n)``, from the motion at hand where it is ``given`` and
-        no ``other`` start is better.
+    def solve(
+        self,
+        which: np.ndarray,
+        from_motion: np.ndarray | bool,
+        other_starts: bool = True,
+    ) -> Lanes:
+        """Solve ``which`` ``(A, n)``, from the motion at hand where ``from_motion``
+        and, unless ``other_starts`` is False, no other start is better.
 
-        A march is where the motion at hand leaves more of the equations; teeth in
-        contact are, where none separates, once the design has changed.
+        A march is better where the motion at hand leaves more of the equations; teeth
+        in contact are, where none separates, once the design has changed.
         """
         changes = {name: getattr(self.point, name).copy() for name in SOLVED}
-        made = self.with_point(**changes)
+        lanes = self.with_point(**changes)
         for number in np.unique(self.point.plan_number[which]):
             plan = self.point.plans[number]
-            own = np.broadcast_to(
-                given & (plan.marches | self.unmoved | (not other)), which.shape
+            resumes = np.broadcast_to(
+                from_motion & (plan.marches | self.unmoved | (not other_starts)),
+                which.shape,
             )
             chunks = list(
                 batches(np.argwhere(which & (self.point.plan_number == number)), plan)
             )
 
-            def read(pair, plan=plan, own=own):
-                at = tuple(pair[1].T)
-                return self._read(plan, at, own[at], plan.marches and other)
+            def read(
+                pair: tuple[np.ndarray, np.ndarray],
+                plan: Plan = plan,
+                resumes: np.ndarray = resumes,
+            ) -> tuple[tuple, Pullback]:
+                places = tuple(pair[1].T)
+                return self._read(
+                    plan, places, resumes[places], plan.marches and other_starts
+                )
 
-            for (chunk, padded), (found, pull) in zip(
+            for (chunk, padded), (fields, pull) in zip(
                 chunks, side_by_side(read, chunks), strict=True
             ):
-                for name, values in zip(SOLVED, found, strict=True):
+                for name, values in zip(SOLVED, fields, strict=True):
                     changes[name][tuple(chunk.T)] = np.asarray(values)[: len(chunk)]
-                made = dataclasses.replace(
-                    made, batches=(*made.batches, (chunk, padded, pull))
+                lanes = dataclasses.replace(
+                    lanes, batches=(*lanes.batches, (chunk, padded, pull))
                 )
                 if self.on_lanes:
-                    self.on_lanes(self.evaluator.reading(made.point, 0))
-        return made
+                    self.on_lanes(self.evaluator.reading(lanes.point, 0))
+        return lanes
 
-    def _read(self, plan, at, given, marching):
-        """The fields SOLVED of the lanes ``at`` under a plan, and the pullback from
-        their readings.
+    def _read(
+        self,
+        plan: Plan,
+        places: tuple[np.ndarray, ...],
+        from_motion: np.ndarray,
+        marching: bool,
+    ) -> tuple[tuple, Pullback]:
+        """The fields SOLVED of the lanes at ``places`` under a plan, and the pullback
+        from their readings.
         """
         point = self.point
         evaluator = self.evaluator
-        motion = np.zeros((len(given), 0, plan.harmonics + 1), complex)
-        motion = of_active_meshes(point.motion[at], plan) if plan.active else motion
+        motion = np.zeros((len(from_motion), 0, plan.harmonics + 1), complex)
+        motion = of_active_meshes(point.motion[places], plan) if plan.active else motion
         start = (
             motion,
-            given,
-            np.full(len(given), plan.cycles * marching),
-            np.full(len(given), START_SETTLED),
+            from_motion,
+            np.full(len(from_motion), plan.cycles * marching),
+            np.full(len(from_motion), START_SETTLED),
         )
-        goals = np.tile([1.0, RESIDUAL, evaluator.task.step_tolerance], (len(given), 1))
+        goals = np.tile(
+            [1.0, RESIDUAL, evaluator.task.step_tolerance], (len(from_motion), 1)
+        )
         # Whether a plan has enough harmonics is asked by itself.
-        changes = {
-            "max_steps": NEWTON_STEPS,
-            "estimated": False,
-            "compare_starts": True,
-        }
-        changes |= {"start": "march", "averaged": True}
-        shape = {"form": evaluator.form, "asked": evaluator.task.asked}
-        shape["sizes"] = dataclasses.replace(plan.static, **changes)
-        lanes = [leaf[at] for leaf in self.numbers], evaluator.held, point.speeds[at]
-        smooth, found, (status, sweeps, motion, exact) = read_lanes(
-            *lanes, start, goals, plan.active_meshes, **shape
+        sizes = dataclasses.replace(
+            plan.static,
+            max_steps=NEWTON_STEPS,
+            estimated=False,
+            compare_starts=True,
+            start="march",
+            averaged=True,
+        )
+        form = evaluator.form
+        readings = evaluator.task.response_readings
+        numbers = [leaf[places] for leaf in self.numbers]
+        speeds = point.speeds[places]
+        smooth, solution, (status, sweeps, motion, exact) = read_lanes(
+            numbers,
+            evaluator.held,
+            speeds,
+            start,
+            goals,
+            plan.active_meshes,
+            form=form,
+            readings=readings,
+            sizes=sizes,
+        )
+        pull = partial(
+            pull_lanes,
+            numbers,
+            evaluator.held,
+            speeds,
+            solution,
+            plan.active_meshes,
+            form=form,
+            readings=readings,
+            sizes=sizes,
         )
         motion = fourier.resize(np.asarray(motion), point.motion.shape[-1] - 1)
-        solved = status, motion, given & (np.asarray(sweeps) == 0), smooth, exact
-        return solved, partial(pull_lanes, *lanes, found, plan.active_meshes, **shape)
+        solved = status, motion, from_motion & (np.asarray(sweeps) == 0), smooth, exact
+        return solved, pull
 
-    def rescue(self, which):
-        """Solve ``which`` one by one, from all starts of :func:`jaxhb.solve`, and from
-        there under the largest plan.
+    def rescue(self, which: np.ndarray) -> Lanes:
+        """Solve ``which`` ``(A, n)`` one by one, from all starts of
+        :func:`jaxhb.solve`, and from there under the largest plan.
         """
         point = self.point
         plan = self.point.plans[0]
-        found = np.zeros_like(which)
+        rescued = np.zeros_like(which)
         motion = point.motion.copy()
-        for a, i in np.argwhere(which) if plan.active else ():
-            train = self.evaluator.train.replace(self.evaluator.task.named(point.z[a]))
+        lost = np.argwhere(which) if plan.active else ()
+        for design, speed in lost:
+            train = self.evaluator.train.replace(
+                self.evaluator.task.named(point.z[design])
+            )
             box = self.evaluator.box
             train = (
-                train.replace(box.scaled(train, self.evaluator.shares[i]))
+                train.replace(box.scaled(train, self.evaluator.shares[speed]))
                 if box
                 else train
             )
-            own = {
-                "harmonics": plan.harmonics,
-                "integrals": plan.integrals,
-                "seconds": RESCUE_SECONDS,
-            }
-            response = solve(train, rpm=float(point.speeds[a, i]), **own)
+            response = solve(
+                train,
+                rpm=float(point.speeds[design, speed]),
+                harmonics=plan.harmonics,
+                integrals=plan.integrals,
+                seconds=RESCUE_SECONDS,
+            )
             if response.solved:
-                found[a, i] = True
-                motion[a, i] = fourier.resize(
+                rescued[design, speed] = True
+                motion[design, speed] = fourier.resize(
                     np.asarray(response.deflections), motion.shape[-1] - 1
                 )
-        made = self.with_point(
-            plan_number=np.where(found, 0, point.plan_number), motion=motion
+        lanes = self.with_point(
+            plan_number=np.where(rescued, 0, point.plan_number), motion=motion
         )
-        return made.solve(found, True, other=False)
+        return lanes.solve(rescued, True, other_starts=False)
 
-    def pulled(self, by_smooth):
-        """The derivatives of the objective by the numbers of every lane, from that by
-        its readings.
+    def pulled(self, by_smooth: np.ndarray) -> list[np.ndarray]:
+        """Pull the derivatives of the objective back to the numbers of every lane, from
+        those by its readings ``(A, n, J)``.
         """
         by_numbers = [np.zeros_like(leaf) for leaf in self.numbers]
         size = np.abs(by_smooth * self.point.smooth)
@@ -722,24 +806,26 @@ class Lanes:
         left = size.max(axis=(1, 2), keepdims=True) * NEGLIGIBLE < size
         calls = []
         for chunk, padded, pull in reversed(self.batches):
-            into = tuple(chunk.T)
+            places = tuple(chunk.T)
             cotangent = np.zeros((len(padded), by_smooth.shape[-1]))
-            own = left[into]
-            left[into] = False  # of the attempts at a lane the last one counts
-            if own.any():
-                cotangent[: len(chunk)] = np.where(own, by_smooth[into], 0.0)
-                calls.append((into, pull, cotangent))
-        for (into, *_), parts in zip(
+            last = left[places]
+            left[places] = False  # of the attempts at a lane the last one counts
+            if last.any():
+                cotangent[: len(chunk)] = np.where(last, by_smooth[places], 0.0)
+                calls.append((places, pull, cotangent))
+        for (places, _, _), changes in zip(
             calls, side_by_side(lambda call: call[1](call[2]), calls), strict=True
         ):
-            for by, part in zip(by_numbers, parts, strict=True):
-                by[into] += np.asarray(part)[: len(into[0])]
+            for slopes, change in zip(by_numbers, changes, strict=True):
+                slopes[places] += np.asarray(change)[: len(places[0])]
         return by_numbers
 
 
-def plan_designs(train, rpm, request):
-    """The plan of speeds that leave theirs, every mesh an unknown and as fine as the
-    finest; and a plan for each.
+def plan_designs(
+    train: DriveTrain, rpm: np.ndarray, request: Request
+) -> tuple[Plan, list[Plan]]:
+    """Plan the speeds: the plan of those that leave theirs, every mesh an unknown and
+    as fine as the finest; and a plan for each.
     """
     plans = plan_speeds(train, rpm, request)
     if not request.harmonics:
@@ -757,38 +843,41 @@ def plan_designs(train, rpm, request):
     return plan_marching(train, rpm, finest, request), plans
 
 
-def _level_with_room(plan):
-    """The next level where teeth leave contact without separating: cheaper than
-    programs for two levels.
+def _level_with_room(plan: Plan) -> int:
+    """The next level of harmonics where teeth leave contact without separating: cheaper
+    than programs for two levels.
     """
-    return (
-        plan.active and not plan.marches and next_level(plan.harmonics, plan.method)
-    ) or plan.harmonics
+    if not plan.active or plan.marches:
+        return plan.harmonics
+    return next_level(plan.harmonics, plan.method) or plan.harmonics
 
 
-def batches(lanes, plan):
-    """Batches of ``lanes`` ``(k, 2)`` and the same padded to one of few sizes: a size
-    is a program.
+def batches(lanes: np.ndarray, plan: Plan) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield batches of ``lanes`` ``(k, 2)`` and the same padded to one of few sizes: a
+    size is a program.
     """
     # With contacts as unknowns a lane fills a processor.
     alone = plan.active and jax.default_backend() == "cpu"
-    size = 1 if alone else FEW_LANES if len(lanes) <= MANY_LANES else MANY_LANES
-    for first in range(0, len(lanes), max(size, 1)):
+    together = FEW_LANES if len(lanes) <= MANY_LANES else MANY_LANES
+    size = 1 if alone else together
+    for first in range(0, len(lanes), size):
         chunk = lanes[first : first + size]
-        yield (
-            chunk,
-            np.concatenate([chunk, np.repeat(chunk[-1:], size - len(chunk), axis=0)]),
-        )
+        padding = np.repeat(chunk[-1:], size - len(chunk), axis=0)
+        yield chunk, np.concatenate([chunk, padding])
 
 
-def of_active_meshes(motion, plan):
-    """Deflections ``(c, G, N+1)`` of the active meshes of a plan from those of all."""
+def of_active_meshes(motion: np.ndarray, plan: Plan) -> np.ndarray:
+    """Deflections ``(c, G, N+1)`` of the active meshes of a plan from those of all
+    ``(c, M, N+1)``.
+    """
     return fourier.resize(active_deflections(plan, motion), plan.harmonics)
 
 
-def highest_peaks(speeds, values, most):
-    """The highest local maxima of a curve: their places in ``speeds``, and where the
-    parabolas through them culminate.
+def highest_peaks(
+    speeds: np.ndarray, values: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the highest local maxima of a curve: their places in ``speeds``, and where
+    the parabolas through them culminate.
 
     At most ``most``; a speed given twice counts once, and ends of the curve are no
     peaks. Nor are those narrower than the spacing of the speeds: one speed in such a
@@ -805,149 +894,202 @@ def highest_peaks(speeds, values, most):
     # Vertex of the parabola through three speeds that need not be equidistant.
     rise = (y[middle] - y[middle - 1]) / left
     fall = (y[middle + 1] - y[middle]) / right
-    return places[middle], x[middle] + (rise * right + fall * left) / (
-        2 * (rise - fall)
-    )
+    summit = x[middle] + (rise * right + fall * left) / (2 * (rise - fall))
+    return places[middle], summit
 
 
 @partial(Program, static_argnames=("task", "box", "excited", "held"))
-def problems_of_designs(train, rpm, shares, z, *, task, box, excited, held):
+def problems_of_designs(
+    train: DriveTrain,
+    rpm: Array,
+    shares: Array,
+    z: Array,
+    *,
+    task: Task,
+    box: Box | None,
+    excited: int,
+    held: tuple[bool, ...],
+) -> tuple[list[Array], Pullback]:
     """The numbers of train and problem, less those ``held``, of every lane at ``rpm``
     ``(A, n)``, of a ``box`` at the ``shares`` ``(n, ...)``: arrays ``(A, n, ...)``, and
     their pullback to z ``(A, P)``.
     """
 
-    def lane(z, speed, share):
+    def lane(z: Array, speed: Array, share: Array) -> list[Array]:
         changed = train.replace(task.named(z))
         changed = changed.replace(box.scaled(changed, share)) if box else changed
         leaves = jax.tree.leaves((changed, problem_at(changed, speed, excited)))
-        return [leaf for leaf, keep in zip(leaves, held, strict=True) if not keep]
+        return [leaf for leaf, is_held in zip(leaves, held, strict=True) if not is_held]
 
-    return jax.vjp(
-        lambda z: jax.vmap(jax.vmap(lane, (None, 0, 0)), (0, 0, None))(z, rpm, shares),
-        z,
-    )
+    lanes = jax.vmap(jax.vmap(lane, (None, 0, 0)), (0, 0, None))
+    return jax.vjp(lambda z: lanes(z, rpm, shares), z)
 
 
-def train_and_problem(form, numbers, held):
-    """Those of a lane from its numbers and what all lanes share; form: their structure,
-    and which leaves are held.
+def train_and_problem(
+    form: Form, numbers: Sequence[Array], held: Sequence[Array]
+) -> tuple[DriveTrain, Problem]:
+    """Rebuild the train and problem of a lane from its numbers and those that all lanes
+    share; form: their structure, and which leaves are held.
     """
-    numbers = iter(numbers)
-    held = iter(held)
-    return jax.tree.unflatten(
-        form[0], [next(held if keep else numbers) for keep in form[1]]
-    )
+    structure, mask = form
+    lane_leaves = iter(numbers)
+    held_leaves = iter(held)
+    leaves = [next(held_leaves if is_held else lane_leaves) for is_held in mask]
+    return jax.tree.unflatten(structure, leaves)
 
 
-@partial(Program, static_argnames=("form", "asked", "sizes"))
-def read_lanes(numbers, held, rpm, start, goals, active_meshes, *, form, asked, sizes):
+@partial(Program, static_argnames=("form", "readings", "sizes"))
+def read_lanes(
+    numbers: Sequence[Array],
+    held: Sequence[Array],
+    rpm: Array,
+    start: tuple[Array, ...],
+    goals: Array,
+    active_meshes: ActiveMeshes,
+    *,
+    form: Form,
+    readings: tuple[ResponseReading, ...],
+    sizes: Plan,
+) -> Any:
     """Solve ``c`` lanes of one plan: smooth readings ``(c, J)``; the solutions, for
     :func:`pull_lanes`; and status ``(c,)``, sweeps to its start or 0 ``(c,)``,
     deflections of all meshes ``(c, M, N+1)``, exact readings.
     """
 
-    def lane(numbers, speed, start, goals):
+    def lane(
+        numbers: list[Array], speed: Array, start: tuple[Array, ...], goals: Array
+    ) -> Any:
         train, problem = train_and_problem(form, numbers, held)
-        found = find(problem, active_meshes, start, goals, sizes)
-        response = respond(train, speed, problem, found[0], sizes)
+        solution = find(problem, active_meshes, start, goals, sizes)
+        response = respond(train, speed, problem, solution[0], sizes)
         exact = [
             QUANTITIES[quantity].exact_value(response, of, order)
-            for quantity, of, order, _ in asked
+            for quantity, of, order, _ in readings
         ]
         outcome = (
             jnp.asarray(response.status),
-            found[0].sweeps,
+            solution[0].sweeps,
             response.deflections,
             jnp.stack(exact),
         )
-        return _differentiated(response, asked), found, outcome
+        return _differentiated(response, readings), solution, outcome
 
     return _each(lane, numbers, rpm, start, goals)
 
 
-@partial(Program, static_argnames=("form", "asked", "sizes"))
+@partial(Program, static_argnames=("form", "readings", "sizes"))
 def pull_lanes(
-    numbers, held, rpm, found, active_meshes, cotangent, *, form, asked, sizes
-):
-    """What a derivative by the readings ``(c, J)`` of lanes ``found`` by
-    :func:`read_lanes` is by their numbers.
+    numbers: Sequence[Array],
+    held: Sequence[Array],
+    rpm: Array,
+    solution: Any,
+    active_meshes: ActiveMeshes,
+    cotangent: Array,
+    *,
+    form: Form,
+    readings: tuple[ResponseReading, ...],
+    sizes: Plan,
+) -> list[Array]:
+    """Pull a derivative by the readings ``(c, J)`` of lanes, of which
+    :func:`read_lanes` gave the ``solution``, back to their numbers.
     """
 
-    def lane(numbers, speed, found, cotangent):
-        def read(numbers):
+    def lane(
+        numbers: list[Array], speed: Array, solution: Any, cotangent: Array
+    ) -> list[Array]:
+        def read(numbers: list[Array]) -> Array:
             train, problem = train_and_problem(
                 form, only_if(all_finite(numbers), numbers), held
             )
-            outcome = differentiable(problem, active_meshes, found, sizes)
+            outcome = differentiable(problem, active_meshes, solution, sizes)
             return _differentiated(
-                respond(train, speed, problem, outcome, sizes), asked
+                respond(train, speed, problem, outcome, sizes), readings
             )
 
         return jax.vjp(read, numbers)[1](cotangent)[0]
 
-    return _each(lane, numbers, rpm, found, cotangent)
+    return _each(lane, numbers, rpm, solution, cotangent)
 
 
-def _differentiated(response, asked):
-    """What a gradient is taken of: smooth readings, or sharp ones."""
+def _differentiated(response: Response, readings: tuple[ResponseReading, ...]) -> Array:
+    """The values ``(J,)`` that a gradient is taken of: smooth readings, or
+    sharp ones.
+    """
     # Who asks for sharp ones wants the slope of one time sample: no warning.
     response = dataclasses.replace(response, sharp=False)
     return jnp.stack(
         [
-            QUANTITIES[quantity].differentiated(how)(response, of, order, None)
-            for quantity, of, order, how in asked
+            QUANTITIES[quantity].differentiated(variant)(response, of, order, None)
+            for quantity, of, order, variant in readings
         ]
     )
 
 
-def _each(lane, *batch):
-    """``lane`` of every lane; of a single one without ``vmap``, under which a condition
-    runs both its branches.
+def _each(lane: Callable[..., Any], *batch: Any) -> Any:
+    """Map ``lane`` over all lanes; a single one without ``vmap``, under which a
+    condition runs both its branches.
     """
     if len(jax.tree.leaves(batch)[0]) > 1:
         return jax.vmap(lane)(*batch)
-    return jax.tree.map(
-        lambda leaf: jnp.asarray(leaf)[None],
-        lane(*jax.tree.map(lambda leaf: leaf[0], batch)),
-    )
+    single = lane(*jax.tree.map(lambda leaf: leaf[0], batch))
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], single)
 
 
 @partial(Program, static_argnames=("form", "sizes"))
-def estimate_lanes(numbers, held, motion, active_meshes, *, form, sizes):
+def estimate_lanes(
+    numbers: Sequence[Array],
+    held: Sequence[Array],
+    motion: Array,
+    active_meshes: ActiveMeshes,
+    *,
+    form: Form,
+    sizes: Plan,
+) -> Array:
     """Truncation errors ``(c,)`` of solved lanes, ``motion`` ``(c, G, N+1)`` of the
     active meshes.
     """
 
-    def lane(numbers, motion):
-        return estimate(
-            train_and_problem(form, numbers, held)[1], active_meshes, motion, sizes
-        )
+    def lane(numbers: list[Array], motion: Array) -> Array:
+        _, problem = train_and_problem(form, numbers, held)
+        return estimate(problem, active_meshes, motion, sizes)
 
     return _each(lane, numbers, motion)
 
 
 @Program
-def pull_back(pull, cotangent):
-    """What a pullback that a program handed out makes of a cotangent."""
+def pull_back(pull: Pullback, cotangent: Any) -> Array:
+    """Pull a cotangent back through a pullback that a program handed out."""
     return pull(cotangent)[0]
 
 
-@partial(Program, static_argnames=("task", "own", "critical", "heavy"))
+@partial(Program, static_argnames=("task", "n_speeds", "critical", "heavy"))
 def combine(
-    train, z, smooth, kept, weights, widths, scales, *, task, own, critical, heavy
-):
-    """The objective of every design: value ``(A,)``, readings ``(A,)`` of the train
-    alone, and derivatives of the value by z ``(A, P)`` and by the readings of responses
-    ``(A, n, J)``.
+    train: DriveTrain,
+    z: Array,
+    smooth: Array,
+    valid: Array,
+    weights: Array,
+    widths: Array,
+    scales: Array,
+    *,
+    task: Task,
+    n_speeds: int,
+    critical: int,
+    heavy: tuple[bool, ...],
+) -> tuple[Array, tuple[Array, ...], Array, Array]:
+    """Combine readings to the objective of every design: value ``(A,)``, readings
+    ``(A,)`` of the train alone, and derivatives of the value by z ``(A, P)`` and by the
+    readings of responses ``(A, n, J)``.
 
-    Speeds ``kept`` ``(A, n)`` enter, the first ``own`` of them into means, these and
-    the last ``critical`` into penalties, all into smooth maxima.
+    Speeds that are ``valid`` ``(A, n)`` enter, the first ``n_speeds`` of them into
+    means, these and the last ``critical`` into penalties, all into smooth maxima.
     """
-    limited = np.arange(kept.shape[1]) < own
-    limited[kept.shape[1] - critical :] = True
+    limited = np.arange(valid.shape[1]) < n_speeds
+    limited[valid.shape[1] - critical :] = True
 
-    def cost(z, smooth, kept, weights):
+    def cost(
+        z: Array, smooth: Array, valid: Array, weights: Array
+    ) -> tuple[Array, tuple[Array, ...]]:
         changed = train.replace(task.named(z))
         total = jnp.zeros(())
         readings = []
@@ -960,38 +1102,36 @@ def combine(
             weighted = share * next(values) / scale
             if objective.over == "worst":
                 total += objective.weight * objectives.smooth_maximum(
-                    weighted, kept, width
+                    weighted, valid, width
                 )
             else:
-                count = jnp.maximum(kept[:own].sum(), 1)
+                count = jnp.maximum(valid[:n_speeds].sum(), 1)
                 total += (
                     objective.weight
-                    * objectives.masked_sum(weighted[:own], kept[:own])
+                    * objectives.masked_sum(weighted[:n_speeds], valid[:n_speeds])
                     / count
                 )
         for penalty in task.penalties:
             if penalty.quantity in OF_DESIGN:
-                added = penalty.quantity == "inertia added"
-                hz = None if added else frequencies_hz(changed, np.array(heavy))
+                is_inertia = penalty.quantity == "inertia added"
                 readings.append(
                     inertia_added(changed, train, penalty.of)
-                    if added
-                    else hz[penalty.mode]
+                    if is_inertia
+                    else frequencies_hz(changed, np.array(heavy))[penalty.mode]
                 )
                 total += penalty.weight * _excess(penalty, readings[-1]) ** 2
             else:
                 excess = penalty.weight * _excess(penalty, next(values)) ** 2
-                total += objectives.masked_sum(excess, kept & limited)
+                total += objectives.masked_sum(excess, valid & limited)
         return total, tuple(readings)
 
-    (value, readings), slopes = jax.vmap(
-        jax.value_and_grad(cost, (0, 1), has_aux=True)
-    )(z, smooth, kept, weights)
-    return value, readings, *slopes
+    costs = jax.vmap(jax.value_and_grad(cost, (0, 1), has_aux=True))
+    (value, readings), (by_z, by_smooth) = costs(z, smooth, valid, weights)
+    return value, readings, by_z, by_smooth
 
 
-def _excess(penalty, reading):
-    """What lies beyond the limits, in shares of them."""
+def _excess(penalty: Penalty, reading: Array) -> Array:
+    """The excess of a reading beyond the limits, in shares of them."""
     total = jnp.zeros_like(reading)
     if penalty.most is not None:
         total += jnp.maximum(reading - penalty.most, 0.0) / abs(penalty.most)

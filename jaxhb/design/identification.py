@@ -1,5 +1,5 @@
-"""Numbers of a train from measurements: a fit of computed to measured orders, and what
-the data leave open.
+"""Numbers of a train from measurements: a fit of computed to measured orders, and the
+numbers that the data leave open.
 
     min over p   sum over rows |computed(p) - measured|^2 / sigma^2
                  + sum over priors (p - own)^2 / std^2
@@ -13,13 +13,14 @@ be.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
-from jaxhb._jax import refuse_tracers
+from jaxhb._jax import Array, refuse_tracers
 from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb.design.evaluation import Task
@@ -34,9 +35,8 @@ from jaxhb.results.dataset import SIGNALS
 from jaxhb.results.status import NotConverged
 from jaxhb.train.drivetrain import DriveTrain
 
-FLOOR = (
-    0.05  # share of the largest amplitude of an element that sensors make noise of, too
-)
+# Share of the largest amplitude of an element that sensors make noise of, too
+FLOOR = 0.05
 # Share of the deviation that the bounds alone leave, from which a number counts as not
 # determined
 OPEN = 0.5
@@ -54,27 +54,28 @@ APART = 4.0
 class Identification:
     """Result of :func:`identify`: P numbers, R rows.
 
-    train : DriveTrain with the fitted numbers; parameters : tuple of Parameter before,
-    values, std : ``(P,)``, as the train had them, fitted, and their standard deviations
-    correlation : ``(P, P)``; open : names of the numbers that the data do not
-    determine; at_bound : names computed, before_computed : complex ``(R,)``, of the
-    fitted train and of that given; sigma : ``(R,)``, standard deviation that was taken
-    for each row, in its unit; misfit : root mean square of the residuals over sigma,
-    the root of the reduced chi-square explained : share of the measured amplitudes that
-    the fit explains, 1 less the mean square of what is left over that of what was
-    measured, every element and quantity alike kept : bool ``(R,)``, rows that were
-    fitted; left_out : tuple of str, a sentence for each status of the others
+    train : DriveTrain with the fitted numbers; parameters : tuple of Parameter; before,
+    values, std : ``(P,)``, as the train had them, fitted, and their standard
+    deviations; correlation : ``(P, P)``; open : names of the numbers that the data do
+    not determine; at_bound : names; computed, before_computed : complex ``(R,)``, of
+    the fitted train and of that given; sigma : ``(R,)``, standard deviation that was
+    taken for each row, in its unit; misfit : root mean square of the residuals over
+    sigma, the root of the reduced chi-square; explained : share of the measured
+    amplitudes that the fit explains, 1 less the mean square of the residuals over that
+    of the amplitudes measured, every element and quantity alike; kept : bool ``(R,)``,
+    rows that were fitted; left_out : tuple of str, a sentence for each status of the
+    others
     """
 
     train: DriveTrain
     measured: Measured
-    parameters: tuple
+    parameters: tuple[Parameter, ...]
     before: np.ndarray
     values: np.ndarray
     std: np.ndarray
     correlation: np.ndarray
-    open: tuple
-    at_bound: tuple
+    open: tuple[str, ...]
+    at_bound: tuple[str, ...]
     computed: np.ndarray
     before_computed: np.ndarray
     sigma: np.ndarray
@@ -89,13 +90,13 @@ class Identification:
 
     def alike(self) -> list[tuple[str, str, float]]:
         """Pairs of numbers that the data hardly tell apart, with their correlation."""
-        names = [one.name for one in self.parameters]
-        found = self.correlation
+        names = [parameter.name for parameter in self.parameters]
+        correlation = self.correlation
         rows, columns = np.triu_indices(len(names), 1)
         return [
-            (names[i], names[j], float(found[i, j]))
+            (names[i], names[j], float(correlation[i, j]))
             for i, j in zip(rows, columns, strict=True)
-            if abs(found[i, j]) > ALIKE
+            if abs(correlation[i, j]) > ALIKE
         ]
 
 
@@ -158,16 +159,16 @@ def identify(
     refuse_tracers("identify", train, instead="differentiate jaxhb.forced_response")
     parameters = tuple(parameters)
     priors = dict(priors or {})
-    where = train.topology.title
+    title = train.topology.title
     faults = [
-        f"parameter {one.name!r}: {text}"
-        for one in parameters
-        for text in parameter_faults(train, one)
+        f"parameter {parameter.name!r}: {sentence}"
+        for parameter in parameters
+        for sentence in parameter_faults(train, parameter)
     ]
     faults += [
-        f"parameter {one.name!r}: {_STAGED}"
-        for one in parameters
-        if _is_of_stages(train, one.name)
+        f"parameter {parameter.name!r}: {_STAGED}"
+        for parameter in parameters
+        if _is_of_stages(train, parameter.name)
     ]
     rows = len(measured.rpm) + int(np.isfinite(measured.phase).sum())
     if not parameters:
@@ -180,28 +181,28 @@ def identify(
     faults += [
         f"the prior {name!r} is of no parameter."
         for name in priors
-        if name not in {p.name for p in parameters}
+        if name not in {parameter.name for parameter in parameters}
     ]
     if faults:
-        raise SceneError([f"{where}: {text}" for text in faults])
+        raise SceneError([f"{title}: {sentence}" for sentence in faults])
     fit = Fit(train, measured, parameters, noise, priors)
     fit.refuse_too_few(len(parameters))
     every = np.arange(len(parameters))
     u, residuals, slopes = fit.solve(fit.begin, every)
-    if fit.keep_solved(
-        u
-    ):  # numbers that lose an answer are no step, but they may win some
+    # Numbers that lose an answer are no step, but they may win some.
+    if fit.add_solved(u):
         u, residuals, slopes = fit.solve(u, every)
     return fit.result(u, residuals, slopes)
 
 
+# Why stiffness and springs of a link with stages cannot be fitted
 _STAGED = (
     "its link is linear here, with its stiffness at the mean load, so that this cannot"
     " be fitted. Leave it out."
 )
 
 
-def _is_of_stages(train, name):
+def _is_of_stages(train: DriveTrain, name: str) -> bool:
     """Whether a parameter is the stiffness of a link with stages, stops, clearance or
     friction, or one of these.
     """
@@ -221,38 +222,45 @@ class Shares(Task):
     scales.
     """
 
-    def named(self, z):
+    def named(self, z: Array) -> dict[str, Any]:
         return {
-            one.name: (
-                one.low * (one.high / one.low) ** u
-                if one.scale == "log"
-                else one.low + u * (one.high - one.low)
+            parameter.name: (
+                parameter.low * (parameter.high / parameter.low) ** u
+                if parameter.scale == "log"
+                else parameter.low + u * (parameter.high - parameter.low)
             )
-            for one, u in zip(self.parameters, z, strict=True)
+            for parameter, u in zip(self.parameters, z, strict=True)
         }
 
 
-@partial(Program, static_argnames=("shares", "read", "harmonics"))
-def computed_rows(train, rpm, places, u, *, shares, read, harmonics):
+@partial(Program, static_argnames=("shares", "pairs", "harmonics"))
+def computed_rows(
+    train: DriveTrain,
+    rpm: Array,
+    places: tuple[Array, Array, Array],
+    u: Array,
+    *,
+    shares: Shares,
+    pairs: tuple[tuple[str, str], ...],
+    harmonics: int,
+) -> tuple[Array, Array, Array]:
     """Complex amplitudes ``(R,)`` of rows at ``places`` (pair, speed, harmonic; 0 for a
-    sum), derivatives by u, and the status ``(S,)`` of the speeds.
+    sum), the status ``(S,)`` of the speeds, and derivatives of the amplitudes by u
+    ``(R, P)``.
     """
 
-    def rows(u):
+    def rows(u: Array) -> tuple[Array, Array]:
         changed = train.replace(shares.named(u))
         response = forced_response(changed, rpm=rpm, harmonics=harmonics)
         signals = [
-            getattr(response, SIGNALS[quantity][0])(name) for quantity, name in read
+            getattr(response, SIGNALS[quantity][0])(name) for quantity, name in pairs
         ]
         sums = jnp.stack([signal.amplitudes.sum(axis=-1) for signal in signals])
-        found = (
-            (2 * jnp.stack([signal.coefficients for signal in signals]))
-            .at[..., 0]
-            .set(sums)[places]
-        )
-        return found, response.status
+        orders = 2 * jnp.stack([signal.coefficients for signal in signals])
+        return orders.at[..., 0].set(sums)[places], response.status
 
-    return *rows(u), jax.jacfwd(lambda u: rows(u)[0])(u)
+    amplitudes, status = rows(u)
+    return amplitudes, status, jax.jacfwd(lambda u: rows(u)[0])(u)
 
 
 class Fit:
@@ -260,7 +268,14 @@ class Fit:
     parameters.
     """
 
-    def __init__(self, train, measured, parameters, noise, priors):
+    def __init__(
+        self,
+        train: DriveTrain,
+        measured: Measured,
+        parameters: tuple[Parameter, ...],
+        noise: float,
+        priors: Mapping[str, float],
+    ):
         self.train = train
         self.measured = measured
         self.parameters = parameters
@@ -268,8 +283,8 @@ class Fit:
         self.task = Shares(parameters, (), ())
         self.rpm, speed = np.unique(measured.rpm, return_inverse=True)
         pairs = list(zip(measured.quantity, measured.element, strict=True))
-        self.read = tuple(dict.fromkeys(pairs))
-        pair = np.array([self.read.index(one) for one in pairs])
+        self.pairs = tuple(dict.fromkeys(pairs))
+        pair = np.array([self.pairs.index(key) for key in pairs])
         turn = np.nan_to_num(measured.order) * train.topology.revolutions_per_cycle
         self.places = pair, speed, np.round(turn).astype(int)
         self.harmonics = max(
@@ -280,167 +295,192 @@ class Fit:
         self.target = measured.amplitude * np.exp(
             1j * np.deg2rad(np.nan_to_num(measured.phase))
         )
-        self.own = np.array([float(train.value(one.name)) for one in parameters])
-        self.priors = np.array([priors.get(one.name, np.inf) for one in parameters])
-        low, high = np.array([(one.low, one.high) for one in parameters]).T
-        log = np.array([one.scale == "log" for one in parameters])
+        self.before = np.array(
+            [float(train.value(parameter.name)) for parameter in parameters]
+        )
+        self.priors = np.array(
+            [priors.get(parameter.name, np.inf) for parameter in parameters]
+        )
+        low, high = np.array(
+            [(parameter.low, parameter.high) for parameter in parameters]
+        ).T
+        is_log = np.array([parameter.scale == "log" for parameter in parameters])
         self.width = high - low
         with np.errstate(divide="ignore", invalid="ignore"):
-            self.ratio = np.where(log, np.log(high / low), 0.0)  # 0 on a linear scale
+            # 0 on a linear scale.
+            self.ratio = np.where(is_log, np.log(high / low), 0.0)
             self.begin = np.where(
-                log, np.log(self.own / low) / self.ratio, (self.own - low) / self.width
+                is_log,
+                np.log(self.before / low) / self.ratio,
+                (self.before - low) / self.width,
             )
-        self.kept = np.zeros(len(pairs), dtype=bool)
+        self.fitted = np.zeros(len(pairs), dtype=bool)
         self.left_out: tuple[str, ...] = ()
-        self.keep_solved(self.begin)
+        self.add_solved(self.begin)
 
-    def keep_solved(self, u):
-        """Keep the rows that have an answer at shares u, besides those kept, and
-        whether that are more than before.
+    def add_solved(self, u: np.ndarray) -> bool:
+        """Fit the rows that have an answer at shares u, besides those fitted before;
+        tell whether they are more now.
         """
         _, status, _ = self.computed(u)
-        before = self.kept
+        before = self.fitted
         row_status = status[self.places[1]]
-        self.kept = before | solved(row_status)
-        lost = ~self.kept
+        self.fitted = before | solved(row_status)
+        lost = ~self.fitted
         title = self.train.topology.title
-        found = left_out(
+        sentences = left_out(
             self.measured.rpm[lost],
             row_status[lost],
             title,
             kept=np.zeros(lost.sum(), dtype=bool),
         )
-        self.left_out = tuple(dict.fromkeys(found))
+        self.left_out = tuple(dict.fromkeys(sentences))
         # Rows that are left out say nothing of the noise of the others.
         size = self.measured.amplitude
         pair = self.places[0]
         largest = np.array(
-            [size[self.kept & (pair == one)].max(initial=0.0) for one in pair]
+            [
+                size[self.fitted & (pair == row_pair)].max(initial=0.0)
+                for row_pair in pair
+            ]
         )
         self.sigma = self.noise * np.hypot(size, FLOOR * largest)
         self.sigma = np.where(self.sigma > 0, self.sigma, 1.0)
-        return bool((self.kept & ~before).any())
+        return bool((self.fitted & ~before).any())
 
-    def refuse_too_few(self, wanted):
-        """:class:`NotConverged` where fewer than ``wanted`` measured numbers and priors
-        have an answer.
+    def refuse_too_few(self, needed: int) -> None:
+        """Raise :class:`NotConverged` where fewer than ``needed`` measured numbers and
+        priors have an answer.
         """
-        if self.data < wanted:
+        if self.data < needed:
             raise NotConverged(
-                f"{self.data} of the measured numbers and priors are left for {wanted}"
+                f"{self.data} of the measured numbers and priors are left for {needed}"
                 f" parameters, as the others have no answer: {' '.join(self.left_out)}"
             )
 
     @property
-    def data(self):
+    def data(self) -> int:
         """How many measured numbers and priors are fitted."""
         return int(
-            self.kept.sum()
-            + (self.kept & self.phased).sum()
+            self.fitted.sum()
+            + (self.fitted & self.phased).sum()
             + np.isfinite(self.priors).sum()
         )
 
-    def misfit(self, residuals, free):
+    def misfit(self, residuals: np.ndarray, free: int) -> float:
         """Root mean square of residuals over their deviations, of a fit of ``free``
         parameters.
         """
         return float(np.sqrt((residuals**2).sum() / max(self.data - free, 1)))
 
-    def explained(self, u):
+    def explained(self, u: np.ndarray) -> float:
         """Share of the measured amplitudes that the numbers of shares u explain."""
-        computed = self.computed(u)[0]
+        computed, _, _ = self.computed(u)
         measured = self.measured.amplitude
         off = np.where(
             self.phased, np.abs(computed - self.target), np.abs(computed) - measured
         )
         shares = []
-        for pair in np.unique(self.places[0][self.kept & (measured > 0)]):
-            rows = self.kept & (self.places[0] == pair)
+        for pair in np.unique(self.places[0][self.fitted & (measured > 0)]):
+            rows = self.fitted & (self.places[0] == pair)
             shares.append((off[rows] ** 2).sum() / (measured[rows] ** 2).sum())
         return 1.0 - float(np.mean(shares)) if shares else np.nan
 
-    def numbers(self, u):
-        """Numbers ``(P,)`` of shares, and their derivatives by them."""
+    def numbers(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers ``(P,)`` of shares, and their derivatives by them ``(P,)``."""
         values = np.array([float(value) for value in self.task.named(u).values()])
         return values, np.where(self.ratio, values * self.ratio, self.width)
 
-    def computed(self, u):
+    def computed(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Complex amplitudes ``(R,)``, the status of the speeds ``(S,)``, and
         derivatives ``(R, P)``.
         """
-        shape = {"shares": self.task, "read": self.read, "harmonics": self.harmonics}
-        return [
-            np.asarray(part)
-            for part in computed_rows(
-                self.linear, self.rpm, self.places, np.asarray(u), **shape
-            )
-        ]
+        amplitudes, status, slopes = computed_rows(
+            self.linear,
+            self.rpm,
+            self.places,
+            np.asarray(u),
+            shares=self.task,
+            pairs=self.pairs,
+            harmonics=self.harmonics,
+        )
+        return np.asarray(amplitudes), np.asarray(status), np.asarray(slopes)
 
-    def residuals(self, u):
-        """Residuals over their deviations: of rows, the second half of those with a
-        phase, priors; and derivatives.
+    def residuals(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals over their deviations, of rows, the second half of those with a
+        phase, and priors; and their derivatives by the shares.
 
-        0 of rows that are not kept; nan of rows that are and have no answer, which no
+        0 of rows that are not fitted; nan of rows that are and have no answer, which no
         step of least squares accepts.
         """
         values, status, slopes = self.computed(u)
         values = np.where(solved(status)[self.places[1]], values, np.nan)
-        values = np.where(self.kept, values, self.target)
-        slopes = np.where(self.kept[:, None], slopes, 0.0)
+        values = np.where(self.fitted, values, self.target)
+        slopes = np.where(self.fitted[:, None], slopes, 0.0)
         size = np.abs(values)
         phased = self.phased
         turned = np.where(size > 0, values.conj() / np.where(size > 0, size, 1.0), 1.0)
         complex_off = values - self.target
         amplitude_off = size - self.measured.amplitude
         off = np.where(phased, complex_off.real, amplitude_off) / self.sigma
-        by = (
-            np.where(phased[:, None], slopes.real, (turned[:, None] * slopes).real)
-            / self.sigma[:, None]
-        )
+        turned_slopes = (turned[:, None] * slopes).real
+        row_slopes = np.where(phased[:, None], slopes.real, turned_slopes)
+        row_slopes = row_slopes / self.sigma[:, None]
         numbers, scale = self.numbers(u)
-        known = np.isfinite(self.priors)
-        more = (numbers - self.own)[known] / self.priors[known]
-        prior_slopes = np.diag(scale)[known] / self.priors[known][:, None]
-        off = np.concatenate([off, complex_off.imag[phased] / self.sigma[phased], more])
+        has_prior = np.isfinite(self.priors)
+        prior_off = (numbers - self.before)[has_prior] / self.priors[has_prior]
+        prior_slopes = np.diag(scale)[has_prior] / self.priors[has_prior][:, None]
+        off = np.concatenate(
+            [off, complex_off.imag[phased] / self.sigma[phased], prior_off]
+        )
         return off, np.concatenate(
-            [by, slopes.imag[phased] / self.sigma[phased][:, None], prior_slopes]
+            [
+                row_slopes,
+                slopes.imag[phased] / self.sigma[phased][:, None],
+                prior_slopes,
+            ]
         )
 
-    def solve(self, begin, free):
-        """Least squares over the ``free`` parameters, the others as in ``begin``:
+    def solve(
+        self, begin: np.ndarray, free: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Solve least squares over the ``free`` parameters, the others as in ``begin``:
         shares, residuals and derivatives.
         """
 
-        def whole(part):
+        def whole(part: np.ndarray) -> np.ndarray:
             u = begin.copy()
             u[free] = part
             return u
 
-        @lru_cache(
-            maxsize=1
-        )  # residuals and derivatives are asked for one after the other
-        def told(numbers):
+        # Residuals and derivatives are asked for one after the other.
+        @lru_cache(maxsize=1)
+        def evaluated(numbers: bytes) -> tuple[np.ndarray, np.ndarray]:
             return self.residuals(whole(np.frombuffer(numbers)))
 
-        inside = np.clip(begin[free], 1e-6, 1 - 1e-6)
-        options = {
-            "bounds": (0.0, 1.0),
-            "x_scale": "jac",
-            "ftol": 1e-10,
-            "xtol": 1e-10,
-            "gtol": 1e-10,
-        }
+        def residuals(u: np.ndarray) -> np.ndarray:
+            return evaluated(u.tobytes())[0]
 
-        def residuals(u):
-            return told(u.tobytes())[0]
+        def slopes(u: np.ndarray) -> np.ndarray:
+            return evaluated(u.tobytes())[1][:, free]
 
-        def slopes(u):
-            return told(u.tobytes())[1][:, free]
+        least = least_squares(
+            residuals,
+            np.clip(begin[free], 1e-6, 1 - 1e-6),
+            jac=slopes,
+            bounds=(0.0, 1.0),
+            x_scale="jac",
+            ftol=1e-10,
+            xtol=1e-10,
+            gtol=1e-10,
+        )
+        u = whole(least.x)
+        off, by_shares = self.residuals(u)
+        return u, off, by_shares
 
-        u = whole(least_squares(residuals, inside, jac=slopes, **options).x)
-        return u, *self.residuals(u)
-
-    def result(self, u, residuals, slopes):
+    def result(
+        self, u: np.ndarray, residuals: np.ndarray, slopes: np.ndarray
+    ) -> Identification:
         """The :class:`Identification` of a fit."""
         values, scale = self.numbers(u)
         misfit = self.misfit(residuals, len(u))
@@ -450,14 +490,14 @@ class Fit:
         )
         deviation = np.sqrt(np.diag(covariance))
         left = np.sqrt(1 / 12.0)
-        names = np.array([one.name for one in self.parameters])
+        names = np.array([parameter.name for parameter in self.parameters])
         return Identification(
             train=self.train.replace(
                 dict(zip(names.tolist(), values.tolist(), strict=True))
             ),
             measured=self.measured,
             parameters=self.parameters,
-            before=self.own,
+            before=self.before,
             values=values,
             std=np.minimum(deviation, left) * scale,
             correlation=covariance / np.outer(deviation, deviation),
@@ -468,7 +508,7 @@ class Fit:
             sigma=self.sigma,
             misfit=misfit,
             explained=self.explained(u),
-            kept=self.kept,
+            kept=self.fitted,
             left_out=self.left_out,
         )
 
@@ -480,14 +520,14 @@ class WeakCylinder:
 
     names : tuple; gas_factor, std : ``(C,)``, the share that each burns if it alone
     differs; evidence : ``(C,)``, chi-square of the rows less that of the first;
-    all_equal : the same of a train in which none differs misfit, explained, kept,
+    all_equal : the same of a train in which none differs; misfit, explained, kept,
     left_out : of the fit of the first, as of an :class:`Identification`; the deviation
     of each is widened by its own misfit where that is above 1, and chi-squares are
-    divided by the square of that of the first computed : complex ``(R,)``, of the fit
+    divided by the square of that of the first; computed : complex ``(R,)``, of the fit
     of the first; at_bound : names whose share is at an end of its range
     """
 
-    names: tuple
+    names: tuple[str, ...]
     gas_factor: np.ndarray
     std: np.ndarray
     evidence: np.ndarray
@@ -501,14 +541,14 @@ class WeakCylinder:
     at_bound: tuple[str, ...]
 
     @property
-    def likely(self) -> tuple:
+    def likely(self) -> tuple[str, ...]:
         """Names that the rows do not tell from the first: less than 4 of chi-square
         apart, two deviations.
         """
         return tuple(
             name
-            for name, more in zip(self.names, self.evidence, strict=True)
-            if more < APART
+            for name, difference in zip(self.names, self.evidence, strict=True)
+            if difference < APART
         )
 
     @property
@@ -527,8 +567,8 @@ def weak_cylinder(
     least: float = 0.0,
     most: float = 1.3,
 ) -> WeakCylinder:
-    """Which cylinder, if one alone differs, explains the measured orders best, and how
-    much it burns.
+    """Find the cylinder that, if it alone differs, explains the measured orders best,
+    and how much it burns.
 
     Each cylinder that fires is fitted by itself between ``least`` and ``most`` of its
     injection: of its gas torque less that of compression where this can be told (from a
@@ -556,47 +596,43 @@ def weak_cylinder(
     fit.refuse_too_few(1)
     begin = fit.begin
     same = float((fit.residuals(fit.begin)[0] ** 2).sum())
-    found = []
+    suspects = []
     for k, name in enumerate(names):
         # Amplitudes alone have a kink where all are equal, and grow to both sides of
         # it.
-        both = [
+        starts = [
             np.where(np.arange(len(names)) == k, side, begin)
             for side in (begin[k] / 2, (1 + begin[k]) / 2)
         ]
-        tries = [fit.solve(own, np.array([k])) for own in both]
-        u, residuals, slopes = min(tries, key=lambda one: (one[1] ** 2).sum())
+        attempts = [fit.solve(start, np.array([k])) for start in starts]
+        u, residuals, slopes = min(
+            attempts, key=lambda attempt: (attempt[1] ** 2).sum()
+        )
         values, scale = fit.numbers(u)
         wider = max(fit.misfit(residuals, 1), 1.0)
         deviation = wider * scale[k] / max(float(np.linalg.norm(slopes[:, k])), 1e-300)
-        found.append(
-            _Suspect(
-                name,
-                values[k],
-                deviation,
-                residuals,
-                u,
-                bool(u[k] < 1e-4 or u[k] > 1 - 1e-4),
-            )
-        )
-    found.sort(key=lambda suspect: suspect.chi_square)
-    first = found[0]
+        at_bound = bool(u[k] < 1e-4 or u[k] > 1 - 1e-4)
+        suspects.append(_Suspect(name, values[k], deviation, residuals, u, at_bound))
+    suspects.sort(key=lambda suspect: suspect.chi_square)
+    first = suspects[0]
     misfit = fit.misfit(first.residuals, 1)
     wider = max(misfit, 1.0)
     return WeakCylinder(
-        names=tuple(one.name for one in found),
-        gas_factor=np.array([one.gas_factor for one in found]),
-        std=np.array([one.deviation for one in found]),
-        evidence=np.array([one.chi_square - first.chi_square for one in found])
+        names=tuple(suspect.name for suspect in suspects),
+        gas_factor=np.array([suspect.gas_factor for suspect in suspects]),
+        std=np.array([suspect.deviation for suspect in suspects]),
+        evidence=np.array(
+            [suspect.chi_square - first.chi_square for suspect in suspects]
+        )
         / wider**2,
         all_equal=(same - first.chi_square) / wider**2,
         measured=measured,
         computed=fit.computed(first.shares)[0],
         misfit=misfit,
         explained=fit.explained(first.shares),
-        kept=fit.kept,
+        kept=fit.fitted,
         left_out=fit.left_out,
-        at_bound=tuple(one.name for one in found if one.at_bound),
+        at_bound=tuple(suspect.name for suspect in suspects if suspect.at_bound),
     )
 
 
@@ -612,6 +648,6 @@ class _Suspect:
     at_bound: bool
 
     @property
-    def chi_square(self):
+    def chi_square(self) -> float:
         """Sum of squares of the residuals over their deviations."""
         return float((self.residuals**2).sum())

@@ -15,7 +15,7 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import HIGHEST_RPM
 
 UNITS = {"torque": "N m", "angle": "rad", "speed": "rad/s", "acceleration": "rad/s2"}
-"""What may be measured, of shafts and dampers or of disks, and its unit."""
+"""Quantities measured on shafts and dampers or on disks, and their units."""
 
 COLUMNS = "rpm", "order", "element", "quantity", "amplitude", "phase"
 
@@ -48,6 +48,7 @@ class _Row:
     cells: dict[str, str]
 
     def text(self, head: str) -> str:
+        """The cell of a column, empty where there is none."""
         return self.cells.get(head, "")
 
     def number(self, head: str) -> float:
@@ -69,8 +70,8 @@ class _Row:
 
 
 def read_measured(path: str | Path, train: DriveTrain) -> Measured:
-    """The rows of a CSV file with the columns rpm, order, element, quantity, amplitude
-    and, if measured, phase.
+    """Read the rows of a CSV file with the columns rpm, order, element, quantity,
+    amplitude and, if measured, phase.
 
     Columns are separated by commas, semicolons or tabs; decimals may have commas where
     these separate nothing; # begins a comment. ``order`` may be ``sum``.
@@ -84,47 +85,46 @@ def read_measured(path: str | Path, train: DriveTrain) -> Measured:
         table = read_csv(read_text(path), path.name)
     except Unreadable as error:
         raise SceneError(f"{cut(str(path))}: {error}") from None
-    if faults := _head_faults(table):
+    faults = _head_faults(table)
+    if faults:
         raise SceneError([f"{path.name}: {text}" for text in faults])
     heads = table.lines[0].cells
-    kept = {}
+    row_at: dict[tuple, _Row] = {}
     lines_of = {}
     for line in table.lines[1:]:
         row = _Row(table, dict(zip(heads, line.cells, strict=False)))
-        for text in _line_faults(train, heads, line, row) or _repeated(kept, row):
+        for text in _line_faults(train, heads, line, row) or _repeated(row_at, row):
             lines_of.setdefault(text, []).append(line.number)
     faults = [
         f"{path.name}, {_lines(numbers)}: {text}" for text, numbers in lines_of.items()
     ]
-    if not kept and not faults:
+    if not row_at and not faults:
         faults = [f"{path.name}: there are no rows of measurements below the heads."]
     if faults:
         raise SceneError(faults)
-    rows = list(kept.values())
-    rpm, order, amplitude = (
-        np.array([row.number(head) for row in rows])
-        for head in ("rpm", "order", "amplitude")
+    rows = list(row_at.values())
+    return Measured(
+        rpm=np.array([row.number("rpm") for row in rows]),
+        order=np.array([row.number("order") for row in rows]),
+        element=tuple(row.text("element") for row in rows),
+        quantity=tuple(row.text("quantity") for row in rows),
+        amplitude=np.array([row.number("amplitude") for row in rows]),
+        phase=np.array(
+            [row.number("phase") if row.text("phase") else np.nan for row in rows]
+        ),
     )
-    phase = np.array(
-        [row.number("phase") if row.text("phase") else np.nan for row in rows]
-    )
-    elements, quantities = (
-        tuple(row.text(head) for row in rows) for head in ("element", "quantity")
-    )
-    return Measured(rpm, order, elements, quantities, amplitude, phase)
 
 
 def _lines(numbers: list[int]) -> str:
-    """The line of a fault, and how many others have it."""
+    """Name the first line of a fault, and count the others that have it."""
     if len(numbers) == 1:
         return f"line {numbers[0]}"
-    return (
-        f"line {numbers[0]} and {len(numbers) - 1}"
-        f" other{'s' if len(numbers) > 2 else ''}"
-    )
+    plural = "s" if len(numbers) > 2 else ""
+    return f"line {numbers[0]} and {len(numbers) - 1} other{plural}"
 
 
 def _head_faults(table: CsvText) -> list[str]:
+    """Sentences on the heads of the columns."""
     heads = table.lines[0].cells if table.lines else ()
     faults = [
         f"there is no column {shown(head)}.{suggestion(head, COLUMNS)}"
@@ -152,6 +152,7 @@ def _line_faults(
 
 
 def _number_faults(train: DriveTrain, row: _Row) -> list[str]:
+    """Sentences on the numbers of a row."""
     faults = []
     turns = train.topology.revolutions_per_cycle
     if not 0 < row.number("rpm") < HIGHEST_RPM:
@@ -180,6 +181,7 @@ def _number_faults(train: DriveTrain, row: _Row) -> list[str]:
 
 
 def _name_faults(train: DriveTrain, row: _Row) -> list[str]:
+    """Sentences on the quantity and the element of a row."""
     topology = train.topology
     quantity = row.text("quantity")
     element = row.text("element")
@@ -194,9 +196,9 @@ def _name_faults(train: DriveTrain, row: _Row) -> list[str]:
     return [f"there is no {kind} {shown(element)}.{suggestion(element, names)}"]
 
 
-def _repeated(kept: dict, row: _Row) -> list[str]:
-    """Keep a row; or the sentence that one for the same place is there already."""
-    if row.place in kept:
+def _repeated(row_at: dict[tuple, _Row], row: _Row) -> list[str]:
+    """Enter a row at its place; or the sentence that there is one already."""
+    if row.place in row_at:
         return ["the row is there twice: leave one out."]
-    kept[row.place] = row
+    row_at[row.place] = row
     return []

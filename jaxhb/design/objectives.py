@@ -1,4 +1,4 @@
-"""What a design is judged by, as differentiable functions of a response.
+"""Differentiable functions of a response by which a design is judged.
 
 Each reads a :class:`~jaxhb.Response`, of one speed or of a batch (from ``jax.vmap``
 over :func:`jaxhb.solve`), and returns one number per speed, ``(...)``; :func:`worst`
@@ -25,13 +25,11 @@ from jaxhb.results.response import Response
 from jaxhb.results.signal import Signal, p_norm
 from jaxhb.train.drivetrain import DriveTrain
 
-Swing = Callable[
-    [Signal], Array
-]  # the half peak-to-peak of a signal, or what stands for it
+# The half peak-to-peak of a signal, or what stands for it
+Swing = Callable[[Signal], Array]
 CLOSE = 1024  # p of norms that limits read
-TIME_SAMPLES = (
-    4096  # least number of time samples of the cycle at which contact is looked at
-)
+# Least number of time samples of the cycle at which contact is looked at
+TIME_SAMPLES = 4096
 
 
 def valid(response: Response) -> Array:
@@ -43,8 +41,8 @@ def valid(response: Response) -> Array:
 
 def usable(response: Any) -> Any:
     """The response with zeros at speeds that failed: masked before it is read, so that
-    nan goes nowhere; what is no Response, as a steady state whose motion is known, as
-    it is.
+    nan goes nowhere; anything but a Response, as a steady state whose motion is known,
+    as it is.
     """
     return with_zeros(response) if isinstance(response, Response) else response
 
@@ -97,9 +95,9 @@ def sharp_half_peak_to_peak(signal: Signal) -> Array:
     return (_vertex(values) + _vertex(-values)) / 2
 
 
-def _vertex(values):
-    """The height of the parabola through the largest of values over the cycle ``(...,
-    M)`` and its neighbours.
+def _vertex(values: Array) -> Array:
+    """The height ``(...)`` of the parabola through the largest of values over the cycle
+    ``(..., M)`` and its neighbours.
     """
     place = jnp.argmax(values, axis=-1)[..., None]
     left, top, right = (
@@ -253,9 +251,11 @@ def impact_severity(
     )
 
 
-def _motion(response, a, b, smoothing):
-    """|l|, d|l|/dt ``(..., time_steps)``, the gap and the width of its smooth edge
-    ``(..., 1)``.
+def _motion(
+    response: Response, a: str, b: str | None, smoothing: float
+) -> tuple[Array, Array, Array, Array]:
+    """Read ``|l|`` in m and ``d|l|/dt`` in m/s ``(..., time_steps)``, the gap and the
+    width of its smooth edge in m ``(..., 1)``.
     """
     topology = response.topology
     signal = usable(response).deflection(a, b)
@@ -288,13 +288,13 @@ def weighted_sum(
     """Sum over the valid speeds of weight x value, of values and weights ``(n,)`` of
     their speeds, and their number.
     """
-    kept = valid(response)
-    return masked_sum(weights * jnp.where(kept, values, 0.0), kept), kept.sum()
+    mask = valid(response)
+    return masked_sum(weights * jnp.where(mask, values, 0.0), mask), mask.sum()
 
 
-def masked_sum(values: Array, kept: Array) -> Array:
-    """Sum of the values that are ``kept``, whatever the others are."""
-    return jnp.sum(jnp.where(kept, values, 0.0))
+def masked_sum(values: Array, mask: Array) -> Array:
+    """Sum of the values where the ``mask`` is true, whatever the others are."""
+    return jnp.sum(jnp.where(mask, values, 0.0))
 
 
 def worst(values: Array, response: Response, *, width: Number) -> tuple[Array, Array]:
@@ -304,17 +304,17 @@ def worst(values: Array, response: Response, *, width: Number) -> tuple[Array, A
     ``width log(sum exp(value / width))``, between the true maximum and ``width log(n)``
     above it.
     """
-    kept = valid(response)
-    return smooth_maximum(values, kept, width), kept.sum()
+    mask = valid(response)
+    return smooth_maximum(values, mask, width), mask.sum()
 
 
-def smooth_maximum(values: Array, kept: Array, width: Number) -> Array:
-    """``width log(sum exp(value / width))`` over the values ``(n,)`` that are ``kept``;
-    0 of none.
+def smooth_maximum(values: Array, mask: Array, width: Number) -> Array:
+    """``width log(sum exp(value / width))`` over the values ``(n,)`` where the ``mask``
+    is true; 0 of none.
     """
-    some = kept.any()
+    some = mask.any()
     # Without a valid speed all are -inf, and their gradient nan: finite values stand in
     # for them.
-    scaled = jnp.where(kept | ~some, values / width, -jnp.inf)
+    scaled = jnp.where(mask | ~some, values / width, -jnp.inf)
     scaled = jnp.where(some, scaled, 0.0)
     return jnp.where(some, width * jax.nn.logsumexp(scaled), 0.0)

@@ -7,6 +7,8 @@ One response and its derivative by the angle give the motions of all phases exac
 Trains with backlash are solved at phases all round the circle, and near the worst.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
@@ -16,7 +18,7 @@ from fractions import Fraction
 import jax
 import numpy as np
 
-from jaxhb._jax import Array, on_host, refuse_tracers
+from jaxhb._jax import Array, Number, on_host, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.design.quantities import (
     QUANTITIES,
@@ -32,20 +34,16 @@ from jaxhb.results.response import FIELDS, Response
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
+from jaxhb.train.topology import Topology
 
-LINEAR_STEPS, STEPS = (
-    40,
-    8,
-    # Of the golden section round the worst phase of the scan; with backlash each is a
-    # solve
-)
+LINEAR_STEPS = 40  # of the golden section round the worst phase of the scan
+STEPS = 8  # of that with backlash, where each is a solve
 GOLDEN = (5**0.5 - 1) / 2
 PHASES = 24  # of the scan of a train that is solved at each
-PER_HARMONIC = (
-    16  # phases of the scan of a linear train for each harmonic that the engine excites
-)
-# Of the scan of a linear train that are refined: the highest of it need not be that of
-# the circle
+# Phases of the scan of a linear train for each harmonic that the engine excites
+PER_HARMONIC = 16
+# Peaks of the scan of a linear train that are refined: the highest of it need not be
+# that of the circle
 PEAKS = 3
 
 
@@ -56,23 +54,23 @@ class WorstPhase:
 
     Parameters
     ----------
-    name : str, of the phase; circle : float, deg of its rotor after which all repeats:
-    whole revolutions of one engine
-        cycle, however many of these the cycle of the scene holds
-    of : tuple of Objective, Q quantities; labels : tuple of str, what they are called
+    name : str, of the phase
+    circle : float, deg of its rotor after which all repeats: whole revolutions of one
+        engine cycle, however many of these the cycle of the scene holds
+    of : tuple of Objective, Q quantities; labels : tuple of str, their names
     rpm : ``(S,)``
     nominal : ``(S, Q)``, with the phase that the train has
     angle, worst : ``(S, Q)`` deg, and the largest value, there; nan where nothing is
-    solved
+        solved
     best_angle, best : ``(S, Q)``, the least of the phases of the scan
     angles, values : ``(P,)`` deg and ``(S, Q, P)``, the scan
     left_out : tuple of str, a sentence for each status of speeds that have no answer,
-    or none at some phases
+        or none at some phases
     """
 
     name: str
     circle: float
-    of: tuple
+    of: tuple[Objective, ...]
     rpm: np.ndarray
     nominal: np.ndarray
     angle: np.ndarray
@@ -85,7 +83,7 @@ class WorstPhase:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """As ``"shaft torque of line"``."""
+        """Names of the quantities: ``"shaft torque of line"``."""
         return tuple(map(label, self.of))
 
 
@@ -154,77 +152,96 @@ def worst_phase(
     topology = train.topology
     check_speed(train, rpm, many=True)
     if name not in topology.phase_names:
-        why = (
+        remedy = (
             suggestion(name, topology.phase_names)
             if topology.phase_names
             else " The scene has no [[phase]]."
         )
-        raise SceneError(f"{topology.title}: there is no phase {name!r}.{why}")
+        raise SceneError(f"{topology.title}: there is no phase {name!r}.{remedy}")
     rpm = np.asarray(rpm, dtype=float)
-    every = [Objective(quantity="tooth force", of=mesh) for mesh in topology.mesh_names]
-    every += [
+    default_quantities = [
+        Objective(quantity="tooth force", of=mesh) for mesh in topology.mesh_names
+    ]
+    default_quantities += [
         Objective(quantity="shaft torque", of=link)
         for link in topology.shaft_and_damper_names
     ]
-    chosen = tuple(of) or tuple(every)
+    quantities = tuple(of) or tuple(default_quantities)
     faults = [
-        f"{topology.title}, {label(one)}: {text}"
-        for one in chosen
-        for text in objective_faults(train, one, 1)
+        f"{topology.title}, {label(quantity)}: {sentence}"
+        for quantity in quantities
+        for sentence in objective_faults(train, quantity, 1)
     ]
     if faults:
         raise SceneError(faults)
     turn = topology.phase_turn[topology.phase_names.index(name)]
     circle = _circle(topology, name)
     linear = not (topology.has_law.any() or topology.amplitude_links)
-    read: _Linear | _Solved = (
+    reader: _Linear | _Solved = (
         _Linear.of(train, name, rpm, turn) if linear else _Solved(train, name, rpm)
     )
-    count = phases or (
-        max(PHASES, math.ceil(PER_HARMONIC * read.highest * circle / (360.0 * turn)))
-        if linear
-        else PHASES
-    )
+    count = PHASES
+    if linear:
+        fine = math.ceil(PER_HARMONIC * reader.highest * circle / (360.0 * turn))
+        count = max(PHASES, fine)
+    count = phases or count
     angles = np.arange(count) * (circle / count)
-    values = np.empty((len(rpm), len(chosen), count))
+    values = np.empty((len(rpm), len(quantities), count))
     for k, angle in enumerate(angles):
         if progress and not linear:
             progress(f"phase {angle:g} of {circle:g} deg")
-        values[..., k] = read(np.full(len(rpm), angle), chosen)
-    nominal = read(np.full(len(rpm), float(train.value(f"{name}.angle"))), chosen)
-    known = np.isfinite(values)
-    best = np.where(known, values, np.inf).argmin(-1)
-    ranked = np.where(known, values, -np.inf)
+        values[..., k] = reader(np.full(len(rpm), angle), quantities)
+    nominal = reader(np.full(len(rpm), float(train.value(f"{name}.angle"))), quantities)
+    is_known = np.isfinite(values)
+    best = np.where(is_known, values, np.inf).argmin(-1)
+    ranked = np.where(is_known, values, -np.inf)
     peak = (ranked >= np.roll(ranked, 1, -1)) & (ranked >= np.roll(ranked, -1, -1))
     tops = np.argsort(-np.where(peak, ranked, -np.inf), axis=-1, kind="stable")[
         ..., : PEAKS if linear else 1
     ]
-    at = angles[tops[..., 0]]
-    worst = values.max(-1, initial=-np.inf, where=known)
-    worst[~known.any(-1)] = np.nan
-    for q, one in enumerate(chosen):
+    worst_angle = angles[tops[..., 0]]
+    worst = values.max(-1, initial=-np.inf, where=is_known)
+    worst[~is_known.any(-1)] = np.nan
+    for q, quantity in enumerate(quantities):
         places = np.flatnonzero(np.isfinite(worst[:, q]))
         places = places if linear else places[np.argsort(-worst[places, q])][:1]
-        own = read.at(places)
+        subset = reader.at(places)
         for k in range(tops.shape[-1] if len(places) else 0):
-            how = {"width": circle / count, "steps": LINEAR_STEPS if linear else STEPS}
-            middle = angles[tops[places, q, k]]
-            found, value = _golden(
-                lambda a, one=one, own=own: own(a, (one,))[:, 0], middle, **how
+
+            def value(
+                angle: np.ndarray,
+                quantity: Objective = quantity,
+                subset: _Linear | _Solved = subset,
+            ) -> np.ndarray:
+                return subset(angle, (quantity,))[:, 0]
+
+            peak_angle, peak_value = _golden(
+                value,
+                angles[tops[places, q, k]],
+                width=circle / count,
+                steps=LINEAR_STEPS if linear else STEPS,
             )
-            better = value > worst[places, q]
-            at[places[better], q], worst[places[better], q] = (
-                found[better] % circle,
-                value[better],
-            )
+            better = peak_value > worst[places, q]
+            worst_angle[places[better], q] = peak_angle[better] % circle
+            worst[places[better], q] = peak_value[better]
     least = np.take_along_axis(values, best[..., None], -1)[..., 0]
-    found = (nominal, at, worst, angles[best], least, angles, values)
     return WorstPhase(
-        name, circle, chosen, rpm, *found, left_out=tuple(read.left_out())
+        name=name,
+        circle=circle,
+        of=quantities,
+        rpm=rpm,
+        nominal=nominal,
+        angle=worst_angle,
+        worst=worst,
+        best_angle=angles[best],
+        best=least,
+        angles=angles,
+        values=values,
+        left_out=tuple(reader.left_out()),
     )
 
 
-def _circle(topology, name):
+def _circle(topology: Topology, name: str) -> float:
     """Whole revolutions, in deg, of the rotor of a phase after which all that it turns
     repeats.
     """
@@ -248,92 +265,94 @@ def _circle(topology, name):
 @dataclass(frozen=True)
 class _Linear:
     """Values ``(S, Q)`` of a linear train at phases ``(S,)`` deg, one for each speed,
-    from one response and what of it the phase turns; ``highest`` : harmonic that it
-    turns.
+    from one response and the part of it that the phase turns; ``highest`` : harmonic
+    that it turns.
     """
 
     train: DriveTrain
     response: Response
-    turned: dict
+    turned: dict[str, np.ndarray]
     start: float
     turn: float
     highest: int
 
     @classmethod
-    def of(cls, train, name, rpm, turn):
-        """Of a train whose phase ``name`` turns once in ``turn`` turns of the reference
-        rotor.
+    def of(cls, train: DriveTrain, name: str, rpm: np.ndarray, turn: float) -> _Linear:
+        """Solve a train whose phase ``name`` turns once in ``turn`` turns of the
+        reference rotor.
         """
-        start = float(train.value(f"{name}.angle"))
         key = f"{name}.angle"
+        start = float(train.value(key))
 
-        def fields(angle):
+        def fields(angle: Number) -> dict[str, Array]:
             response = forced_response(train.replace({key: angle}), rpm=rpm)
             return {part: getattr(response, part) for part in FIELDS}
 
         response = forced_response(train, rpm=rpm)
         slope = on_host(jax.jvp(fields, (start,), (1.0,))[1])
-        # What the phase turns: its derivative is its own multiple.
-        turned = {
-            part: slope[part] / np.where(by == 0, 1.0, by)
-            for part in FIELDS
-            for by in [_by_deg(slope[part], turn)]
-        }
+        # The derivative of the part that the phase turns is a multiple of that part.
+        turned = {}
+        for part in FIELDS:
+            by_deg = _by_deg(slope[part], turn)
+            turned[part] = slope[part] / np.where(by_deg == 0, 1.0, by_deg)
         solved = np.asarray(response.solved)
-        size = np.abs(turned["torques"][solved]).max((0, 1), initial=0.0)
-        size = size + np.abs(turned["angles"][solved]).max((0, 1), initial=0.0) * (
-            size.max() or 1.0
-        )
-        highest = int(np.flatnonzero(size > 1e-9 * size.max()).max(initial=1))
+        torques = np.abs(turned["torques"][solved]).max((0, 1), initial=0.0)
+        angles = np.abs(turned["angles"][solved]).max((0, 1), initial=0.0)
+        sizes = torques + angles * (torques.max() or 1.0)
+        highest = int(np.flatnonzero(sizes > 1e-9 * sizes.max()).max(initial=1))
         return cls(train, response, turned, start, turn, highest)
 
-    def __call__(self, angle, chosen):
+    def __call__(
+        self, angle: np.ndarray, quantities: Sequence[Objective]
+    ) -> np.ndarray:
         changes = {}
-        for part, own in self.turned.items():
-            more = np.expm1(
-                _by_deg(own, self.turn) * (angle - self.start)[:, None, None]
+        for part, values in self.turned.items():
+            factor = np.expm1(
+                _by_deg(values, self.turn) * (angle - self.start)[:, None, None]
             )
-            changes[part] = getattr(self.response, part) + own * more
+            changes[part] = getattr(self.response, part) + values * factor
         motion = dataclasses.replace(self.response, **changes)
-        return _read(motion, chosen, self.train)
+        return _read(motion, quantities, self.train)
 
-    def at(self, places):
-        """The same at some of the speeds."""
-        turned = {part: own[places] for part, own in self.turned.items()}
+    def at(self, places: np.ndarray) -> _Linear:
+        """Restrict it to some of the speeds."""
+        turned = {part: values[places] for part, values in self.turned.items()}
         return dataclasses.replace(self, response=self.response[places], turned=turned)
 
-    def left_out(self):
-        """A sentence for each status of speeds without an answer."""
+    def left_out(self) -> list[str]:
+        """Sentences for each status of speeds without an answer."""
         return left_out(
             self.response.rpm, self.response.status, self.train.topology.title
         )
 
 
-def _by_deg(values, turn):
-    """Derivative by the phase in deg of what it turns, over the harmonics of
+def _by_deg(values: np.ndarray, turn: float) -> np.ndarray:
+    """Derivative by the phase in deg of the part that it turns, over the harmonics of
     ``values``, as a share of itself.
     """
     return -1j * np.deg2rad(np.arange(values.shape[-1])) / turn
 
 
-def _read(motion, chosen, train):
-    """Quantities ``(S, Q)`` for people, nan where they are not converged or a rule has
-    no limit.
+def _read(
+    motion: Response, quantities: Sequence[Objective], train: DriveTrain
+) -> np.ndarray:
+    """Read quantities ``(S, Q)`` for people, nan where they are not converged or a rule
+    has no limit.
     """
     columns = []
-    for quantity in chosen:
+    for quantity in quantities:
         values = QUANTITIES[quantity.quantity].exact_value(
             motion, quantity.of, quantity.order, train
         )
-        told = np.asarray(motion.converged) & judged(train, quantity, motion.rpm)
-        columns.append(np.where(told, values, np.nan))
+        has_value = np.asarray(motion.converged) & judged(train, quantity, motion.rpm)
+        columns.append(np.where(has_value, values, np.nan))
     return np.stack(columns, axis=-1)
 
 
 @dataclass(frozen=True)
 class _Solved:
-    """The same of a train that is solved anew for every phase; the phases of all speeds
-    are mostly one.
+    """Values ``(S, Q)`` of a train that is solved anew for every phase ``(S,)`` deg;
+    the phases of all speeds are mostly one.
 
     ``worst_status`` : of the phases read, by the speeds that did not converge at all of
     them
@@ -342,53 +361,67 @@ class _Solved:
     train: DriveTrain
     name: str
     rpm: np.ndarray
-    worst_status: dict = field(default_factory=dict)
+    worst_status: dict[float, int] = field(default_factory=dict)
     highest = 0  # harmonic that the phase turns: not known before solves
 
-    def __call__(self, angle, chosen):
-        values = np.full((len(self.rpm), len(chosen)), np.nan)
-        for one in np.unique(angle):
-            own = np.flatnonzero(angle == one)
-            design = self.train.replace({f"{self.name}.angle": float(one)})
-            motion = solve_speeds(design, rpm=self.rpm[own])
-            values[own] = _read(motion, chosen, design)
+    def __call__(
+        self, angle: np.ndarray, quantities: Sequence[Objective]
+    ) -> np.ndarray:
+        values = np.full((len(self.rpm), len(quantities)), np.nan)
+        for phase in np.unique(angle):
+            places = np.flatnonzero(angle == phase)
+            design = self.train.replace({f"{self.name}.angle": float(phase)})
+            motion = solve_speeds(design, rpm=self.rpm[places])
+            values[places] = _read(motion, quantities, design)
             for lost in np.flatnonzero(~np.asarray(motion.converged)):
                 rpm = float(motion.rpm[lost])
                 status = int(motion.status[lost])
                 self.worst_status[rpm] = max(status, self.worst_status.get(rpm, 0))
         return values
 
-    def at(self, places):
-        """The same at some of the speeds."""
+    def at(self, places: np.ndarray) -> _Solved:
+        """Restrict it to some of the speeds."""
         return dataclasses.replace(self, rpm=self.rpm[places])
 
-    def left_out(self):
-        """A sentence for each status of speeds without an answer at some phases."""
-        rpm, status = map(
-            np.array, (list(self.worst_status), list(self.worst_status.values()))
-        )
+    def left_out(self) -> list[str]:
+        """Sentences for each status of speeds without an answer at some phases."""
+        rpm = np.array(list(self.worst_status))
+        status = np.array(list(self.worst_status.values()))
         title = f"{self.train.topology.title}, at some phases,"
         return left_out(rpm, status, title, kept=np.zeros(len(rpm), dtype=bool))
 
 
-def _golden(value, middle, *, width, steps):
-    """The largest of a function of angles ``(S,)`` within ``width`` of each, by golden
-    sections.
+def _golden(
+    value: Callable[[np.ndarray], np.ndarray],
+    middle: np.ndarray,
+    *,
+    width: float,
+    steps: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the largest value of a function of angles ``(S,)`` within ``width`` of each,
+    by golden sections: the angles and the values.
     """
     low = middle - width
     high = middle + width
     inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
-    values = [np.nan_to_num(value(x), nan=-np.inf) for x in inner]
+    values = [np.nan_to_num(value(angle), nan=-np.inf) for angle in inner]
     for _ in range(steps):
         left = values[0] > values[1]
         low = np.where(left, low, inner[0])
         high = np.where(left, inner[1], high)
-        kept = np.where(left, inner[0], inner[1]), np.where(left, values[0], values[1])
-        fresh = np.where(
+        better_angle = np.where(left, inner[0], inner[1])
+        better_value = np.where(left, values[0], values[1])
+        fresh_angle = np.where(
             left, high - GOLDEN * (high - low), low + GOLDEN * (high - low)
         )
-        told = np.nan_to_num(value(fresh), nan=-np.inf)
-        inner = [np.where(left, fresh, kept[0]), np.where(left, kept[0], fresh)]
-        values = [np.where(left, told, kept[1]), np.where(left, kept[1], told)]
+        fresh_value = np.nan_to_num(value(fresh_angle), nan=-np.inf)
+        inner = [
+            np.where(left, fresh_angle, better_angle),
+            np.where(left, better_angle, fresh_angle),
+        ]
+        values = [
+            np.where(left, fresh_value, better_value),
+            np.where(left, better_value, fresh_value),
+        ]
     first = values[0] > values[1]
     return np.where(first, inner[0], inner[1]), np.where(first, values[0], values[1])

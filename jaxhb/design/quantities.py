@@ -1,18 +1,22 @@
-"""What is tuned, for what, within which limits: parameters, objectives and penalties by
+"""Parameters, objectives and penalties of a tuning, and the quantities that they
 name.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
+from jaxhb._jax import Array
 from jaxhb.design import objectives
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.equations.kinematics import inertias
 from jaxhb.linear.strength import having, stress_limits
 from jaxhb.results.motion import Motion
 from jaxhb.results.signal import Signal
+from jaxhb.train.drivetrain import DriveTrain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,12 +96,16 @@ class Penalty:
     weight: float = 1000.0
 
 
+Criterion: TypeAlias = Objective | Penalty
+"""A quantity that a tuning reads, to be made small or to be kept within limits."""
+
+
 @dataclass(frozen=True)
 class Quantity:
     """A response quantity: its unit, and the kind of element that ``of`` names.
 
-    read : smooth, ``(response, of, order, train) -> (n,)``; exact, sharp : what
-    ``read`` smooths, at the time samples for people and between them to be
+    read : smooth, ``(response, of, order, train) -> (n,)``; exact, sharp : the values
+    that ``read`` smooths, at the time samples for people and between them to be
     differentiated; close : smooth, at most 0.8 % below ``exact``, for limits; None
     where that is ``read`` itself; compared : whether a tuned design is compared with
     its steady states in it
@@ -105,32 +113,38 @@ class Quantity:
 
     unit: str
     kind: str
-    read: Callable
-    exact: Callable | None = None
-    sharp: Callable | None = None
-    close: Callable | None = None
+    read: Callable[..., Array]
+    exact: Callable[..., Array] | None = None
+    sharp: Callable[..., Array] | None = None
+    close: Callable[..., Array] | None = None
     ordered: bool = False
     compared: bool = False
 
-    def exact_value(self, motion, of, order, train=None):
+    def exact_value(
+        self,
+        motion: Motion,
+        of: str | None,
+        order: float | None,
+        train: DriveTrain | None = None,
+    ) -> Array:
         """The value for people ``(n,)`` of a Response, or a SteadyState of the
         ``train`` where it is ``compared``.
         """
         return (self.exact or self.read)(motion, of, order, train)
 
-    def differentiated(self, how):
-        """What a gradient is taken of: "read", "sharp" or "close"."""
-        return getattr(self, how) or self.read
+    def differentiated(self, variant: str) -> Callable[..., Array]:
+        """The function that a gradient is taken of: "read", "sharp" or "close"."""
+        return getattr(self, variant) or self.read
 
 
 @dataclass(frozen=True)
 class Size:
     """Readings of one size of a Signal, as those of :class:`Quantity`."""
 
-    read: Callable
-    exact: Callable
-    sharp: Callable
-    close: Callable
+    read: Callable[[Signal], Array]
+    exact: Callable[[Signal], Array]
+    sharp: Callable[[Signal], Array]
+    close: Callable[[Signal], Array]
 
 
 SWING = Size(
@@ -147,41 +161,59 @@ PEAK = Size(
 )
 
 
-def _sized(unit, kind, reader, size=SWING):
-    """A size of a signal ``(motion, of) -> Signal``."""
+def _sized(
+    unit: str, kind: str, reader: Callable[..., Signal], size: Size = SWING
+) -> Quantity:
+    """Make a Quantity of a size of a signal ``(motion, of) -> Signal``."""
 
-    def of_signal(measure):
+    def of_signal(measure: Callable[[Signal], Array]) -> Callable[..., Array]:
         return lambda motion, of, *_: measure(reader(objectives.usable(motion), of))
 
     return Quantity(
         unit,
         kind,
-        **{name: of_signal(measure) for name, measure in vars(size).items()},
+        read=of_signal(size.read),
+        exact=of_signal(size.exact),
+        sharp=of_signal(size.sharp),
+        close=of_signal(size.close),
         compared=True,
     )
 
 
-def _order(unit, kind, reader):
-    """The amplitude of one order of a signal."""
+def _order(unit: str, kind: str, reader: Callable[..., Signal]) -> Quantity:
+    """Make a Quantity of the amplitude of one order of a signal."""
 
-    def read(motion, of, order, _=None):
+    def read(
+        motion: Motion, of: str, order: float, _: DriveTrain | None = None
+    ) -> Array:
         return reader(objectives.usable(motion), of).order(order)
 
     return Quantity(unit, kind, read, ordered=True, compared=True)
 
 
-def _judged(unit, kind, value, *, compared=True, **more):
-    """What is judged by a swing ``(motion, of, train=..., swing=...)``."""
-    swings = (
-        {},
-        {"swing": lambda signal: signal.half_peak_to_peak},
-        {"swing": objectives.sharp_half_peak_to_peak},
+def _judged(
+    unit: str, kind: str, value: Callable[..., Array], *, compared: bool = True
+) -> Quantity:
+    """Make a Quantity that is judged by a swing, of ``value(motion, of, train=...,
+    swing=...)``.
+    """
+
+    def by_swing(swing: objectives.Swing) -> Callable[..., Array]:
+        def read(
+            motion: Motion, of: str, _: float | None, train: DriveTrain | None = None
+        ) -> Array:
+            return value(motion, of, train=train, swing=swing)
+
+        return read
+
+    return Quantity(
+        unit,
+        kind,
+        read=by_swing(objectives.close_half_peak_to_peak),
+        exact=by_swing(lambda signal: signal.half_peak_to_peak),
+        sharp=by_swing(objectives.sharp_half_peak_to_peak),
+        compared=compared,
     )
-    all_three = (
-        lambda m, of, _, train=None, how=how: value(m, of, train=train, **how, **more)
-        for how in swings
-    )
-    return Quantity(unit, kind, *all_three, compared=compared)
 
 
 QUANTITIES = {
@@ -214,8 +246,7 @@ QUANTITIES = {
     "stress over transient limit": _judged(
         "",
         "shaft with a tensile_strength",
-        objectives.stress_over_limit,
-        transient=True,
+        partial(objectives.stress_over_limit, transient=True),
     ),
     "tooth torque over limit": _judged(
         "", "mesh with a rated_torque", objectives.tooth_torque_over_limit
@@ -223,7 +254,9 @@ QUANTITIES = {
     "tooth torque over mean": _judged(
         "",
         "mesh",
-        lambda r, of, train, **how: objectives.tooth_torque_over_mean(r, of, **how),
+        lambda r, of, train, swing: objectives.tooth_torque_over_mean(
+            r, of, swing=swing
+        ),
         compared=False,
     ),
 }
@@ -231,34 +264,37 @@ QUANTITIES = {
 smooth, none is negative.
 """
 
-OF_DESIGN = {
-    "inertia added": "kg m2",
-    "natural frequency": "Hz",
-}  # quantities of the train alone, for penalties
+# Quantities of the train alone, for penalties, and their units
+OF_DESIGN = {"inertia added": "kg m2", "natural frequency": "Hz"}
 
 
-def unit_of(quantity):
+def unit_of(quantity: str) -> str:
     """Unit of a named quantity."""
     return OF_DESIGN[quantity] if quantity in OF_DESIGN else QUANTITIES[quantity].unit
 
 
-def label(chosen):
-    """What an Objective or Penalty reads: ``"tooth force of crank gear|idler"``."""
-    order = f" {chosen.order:g}" if chosen.order is not None else ""
-    mode = f" {chosen.mode}" if chosen.quantity == "natural frequency" else ""
-    return f"{chosen.quantity}{order}{mode}" + (f" of {chosen.of}" if chosen.of else "")
+def label(criterion: Criterion) -> str:
+    """Name a criterion by its reading: ``"tooth force of crank gear|idler"``."""
+    order = f" {criterion.order:g}" if criterion.order is not None else ""
+    mode = ""
+    if isinstance(criterion, Penalty) and criterion.quantity == "natural frequency":
+        mode = f" {criterion.mode}"
+    element = f" of {criterion.of}" if criterion.of else ""
+    return f"{criterion.quantity}{order}{mode}{element}"
 
 
-def judged(train, chosen, rpm):
-    """Whether what is read has a meaning at each speed ``(n,)``: a share of a limit has
+def judged(train: DriveTrain, criterion: Criterion, rpm: Array) -> np.ndarray:
+    """Whether a reading has a meaning at each speed ``(n,)``: a share of a limit has
     none where the rule of the shaft has no limit.
     """
-    if not chosen.quantity.startswith("stress over "):
+    if not criterion.quantity.startswith("stress over "):
         return np.ones(len(rpm), dtype=bool)
-    return np.isfinite(np.asarray(stress_limits(train, chosen.of, np.asarray(rpm))[0]))
+    return np.isfinite(
+        np.asarray(stress_limits(train, criterion.of, np.asarray(rpm))[0])
+    )
 
 
-def inertia_added(train, start, of=None):
+def inertia_added(train: DriveTrain, start: DriveTrain, of: str | None = None) -> Array:
     """Inertia of ``train`` beyond that of ``start``, kg m2: of all disks and rings, or
     of one.
     """
@@ -266,44 +302,59 @@ def inertia_added(train, start, of=None):
     return difference.sum() if of is None else difference[train.topology.disk_index(of)]
 
 
-def check_all(train, parameters, given, penalties, rpm):
-    """Refuse what cannot be tuned, every fault of parameters, objectives and penalties
+def check_all(
+    train: DriveTrain,
+    parameters: Sequence[Parameter],
+    objectives: Sequence[Objective],
+    penalties: Sequence[Penalty],
+    rpm: np.ndarray,
+) -> None:
+    """Refuse what cannot be tuned: every fault of parameters, objectives and penalties
     in one sentence, all at once.
     """
-    where = train.topology.title
+    title = train.topology.title
     names = [parameter.name for parameter in parameters]
     faults = (
         []
         if parameters
-        else [f"{where}: there is nothing to tune: name at least one parameter."]
+        else [f"{title}: there is nothing to tune: name at least one parameter."]
     )
     faults += (
         []
-        if given
-        else [f"{where}: there is nothing to make small: name at least one objective."]
+        if objectives
+        else [f"{title}: there is nothing to make small: name at least one objective."]
     )
     twice = sorted({name for name in names if names.count(name) > 1})
     faults += [
-        f"{where}: parameter {name!r} is given twice: leave one out." for name in twice
+        f"{title}: parameter {name!r} is given twice: leave one out." for name in twice
     ]
-    found = [
-        (f"parameter {one.name!r}", parameter_faults(train, one)) for one in parameters
+    texts_of = [
+        (f"parameter {parameter.name!r}", parameter_faults(train, parameter))
+        for parameter in parameters
     ]
-    found += [
-        (f"objective {one.quantity!r}", objective_faults(train, one, len(rpm)))
-        for one in given
+    texts_of += [
+        (
+            f"objective {objective.quantity!r}",
+            objective_faults(train, objective, len(rpm)),
+        )
+        for objective in objectives
     ]
-    found += [
-        (f"penalty {one.quantity!r}", _penalty_faults(train, one)) for one in penalties
+    texts_of += [
+        (f"penalty {penalty.quantity!r}", _penalty_faults(train, penalty))
+        for penalty in penalties
     ]
-    faults += [f"{where}, {head}: {text}" for head, texts in found for text in texts]
+    faults += [
+        f"{title}, {head}: {sentence}"
+        for head, sentences in texts_of
+        for sentence in sentences
+    ]
     if faults:
         raise SceneError(faults)
 
 
-def own_value(train, name, remedy, faults):
-    """The train's own number, nan where there is none, which ``faults`` are told;
-    ``remedy`` : where it is a table.
+def own_value(train: DriveTrain, name: str, remedy: str, faults: list[str]) -> float:
+    """The train's own number, nan where there is none: then the reason is appended to
+    ``faults``; ``remedy`` : where it is a table.
     """
     try:
         value = train.value(name)
@@ -318,7 +369,8 @@ def own_value(train, name, remedy, faults):
     return float(value)
 
 
-def parameter_faults(train, parameter):
+def parameter_faults(train: DriveTrain, parameter: Parameter) -> list[str]:
+    """Sentences on a parameter that cannot be tuned."""
     faults = []
     value = own_value(train, parameter.name, "tune numbers only.", faults)
     if faults:
@@ -352,7 +404,8 @@ def parameter_faults(train, parameter):
     return faults
 
 
-def objective_faults(train, objective, speeds):
+def objective_faults(train: DriveTrain, objective: Objective, speeds: int) -> list[str]:
+    """Sentences on an objective that cannot be read at so many speeds."""
     if objective.quantity not in QUANTITIES:
         return [
             f"there is no such quantity.{suggestion(objective.quantity, QUANTITIES)}"
@@ -372,10 +425,11 @@ def objective_faults(train, objective, speeds):
     return faults
 
 
-def _penalty_faults(train, penalty):
-    known = [*QUANTITIES, *OF_DESIGN]
-    if penalty.quantity not in known:
-        return [f"there is no such quantity.{suggestion(penalty.quantity, known)}"]
+def _penalty_faults(train: DriveTrain, penalty: Penalty) -> list[str]:
+    """Sentences on a penalty that cannot be read."""
+    quantities = [*QUANTITIES, *OF_DESIGN]
+    if penalty.quantity not in quantities:
+        return [f"there is no such quantity.{suggestion(penalty.quantity, quantities)}"]
     faults = _element_faults(train, penalty) if penalty.quantity in QUANTITIES else []
     if penalty.quantity == "inertia added" and penalty.of is not None:
         faults += _unknown(penalty.of, train.topology.disk_names, "disk or damper")
@@ -402,9 +456,9 @@ def _penalty_faults(train, penalty):
     return faults
 
 
-def _element_faults(train, chosen):
-    """Faults of ``of`` and ``order`` of an objective or penalty."""
-    quantity = QUANTITIES[chosen.quantity]
+def _element_faults(train: DriveTrain, criterion: Criterion) -> list[str]:
+    """Sentences on ``of`` and ``order`` of an objective or penalty."""
+    quantity = QUANTITIES[criterion.quantity]
     topology = train.topology
     kind = quantity.kind.removesuffix(" with backlash")
     elements, _, key = kind.partition(" with a ")
@@ -416,7 +470,7 @@ def _element_faults(train, chosen):
         "disk": topology.disk_names,
     }[elements]
     keys = (key, "outer") if key == "diameter" else (key,)
-    judged = (
+    candidates = (
         [
             name
             for table in elements.split(" or ")
@@ -425,32 +479,35 @@ def _element_faults(train, chosen):
         if key
         else names
     )
-    if chosen.of in names and chosen.of not in judged:
-        faults = [f"{chosen.of!r} has no {key}: give it one in the scene."]
+    if criterion.of in names and criterion.of not in candidates:
+        faults = [f"{criterion.of!r} has no {key}: give it one in the scene."]
     else:
-        faults = _unknown(chosen.of, judged, kind)
-    gaps = dict(zip(topology.mesh_names, topology.mesh_backlash, strict=True))
-    if kind != quantity.kind and not gaps.get(chosen.of, True):
+        faults = _unknown(criterion.of, candidates, kind)
+    gaps: dict[str | None, bool] = dict(
+        zip(topology.mesh_names, topology.mesh_backlash, strict=True)
+    )
+    if kind != quantity.kind and not gaps.get(criterion.of, True):
         faults.append(
-            f"mesh {chosen.of!r} has no backlash, its teeth never part: give it one, or"
-            " take another."
+            f"mesh {criterion.of!r} has no backlash, its teeth never part: give it one,"
+            " or take another."
         )
-    if quantity.ordered != (chosen.order is not None):
+    if quantity.ordered != (criterion.order is not None):
         faults.append(
             "it needs an order." if quantity.ordered else "it takes no order."
         )
-    elif quantity.ordered:
-        harmonic = chosen.order * topology.revolutions_per_cycle
+    elif criterion.order is not None:
+        harmonic = criterion.order * topology.revolutions_per_cycle
         if not harmonic > 0 or abs(harmonic - round(harmonic)) > 1e-9:
             least = 1 / topology.revolutions_per_cycle
             faults.append(
-                f"order {chosen.order:g} is no harmonic of the cycle: use a positive"
+                f"order {criterion.order:g} is no harmonic of the cycle: use a positive"
                 f" multiple of {least:g}."
             )
     return faults
 
 
-def _unknown(name, names, kind):
+def _unknown(name: str | None, names: Collection[str], kind: str) -> list[str]:
+    """The sentence on a name that no element of a kind has."""
     if name in names:
         return []
     if name is None:

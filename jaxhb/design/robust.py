@@ -7,33 +7,41 @@ planes); for 95 % they are twenty of a sample, whose largest response is on aver
 95 % stay below.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jaxhb._shown import brief
-from jaxhb.design.tolerances import box_of
-from jaxhb.design.worst_case import tolerance as search
+from jaxhb.design.quantities import Objective
+from jaxhb.design.tolerances import Box, Tolerance, box_of
+from jaxhb.design.worst_case import Spread, tolerance as search
 from jaxhb.elements.elements import SceneError
-from jaxhb.results.checkpoint import place_in
+from jaxhb.results.checkpoint import Cached, place_in
+from jaxhb.train.drivetrain import DriveTrain
+
+if TYPE_CHECKING:
+    from jaxhb.design.tuning import Tuning
 
 KINDS = "worst", "p95"
 ROUNDS = 4  # searches for worse trains, each followed by a tuning
 # Share of the worst response by which no search finds more: the design is the best
 # against all trains
 SLACK = 0.01
-SAMPLE, CHECKED = (
-    20,
-    100,
-)  # trains of a sample tuned against, and of the fresh one that designs are compared on
+SAMPLE = 20  # trains of a sample tuned against
+CHECKED = 100  # trains of the fresh sample that designs are compared on
 
 
 @brief
 @dataclass(frozen=True)
 class Robustness:
-    """What a robust tuning is compared with, over the tolerances.
+    """Comparison of a robust tuning with others, over the tolerances.
 
     kind : "worst" or "p95"; nominal : Tuning of the scene's own numbers, from which the
     robust one began; spreads : ``{design: Spread}`` of the scene, the nominal and the
@@ -41,8 +49,8 @@ class Robustness:
     """
 
     kind: str
-    nominal: object
-    spreads: dict
+    nominal: Tuning
+    spreads: dict[str, Spread]
 
 
 @dataclass(frozen=True)
@@ -52,11 +60,11 @@ class Scatter:
     ``(n,)``, in ratios to the values of a design.
     """
 
-    box: object
+    box: Box
     shares: np.ndarray
 
-    def of_lanes(self, train):
-        """The same for a train of which a number has another value: what changes is
+    def of_lanes(self, train: DriveTrain) -> DriveTrain:
+        """Give the numbers of a train other values within the box: what changes is
         known from it.
         """
         return train.replace(
@@ -64,57 +72,63 @@ class Scatter:
         )
 
 
-def moved(tolerances, before, after):
-    """Tolerances of a design: ranges in the ratio that its numbers have to those of the
-    train before.
+def moved(
+    tolerances: Sequence[Tolerance], before: DriveTrain, after: DriveTrain
+) -> tuple[Tolerance, ...]:
+    """Move the ranges of tolerances in the ratio that the numbers of a design have to
+    those of the train before.
     """
     ratios = (
-        float(after.value(one.name)) / float(before.value(one.name))
-        for one in tolerances
+        float(after.value(tolerance.name)) / float(before.value(tolerance.name))
+        for tolerance in tolerances
     )
     return tuple(
         dataclasses.replace(
-            one,
-            low=one.low * ratio,
-            high=one.high * ratio,
-            std=one.std and one.std * ratio,
+            tolerance,
+            low=tolerance.low * ratio,
+            high=tolerance.high * ratio,
+            std=tolerance.std and tolerance.std * ratio,
         )
-        for one, ratio in zip(tolerances, ratios, strict=True)
+        for tolerance, ratio in zip(tolerances, ratios, strict=True)
     )
 
 
-def moved_ranges(train, values):
+def moved_ranges(
+    train: DriveTrain, values: Mapping[str, float]
+) -> dict[str, dict[str, Any]]:
     """Entries of ``[tolerance]`` with a range of numbers that a tuning gave other
     ``values``, in their ratio.
     """
-    found = {}
+    ranges = {}
     for name, entry in train.tolerance.items():
-        own = float(train.value(name)) if name in values else 0.0
-        if own and isinstance(entry, dict) and isinstance(entry.get("range"), list):
-            found[name] = entry | {
-                "range": [end * values[name] / own for end in entry["range"]]
+        value = float(train.value(name)) if name in values else 0.0
+        if value and isinstance(entry, dict) and isinstance(entry.get("range"), list):
+            ranges[name] = entry | {
+                "range": [end * values[name] / value for end in entry["range"]]
             }
-    return found
+    return ranges
 
 
-def check_robust(train, kind, tolerances, peaks):
-    """Refuse what cannot be robust, one sentence a fault."""
-    where = train.topology.title
+def check_robust(
+    train: DriveTrain, kind: str, tolerances: Sequence[Tolerance], peaks: int
+) -> None:
+    """Refuse a tuning that cannot be robust, one sentence a fault."""
+    title = train.topology.title
     faults = []
     if kind not in KINDS:
-        faults.append(f"{where}: robust is {kind!r}, must be 'worst' or 'p95'.")
+        faults.append(f"{title}: robust is {kind!r}, must be 'worst' or 'p95'.")
     if peaks:
         faults.append(
-            f"{where}: robust tunings follow no peaks: leave out peaks, or robust."
+            f"{title}: robust tunings follow no peaks: leave out peaks, or robust."
         )
     zero = [
         name
-        for one in tolerances
-        for name in (one.name, *one.together)
+        for tolerance in tolerances
+        for name in (tolerance.name, *tolerance.together)
         if not float(train.value(name))
     ]
     faults += [
-        f"{where}: the tolerance {name!r} is of a value of 0, which has no ratio: leave"
+        f"{title}: the tolerance {name!r} is of a value of 0, which has no ratio: leave"
         " it out."
         for name in zero
     ]
@@ -123,47 +137,63 @@ def check_robust(train, kind, tolerances, peaks):
 
 
 def tune_robust(
-    train, rpm, given, tolerances, kind, seed, tuned, *, out=None, **accuracy
-):
-    """The robust Tuning. ``tuned(train, speeds, scatter)`` makes a Tuning with lanes at
-    indices ``speeds`` of ``rpm``, and the largest response to each objective ``(Q,)``
-    of all its lanes.
+    train: DriveTrain,
+    rpm: np.ndarray,
+    objectives: Sequence[Objective],
+    tolerances: Sequence[Tolerance],
+    kind: str,
+    seed: int,
+    tune_lanes: Callable[
+        [DriveTrain, np.ndarray, Scatter | None], tuple[Tuning, np.ndarray]
+    ],
+    *,
+    out: str | Path | Cached | None = None,
+    harmonics: int | None,
+    tolerance: float,
+) -> Tuning:
+    """Tune for the worst case or the 95th percentile. ``tune_lanes(train, speeds,
+    scatter)`` makes a Tuning with lanes at indices ``speeds`` of ``rpm``, and the
+    largest response to each objective ``(Q,)`` of all its lanes.
     """
     every = np.arange(len(rpm))
-    box = box_of(train, tolerances, given)
+    box = box_of(train, tolerances, objectives)
     shares = np.repeat(box.unbounded(train)[None], len(every), axis=0)
     searches = itertools.count()
 
-    def spread_of(design, samples=0):
-        own = {
-            "of": given,
-            "tolerances": moved(tolerances, train, design),
-            "samples": samples,
-            "seed": seed + 1,
-        }
-        own["out"] = place_in(out, f"search {next(searches)}")
-        return search(design, rpm=rpm, bounds=False, **own, **accuracy)
+    def spread_of(design: DriveTrain, samples: int = 0) -> Spread:
+        return search(
+            design,
+            rpm=rpm,
+            of=objectives,
+            tolerances=moved(tolerances, train, design),
+            samples=samples,
+            seed=seed + 1,
+            harmonics=harmonics,
+            tolerance=tolerance,
+            bounds=False,
+            out=place_in(out, f"search {next(searches)}"),
+        )
 
-    nominal, largest = tuned(train, every, None)
+    nominal, largest = tune_lanes(train, every, None)
     if nominal.interrupted:
         return nominal
     design = best = nominal
     if kind == "p95":
-        at = np.repeat(every, SAMPLE)
-        more = np.tile(box.sample(SAMPLE, seed), (len(every), 1))
-        scatter = Scatter(box, np.concatenate([shares, more]))
-        design = best = tuned(nominal.train, np.concatenate([every, at]), scatter)[0]
+        speeds = np.concatenate([every, np.repeat(every, SAMPLE)])
+        drawn = np.tile(box.sample(SAMPLE, seed), (len(every), 1))
+        scatter = Scatter(box, np.concatenate([shares, drawn]))
+        design, _ = tune_lanes(nominal.train, speeds, scatter)
+        best = design
     else:
         speeds = every
-        weights = np.array([one.weight for one in given])
+        weights = np.array([objective.weight for objective in objectives])
         least = np.inf
         sizes = None
         for number in range(1, ROUNDS + 1):
-            found = spread_of(design.train)
-            worst = np.nanmax(found.worst, axis=0)
-            sizes = (
-                worst if sizes is None else sizes
-            )  # of the nominal optimum: what is summed is shares of them
+            spread = spread_of(design.train)
+            worst = np.nanmax(spread.worst, axis=0)
+            # Of the nominal optimum: the sum is of shares of them.
+            sizes = worst if sizes is None else sizes
             value = float((weights * worst / sizes).sum())
             if value < least:
                 best = design
@@ -172,10 +202,10 @@ def tune_robust(
                 number > 1 and (worst <= (1 + SLACK) * largest).all()
             ):
                 break
-            at, j = np.nonzero(np.isfinite(found.worst))
-            speeds = np.concatenate([speeds, at])
-            shares = np.concatenate([shares, found.shares[at, j]])
-            design, largest = tuned(design.train, speeds, Scatter(box, shares))
+            speed, objective = np.nonzero(np.isfinite(spread.worst))
+            speeds = np.concatenate([speeds, speed])
+            shares = np.concatenate([shares, spread.shares[speed, objective]])
+            design, largest = tune_lanes(design.train, speeds, Scatter(box, shares))
             if design.interrupted:
                 break
     if design.interrupted:  # who stops a tuning does not wait for more
@@ -185,7 +215,9 @@ def tune_robust(
         "nominal optimum": nominal.train,
         "robust": best.train,
     }
-    spreads = {said: spread_of(one, CHECKED) for said, one in designs.items()}
+    spreads = {
+        name: spread_of(candidate, CHECKED) for name, candidate in designs.items()
+    }
     return dataclasses.replace(
         best, before=nominal.before, robust=Robustness(kind, nominal, spreads)
     )

@@ -1,15 +1,17 @@
-"""What is only known within limits: the ``[tolerance]`` table of a scene, and the range
-that it spans.
+"""Numbers that are only known within limits: the ``[tolerance]`` table of a scene, and
+the range that it spans.
 """
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import hadamard
 
-from jaxhb._jax import namespace
+from jaxhb._jax import Array, Number, namespace
 from jaxhb.design.evaluation import Task
-from jaxhb.design.quantities import own_value
+from jaxhb.design.quantities import Objective, own_value
 from jaxhb.elements.elements import SceneError, shown, suggestion
 from jaxhb.elements.value_checks import number_like
 from jaxhb.train.drivetrain import DriveTrain
@@ -46,7 +48,8 @@ class Tolerance:
 
 
 def read_tolerances(train: DriveTrain) -> tuple[Tolerance, ...]:
-    """The :class:`Tolerance` of every entry of the ``[tolerance]`` table of a scene.
+    """Read the :class:`Tolerance` of every entry of the ``[tolerance]`` table of a
+    scene.
 
     ``"NAME.FIELD" = { range = [low, high] }``, ``{ share = 0.15 }`` of the train's own
     value to either side, or ``{ std = ... }``, of which the range is three to either
@@ -55,31 +58,34 @@ def read_tolerances(train: DriveTrain) -> tuple[Tolerance, ...]:
     value, one sentence each, all at once.
     """
     table = train.tolerance
-    where = train.topology.title
+    title = train.topology.title
     if not table:
         raise SceneError(
-            f'{where}: the scene has no [tolerance] table. Write one, "NAME.FIELD" = {{'
+            f'{title}: the scene has no [tolerance] table. Write one, "NAME.FIELD" = {{'
             " share = 0.1 }."
         )
     if not isinstance(table, dict):
         raise SceneError(
-            f"{where}: 'tolerance' is a list of tables, must be one. Write [tolerance]."
+            f"{title}: 'tolerance' is a list of tables, must be one. Write [tolerance]."
         )
-    found = []
-    faults = []
+    tolerances: list[Tolerance] = []
+    faults: list[str] = []
     for name, entry in _entries(table):
-        wrong = []
-        one = _tolerance(train, name, entry, wrong)
-        faults += [f"{where}, [tolerance] {name!r}: {text}" for text in wrong]
-        found += [] if wrong else [one]
+        sentences = []
+        tolerance = _tolerance(train, name, entry, sentences)
+        faults += [
+            f"{title}, [tolerance] {name!r}: {sentence}" for sentence in sentences
+        ]
+        if tolerance is not None:
+            tolerances.append(tolerance)
     if faults:
         raise SceneError(faults)
-    check_tolerances(train, found)
-    return tuple(found)
+    check_tolerances(train, tolerances)
+    return tuple(tolerances)
 
 
-def _entries(table, before=""):
-    """(name, entry) of all, whether names are quoted or, as TOML has dotted keys,
+def _entries(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield (name, entry) of all, whether names are quoted or, as TOML has dotted keys,
     nested tables.
     """
     for key, entry in table.items():
@@ -92,8 +98,12 @@ def _entries(table, before=""):
         yield from _entries(entry, f"{name}.") if nested else [(name, entry)]
 
 
-def _tolerance(train, name, entry, faults):
-    """The :class:`Tolerance` of an entry; what is wrong with it goes to ``faults``."""
+def _tolerance(
+    train: DriveTrain, name: str, entry: Any, faults: list[str]
+) -> Tolerance | None:
+    """Read the :class:`Tolerance` of an entry; sentences go to ``faults``, and there is
+    none.
+    """
     if not isinstance(entry, dict):
         faults.append(
             f"is {shown(entry)}, must be a table as {{ share = 0.1 }} or {{ range ="
@@ -105,14 +115,14 @@ def _tolerance(train, name, entry, faults):
         for key in entry
         if key not in KEYS
     ]
-    given = [key for key in KEYS[:3] if key in entry]
-    if len(given) != 1:
+    range_keys = [key for key in KEYS[:3] if key in entry]
+    if len(range_keys) != 1:
         faults.append(
-            f"{' and '.join(given) or 'no range'} is given, must be one of range, share"
-            " and std."
+            f"{' and '.join(range_keys) or 'no range'} is given, must be one of range,"
+            " share and std."
         )
         return None
-    (key,) = given
+    (key,) = range_keys
     together = entry.get("together", [])
     if not isinstance(together, list) or not all(
         isinstance(other, str) for other in together
@@ -120,77 +130,88 @@ def _tolerance(train, name, entry, faults):
         faults.append(f"together is {shown(together)}, must be a list of 'NAME.FIELD'.")
         together = []
     value = entry[key]
-    own = own_value(train, name, NUMBERS_ONLY, faults)
+    nominal = own_value(train, name, NUMBERS_ONLY, faults)
     if key == "range":
         if not (
             isinstance(value, list) and len(value) == 2 and all(map(number_like, value))
         ):
             faults.append(f"range is {shown(value)}, must be two numbers [low, high].")
-        return (
-            None
-            if faults
-            else Tolerance(
-                name=name, low=value[0], high=value[1], together=tuple(together)
-            )
+        if faults:
+            return None
+        return Tolerance(
+            name=name, low=value[0], high=value[1], together=tuple(together)
         )
     if not (number_like(value) and value > 0):
         faults.append(f"{key} is {shown(value)}, must be a number greater than 0.")
     if faults:
         return None
-    half = abs(own) * value if key == "share" else DEVIATIONS * value
-    std = {"std": float(value)} if key == "std" else {}
+    half = abs(nominal) * value if key == "share" else DEVIATIONS * value
     return Tolerance(
-        name=name, low=own - half, high=own + half, together=tuple(together), **std
+        name=name,
+        low=nominal - half,
+        high=nominal + half,
+        std=float(value) if key == "std" else None,
+        together=tuple(together),
     )
 
 
-def check_tolerances(train, tolerances):
+def check_tolerances(train: DriveTrain, tolerances: Sequence[Tolerance]) -> None:
     """Refuse tolerances that no train has: one sentence for each fault, all at once."""
-    where = train.topology.title
+    title = train.topology.title
     faults = []
-    names = [name for one in tolerances for name in (one.name, *one.together)]
+    names = [
+        name
+        for tolerance in tolerances
+        for name in (tolerance.name, *tolerance.together)
+    ]
     if not tolerances:
-        faults.append(f"{where}: there is no tolerance: give at least one.")
+        faults.append(f"{title}: there is no tolerance: give at least one.")
     twice = sorted({name for name in names if names.count(name) > 1})
     faults += [
-        f"{where}: {name!r} has two tolerances: leave one out." for name in twice
+        f"{title}: {name!r} has two tolerances: leave one out." for name in twice
     ]
-    for one in tolerances:
-        texts = []
-        own = {
-            name: own_value(train, name, NUMBERS_ONLY, texts)
-            for name in (one.name, *one.together)
+    for tolerance in tolerances:
+        sentences: list[str] = []
+        nominal = {
+            name: own_value(train, name, NUMBERS_ONLY, sentences)
+            for name in (tolerance.name, *tolerance.together)
         }
-        value = own[one.name]
-        if not texts and not (
-            np.isfinite(one.low) and np.isfinite(one.high) and one.low < one.high
+        value = nominal[tolerance.name]
+        if not sentences and not (
+            np.isfinite(tolerance.low)
+            and np.isfinite(tolerance.high)
+            and tolerance.low < tolerance.high
         ):
-            texts.append(
-                f"its range is {one.low:g} to {one.high:g}, must be finite, low less"
-                " than high."
+            sentences.append(
+                f"its range is {tolerance.low:g} to {tolerance.high:g}, must be finite,"
+                " low less than high."
             )
-        elif not texts and not one.low <= value <= one.high:
-            texts.append(
-                f"its value {value:g} lies outside its range {one.low:g} to"
-                f" {one.high:g}: widen the range."
+        elif not sentences and not tolerance.low <= value <= tolerance.high:
+            sentences.append(
+                f"its value {value:g} lies outside its range {tolerance.low:g} to"
+                f" {tolerance.high:g}: widen the range."
             )
-        elif not texts and one.together and not value:
-            texts.append(
+        elif not sentences and tolerance.together and not value:
+            sentences.append(
                 "its value is 0, which no other can have a ratio to: leave out"
                 " together."
             )
-        for end in (one.low, one.high) if not texts else ():
+        ends = () if sentences else (tolerance.low, tolerance.high)
+        for end in ends:
             try:
                 train.replace(
-                    {one.name: end}
-                    | {name: own[name] * end / value for name in one.together}
+                    {tolerance.name: end}
+                    | {name: nominal[name] * end / value for name in tolerance.together}
                 )
             except SceneError as error:
-                texts += [
+                sentences += [
                     f"at the end {end:g} of its range: {sentence}"
                     for sentence in error.sentences
                 ]
-        faults += [f"{where}, tolerance {one.name!r}: {text}" for text in texts]
+        faults += [
+            f"{title}, tolerance {tolerance.name!r}: {sentence}"
+            for sentence in sentences
+        ]
     if faults:
         raise SceneError(faults)
 
@@ -199,52 +220,53 @@ def check_tolerances(train, tolerances):
 class Box(Task):
     """Tolerances as the numbers of a :class:`Task`: shares u ``(P,)`` from -1 to 1.
 
-    own : of every parameter its value and those of the numbers together with it, by
-    name
+    nominal : the value of every parameter in the train, and those of the numbers
+    together with it, by name
     """
 
-    own: tuple = ()
+    nominal: tuple[tuple[tuple[str, float], ...], ...] = ()
     # Of one speed a maximum over the cycle has a slope nearly everywhere, and the
     # search wants its own
     smooth = False
     step_tolerance = 1e-4  # enough to know the way up
 
-    def named(self, z):
+    def named(self, z: Array) -> dict[str, Any]:
         xp = namespace(z)
-        found = {}
-        for k, (one, ((_, value), *others)) in enumerate(
-            zip(self.parameters, self.own, strict=True)
+        numbers = {}
+        for k, (tolerance, ((_, value), *companions)) in enumerate(
+            zip(self.parameters, self.nominal, strict=True)
         ):
-            found[one.name] = number = (one.high + one.low) / 2 + z[k] * (
-                one.high - one.low
-            ) / 2
-            found |= {name: own * number / value for name, own in others}
-        return (
-            found
-            if xp is not np
-            else {name: float(number) for name, number in found.items()}
-        )
+            low = tolerance.low
+            high = tolerance.high
+            number = (high + low) / 2 + z[k] * (high - low) / 2
+            numbers[tolerance.name] = number
+            numbers |= {name: nominal * number / value for name, nominal in companions}
+        if xp is not np:
+            return numbers
+        return {name: float(number) for name, number in numbers.items()}
 
-    def scaled(self, train, z):
-        """Numbers of a train in the ratio that those of shares ``(P,)`` have to the
-        box's own.
+    def scaled(self, train: DriveTrain, z: Array) -> dict[str, Number]:
+        """Scale numbers of a train in the ratio that those of shares ``(P,)`` have to
+        the box's own.
         """
         numbers = self.named(z)
-        own = dict(pair for several in self.own for pair in several)
+        nominal = dict(pair for group in self.nominal for pair in group)
         return {
-            name: train.value(name) * (number / own[name])
+            name: train.value(name) * (number / nominal[name])
             for name, number in numbers.items()
         }
 
-    def unbounded(self, train):
-        return self.shares(np.array([value for (_, value), *_ in self.own]))
+    def unbounded(self, train: DriveTrain) -> np.ndarray:
+        return self.shares(np.array([value for (_, value), *_ in self.nominal]))
 
-    def shares(self, values):
-        """Shares u of numbers ``(..., P)``."""
-        low, high = np.array([(one.low, one.high) for one in self.parameters]).T
+    def shares(self, values: np.ndarray) -> np.ndarray:
+        """Shares u ``(..., P)`` of numbers ``(..., P)``."""
+        low, high = np.array(
+            [(tolerance.low, tolerance.high) for tolerance in self.parameters]
+        ).T
         return (2 * values - high - low) / (high - low)
 
-    def corners(self, seed):
+    def corners(self, seed: int) -> np.ndarray:
         """``(EXPLORED, P)`` shares, -1 or 1: a two-level design, in which every number
         is at both ends as often and no two of the first seven vary alike.
         """
@@ -256,35 +278,42 @@ class Box(Task):
             :, : len(self.parameters)
         ].astype(float)
 
-    def sample(self, count, seed):
+    def sample(self, count: int, seed: int) -> np.ndarray:
         """``(count, P)`` shares: a Latin hypercube of uniform and, where a standard
         deviation is given, normal ones.
         """
-        from scipy.stats import (
-            norm,
-            qmc,
-        )  # a third of a second, which commands without samples are spared
+        # A third of a second, which commands without samples are spared.
+        from scipy.stats import norm, qmc
 
         points = qmc.LatinHypercube(
             len(self.parameters), rng=np.random.default_rng(seed)
         ).random(count)
-        for k, (one, ((_, value), *_)) in enumerate(
-            zip(self.parameters, self.own, strict=True)
+        for k, (tolerance, ((_, value), *_)) in enumerate(
+            zip(self.parameters, self.nominal, strict=True)
         ):
-            if one.std:
-                ends = norm.cdf((np.array([one.low, one.high]) - value) / one.std)
-                points[:, k] = value + one.std * norm.ppf(
+            if tolerance.std:
+                ends = norm.cdf(
+                    (np.array([tolerance.low, tolerance.high]) - value) / tolerance.std
+                )
+                points[:, k] = value + tolerance.std * norm.ppf(
                     ends[0] + points[:, k] * (ends[1] - ends[0])
                 )
             else:
-                points[:, k] = one.low + points[:, k] * (one.high - one.low)
+                points[:, k] = tolerance.low + points[:, k] * (
+                    tolerance.high - tolerance.low
+                )
         return self.shares(points)
 
 
-def box_of(train, tolerances, of):
-    """The :class:`Box` of a train whose responses are Objectives."""
-    own = tuple(
-        tuple((n, float(train.value(n))) for n in (one.name, *one.together))
-        for one in tolerances
+def box_of(
+    train: DriveTrain, tolerances: Sequence[Tolerance], of: Sequence[Objective]
+) -> Box:
+    """Make the :class:`Box` of a train whose responses are Objectives."""
+    nominal = tuple(
+        tuple(
+            (name, float(train.value(name)))
+            for name in (tolerance.name, *tolerance.together)
+        )
+        for tolerance in tolerances
     )
-    return Box(tuple(tolerances), tuple(of), (), own)
+    return Box(tuple(tolerances), tuple(of), (), nominal)

@@ -2,6 +2,8 @@
 gradient.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
@@ -15,10 +17,13 @@ from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
 from jaxhb.design.between_speeds import (
+    Checked,
+    Excess,
+    Followed,
     check_between,
     exceeded,
+    followed_at,
     is_linear,
-    near,
     worst_share,
 )
 from jaxhb.design.descent import (
@@ -30,9 +35,9 @@ from jaxhb.design.descent import (
     best_of,
     fault_of_optimizer,
 )
-from jaxhb.design.evaluation import Evaluator, Reading, Task
+from jaxhb.design.evaluation import Evaluator, Point, Reading, Task
 from jaxhb.design.quantities import Objective, Parameter, Penalty, check_all, label
-from jaxhb.design.robust import Robustness, check_robust, tune_robust
+from jaxhb.design.robust import Robustness, Scatter, check_robust, tune_robust
 from jaxhb.design.tolerances import Tolerance, check_tolerances, read_tolerances
 from jaxhb.elements.elements import SceneError
 from jaxhb.results.checkpoint import Cached, keeper, place_in
@@ -40,11 +45,8 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
 ROUNDS = 3  # tunings that go on at the critical speeds between those asked for
-ACROSS = (
-    -2.2,
-    0.0,
-    2.2,
-)  # z of designs across the bounds of a number: a tenth, a half, nine tenths of the way
+# z of designs across the bounds of a number: a tenth, a half, nine tenths of the way
+ACROSS = (-2.2, 0.0, 2.2)
 
 
 @brief
@@ -53,24 +55,25 @@ class Tuning:
     """Result of :func:`tune`.
 
     train : DriveTrain, tuned; rpm : ``(n,)``; before, after : Reading; history : tuple
-    of Step outcomes : tuple of (objective, parameters, valid speeds) of every start;
+    of Step; outcomes : tuple of (objective, parameters, valid speeds) of every start;
     stopped : why it ended, a sentence; interrupted : whether the user ended it; robust
-    : of a robust tuning what it is compared with checked : what the last design does
-    between the speeds, and the first of a linear train, ``{"after": Checked, "before":
-    Checked}``; followed : sentences, limits exceeded on the way, after which it went on
+    : the comparison of a robust tuning with others; checked : the readings of the last
+    design between the speeds, and of the first of a linear train, ``{"after": Checked,
+    "before": Checked}``; followed : sentences, limits exceeded on the way, after which
+    it went on
     """
 
     train: DriveTrain
     rpm: np.ndarray
     before: Reading
     after: Reading
-    history: tuple
-    outcomes: tuple
+    history: tuple[Step, ...]
+    outcomes: tuple[tuple[float, dict[str, float], int], ...]
     stopped: str
     interrupted: bool
     robust: Robustness | None = None
-    checked: dict = dataclasses.field(default_factory=dict)
-    followed: tuple = ()
+    checked: dict[str, Checked] = dataclasses.field(default_factory=dict)
+    followed: tuple[str, ...] = ()
 
 
 def tune(
@@ -197,34 +200,31 @@ def tune(
     )
     check_speed(train, rpm, many=True)
     rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
-    given = tuple(objective) if isinstance(objective, (list, tuple)) else (objective,)
-    task = Task(tuple(parameters), given, tuple(penalties))
-    check_all(train, task.parameters, given, task.penalties, rpm)
+    objectives = (
+        tuple(objective) if isinstance(objective, (list, tuple)) else (objective,)
+    )
+    task = Task(tuple(parameters), objectives, tuple(penalties))
+    check_all(train, task.parameters, objectives, task.penalties, rpm)
     _check_numbers(train, optimizer, steps, starts, seed, peaks, widths)
     request = Request.of(train, harmonics, tolerance, integrals=integrals)
     rules = Rules(optimizer, rate, tuple(widths), improvement, patience)
-    question = Question(
-        train, rpm, task, {"harmonics": harmonics, "tolerance": tolerance}
-    )
-    every, many = np.arange(len(rpm)), len(task.parameters)
-    drawn = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, many))
-    named = optimizer if isinstance(optimizer, str) else "given"
-    asked = {
+    question = Question(train, rpm, task, harmonics, tolerance)
+    every_speed = np.arange(len(rpm))
+    n_parameters = len(task.parameters)
+    drawn = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, n_parameters))
+    optimizer_name = optimizer if isinstance(optimizer, str) else "given"
+    options = {
         "answers": "designs",
         "speeds": rpm,
         "task": task,
-        "optimizer": named,
+        "optimizer": optimizer_name,
         "steps": steps,
         "rate": rate,
-    }
-    asked |= {
         "starts": starts,
         "seed": seed,
         "widths": widths,
         "improvement": improvement,
         "patience": patience,
-    }
-    asked |= {
         "peaks": peaks,
         "robust": robust,
         "within": tuple(tolerances),
@@ -232,24 +232,34 @@ def tune(
     }
     stages = itertools.count()
 
-    def tuned(train, speeds=every, scatter=None, more=(), critical=(), history=()):
-        """A Tuning from the train and the designs z of ``more``, and the largest
-        responses of all its lanes.
+    def tuned_at_lanes(
+        train: DriveTrain,
+        speeds: np.ndarray = every_speed,
+        scatter: Scatter | None = None,
+        more: Sequence[np.ndarray] | np.ndarray = (),
+        critical: Sequence[Followed] = (),
+        history: Sequence[Step] = (),
+    ) -> tuple[Tuning, np.ndarray]:
+        """Tune from the train and the designs z of ``more``: the Tuning, and the
+        largest responses of all its lanes.
         """
         # Every stage has a folder of its own.
         keep = keeper(
             place_in(out, f"stage {next(stages)}"),
             train,
-            asked | {"lanes": (speeds, scatter, critical)},
+            options | {"lanes": (speeds, scatter, critical)},
         )
-        objectives = tuple(_at_lanes(chosen, speeds) for chosen in given)
-        lanes = peaks, scatter, critical
+        lane_objectives = tuple(
+            _at_lanes(objective, speeds) for objective in objectives
+        )
         evaluator = Evaluator(
             train,
             rpm[speeds],
-            dataclasses.replace(task, objectives=objectives),
+            dataclasses.replace(task, objectives=lane_objectives),
             request,
-            *lanes,
+            peaks,
+            scatter,
+            critical,
         )
         descent = Descent(
             evaluator,
@@ -259,29 +269,41 @@ def tune(
             keep=keep,
             history=history,
         )
-        z = np.concatenate([task.unbounded(train)[None], np.reshape(more, (-1, many))])
-        return _result(train, rpm, evaluator, descent, *descent.run(z, steps))
+        z = np.concatenate(
+            [task.unbounded(train)[None], np.reshape(more, (-1, n_parameters))]
+        )
+        first, best, stopped, interrupted = descent.run(z, steps)
+        return _result(
+            train, rpm, evaluator, descent, first, best, stopped, interrupted
+        )
 
     random = np.log(drawn / (1 - drawn))
     if robust is None:
-        return tune_between(question, partial(tuned, train), random)
+        return tune_between(question, partial(tuned_at_lanes, train), random)
     tolerances = tuple(tolerances) or read_tolerances(train)
     check_tolerances(train, tolerances)
     check_robust(train, robust, tolerances, peaks)
-    first = partial(tuned, more=random)
     result = tune_robust(
-        train, rpm, given, tolerances, robust, seed, first, **question.accuracy, out=out
+        train,
+        rpm,
+        objectives,
+        tolerances,
+        robust,
+        seed,
+        partial(tuned_at_lanes, more=random),
+        harmonics=harmonics,
+        tolerance=tolerance,
+        out=out,
     )
     return result if result.interrupted else checked_between(question, result)
 
 
-def _at_lanes(objective, speeds):
-    """An Objective with the weights of lanes at indices ``speeds``."""
+def _at_lanes(objective: Objective, speeds: np.ndarray) -> Objective:
+    """Take the weights of an Objective at lanes of indices ``speeds``."""
     if not objective.weights:
         return objective
-    return dataclasses.replace(
-        objective, weights=tuple(np.array(objective.weights)[speeds])
-    )
+    weights = tuple(np.array(objective.weights)[speeds])
+    return dataclasses.replace(objective, weights=weights)
 
 
 @dataclass(frozen=True)
@@ -294,35 +316,49 @@ class Question:
     train: DriveTrain
     rpm: np.ndarray
     task: Task
-    accuracy: dict
+    harmonics: int | None
+    tolerance: float
 
-    def checked(self, design, reading=None):
-        """The Checked of a design, of whose Reading it takes what is known."""
-        return check_between(design, self.rpm, self.task, reading, **self.accuracy)
+    def checked(self, design: DriveTrain, reading: Reading | None = None) -> Checked:
+        """Check a design between the speeds; its Reading, where given, is not computed
+        again.
+        """
+        return check_between(
+            design,
+            self.rpm,
+            self.task,
+            reading,
+            harmonics=self.harmonics,
+            tolerance=self.tolerance,
+        )
 
 
-def checked_between(question, result):
-    """A Tuning with what its first and last design do between the speeds."""
+def checked_between(question: Question, result: Tuning) -> Tuning:
+    """Add to a Tuning the readings of its first and last design between the speeds."""
     checked = {"after": question.checked(result.train, result.after)}
-    if is_linear(
-        question.train
-    ):  # where teeth hammer a look at the start would take as long as the tuning
+    # Where teeth hammer a look at the start would take as long as the tuning.
+    if is_linear(question.train):
         checked["before"] = question.checked(question.train, result.before)
     return dataclasses.replace(result, checked=checked)
 
 
-def tune_between(question, tuned, random):
-    """The Tuning whose limits are kept between the speeds, too, or nearest to that.
+def tune_between(
+    question: Question,
+    tune_from: Callable[..., tuple[Tuning, np.ndarray]],
+    random_z: np.ndarray,
+) -> Tuning:
+    """Tune so that limits are kept between the speeds, too: the Tuning that keeps them,
+    or is nearest to that.
 
-    ``tuned(more=, critical=, history=)`` makes a Tuning from the train and further
-    designs ``(A, P)``, the first time ``random`` ones, at critical speeds to follow.
+    ``tune_from(more=, critical=, history=)`` makes a Tuning from the train and further
+    designs ``(A, P)``, the first time ``random_z``, at critical speeds to follow.
     """
     rpm = question.rpm
     task = question.task
-    result, _ = tuned(more=random)
+    result, _ = tune_from(more=random_z)
     attempts: list[Tuning] = []
     sentences: list[str] = []
-    followed: tuple = ()
+    followed: tuple[Followed, ...] = ()
     while not result.interrupted:
         try:
             result = checked_between(question, result)
@@ -339,8 +375,8 @@ def tune_between(question, tuned, random):
             followed += _new_peaks(
                 followed, question.train, rpm, exceeded(task, result.checked["before"])
             )
-        more = [task.unbounded(result.train), *_across(question, result.train)]
-        result, _ = tuned(more=more, critical=followed, history=result.history)
+        starts = [task.unbounded(result.train), *_across(question, result.train)]
+        result, _ = tune_from(more=starts, critical=followed, history=result.history)
     if not attempts:
         return result
     best = min(
@@ -348,43 +384,48 @@ def tune_between(question, tuned, random):
     )
     stopped = result.stopped
     if sentences and exceeded(task, best.checked["after"]):
-        rounds = f"{len(attempts) - 1} round{'s' * (len(attempts) > 2)}"
+        plural = "s" if len(attempts) > 2 else ""
         stopped += (
-            f"; a limit is still exceeded after {rounds} at speeds between those"
-            " asked for"
+            f"; a limit is still exceeded after {len(attempts) - 1} round{plural} at"
+            " speeds between those asked for"
         )
-    last = {
-        "history": result.history,
-        "interrupted": result.interrupted,
-        "stopped": stopped,
-    }
-    return dataclasses.replace(best, **last, followed=tuple(sentences))
+    return dataclasses.replace(
+        best,
+        history=result.history,
+        interrupted=result.interrupted,
+        stopped=stopped,
+        followed=tuple(sentences),
+    )
 
 
-def _new_peaks(followed, train, rpm, excesses):
-    """What is to be followed of limits exceeded by a train and is not yet
-    ``followed``.
+def _new_peaks(
+    followed: Sequence[Followed],
+    train: DriveTrain,
+    rpm: np.ndarray,
+    excesses: Sequence[Excess],
+) -> tuple[Followed, ...]:
+    """The peaks to follow of limits that a train exceeds, without those ``followed``
+    already.
     """
-    known = {each.name for each in followed}
-    new = {}
+    followed_names = {peak.name for peak in followed}
+    new_peaks = {}
     for excess in excesses:
-        peak = near(excess.rpm, train, rpm, known)
-        if peak.name not in known:
-            new[peak.name] = peak
-    return tuple(new.values())
+        peak = followed_at(excess.rpm, train, rpm, followed_names)
+        if peak.name not in followed_names:
+            new_peaks[peak.name] = peak
+    return tuple(new_peaks.values())
 
 
-def _across(question, design):
+def _across(question: Question, design: DriveTrain) -> list[np.ndarray]:
     """The z ``(P,)`` of the best of some designs that have one number elsewhere within
     its bounds, if it is better.
     """
-    if not is_linear(
-        question.train
-    ):  # a look at so many designs would take as long as the tuning
+    # Where teeth hammer a look at so many designs would take as long as the tuning.
+    if not is_linear(question.train):
         return []
     own_z = question.task.unbounded(design)
     numbers = np.arange(len(own_z))
-    tried = [
+    designs = [
         own_z,
         *(
             np.where(numbers == number, place, own_z)
@@ -392,11 +433,11 @@ def _across(question, design):
             for place in ACROSS
         ),
     ]
-    best = int(np.argmin([_share_of(question, z) for z in tried]))
-    return [tried[best]] if best else []
+    best = int(np.argmin([_share_of(question, z) for z in designs]))
+    return [designs[best]] if best else []
 
 
-def _share_of(question, z):
+def _share_of(question: Question, z: np.ndarray) -> float:
     """The largest reading over its limit of the design z, at and between the speeds;
     inf where one is not solved.
     """
@@ -404,51 +445,72 @@ def _share_of(question, z):
     return worst_share(question.task, checked) if checked.solved.all() else np.inf
 
 
-def _result(train, rpm, evaluator, descent, first, best, stopped, interrupted):
-    """The :class:`Tuning`, and the largest response to each objective ``(Q,)`` of all
-    lanes of the best design.
+def _result(
+    train: DriveTrain,
+    rpm: np.ndarray,
+    evaluator: Evaluator,
+    descent: Descent,
+    first: Point,
+    best: Point,
+    stopped: str,
+    interrupted: bool,
+) -> tuple[Tuning, np.ndarray]:
+    """Make the :class:`Tuning`, and the largest response to each objective ``(Q,)`` of
+    all lanes of the best design.
     """
     design = best_of(best)
     after = evaluator.reading(best, design)
     designs = zip(best.value, best.z, best.solved, strict=True)
     task = evaluator.task
-    made = Tuning(
+    tuning = Tuning(
         train=train.replace(after.parameters),
         rpm=rpm,
         before=evaluator.reading(first, 0).of_first(len(rpm)),
         after=after.of_first(len(rpm)),
         history=tuple(descent.history),
         outcomes=tuple(
-            (float(v), task.named(z), int(solved[: len(rpm)].sum()))
-            for v, z, solved in designs
+            (float(value), task.named(z), int(solved[: len(rpm)].sum()))
+            for value, z, solved in designs
         ),
         stopped=stopped,
         interrupted=interrupted,
     )
-    return made, np.array(
-        [np.nanmax(after.readings[label(chosen)]) for chosen in task.objectives]
-    )
+    largest = [
+        np.nanmax(after.readings[label(objective)]) for objective in task.objectives
+    ]
+    return tuning, np.array(largest)
 
 
-def _check_numbers(train, optimizer, steps, starts, seed, peaks, widths):
-    where = train.topology.title
+def _check_numbers(
+    train: DriveTrain,
+    optimizer: Optimizer,
+    steps: int,
+    starts: int,
+    seed: int,
+    peaks: int,
+    widths: Sequence[float],
+) -> None:
+    """Refuse options of a tuning, one sentence a fault."""
+    title = train.topology.title
     faults = []
-    if fault := fault_of_optimizer(optimizer):
-        faults.append(f"{where}: {fault}")
-    for name, value, least in (
+    fault = fault_of_optimizer(optimizer)
+    if fault:
+        faults.append(f"{title}: {fault}")
+    counts = (
         ("steps", steps, 1),
         ("starts", starts, 1),
         ("seed", seed, 0),
         ("peaks", peaks, 0),
-    ):
+    )
+    for name, value, least in counts:
         if value != int(value) or value < least:
             faults.append(
-                f"{where}: {name} is {value:g}, must be a whole number of at least"
+                f"{title}: {name} is {value:g}, must be a whole number of at least"
                 f" {least}."
             )
     if not widths or any(not 0 < width < 10 for width in widths):
         faults.append(
-            f"{where}: widths is {widths}, must be numbers between 0 and 10, shares of"
+            f"{title}: widths is {widths}, must be numbers between 0 and 10, shares of"
             " the worst value."
         )
     if faults:

@@ -1,4 +1,4 @@
-"""What tolerances do to a response: sensitivities, the worst case, percentiles.
+"""Effects of tolerances on a response: sensitivities, the worst case, percentiles.
 
 A lane is one train within its tolerances at one speed, its numbers the shares u of a
 :class:`Box`. All lanes of a question are solved by the evaluation of tunings
@@ -6,13 +6,15 @@ A lane is one train within its tolerances at one speed, its numbers the shares u
 responses.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 import jax
 import numpy as np
@@ -21,7 +23,7 @@ from jaxhb._jax import Numbers, refuse_tracers
 from jaxhb._shown import brief
 from jaxhb.balance.plan import Request
 from jaxhb.design.bounds_over_box import bounds_over_box
-from jaxhb.design.evaluation import Evaluator, pull_back, where
+from jaxhb.design.evaluation import Evaluator, Point, pull_back, where
 from jaxhb.design.quantities import (
     QUANTITIES,
     Objective,
@@ -29,7 +31,13 @@ from jaxhb.design.quantities import (
     label,
     objective_faults,
 )
-from jaxhb.design.tolerances import Tolerance, box_of, check_tolerances, read_tolerances
+from jaxhb.design.tolerances import (
+    Box,
+    Tolerance,
+    box_of,
+    check_tolerances,
+    read_tolerances,
+)
 from jaxhb.elements.elements import SceneError
 from jaxhb.results.answers import left_out
 from jaxhb.results.checkpoint import Cached, keeper
@@ -41,21 +49,14 @@ from jaxhb.train.speeds import check_speed
 ROUNDS = 3  # searches from one speed to the next
 CLIMBS = 12  # steps of a search for a worst case at most
 TRIALS = 5  # lengths of a step
-APART, PROMISING = (
-    1.0,
-    0.8,
-)  # difference of a share, and share of the best value, that another start is worth
+APART = 1.0  # difference of a share that another start is worth
+PROMISING = 0.8  # share of the best value that another start is worth
 # Trains where no tooth separates, from which searches may begin, beside the corners
 EXPLORED_LINEAR = 64
-GAIN, PATIENCE = (
-    1e-3,
-    2,
-)  # share of the value below which a step has won nothing; so many of them end a search
-ASCENT = 1e-4
-CURVED = 1e-8
-"""Share of the slope that a step has to win, Armijo's condition; cosine of step and
-change of the slope at least.
-"""
+GAIN = 1e-3  # share of the value below which a step has won nothing
+PATIENCE = 2  # steps that win nothing after which a search ends
+ASCENT = 1e-4  # share of the slope that a step has to win, Armijo's condition
+CURVED = 1e-8  # cosine of step and change of the slope at least
 NO_LIMIT = "the rule of the shaft has no limit there"
 TOGETHER = 8  # speeds whose searches are solved, and kept, together
 QUANTITIES_ASKED = (
@@ -64,6 +65,12 @@ QUANTITIES_ASKED = (
     "damper power",
     "stress over continuous limit",
 )
+"""Quantities that are judged where none is named."""
+
+Result = TypeVar("Result")
+# Responses (A, Q) and Point of lanes, and a function from quantities (A,) to
+# derivatives (A, P)
+Outcome: TypeAlias = tuple[np.ndarray, Point, Callable[[np.ndarray], np.ndarray]]
 
 
 @brief
@@ -73,20 +80,20 @@ class Spread:
     units, nan where not solved and where the rule of a shaft has no limit of which a
     stress would be a share.
 
-    of : tuple of Objective; tolerances : tuple of Tolerance; rpm : ``(n,)`` nominal :
-    ``(n, Q)``, of the train as the scene has it slopes : ``(n, Q, P)``, change of the
-    response over half the range of a number, by the derivative at the own values worst,
-    shares : ``(n, Q)`` and ``(n, Q, P)``, the largest response found and the shares u
-    of the numbers there bound : ``(n, Q)``, what no response within the tolerances
-    exceeds, teeth in contact, nan where that is not proved no_bound : ``(n, Q)``, why
-    there is no bound, "" where there is one samples, drawn : ``(n, S, Q)`` and ``(S,
-    P)``, responses of a sample and the shares u drawn evaluations : solves of one
-    speed, those of the sample included
+    of : tuple of Objective; tolerances : tuple of Tolerance; rpm : ``(n,)``; nominal :
+    ``(n, Q)``, of the train as the scene has it; slopes : ``(n, Q, P)``, change of the
+    response over half the range of a number, by the derivative at the own values;
+    worst, shares : ``(n, Q)`` and ``(n, Q, P)``, the largest response found and the
+    shares u of the numbers there; bound : ``(n, Q)``, exceeded by no response within
+    the tolerances, teeth in contact, nan where that is not proved; no_bound : ``(n,
+    Q)``, why there is no bound, "" where there is one; samples, drawn : ``(n, S, Q)``
+    and ``(S, P)``, responses of a sample and the shares u drawn; evaluations : solves
+    of one speed, those of the sample included
     """
 
     train: DriveTrain
-    of: tuple
-    tolerances: tuple
+    of: tuple[Objective, ...]
+    tolerances: tuple[Tolerance, ...]
     rpm: np.ndarray
     nominal: np.ndarray
     slopes: np.ndarray
@@ -100,8 +107,8 @@ class Spread:
 
     @property
     def labels(self) -> list[str]:
-        """What each quantity is: ``"tooth force of crank gear|idler"``."""
-        return [label(one) for one in self.of]
+        """Names of the quantities: ``"tooth force of crank gear|idler"``."""
+        return [label(objective) for objective in self.of]
 
     @property
     def judged(self) -> np.ndarray:
@@ -109,7 +116,7 @@ class Spread:
         limit has none where the rule has no limit.
         """
         return np.column_stack(
-            [judged(self.train, chosen, self.rpm) for chosen in self.of]
+            [judged(self.train, objective, self.rpm) for objective in self.of]
         )
 
     @property
@@ -134,27 +141,28 @@ class Spread:
         number, else the slopes, which hold for small changes: where teeth hammer a
         force is no smooth function of the numbers.
         """
-        found = self.slopes.copy()
+        effects = self.slopes.copy()
         count = 3 * self.drawn.shape[1]
-        for i, (responses, kept, meant) in enumerate(
+        for i, (responses, solved, has_meaning) in enumerate(
             zip(self.samples, self.drawn_solved, self.judged, strict=True)
         ):
-            if kept.sum() >= count:
-                shares = np.column_stack([np.ones(kept.sum()), self.drawn[kept]])
-                found[i, meant] = np.linalg.lstsq(shares, responses[kept][:, meant])[0][
-                    1:
-                ].T
-        return found
+            if solved.sum() >= count:
+                shares = np.column_stack([np.ones(solved.sum()), self.drawn[solved]])
+                solution = np.linalg.lstsq(shares, responses[solved][:, has_meaning])[0]
+                effects[i, has_meaning] = solution[1:].T
+        return effects
 
     def percentile(self, q: float) -> np.ndarray:
-        """Of the samples that are solved ``(n, Q)``; nan where none is."""
-        found = np.full(self.nominal.shape, np.nan)
-        for i, (responses, kept, meant) in enumerate(
+        """Percentile ``(n, Q)`` of the samples that are solved; nan where none is."""
+        percentiles = np.full(self.nominal.shape, np.nan)
+        for i, (responses, solved, has_meaning) in enumerate(
             zip(self.samples, self.drawn_solved, self.judged, strict=True)
         ):
-            if kept.any():
-                found[i, meant] = np.percentile(responses[kept][:, meant], q, axis=0)
-        return found
+            if solved.any():
+                percentiles[i, has_meaning] = np.percentile(
+                    responses[solved][:, has_meaning], q, axis=0
+                )
+        return percentiles
 
     def to_xarray(self) -> Any:
         """Labelled arrays over ``rpm``, ``quantity`` and ``number``; needs
@@ -162,10 +170,10 @@ class Spread:
         """
         import xarray
 
-        over = ("rpm", "quantity")
-        found = {
+        dims = ("rpm", "quantity")
+        variables: dict[str, tuple] = {
             "nominal": (
-                over,
+                dims,
                 self.nominal,
                 {
                     "long_name": (
@@ -174,12 +182,12 @@ class Spread:
                 },
             ),
             "worst": (
-                over,
+                dims,
                 self.worst,
                 {"long_name": "largest response found within the tolerances"},
             ),
             "bound": (
-                over,
+                dims,
                 self.bound,
                 {
                     "long_name": (
@@ -187,37 +195,40 @@ class Spread:
                     )
                 },
             ),
-            "no_bound": (over, self.no_bound, {"long_name": "why there is no bound"}),
+            "no_bound": (dims, self.no_bound, {"long_name": "why there is no bound"}),
             "slope": (
-                (*over, "number"),
+                (*dims, "number"),
                 self.slopes,
                 {"long_name": "change over half the range of a number"},
             ),
             "at_worst": (
-                (*over, "number"),
+                (*dims, "number"),
                 self.numbers,
                 {"long_name": "number at the largest response"},
             ),
         }
         if self.drawn.size:
-            found["sample"] = (
+            variables["sample"] = (
                 ("rpm", "draw", "quantity"),
                 self.samples,
                 {"long_name": "responses of a random sample"},
             )
-            found["draw_share"] = (
+            variables["draw_share"] = (
                 ("draw", "number"),
                 self.drawn,
                 {"long_name": "place in the range, -1 to 1"},
             )
-        units = ("quantity", [QUANTITIES[one.quantity].unit for one in self.of])
+        units = (
+            "quantity",
+            [QUANTITIES[objective.quantity].unit for objective in self.of],
+        )
         names = {
             "rpm": self.rpm,
             "quantity": self.labels,
-            "number": [one.name for one in self.tolerances],
+            "number": [number.name for number in self.tolerances],
         }
         return xarray.Dataset(
-            found,
+            variables,
             coords=names | {"unit": units},
             attrs={"scene": self.train.topology.name},
         )
@@ -227,14 +238,17 @@ class Spread:
         """The numbers with a tolerance at the worst case of every speed and quantity
         ``(n, Q, P)``.
         """
-        low, high = np.array([(one.low, one.high) for one in self.tolerances]).T
+        low, high = np.array(
+            [(number.low, number.high) for number in self.tolerances]
+        ).T
         return (high + low) / 2 + self.shares * (high - low) / 2
 
     def values(self, i: int, j: int) -> dict[str, float]:
         """Numbers of the train at the worst case of a speed and a quantity, for
         :meth:`jaxhb.DriveTrain.replace`.
         """
-        return box_of(self.train, self.tolerances, self.of).named(self.shares[i, j])
+        box = box_of(self.train, self.tolerances, self.of)
+        return box.named(self.shares[i, j])
 
 
 def tolerance(
@@ -251,12 +265,12 @@ def tolerance(
     progress: Callable[[str], object] | None = None,
     out: str | Path | Cached | None = None,
 ) -> Spread:
-    """What the tolerances of a train do to its response at some speeds.
+    """Find the effects of the tolerances of a train on its response at some speeds.
 
     At each speed and of each quantity: the value of the train as it is; by the
     derivative of :func:`jaxhb.solve`, which number moves it how far over its own
-    tolerance; the largest value within all tolerances that is found, and where; what no
-    value exceeds, where that can be proved; and percentiles of a random sample.
+    tolerance; the largest value within all tolerances that is found, and where; a bound
+    that no value exceeds, where one can be proved; and percentiles of a random sample.
 
     The worst case is searched by projected gradients (BFGS in the numbers inside their
     ranges, Bertsekas, 1982), from the train as it is, the best corner of the range, and
@@ -288,7 +302,7 @@ def tolerance(
         By default those of the ``[tolerance]`` table of the scene.
     samples, seed : int
         Trains of the sample, a Latin hypercube; seed of the sample and of the corners
-        from which is searched.
+        from which searches begin.
     harmonics, tolerance
         As in :func:`jaxhb.solve_speeds`.
     bounds : bool
@@ -297,8 +311,8 @@ def tolerance(
     progress : callable, optional
         Told in a sentence what is computed.
     out : path, optional
-        A folder to which what is found is written as the search goes: the same call
-        goes on where it was stopped, with the same numbers to the last bit.
+        A folder to which results are written as the search goes: the same call goes on
+        where it was stopped, with the same numbers to the last bit.
         :class:`jaxhb.CheckpointError` where it holds anything else, or cannot be
         written.
 
@@ -308,10 +322,10 @@ def tolerance(
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> pulley = Tolerance(name="pulley.inertia", low=0.015, high=0.019)
     >>> torque = Objective(quantity="shaft torque", of="cyl6|flywheel")
-    >>> found = jaxhb.tolerance(
+    >>> spread = jaxhb.tolerance(
     ...     train, rpm=[1800.0, 2100.0], of=[torque], tolerances=[pulley]
     ... )
-    >>> bool((found.worst >= found.nominal).all())
+    >>> bool((spread.worst >= spread.nominal).all())
     True
     """
     refuse_tracers(
@@ -327,34 +341,30 @@ def tolerance(
     tolerances = tuple(tolerances) or read_tolerances(train)
     of = tuple(of) or default_quantities(train, rpm)
     faults = [
-        (one.quantity, text)
-        for one in of
-        for text in objective_faults(train, one, len(rpm))
+        f"{train.topology.title}, quantity {objective.quantity!r}: {sentence}"
+        for objective in of
+        for sentence in objective_faults(train, objective, len(rpm))
     ]
     if faults:
-        raise SceneError(
-            [
-                f"{train.topology.title}, quantity {name!r}: {text}"
-                for name, text in faults
-            ]
-        )
+        raise SceneError(faults)
     request = Request.of(train, harmonics, tolerance, integrals="sampled")
-    asked = {
+    options = {
         "answers": "worst cases",
         "speeds": rpm,
         "quantities": of,
         "tolerances": tolerances,
         "seed": seed,
+        "samples": samples,
+        "bounds": bounds,
+        **vars(request),
     }
-    keep = keeper(
-        out, train, asked | {"samples": samples, "bounds": bounds, **vars(request)}
-    )
+    keep = keeper(out, train, options)
     search = _Search(
         train,
         rpm,
         box_of(train, tolerances, of),
         request,
-        progress or (lambda text: None),
+        progress or (lambda sentence: None),
         keep,
     )
     search.start()
@@ -365,40 +375,35 @@ def tolerance(
     if search.point.solved.any():
         search.explore(seed)
         search.climb()
-    none = (
-        np.full(search.nominal.shape, np.nan),
-        np.full(search.nominal.shape, "it was not asked for"),
-    )
-    bound, no_bound = search.bounded(harmonics) if bounds else none
+    bound = np.full(search.nominal.shape, np.nan)
+    no_bound = np.full(search.nominal.shape, "it was not asked for")
+    if bounds:
+        bound, no_bound = search.bounded(harmonics)
     worst, shares = search.worst()
-    found = {"worst": worst, "shares": shares, "bound": bound, "no_bound": no_bound}
-    found |= {
-        "rpm": rpm,
-        "nominal": search.nominal,
-        "slopes": search.slopes,
-        "samples": sampled,
-        "drawn": drawn,
-    }
-    meant = np.column_stack([judged(train, chosen, rpm) for chosen in of])
-    found |= {
-        name: np.where(meant, found[name], np.nan)
-        for name in ("nominal", "worst", "bound")
-    }
-    found |= {
-        name: np.where(meant[..., None], found[name], np.nan)
-        for name in ("slopes", "shares")
-    }
-    found["samples"] = np.where(meant[:, None], sampled, np.nan)
-    found["no_bound"] = np.where(meant, no_bound, NO_LIMIT)
-    return Spread(train, of, tolerances, **found, evaluations=search.evaluations)
+    has_meaning = np.column_stack([judged(train, objective, rpm) for objective in of])
+    return Spread(
+        train=train,
+        of=of,
+        tolerances=tolerances,
+        rpm=rpm,
+        nominal=np.where(has_meaning, search.nominal, np.nan),
+        slopes=np.where(has_meaning[..., None], search.slopes, np.nan),
+        worst=np.where(has_meaning, worst, np.nan),
+        shares=np.where(has_meaning[..., None], shares, np.nan),
+        bound=np.where(has_meaning, bound, np.nan),
+        no_bound=np.where(has_meaning, no_bound, NO_LIMIT),
+        samples=np.where(has_meaning[:, None], sampled, np.nan),
+        drawn=drawn,
+        evaluations=search.evaluations,
+    )
 
 
-def default_quantities(train, rpm):
-    """Of each kind of :data:`QUANTITIES_ASKED` the element where it is largest at the
-    nominal speeds.
+def default_quantities(train: DriveTrain, rpm: np.ndarray) -> tuple[Objective, ...]:
+    """Choose for each kind of :data:`QUANTITIES_ASKED` the element where it is largest
+    at the nominal speeds.
     """
     topology = train.topology
-    largest = {}
+    chosen = []
     kinds = {"tooth force": topology.mesh_names, "damper power": topology.damper_names}
     responses = solve_speeds(train, rpm=rpm)
     if not responses.solved.any():
@@ -406,34 +411,48 @@ def default_quantities(train, rpm):
             "\n".join(left_out(responses.rpm, responses.status, topology.title))
         )
     for quantity in QUANTITIES_ASKED:
-        asked = [
+        candidates = [
             Objective(quantity=quantity, of=name)
             for name in kinds.get(quantity, topology.shaft_and_damper_names)
         ]
-        for one in asked:
-            if not objective_faults(train, one, len(rpm)):
-                value = np.max(
-                    QUANTITIES[quantity].exact_value(responses, one.of, None, train)
-                )  # 0 where not solved
-                if value > largest.get(quantity, (0.0,))[0]:
-                    largest[quantity] = value, one
-    if not largest:
+        largest = 0.0
+        largest_at = None
+        for objective in candidates:
+            if not objective_faults(train, objective, len(rpm)):
+                values = QUANTITIES[quantity].exact_value(
+                    responses, objective.of, None, train
+                )
+                value = float(np.max(values))  # 0 where not solved
+                if value > largest:
+                    largest = value
+                    largest_at = objective
+        if largest_at is not None:
+            chosen.append(largest_at)
+    if not chosen:
         raise SceneError(
             f"{topology.title}: no shaft, damper or mesh vibrates, so there is nothing"
             " to judge."
         )
-    return tuple(one for _, one in largest.values())
+    return tuple(chosen)
 
 
 class _Search:
     """The lanes of a question: nominal ones, and those that climb.
 
     Its work comes in parts, each of at most so many lanes and kept when it is done
-    (:meth:`_part`), so that neither memory nor what is lost when it is stopped grows
+    (:meth:`_part`), so that neither memory nor the work lost when it is stopped grows
     with the speeds.
     """
 
-    def __init__(self, train, rpm, box, request, say, keep):
+    def __init__(
+        self,
+        train: DriveTrain,
+        rpm: np.ndarray,
+        box: Box,
+        request: Request,
+        say: Callable[[str], object],
+        keep: Callable[..., Any],
+    ):
         self.train = train
         self.rpm = rpm
         self.box = box
@@ -443,143 +462,156 @@ class _Search:
         # Lanes of three searches for each speed and quantity.
         self.room = 3 * min(len(rpm), TOGETHER) * len(box.objectives)
         self.evaluations = self.parts = 0
-        self.tried = [{} for _ in rpm]
-        """Of every speed the responses (Q,) of the trains tried there, nan of those
-        lost, by their shares.
-        """
+        # Responses (Q,) at every speed of the trains tried there, nan of those lost, by
+        # their shares.
+        self.tried: list[dict[tuple[float, ...], np.ndarray]] = [{} for _ in rpm]
 
-    def _part(self, compute):
-        """What the next part of the work gives, computed or as it was kept, with all
+    def _part(self, compute: Callable[[], Result]) -> Result:
+        """The result of the next part of the work, computed or as it was kept, with all
         trains that it tried.
         """
         self.parts += 1
         self.log = []
 
-        def work():
+        def work() -> dict[str, Any]:
             value = compute()
             tried = tuple(map(np.array, zip(*self.log, strict=True)))
             return {"value": value, "tried": tried, "evaluations": self.evaluations}
 
         part = self.keep(self.parts, work)
         for i, u, responses in zip(*part["tried"], strict=True):
-            z = tuple(u.tolist())
-            self.tried[i][z] = np.fmax(self.tried[i].get(z, responses), responses)
+            shares = tuple(u.tolist())
+            self.tried[i][shares] = np.fmax(
+                self.tried[i].get(shares, responses), responses
+            )
         self.evaluations = part["evaluations"]
         return part["value"]
 
-    def _in_parts(self, lanes, compute):
-        """``compute`` of so many of a list of lanes at a time."""
+    def _in_parts(
+        self, lanes: Sequence[Any] | np.ndarray, compute: Callable[[Any], Result]
+    ) -> list[Result]:
+        """Compute so many of a list of lanes at a time: the results of the parts."""
         return [
             self._part(partial(compute, lanes[first : first + self.room]))
             for first in range(0, len(lanes), self.room)
         ]
 
-    def _solve(self, u, near, which=True, rescues=0):
-        """Lanes of shares u ``(A, P)`` near a Point: responses ``(A, Q)``, nan where
-        not solved or not ``which``, the Point, and a function from a quantity ``(A,)``
-        to its derivatives by the shares ``(A, P)``, 0 where none is.
+    def _solve(
+        self,
+        u: np.ndarray,
+        near: Point,
+        which: np.ndarray | bool = True,
+        rescues: int = 0,
+    ) -> Outcome:
+        """Solve lanes of shares u ``(A, P)`` near a Point: responses ``(A, Q)``, nan
+        where not solved or not ``which``, the Point, and a function from a quantity
+        ``(A,)`` to its derivatives by the shares ``(A, P)``, 0 where none is.
         """
-        count, which = len(u), np.broadcast_to(which, len(u))
+        count = len(u)
+        which = np.broadcast_to(which, count)
         self.evaluations += int(which.sum())
         # Always as many lanes: their number is a shape, and a shape is a program.
         filled = np.resize(np.arange(count), max(self.room, count))
-        asked = np.where(np.arange(len(filled)) < count, which[filled], False)
+        to_solve = np.where(np.arange(len(filled)) < count, which[filled], False)
         lanes, pull = self.evaluator.solved(
             u[filled],
             _take(near, filled),
-            asked[:, None],
+            to_solve[:, None],
             again=rescues > 0,
             rescues=rescues,
         )
-        solved = lanes.point.solved & asked[:, None]
+        solved = lanes.point.solved & to_solve[:, None]
 
-        def slopes(quantity):
+        def slopes(quantity: np.ndarray) -> np.ndarray:
             chosen = np.arange(len(self.box.objectives)) == quantity[filled][:, None]
-            by = np.asarray(
+            derivatives = np.asarray(
                 pull_back(pull, lanes.pulled(np.where(solved, chosen, 0.0)[:, None, :]))
             )
-            return np.where(np.isfinite(by), by, 0.0)[:count]
+            return np.where(np.isfinite(derivatives), derivatives, 0.0)[:count]
 
         responses = np.where(solved, lanes.point.exact[:, 0], np.nan)[:count]
-        return (
-            responses,
-            jax.tree.map(np.asarray, _take(lanes.point, slice(count))),
-            slopes,
-        )
+        point = jax.tree.map(np.asarray, _take(lanes.point, slice(count)))
+        return responses, point, slopes
 
-    def start(self):
-        """The train as it is at all speeds, with harmonics enough: a Point of n lanes,
-        nominal values and slopes.
+    def start(self) -> None:
+        """Solve the train as it is at all speeds, with harmonics enough: a Point of n
+        lanes, nominal values and slopes.
         """
         self.say("solving the scene as it is")
         self.nominal, self.point, self.slopes = self._part(self._started)
-        self.main = np.argmax(
-            np.abs(self.slopes), axis=2
-        )  # the number that moves a response most; nan counts as such
+        # The number that moves a response most; nan counts as such.
+        self.main = np.argmax(np.abs(self.slopes), axis=2)
         for tried, responses in zip(self.tried, self.nominal, strict=True):
             tried[tuple(self.box.unbounded(self.train).tolist())] = responses
 
-    def _started(self):
+    def _started(self) -> tuple[np.ndarray, Point, np.ndarray]:
+        """Nominal values ``(n, Q)``, the Point of n lanes, and slopes ``(n, Q, P)``."""
         begin = self.evaluator.unsolved(self.box.unbounded(self.train)[None])
-        point = jax.tree.map(
-            lambda leaf: np.moveaxis(leaf, 0, 1), begin
-        )  # a lane for each speed
-        point = dataclasses.replace(point, z=np.repeat(begin.z, len(self.rpm), axis=0))
-        while point is not None:
-            nominal, solved, slopes = self._solve(point.z, point, rescues=1)
-            point = self.evaluator.finer(solved, solved.solved)
-        every = [
+        # A lane for each speed.
+        lanes = jax.tree.map(lambda leaf: np.moveaxis(leaf, 0, 1), begin)
+        unfinished: Point | None = dataclasses.replace(
+            lanes, z=np.repeat(begin.z, len(self.rpm), axis=0)
+        )
+        while unfinished is not None:
+            nominal, solved, slopes = self._solve(unfinished.z, unfinished, rescues=1)
+            unfinished = self.evaluator.finer(solved, solved.solved)
+        by_quantity = [
             slopes(np.full(len(self.rpm), j)) for j in range(len(self.box.objectives))
         ]
-        return (
-            nominal,
-            solved,
-            np.where(np.isfinite(nominal)[..., None], np.stack(every, axis=1), np.nan),
-        )
+        is_solved = np.isfinite(nominal)[..., None]
+        nominal_slopes = np.where(is_solved, np.stack(by_quantity, axis=1), np.nan)
+        return nominal, solved, nominal_slopes
 
-    def _at(self, speed, u, which=True, near=None):
-        """As :meth:`_solve`, of lanes at speeds of index ``(A,)``; all that is solved
-        counts for all quantities.
+    def _at(
+        self,
+        speed: np.ndarray,
+        u: np.ndarray,
+        which: np.ndarray | bool = True,
+        near: Point | None = None,
+    ) -> Outcome:
+        """Solve lanes at speeds of index ``(A,)``, as :meth:`_solve`; all that is
+        solved counts for all quantities.
         """
-        found = self._solve(
-            u, _take(self.point, speed) if near is None else near, which
-        )
+        near = _take(self.point, speed) if near is None else near
+        outcome = self._solve(u, near, which)
         lanes = zip(
             speed.tolist(),
             map(tuple, u.tolist()),
-            found[0],
+            outcome[0],
             np.broadcast_to(which, len(u)),
             strict=True,
         )
-        for i, z, responses, asked in lanes:
-            if asked:
-                self.tried[i][z] = np.fmax(self.tried[i].get(z, responses), responses)
-                self.log.append((i, z, responses))
-        return found
+        for i, shares, responses, to_solve in lanes:
+            if to_solve:
+                self.tried[i][shares] = np.fmax(
+                    self.tried[i].get(shares, responses), responses
+                )
+                self.log.append((i, shares, responses))
+        return outcome
 
-    def sampled(self, drawn, which=True):
-        """Responses ``(n, S, Q)`` of a sample, its lanes near those of the train as it
-        is, at speeds ``which``.
+    def sampled(self, drawn: np.ndarray, which: np.ndarray | bool = True) -> np.ndarray:
+        """Responses ``(n, S, Q)`` of a sample ``(S, P)``, its lanes near those of the
+        train as it is, at speeds ``which``.
         """
         speeds = np.flatnonzero(self.point.solved[:, 0] & which)
-        found = np.full((len(self.rpm), len(drawn), len(self.box.objectives)), np.nan)
-        lanes = [(k, i) for k in range(len(drawn)) for i in speeds]
+        sampled = np.full((len(self.rpm), len(drawn), len(self.box.objectives)), np.nan)
+        lanes = [(draw, i) for draw in range(len(drawn)) for i in speeds]
 
-        def solved(part):
-            k, i = np.array(part).T
-            self.say(f"{k[0]} of {len(drawn)} trains within the tolerances")
-            return self._at(i, drawn[k])[0]
+        def solve(part: list[tuple[int, int]]) -> np.ndarray:
+            draw, i = np.array(part).T
+            self.say(f"{draw[0]} of {len(drawn)} trains within the tolerances")
+            responses, _, _ = self._at(i, drawn[draw])
+            return responses
 
-        for (k, i), values in zip(
-            lanes, itertools.chain(*self._in_parts(lanes, solved)), strict=True
-        ):
-            found[i, k] = values
-        return found
+        responses = itertools.chain.from_iterable(self._in_parts(lanes, solve))
+        for (draw, i), values in zip(lanes, responses, strict=True):
+            sampled[i, draw] = values
+        return sampled
 
-    def explore(self, seed):
-        """Some corners of the range; for each quantity those to which its slopes at
-        these and at the train as it is point, and the latter with the number that moves
-        it most at its other end: a resonance has two sides.
+    def explore(self, seed: int) -> None:
+        """Solve some corners of the range; for each quantity those to which its slopes
+        at these and at the train as it is point, and the latter with the number that
+        moves it most at its other end: a resonance has two sides.
         """
         # Without separation the equations are linear, and trains beside each other cost
         # hardly more than one.
@@ -598,14 +630,18 @@ class _Search:
             )
             pointed += [(speeds, toward), (speeds, across)]
         for corner in self.box.corners(seed):
-            pointed += itertools.chain(
-                *self._in_parts(speeds, partial(self._pointed, corner))
-            )
-        self._visit(*map(np.concatenate, zip(*pointed, strict=True)))
+            parts = self._in_parts(speeds, partial(self._pointed, corner))
+            pointed += itertools.chain.from_iterable(parts)
+        self._visit(
+            np.concatenate([speed for speed, _ in pointed]),
+            np.concatenate([corners for _, corners in pointed]),
+        )
 
-    def _pointed(self, corner, speeds):
-        """Of each quantity the speeds at which the train of a corner is solved, and the
-        corners to which it points.
+    def _pointed(
+        self, corner: np.ndarray, speeds: np.ndarray
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For each quantity the speeds at which the train of a corner is solved, and
+        the corners to which it points.
         """
         values, _, slopes = self._at(speeds, np.tile(corner, (len(speeds), 1)))
         pointed = []
@@ -614,29 +650,38 @@ class _Search:
             pointed.append((speeds[solved], np.where(slope, np.sign(slope), corner)))
         return pointed
 
-    def _visit(self, speed, u):
+    def _visit(self, speed: Iterable[int], u: Iterable[np.ndarray]) -> None:
         """Solve trains of shares u ``(A, P)``, at speeds of index ``(A,)``, that have
         not been tried there.
         """
         lanes = [
-            (int(i), tuple(np.asarray(z).tolist()))
-            for i, z in zip(speed, u, strict=True)
+            (int(i), tuple(np.asarray(shares).tolist()))
+            for i, shares in zip(speed, u, strict=True)
         ]
-        fresh = list(dict.fromkeys((i, z) for i, z in lanes if z not in self.tried[i]))
+        fresh = list(
+            dict.fromkeys(
+                (i, shares) for i, shares in lanes if shares not in self.tried[i]
+            )
+        )
 
-        def solve(part):
-            speed, u = zip(*part, strict=True)
-            self._at(np.array(speed), np.array(u))
+        def solve(part: list[tuple[int, tuple[float, ...]]]) -> None:
+            speeds = np.array([i for i, _ in part])
+            self._at(speeds, np.array([shares for _, shares in part]))
 
         self._in_parts(fresh, solve)
 
-    def climb(self):
+    def climb(self) -> None:
         """Search for the worst case of every speed and quantity from the best of all
         trains solved so far, from the train as it is, and from the best on the other
         side of the number that moves it most, where it promises as much; all side by
         side. Then from the worst cases of the speeds beside it, where these are worse
         here: where motions coexist, slopes of one know nothing of others.
         """
+
+        def ascend(part: list[tuple]) -> None:
+            speed, quantity, u = map(np.array, zip(*part, strict=True))
+            self._ascend(speed, quantity, u)
+
         starts = []
         begin = tuple(self.box.unbounded(self.train).tolist())
         for i, j in np.argwhere(np.isfinite(self.nominal)):
@@ -646,9 +691,9 @@ class _Search:
             first = order[0]
             across = np.abs(u - u[first])[:, self.main[i, j]] > APART
             promising = [
-                k
-                for k in order[1:]
-                if across[k] and values[k] > PROMISING * values[first]
+                lane
+                for lane in order[1:]
+                if across[lane] and values[lane] > PROMISING * values[first]
             ]
             # A climb from a corner mostly ends at one; that from the middle finds what
             # is largest inside the range.
@@ -656,19 +701,16 @@ class _Search:
                 [
                     tuple(u[first].tolist()),
                     begin,
-                    *(tuple(u[k].tolist()) for k in promising[:1]),
+                    *(tuple(u[lane].tolist()) for lane in promising[:1]),
                 ]
             )
-            starts += [(i, j, z) for z in places]
+            starts += [(i, j, place) for place in places]
         by_speed = [i for i in np.argsort(self.rpm) if self.point.solved[i, 0]]
         beside = [*itertools.pairwise(by_speed), *itertools.pairwise(by_speed[::-1])]
         for _ in range(ROUNDS):
             if not starts:
                 return
-            self._in_parts(
-                starts,
-                lambda part: self._ascend(*map(np.array, zip(*part, strict=True))),
-            )
+            self._in_parts(starts, ascend)
             worst, shares = self.worst()
             lanes = [(i, u) for other, i in beside for u in shares[other]]
             self._visit([i for i, _ in lanes], [u for _, u in lanes])
@@ -677,9 +719,9 @@ class _Search:
                 (i, j, shares[i, j]) for i, j in np.argwhere(after > (1 + GAIN) * worst)
             ]
 
-    def bounded(self, harmonics):
-        """Bounds and why there is none ``(n, Q)``; what is larger than all found so far
-        on their way is solved too.
+    def bounded(self, harmonics: int | None) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds and why there is none ``(n, Q)``; trains on their way with larger
+        responses than all found so far are solved too.
         """
         worst, _ = self.worst()
         bound = []
@@ -691,113 +733,124 @@ class _Search:
                 f" {len(self.rpm)} speeds are done"
             )
             speeds = slice(first, first + TOGETHER)
-            asked = self.train, self.rpm[speeds], self.box, worst[speeds], harmonics
-            values, why, above = self._part(partial(bounds_over_box, *asked))
+            values, why, above = self._part(
+                partial(
+                    bounds_over_box,
+                    self.train,
+                    self.rpm[speeds],
+                    self.box,
+                    worst[speeds],
+                    harmonics,
+                )
+            )
             bound.append(values)
             no_bound.append(why)
             places += [(first + i, u) for i, u in above]
         self._visit([i for i, _ in places], [u for _, u in places])
         return np.concatenate(bound), np.concatenate(no_bound)
 
-    def worst(self):
+    def worst(self) -> tuple[np.ndarray, np.ndarray]:
         """The largest response of all trains solved, by speed and quantity ``(n, Q)``,
         and its shares ``(n, Q, P)``.
         """
         shares = np.zeros(self.slopes.shape)
         values = self.nominal.copy()
         for i, tried in enumerate(self.tried):
-            u, own = _arrays(tried)
+            u, responses = _arrays(tried)
             if np.isfinite(self.nominal[i]).any():
-                first = np.nanargmax(own, axis=0)
-                shares[i], values[i] = u[first], own[first, np.arange(own.shape[1])]
+                first = np.nanargmax(responses, axis=0)
+                shares[i] = u[first]
+                values[i] = responses[first, np.arange(responses.shape[1])]
         return values, shares
 
-    def _ascend(self, speed, quantity, u):
+    def _ascend(self, speed: np.ndarray, quantity: np.ndarray, u: np.ndarray) -> None:
         """Climb from shares u ``(A, P)`` at all lanes at once, by BFGS in the numbers
         that are free to move, along the projection of its way.
         """
         values, point, slopes = self._at(speed, u)
         unknown = np.full(values.shape[1], np.inf)
         lanes = np.arange(len(u))
-        value = values[np.arange(len(u)), quantity]
+        value = values[lanes, quantity]
         slope = slopes(quantity)
         moving = np.isfinite(value)
         idle = np.zeros(len(u), dtype=int)
         # The first step leads to the corner to which the slope points.
         curvature = np.abs(slope)[:, :, None] * np.eye(u.shape[1]) / 2
-        for climb in range(CLIMBS):
-            way = np.stack(
-                [_way(*lane) for lane in zip(u, slope, curvature, strict=True)]
+        for step in range(CLIMBS):
+            direction = np.stack(
+                [_direction(u[k], slope[k], curvature[k]) for k in lanes]
             )
-            moving &= (way * slope).sum(axis=1) > GAIN * np.abs(value)
+            moving &= (direction * slope).sum(axis=1) > GAIN * np.abs(value)
             if not moving.any():
                 return
             self.say(
-                f"worst case: step {climb + 1}, {moving.sum()} of {len(u)} searches"
+                f"worst case: step {step + 1}, {moving.sum()} of {len(u)} searches"
                 " go on"
             )
             length = np.ones(len(u))
             climbing = moving.copy()
             won = np.zeros(len(u))
             for _ in range(TRIALS):
-                trial = np.clip(u + length[:, None] * way, -1.0, 1.0)
+                trial = np.clip(u + length[:, None] * direction, -1.0, 1.0)
                 rise = ((trial - u) * slope).sum(axis=1)
                 # What is known to be lost or no larger is not solved again.
                 places = zip(speed, quantity, map(tuple, trial.tolist()), strict=True)
-                known = np.array(
-                    [self.tried[i].get(z, unknown)[j] for i, j, z in places]
+                known_value = np.array(
+                    [self.tried[i].get(shares, unknown)[j] for i, j, shares in places]
                 )
-                asked = climbing & (known >= value + ASCENT * rise)
-                values, solved, slopes = self._at(speed, trial, asked, point)
-                own = np.where(asked, values[lanes, quantity], known)
-                good = asked & (own >= value + ASCENT * rise)
-                if good.any():
-                    steep = slopes(np.where(good, quantity, -1))
-                    for k in np.flatnonzero(good):
+                to_solve = climbing & (known_value >= value + ASCENT * rise)
+                values, solved, slopes = self._at(speed, trial, to_solve, point)
+                trial_value = np.where(to_solve, values[lanes, quantity], known_value)
+                rises = to_solve & (trial_value >= value + ASCENT * rise)
+                if rises.any():
+                    steep = slopes(np.where(rises, quantity, -1))
+                    for k in np.flatnonzero(rises):
                         curvature[k] = _updated(
                             curvature[k], trial[k] - u[k], slope[k] - steep[k]
                         )
-                    won = np.where(good, own - value, won)
-                    value = np.where(good, own, value)
+                    won = np.where(rises, trial_value - value, won)
+                    value = np.where(rises, trial_value, value)
                     point, u, slope = where(
-                        good, (solved, trial, steep), (point, u, slope)
+                        rises, (solved, trial, steep), (point, u, slope)
                     )
-                climbing &= ~good
+                climbing &= ~rises
                 if not climbing.any():
                     break
                 # To the vertex of the parabola through value, slope and what the trial
                 # found; a lost one is halved.
                 with np.errstate(divide="ignore", invalid="ignore"):
-                    vertex = 0.5 * rise / (value + rise - own)
+                    vertex = 0.5 * rise / (value + rise - trial_value)
                 length *= np.where(np.isfinite(vertex), np.clip(vertex, 0.1, 0.5), 0.5)
             idle = np.where(won > GAIN * np.abs(value), 0, idle + 1)
             moving &= idle < PATIENCE
 
 
-def _arrays(tried):
+def _arrays(
+    tried: dict[tuple[float, ...], np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
     """Shares ``(T, P)`` and responses ``(T, Q)`` of the trains tried at a speed."""
     return np.array(list(tried)), np.array(list(tried.values()))
 
 
-def _take(point, which):
-    """The Point of some lanes."""
+def _take(point: Point, which: np.ndarray | slice) -> Point:
+    """Select the Point of some lanes."""
     return jax.tree.map(lambda leaf: leaf[which], point)
 
 
-def _way(u, slope, curvature):
-    """BFGS's way up of one lane; numbers at an end of their range, beyond which it
-    would rise, rest.
+def _direction(u: np.ndarray, slope: np.ndarray, curvature: np.ndarray) -> np.ndarray:
+    """BFGS's way up ``(P,)`` of one lane; numbers at an end of their range, beyond
+    which it would rise, rest.
     """
     free = ~(((u >= 1.0) & (slope > 0)) | ((u <= -1.0) & (slope < 0))) & (slope != 0)
-    way = np.zeros_like(u)
+    direction = np.zeros_like(u)
     # Beside a fold slopes are of any size, and the matrix may be singular to rounding.
-    way[free] = np.linalg.lstsq(curvature[np.ix_(free, free)], slope[free])[0]
-    return way
+    direction[free] = np.linalg.lstsq(curvature[np.ix_(free, free)], slope[free])[0]
+    return direction
 
 
-def _updated(curvature, step, fall):
-    """The approximate negative Hessian after a step, in which the slope fell by
-    ``fall``; as it was where none did.
+def _updated(curvature: np.ndarray, step: np.ndarray, fall: np.ndarray) -> np.ndarray:
+    """Update the approximate negative Hessian ``(P, P)`` after a step, in which the
+    slope fell by ``fall``; as it was where none did.
     """
     along = fall @ step
     if not along > CURVED * np.linalg.norm(fall) * np.linalg.norm(step):
