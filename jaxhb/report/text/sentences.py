@@ -127,7 +127,8 @@ def solution_text(answer: Answer) -> str:
     error = float(response.truncation_error)
     if not residual and not error:
         backlash = any(response.topology.mesh_backlash)
-        return f"{line}, linear" + ": every mesh keeps its flank" * backlash
+        flanks = ": every mesh keeps its flank" if backlash else ""
+        return f"{line}, linear{flanks}"
     return (
         f"{line}, residual {residual:.1e}, truncation error {_percent(error)} of the"
         " largest tooth force"
