@@ -43,6 +43,15 @@ SAME_MOTION = 0.02
 """Difference of a force, torque or angle from which the steady state is told as another
 motion than the orbit tuned.
 """
+_HEADS = [
+    "quantity, worst over the speeds",
+    "before",
+    "at rpm",
+    "after",
+    "at rpm",
+    "limit",
+]
+"""Heads of the tables of quantities."""
 
 
 def tuned_record(
@@ -199,17 +208,6 @@ def tuned_parts(
     if result.checked:
         parts += _peaks_between(settings, rpm, result)
     return parts + _limits_exceeded(settings, rpm, result)
-
-
-_HEADS = [
-    "quantity, worst over the speeds",
-    "before",
-    "at rpm",
-    "after",
-    "at rpm",
-    "limit",
-]
-"""Heads of the tables of quantities."""
 
 
 def _parameter_table(
