@@ -263,17 +263,19 @@ def _table(strength: Strength, kind: str) -> Table:
             and strength.unconfirmed is not None
             and strength.unconfirmed[place]
         )
-        first, *others = (number(getattr(row, field), place) for field in limited.heads)
-        first = Doubtful(first) if doubtful else first
+        cells = [number(getattr(row, field), place) for field in limited.heads]
+        if doubtful:
+            cells[0] = Doubtful(cells[0])
         at_rpm = [NONE if place is None else f"{rpm[place]:g}"] * several
         reverses = [_where(rpm, row.reverses)] if kind == "tooth_torques" else []
-        rows.append([name, first, *at_rpm, *others, (first, others[0]), *reverses])
-    first_head, *other_heads = ((head, "number") for head, _ in limited.heads.values())
+        share = cells[0], cells[1]
+        rows.append([name, cells[0], *at_rpm, *cells[1:], share, *reverses])
+    numbers = [(head, "number") for head, _ in limited.heads.values()]
     heads: list[Head] = [
         limited.element,
-        first_head,
+        numbers[0],
         *["at rpm"] * several,
-        *other_heads,
+        *numbers[1:],
     ]
     heads += [("share", ratio), *["reverses"] * (kind == "tooth_torques")]
     marked = any(isinstance(row[1], Doubtful) for row in rows)
