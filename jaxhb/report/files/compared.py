@@ -3,11 +3,18 @@ element those of which the largest counts. All are sizes, whose largest does not
 on which end of a link the scene names first.
 """
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from jaxhb._jax import Array, Numbers
+from jaxhb.linear.forced import ForcedResponse
+from jaxhb.linear.strength import Strength
+from jaxhb.report.answer import Answer
 from jaxhb.report.quantities import number, unit_of
+from jaxhb.report.text.forced import Reading
 from jaxhb.report.text.strength import LIMITED, answers_strength
 from jaxhb.results.dataset import names_of
 
@@ -26,10 +33,10 @@ class Compared:
     axis: str = "rpm"
     case: str = ""
 
-    key = property(
-        lambda self: f"{self.called} {self.unit}",
-        doc="What is compared with one another.",
-    )
+    @property
+    def key(self) -> str:
+        """Name and unit, which numbers that are compared with one another share."""
+        return f"{self.called} {self.unit}"
 
 
 VARIABLES = {
@@ -37,79 +44,99 @@ VARIABLES = {
     "gear": {"torque half peak-to-peak": "gear_torque_half_peak_to_peak"},
     "shaft": {"torque half peak-to-peak": "torque_half_peak_to_peak", "heat": "heat"},
 }
-"""What is compared of every element, and its variable in data sets."""
+"""Numbers of every element that are compared, and their variables in data sets."""
 
 
-def of_answers(answers, case=""):
-    """Of :class:`jaxhb.report.answer.Answer` along a sweep, those that have an
-    answer.
-    """
-    found = []
-    for answer in (one for one in answers if one.answered):
-        where = {"place": answer.place, "axis": answer.axis.label, "case": case}
+def of_answers(answers: Iterable[Answer], case: str = "") -> list[Compared]:
+    """Compared numbers of answers along a sweep, of those that have an answer."""
+    compared = []
+    for answer in answers:
+        if not answer.answered:
+            continue
+        axis = answer.axis.label
         for element, variables in VARIABLES.items():
             for name in names_of(answer.topology)[element]:
                 for called, variable in variables.items():
                     value = number(answer, name, variable)
-                    found.append(
-                        Compared(f"{name} {called}", unit_of(variable), value, **where)
+                    compared.append(
+                        Compared(
+                            f"{name} {called}",
+                            unit_of(variable),
+                            value,
+                            answer.place,
+                            axis,
+                            case,
+                        )
                     )
-        found += _judged(answers_strength([answer]), [answer.place], where)
-    return found
+        compared += _judged(answers_strength([answer]), [answer.place], axis, case)
+    return compared
 
 
-def of_forced(cases, readings, strengths):
-    """Of linear forced responses by the cylinder that does not fire, with the readings
-    and the strength of each.
+def of_forced(
+    cases: Mapping[str, ForcedResponse],
+    readings: Sequence[Reading],
+    strengths: Mapping[str, Strength],
+) -> list[Compared]:
+    """Compared numbers of linear forced responses by the cylinder that does not fire,
+    with the readings and the strength of each.
     """
-    found = []
+    compared = []
     for case, response in cases.items():
         places = np.where(response.converged, response.rpm, np.nan)
-        for reading in (one.of(response) for one in readings):
+        for reading in (each.of(response) for each in readings):
             for called, values, unit in (
                 ("half peak-to-peak", reading.signal.half_peak_to_peak, reading.unit),
                 ("heat", reading.power, "W"),
             ):
-                found += _over(
-                    f"{reading.csv_name} {called}", unit, values, places, {"case": case}
+                compared += _over(
+                    f"{reading.csv_name} {called}", unit, values, places, "rpm", case
                 )
-        found += _judged(strengths[case], places, {"case": case})
-    return found
+        compared += _judged(strengths[case], places, "rpm", case)
+    return compared
 
 
-def of_worst(found):
-    """Of the worst cases of quantities over the speeds: rows with ``quantity``,
-    ``unit``, ``worst`` and ``rpm``.
+def of_worst(rows: Iterable[Mapping[str, Any]]) -> list[Compared]:
+    """Compared numbers of the worst cases of quantities over the speeds: rows with
+    ``quantity``, ``unit``, ``worst`` and ``rpm``.
     """
     return [
         Compared(row["quantity"], row["unit"], float(row["worst"]), float(row["rpm"]))
-        for row in found
+        for row in rows
     ]
 
 
-def _judged(strength, places, where):
-    """What is judged by limits."""
-    where = {key: value for key, value in where.items() if key != "place"}
+def _judged(
+    strength: Strength, places: Sequence[float] | Array, axis: str, case: str
+) -> list[Compared]:
+    """Numbers that limits judge, at places ``(n,)`` on an axis."""
     return [
-        one
+        compared
         for key, limited in LIMITED.items()
         for name, row in getattr(strength, key).items()
-        for one in _over(
+        for compared in _over(
             f"{name} {limited.called}",
             limited.si_unit,
             getattr(row, limited.field),
             places,
-            where,
+            axis,
+            case,
         )
     ]
 
 
-def _over(called, unit, values, places, where):
-    """One quantity at several places; nan is no place."""
+def _over(
+    called: str,
+    unit: str,
+    values: Numbers,
+    places: Sequence[float] | Array,
+    axis: str,
+    case: str,
+) -> list[Compared]:
+    """One quantity at several places ``(n,)``; nan is no place."""
     values = np.broadcast_to(np.asarray(values, float), np.shape(places))
     pairs = zip(values.tolist(), np.asarray(places, float).tolist(), strict=True)
     return [
-        Compared(called, unit, value, place, **where)
+        Compared(called, unit, value, place, axis, case)
         for value, place in pairs
         if np.isfinite([value, place]).all()
     ]

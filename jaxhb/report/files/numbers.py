@@ -3,11 +3,16 @@ rows of CSV files, a motion over its cycle as a table of time traces, and labell
 arrays of NetCDF files.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
-from jaxhb.report.answer import UNCONFIRMED
+from jaxhb.report.answer import UNCONFIRMED, Answer, Case
 from jaxhb.report.files.output import as_csv
 from jaxhb.report.quantities import WITHOUT, number
 from jaxhb.report.text.certified import certificate_record
@@ -18,32 +23,37 @@ from jaxhb.report.text.strength import (
     strength_columns,
     strength_record,
 )
+from jaxhb.results.bounds import Certificate
 from jaxhb.results.dataset import CONTACT, as_netcdf, names_of, to_xarray
-from jaxhb.results.record import PERCENT
-from jaxhb.results.signal import MISSED
+from jaxhb.results.record import PERCENT, PerCycle, RecordedSignal
+from jaxhb.results.signal import MISSED, Signal
+from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.firing import not_firing
 from jaxhb.train.plausible import plausibility
 
-NEGLIGIBLE = 1e-12
+if TYPE_CHECKING:
+    from jaxhb.results.dataset import Dataset
+
+NEGLIGIBLE = 1e-12  # amplitude over the largest of its signal that is not listed
 TRACED = 720  # time samples in a period of a trace, or twice, four times... as many
 NO_ORDERS = 0.0  # highest order listed where amplitudes are left out
 
 
-def answer_record(answer, *, orders=None):
-    """All that is reported of one speed, in SI units; amplitudes up to the order
-    ``orders``, by default that count.
+def answer_record(answer: Answer, *, orders: float | None = None) -> dict[str, Any]:
+    """Report all of one speed, in SI units; amplitudes up to the order ``orders``, by
+    default all that are not negligible.
     """
 
-    def of_each(element, record):
+    def of_each(element: str, record: Callable[[str], Any]) -> dict[str, Any]:
         return {name: record(name) for name in names_of(answer.topology)[element]}
 
-    def of_signal(signal):
+    def of_signal(signal: Signal | RecordedSignal) -> dict[str, Any]:
         return _signal_record(signal, orders)
 
-    solved = answer.response
+    response = answer.response
     state = answer.state
-    numbers = "residual", "truncation_error", "power_defect"
-    found = {
+    recorded = state.record if answer.recorded else None
+    record = {
         "scene": answer.topology.name,
         "rpm": answer.rpm,
         "motion": {
@@ -55,7 +65,7 @@ def answer_record(answer, *, orders=None):
             "reason": "; ".join(state.notes) if not answer.known else None,
             "cycles": state.cycles,
             "started_from_rpm": state.started_from,
-            "recorded_cycles": state.record.cycles if answer.recorded else None,
+            "recorded_cycles": None if recorded is None else recorded.cycles,
             "spread": of_each("mesh", lambda name: answer.force(name).spread._asdict()),
             "per_cycle": of_each(
                 "mesh", lambda name: _per_cycle(answer.force(name).per_cycle)
@@ -66,12 +76,13 @@ def answer_record(answer, *, orders=None):
         "load_kW": float(answer.balance.load_kW) + 0.0,
         "verdict": verdict(answer),
         "notes": notes(answer),
-        "status": None if solved is None else answer.status.name,
-        **{
-            name: None if solved is None else float(getattr(solved, name))
-            for name in numbers
-        },
-        "path": None if solved is None else [str(event) for event in solved.path],
+        "status": None if response is None else answer.status.name,
+        "residual": None if response is None else float(response.residual),
+        "truncation_error": (
+            None if response is None else float(response.truncation_error)
+        ),
+        "power_defect": None if response is None else float(response.power_defect),
+        "path": None if response is None else [str(event) for event in response.path],
         "load_torque_Nm": torques_of(answer.balance, "load"),
         "ground_reaction_Nm": torques_of(answer.balance, "ground"),
         "mean_angles": mean_angles_of(answer.topology),
@@ -88,32 +99,34 @@ def answer_record(answer, *, orders=None):
         "gears": of_each("gear", lambda name: of_signal(answer.gear_torque(name))),
         "meshes": of_each("mesh", lambda name: _mesh_record(answer, name, of_signal)),
     }
-    found |= strength_record(answers_strength([answer]), one_speed=True)
-    return found | (
-        certificate_record(answer.certificate) if answer.certificate is not None else {}
-    )
+    record |= strength_record(answers_strength([answer]), one_speed=True)
+    if isinstance(answer.certificate, Certificate | str):
+        record |= certificate_record(answer.certificate)
+    return record
 
 
-def _per_cycle(distribution):
-    """Of the largest tooth force of a cycle, as it is signed and by its size."""
+def _per_cycle(distribution: PerCycle) -> dict[str, np.ndarray]:
+    """Percentiles of the largest tooth force of a cycle, as it is signed and by its
+    size.
+    """
     return {"max": distribution.max, "peak": distribution.peak}
 
 
-def on_scene(*trains):
-    """What is noted of the scene, once for all speeds, and what is computed of
+def on_scene(*trains: DriveTrain) -> dict[str, Any]:
+    """Record the notes on the scene, once for all speeds, and what is computed of
     cylinders that do not fire in it or its misfires.
     """
     return {"scene_notes": plausibility(trains[0])} | not_firing_record(*trains)
 
 
-def not_firing_record(*trains):
-    """What is computed of cylinders that do not fire: sentences, none where all
+def not_firing_record(*trains: DriveTrain) -> dict[str, list[str]]:
+    """Record what is computed of cylinders that do not fire: sentences, none where all
     fire.
     """
     return {"not_firing": not_firing(*trains)}
 
 
-def both_record(answer, orders=None):
+def both_record(answer: Answer, orders: float | None = None) -> dict[str, Any]:
     """The record of an answer, under ``without_backlash`` the same with all teeth in
     contact.
     """
@@ -125,8 +138,10 @@ def both_record(answer, orders=None):
     return record
 
 
-def cases_record(cases, *, orders=None):
-    """What ``report --json`` writes: per case the records of all speeds with and
+def cases_record(
+    cases: Sequence[Case], *, orders: float | None = None
+) -> dict[str, Any]:
+    """The record of ``report --json``: per case the records of all speeds with and
     without backlash.
     """
     rows = [
@@ -139,32 +154,33 @@ def cases_record(cases, *, orders=None):
                 answer_record(answer.without_backlash, orders=orders)
                 for answer in case.answers
             ],
-            **strength_record(answers_strength(case.answers)),
         }
+        | strength_record(answers_strength(case.answers))
         for case in cases
     ]
     return {"rpm": [answer.rpm for answer in cases[0].answers], "cases": rows}
 
 
-def _signal_record(signal, orders):
+def _signal_record(
+    signal: Signal | RecordedSignal, orders: float | None
+) -> dict[str, Any]:
     """A signal with its rows up to the last that is not negligible; order k of the
     cycle stays at place k - 1.
     """
     summary = signal.summary()
-    sizes = np.array([row[1] for row in summary["amplitudes"]])
+    spectrum = summary["amplitudes"]
+    sizes = np.array([row[1] for row in spectrum])
     # Not ``>``: amplitudes that are nan are listed, as None.
     counted = ~(sizes <= NEGLIGIBLE * sizes.max(initial=0.0))
-    last = np.flatnonzero(
-        counted[
-            : sum(orders is None or row[0] <= orders for row in summary["amplitudes"])
-        ]
-    )
-    rows = summary["amplitudes"][: last[-1] + 1] if len(last) else []
+    within = sum(orders is None or row[0] <= orders for row in spectrum)
+    places = np.flatnonzero(counted[:within])
+    rows = spectrum[: places[-1] + 1] if len(places) else []
     # A motion that does not repeat has no phases.
     return summary | {"amplitudes": [[*row, None][:3] for row in rows]}
 
 
-def _disk_record(answer, name, angle):
+def _disk_record(answer: Answer, name: str, angle: Mapping[str, Any]) -> dict[str, Any]:
+    """Angle, speed and acceleration of a disk; ``angle`` is the record of the first."""
     return {key: angle[key] for key in ("mean", "half_peak_to_peak", "amplitudes")} | {
         "speed": answer.speed(name).extremes(),
         "acceleration": answer.acceleration(name).extremes(),
@@ -172,59 +188,67 @@ def _disk_record(answer, name, angle):
     }
 
 
-def _mesh_record(answer, name, of_signal):
+def _mesh_record(
+    answer: Answer,
+    name: str,
+    of_signal: Callable[[Signal | RecordedSignal], dict[str, Any]],
+) -> dict[str, Any]:
+    """Tooth force, contact and heat of a mesh; ``of_signal`` makes the record of a
+    signal.
+    """
     force = answer.force(name)
     law = answer.law(name)
     details = answer.details.get(name)
     impacts = details and [
         {
-            "theta_deg": answer.state.period * answer.cycle_deg * one["cycle"],
-            "speed": one["speed"],
-            "side": one["side"],
+            "theta_deg": answer.state.period * answer.cycle_deg * impact["cycle"],
+            "speed": impact["speed"],
+            "side": impact["side"],
         }
-        for one in details.impacts
+        for impact in details.impacts
     ]
-    return {
-        **of_signal(force),
-        "elastic": of_signal(force.elastic),
-        **{variable: number(answer, name, variable) for variable in CONTACT},
+    record = of_signal(force)
+    record["elastic"] = of_signal(force.elastic)
+    record |= {variable: number(answer, name, variable) for variable in CONTACT}
+    record |= {
         "impacts": impacts,
         "drive_side": answer.contacts[name].drive_side if answer.known else None,
         "gap_spring_force": law.gap_spring_force if law else 0.0,
         "knee_force": law.knee_force if law else 0.0,
         "pulling_force": details and details.pulling_force,
         "power_W": answer.power(name),
-    } | _meshing_record(answer, name)
+    }
+    return record | _meshing_record(answer, name)
 
 
-def _meshing_record(answer, name):
-    """Gear whine, transmission error and rattle of a mesh with a mesh period; nothing
-    of others.
+def _meshing_record(answer: Answer, name: str) -> dict[str, Any]:
+    """Gear whine, transmission error and rattle of a mesh with a mesh period; empty of
+    meshes without.
     """
     topology = answer.topology
-    solution = answer.response
+    response = answer.response
     periods = topology.mesh_periods[topology.mesh_names.index(name)]
     if not periods or not answer.known:
         return {}
     error = (
         None
-        if solution is None
-        else solution.transmission_error(name).half_peak_to_peak
+        if response is None
+        else response.transmission_error(name).half_peak_to_peak
     )
     return {
         "mesh_order": answer.mesh_order(name),
         "mesh_order_amplitudes": answer.whine(name),
         "transmission_error_half_peak_to_peak": error,
-        "impact_energy_J": None if solution is None else solution.impact_energy(name),
+        "impact_energy_J": None if response is None else response.impact_energy(name),
     }
 
 
-def answer_row(answer, **first):
+def answer_row(answer: Answer, **first: Any) -> dict[str, Any]:
     """One answer as a row of a CSV file by heads, ``first`` behind the speed; no
     numbers where nothing is certain.
     """
-    solved = answer.response
-    about = {
+    response = answer.response
+    row = {
         "rpm": answer.rpm,
         **first,
         "motion": answer.state.kind,
@@ -232,27 +256,33 @@ def answer_row(answer, **first):
         "started from rpm": answer.state.started_from,
         "stable": answer.stable,
         "largest multiplier": answer.multiplier,
-        "status": None if solved is None else answer.status.name,
+        "status": None if response is None else answer.status.name,
         "harmonics": answer.harmonics,
-        "residual": None if solved is None else float(solved.residual),
-        "truncation error": None if solved is None else float(solved.truncation_error),
+        "residual": None if response is None else float(response.residual),
+        "truncation error": (
+            None if response is None else float(response.truncation_error)
+        ),
     }
-    return about | (
-        _numbers(answer) if answer.answered else dict.fromkeys(_numbers(answer))
+    numbers = _numbers(answer)
+    return row | (numbers if answer.answered else dict.fromkeys(numbers))
+
+
+def _of_cycle(extreme: str, place: int) -> Callable[[Answer, str], float]:
+    """Reader of a percentile of the tooth force of a mesh over the cycles."""
+    return lambda answer, name: float(
+        getattr(answer.force(name).per_cycle, extreme)[place]
     )
 
 
-CELLS = {
+CELLS: dict[str, dict[str, str | Callable[[Answer, str], float]]] = {
     "mesh": {
         "mean N": "tooth_force_mean",
         "max N": "tooth_force_max",
         "min N": "tooth_force_min",
         "peak N": "tooth_force_peak",
         **{
-            f"{what} of a cycle {percent} % N": lambda answer, name, i=i, what=what: (
-                float(getattr(answer.force(name).per_cycle, what)[i])
-            )
-            for what in ("max", "peak")
+            f"{extreme} of a cycle {percent} % N": _of_cycle(extreme, i)
+            for extreme in ("max", "peak")
             for i, percent in enumerate(PERCENT)
         },
         "spread of max N": lambda answer, name: answer.force(name).spread.max,
@@ -286,11 +316,12 @@ sets or readers.
 """
 
 
-def _numbers(answer):
+def _numbers(answer: Answer) -> dict[str, Any]:
+    """Numbers of the row of an answer by heads, SI units."""
     row = {"load kW": float(answer.balance.load_kW)}
-    for kind, what in (("load", "load torque"), ("ground", "ground reaction")):
+    for kind, called in (("load", "load torque"), ("ground", "ground reaction")):
         row |= {
-            f"{name} {what} N m": torque
+            f"{name} {called} N m": torque
             for name, torque in torques_of(answer.balance, kind).items()
         }
     for element, cells in CELLS.items():
@@ -305,8 +336,8 @@ def _numbers(answer):
     }
 
 
-def untraceable(answer):
-    """Why a motion has no trace; "" where it has."""
+def untraceable(answer: Answer) -> str:
+    """Say why a motion has no trace; "" where it has."""
     if not answer.answered:
         return (
             "the motion is not converged" if answer.known else "the motion is not known"
@@ -316,20 +347,22 @@ def untraceable(answer):
             f"the motion is {UNCONFIRMED}, so there is no solution to trace (--orbit: a"
             " periodic solution)"
         )
-    return (
-        "the motion never repeats, so it has no period (--orbit: a periodic solution)"
-        * (answer.response is None)
-    )
+    if answer.response is None:
+        return (
+            "the motion never repeats, so it has no period (--orbit: a periodic"
+            " solution)"
+        )
+    return ""
 
 
-def trace_csv(answer):
-    """The motion over its period, of an answer that :func:`untraceable` has nothing to
-    say about; SI units.
+def trace_csv(answer: Answer) -> list[bytes]:
+    """The motion over its period as a CSV file, of an answer that :func:`untraceable`
+    has nothing to say about; SI units.
     """
     turns = answer.response.topology.revolutions_per_cycle
-    traced = {
-        f"{name} {head}": getattr(answer.state, read)(name)
-        for element, head, read in TRACES
+    signals = {
+        f"{name} {head}": getattr(answer.state, reader)(name)
+        for element, head, reader in TRACES
         for name in names_of(answer.topology)[element]
     }
     # At least four time samples for each harmonic of the motion, and so many that no
@@ -341,16 +374,17 @@ def trace_csv(answer):
         for force in forces
     ):
         count *= 2
-    part = np.arange(count) / count
+    share = np.arange(count) / count  # of the period
     columns = {
-        "angle deg": 360.0 * turns * part,
-        "time s": 60.0 * turns / answer.rpm * part,
+        "angle deg": 360.0 * turns * share,
+        "time s": 60.0 * turns / answer.rpm * share,
     }
-    columns |= {head: _samples(signal, count) for head, signal in traced.items()}
+    columns |= {head: _samples(signal, count) for head, signal in signals.items()}
     return as_csv(list(columns), np.transpose(list(columns.values())))
 
 
-def _samples(signal, count):
+def _samples(signal: Signal, count: int) -> np.ndarray:
+    """Values ``(count,)`` of a signal at equidistant times of its period."""
     return fourier.sample(np.asarray(signal.coefficients), count)
 
 
@@ -365,86 +399,99 @@ TRACES = (
 )
 """Columns of a trace: element, head behind its name, and reader."""
 
+# Signals that are listed without backlash too
 LINEAR_TOO = (
     "torque",
     "gear_torque",
     "tooth_force",
-)  # signals that are given without backlash too
+)
 DIMENSIONS = {
     "direction": "in which the sweep went",
     "case": "normal running, and with misfires",
 }
-"""What several lists of answers are called in a file."""
+"""Dimensions along which a file has several lists of answers, and what they mean."""
 
 
-def netcdf(found, orders, *, along=None, every=False):
-    """The NetCDF file of answers: lists of them by name in ``found``, of trains with
+def netcdf(
+    sweeps: Mapping[str, Sequence[Answer]],
+    orders: float | None,
+    *,
+    along: str | None = None,
+    every: bool = False,
+) -> list[bytes]:
+    """The NetCDF file of answers: lists of them by name in ``sweeps``, of trains with
     the same elements. ``along`` is the dimension of names, None of one list; ``orders``
-    the highest whose amplitudes are given, None: the highest of the excitation, or with
-    ``every`` of the motions.
+    is the highest whose amplitudes are listed, None: the highest of the excitation, or
+    with ``every`` of the motions.
     """
     import xarray
 
-    data = _labelled(
-        [answer for answers in found.values() for answer in answers], orders, every
+    dataset = _labelled(
+        [answer for answers in sweeps.values() for answer in answers], orders, every
     )
     if along is None:
-        return [as_netcdf(data)]
-    dim = "value" if "value" in data.dims else "rpm"
-    ends = np.cumsum([0, *map(len, found.values())])
-    sets = [data.isel({dim: slice(*ends[i : i + 2])}) for i in range(len(found))]
-    names = xarray.Variable(along, list(found), {"long_name": DIMENSIONS[along]})
+        return [as_netcdf(dataset)]
+    dimension = "value" if "value" in dataset.dims else "rpm"
+    ends = np.cumsum([0, *map(len, sweeps.values())])
+    sets = [
+        dataset.isel({dimension: slice(first, end)})
+        for first, end in zip(ends[:-1], ends[1:], strict=True)
+    ]
+    names = xarray.Variable(along, list(sweeps), {"long_name": DIMENSIONS[along]})
     return [
         as_netcdf(xarray.concat(sets, names, join="outer", combine_attrs="override"))
     ]
 
 
-def _labelled(answers, orders, every):
+def _labelled(answers: Sequence[Answer], orders: float | None, every: bool) -> Dataset:
+    """The data set of answers of trains with the same elements, along the speed or the
+    number that a sweep goes over; ``orders`` and ``every`` as of :func:`netcdf`.
+    """
     topology = answers[0].topology
     axis = answers[0].axis
     if orders is None and not every:
         orders = listed_harmonic(topology) / topology.revolutions_per_cycle
-    data = to_xarray(
+    dataset = to_xarray(
         [answer.state for answer in answers],
         topology,
         [answer.rpm for answer in answers],
         orders=orders,
     )
-    data.attrs |= {
+    dataset.attrs |= {
         "motions": "periodic solutions" if answers[0].orbit else "steady states"
     }
     flags = {None: -1, False: 0, True: 1}
-    about = {"long_name": "whether disturbances die away"}
-    about |= {
+    attributes = {
+        "long_name": "whether disturbances die away",
         "flag_values": list(flags.values()),
         "flag_meanings": "not_known unstable stable",
     }
-    data["stable"] = ("rpm", [flags[answer.stable] for answer in answers], about)
-    about = {"units": "1", "long_name": "modulus over the period"}
-    data["largest_multiplier"] = (
+    dataset["stable"] = (
+        "rpm",
+        [flags[answer.stable] for answer in answers],
+        attributes,
+    )
+    dataset["largest_multiplier"] = (
         "rpm",
         np.array([answer.multiplier for answer in answers], dtype=float),
-        about,
+        {"units": "1", "long_name": "modulus over the period"},
     )
     if any(topology.mesh_backlash):
         linear = to_xarray(
             [answer.without_backlash.state for answer in answers],
             topology,
-            data.rpm.values,
+            dataset.rpm.values,
             orders=0,
         )
-        names = [
-            name
-            for name in linear
-            if str(name).startswith(tuple(f"{n}_" for n in LINEAR_TOO))
-        ]
-        data = data.merge(
+        prefixes = tuple(f"{signal}_" for signal in LINEAR_TOO)
+        names = [name for name in linear if str(name).startswith(prefixes)]
+        dataset = dataset.merge(
             linear[names].rename({name: f"{name}{WITHOUT}" for name in names})
         )
     if answers[0].value is not None:
-        data = data.rename(rpm="value").assign_coords(
+        dataset = dataset.rename(rpm="value").assign_coords(
             value=[answer.place for answer in answers]
         )
-        data.value.attrs |= {"units": axis.unit, "long_name": axis.name}
-        data.attrs |= {"rpm": answers[0].rpm}
-    return data
+        dataset.value.attrs |= {"units": axis.unit, "long_name": axis.name}
+        dataset.attrs |= {"rpm": answers[0].rpm}
+    return dataset

@@ -10,7 +10,9 @@ import json
 import math
 import os
 import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from jaxhb._files import clear_parts, write_whole
 
@@ -19,14 +21,15 @@ NOT_ANSWERED = 1
 INTERRUPTED = 130
 STANDARD_OUTPUT = "-"
 STREAMED = ("--json", "--csv", "--trace")  # options whose file may be standard output
-_CHANGES = {
+_CHANGES: dict[str, Callable[[Any], Any]] = {
     "scenario": lambda name: name,
     "set": dict,
     "links_at": dict,
     "viscous": lambda hz: hz,
     "misfire": list,
+    "cut_off": list,
 }
-_CHANGES |= {"cut_off": list}
+"""Options that change the scene, and how the files write their values."""
 
 
 class OutputError(ValueError):
@@ -35,7 +38,7 @@ class OutputError(ValueError):
     """
 
 
-def check_output(option, name, inputs):
+def check_output(option: str, name: str, inputs: Iterable[str | Path]) -> None:
     """Refuse a path that cannot be written, or is one of ``inputs``, before the work is
     done.
     """
@@ -63,40 +66,41 @@ def check_output(option, name, inputs):
         raise OutputError(
             f"{option}: {name!r} cannot be written. Give a path where you may write."
         )
-    if path.exists() and any(path.samefile(read) for read in inputs):
+    if path.exists() and any(path.samefile(source) for source in inputs):
         raise OutputError(
             f"{option}: {name!r} is read by this command and would be lost. Give"
             " another name."
         )
 
 
-def make_folders(names):
+def make_folders(names: Iterable[str | Path]) -> None:
     """Make the folders in which files of these names will lie."""
     for name in names:
         with _sentence(name):
             Path(name).parent.mkdir(parents=True, exist_ok=True)
 
 
-def write_files(contents):
-    """Write all files of ``{name: bytes or an iterable of them}`` or none; what is
+def write_files(contents: Mapping[str, bytes | Iterable[bytes]]) -> None:
+    """Write all files of ``{name: bytes or an iterable of them}`` or none; the content
     named "-" goes to standard output, after them.
     """
-    contents = {
+    chunks = {
         name: [content] if isinstance(content, bytes) else content
         for name, content in contents.items()
     }
-    streamed = contents.pop(STANDARD_OUTPUT, None)
-    for path in map(Path, contents):
+    streamed = chunks.pop(STANDARD_OUTPUT, None)
+    for path in map(Path, chunks):
         clear_parts(path.resolve().parent, glob.escape(path.resolve().name))
     with _sentence():
-        write_whole(contents)
+        write_whole(chunks)
     if streamed is not None:
         sys.stdout.flush()
         sys.stdout.buffer.writelines(streamed)  # UTF-8, whatever the terminal shows
 
 
 @contextlib.contextmanager
-def _sentence(name=None):
+def _sentence(name: str | Path | None = None) -> Iterator[None]:
+    """Turn a failure to write into an :class:`OutputError`."""
     try:
         yield
     except OSError as error:
@@ -105,47 +109,46 @@ def _sentence(name=None):
         ) from None
 
 
-def as_json(record, **lists):
-    """The file of a record (see :func:`jaxhb.report.files.numbers.answer_record`),
-    behind which stand ``lists`` that hold, or generate, records as :func:`as_bytes`
-    makes them.
+def as_json(record: Mapping[str, Any], **lists: Iterable[bytes]) -> Iterator[bytes]:
+    """Generate the file of a record (see
+    :func:`jaxhb.report.files.numbers.answer_record`), behind which stand ``lists`` that
+    hold, or generate, records as :func:`as_bytes` makes them.
     """
     yield as_bytes(record)[:-1]
     for key, records in lists.items():
         yield b", " + as_bytes(key) + b": ["
-        for i, record in enumerate(records):
-            yield (b", " if i else b"") + record
+        for i, encoded in enumerate(records):
+            yield (b", " if i else b"") + encoded
         yield b"]"
     yield b"}\n"
 
 
-def as_bytes(record):
+def as_bytes(record: Any) -> bytes:
     """A record as JSON, numbers in full precision."""
     return json.dumps(_plain(record), allow_nan=False, ensure_ascii=False).encode()
 
 
-def _plain(value):
-    """The same nest with lists for arrays, None for every number that is not finite
+def _plain(value: Any) -> Any:
+    """A nest of values with lists for arrays, None for every number that is not finite
     (JSON has no nan), 0 of no sign.
     """
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: _plain(entry) for key, entry in value.items()}
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [_plain(entry) for entry in value]
     if isinstance(value, float):
         return value + 0.0 if math.isfinite(value) else None
     return value
 
 
-def as_csv(heads, rows):
+def as_csv(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> list[bytes]:
     """The file of a table, numbers in full precision, cells of what is not finite
     empty, texts no formulae.
     """
-    from jaxhb.scene.csv_tables import (
-        guarded,
-    )  # not before the help of a command is printed
+    # Not before the help of a command is printed
+    from jaxhb.scene.csv_tables import guarded
 
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -156,58 +159,62 @@ def as_csv(heads, rows):
     return [text.getvalue().encode()]
 
 
-def rows_csv(rows, missing=None):
-    """The file of rows by heads, in which what a row does not have is ``missing``."""
+def rows_csv(
+    rows: Sequence[Mapping[str, Any]], missing: float | None = None
+) -> list[bytes]:
+    """The file of rows by heads; cells that a row does not have are ``missing``."""
     heads = dict.fromkeys(head for row in rows for head in row)
     return as_csv(
         list(heads), [[row.get(head, missing) for head in heads] for row in rows]
     )
 
 
-def as_picture(name, figure):
+def as_picture(name: str, figure) -> list[bytes]:
     """A matplotlib figure as the kind that ``name`` ends in."""
     content = io.BytesIO()
     figure.savefig(content, format=Path(name).suffix.lower()[1:], dpi=100)
     return [content.getvalue()]
 
 
-def changes(arguments):
-    """What was changed in the scene, for the files."""
+def changes(arguments: Any) -> dict[str, Any]:
+    """Changes of the scene by options of the command line, for the files."""
     return {
-        option: made(getattr(arguments, option))
-        for option, made in _CHANGES.items()
+        option: convert(getattr(arguments, option))
+        for option, convert in _CHANGES.items()
         if hasattr(arguments, option)
     }
 
 
-def changed_text(arguments):
-    """What was changed in the scene, as it was typed: a line, "" where nothing was."""
-    said = []
+def changed_text(arguments: Any) -> str:
+    """Changes of the scene as they were typed: a line, "" where there are none."""
+    options = []
     for option, value in changes(arguments).items():
         rows = (
-            [f"{key}={one}" for key, one in value.items()]
+            [f"{key}={number}" for key, number in value.items()]
             if isinstance(value, dict)
             else value
         )
         rows = rows if isinstance(rows, list) else [str(rows)] * (rows is not None)
-        said += [f"--{option.replace('_', '-')} {one!r}" for one in rows]
-    return f"Asked with {', '.join(said)}." if said else ""
+        options += [f"--{option.replace('_', '-')} {row!r}" for row in rows]
+    return f"Asked with {', '.join(options)}." if options else ""
 
 
-def deliver(arguments, text, makers):
-    """Make all that was asked for by ``makers``, functions by the names of their files,
-    then write it, then print, unless a file is standard output; all or nothing.
+def deliver(arguments: Any, text: str, makers: Mapping[str, Callable[[], Any]]) -> None:
+    """Make all that was asked for, then write it, then print, unless a file is standard
+    output; all or nothing.
 
-    Of a record, what is in ``json``, the file tells too what was changed in the scene;
-    ``plot`` is a matplotlib figure.
+    ``arguments`` are those of a command; ``makers`` are by its options. A record, made by ``json``, gets the changes of the scene
+    in its file; ``plot`` makes a matplotlib figure.
     """
-    given = vars(arguments)
-    made = {option: make() for option, make in makers.items() if given.get(option)}
-    if isinstance(made.get("json"), dict):
-        made["json"] = as_json(changes(arguments) | made["json"])
-    if "plot" in made:
-        made["plot"] = as_picture(arguments.plot, made["plot"])
-    silent = arguments.quiet or STANDARD_OUTPUT in map(given.get, made)
-    write_files({given[option]: content for option, content in made.items()})
+    options = vars(arguments)
+    contents = {
+        option: make() for option, make in makers.items() if options.get(option)
+    }
+    if isinstance(contents.get("json"), dict):
+        contents["json"] = as_json(changes(arguments) | contents["json"])
+    if "plot" in contents:
+        contents["plot"] = as_picture(arguments.plot, contents["plot"])
+    silent = arguments.quiet or STANDARD_OUTPUT in map(options.get, contents)
+    write_files({options[option]: content for option, content in contents.items()})
     if not silent:
         print("\n\n".join(filter(None, [text, changed_text(arguments)])))

@@ -3,10 +3,13 @@ elements as specifications.
 """
 
 import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from jaxhb._jax import Number
 from jaxhb.report import quantities
-from jaxhb.report.answer import Case
+from jaxhb.report.answer import Answer, Case
 from jaxhb.report.quantities import (
     WITHOUT,
     Quantity,
@@ -19,6 +22,10 @@ from jaxhb.report.selection import cylinder_of, train_name
 from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import (
     NONE,
+    Groups,
+    Head,
+    Table,
+    Way,
     count,
     from_rows,
     hit,
@@ -36,6 +43,7 @@ from jaxhb.report.text.sentences import (
     verdict,
 )
 from jaxhb.report.text.strength import (
+    Share,
     answers_strength,
     at_same_speed,
     largest_shares,
@@ -47,7 +55,18 @@ from jaxhb.results.record import PERCENT
 RPM, _ = shown_unit("rad/s")
 
 
-def against(variable):
+Read = str | Callable[[Answer, str], Any]
+"""Variable of a data set, or reader of a value from an answer and the name of an
+element.
+"""
+Spec = tuple[str, Read] | tuple[str, Read, Way]
+"""Columns of tables: head, variable or reader, and the way of
+:func:`~jaxhb.report.text.columns.written`; without a way numbers have the decimals of
+all others in the table.
+"""
+
+
+def against(variable: str) -> Callable[[Answer, str], tuple[Number, Number]]:
     """Reader of a number and of the same without backlash."""
     return lambda answer, name: (
         number(answer, name, variable),
@@ -55,14 +74,15 @@ def against(variable):
     )
 
 
-def _driver(answer, name):
+def _driver(answer: Answer, name: str) -> str:
+    """The gear that drives a mesh; a dash where its mean force is zero."""
     topology = answer.topology
     side = answer.contacts[name].drive_side
     first, second = topology.mesh_ends[topology.mesh_names.index(name)]
     return topology.disk_names[first if side > 0 else second] if side else NONE
 
 
-def _swings(signal):
+def _swings(signal: str) -> tuple[Spec, ...]:
     """Columns of a torque with and without backlash."""
     half = f"{signal}_half_peak_to_peak"
     return (
@@ -75,14 +95,15 @@ def _swings(signal):
     )
 
 
-def _linear_swings(signal):
-    return ("half peak-to-peak", f"{signal}_half_peak_to_peak"), (
-        "sum of amplitudes",
-        f"{signal}_sum_of_amplitudes",
+def _linear_swings(signal: str) -> tuple[Spec, ...]:
+    """Columns of a signal of a train without backlash."""
+    return (
+        ("half peak-to-peak", f"{signal}_half_peak_to_peak"),
+        ("sum of amplitudes", f"{signal}_sum_of_amplitudes"),
     )
 
 
-FORCES = (
+FORCES: tuple[Spec, ...] = (
     ("mean", "tooth_force_mean"),
     ("max", "tooth_force_max"),
     ("min", "tooth_force_min"),
@@ -90,14 +111,14 @@ FORCES = (
     ("min", f"tooth_force_min{WITHOUT}"),
     ("peak ratio", against("tooth_force_peak"), ratio),
 )
-CONTACT = (
+CONTACT: tuple[Spec, ...] = (
     ("apart %", "separated_fraction", percent),
     ("reverse %", "reverse_contact_fraction", percent),
     ("impacts", "impacts_per_cycle", count),
     ("hardest m/s", "hardest_impact", hit),
     ("driven by", _driver, str),
 )
-SPEEDS = (
+SPEEDS: tuple[Spec, ...] = (
     (
         "mean",
         lambda answer, name: RPM * number(answer, name, "speed_mean"),
@@ -107,57 +128,61 @@ SPEEDS = (
     ("irregularity %", "irregularity", irregular),
     ("acceleration", "acceleration_half_peak_to_peak", "rad/s2"),
 )
-"""Columns of tables: head, variable of a data set or a reader of (answer, name), and
-how it is written: as a rule with the decimals of the others, in the unit for people.
-"""
+"""Columns of the tables of meshes and disks, in the unit for people."""
 
 
-def element_table(title, element, specs, *answers, names=None, groups=()):
+def element_table(
+    title: str,
+    element: str,
+    specs: Sequence[Spec],
+    *answers: Answer,
+    names: Sequence[str] | None = None,
+    groups: Groups = (),
+) -> Table:
     """A row for every element of a kind or of those ``names``, the columns of ``specs``
     for every answer.
     """
-    heads = [element]
-    rows = [[name] for name in names or names_of(answers[0].topology)[element]]
+    heads: list[Head] = [element]
+    rows: list[list[Any]] = [
+        [name] for name in names or names_of(answers[0].topology)[element]
+    ]
     for place, answer in enumerate(answers):
-        for head, read, *write in specs:
-            way = write[0] if write else "number"
+        for head, read, *ways in specs:
+            way = ways[0] if ways else "number"
             heads.append((head, way if callable(way) else (place, way)))
-            factor = (
-                1.0 if callable(read) or callable(way) else shown_unit(unit_of(read))[0]
-            )
-            for row in rows:
-                row.append(
-                    read(answer, row[0])
-                    if callable(read)
-                    else factor * number_for_people(answer, row[0], read)
-                )
+            if callable(read):
+                cells = [read(answer, row[0]) for row in rows]
+            else:
+                factor = 1.0 if callable(way) else shown_unit(unit_of(read))[0]
+                cells = [
+                    factor * number_for_people(answer, row[0], read) for row in rows
+                ]
+            for row, cell in zip(rows, cells, strict=True):
+                row.append(cell)
     return from_rows(title, heads, rows, groups)
 
 
-def solve_text(answer):
+def solve_text(answer: Answer) -> str:
     """The :class:`Answer` at one speed: verdict, kind of motion, tooth forces, torques
     of gears and shafts, notes.
     """
     topology = answer.topology
+    balance = balance_line(answer.balance)
     means = "; ".join(
-        filter(
-            None,
-            [balance_line(answer.balance), f"mean angles: {mean_angles_of(topology)}"],
-        )
+        filter(None, [balance, f"mean angles: {mean_angles_of(topology)}"])
     )
     head = [verdict(answer), "", f"{train_name(topology)} at {answer.rpm:g} rpm"]
     head += [*firing_lines(answer.train), *status_lines(answer), means]
     doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
     parts = ["\n".join(head), *(doubt + table for table in _tables(answer))]
-    parts += (
-        certificate_text(answer)
-        + strength_text({"": answers_strength([answer])})
-        + notes_text(answer)
-    )
+    parts += certificate_text(answer)
+    parts += strength_text({"": answers_strength([answer])})
+    parts += notes_text(answer)
     return "\n\n".join(parts)
 
 
-def _tables(answer):
+def _tables(answer: Answer) -> Iterator[Table]:
+    """Tables of one speed: tooth forces and contact, torques, angles, speeds."""
     topology = answer.topology
     pair = [("with backlash", 1, 3), ("without", 4, 5)]
     if topology.mesh_names:
@@ -177,7 +202,7 @@ def _tables(answer):
         yield element_table(title, "gear", _swings("gear_torque"), answer, groups=pair)
     if topology.shaft_and_damper_names:
         backlash = any(topology.mesh_backlash)
-        specs = (
+        specs: tuple[Spec, ...] = (
             _swings("torque")
             if backlash
             else (("mean", "torque_mean"), *_linear_swings("torque"))
@@ -202,12 +227,12 @@ def _tables(answer):
         yield element_table(title, "disk", SPEEDS, answer)
 
 
-def meshing_table(answer):
+def meshing_table(answer: Answer) -> list[Table]:
     """Gear whine, transmission error and rattle of the meshes that have a mesh period,
     in a list.
     """
     topology = answer.topology
-    solution = answer.response
+    response = answer.response
     names = [
         name
         for name, periods in zip(
@@ -218,31 +243,26 @@ def meshing_table(answer):
     if not names or not answer.known:
         return []
 
-    def of_solution(read):
-        return lambda answer, name: math.nan if solution is None else read(name)
+    def whine(k: int) -> Callable[[Answer, str], float]:
+        return lambda answer, name: answer.whine(name)[k] / 1e3
 
-    specs = [
+    def error(_: Answer, name: str) -> float:
+        if response is None:
+            return math.nan
+        return 2e6 * response.transmission_error(name).half_peak_to_peak
+
+    def impacts(_: Answer, name: str) -> float:
+        return math.nan if response is None else 1e3 * response.impact_energy(name)
+
+    specs: list[Spec] = [
         (
             "mesh Hz",
             lambda answer, name: answer.mesh_order(name) * answer.rpm / 60,
             "Hz",
         )
     ]
-    for k in range(3):
-        specs.append(
-            (
-                f"order {k + 1} kN",
-                lambda answer, name, k=k: answer.whine(name)[k] / 1e3,
-                "kN",
-            )
-        )
-    error = of_solution(
-        lambda name: 2e6 * solution.transmission_error(name).half_peak_to_peak
-    )
-    specs += [
-        ("error p-p um", error, "um"),
-        ("impacts mJ", of_solution(lambda n: 1e3 * solution.impact_energy(n)), "mJ"),
-    ]
+    specs += [(f"order {k + 1} kN", whine(k), "kN") for k in range(3)]
+    specs += [("error p-p um", error, "um"), ("impacts mJ", impacts, "mJ")]
     title = (
         "Gear whine: tooth force at orders of the mesh period; loaded transmission"
         " error; energy of impacts a cycle"
@@ -250,19 +270,18 @@ def meshing_table(answer):
     return [element_table(title, "mesh", specs, answer, names=names)]
 
 
-def peak_table(answer, begin="L"):
-    """How the largest tooth forces of recorded cycles are distributed, in a list; empty
-    without a record.
+def peak_table(answer: Answer, begin: str = "L") -> list[Table]:
+    """Distribution of the largest tooth forces of recorded cycles, in a list; empty
+    without a record. ``begin`` are the words before "argest" in the title.
     """
     if not answer.recorded:
         return []
-    specs = [
-        (
-            f"{percent} %",
-            lambda answer, name, i=i: answer.force(name).per_cycle.peak[i] / 1e3,
-            "kN",
-        )
-        for i, percent in enumerate(PERCENT)
+
+    def peak(i: int) -> Callable[[Answer, str], float]:
+        return lambda answer, name: answer.force(name).per_cycle.peak[i] / 1e3
+
+    specs: list[Spec] = [
+        (f"{percentage} %", peak(i), "kN") for i, percentage in enumerate(PERCENT)
     ]
     title = (
         f"{begin}argest tooth force of a cycle, kN: 5, 50 and 95 % of the recorded"
@@ -279,7 +298,7 @@ def peak_table(answer, begin="L"):
     return [element_table(title, "mesh", specs, answer)]
 
 
-COMPARED = (
+COMPARED: tuple[Spec, ...] = (
     ("with", "tooth_force_peak"),
     ("without", f"tooth_force_peak{WITHOUT}"),
     *CONTACT[:2],
@@ -288,7 +307,7 @@ COMPARED = (
 """Columns of each of several cases that stand side by side."""
 
 
-def cases_text(cases):
+def cases_text(cases: Sequence[Case]) -> str:
     """Verdicts of all cases and speeds, then per speed tooth forces and torques side by
     side.
     """
@@ -302,8 +321,9 @@ def cases_text(cases):
         lines = [f"==== {first.rpm:g} rpm ===="]
         for case in cases:
             answer = case.answers[place]
-            said = filter(None, [*status_lines(answer), balance_line(answer.balance)])
-            lines += [f"  {case.title}", *(f"    {line}" for line in said)]
+            balance = balance_line(answer.balance)
+            of_case = filter(None, [*status_lines(answer), balance])
+            lines += [f"  {case.title}", *(f"    {line}" for line in of_case)]
         parts += ["\n".join(lines), *speed_tables(cases, place)]
     parts += [
         text
@@ -314,7 +334,7 @@ def cases_text(cases):
     return "\n\n".join([*parts, *_below(cases)])
 
 
-def _below(cases):
+def _below(cases: Sequence[Case]) -> list[str]:
     """Stresses, tooth torques and heat of every case beside their limits, and notes."""
     limits = strength_text(
         {f"With {case.title}": answers_strength(case.answers) for case in cases}
@@ -322,19 +342,20 @@ def _below(cases):
     return limits + notes_text(*(answer for case in cases for answer in case.answers))
 
 
-def speed_tables(cases, place):
-    """Of one speed the tooth forces, torques of gears and links (without links:
+def speed_tables(cases: Sequence[Case], place: int) -> list[Table]:
+    """Tables of one speed: tooth forces, torques of gears and links (without links:
     angles), irregularity, heat.
     """
     answers = [case.answers[place] for case in cases]
     train = answers[0].train
-    doubts = [f", {one.doubt.upper()}".removesuffix(", ") for one in answers]
+    doubts = [f", {answer.doubt.upper()}".removesuffix(", ") for answer in answers]
     titles = [f"{case.title}{doubt}" for case, doubt in zip(cases, doubts, strict=True)]
 
-    def table(title, quantity, specs):
+    def table(title: str, quantity: Quantity, specs: Sequence[Spec]) -> Table:
         width = len(specs)
         groups = [
-            (said, 1 + i * width, (i + 1) * width) for i, said in enumerate(titles)
+            (case_title, 1 + i * width, (i + 1) * width)
+            for i, case_title in enumerate(titles)
         ]
         return element_table(
             title,
@@ -345,13 +366,13 @@ def speed_tables(cases, place):
             groups=groups,
         )
 
-    def swings(quantity):
+    def swings(quantity: Quantity) -> Table:
         variable = quantity.variable
-        specs = (
+        specs: list[Spec] = [
             ("with", variable),
             ("without", f"{variable}{WITHOUT}"),
             ("ratio", against(variable), ratio),
-        )
+        ]
         return table(f"{quantity.title}, {quantity.unit}", quantity, specs)
 
     tables = []
@@ -362,11 +383,8 @@ def speed_tables(cases, place):
             " apart and on the reverse flank"
         )
         tables.append(table(title, quantities.forces(train), COMPARED))
-        tables += [
-            text
-            for case in cases
-            for text in peak_table(case.answers[place], f"With {case.title}: l")
-        ]
+        for case in cases:
+            tables += peak_table(case.answers[place], f"With {case.title}: l")
         tables.append(swings(quantities.gear_torques(train)))
     if links or not tables:
         tables.append(
@@ -375,16 +393,16 @@ def speed_tables(cases, place):
     turning = quantities.irregularity(train)
     heats = quantities.heat(train)
     tables.append(table(turning.title, turning, [("%", turning.variable, irregular)]))
-    return [
-        *tables,
-        *[table(heats.title, heats, [("W", heats.variable)]) for _ in heats.names[:1]],
-    ]
+    if heats.names:
+        tables.append(table(heats.title, heats, [("W", heats.variable)]))
+    return tables
 
 
 @dataclass(frozen=True)
 class Hardest:
-    """What is hit hardest at one speed: the quantity, its element, its value in SI
-    units (nan and no element: no answer), the case and the place of the speed.
+    """The element that is hit hardest at one speed: the quantity, its element, its
+    value in SI units (nan and no element: no answer), the case and the place of the
+    speed.
     """
 
     quantity: Quantity
@@ -393,64 +411,69 @@ class Hardest:
     case: Case
     place: int
 
-    answer = property(lambda self: self.case.answers[self.place], doc="Of that speed.")
-    said = property(
-        lambda self: (
+    @property
+    def answer(self) -> Answer:
+        """Answer at that speed."""
+        return self.case.answers[self.place]
+
+    @property
+    def said(self) -> str:
+        """Value, element and speed in words."""
+        return (
             f"{self.quantity.said(self.value)} in {self.name} at"
             f" {self.answer.rpm:g} rpm"
         )
-    )
 
 
-def hardest_at(case, place):
+def hardest_at(case: Case, place: int) -> Hardest:
     """The :class:`Hardest` of one speed."""
     answer = case.answers[place]
     quantity = quantities.main_quantity(answer.train)
     name = quantity.largest(answer) if answer.answered else None
-    return Hardest(
-        quantity,
-        name,
-        quantity.read(answer, name) if name else float("nan"),
-        case,
-        place,
-    )
+    value = quantity.read(answer, name) if name else float("nan")
+    return Hardest(quantity, name, value, case, place)
 
 
-def hardest_of(cases):
-    """That of all cases and speeds; None where no motion is known."""
-    found = (
+def hardest_of(cases: Sequence[Case]) -> Hardest | None:
+    """The :class:`Hardest` of all cases and speeds; None where no motion is known."""
+    every = (
         hardest_at(case, place) for case in cases for place in range(len(case.answers))
     )
     return max(
-        (one for one in found if one.name), key=lambda one: one.value, default=None
+        (hardest for hardest in every if hardest.name),
+        key=lambda hardest: hardest.value,
+        default=None,
     )
 
 
-def worst_misfire(cases):
-    """The misfire that governs, as it is written: with the largest share of a limit,
+def worst_misfire(cases: Sequence[Case]) -> dict[str, Any] | None:
+    """The record of the misfire that governs: with the largest share of a limit,
     without limits with the largest value of all; None where no motion is known.
     """
     governing = worst_misfires(cases)
     if governing:
         return next(iter(governing.values()))
-    found = hardest_of(cases[1:])
-    return found and {
-        "cylinder": cylinder_of(found.case.title),
-        "rpm": found.answer.rpm,
-        "quantity": found.quantity.called,
-        "of": found.name,
-        "unit": unit_of(found.quantity.variable),
-        "value": found.value,
-        "firing": found.quantity.read(cases[0].answers[found.place], found.name),
+    hardest = hardest_of(cases[1:])
+    if hardest is None:
+        return None
+    quantity = hardest.quantity
+    return {
+        "cylinder": cylinder_of(hardest.case.title),
+        "rpm": hardest.answer.rpm,
+        "quantity": quantity.called,
+        "of": hardest.name,
+        "unit": unit_of(quantity.variable),
+        "value": hardest.value,
+        "firing": quantity.read(cases[0].answers[hardest.place], hardest.name),
     }
 
 
-def worst_misfires(cases):
-    """The misfire that governs each element with a limit, as it is written, by names,
-    the largest share first.
+def worst_misfires(cases: Sequence[Case]) -> dict[str, dict[str, Any]]:
+    """The record of the misfire that governs each element with a limit, by names, the
+    largest share first.
     """
     normal = answers_strength(cases[0].answers)
-    records = {}
+    records: dict[str, dict[str, Any]] = {}
     for (key, name), worst in governing_misfires(cases).items():
         firing, firing_share = at_same_speed(worst, key, normal)
         record = {
@@ -469,14 +492,14 @@ def worst_misfires(cases):
     return records
 
 
-def governing_misfires(cases):
+def governing_misfires(cases: Sequence[Case]) -> dict[tuple[str, str], Share]:
     """The largest share of every limit over all misfires, as :func:`largest_shares`."""
     return largest_shares(
         {case.title: answers_strength(case.answers) for case in cases[1:]}
     )
 
 
-def governing_table(cases):
+def governing_table(cases: Sequence[Case]) -> Table | None:
     """The misfire that governs each element with a limit, beside normal running at the
     same speed; None without.
     """
@@ -484,22 +507,19 @@ def governing_table(cases):
     rows = []
     for (key, name), worst in governing_misfires(cases).items():
         factor, unit = worst.kind.shown
-        _, before = at_same_speed(worst, key, normal)
-        shares = [
-            f"{worst.share:.2f}",
-            f"{before:.2f}" if math.isfinite(before) else NONE,
-        ]
+        _, firing_share = at_same_speed(worst, key, normal)
         rows.append(
             [
                 name,
                 f"{worst.kind.called} {unit}",
                 factor * worst.value,
-                *shares,
+                f"{worst.share:.2f}",
+                f"{firing_share:.2f}" if math.isfinite(firing_share) else NONE,
                 f"{worst.rpm:g}",
                 worst.case,
             ]
         )
-    heads = [
+    heads: list[Head] = [
         "element",
         "judged",
         ("worst misfire", "number"),
@@ -512,9 +532,9 @@ def governing_table(cases):
     return from_rows(title, heads, rows, left=(1, 6)) if rows else None
 
 
-def misfires_text(cases):
-    """The worst misfire and that of each element with a limit, then per speed what each
-    misfire hits hardest, against normal running.
+def misfires_text(cases: Sequence[Case]) -> str:
+    """The worst misfire and that of each element with a limit, then per speed the
+    element that each misfire hits hardest, against normal running.
     """
     worst = worst_misfire(cases)
     parts = [
@@ -527,35 +547,30 @@ def misfires_text(cases):
     parts += firing_lines(*(case.answers[0].train for case in cases))
     parts += filter(None, [governing_table(cases)])
     parts += [_speed_table(cases, place) for place in range(len(cases[0].answers))]
-    return "\n\n".join([*map(str, parts), *_below(cases)])
+    return "\n\n".join(parts + _below(cases))
 
 
-def _speed_table(cases, place):
-    rows = []
+def _speed_table(cases: Sequence[Case], place: int) -> Table:
+    """A row for every case at one speed: what is hit hardest, against the first."""
+    rows: list[list[Any]] = []
     for case in cases:
-        found = hardest_at(case, place)
-        quantity = found.quantity
-        value = found.quantity.factor * found.value
+        hardest = hardest_at(case, place)
+        quantity = hardest.quantity
+        value = quantity.factor * hardest.value
         firing = rows[0][1] if rows else value
-        row = [case.title, value, (value, firing), found.name or NONE]
-        rows.append(row + [motion_word(found.answer)] * (quantity.element == "mesh"))
-        rows[-1] += _largest_share(case.answers[place])
-    heads = [
-        "",
-        (quantity.unit, "number"),
-        ("ratio", ratio),
-        "in",
-        *["motion"] * (quantity.element == "mesh"),
-    ]
+        row = [case.title, value, (value, firing), hardest.name or NONE]
+        if quantity.element == "mesh":
+            row.append(motion_word(hardest.answer))
+        rows.append(row + _largest_share(case.answers[place]))
+    heads: list[Head] = ["", (quantity.unit, "number"), ("ratio", ratio), "in"]
+    heads += ["motion"] * (quantity.element == "mesh")
     heads += ["share of a limit", "that of"] * (len(rows[0]) > len(heads))
     title = f"{quantity.title} at {cases[0].answers[place].rpm:g} rpm, {quantity.unit}"
-    words = [
-        place for place, head in enumerate(heads) if head in ("in", "motion", "that of")
-    ]
+    words = [i for i, head in enumerate(heads) if head in ("in", "motion", "that of")]
     return from_rows(title, heads, rows, left=words)
 
 
-def _largest_share(answer):
+def _largest_share(answer: Answer) -> list[str]:
     """The largest share of a limit at one speed and its element, two cells; none where
     the scene gives no limits.
     """
@@ -564,8 +579,6 @@ def _largest_share(answer):
         return []
     shares = largest_shares({"": strength})
     worst = next(iter(shares.values()), None)
-    return (
-        [f"{worst.share:.2f}", f"{worst.kind.called} of {worst.name}"]
-        if worst
-        else [NONE, NONE]
-    )
+    if worst is None:
+        return [NONE, NONE]
+    return [f"{worst.share:.2f}", f"{worst.kind.called} of {worst.name}"]

@@ -2,10 +2,13 @@
 and deflections can be.
 """
 
+from typing import Any
+
 import numpy as np
 
+from jaxhb.report.answer import Answer
 from jaxhb.report.text.columns import from_rows, plain_number
-from jaxhb.results.bounds import MARGINS, NORM_MARGIN, ROW_SUM_MARGIN
+from jaxhb.results.bounds import MARGINS, NORM_MARGIN, ROW_SUM_MARGIN, Certificate
 
 _STABLE = {
     True: "within the bound it is",
@@ -15,62 +18,61 @@ _STABLE = {
 _NUMBERS = "stable", "Y0", "Z1", "Z2", "h0", "radius", "small_gain", "harmonics", "low"
 
 
-def certificate_text(answer):
+def certificate_text(answer: Answer) -> list[str]:
     """The parts of :func:`certificate_parts` as one text, in a list; empty where no
     bound was asked for.
     """
-    return (
-        []
-        if answer.certificate is None
-        else ["\n".join(certificate_parts(answer, answer.certificate))]
-    )
+    certificate = answer.certificate
+    if not isinstance(certificate, Certificate | str):
+        return []
+    return ["\n".join(certificate_parts(answer, certificate))]
 
 
-def certificate_parts(answer, found):
-    """The bound, a :class:`jaxhb.Certificate`, as a paragraph and a :class:`Table`;
-    what failed where there is none.
+def certificate_parts(answer: Answer, certificate: Certificate | str) -> list[str]:
+    """The bound as a paragraph and a :class:`~jaxhb.report.text.columns.Table`; what
+    failed where there is none. ``certificate`` is a sentence where it was refused.
     """
-    if isinstance(found, str):
-        return [f"Computed bound: none. {found}"]
-    if not found.holds:
-        return [f"Computed bound: none: {found.reason}"]
-    if not found.meshes:
+    if isinstance(certificate, str):
+        return [f"Computed bound: none. {certificate}"]
+    if not certificate.holds:
+        return [f"Computed bound: none: {certificate.reason}"]
+    if not certificate.meshes:
         return [
             "Computed bound: no mesh has backlash: the equations are linear, solved to"
             " rounding."
         ]
-    forces = [float(answer.force(name).peak) / 1e3 for name in found.meshes]
+    forces = [float(answer.force(name).peak) / 1e3 for name in certificate.meshes]
     bounds = [
-        _beside(force, bound / 1e3)
-        for force, bound in zip(forces, found.force_bound, strict=True)
+        _force_and_bound(force, bound / 1e3)
+        for force, bound in zip(forces, certificate.force_bound, strict=True)
     ]
     rows = [
-        (name, *both, 1e6 * deflection)
-        for name, both, deflection in zip(
-            found.meshes, bounds, found.deflection_bound, strict=True
+        (name, *texts, 1e6 * deflection)
+        for name, texts, deflection in zip(
+            certificate.meshes, bounds, certificate.deflection_bound, strict=True
         )
     ]
     force, bound = bounds[int(np.argmax(forces))]
-    said = (
+    paragraph = (
         f"Computed bound: the largest tooth force is {force} kN, within {bound} kN of"
         f" that of a periodic motion of the train\n({MARGINS}; no proof).\nWhether that"
-        f" motion is stable: {_STABLE[found.stable]}."
+        f" motion is stable: {_STABLE[certificate.stable]}."
     )
     heads = "mesh", "largest kN", "within kN", ("deflection within um", _up)
-    return [said, from_rows("", heads, rows)]
+    return [paragraph, from_rows("", heads, rows)]
 
 
-def _beside(value, bound):
+def _force_and_bound(value: float, bound: float) -> tuple[str, str]:
     """A number with the digits that its bound leaves, and the bound with what rounding
     takes from them, as texts.
     """
     size = int(np.floor(np.log10(abs(value)))) if value else 0
-    wanted = 2 - int(np.floor(np.log10(bound))) if bound > 0 else 0
-    places = max(int(np.clip(wanted, 3 - size, 9 - size)), 0)
+    decimals = 2 - int(np.floor(np.log10(bound))) if bound > 0 else 0
+    places = max(int(np.clip(decimals, 3 - size, 9 - size)), 0)
     return f"{value:.{places}f}", _up(bound + 0.5 * 10.0**-places)
 
 
-def _up(bound):
+def _up(bound: float) -> str:
     """A bound as text with two digits that is not below it."""
     if bound > 0:
         unit = 10.0 ** (np.floor(np.log10(bound)) - 1)
@@ -78,33 +80,41 @@ def _up(bound):
     return plain_number(bound, 2)
 
 
-def certificate_record(found):
-    """The same for programs: bounds in N and m by mesh, and the numbers of the
+def certificate_record(certificate: Certificate | str) -> dict[str, Any]:
+    """The bound for programs: bounds in N and m by mesh, and the numbers of the
     theorem.
     """
-    if isinstance(found, str):
-        return {"certificate": {"holds": False, "reason": found}}
+    if isinstance(certificate, str):
+        return {"certificate": {"holds": False, "reason": certificate}}
     bounds = zip(
-        found.meshes,
-        found.force_bound,
-        found.elastic_bound,
-        found.deflection_bound,
+        certificate.meshes,
+        certificate.force_bound,
+        certificate.elastic_bound,
+        certificate.deflection_bound,
         strict=True,
     )
     meshes = {
-        name: {"force_N": a, "elastic_force_N": b, "deflection_m": c}
-        for name, a, b, c in bounds
+        name: {
+            "force_N": force,
+            "elastic_force_N": elastic_force,
+            "deflection_m": deflection,
+        }
+        for name, force, elastic_force, deflection in bounds
     }
-    own = {"holds": found.holds, "reason": found.reason, "meshes": meshes}
-    own["margins"] = {
+    record = {
+        "holds": certificate.holds,
+        "reason": certificate.reason,
+        "meshes": meshes,
+    }
+    record["margins"] = {
         "iterated_norms": NORM_MARGIN,
         "estimated_row_sums": ROW_SUM_MARGIN,
     }
-    own |= {key: getattr(found, key) for key in _NUMBERS}
-    balance = found.harmonic_balance
+    record |= {key: getattr(certificate, key) for key in _NUMBERS}
+    balance = certificate.harmonic_balance
     if balance is not None:
-        own["harmonic_balance"] = {
+        record["harmonic_balance"] = {
             key: float(getattr(balance, key))
             for key in ("H0", "delta0", "K", "h0", "radius")
         }
-    return {"certificate": own}
+    return {"certificate": record}

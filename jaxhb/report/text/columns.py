@@ -1,48 +1,29 @@
 """Tables of text: numbers in columns, and how they are written."""
 
 import math
+from collections.abc import Callable, Collection, Hashable, Sequence
+from typing import Any, Self
 
 import numpy as np
 
 NONE = "-"
-DOUBT = (  # behind numbers that are not converged, or not confirmed by harmonic balance
-    "?"
-)
-
+# Behind numbers that are not converged, or not confirmed by harmonic balance
+DOUBT = "?"
 
 ROUNDING = 1e-9  # size of a number that is zero but for rounding
+
+Way = Callable[[Any], str] | Hashable
+"""How a column is written: by a function of one value, or by a key that is shared by
+the columns of numbers that get the same decimals.
+"""
+Head = str | tuple[str, Way]
+"""Head of a column, alone where the column holds texts, else with its way."""
+Groups = Sequence[tuple[str, int, int]]
+"""Groups of columns from left to right: title, first and last column."""
 
 
 class Doubtful(float):
     """A number that is written with a mark behind it."""
-
-
-def from_rows(title, heads, rows, groups=(), left=()):
-    """A :class:`Table` of rows of values; a head may be (head, way), as of
-    :func:`written`.
-    """
-    heads, ways = zip(
-        *((head, str) if isinstance(head, str) else head for head in heads), strict=True
-    )
-    columns = [[row[place] for row in rows] for place in range(len(heads))]
-    return Table(title, heads, written(columns, ways), groups, left)
-
-
-def written(columns, ways):
-    """Cells of columns of values, each written in its way: by a function of one value,
-    or, where the way is no function, with the same decimals as all numbers in this way.
-    """
-    cells = list(columns)
-    for way in dict.fromkeys(ways):
-        own = [place for place, one in enumerate(ways) if one == way]
-        done = (
-            [map(way, columns[i]) for i in own]
-            if callable(way)
-            else alike(*(columns[i] for i in own))
-        )
-        for place, column in zip(own, done, strict=True):
-            cells[place] = list(column)
-    return cells
 
 
 class Table(str):
@@ -50,50 +31,100 @@ class Table(str):
     other ways to show it.
     """
 
-    def __new__(cls, title, heads, columns, groups=(), left=()):
-        columns = [[str(cell) for cell in column] for column in columns]
-        text = aligned(heads, columns, groups, left)
-        made = super().__new__(cls, f"{title}\n{text}" if title else text)
-        made.title, made.heads, made.columns, made.groups, made.left = (
-            title,
-            list(heads),
-            columns,
-            groups,
-            left,
-        )
-        return made
+    title: str  # type: ignore[assignment]  # in place of a method of str
+    heads: list[str]
+    columns: list[list[str]]
+    groups: Groups
+    left: Collection[int]
+
+    def __new__(
+        cls,
+        title: str,
+        heads: Sequence[str],
+        columns: Sequence[Sequence[Any]],
+        groups: Groups = (),
+        left: Collection[int] = (),
+    ) -> Self:
+        cells = [[str(cell) for cell in column] for column in columns]
+        text = aligned(heads, cells, groups, left)
+        table = super().__new__(cls, f"{title}\n{text}" if title else text)
+        table.title = title
+        table.heads = list(heads)
+        table.columns = cells
+        table.groups = groups
+        table.left = left
+        return table
 
 
-def aligned(heads, columns, groups=(), left=()):
+def from_rows(
+    title: str,
+    heads: Sequence[Head],
+    rows: Sequence[Sequence[Any]],
+    groups: Groups = (),
+    left: Collection[int] = (),
+) -> Table:
+    """Make a :class:`Table` of rows of values; a head may be (head, way), with a way of
+    :func:`written`.
+    """
+    pairs = [(head, str) if isinstance(head, str) else head for head in heads]
+    names = [name for name, _ in pairs]
+    ways = [way for _, way in pairs]
+    columns = [[row[place] for row in rows] for place in range(len(pairs))]
+    return Table(title, names, written(columns, ways), groups, left)
+
+
+def written(columns: Sequence[Sequence[Any]], ways: Sequence[Way]) -> list[list[str]]:
+    """Write columns of values, each in its way: by a function of one value, or, where
+    the way is no function, with the same decimals as all numbers in this way.
+    """
+    cells: list[list[str]] = [[] for _ in columns]
+    for way in dict.fromkeys(ways):
+        places = [place for place, other in enumerate(ways) if other == way]
+        chosen = [columns[place] for place in places]
+        if callable(way):
+            texts = [list(map(way, column)) for column in chosen]
+        else:
+            texts = alike(*chosen)
+        for place, column in zip(places, texts, strict=True):
+            cells[place] = column
+    return cells
+
+
+def aligned(
+    heads: Sequence[str],
+    columns: Sequence[Sequence[Any]],
+    groups: Groups = (),
+    left: Collection[int] = (),
+) -> str:
     """Columns of strings under their heads and groups of columns, (title, first, last),
     from left to right; the first column is flush left, as those numbered in ``left``,
     the others right.
     """
-    columns = [
+    cells = [
         [head, *map(str, column)] for head, column in zip(heads, columns, strict=True)
     ]
-    widths = [max(map(len, column)) for column in columns]
+    widths = [max(map(len, column)) for column in cells]
     above = ""
     for title, first, last in groups:
         room = sum(widths[first : last + 1]) + 2 * (last - first)
         widths[first] += max(0, len(title) - room)
         begin = sum(widths[:first]) + 2 * first
         above = above.ljust(begin) + f" {title} ".center(max(room, len(title)), "-")
-    flush = [
-        str.ljust if i == 0 or i in left else str.rjust for i in range(len(columns))
+    justified = [
+        str.ljust if i == 0 or i in left else str.rjust for i in range(len(cells))
     ]
     rows = [
         "  ".join(
-            put(cell, width)
-            for put, cell, width in zip(flush, row, widths, strict=True)
+            justify(cell, width)
+            for justify, cell, width in zip(justified, row, widths, strict=True)
         ).rstrip()
-        for row in zip(*columns, strict=True)
+        for row in zip(*cells, strict=True)
     ]
     return "\n".join("  " + row for row in [*[above.rstrip()] * bool(groups), *rows])
 
 
-def alike(*columns):
-    """Columns of numbers with the same decimals: four significant digits for the
+def alike(*columns: Sequence[float]) -> list[list[str]]:
+    """Write columns of numbers with the same decimals: four significant digits for the
     largest of all.
     """
     numbers = [[float(value) for value in column] for column in columns]
@@ -104,21 +135,21 @@ def alike(*columns):
     return [[_with_places(value, places) for value in column] for column in columns]
 
 
-def _with_places(value, places):
+def _with_places(value: float, places: int) -> str:
     """A number with so many decimals, a dash where it is not known, and a mark where it
     is doubtful.
     """
     mark = DOUBT * isinstance(value, Doubtful)
-    value = float(value)
+    number = float(value)
     # Adding 0.0 after rounding turns -0.0 into 0.0.
     return (
-        f"{round(value, places) + 0.0:.{places}f}{mark}"
-        if math.isfinite(value)
+        f"{round(number, places) + 0.0:.{places}f}{mark}"
+        if math.isfinite(number)
         else NONE
     )
 
 
-def fixed(value, places):
+def fixed(value: float, places: int) -> str:
     """A number with so many decimals; one that is too small for them and more than
     rounding with two digits, a dash where it is not known.
     """
@@ -130,7 +161,7 @@ def fixed(value, places):
     return f"{rounded:.{places}f}"
 
 
-def plain_number(value, digits=4):
+def plain_number(value: float, digits: int = 4) -> str:
     """A number with so many digits, as 12340, without a power of ten where that is
     readable.
     """
@@ -140,29 +171,31 @@ def plain_number(value, digits=4):
     return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
 
 
-def percent(share):
+def percent(share: float | None) -> str:
     """A share in %, a small one not as 0, a dash where it is not known."""
     if share is None or not math.isfinite(share):
         return NONE
     return "<0.1" if 0 < share < 5e-4 else f"{100 * share:.1f}"
 
 
-def count(number):
+def count(number: float) -> str:
     """A number of events, three digits, a dash where it is not known."""
     return plain_number(number, digits=3) if math.isfinite(number) else NONE
 
 
-def hit(speed):
-    """Approach speed of an impact, a small one with two digits, a dash without one."""
+def hit(speed: float) -> str:
+    """Approach speed of an impact in m/s, a small one with two digits, a dash without
+    an impact.
+    """
     return fixed(speed, 2) if speed > 0 else NONE
 
 
-def irregular(share):
+def irregular(share: float) -> str:
     """Cyclic irregularity in %, a dash where it is not known."""
     return count(100 * share)
 
 
-def ratio(pair):
+def ratio(pair: tuple[float, float]) -> str:
     """A quotient with two decimals, a dash where nothing is compared."""
     value = float(pair[0]) / float(pair[1]) if pair[1] else math.nan
     return f"{value:.2f}" if math.isfinite(value) else NONE

@@ -2,18 +2,24 @@
 plain numbers and rows.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from jaxhb._jax import Array, Number
 from jaxhb.elements.elements import SceneError, suggestion
-from jaxhb.linear.strength import strength
+from jaxhb.linear.forced import ForcedResponse
+from jaxhb.linear.strength import Strength, strength, train_of
 from jaxhb.report.answer import SPEED
 from jaxhb.report.orders import order_names
 from jaxhb.report.quantities import READERS, shown_unit
 from jaxhb.report.selection import case_title, train_name
-from jaxhb.report.text.columns import NONE, from_rows, ratio
+from jaxhb.report.text.columns import NONE, Groups, Head, Table, from_rows, ratio
 from jaxhb.report.text.sentences import firing_lines, misfire_text
 from jaxhb.report.text.strength import (
     Share,
@@ -24,7 +30,7 @@ from jaxhb.report.text.strength import (
 )
 from jaxhb.results.answers import left_out, with_gaps
 from jaxhb.results.dataset import SIGNALS, names_of
-from jaxhb.results.response import Response
+from jaxhb.results.signal import Signal
 from jaxhb.results.status import Status
 from jaxhb.solutions.misfires import Misfires, Worst
 
@@ -33,15 +39,15 @@ SHOWN = 6  # orders in a table or picture, those with the largest amplitudes
 NEGLIGIBLE = 1e-12
 
 KINDS = {"disks": "angle", "shafts": "torque", "meshes": "tooth_force"}
-"""What vibrates, of :data:`jaxhb.results.dataset.SIGNALS`; meshes tell most of a train,
-then shafts, then disks.
+"""Signals of :data:`jaxhb.results.dataset.SIGNALS` by kind of element; meshes tell most
+of a train, then shafts, then disks.
 """
 
 TITLES = {
     "disks": "Vibratory angle of disks",
     "shafts": "Vibratory torque of shafts and dampers",
+    "meshes": "Vibratory tooth force",
 }
-TITLES |= {"meshes": "Vibratory tooth force"}
 
 ADVICE = {
     Status.MAX_STEPS: (
@@ -49,39 +55,43 @@ ADVICE = {
         " or add damping"
     )
 }
-"""What a status of the linear response means where that differs from the response with
-backlash.
+"""Meaning of a status of the linear response where it differs from that of the response
+with backlash.
 """
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One element of a :class:`jaxhb.ForcedResponse` of several speeds: what vibrates,
-    its unit, and the heat.
+    """One element of a :class:`jaxhb.ForcedResponse` of several speeds: its signal, the
+    unit of that, and the heat.
     """
 
-    response: Response
+    response: ForcedResponse
     name: str
     kind: str
 
-    called = property(
-        lambda self: KINDS[self.kind].replace("_", " "), doc="What vibrates, in words."
-    )
-    unit = property(
-        lambda self: SIGNALS[KINDS[self.kind]][2], doc="SI unit of the signal."
-    )
-    shown = property(
-        lambda self: shown_unit(self.unit),
-        doc="Factor from the SI unit, and the unit for people.",
-    )
+    @property
+    def called(self) -> str:
+        """The signal in words."""
+        return KINDS[self.kind].replace("_", " ")
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the signal."""
+        return SIGNALS[KINDS[self.kind]][2]
+
+    @property
+    def shown(self) -> tuple[float, str]:
+        """Factor from the SI unit, and the unit for people."""
+        return shown_unit(self.unit)
 
     @cached_property
-    def signal(self):
-        """What vibrates."""
+    def signal(self) -> Signal:
+        """The signal of the element, ``(n,)`` speeds."""
         return getattr(self.response, READERS[KINDS[self.kind]])(self.name)
 
     @property
-    def power(self):
+    def power(self) -> np.ndarray:
         """Power ``(n,)`` W that the element turns into heat."""
         # The name of a ring is that of its damper, whose row has the heat of the link.
         ring = self.kind == "disks" and self.name in self.response.topology.damper_names
@@ -91,7 +101,7 @@ class Reading:
             else np.asarray(self.response.power(self.name))
         )
 
-    def most(self):
+    def most(self) -> tuple[Number, Number]:
         """The largest half peak-to-peak over the speeds that have an answer, and its
         speed; nan without.
         """
@@ -102,7 +112,7 @@ class Reading:
         return swing[place], self.response.rpm[place]
 
     @property
-    def csv_name(self):
+    def csv_name(self) -> str:
         """The name in heads of columns, where ring and link of a damper, which share
         theirs, must differ.
         """
@@ -112,16 +122,16 @@ class Reading:
             else self.name
         )
 
-    def of(self, response):
+    def of(self, response: ForcedResponse) -> Reading:
         """The same element of another response."""
         return Reading(response, self.name, self.kind)
 
-    def at(self, speeds):
-        """The same at some of the speeds, a mask."""
+    def at(self, speeds: Array) -> Reading:
+        """The same at some of the speeds, a mask ``(n,)``."""
         return self.of(self.response[np.flatnonzero(speeds)])
 
     @cached_property
-    def largest(self):
+    def largest(self) -> Array:
         """Largest amplitude ``(K,)`` of every order over the speeds that have an
         answer.
         """
@@ -129,68 +139,73 @@ class Reading:
             axis=0, initial=0.0
         )
 
-    def listed(self):
+    def listed(self) -> np.ndarray:
         """Places of the orders that are there, by rising order."""
         largest = self.largest
         return np.flatnonzero(largest > NEGLIGIBLE * largest.max(initial=0.0))
 
-    def main(self):
+    def main(self) -> np.ndarray:
         """Places of the orders with the largest amplitudes, by rising order."""
         places = self.listed()
         largest = self.largest
         return np.sort(places[np.argsort(-largest[places], kind="stable")[:SHOWN]])
 
 
-def readings(response, names=()):
+def readings(response: ForcedResponse, names: Sequence[str] = ()) -> list[Reading]:
     """A :class:`Reading` of each element named (of a damper its link) or of all;
     ``SceneError`` of other names.
     """
     topology = response.topology
-    chosen = [
+    elements = [
         (name, kind)
         for kind, signal in KINDS.items()
         for name in names_of(topology)[SIGNALS[signal][1]]
     ]
     if names:
-        kinds, where = (
-            dict(chosen),
-            topology.title,
-        )  # a damper stands there twice, last as a link
+        kinds = dict(elements)  # a damper stands there twice, last as a link
         errors = [
-            f"{where}: --element: there is no disk, shaft, damper or mesh"
+            f"{topology.title}: --element: there is no disk, shaft, damper or mesh"
             f" {name!r}.{suggestion(name, kinds)}"
             for name in names
             if name not in kinds
         ]
         if errors:
             raise SceneError(errors)
-        chosen = [(name, kinds[name]) for name in dict.fromkeys(names)]
-    return [Reading(response, name, kind) for name, kind in chosen]
+        elements = [(name, kinds[name]) for name in dict.fromkeys(names)]
+    return [Reading(response, name, kind) for name, kind in elements]
 
 
-def forced_text(cases, found, worst=None, *, each):
+def forced_text(
+    cases: Mapping[str, ForcedResponse],
+    chosen: Sequence[Reading],
+    worst: Mapping[str, WorstMisfire] | None = None,
+    *,
+    each: bool,
+) -> str:
     """Tables for people: the largest values of every element over the speeds, or
-    ``each`` element speed by speed; of several ``cases``, :class:`jaxhb.ForcedResponse`
-    by the cylinder that does not fire, the ``worst`` misfires.
+    ``each`` of the ``chosen`` elements speed by speed; of several ``cases``,
+    :class:`jaxhb.ForcedResponse` by the cylinder that does not fire, the ``worst``
+    misfires.
     """
     response = cases[""]
     name = train_name(response.topology)
     rpm = response.rpm
-    good = np.asarray(response.converged)
+    converged = np.asarray(response.converged)
     parts = [f"{name}: linear forced response, teeth in contact, {SPEED.span(rpm)}"]
-    parts += firing_lines(*(one.train for one in cases.values()))
+    parts += firing_lines(*(train_of(case) for case in cases.values()))
     if worst:
-        return "\n\n".join([*parts, *_misfire_parts(cases, found, worst, each)])
-    parts += (
-        [_speed_table(one, good) for one in found]
-        if each
-        else worst_tables(response, found)
-    )
-    if not good.all():
+        return "\n\n".join([*parts, *_misfire_parts(cases, chosen, worst, each)])
+    if each:
+        parts += [_speed_table(reading, converged) for reading in chosen]
+    else:
+        parts += worst_tables(response, chosen)
+    if not converged.all():
         parts.append(
-            f"{np.sum(~good)} of {len(good)} speeds have no answer and are left out."
+            f"{np.sum(~converged)} of {len(converged)} speeds have no answer and are"
+            " left out."
         )
-    if not any(np.any(one.signal.amplitudes) for one in (*found, *readings(response))):
+    every = (*chosen, *readings(response))
+    if not any(np.any(reading.signal.amplitudes) for reading in every):
         parts.append(
             "Nothing excites the train. Give it a [[torque]] with harmonics, a"
             " [[cylinder]] or an [engine]."
@@ -198,43 +213,42 @@ def forced_text(cases, found, worst=None, *, each):
     return "\n\n".join(parts)
 
 
-def _speed_table(one, good):
-    signal = one.signal
-    places = one.main()
-    (factor, unit) = one.shown
+def _speed_table(reading: Reading, converged: np.ndarray) -> Table:
+    """One element speed by speed; nan where a speed has not converged."""
+    signal = reading.signal
+    places = reading.main()
+    factor, unit = reading.shown
     sizes = [
         signal.half_peak_to_peak,
         signal.sum_of_amplitudes,
         *signal.amplitudes[:, places].T,
     ]
     columns = [
-        np.where(good, values, np.nan)
-        for values in (*(factor * size for size in sizes), one.power)
+        np.where(converged, values, np.nan)
+        for values in (*(factor * size for size in sizes), reading.power)
     ]
-    names = order_names(one.response.train)
-    heads = [
-        "half p-p",
-        "sum",
-        *(f"order {names.number(order)}" for order in signal.orders[places]),
-    ]
-    left_out = len(one.listed()) - len(places)
-    note = f"; {left_out} smaller orders are left out" if left_out else ""
+    names = order_names(train_of(reading.response))
+    orders = [f"order {names.number(order)}" for order in signal.orders[places]]
+    heads: list[Head] = ["rpm"]
+    heads += [(head, "size") for head in ("half p-p", "sum", *orders)]
+    heads.append(("heat W", "W"))
+    omitted = len(reading.listed()) - len(places)
+    note = f"; {omitted} smaller orders are left out" if omitted else ""
     title = (
-        f"{one.name}, {unit}: synthesis, sum of amplitudes, amplitudes by order{note}"
+        f"{reading.name}, {unit}: synthesis, sum of amplitudes, amplitudes by"
+        f" order{note}"
     )
-    rows = zip((f"{speed:g}" for speed in one.response.rpm), *columns, strict=True)
-    return from_rows(
-        title, ["rpm", *((head, "size") for head in heads), ("heat W", "W")], list(rows)
-    )
+    speeds = (f"{speed:g}" for speed in reading.response.rpm)
+    return from_rows(title, heads, list(zip(speeds, *columns, strict=True)))
 
 
-def worst_tables(response, found):
+def worst_tables(response: ForcedResponse, readings: Sequence[Reading]) -> list[Table]:
     """The largest half peak-to-peak, sum and amplitude of each element over the speeds
     that have an answer, and where they are: a table for each kind of element.
     """
-    good = np.asarray(response.converged)
-    names = order_names(response.train)
-    heads = [
+    converged = np.asarray(response.converged)
+    names = order_names(train_of(response))
+    heads: list[Head] = [
         ("half p-p", "size"),
         "at rpm",
         ("sum", "size"),
@@ -242,20 +256,22 @@ def worst_tables(response, found):
         "order",
         ("amplitude", "size"),
         "at rpm",
+        ("heat W", "W"),
     ]
     groups = [("synthesis", 1, 2), ("sum of amplitudes", 3, 4), ("largest order", 5, 7)]
     tables = []
-    for own in by_kind(found) if good.any() else ():
-        factor = own[0].shown[0]
+    for of_kind in by_kind(readings) if converged.any() else ():
+        factor, _ = of_kind[0].shown
         rows = []
-        for one in (reading.at(good) for reading in own):
-            signal = one.signal
-            rpm = one.response.rpm
-            speed, order = np.unravel_index(
+        for reading in (each.at(converged) for each in of_kind):
+            signal = reading.signal
+            rpm = reading.response.rpm
+            largest = np.unravel_index(
                 signal.amplitudes.argmax(), signal.amplitudes.shape
             )
+            speed, order = map(int, largest)
             moves = signal.amplitudes[speed, order] > 0
-            row = [one.name]
+            row: list[Any] = [reading.name]
             for values in (signal.half_peak_to_peak, signal.sum_of_amplitudes):
                 row += [
                     factor * values.max(),
@@ -264,47 +280,63 @@ def worst_tables(response, found):
             row += [
                 names.number(signal.orders[order]) if moves else NONE,
                 factor * signal.amplitudes[speed, order],
+                f"{rpm[speed]:g}" if moves else NONE,
+                reading.power.max(),
             ]
-            rows.append([*row, f"{rpm[speed]:g}" if moves else NONE, one.power.max()])
+            rows.append(row)
         tables.append(
-            _over_speeds(
-                own, "largest over the speeds", [*heads, ("heat W", "W")], rows, groups
-            )
+            _over_speeds(of_kind, "largest over the speeds", heads, rows, groups)
         )
     return tables
 
 
-def by_kind(found):
+def by_kind(readings: Sequence[Reading]) -> list[list[Reading]]:
     """Readings of disks, of shafts and of meshes, of those that there are."""
-    return list(
-        filter(None, ([one for one in found if one.kind == kind] for kind in KINDS))
+    lists = (
+        [reading for reading in readings if reading.kind == kind] for kind in KINDS
     )
+    return list(filter(None, lists))
 
 
-def _over_speeds(found, what, heads, rows, groups=(), left=()):
+def _over_speeds(
+    readings: Sequence[Reading],
+    caption: str,
+    heads: Sequence[Head],
+    rows: Sequence[Sequence[Any]],
+    groups: Groups = (),
+    left: tuple[int, ...] = (),
+) -> Table:
     """A table of elements of one kind."""
-    kind = found[0].kind
-    title = f"{TITLES[kind]}, {found[0].shown[1]}: {what}"
+    kind = readings[0].kind
+    title = f"{TITLES[kind]}, {readings[0].shown[1]}: {caption}"
     element = SIGNALS[KINDS[kind]][1]
     return from_rows(title, [element, *heads], rows, groups, left)
 
 
-def forced_record(cases, found, judged, worst=None, *, orders=None):
-    """What ``forced --json`` writes, see ``docs/how_to/linear.md``; orders up to
-    ``orders``, ``judged`` as of :func:`forced_rows`.
+def forced_record(
+    cases: Mapping[str, ForcedResponse],
+    readings: Sequence[Reading],
+    strengths: Mapping[str, Strength],
+    worst: Mapping[str, WorstMisfire] | None = None,
+    *,
+    orders: float | None = None,
+) -> dict[str, Any]:
+    """The record of ``forced --json``, see ``docs/how_to/linear.md``; orders up to
+    ``orders``, ``strengths`` as of :func:`forced_rows`.
     """
     records = {
-        name: _record(one, found, orders) | strength_record(judged[name])
-        for name, one in cases.items()
+        name: _record(response, readings, orders) | strength_record(strengths[name])
+        for name, response in cases.items()
     }
     record = records.pop("")
     if worst:
-        rows = {one.name: _worst_record(one, worst) for one in found}
-        hardest = rows[hardest_of(found, worst).name]
+        rows = {reading.name: _worst_record(reading, worst) for reading in readings}
+        hardest = rows[hardest_of(readings, worst).name]
+        # The name of the element is the key of its row.
         rows = {
             name: {key: row[key] for key in row if key != "of"}
             for name, row in rows.items()
-        }  # it is their name
+        }
         record |= {
             "misfires": records,
             "worst_misfires": rows,
@@ -313,90 +345,106 @@ def forced_record(cases, found, judged, worst=None, *, orders=None):
     return record
 
 
-def _record(response, found, orders):
-    """What was found of one train."""
-    known = with_gaps(response)
-    found = [one.of(known) for one in found]
-    listed = found[0].signal.orders if found else np.zeros(0)
-    kept = np.flatnonzero(listed <= (np.inf if orders is None else orders))
+def _record(
+    response: ForcedResponse, readings: Sequence[Reading], orders: float | None
+) -> dict[str, Any]:
+    """The record of one train; orders up to ``orders``."""
+    gapped = with_gaps(response)
+    gapped_readings = [reading.of(gapped) for reading in readings]
+    all_orders = gapped_readings[0].signal.orders if gapped_readings else np.zeros(0)
+    listed = np.flatnonzero(all_orders <= (np.inf if orders is None else orders))
 
-    def summary(signal):
+    def summary(signal: Signal) -> dict[str, Any]:
         return {
             name: getattr(signal, name)
             for name in ("mean", "half_peak_to_peak", "sum_of_amplitudes")
         }
 
-    def of_element(one):
-        amplitudes = one.signal.amplitudes[:, kept]
-        phases = one.signal.phases_deg[:, kept]
-        record = summary(one.signal) | {
-            "amplitudes": amplitudes,
-            "phases_deg": phases,
-            "power_W": one.power,
+    def of_element(reading: Reading) -> dict[str, Any]:
+        record = summary(reading.signal) | {
+            "amplitudes": reading.signal.amplitudes[:, listed],
+            "phases_deg": reading.signal.phases_deg[:, listed],
+            "power_W": reading.power,
         }
-        return (
-            record
-            if one.kind == "disks"
-            else record | {"elastic": summary(one.signal.elastic)}
-        )
+        if reading.kind != "disks":
+            record["elastic"] = summary(reading.signal.elastic)
+        return record
 
-    return {
+    record = {
         "scene": response.topology.name,
         "rpm": response.rpm,
-        "status": [Status(int(s)).name for s in response.status],
+        "status": [Status(int(status)).name for status in response.status],
         "residual": response.residual,
         "load_kW": response.load_kW + 0.0,
-        "input_power_W": known.input_power,
-        "orders": listed[kept],
-    } | {
-        kind: {one.name: of_element(one) for one in found if one.kind == kind}
-        for kind in KINDS
+        "input_power_W": gapped.input_power,
+        "orders": all_orders[listed],
     }
+    for kind in KINDS:
+        record[kind] = {
+            reading.name: of_element(reading)
+            for reading in gapped_readings
+            if reading.kind == kind
+        }
+    return record
 
 
-def forced_rows(cases, found, judged):
+def forced_rows(
+    cases: Mapping[str, ForcedResponse],
+    readings: Sequence[Reading],
+    strengths: Mapping[str, Strength],
+) -> list[dict[str, Any]]:
     """Rows of ``forced --csv`` by heads, one per speed, SI units; of several cases the
-    cylinder comes first, what the :class:`jaxhb.Strength` of every case, ``judged``,
-    says last.
+    cylinder comes first, the columns of the :class:`jaxhb.Strength` of every case, of
+    ``strengths``, last.
     """
     rows = []
     for name, response in cases.items():
-        own = {"misfire": [name] * len(response.rpm)} if len(cases) > 1 else {}
-        own |= _columns(
+        columns = {"misfire": [name] * len(response.rpm)} if len(cases) > 1 else {}
+        columns |= _columns(
             response,
-            [one.of(response) for one in found],
-            strength_columns(judged[name]),
+            [reading.of(response) for reading in readings],
+            strength_columns(strengths[name]),
         )
         rows += [
-            dict(zip(own, row, strict=True)) for row in zip(*own.values(), strict=True)
+            dict(zip(columns, row, strict=True))
+            for row in zip(*columns.values(), strict=True)
         ]
     return rows
 
 
-def _columns(response, found, more):
+def _columns(
+    response: ForcedResponse,
+    readings: Sequence[Reading],
+    strength_columns: Mapping[str, Array],
+) -> dict[str, Any]:
+    """Columns ``(n,)`` of the rows of one train by heads, None where a speed has not
+    converged.
+    """
     columns = {"load kW": response.load_kW + 0.0, "input power W": response.input_power}
-    for one in found:
-        name = one.csv_name
-        columns[f"{name} half peak-to-peak {one.unit}"] = one.signal.half_peak_to_peak
-        columns[f"{name} sum of amplitudes {one.unit}"] = one.signal.sum_of_amplitudes
-        for k in one.listed():
-            columns[f"{name} order {one.signal.orders[k]:g} {one.unit}"] = (
-                one.signal.amplitudes[:, k]
-            )
-        columns[f"{name} heat W"] = one.power
-    told = {
+    for reading in readings:
+        name = reading.csv_name
+        unit = reading.unit
+        signal = reading.signal
+        columns[f"{name} half peak-to-peak {unit}"] = signal.half_peak_to_peak
+        columns[f"{name} sum of amplitudes {unit}"] = signal.sum_of_amplitudes
+        for k in reading.listed():
+            head = f"{name} order {signal.orders[k]:g} {unit}"
+            columns[head] = signal.amplitudes[:, k]
+        columns[f"{name} heat W"] = reading.power
+    columns |= strength_columns
+    cells: dict[str, Any] = {
         "rpm": response.rpm,
-        "status": [Status(int(s)).name for s in response.status],
+        "status": [Status(int(status)).name for status in response.status],
     }
-    for head, values in (columns | more).items():
-        told[head] = [
-            value if good else None
-            for value, good in zip(values, response.converged, strict=True)
+    for head, values in columns.items():
+        cells[head] = [
+            value if converged else None
+            for value, converged in zip(values, response.converged, strict=True)
         ]
-    return told
+    return cells
 
 
-def forced_failures(response, case=""):
+def forced_failures(response: ForcedResponse, case: str = "") -> list[str]:
     """A sentence for each status other than converged, with its speeds; ``case`` says
     how the train runs.
     """
@@ -417,56 +465,82 @@ class WorstMisfire(Worst):
     firing_share: float | None = None
 
 
-def worst_of(cases, found, judged):
-    """The :class:`WorstMisfire` of each element; ``judged`` as of :func:`forced_rows`;
-    ``ValueError`` without.
+def worst_of(
+    cases: Mapping[str, ForcedResponse],
+    readings: Sequence[Reading],
+    strengths: Mapping[str, Strength],
+) -> dict[str, WorstMisfire]:
+    """The :class:`WorstMisfire` of each element; ``strengths`` as of
+    :func:`forced_rows`; ``ValueError`` where no speed has an answer.
     """
-    misfires = Misfires(cases[""], {name: one for name, one in cases.items() if name})
-    shares = largest_shares({name: judged[name] for name in misfires.responses})
+    misfires = Misfires(
+        cases[""], {name: response for name, response in cases.items() if name}
+    )
+    shares = largest_shares({name: strengths[name] for name in misfires.responses})
     worst = {}
-    for one in found:
+    for reading in readings:
         # The ring of a damper has its name, and no limits.
         limited = [
             (key, share)
             for (key, name), share in shares.items()
-            if name == one.name and one.kind != "disks"
+            if name == reading.name and reading.kind != "disks"
         ]
-        worst[one.name] = (
-            _by_share(one, cases, *limited[0], judged)
-            if limited
-            else _by_swing(one, misfires)
-        )
+        if limited:
+            key, share = limited[0]
+            worst[reading.name] = _by_share(reading, cases, key, share, strengths)
+        else:
+            worst[reading.name] = _by_swing(reading, misfires)
     return worst
 
 
-def _by_swing(one, misfires):
+def _by_swing(reading: Reading, misfires: Misfires) -> WorstMisfire:
+    """The misfire with which an element swings most."""
+    worst = misfires.worst(
+        lambda response: reading.of(response).signal.half_peak_to_peak
+    )
+    return WorstMisfire(worst.cylinder, worst.rpm, worst.value, worst.firing)
+
+
+def _by_share(
+    reading: Reading,
+    cases: Mapping[str, ForcedResponse],
+    key: str,
+    share: Share,
+    strengths: Mapping[str, Strength],
+) -> WorstMisfire:
+    """The misfire that governs an element by the ``share`` of its limit, of a field
+    ``key`` of its strength.
+    """
+
+    def swing(case: str) -> float:
+        gapped = reading.of(with_gaps(cases[case]))
+        return float(gapped.signal.half_peak_to_peak[share.place])
+
+    _, firing_share = at_same_speed(share, key, strengths[""])
     return WorstMisfire(
-        **vars(misfires.worst(lambda r: one.of(r).signal.half_peak_to_peak))
+        share.case, share.rpm, swing(share.case), swing(""), share, firing_share
     )
 
 
-def _by_share(one, cases, key, share, judged):
-    swings = (
-        one.of(with_gaps(cases[name])).signal.half_peak_to_peak[share.place]
-        for name in (share.case, "")
-    )
-    value, firing = map(float, swings)
-    _, firing_share = at_same_speed(share, key, judged[""])
-    return WorstMisfire(share.case, share.rpm, value, firing, share, firing_share)
-
-
-def hardest_of(found, worst):
+def hardest_of(
+    readings: Sequence[Reading], worst: Mapping[str, WorstMisfire]
+) -> Reading:
     """The element that its worst misfire brings nearest to a limit, or beyond; without
     limits that which swings most, of the meshes, without any of the shafts, else of the
     disks.
     """
-    limited = [one for one in found if worst[one.name].share]
+    shares = {
+        name: misfire.share.share
+        for name, misfire in worst.items()
+        if misfire.share is not None
+    }
+    limited = [reading for reading in readings if reading.name in shares]
     if limited:
-        return max(limited, key=lambda one: worst[one.name].share.share)
-    return max(by_kind(found)[-1], key=lambda one: worst[one.name].value)
+        return max(limited, key=lambda reading: shares[reading.name])
+    return max(by_kind(readings)[-1], key=lambda reading: worst[reading.name].value)
 
 
-def hardest_misfire(cases):
+def hardest_misfire(cases: Mapping[str, ForcedResponse]) -> dict[str, Any] | None:
     """The record of the misfire that governs the element nearest to its limit, or
     without limits that swings most; None where no misfire has an answer. ``cases`` as
     of :func:`forced_text`.
@@ -475,28 +549,32 @@ def hardest_misfire(cases):
         response.converged.any() for cylinder, response in cases.items() if cylinder
     ):
         return None
-    found = readings(cases[""])
+    every = readings(cases[""])
     worst = worst_of(
         cases,
-        found,
+        every,
         {cylinder: strength(response) for cylinder, response in cases.items()},
     )
-    return _worst_record(hardest_of(found, worst), worst)
+    return _worst_record(hardest_of(every, worst), worst)
 
 
-def critical_misfire_text(cases, worst, firing):
+def critical_misfire_text(
+    cases: Mapping[str, ForcedResponse],
+    worst: Mapping[str, Any] | None,
+    firing: str,
+) -> list[str]:
     """Sentences on the ``worst`` misfire at critical speeds, as of
-    :func:`hardest_misfire`: what it is, and of how many speeds nothing is known.
+    :func:`hardest_misfire`, and on the number of speeds of which nothing is known.
     """
     rpm = cases[""].rpm
-    known = np.logical_or.reduce(
+    answered = np.logical_or.reduce(
         [response.converged for cylinder, response in cases.items() if cylinder]
     )
     sentences = [misfire_text(worst, firing, " half peak-to-peak")] if worst else []
-    if not known.all():
+    if not answered.all():
         lost = (
-            f"At {np.sum(~known)} of {len(rpm)} critical speeds nothing damps the mode"
-            " and no response is finite"
+            f"At {np.sum(~answered)} of {len(rpm)} critical speeds nothing damps the"
+            " mode and no response is finite"
         )
         sentences.append(
             f"{lost}: modal torques of different modes do not tell which misfire is"
@@ -505,24 +583,30 @@ def critical_misfire_text(cases, worst, firing):
     return sentences
 
 
-def _misfire_parts(cases, found, worst, each):
-    """The worst misfire and every misfire, of what swings most or of ``each`` element,
-    and the worst misfire of all.
+def _misfire_parts(
+    cases: Mapping[str, ForcedResponse],
+    readings: Sequence[Reading],
+    worst: Mapping[str, WorstMisfire],
+    each: bool,
+) -> Iterator[str]:
+    """The worst misfire and every misfire, of the element that swings most or of
+    ``each`` element, and the worst misfire of all.
     """
     titles = {
-        name: case_title(response.train, name) for name, response in cases.items()
+        name: case_title(train_of(response), name) for name, response in cases.items()
     }
-    chosen = found if each else [hardest_of(found, worst)]
+    chosen = readings if each else [hardest_of(readings, worst)]
     yield "\n".join(
-        misfire_text(_worst_record(one, worst), titles[""], " half peak-to-peak")
-        for one in chosen
+        misfire_text(_worst_record(reading, worst), titles[""], " half peak-to-peak")
+        for reading in chosen
     )
-    for one in chosen:
-        (factor, unit) = one.shown
-        (firing, _) = one.most()
+    heads: list[Head] = ["", ("half p-p", "size"), "at rpm", ("ratio", ratio)]
+    for reading in chosen:
+        factor, unit = reading.shown
+        firing, _ = reading.most()
         rows = []
         for name, response in cases.items():
-            value, rpm = one.of(response).most()
+            value, rpm = reading.of(response).most()
             rows.append(
                 [
                     titles[name],
@@ -531,63 +615,72 @@ def _misfire_parts(cases, found, worst, each):
                     (value, firing),
                 ]
             )
-        title = f"{one.name}, {unit}: largest half peak-to-peak over the speeds"
-        yield from_rows(
-            title, ["", ("half p-p", "size"), "at rpm", ("ratio", ratio)], rows
-        )
-    yield from () if each else misfire_tables(found, worst, titles[""])
+        title = f"{reading.name}, {unit}: largest half peak-to-peak over the speeds"
+        yield from_rows(title, heads, rows)
+    if not each:
+        yield from misfire_tables(readings, worst, titles[""])
 
 
-def misfire_tables(found, worst, firing):
+def misfire_tables(
+    readings: Sequence[Reading], worst: Mapping[str, WorstMisfire], firing: str
+) -> Iterator[Table]:
     """The misfire that governs each element, a table for each kind of element;
-    ``firing`` is what the train is called without.
+    ``firing`` is the title of the train without a misfire.
     """
-    for own in by_kind(found):
-        factor = own[0].shown[0]
-        rows = []
-        limited = any(worst[one.name].share for one in own)
-        for one in own:
-            most = worst[one.name]
-            (largest, _) = one.most()
-            where = (f"{most.rpm:g}", most.cylinder) if most.value else (NONE, NONE)
-            row = [
-                one.name,
-                factor * largest,
-                factor * most.value,
-                (most.value, largest),
-                *where,
-            ]
-            share = (
-                f"{most.share.share:.2f}, {most.share.kind.called}"
-                if most.share
-                else NONE
+    for of_kind in by_kind(readings):
+        factor, _ = of_kind[0].shown
+        rows: list[list[Any]] = []
+        limited = any(worst[reading.name].share for reading in of_kind)
+        for reading in of_kind:
+            misfire = worst[reading.name]
+            largest, _ = reading.most()
+            rows.append(
+                [
+                    reading.name,
+                    factor * largest,
+                    factor * misfire.value,
+                    (misfire.value, largest),
+                    f"{misfire.rpm:g}" if misfire.value else NONE,
+                    misfire.cylinder if misfire.value else NONE,
+                ]
             )
-            rows.append(row + [share] * limited)
-        heads = [
+            if limited:
+                share = misfire.share
+                rows[-1].append(
+                    f"{share.share:.2f}, {share.kind.called}" if share else NONE
+                )
+        heads: list[Head] = [
             (firing, "size"),
             ("worst misfire", "size"),
             ("ratio", ratio),
             "at rpm",
             "that of",
         ]
+        heads += ["share of its limit"] * limited
         by = " (of elements with limits: of the largest share)" * limited
-        what = f"largest half peak-to-peak over the speeds{by}"
-        yield _over_speeds(
-            own, what, heads + ["share of its limit"] * limited, rows, left=(5, 6)
-        )
+        caption = f"largest half peak-to-peak over the speeds{by}"
+        yield _over_speeds(of_kind, caption, heads, rows, left=(5, 6))
 
 
-def _worst_record(one, worst):
-    most = worst[one.name]
+def _worst_record(
+    reading: Reading, worst: Mapping[str, WorstMisfire]
+) -> dict[str, Any]:
+    """The record of the worst misfire of an element."""
+    misfire = worst[reading.name]
     record = {
-        name: getattr(most, name) for name in ("cylinder", "rpm", "value", "firing")
+        "cylinder": misfire.cylinder,
+        "rpm": misfire.rpm,
+        "value": misfire.value,
+        "firing": misfire.firing,
+        "quantity": reading.called,
+        "unit": reading.unit,
+        "of": reading.name,
     }
-    record |= {"quantity": one.called, "unit": one.unit, "of": one.name}
-    if most.share is None:
-        return record
-    limit = f"{most.share.said} of {most.share.kind.called}"
-    return record | {
-        "share": most.share.share,
-        "firing_share": most.firing_share,
-        "limit": limit,
-    }
+    share = misfire.share
+    if share is not None:
+        record |= {
+            "share": share.share,
+            "firing_share": misfire.firing_share,
+            "limit": f"{share.said} of {share.kind.called}",
+        }
+    return record

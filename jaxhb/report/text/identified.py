@@ -1,109 +1,114 @@
-"""What a fit to measurements found: tables for people, a record for programs, and the
+"""Result of a fit to measurements: tables for people, a record for programs, and the
 scene with fitted numbers.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
-from jaxhb.design.identification import APART, MOST_MISFIT
+from jaxhb.design.identification import (
+    APART,
+    MOST_MISFIT,
+    Identification,
+    WeakCylinder,
+)
 from jaxhb.design.measurements import UNITS
-from jaxhb.report.orders import NUMBERS, order_names
+from jaxhb.report.orders import NUMBERS, OrderNames, order_names
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
+from jaxhb.report.text.columns import NONE, Table, count, from_rows, plain_number
 from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.tuned import parameter_unit
 
 
-def identified_text(found):
-    """Fitted numbers beside the scene's, what the data leave open, and how far orders
-    are off before and after.
+def identified_text(fit: Identification) -> str:
+    """Fitted numbers beside the scene's, numbers that the data leave open, and how far
+    orders are off before and after.
     """
-    rows = found.measured
-    speeds = len(np.unique(found.measured.rpm))
+    measured = fit.measured
+    speeds = len(np.unique(measured.rpm))
     head = (
-        f"{found.train.topology.title}: {len(rows.rpm)} measured amplitudes at {speeds}"
-        " speeds, "
+        f"{fit.train.topology.title}: {len(measured.rpm)} measured amplitudes at"
+        f" {speeds} speeds, {int(np.isfinite(measured.phase).sum())} with a phase;"
+        f" {len(fit.parameters)} numbers fitted."
     )
-    head += (
-        f"{int(np.isfinite(rows.phase).sum())} with a phase; {len(found.parameters)}"
-        " numbers fitted."
-    )
-    told = goodness(found)
-    told += " Intervals are as much wider, and something is not in the scene." * (
-        found.misfit > MOST_MISFIT
-    )
-    said = [
-        f"NOT determined by these data: {', '.join(found.open)}. Measure elsewhere, or"
-        " keep the scene's numbers."
-    ]
-    said = said * bool(found.open)
-    if pairs := [f"{a} and {b} ({value:+.2f})" for a, b, value in found.alike()]:
-        said.append(f"Hardly told apart (correlation): {'; '.join(pairs)}.")
-    said += [f"Left out: {sentence}" for sentence in found.left_out]
-    names = order_names(found.train)
-    both = {"scene off, %": found.before_computed, "fitted off, %": found.computed}
+    explained = goodness(fit)
+    if fit.misfit > MOST_MISFIT:
+        explained += " Intervals are as much wider, and something is not in the scene."
+    remarks = []
+    if fit.open:
+        remarks.append(
+            f"NOT determined by these data: {', '.join(fit.open)}. Measure elsewhere,"
+            " or keep the scene's numbers."
+        )
+    pairs = [f"{a} and {b} ({value:+.2f})" for a, b, value in fit.alike()]
+    if pairs:
+        remarks.append(f"Hardly told apart (correlation): {'; '.join(pairs)}.")
+    remarks += [f"Left out: {sentence}" for sentence in fit.left_out]
+    names = order_names(fit.train)
+    computed = {"scene off, %": fit.before_computed, "fitted off, %": fit.computed}
     return "\n\n".join(
         [
-            "\n".join([head, told]),
-            _numbers(found),
-            *remarks_text(said, ""),
-            _residuals(found, both, names),
+            "\n".join([head, explained]),
+            _numbers(fit),
+            *remarks_text(remarks, ""),
+            _residuals(fit, computed, names),
         ]
     )
 
 
-def goodness(found):
-    """How well what was found explains the measured amplitudes."""
-    left = (
-        f"{found.kept.sum()} of {len(found.kept)} amplitudes are"
-        if found.left_out
+def goodness(fit: Identification | WeakCylinder) -> str:
+    """Sentence on how well a fit explains the measured amplitudes."""
+    amplitudes = (
+        f"{fit.kept.sum()} of {len(fit.kept)} amplitudes are"
+        if fit.left_out
         else "The amplitudes are"
     )
     return (
-        f"{left} explained to {100 * max(found.explained, 0.0):.4g} %; residuals are"
-        f" {found.misfit:.2f} times the noise that was taken (reduced chi-square"
-        f" {found.misfit**2:.3g})."
+        f"{amplitudes} explained to {100 * max(fit.explained, 0.0):.4g} %; residuals"
+        f" are {fit.misfit:.2f} times the noise that was taken (reduced chi-square"
+        f" {fit.misfit**2:.3g})."
     )
 
 
-def _numbers(found):
+def _numbers(fit: Identification) -> Table:
+    """A row for every fitted number: before and after, its deviation and bounds."""
     rows = []
-    for one, before, value, std in zip(
-        found.parameters, found.before, found.values, found.std, strict=True
+    for parameter, before, value, std in zip(
+        fit.parameters, fit.before, fit.values, fit.std, strict=True
     ):
-        remark = (
-            "open"
-            if one.name in found.open
-            else "at its bound"
-            if one.name in found.at_bound
-            else ""
-        )
-        unit = parameter_unit(found.train, one.name) or NONE
+        if parameter.name in fit.open:
+            remark = "open"
+        else:
+            remark = "at its bound" if parameter.name in fit.at_bound else ""
         rows.append(
             [
-                one.name,
+                parameter.name,
                 plain_number(before),
                 plain_number(value),
                 count(std),
                 f"{100 * std / abs(value):.1f}",
+                parameter_unit(fit.train, parameter.name) or NONE,
+                f"{plain_number(parameter.low)} to {plain_number(parameter.high)}",
+                remark,
             ]
         )
-        rows[-1] += [
-            unit,
-            f"{plain_number(one.low)} to {plain_number(one.high)}",
-            remark,
-        ]
     heads = ["number", "scene", "fitted", "+- (1 deviation)", "%", "unit", "bounds", ""]
     return from_rows("Numbers", heads, rows, left=(7,))
 
 
-def _residuals(found, computed, names):
-    """Root mean squares of what is measured and of its difference from what is
-    ``computed``, by head, for each element and order, of which ``names`` tell; of the
-    rows that were kept.
+def _residuals(
+    fit: Identification | WeakCylinder,
+    computed: Mapping[str, np.ndarray],
+    names: OrderNames,
+) -> Table:
+    """Root mean squares of the measured amplitudes and of their differences from the
+    complex amplitudes ``(R,)`` that are ``computed``, by head, for each element and
+    order, of which ``names`` tell; of the rows that were fitted.
     """
     rows = []
-    measured = found.measured
-    size = found.measured.amplitude
+    measured = fit.measured
+    size = measured.amplitude
     target = size * np.exp(1j * np.deg2rad(np.nan_to_num(measured.phase)))
     differences = [
         np.where(
@@ -115,59 +120,57 @@ def _residuals(found, computed, names):
         zip(measured.quantity, measured.element, map(str, measured.order), strict=True)
     )
     for quantity, element, order in dict.fromkeys(keys):
-        own = found.kept & np.array([key == (quantity, element, order) for key in keys])
-        if not own.any():
+        chosen = fit.kept & np.array(
+            [key == (quantity, element, order) for key in keys]
+        )
+        if not chosen.any():
             continue
         factor, unit = shown_unit(UNITS[quantity])
+        mean_square = (size[chosen] ** 2).mean()
         offs = [
-            100 * np.sqrt((off[own] ** 2).mean() / (size[own] ** 2).mean())
-            for off in differences
+            100 * np.sqrt((difference[chosen] ** 2).mean() / mean_square)
+            for difference in differences
         ]
         called = "sum" if order == "nan" else names.number(float(order))
-        mean = count(factor * np.sqrt((size[own] ** 2).mean()))
+        root = count(factor * np.sqrt(mean_square))
         rows.append(
             [
                 f"{quantity} of {element}",
                 called,
-                f"{mean} {unit}",
+                f"{root} {unit}",
                 *(f"{off:.1f}" for off in offs),
             ]
         )
-    return from_rows(
-        "Residuals over the speeds",
-        ["measured", "order", "root mean square", *computed],
-        rows,
-    )
+    heads = ["measured", "order", "root mean square", *computed]
+    return from_rows("Residuals over the speeds", heads, rows)
 
 
-def identified_record(found):
-    """What ``identify --json`` writes, in SI units."""
+def identified_record(fit: Identification) -> dict[str, Any]:
+    """The record of ``identify --json``, in SI units."""
     fields = "rpm", "order", "quantity", "element", "amplitude", "phase"
-    measured = zip(*(getattr(found.measured, field) for field in fields), strict=True)
-    known = np.where(found.kept, found.computed, np.nan)
+    measured = zip(*(getattr(fit.measured, field) for field in fields), strict=True)
+    computed = np.where(fit.kept, fit.computed, np.nan)
     return {
-        "scene": found.train.topology.name,
-        "misfit": found.misfit,
-        "explained": found.explained,
-        "left_out": found.left_out,
+        "scene": fit.train.topology.name,
+        "misfit": fit.misfit,
+        "explained": fit.explained,
+        "left_out": fit.left_out,
         "parameters": [
             {
-                "name": one.name,
+                "name": parameter.name,
                 "before": before,
                 "value": value,
                 "std": std,
-                "low": one.low,
-                "high": one.high,
+                "low": parameter.low,
+                "high": parameter.high,
+                "unit": parameter_unit(fit.train, parameter.name),
+                "open": parameter.name in fit.open,
             }
-            | {
-                "unit": parameter_unit(found.train, one.name),
-                "open": one.name in found.open,
-            }
-            for one, before, value, std in zip(
-                found.parameters, found.before, found.values, found.std, strict=True
+            for parameter, before, value, std in zip(
+                fit.parameters, fit.before, fit.values, fit.std, strict=True
             )
         ],
-        "correlation": found.correlation,
+        "correlation": fit.correlation,
         "rows": [
             dict(zip(fields, row, strict=True))
             | {
@@ -175,13 +178,13 @@ def identified_record(found):
                 "computed_phase": float(np.rad2deg(np.angle(value))),
                 "sigma": sigma,
             }
-            for row, value, sigma in zip(measured, known, found.sigma, strict=True)
+            for row, value, sigma in zip(measured, computed, fit.sigma, strict=True)
         ],
     }
 
 
-def weak_text(found, names=NUMBERS):
-    """Which cylinder is weak, that none is, or that no cylinder alone explains the
+def weak_text(fit: WeakCylinder, names: OrderNames = NUMBERS) -> str:
+    """Say which cylinder is weak, that none is, or that no cylinder alone explains the
     measurements.
     """
     rows = [
@@ -189,11 +192,11 @@ def weak_text(found, names=NUMBERS):
             name,
             f"{100 * factor:.1f}",
             f"{100 * std:.1f}",
-            count(more),
-            "at its bound" * (name in found.at_bound),
+            count(evidence),
+            "at its bound" * (name in fit.at_bound),
         ]
-        for name, factor, std, more in zip(
-            found.names, found.gas_factor, found.std, found.evidence, strict=True
+        for name, factor, std, evidence in zip(
+            fit.names, fit.gas_factor, fit.std, fit.evidence, strict=True
         )
     ]
     heads = [
@@ -204,52 +207,52 @@ def weak_text(found, names=NUMBERS):
         "",
     ]
     table = from_rows("Weak cylinder", heads, rows, left=(4,))
-    first = found.names[0]
-    share = f"{100 * found.gas_factor[0]:.0f} % of what the others do"
-    if not found.explains:
-        said = (
+    first = fit.names[0]
+    share = f"{100 * fit.gas_factor[0]:.0f} % of what the others do"
+    if not fit.explains:
+        verdict = (
             "No verdict: no cylinder that alone differs explains the measurements, as"
-            f" even the best fit leaves residuals {found.misfit:.3g} times the noise"
+            f" even the best fit leaves residuals {fit.misfit:.3g} times the noise"
             f" (at most {MOST_MISFIT:g}). Something else is not as in the scene: fit"
             " its stiffnesses and inertias first (--fit), or say how noisy the data"
             " are (--noise)."
         )
-    elif found.all_equal < APART:
-        said = (
+    elif fit.all_equal < APART:
+        verdict = (
             "No cylinder differs: with equal cylinders the measurements are explained"
             " as well."
         )
-    elif len(found.likely) > 1:
-        said = (
-            f"These are not told apart by the measurements: {', '.join(found.likely)}."
+    elif len(fit.likely) > 1:
+        verdict = (
+            f"These are not told apart by the measurements: {', '.join(fit.likely)}."
         )
-    elif first in found.at_bound and found.gas_factor[0] > 1:
-        said = f"{first} burns at least {share}, the most that is looked for."
+    elif first in fit.at_bound and fit.gas_factor[0] > 1:
+        verdict = f"{first} burns at least {share}, the most that is looked for."
     else:
-        said = f"{first} burns {share}."
-    remarks = remarks_text([f"Left out: {sentence}" for sentence in found.left_out], "")
-    residuals = _residuals(found, {f"off with {first}, %": found.computed}, names)
-    return "\n\n".join([f"{said}\n{goodness(found)}", table, *remarks, residuals])
+        verdict = f"{first} burns {share}."
+    remarks = remarks_text([f"Left out: {sentence}" for sentence in fit.left_out], "")
+    residuals = _residuals(fit, {f"off with {first}, %": fit.computed}, names)
+    return "\n\n".join([f"{verdict}\n{goodness(fit)}", table, *remarks, residuals])
 
 
-def weak_record(found):
-    """The same for programs."""
+def weak_record(fit: WeakCylinder) -> dict[str, Any]:
+    """The record of ``identify --weak-cylinder --json``."""
     return {
         "weak_cylinder": [
             {
                 "name": name,
                 "gas_factor": factor,
                 "std": std,
-                "evidence": more,
-                "at_bound": name in found.at_bound,
+                "evidence": evidence,
+                "at_bound": name in fit.at_bound,
             }
-            for name, factor, std, more in zip(
-                found.names, found.gas_factor, found.std, found.evidence, strict=True
+            for name, factor, std, evidence in zip(
+                fit.names, fit.gas_factor, fit.std, fit.evidence, strict=True
             )
         ],
-        "all_equal": found.all_equal,
-        "explains": found.explains,
-        "misfit": found.misfit,
-        "explained": found.explained,
-        "left_out": found.left_out,
+        "all_equal": fit.all_equal,
+        "explains": fit.explains,
+        "misfit": fit.misfit,
+        "explained": fit.explained,
+        "left_out": fit.left_out,
     }

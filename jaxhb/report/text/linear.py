@@ -3,13 +3,27 @@ the Campbell diagram.
 """
 
 import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
+from jaxhb._jax import Array
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations.backlash import all_meshes
-from jaxhb.linear.critical import ELASTIC, RIGID, RING, shares_in_mode
-from jaxhb.linear.tangent import at_pressed_load, own_speed
+from jaxhb.linear.critical import (
+    ELASTIC,
+    RIGID,
+    RING,
+    Campbell,
+    Critical,
+    shares_in_mode,
+)
+from jaxhb.linear.forced import ForcedResponse
+from jaxhb.linear.holzer import HolzerTable
+from jaxhb.linear.modal import Modes
+from jaxhb.linear.tangent import MeanLoad, at_pressed_load, own_speed
+from jaxhb.report.orders import OrderNames
 from jaxhb.report.text.columns import (
     NONE,
     Table,
@@ -18,8 +32,9 @@ from jaxhb.report.text.columns import (
     percent,
     plain_number,
 )
+from jaxhb.train.drivetrain import DriveTrain
 
-FIRST = 3  # modes whose energies or tables are shown where none is asked for
+FIRST = 3  # modes whose energies or tables are shown unless some are chosen
 
 SCALE = (
     "Modal torque: amplitude of the order's torques on the shape whose largest angle is"
@@ -27,20 +42,28 @@ SCALE = (
 )
 
 
-def modes_text(modes, name, kinds, ratios, teeth=""):
-    """Natural frequencies, nodes, damping ratios (nan: none), what moves; ``teeth``
-    says how stiff they are.
+def modes_text(
+    modes: Modes,
+    name: str,
+    kinds: Sequence[str],
+    ratios: Sequence[float] | np.ndarray,
+    teeth: str = "",
+) -> Table:
+    """Natural frequencies, nodes, damping ratios (nan: none), disks that move;
+    ``teeth`` says how stiff they are.
     """
     rows = []
     loose = sum(kind == RIGID for kind in kinds)
     for k, hz in enumerate(modes.frequencies_hz):
         shape = modes.shape(k)
-        most = sorted(shape, key=lambda disk: -abs(shape[disk]))[:3]
+        largest = sorted(shape, key=lambda disk: -abs(shape[disk]))[:3]
         moving = ", ".join(
-            f"{disk} {shape[disk]:+.2f}" for disk in most if abs(shape[disk]) >= 0.005
+            f"{disk} {shape[disk]:+.2f}"
+            for disk in largest
+            if abs(shape[disk]) >= 0.005
         )
         if kinds[k] == RING:
-            moving = f"ring only: {most[0]} turns freely"
+            moving = f"ring only: {largest[0]} turns freely"
         elif kinds[k] == RIGID:
             moving = (
                 f"one of {loose} rigid-body modes" if loose > 1 else "rigid-body mode"
@@ -52,54 +75,47 @@ def modes_text(modes, name, kinds, ratios, teeth=""):
         rows.append(
             [k, fixed(hz, 2), fixed(60 * hz, 0), nodes, damping, *in_teeth, moving]
         )
-    heads = [
-        "mode",
-        "Hz",
-        "per minute",
-        "nodes",
-        "damping ratio",
-        *["in teeth %"] * bool(teeth),
-    ]
+    heads = ["mode", "Hz", "per minute", "nodes", "damping ratio"]
+    heads += ["in teeth %"] * bool(teeth)
+    heads.append("largest angles, on own shafts, the largest 1")
     title = f"Natural frequencies of {name}: undamped"
     title += f", {teeth}; share of the strain energy in the teeth" if teeth else ""
-    return from_rows(
-        title,
-        [*heads, "largest angles, on own shafts, the largest 1"],
-        rows,
-        left=(len(heads),),
-    )
+    return from_rows(title, heads, rows, left=(len(heads) - 1,))
 
 
-def in_contact(train):
-    """How stiff the teeth are, of which tables of trains with teeth tell."""
+def in_contact(train: DriveTrain) -> str:
+    """Stiffness of the teeth in words, for tables of trains with teeth; "" without."""
     return "teeth in contact" if train.topology.mesh_names else ""
 
 
-def energies_text(modes, kinds):
-    """Where the energies of the first elastic modes lie, in tables; Holzer's table has
-    them of trees.
+def energies_text(modes: Modes, kinds: Sequence[str]) -> list[Table]:
+    """Tables of the energies of the first elastic modes, by disk and link; Holzer's
+    table has them of trees.
     """
     shown = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:FIRST]
-    kinetic = ("disk", modes.names, modes.kinetic_share)
-    strain = ("link", modes.link_names, modes.strain_share)
+    if not shown:
+        return []
+    kinetic = ("Kinetic", "disk", modes.names, modes.kinetic_share)
+    strain = ("Strain", "link", modes.link_names, modes.strain_share)
     heads = [f"mode {k}" for k in shown]
     return [
         Table(
-            f"{what} energy of the first elastic modes, %",
+            f"{energy} energy of the first elastic modes, %",
             [head, *heads],
             [names, *(list(map(percent, share[k])) for k in shown)],
         )
-        for what, (head, names, share) in {"Kinetic": kinetic, "Strain": strain}.items()
-        if shown
+        for energy, head, names, share in (kinetic, strain)
     ]
 
 
-def modes_record(modes, kinds, ratios):
-    """What ``modes --json`` writes: lists over the modes, by name of disks and links;
+def modes_record(
+    modes: Modes, kinds: Sequence[str], ratios: Sequence[float] | np.ndarray
+) -> dict[str, Any]:
+    """The record of ``modes --json``: lists over the modes, by name of disks and links;
     the largest angle is 1.
     """
-    listed = ("frequencies_hz", "mesh_energy_share", "node_count", "generalised_mass")
-    return {name: getattr(modes, name) for name in listed} | {
+    fields = ("frequencies_hz", "mesh_energy_share", "node_count", "generalised_mass")
+    return {field: getattr(modes, field) for field in fields} | {
         "kinds": kinds,
         "damping_ratios": ratios,
         "modes": dict(zip(modes.names, modes.shapes.T, strict=True)),
@@ -108,60 +124,65 @@ def modes_record(modes, kinds, ratios):
     }
 
 
-def approximations(train, rpm=None, response=None, *, closed=True):
-    """What linear calculations take at the mean load or leave out, a sentence for each
-    element and reason: of one speed or several, by default of that of
+def approximations(
+    train: DriveTrain,
+    rpm: Sequence[float] | Array | None = None,
+    response: ForcedResponse | None = None,
+    *,
+    closed: bool = True,
+) -> list[str]:
+    """Sentences on what linear calculations take at the mean load or leave out, one for
+    each element and reason: of one speed or several, by default of that of
     :func:`own_speed`; ``response``, a :class:`jaxhb.ForcedResponse` at these, tells
     which vibrations leave the stage; ``closed``: clearances are.
     """
     topology = train.topology
-    springs = {}
+    springs: dict[int, dict[str, list[int]]] = {}
     for link, kind, row in topology.springs:
         springs.setdefault(link, {}).setdefault(kind, []).append(row)
-    asked = [own_speed(train)] if rpm is None else rpm
-    loads = (
-        [at_pressed_load(train, rpm=float(speed)) for speed in asked] if springs else []
-    )
-    found = []
+    speeds = [own_speed(train)] if rpm is None else rpm
+    loads = []
+    if springs:
+        loads = [at_pressed_load(train, rpm=float(speed)) for speed in speeds]
+    sentences = []
     for place, (link, kinds) in enumerate(springs.items()):
         name = topology.link_names[link]
         if "stages" in kinds or "stops" in kinds:
-            found.append(f"{name}: {_stage_sentence(loads, place)}.")
-            found += _crossing(train, link, kinds, response)
+            sentences.append(f"{name}: {_stage_sentence(loads, place)}.")
+            sentences += _crossing(train, link, kinds, response)
         if "clearance" in kinds and closed:
-            found.append(
+            sentences.append(
                 f"{name}: its clearance is taken closed; jaxhb solve has it open."
             )
         if "friction" in kinds:
             friction = _of_link(train, link, "friction")
-            found.append(
+            sentences.append(
                 f"{name}: its dry friction of {float(friction):.4g} N m is left out;"
                 " jaxhb solve has it."
             )
     variation = all_meshes(train).variation
     for mesh in np.flatnonzero(topology.mesh_varies):
         most = 200 * np.abs(np.asarray(variation[mesh])).sum()
-        said = (
+        varies = (
             f"its stiffness varies over the mesh period, by up to {most:.3g} % of its"
             " mean"
         )
-        found.append(
-            f"{topology.mesh_names[mesh]}: {said}, which is taken here; jaxhb solve has"
-            " the variation."
+        sentences.append(
+            f"{topology.mesh_names[mesh]}: {varies}, which is taken here; jaxhb solve"
+            " has the variation."
         )
-    return found
+    return sentences
 
 
-def _of_link(train, link, field):
+def _of_link(train: DriveTrain, link: int, field: str) -> np.ndarray:
     """A field of a shaft or damper by the number of the link."""
     shafts = len(train.topology.shaft_names)
-    table, index = (
-        (train.shafts, link) if link < shafts else (train.dampers, link - shafts)
-    )
-    return np.asarray(getattr(table, field))[index]
+    if link < shafts:
+        return np.asarray(getattr(train.shafts, field))[link]
+    return np.asarray(getattr(train.dampers, field))[link - shafts]
 
 
-def _stage_sentence(loads, place):
+def _stage_sentence(loads: Sequence[MeanLoad], place: int) -> str:
     """The stiffness of one link with stages or stops at its mean load, over the
     speeds.
     """
@@ -177,37 +198,42 @@ def _stage_sentence(loads, place):
     where = (
         f"at {first:g} rpm" if len(loads) == 1 else f"from {first:g} to {last:g} rpm"
     )
-    stiffness, torque = (
-        (
-            f"{min(own):.4g}"
-            if np.ptp(own) <= 1e-6 * np.abs(own).max()
-            else f"{min(own):.4g} to {max(own):.4g}"
-        )
-        for own in (slopes, torques)
-    )
     return (
-        f"linear with {stiffness} N m/rad, its stiffness at the mean torque of {torque}"
-        f" N m {where}"
+        f"linear with {_range_text(slopes)} N m/rad, its stiffness at the mean torque"
+        f" of {_range_text(torques)} N m {where}"
     )
 
 
-def _crossing(train, link, kinds, response):
+def _range_text(values: Sequence[float]) -> str:
+    """The smallest and the largest of some values; one where they are the same."""
+    if np.ptp(values) <= 1e-6 * np.abs(values).max():
+        return f"{min(values):.4g}"
+    return f"{min(values):.4g} to {max(values):.4g}"
+
+
+def _crossing(
+    train: DriveTrain,
+    link: int,
+    kinds: Mapping[str, Sequence[int]],
+    response: ForcedResponse | None,
+) -> list[str]:
     """A sentence on the speeds at which the vibration of a link leaves the stage of its
     mean torque, in a list.
     """
     if response is None:
         return []
-    knots = [
+    stages = [
         sign * row[0]
         for row in _rows_of(train, link, kinds, "stages")
         for sign in (1, -1)
     ]
-    knots = np.array(knots + [row[0] for row in _rows_of(train, link, kinds, "stops")])
-    ends = [train.topology.disk_names[disk] for disk in train.topology.link_ends[link]]
-    twist = response.twist(*ends)
-    low, high = (
-        np.rad2deg(np.asarray(values))[:, None] for values in (twist.min, twist.max)
-    )
+    stops = [row[0] for row in _rows_of(train, link, kinds, "stops")]
+    knots = np.array(stages + stops)
+    first, second = train.topology.link_ends[link]
+    disk_names = train.topology.disk_names
+    twist = response.twist(disk_names[first], disk_names[second])
+    low = np.rad2deg(np.asarray(twist.min))[:, None]
+    high = np.rad2deg(np.asarray(twist.max))[:, None]
     crossed = np.asarray(response.converged) & ((low < knots) & (knots < high)).any(
         axis=-1
     )
@@ -231,21 +257,20 @@ def _crossing(train, link, kinds, response):
     ]
 
 
-def _rows_of(train, link, kinds, field):
-    """The stages or stops of a link."""
-    return (
-        _of_link(train, link, field)[: len(kinds.get(field, ()))]
-        if field in kinds
-        else []
-    )
+def _rows_of(
+    train: DriveTrain, link: int, kinds: Mapping[str, Sequence[int]], field: str
+) -> np.ndarray | Sequence:
+    """The rows of the stages or stops of a link."""
+    if field not in kinds:
+        return ()
+    return _of_link(train, link, field)[: len(kinds[field])]
 
 
-def mean_load_text(load, rpm):
-    """A line that tells the tangent stiffness of every mesh with backlash, and of
-    shafts and dampers with stages, stops or clearance; ``load`` is a
-    :class:`jaxhb.MeanLoad`.
+def mean_load_text(load: MeanLoad, rpm: float) -> str:
+    """A line on the tangent stiffness of every mesh with backlash, and of shafts and
+    dampers with stages, stops or clearance.
     """
-    said = [
+    links = [
         f"{name} {plain_number(torque)} N m at {plain_number(stiffness)} N m/rad"
         for name, torque, stiffness in zip(
             load.links, load.torque, load.link_stiffness, strict=True
@@ -254,30 +279,33 @@ def mean_load_text(load, rpm):
     for name, force, engagement, share in zip(
         load.names, load.force, load.engagement, load.share, strict=True
     ):
-        where = "in the gap" if engagement == 0 else "in the transition zone"
-        where = (
-            "in contact"
-            if engagement == 1
-            else f"{where}, {percent(share)} % of its stiffness"
-        )
-        said.append(f"{name} {abs(force) / 1e3:.4g} kN {where}")
-    return f"Mean load of {rpm:g} rpm: {', '.join(said) or 'no mesh has backlash'}."
+        if engagement == 1:
+            where = "in contact"
+        else:
+            zone = "in the gap" if engagement == 0 else "in the transition zone"
+            where = f"{zone}, {percent(share)} % of its stiffness"
+        links.append(f"{name} {abs(force) / 1e3:.4g} kN {where}")
+    return f"Mean load of {rpm:g} rpm: {', '.join(links) or 'no mesh has backlash'}."
 
 
-def mean_load_record(load, rpm):
-    """What ``modes --at --json`` adds by mesh with backlash: elastic force, tangent
-    stiffness, engagement 0 to 1; by shaft or damper with stages, stops, clearance or
-    friction: torque, twist, tangent stiffness.
+def mean_load_record(load: MeanLoad, rpm: float) -> dict[str, Any]:
+    """The part of ``modes --at --json`` on meshes with backlash: elastic force, tangent
+    stiffness, engagement 0 to 1; and on shafts or dampers with stages, stops, clearance
+    or friction: torque, twist, tangent stiffness.
     """
-    keys = "force", "stiffness", "engagement"
-    rows = {
-        name: {key: getattr(load, key)[i] for key in keys}
-        for i, name in enumerate(load.names)
+    of_meshes = {
+        "force": load.force,
+        "stiffness": load.stiffness,
+        "engagement": load.engagement,
     }
     of_links = {
         "torque": load.torque,
         "twist": load.twist,
         "stiffness": load.link_stiffness,
+    }
+    rows = {
+        name: {key: values[i] for key, values in of_meshes.items()}
+        for i, name in enumerate(load.names)
     }
     rows |= {
         name: {key: values[i] for key, values in of_links.items()}
@@ -296,18 +324,20 @@ HOLZER = (
     "kinetic_energy",
     "strain_energy",
 )
-"""Of a HolzerTable, in the file; the first six in the text."""
+"""Fields of a HolzerTable in the file; the first six stand in the text."""
 
 
-def chosen_modes(kinds, name, asked=None):
-    """Numbers of the modes asked for, or the first that strain links; a ``SceneError``
-    of those that do not.
+def chosen_modes(
+    kinds: Sequence[str], name: str, modes: Sequence[int] | None = None
+) -> list[int]:
+    """Numbers of the chosen ``modes``, by default of the first that strain links; a
+    ``SceneError`` of those that do not.
     """
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
     if not elastic:
         raise SceneError(f"{name}: no mode strains a link. Give a frequency with --hz.")
     errors = []
-    for k in asked or ():
+    for k in modes or ():
         if k >= len(kinds):
             errors.append(f"{name}: --mode {k}: there are modes 0 to {len(kinds) - 1}.")
         elif k not in elastic:
@@ -317,74 +347,63 @@ def chosen_modes(kinds, name, asked=None):
             errors.append(f"{name}: --mode {k}: this mode is {kinds[k]}, {strained}")
     if errors:
         raise SceneError(errors)
-    return list(dict.fromkeys(asked)) if asked else elastic[:FIRST]
+    return list(dict.fromkeys(modes)) if modes else elastic[:FIRST]
 
 
-def holzer_text(tables, name, teeth=""):
+def holzer_text(
+    tables: Iterable[tuple[int | None, HolzerTable]], name: str, teeth: str = ""
+) -> str:
     """Holzer's ``tables``, pairs (number of the mode or None, HolzerTable), with
     ``teeth`` as of :func:`modes_text`.
     """
-    how = ", ".join(filter(None, ["undamped", teeth]))
+    stiff = ", ".join(filter(None, ["undamped", teeth]))
     meshes = "; of a mesh c N/m, sum/c m" if teeth else ""
     head = (
-        f"{name}: Holzer's table, {how}. J kg m2, theta rad, torques N m,\nc N m/rad,"
+        f"{name}: Holzer's table, {stiff}. J kg m2, theta rad, torques N m,\nc N m/rad,"
         f" sum/c rad{meshes}. Energies of disk and link in % of the kinetic"
         " energy.\nThe sum of a row passes through its link."
     )
-    return "\n\n".join([head, *(_holzer_table(*one) for one in tables)])
+    return "\n\n".join([head, *(_holzer_table(mode, table) for mode, table in tables)])
 
 
-def _holzer_table(mode, table):
+def _holzer_table(mode: int | None, table: HolzerTable) -> Table:
+    """One of Holzer's tables, disks in the order of calculation."""
     kinetic = table.kinetic_energy.sum()
-    cells = [
+    inertia, ordinate, torque, torque_sum, stiffness, twist = (
         [f"{value:#.5g}".rstrip(".") for value in getattr(table, field) + 0.0]
         for field in HOLZER[:6]
-    ]
-    cells += [
-        [f"{100 * share:.1f}" for share in e / kinetic]
-        for e in (table.kinetic_energy, table.strain_energy)
-    ]
-    inertia, ordinate, torque, torque_sum, stiffness, twist, of_disk, of_link = cells
-    # Behind the last disk is no link.
-    links, stiffness, twist, of_link = (
-        [*own[:-1], NONE] for own in (table.links, stiffness, twist, of_link)
     )
-    heads = [
-        "disk",
-        "J",
-        "theta",
-        "J w2 theta",
-        "sum",
-        "disk %",
-        "link",
-        "c",
-        "sum/c",
-        "link %",
-    ]
-    columns = [
-        table.names,
-        inertia,
-        ordinate,
-        torque,
-        torque_sum,
-        of_disk,
-        links,
-        stiffness,
-        twist,
-        of_link,
-    ]
-    what = "" if mode is None else f"mode {mode}, "
+    of_disk, of_link = (
+        [f"{100 * share:.1f}" for share in energy / kinetic]
+        for energy in (table.kinetic_energy, table.strain_energy)
+    )
+    # Behind the last disk is no link.
+    columns = {
+        "disk": table.names,
+        "J": inertia,
+        "theta": ordinate,
+        "J w2 theta": torque,
+        "sum": torque_sum,
+        "disk %": of_disk,
+        "link": [*table.links[:-1], NONE],
+        "c": [*stiffness[:-1], NONE],
+        "sum/c": [*twist[:-1], NONE],
+        "link %": [*of_link[:-1], NONE],
+    }
+    number = "" if mode is None else f"mode {mode}, "
     return Table(
-        f"{what}{table.hz:.6g} Hz, residual {table.residual + 0.0:.4g} N m",
-        heads,
-        columns,
+        f"{number}{table.hz:.6g} Hz, residual {table.residual + 0.0:.4g} N m",
+        list(columns),
+        list(columns.values()),
         left=(6,),
     )
 
 
-def holzer_record(tables, name):
-    """What ``holzer --json`` writes: lists over the rows of every table, SI units; mode
-    None: of a given frequency.
+def holzer_record(
+    tables: Iterable[tuple[int | None, HolzerTable]], name: str
+) -> dict[str, Any]:
+    """The record of ``holzer --json``: lists over the rows of every table, SI units;
+    mode None: of a frequency that is no natural one.
     """
     rows = [
         {
@@ -400,106 +419,113 @@ def holzer_record(tables, name):
     return {"scene": name, "tables": rows}
 
 
-def campbell_text(found, count, name, misfires, names, teeth="", lines=(), worst=()):
+def campbell_text(
+    diagram: Campbell,
+    count: int,
+    name: str,
+    misfires: Mapping[str, Campbell],
+    names: OrderNames,
+    teeth: str = "",
+    lines: Iterable[str] = (),
+    worst: Iterable[str] = (),
+) -> str:
     """Modes and critical speeds of a Campbell diagram of ``count`` elastic modes;
     ``misfires`` by cylinder, ``names`` of the orders; ``lines`` stand below the first,
     sentences on the ``worst`` misfire last.
     """
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     head = (
-        f"{name}: Campbell diagram from {found.rpm[0]:g} to {found.rpm[-1]:g} rpm,"
+        f"{name}: Campbell diagram from {diagram.rpm[0]:g} to {diagram.rpm[-1]:g} rpm,"
         f" {stiff}"
     )
-    return "\n\n".join(
-        [
-            "\n".join([head, *lines]),
-            *campbell_parts(found, count, misfires, names),
-            *worst,
-        ]
-    )
+    parts = campbell_parts(diagram, count, misfires, names)
+    return "\n\n".join(["\n".join([head, *lines]), *parts, *worst])
 
 
-def campbell_parts(found, count, misfires, names):
+def campbell_parts(
+    diagram: Campbell, count: int, misfires: Mapping[str, Campbell], names: OrderNames
+) -> list[str]:
     """The tables of :func:`campbell_text`, and a sentence where there is none."""
-    shown = found.shown(count)
-    hz = found.frequencies_hz
+    shown = diagram.shown(count)
+    hz = diagram.frequencies_hz
     constant = (hz[:, shown] == hz[0, shown]).all()
-    heads = (
-        ["Hz"]
-        if constant
-        else [f"Hz at {found.rpm[0]:g} rpm", f"at {found.rpm[-1]:g} rpm"]
-    )
-    rows = [
-        [k, *(f"{hz[i, k]:.2f}" for i in (0, -1)[: len(heads)]), found.kinds[k]]
+    columns = {"Hz": hz[0]}
+    if not constant:
+        columns = {
+            f"Hz at {diagram.rpm[0]:g} rpm": hz[0],
+            f"at {diagram.rpm[-1]:g} rpm": hz[-1],
+        }
+    rows: list[list[Any]] = [
+        [k, *(f"{column[k]:.2f}" for column in columns.values()), diagram.kinds[k]]
         for k in shown
     ]
     title = (
         "Natural frequencies; rigid modes and those of rings only have no critical"
         " speeds"
     )
-    parts = [
-        from_rows(title, ["mode", *heads, "kind"], rows, left=(1 + len(heads),)),
-        *_left_out(found, count),
-    ]
-    orders = ", ".join(map(names.number, found.orders)) or "none"
-    if not found.critical:
+    heads = ["mode", *columns, "kind"]
+    modes = from_rows(title, heads, rows, left=(len(heads) - 1,))
+    parts = [modes, *_left_out(diagram, count)]
+    orders = ", ".join(map(names.number, diagram.orders)) or "none"
+    if not diagram.critical:
         return [*parts, f"No critical speed lies in the range. Orders: {orders}."]
     heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
     rows = [
         [
-            f"{c.rpm:.1f}",
-            names.number(c.order),
-            c.mode,
-            f"{c.hz:.2f}",
-            plain_number(c.torque),
+            f"{critical.rpm:.1f}",
+            names.number(critical.order),
+            critical.mode,
+            f"{critical.hz:.2f}",
+            plain_number(critical.torque),
         ]
-        for c in found.critical
+        for critical in diagram.critical
     ]
     if misfires:
         heads += ["worst misfire N m", "that of"]
-        worst = [_worst_at(place, misfires) for place in range(len(rows))]
-        rows = [
-            [*row, plain_number(torque), name]
-            for row, (name, torque) in zip(rows, worst, strict=True)
-        ]
+        for place, row in enumerate(rows):
+            cylinder, torque = _worst_at(place, misfires)
+            row += [plain_number(torque), cylinder]
     title = f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}."
     return [*parts, from_rows(title, heads, rows, left=(6,))]
 
 
-def _worst_at(place, misfires):
+def _worst_at(place: int, misfires: Mapping[str, Campbell]) -> tuple[str, float]:
     """The cylinder whose misfire has the largest modal torque at a critical speed,
-    where all have the same mode, and this torque.
+    where all have the same mode, and this torque in N m.
     """
     torques = {
         cylinder: diagram.critical[place].torque
         for cylinder, diagram in misfires.items()
     }
-    return max(torques.items(), key=lambda item: item[1])
+    return max(torques.items(), key=lambda entry: entry[1])
 
 
-def excited_most(found, misfires, cylinder, rpm):
+def excited_most(
+    diagram: Campbell, misfires: Mapping[str, Campbell], cylinder: str, rpm: float
+) -> tuple[Critical, float]:
     """The Critical at a critical speed whose order and mode a misfire excites most
     beside others of its mode, its modal torque that of the misfire, and the torque with
     all firing.
     """
-    critical = misfires[cylinder].critical
-    shares = shares_in_mode(critical, [c.torque for c in critical])
+    every = misfires[cylinder].critical
+    shares = shares_in_mode(every, [critical.torque for critical in every])
     place = max(
-        (k for k, c in enumerate(critical) if c.rpm == rpm), key=lambda k: shares[k]
+        (k for k, critical in enumerate(every) if critical.rpm == rpm),
+        key=lambda k: shares[k],
     )
-    return critical[place], found.critical[place].torque
+    return every[place], diagram.critical[place].torque
 
 
-def _left_out(found, count):
-    """A sentence on modes that are not told, in a list."""
-    shown = len(found.elastic(count))
-    every = len(found.elastic(len(found.kinds)))
-    crossed = found.reached()
+def _left_out(diagram: Campbell, count: int) -> list[str]:
+    """A sentence on modes that are left out, in a list."""
+    shown = len(diagram.elastic(count))
+    every = len(diagram.elastic(len(diagram.kinds)))
+    crossed = diagram.reached()
     if shown == every:
         return []
-    highest = max(found.orders, default=0.0)
-    low = float(found.rpm[0])
-    high = float(found.rpm[-1])
+    highest = max(diagram.orders, default=0.0)
+    low = float(diagram.rpm[0])
+    high = float(diagram.rpm[-1])
     top = f"order {highest:g} at {high:g} rpm is {highest * high / 60:.4g} Hz"
     first = f"These are the {shown} lowest of {every} modes that strain links"
     if crossed <= shown:
@@ -508,62 +534,71 @@ def _left_out(found, count):
     return [f"{first}; the orders reach {crossed} of them ({top}). {call}"]
 
 
-def campbell_record(found, count, name, misfires, worst=None):
-    """What ``campbell --json`` writes, see ``docs/how_to/linear.md``; ``worst`` is the
-    record of the worst misfire.
+def campbell_record(
+    diagram: Campbell,
+    count: int,
+    name: str,
+    misfires: Mapping[str, Campbell],
+    worst: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """The record of ``campbell --json``, see ``docs/how_to/linear.md``; ``worst`` is
+    that of the worst misfire.
     """
-    speeds = [_critical_record(c) for c in found.critical]
+    speeds = [_critical_record(critical) for critical in diagram.critical]
     for place, speed in enumerate(speeds if misfires else ()):
         speed["misfires"] = {
-            cylinder: one.critical[place].torque for cylinder, one in misfires.items()
+            cylinder: misfire.critical[place].torque
+            for cylinder, misfire in misfires.items()
         }
     modes = [
         {
             "mode": k,
-            "kind": found.kinds[k],
-            "frequencies_hz": found.frequencies_hz[:, k],
+            "kind": diagram.kinds[k],
+            "frequencies_hz": diagram.frequencies_hz[:, k],
         }
-        for k in found.shown(count)
+        for k in diagram.shown(count)
     ]
-    record = {
+    record: dict[str, Any] = {
         "scene": name,
-        "rpm": found.rpm,
-        "orders": found.orders,
+        "rpm": diagram.rpm,
+        "orders": diagram.orders,
         "modes": modes,
         "critical_speeds": speeds,
     }
     if misfires:
-        record["worst_misfire"] = worst and worst | _of_mode(found, misfires, worst)
+        record["worst_misfire"] = worst and worst | _of_mode(diagram, misfires, worst)
     return record
 
 
-def _of_mode(found, misfires, worst):
+def _of_mode(
+    diagram: Campbell, misfires: Mapping[str, Campbell], worst: Mapping[str, Any]
+) -> dict[str, Any]:
     """Order, mode and modal torques of the record of a worst misfire."""
-    critical, firing = excited_most(found, misfires, worst["cylinder"], worst["rpm"])
+    critical, firing = excited_most(diagram, misfires, worst["cylinder"], worst["rpm"])
     return _critical_record(critical) | {"modal_torque_firing": firing}
 
 
-def _critical_record(c):
+def _critical_record(critical: Critical) -> dict[str, Any]:
+    """The record of a critical speed; torque in N m."""
     return {
-        "rpm": c.rpm,
-        "order": c.order,
-        "mode": c.mode,
-        "hz": c.hz,
-        "modal_torque": c.torque,
+        "rpm": critical.rpm,
+        "order": critical.order,
+        "mode": critical.mode,
+        "hz": critical.hz,
+        "modal_torque": critical.torque,
     }
 
 
-def campbell_rows(found, misfires, titles):
+def campbell_rows(
+    diagram: Campbell, misfires: Mapping[str, Campbell], titles: Mapping[str, str]
+) -> tuple[list[str], list[list[Any]]]:
     """Heads and rows of ``campbell --csv``: one row per critical speed; modal torques
     with misfires, which have ``titles``, come last.
     """
     heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
     heads += [f"modal torque N m, {titles[cylinder]}" for cylinder in misfires]
-    own = [
-        [one.critical[k].torque for one in misfires.values()]
-        for k in range(len(found.critical))
-    ]
-    return heads, [
-        [*dataclasses.astuple(c), *more]
-        for c, more in zip(found.critical, own, strict=True)
-    ]
+    rows = []
+    for place, critical in enumerate(diagram.critical):
+        torques = [misfire.critical[place].torque for misfire in misfires.values()]
+        rows.append([*dataclasses.astuple(critical), *torques])
+    return heads, rows

@@ -1,18 +1,23 @@
 """Mean torques: what the loads and the grounds take, and what fixes the mean angles."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from jaxhb.excitation.torques import excitation
+from jaxhb.linear.strength import train_of
 from jaxhb.report.text.columns import plain_number
+from jaxhb.results.response import Response
 from jaxhb.train.plausible import compressors
+from jaxhb.train.topology import Topology
 
 NOTED_SHARE = 0.01
 ROUNDING = 1e-9
 
 
-def mean_angles_of(topology):
-    """What the absolute mean angles are measured from, as a sentence without its full
-    stop.
+def mean_angles_of(topology: Topology) -> str:
+    """Say what the absolute mean angles are measured from, as a sentence without its
+    full stop.
     """
     names = ", ".join(repr(name) for name in topology.ground_names)
     if not names:
@@ -23,9 +28,9 @@ def mean_angles_of(topology):
     )
 
 
-def torques_of(response, kind):
-    """Mean torque by name, N m: of every "load" on its disk, negative where it takes
-    power; that every "ground" takes from its disk.
+def torques_of(response: Response, kind: str) -> dict[str, float]:
+    """Mean torques of one speed by name, N m: of every "load" on its disk, negative
+    where it takes power; or what every "ground" takes from its disk.
     """
     values = response.load_torque if kind == "load" else response.ground_reaction
     return dict(
@@ -37,18 +42,18 @@ def torques_of(response, kind):
     )
 
 
-def _rounding(response):
-    """What a balanced train leaves to its ground at most, N m: given torques that
-    cancel do so up to rounding.
+def _rounding(response: Response) -> float:
+    """Largest torque that a balanced train leaves to its ground, N m: torques of the
+    scene that cancel do so up to rounding.
     """
     return ROUNDING * float(
-        np.abs(np.asarray(response.train.torques.mean)).max(initial=0.0)
+        np.abs(np.asarray(train_of(response).torques.mean)).max(initial=0.0)
     )
 
 
-def balance_line(response):
-    """What the loads and the grounds take, and the power of the loads; "" without
-    either.
+def balance_line(response: Response) -> str:
+    """Mean torques that the loads and the grounds take, and the power of the loads; ""
+    without either.
     """
     loads = torques_of(response, "load")
     grounds = torques_of(response, "ground")
@@ -58,45 +63,45 @@ def balance_line(response):
         ROUNDING * max(map(abs, [*loads.values(), *grounds.values()]), default=0.0),
     )
 
-    def taken(torques, sign):
-        told = {
+    def torques_text(torques: Mapping[str, float], sign: int) -> str:
+        numbers = {
             name: plain_number(sign * torque) if abs(torque) > least else 0
             for name, torque in torques.items()
         }
-        return ", ".join(f"{name} takes {torque} N m" for name, torque in told.items())
+        return ", ".join(
+            f"{name} takes {number} N m" for name, number in numbers.items()
+        )
 
     parts = []
     if loads:
         parts.append(
-            f"load: {taken(loads, -1)}, {plain_number(float(response.load_kW) + 0.0)}"
-            " kW in all"
+            f"load: {torques_text(loads, -1)},"
+            f" {plain_number(float(response.load_kW) + 0.0)} kW in all"
         )
     if grounds:
-        parts.append(f"ground: {taken(grounds, 1)}")
+        parts.append(f"ground: {torques_text(grounds, 1)}")
     return "; ".join(parts)
 
 
-def speed_of(told, number):
-    """`` at 1800 rpm``, of one of several responses or answers."""
-    one = told[number]
-    return (
-        f" at {one.at if hasattr(one, 'at') else f'{float(one.rpm):g} rpm'}"
-        if len(told) > 1
-        else ""
-    )
-
-
-def _noted(responses, read):
-    """The largest of the torques that are above 1 % of the largest mean torque, with
-    its speed; "" without any.
+def speed_of(motions: Sequence, number: int) -> str:
+    """`` at 1800 rpm``, of one of several responses or answers; "" where there is but
+    one.
     """
-    torques = list(map(read, responses))
+    if len(motions) <= 1:
+        return ""
+    motion = motions[number]
+    return f" at {motion.at if hasattr(motion, 'at') else f'{float(motion.rpm):g} rpm'}"
+
+
+def _noted(responses: Sequence[Response], torques: Sequence[float]) -> str:
+    """The largest of the torques of some responses, N m, that are above 1 % of the
+    largest mean torque, with its speed; "" without any.
+    """
     rounding = _rounding(responses[0])
 
-    def above(torque, response):
-        on_disks = np.abs(
-            np.asarray(excitation(response.train, float(response.rpm), 0)[0])[:, 0].real
-        )
+    def above(torque: float, response: Response) -> bool:
+        torque_on_disks, *_ = excitation(train_of(response), float(response.rpm), 0)
+        on_disks = np.abs(np.asarray(torque_on_disks)[:, 0].real)
         return torque > NOTED_SHARE * max(
             on_disks.max(initial=0.0), np.abs(response.load_torque).max(initial=0.0)
         )
@@ -115,33 +120,35 @@ def _noted(responses, read):
     )
 
 
-def torque_notes(responses):
-    """A sentence per ground that takes much, and per load that drives though others
-    should, at its worst speed.
+def torque_notes(responses: Sequence[Response]) -> list[str]:
+    """A sentence for each ground that takes much, and for each load that drives though
+    other torques should, at its worst speed.
     """
     topology = responses[0].topology
-    found = []
+    sentences = []
     for name in topology.ground_names:
-        if said := _noted(
-            responses, lambda one, name=name: abs(torques_of(one, "ground")[name])
-        ):
+        reactions = [
+            abs(torques_of(response, "ground")[name]) for response in responses
+        ]
+        torque = _noted(responses, reactions)
+        if torque:
             share = f"more than {100 * NOTED_SHARE:g} % of the largest mean torque"
-            found.append(
-                f"The ground {name!r} takes {said}, {share}: is a [[load]] missing?"
+            sentences.append(
+                f"The ground {name!r} takes {torque}, {share}: is a [[load]] missing?"
             )
-    train = responses[0].train
+    train = train_of(responses[0])
     fires = np.flatnonzero(topology.cylinder_fires).tolist()
     driven = (
         not compressors(train).issuperset(fires)
         or (np.asarray(train.torques.mean) > 0).any()
     )
     for name in topology.load_names if driven else ():  # else the load is the motor
-        if said := _noted(
-            responses, lambda one, name=name: torques_of(one, "load")[name]
-        ):
-            found.append(
-                f"[[load]] {name!r}: it drives the train with {said}, usual below 0, as"
-                " a load takes power: do the other torques drive? A pressure table"
+        drives = [torques_of(response, "load")[name] for response in responses]
+        torque = _noted(responses, drives)
+        if torque:
+            sentences.append(
+                f"[[load]] {name!r}: it drives the train with {torque}, usual below 0,"
+                " as a load takes power: do the other torques drive? A pressure table"
                 " that is read from another firing top dead centre brakes."
             )
-    return found
+    return sentences

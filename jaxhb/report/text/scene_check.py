@@ -1,6 +1,9 @@
-"""What a scene comes to before anything vibrates: mean torques, tooth forces, damping,
+"""Check of a scene before anything vibrates: mean torques, tooth forces, damping,
 notes, referred numbers.
 """
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -10,56 +13,75 @@ from jaxhb.design.tolerances import read_tolerances
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations.backlash import all_meshes
 from jaxhb.equations.fourier import sample
-from jaxhb.equations.kinematics import referred, tooth_damping_ratios
+from jaxhb.equations.kinematics import Referred, referred, tooth_damping_ratios
 from jaxhb.excitation.gas import charge_pressures, load_share
 from jaxhb.excitation.mean_torques import mean_torques
-from jaxhb.report.text.columns import NONE, Table, fixed, from_rows, plain_number
+from jaxhb.linear.strength import train_of
+from jaxhb.report.text.columns import (
+    NONE,
+    Head,
+    Table,
+    fixed,
+    from_rows,
+    plain_number,
+)
 from jaxhb.report.text.mean_torques import torque_notes, torques_of
 from jaxhb.report.text.sentences import firing_lines, once_alike
 from jaxhb.results.motion import ROUNDING
+from jaxhb.results.response import Response
 from jaxhb.train import connections
+from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.plausible import plausibility
+from jaxhb.train.topology import Topology
 
 ANY_SPEED = 1000.0  # rpm, where no torque depends on the speed
 SAMPLES = 8192  # of a cycle, at which the stiffness of a mesh is looked at
 
 
-def referred_tables(train):
+def referred_tables(train: DriveTrain) -> list[Table]:
     """Inertias, stiffnesses and dampings, actual and referred to the reference rotor;
-    what the train has, in tables.
+    tables of those that the train has.
     """
-    found = referred(train)
+    numbers = referred(train)
     topology = train.topology
-    damping, stiffness = np.zeros((2, len(found.factor)))
+    damping = np.zeros(len(numbers.factor))
+    stiffness = np.zeros(len(numbers.factor))
     damping[: len(train.disks.damping)] = train.disks.damping
     np.add.at(
         stiffness, np.array(topology.ground_disk, dtype=int), train.grounds.stiffness
     )
-    disks = {"disk": found.disks, "speed ratio i": found.factor}
-    disks |= {"J kg m2": found.inertia, "J i^2": found.inertia_referred}
-    for head, referred_head, values in (
-        ("r N m s/rad", "r i^2", damping),
-        ("k N m/rad", "k i^2", stiffness),
-    ):
-        if values.any():
-            disks |= {head: values, referred_head: values * found.factor**2}
+    disks = {
+        "disk": numbers.disks,
+        "speed ratio i": numbers.factor,
+        "J kg m2": numbers.inertia,
+        "J i^2": numbers.inertia_referred,
+    }
+    if damping.any():
+        disks["r N m s/rad"] = damping
+        disks["r i^2"] = damping * numbers.factor**2
+    if stiffness.any():
+        disks["k N m/rad"] = stiffness
+        disks["k i^2"] = stiffness * numbers.factor**2
     more = ", damping and stiffness to ground" * (len(disks) > 4)
-    parts = [
-        _numbers(
-            f"{topology.title}: inertias{more}, actual and referred to the reference"
-            " rotor",
-            disks,
-        )
-    ]
-    if found.links:
+    title = (
+        f"{topology.title}: inertias{more}, actual and referred to the reference rotor"
+    )
+    tables = [_numbers(title, disks)]
+    if numbers.links:
         kinds = [
             kind
             for kind in ("shaft", "damper", "mesh")
             for _ in getattr(topology, f"{kind}_names")
         ]
-        links = {"link": found.links, "": kinds, "factor i": found.link_factor}
-        links |= {"k N m/rad": found.stiffness, "k i^2": found.stiffness_referred}
-        links |= {"r N m s/rad": found.damping, "r i^2": found.damping_referred}
+        links = {
+            "link": numbers.links,
+            "": kinds,
+            "factor i": numbers.link_factor,
+            "k N m/rad": numbers.stiffness,
+            "k i^2": numbers.stiffness_referred,
+            "r N m s/rad": numbers.damping,
+            "r i^2": numbers.damping_referred,
+        }
         loss = [*train.shafts.loss_factor, *train.dampers.loss_factor]
         if any(loss):
             links["loss factor"] = loss + [NONE] * len(topology.mesh_names)
@@ -67,11 +89,13 @@ def referred_tables(train):
             "Stiffness k and damping r of links; of meshes in N/m and N s/m, their"
             " factor is i x radius in m"
         )
-        parts.append(_numbers(title, links, left=(1,)))
-    return [*parts, *_order_table(train, found), *_varying_table(train, found)]
+        tables.append(_numbers(title, links, left=(1,)))
+    return [*tables, *_order_table(train, numbers), *_varying_table(train, numbers)]
 
 
-def _numbers(title, columns, left=()):
+def _numbers(
+    title: str, columns: Mapping[str, Sequence[Any]], left: tuple[int, ...] = ()
+) -> Table:
     """A table of columns by their heads: names, and numbers of six digits."""
     cells = [
         [cell if isinstance(cell, str) else f"{cell:.6g}" for cell in column]
@@ -80,20 +104,22 @@ def _numbers(title, columns, left=()):
     return Table(title, list(columns), cells, left=left)
 
 
-def _order_table(train, found):
-    """Order-tuned dampers, in a list."""
-    tuned = np.flatnonzero(found.order)
+def _order_table(train: DriveTrain, numbers: Referred) -> list[Table]:
+    """The table of order-tuned dampers, in a list."""
+    tuned = np.flatnonzero(numbers.order)
     if not len(tuned):
         return []
     names = train.topology.damper_names
     rings = len(train.disks.inertia) + tuned
-    growth = found.inertia[rings] * (found.order_referred[tuned] * 2 * np.pi / 60) ** 2
+    rate = numbers.order_referred[tuned] * 2 * np.pi / 60
+    growth = numbers.inertia[rings] * rate**2
     columns = {
         "link": [names[i] for i in tuned],
-        "order n": found.order[tuned],
-        "n i": found.order_referred[tuned],
+        "order n": numbers.order[tuned],
+        "n i": numbers.order_referred[tuned],
+        "N m/rad/rpm2": growth,
+        "i^2 of it": growth * numbers.factor[rings] ** 2,
     }
-    columns |= {"N m/rad/rpm2": growth, "i^2 of it": growth * found.factor[rings] ** 2}
     title = (
         "Order-tuned dampers: stiffness that is added per square of the speed of the"
         " reference rotor"
@@ -101,39 +127,42 @@ def _order_table(train, found):
     return [_numbers(title, columns)]
 
 
-def _varying_table(train, found):
-    """The tables of links that vary, as stiffness and damping, in a list."""
+def _varying_table(train: DriveTrain, numbers: Referred) -> list[Table]:
+    """The table of links that vary, as stiffness and damping, in a list."""
     topology = train.topology
     shafts = len(train.topology.shaft_names)
     rows = []
-    for field, numbers in (
+    for field, links in (
         ("over_hz", topology.hz_links),
         ("over_amplitude", topology.amplitude_links),
     ):
-        for i in numbers:
+        for i in links:
             table, k = (train.shafts, i) if i < shafts else (train.dampers, i - shafts)
-            i2 = found.link_factor[i] ** 2
-            for at, stiffer, damped in dict.fromkeys(
-                map(tuple, np.asarray(getattr(table, field)[k]).tolist())
-            ):
-                # Angles referred to the reference rotor are phi / i; frequencies are
-                # the same for all.
-                referred_at = at if field == "over_hz" else at / found.link_factor[i]
-                stiffness = stiffer * found.stiffness[i]
-                damping = damped * found.damping[i]
-                values = (
-                    at,
-                    referred_at,
+            factor = numbers.link_factor[i]
+            knots = map(tuple, np.asarray(getattr(table, field)[k]).tolist())
+            for place, stiffer, damped in dict.fromkeys(knots):
+                stiffness = stiffer * numbers.stiffness[i]
+                damping = damped * numbers.damping[i]
+                row = [
+                    numbers.links[i],
+                    field,
+                    place,
+                    # Angles referred to the reference rotor are phi / i; frequencies
+                    # are the same for all.
+                    place if field == "over_hz" else place / factor,
                     stiffness,
-                    stiffness * i2,
+                    stiffness * factor**2,
                     damping,
-                    damping * i2,
-                )
-                rows.append(
-                    [found.links[i], field, *values, damped * table.loss_factor[k]]
-                )
-    at = "frequencies (Hz) or amplitudes (rad) of their rows"
-    title = f"Links that vary: stiffness, damping and loss factor at the {at}"
+                    damping * factor**2,
+                    damped * table.loss_factor[k],
+                ]
+                rows.append(row)
+    if not rows:
+        return []
+    title = (
+        "Links that vary: stiffness, damping and loss factor at the frequencies (Hz) or"
+        " amplitudes (rad) of their rows"
+    )
     heads = [
         "link",
         "over",
@@ -145,18 +174,11 @@ def _varying_table(train, found):
         "r i^2",
         "loss factor",
     ]
-    return (
-        [
-            _numbers(
-                title, dict(zip(heads, zip(*rows, strict=True), strict=True)), left=(1,)
-            )
-        ]
-        if rows
-        else []
-    )
+    columns = dict(zip(heads, zip(*rows, strict=True), strict=True))
+    return [_numbers(title, columns, left=(1,))]
 
 
-def own_speeds(train):
+def own_speeds(train: DriveTrain) -> list[float] | None:
     """The lowest and the highest speed, rpm, at which the scene gives a torque; None
     where none depends on it.
     """
@@ -168,9 +190,9 @@ def own_speeds(train):
 MOST_OF_RATED = 20.0  # a mean torque over the rated torque that no gear is built for
 
 
-def scene_notes(responses):
+def scene_notes(responses: Sequence[Response]) -> list[str]:
     """All notes on a scene, of its mean motion at some speeds."""
-    train = responses[0].train
+    train = train_of(responses[0])
     speeds = [float(response.rpm) for response in responses]
     outside = once_alike(
         (rpm, note) for rpm in speeds for note in train.outside_traces(rpm)
@@ -183,50 +205,53 @@ def scene_notes(responses):
     )
 
 
-def _rated_notes(responses):
-    """Rated torques of meshes that are far below the mean torque of their first
-    gear.
+def _rated_notes(responses: Sequence[Response]) -> list[str]:
+    """Notes on rated torques of meshes that are far below the mean torque of their
+    first gear.
     """
-    train = responses[0].train
-    found = []
+    train = train_of(responses[0])
+    if train.meshes.rated_torque is None:
+        return []
+    sentences = []
     topology = train.topology
-    for i, name in enumerate(
-        topology.mesh_names if train.meshes.rated_torque is not None else ()
-    ):
+    for i, name in enumerate(topology.mesh_names):
         radius = float(train.disks.radius[topology.mesh_ends[i][0]])
         rated = float(train.meshes.rated_torque[i])
-        mean = (
-            max(abs(float(response.force(name).mean)) for response in responses)
-            * radius
-        )
+        force = max(abs(float(response.force(name).mean)) for response in responses)
+        mean = force * radius
         if 0.0 < rated < mean / MOST_OF_RATED:
-            found.append(
+            sentences.append(
                 f"[[mesh]] {name!r}: rated_torque is {plain_number(rated)} N m, and the"
                 f" mean torque of its first gear {plain_number(mean)} N m: is it in"
                 " N m, not in kN m?"
             )
-    return found
+    return sentences
 
 
-def table_notes(train):
-    """What ``jaxhb tune`` and ``jaxhb tolerance`` would refuse in their tables of the
-    scene.
+def table_notes(train: DriveTrain) -> list[str]:
+    """Notes on what ``jaxhb tune`` and ``jaxhb tolerance`` would refuse in their tables
+    of the scene.
     """
 
-    def tune():
-        asked = read_table(train)
+    def tune() -> None:
+        settings = read_table(train)
         check_all(
             train,
-            asked["parameters"],
-            asked["objective"],
-            asked["penalties"],
-            asked["rpm"],
+            settings["parameters"],
+            settings["objective"],
+            settings["penalties"],
+            settings["rpm"],
         )
 
+    checks: dict[str, Callable[[], Any]] = {
+        "tune": tune,
+        "tolerance": lambda: read_tolerances(train),
+    }
     notes = []
-    for name, check in (("tune", tune), ("tolerance", lambda: read_tolerances(train))):
+    for name, check in checks.items():
         try:
-            _ = getattr(train, name) and check()
+            if getattr(train, name):
+                check()
         except SceneError as error:
             notes += [
                 f"jaxhb {name} will refuse this scene: {sentence}"
@@ -235,12 +260,17 @@ def table_notes(train):
     return notes
 
 
-def check_text(train, responses, speeds, notes):
+def check_text(
+    train: DriveTrain,
+    responses: Sequence[Response],
+    speeds: Sequence[float] | None,
+    notes: Sequence[str],
+) -> list[str]:
     """Head, mean torques and teeth of linear ``responses``; ``speeds`` None where no
     torque depends on them.
     """
     topology = train.topology
-    heads = (
+    heads: list[tuple[str, str]] = (
         [(f"at {rpm:g} rpm", "mean") for rpm in speeds]
         if speeds
         else [("at any speed", "mean")]
@@ -250,98 +280,89 @@ def check_text(train, responses, speeds, notes):
         if notes
         else "nothing to note"
     )
-    parts = [
-        "\n".join(
-            [f"{topology.title}: {_counts(topology)}; {verdict}.", *firing_lines(train)]
-        )
-    ]
+    head = f"{topology.title}: {_counts(topology)}; {verdict}."
+    parts = ["\n".join([head, *firing_lines(train)])]
     torques = [
         [name, disk, *means] for name, disk, means in torque_rows(train, responses)
     ]
     if torques:
         title = "Mean torque on the disk's own shaft, N m (positive: drives)"
         parts.append(from_rows(title, ["", "disk", *heads], torques, left=(1,)))
-    parts += _charge_table(train, [response.rpm for response in responses], heads)
+    parts += _charge_table(
+        train, [float(response.rpm) for response in responses], heads
+    )
     ratios = tooth_damping_ratios(train)
-    rows = [
-        [
-            name,
-            *(1e-3 * abs(mean) for mean in _means(responses, name)),
-            _drivers(responses, i),
-        ]
-        + [
-            (
-                f"{1e3 * train.meshes.backlash[i]:.4g}"
-                if topology.mesh_backlash[i]
-                else NONE
-            )
-        ]
-        + [fixed(ratios[i], 4)]
-        for i, name in enumerate(topology.mesh_names)
-    ]
+    rows = []
+    for i, name in enumerate(topology.mesh_names):
+        backlash = NONE
+        if topology.mesh_backlash[i]:
+            backlash = f"{1e3 * train.meshes.backlash[i]:.4g}"
+        rows.append(
+            [
+                name,
+                *(1e-3 * abs(mean) for mean in _means(responses, name)),
+                _drivers(responses, i),
+                backlash,
+                fixed(ratios[i], 4),
+            ]
+        )
     if rows:
         title = (
             "Mean tooth force, kN, backlash, and damping ratio of the two gears alone"
         )
-        parts.append(
-            from_rows(
-                title,
-                ["mesh", *heads, "driven by", "backlash mm", "damping ratio"],
-                rows,
-            )
-        )
+        mesh_heads: list[Head] = ["mesh", *heads]
+        mesh_heads += ["driven by", "backlash mm", "damping ratio"]
+        parts.append(from_rows(title, mesh_heads, rows))
     meshing = _over_period(train)
     if meshing:
         title = (
             "Over the mesh period: order of the reference rotor, stiffness in % of its"
             " mean, errors of all kinds"
         )
-        parts.append(
-            from_rows(
-                title, ["mesh", "order", "least %", "most %", "error p-p um"], meshing
-            )
-        )
+        period_heads = ["mesh", "order", "least %", "most %", "error p-p um"]
+        parts.append(from_rows(title, period_heads, meshing))
     return parts
 
 
-def _over_period(train):
+def _over_period(train: DriveTrain) -> list[list[str]]:
     """A row for every mesh whose stiffness varies, or that has errors."""
     topology = train.topology
     meshes = all_meshes(train)
     rows = []
-    given = meshes.variation, meshes.error
     for i, name in enumerate(topology.mesh_names):
-        if name in topology.meshing:
-            variation, error = (
-                np.zeros(1) if own is None else sample(np.asarray(own)[i], SAMPLES)
-                for own in given
-            )
-            order = topology.mesh_periods[i] / topology.revolutions_per_cycle
-            told = (
-                100 * (1 + variation.min()),
-                100 * (1 + variation.max()),
-                1e6 * np.ptp(error),
-            )
-            rows.append(
-                [
-                    name,
-                    f"{order:g}" if order else NONE,
-                    *(f"{value:.3g}" for value in told),
-                ]
-            )
+        if name not in topology.meshing:
+            continue
+        variation, error = (
+            np.zeros(1)
+            if coefficients is None
+            else sample(np.asarray(coefficients)[i], SAMPLES)
+            for coefficients in (meshes.variation, meshes.error)
+        )
+        order = topology.mesh_periods[i] / topology.revolutions_per_cycle
+        rows.append(
+            [
+                name,
+                f"{order:g}" if order else NONE,
+                f"{100 * (1 + variation.min()):.3g}",
+                f"{100 * (1 + variation.max()):.3g}",
+                f"{1e6 * np.ptp(error):.3g}",
+            ]
+        )
     return rows
 
 
-def charges_of(train, speeds):
+def charges_of(
+    train: DriveTrain, speeds: Sequence[float]
+) -> dict[str, tuple[list[float], list[float]]]:
     """Load and charge pressure (bar) over the speeds of the cylinders with a
     combustion, by their names.
     """
     burning = train.cylinders.combustion
     if burning is None:
         return {}
-    speeds = np.array(speeds, dtype=float)
-    loads = load_share(train.cylinders, speeds)
-    (charge, _) = charge_pressures(train.cylinders, speeds)
+    rpm = np.array(speeds, dtype=float)
+    loads = load_share(train.cylinders, rpm)
+    charge, _ = charge_pressures(train.cylinders, rpm)
     names = train.topology.cylinder_names
     return {
         names[i]: (loads[:, i].tolist(), (1e-5 * charge[:, k]).tolist())
@@ -349,13 +370,15 @@ def charges_of(train, speeds):
     }
 
 
-def _charge_table(train, speeds, heads):
+def _charge_table(
+    train: DriveTrain, speeds: Sequence[float], heads: Sequence[tuple[str, str]]
+) -> list[Table]:
     """A row for cylinders with the same loads and charge pressures, in a list; empty
     where all run at full load.
     """
-    alike = {}
-    for name, values in charges_of(train, speeds).items():
-        alike.setdefault(tuple(map(tuple, values)), []).append(name)
+    alike: dict[tuple[tuple[float, ...], tuple[float, ...]], list[str]] = {}
+    for name, (load, charge) in charges_of(train, speeds).items():
+        alike.setdefault((tuple(load), tuple(charge)), []).append(name)
     constant = [set(load) == {1.0} and len(set(charge)) == 1 for load, charge in alike]
     if all(constant):
         return []
@@ -368,58 +391,67 @@ def _charge_table(train, speeds, heads):
         " bar, of the combustion"
     )
     columns = [
-        (f"{what} {head}", what) for what in ("load", "charge") for head, _ in heads
+        (f"{called} {head}", called)
+        for called in ("load", "charge")
+        for head, _ in heads
     ]
     return [from_rows(title, ["cylinder", *columns], rows)]
 
 
-def check_record(train, responses, notes):
-    """What ``check --json`` writes but for the modes, SI units, lists over the speeds;
-    ratios of two gears alone.
+def check_record(
+    train: DriveTrain, responses: Sequence[Response], notes: Sequence[str]
+) -> dict[str, Any]:
+    """The record of ``check --json`` but for the modes, SI units, lists over the
+    speeds; ratios of two gears alone.
     """
     ratios = tooth_damping_ratios(train)
-    keys = ("stiffness", "damping", "backlash")
+    speeds = [float(response.rpm) for response in responses]
     return {
         "scene": train.topology.name,
-        "rpm": [float(response.rpm) for response in responses],
+        "rpm": speeds,
         "mean_torque_Nm": {
             name: means for name, _, means in torque_rows(train, responses)
         },
         "meshes": {
-            name: (
-                {"mean_force": _means(responses, name), "damping_ratio": ratios[i]}
-                | {key: getattr(train.meshes, key)[i] for key in keys}
-            )
+            name: {
+                "mean_force": _means(responses, name),
+                "damping_ratio": ratios[i],
+                "stiffness": train.meshes.stiffness[i],
+                "damping": train.meshes.damping[i],
+                "backlash": train.meshes.backlash[i],
+            }
             for i, name in enumerate(train.topology.mesh_names)
         },
         "not_firing": train.not_firing(),
         "combustion": {
             name: {"load": load, "charge_pressure_Pa": [1e5 * bar for bar in charge]}
-            for name, (load, charge) in charges_of(
-                train, [float(response.rpm) for response in responses]
-            ).items()
+            for name, (load, charge) in charges_of(train, speeds).items()
         },
         "notes": notes,
     }
 
 
-def _counts(topology):
-    kinds = "shaft", "mesh", "damper", "cylinder"
-    counted = {"disk": topology.n_scene_disks, "rotor": topology.n_rotors}
-    counted |= {kind: len(getattr(topology, f"{kind}_names")) for kind in kinds}
-    said = {
-        word: f"{n} {word}{('es' if word == 'mesh' else 's') * (n != 1)}"
-        for word, n in counted.items()
-        if n
-    }
-    if "mesh" in said:
-        said["mesh"] += f" ({sum(topology.mesh_backlash)} with backlash)"
-    return ", ".join(said.values())
+def _counts(topology: Topology) -> str:
+    """How many elements of each kind there are, in words."""
+    numbers = {"disk": topology.n_scene_disks, "rotor": topology.n_rotors}
+    for kind in ("shaft", "mesh", "damper", "cylinder"):
+        numbers[kind] = len(getattr(topology, f"{kind}_names"))
+    texts = []
+    for kind, number in numbers.items():
+        if number:
+            plural = "es" if kind == "mesh" else "s"
+            text = f"{number} {kind}{plural * (number != 1)}"
+            if kind == "mesh":
+                text += f" ({sum(topology.mesh_backlash)} with backlash)"
+            texts.append(text)
+    return ", ".join(texts)
 
 
-def torque_rows(train, responses):
-    """(name, disk, means over the speeds) of given torques, cylinders, loads and
-    grounds.
+def torque_rows(
+    train: DriveTrain, responses: Sequence[Response]
+) -> list[tuple[str, str, list[float]]]:
+    """(name, disk, means over the speeds in N m) of torques of the scene, cylinders,
+    loads and grounds.
     """
     topology = train.topology
     speeds = np.array([response.rpm for response in responses], dtype=float)
@@ -438,18 +470,17 @@ def torque_rows(train, responses):
         *topology.load_disk,
         *topology.ground_disk,
     ]
-    loads, grounds = (
-        [torques_of(one, kind) for one in responses] for kind in ("load", "ground")
-    )
-    means += [[own[name] for own in loads] for name in topology.load_names]
-    means += [[-own[name] for own in grounds] for name in topology.ground_names]
+    loads = [torques_of(response, "load") for response in responses]
+    grounds = [torques_of(response, "ground") for response in responses]
+    means += [[load[name] for load in loads] for name in topology.load_names]
+    means += [[-ground[name] for ground in grounds] for name in topology.ground_names]
     return [
-        (name, topology.disk_names[seat], own)
-        for name, seat, own in zip(names, seats, means, strict=True)
+        (name, topology.disk_names[seat], row)
+        for name, seat, row in zip(names, seats, means, strict=True)
     ]
 
 
-def _drivers(responses, mesh):
+def _drivers(responses: Sequence[Response], mesh: int) -> str:
     """The gear that drives a mesh; of several speeds both, where it is not always the
     same.
     """
@@ -463,5 +494,6 @@ def _drivers(responses, mesh):
     return " or ".join(drivers) or NONE
 
 
-def _means(responses, mesh):
+def _means(responses: Sequence[Response], mesh: str) -> list[float]:
+    """Mean tooth force in N of a mesh at every speed."""
     return [float(response.force(mesh).mean) for response in responses]

@@ -4,18 +4,22 @@ what to be careful about.
 
 import re
 import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.floquet.stability import fall_text
-from jaxhb.report.answer import SPEED, UNCONFIRMED
+from jaxhb.report.answer import SPEED, UNCONFIRMED, Answer, Axis
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import most_apart
 from jaxhb.report.text.columns import hit, plain_number
 from jaxhb.report.text.mean_torques import speed_of, torque_notes
+from jaxhb.results.record import Record
 from jaxhb.results.status import Homotopy, NewtonOnSweeps, Shooting, Status
 from jaxhb.steady.closure import SPREAD
+from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.firing import not_firing
 from jaxhb.train.plausible import plausibility
 
@@ -32,23 +36,23 @@ KNEE_SHARE = 0.5
 SHOWN_SPEEDS = 6
 
 
-def _stability_text(answer):
-    """What is known of the stability of a motion, "" for nothing."""
-    found = answer.stability
+def _stability_text(answer: Answer) -> str:
+    """Words on the stability of a motion; "" where nothing is known."""
+    stability = answer.stability
     period = answer.state.period
     span = "a cycle" if period <= 1 else f"{period} cycles"
-    if found is None:
+    if stability is None:
         return f"stability not decided: {answer.undecided}" if answer.undecided else ""
     if answer.unstable:
-        how = f" ({found.loses_by})" if found.loses_by else ""
+        cause = f" ({stability.loses_by})" if stability.loses_by else ""
         return (
-            f"UNSTABLE{how}: a disturbance grows {found.largest:.3g} times in {span};"
-            " the train does not run in it"
+            f"UNSTABLE{cause}: a disturbance grows {stability.largest:.3g} times in"
+            f" {span}; the train does not run in it"
         )
-    return f"stable: a disturbance {fall_text(found.largest)} in {span}"
+    return f"stable: a disturbance {fall_text(stability.largest)} in {span}"
 
 
-def motion_text(answer):
+def motion_text(answer: Answer) -> str:
     """The kind of motion in the words of an engineer."""
     state = answer.state
     turns = state.period * answer.topology.revolutions_per_cycle
@@ -62,14 +66,15 @@ def motion_text(answer):
         "irregular": "irregular: the motion never repeats",
         "unknown": "unknown",
     }[state.kind]
-    if answer.recorded:
+    record = state.record
+    if answer.recorded and record is not None:
         kind += f"; {UNCONFIRMED}" if answer.unconfirmed else ""
-        kind += f"; numbers are the extremes over {state.record.cycles} recorded cycles"
-        kind += "" if state.period else _spread_text(state.record)
+        kind += f"; numbers are the extremes over {record.cycles} recorded cycles"
+        kind += "" if state.period else _spread_text(record)
     return "; ".join(filter(None, [kind, _stability_text(answer)]))
 
 
-def _spread_text(record):
+def _spread_text(record: Record) -> str:
     """How far the extremes of another record may lie."""
     aimed = (
         ""
@@ -82,28 +87,28 @@ def _spread_text(record):
     )
 
 
-def motion_word(answer):
+def motion_word(answer: Answer) -> str:
     """The kind of motion in a word or two, for a column of a table."""
     state = answer.state
-    parts = []
     if answer.orbit:
-        parts.append(status_word(answer.status))
+        words = [status_word(answer.status)]
+    elif state.kind == "subharmonic":
+        words = [f"period {state.period}"]
     else:
-        words = {"subharmonic": f"period {state.period}"}
-        parts.append(words.get(state.kind, state.kind))
-        if answer.doubt:
-            parts.append(
-                answer.doubt if answer.answered else status_word(answer.status)
-            )
-    return ", ".join([*parts, *["UNSTABLE"] * answer.unstable])
+        words = [state.kind]
+    if answer.doubt and not answer.orbit:
+        words.append(answer.doubt if answer.answered else status_word(answer.status))
+    if answer.unstable:
+        words.append("UNSTABLE")
+    return ", ".join(words)
 
 
-def status_word(status):
+def status_word(status: Status) -> str:
     """A Status in small letters."""
     return status.name.lower().replace("_", " ")
 
 
-def solution_text(answer):
+def solution_text(answer: Answer) -> str:
     """How the harmonic solution went: status with what to try, harmonics, residual,
     truncation error; "" without.
     """
@@ -111,36 +116,32 @@ def solution_text(answer):
     period = answer.state.period
     if response is None:
         return ""
-    said = (
+    status = (
         "converged"
         if answer.converged
         else f"NOT CONVERGED: {status_word(answer.status)}"
     )
-    line = (
-        f"{said}; {answer.harmonics} harmonics of"
-        f" {'the cycle' if period <= 1 else f'{period} cycles'}"
-    )
+    span = "the cycle" if period <= 1 else f"{period} cycles"
+    line = f"{status}; {answer.harmonics} harmonics of {span}"
     residual = float(response.residual)
     error = float(response.truncation_error)
     if not residual and not error:
-        return f"{line}, linear" + (
-            ": every mesh keeps its flank"
-            if any(response.topology.mesh_backlash)
-            else ""
-        )
+        backlash = any(response.topology.mesh_backlash)
+        flanks = ": every mesh keeps its flank" if backlash else ""
+        return f"{line}, linear{flanks}"
     return (
         f"{line}, residual {residual:.1e}, truncation error {_percent(error)} of the"
         " largest tooth force"
     )
 
 
-def status_lines(answer):
+def status_lines(answer: Answer) -> list[str]:
     """The kind of motion and, where there is one, how its harmonic solution went."""
     head = "orbit" if answer.orbit else "motion"
     return [f"{head}: {motion_text(answer)}", *filter(None, [solution_text(answer)])]
 
 
-def verdict(answer):
+def verdict(answer: Answer) -> str:
     """The answer in one sentence: do the teeth hammer, which mesh is apart longest,
     which has the hardest impact?
     """
@@ -152,72 +153,78 @@ def verdict(answer):
         return "No teeth mesh in this train."
     if not any(topology.mesh_backlash):
         return "No mesh has backlash: the teeth cannot separate."
-    said = _hammering(answer, speed)
-    doubts = [
-        UNCONFIRMED if answer.answered else f"{answer.doubt}, do not rely on this"
-    ] * bool(answer.doubt)
-    doubts += ["unstable, the train does not run in this motion"] * answer.unstable
+    sentence = _hammering(answer, speed)
+    doubts = []
+    if answer.doubt and answer.answered:
+        doubts.append(UNCONFIRMED)
+    elif answer.doubt:
+        doubts.append(f"{answer.doubt}, do not rely on this")
+    if answer.unstable:
+        doubts.append("unstable, the train does not run in this motion")
     if not doubts:
-        return said
+        return sentence
     doubt = "; ".join(doubts)
-    return f"{doubt[0].upper()}{doubt[1:]}: {said[0].lower()}{said[1:]}"
+    return f"{doubt[0].upper()}{doubt[1:]}: {sentence[0].lower()}{sentence[1:]}"
 
 
-def _hammering(answer, speed):
+def _hammering(answer: Answer, speed: str) -> str:
+    """Sentence on whether the teeth hammer at a ``speed`` in words."""
     name = most_apart(answer)
     contacts = answer.contacts
     if name is None:
         return f"All teeth stay in contact at {speed}."
     contact = contacts[name]
     hardest = max(contacts, key=lambda mesh: contacts[mesh].hardest_impact)
-    said = f"{name} is apart {_percent(contact.separated_fraction)} of the time, "
+    apart = f"{name} is apart {_percent(contact.separated_fraction)} of the time, "
     elsewhere = contacts[hardest].hardest_impact > contact.hardest_impact
     count = contact.impacts_per_cycle
     if not count and not elsewhere:
-        return f"Teeth separate at {speed}: {said}without an impact."
-    impacts = "one impact" if count == 1 else f"{plain_number(count, digits=3)} impacts"
-    said += (
-        f"{impacts} a cycle, the hardest at {hit(contact.hardest_impact)} m/s"
+        return f"Teeth separate at {speed}: {apart}without an impact."
+    number = "one impact" if count == 1 else f"{plain_number(count, digits=3)} impacts"
+    impacts = (
+        f"{number} a cycle, the hardest at {hit(contact.hardest_impact)} m/s"
         if count
         else "without an impact"
     )
-    said += (
-        f"; the hardest of all at {hit(contacts[hardest].hardest_impact)} m/s in"
-        f" {hardest}"
-        if elsewhere
-        else ""
-    )
+    if elsewhere:
+        impacts += (
+            f"; the hardest of all at {hit(contacts[hardest].hardest_impact)} m/s in"
+            f" {hardest}"
+        )
     if contacts[hardest].hardest_impact < SOFT:
-        return f"The teeth part and touch again softly at {speed}: {said}."
-    manner = {
+        return f"The teeth part and touch again softly at {speed}: {apart}{impacts}."
+    manners = {
         "irregular": " irregularly",
         "subharmonic": f" with a period of {answer.state.period} cycles",
     }
-    return f"The teeth hammer{manner.get(answer.state.kind, '')} at {speed}: {said}."
+    manner = manners.get(answer.state.kind, "")
+    return f"The teeth hammer{manner} at {speed}: {apart}{impacts}."
 
 
-def _percent(share):
-    """Two digits, three from 99.5 % on: never ``1e+02 %``."""
+def _percent(share: float) -> str:
+    """A share in % with two digits, three from 99.5 % on: never ``1e+02 %``."""
     return f"{plain_number(100 * share, digits=2 if share < 0.995 else 3)} %"
 
 
-def speeds_text(answers):
-    """``600, 1200 and 4 more rpm``; of another number that a sweep goes over its
-    values.
+def speeds_text(answers: Sequence[Answer]) -> str:
+    """Speeds of answers in words, ``600, 1200 and 4 more rpm``; values where a sweep
+    goes over another number.
     """
     return _places([answer.place for answer in answers], answers[0].axis)
 
 
-def _places(places, axis):
-    found = [f"{place:g}" for place in sorted(set(places))]
-    more = f" and {len(found) - SHOWN_SPEEDS} more" if len(found) > SHOWN_SPEEDS else ""
-    return axis.said(f"{', '.join(found[:SHOWN_SPEEDS])}{more}")
+def _places(places: Iterable[float], axis: Axis) -> str:
+    """Places on an axis in words, the first of many."""
+    numbers = [f"{place:g}" for place in sorted(set(places))]
+    rest = len(numbers) - SHOWN_SPEEDS
+    more = f" and {rest} more" if rest > 0 else ""
+    return axis.said(f"{', '.join(numbers[:SHOWN_SPEEDS])}{more}")
 
 
-def notes(*answers):
+def notes(*answers: Answer) -> list[str]:
     """Sentences on what to be careful about in answers of one train, at least one."""
     axis = answers[0].axis
-    found = []
+    sentences = []
     unstable = [answer for answer in answers if answer.unstable]
     if unstable:
         worst = max(unstable, key=lambda answer: answer.multiplier)
@@ -226,7 +233,7 @@ def notes(*answers):
             if worst.orbit
             else "compare with jaxhb.integrate"
         )
-        found.append(
+        sentences.append(
             f"The periodic motion at {speeds_text(unstable)} is UNSTABLE (a disturbance"
             f" grows up to {worst.multiplier:.3g} times in a period): the train does"
             f" not run in it; {instead}."
@@ -238,133 +245,145 @@ def notes(*answers):
     if lossy:
         worst = max(lossy, key=lambda answer: abs(answer.response.power_defect))
         share = f"{100 * abs(float(worst.response.power_defect)):.2g} %"
-        found.append(
+        sentences.append(
             f"At {worst.at} {share} of the power of the torques is not accounted for:"
             " use more harmonics."
         )
-    found += once_alike(
-        ((a.place, note) for a in answers if a.known for note in a.state.notes), axis
+    sentences += once_alike(
+        (
+            (answer.place, note)
+            for answer in answers
+            if answer.known
+            for note in answer.state.notes
+        ),
+        axis,
     )
     # Converged orbits of unknown stability that a march of a few cycles did not settle
     # on.
-    unsettled = [a for a in solved if a.orbit and a.converged and a.stable is None]
     searches = Shooting | Homotopy | NewtonOnSweeps
     unsettled = [
-        a
-        for a in unsettled
-        if any(isinstance(event, searches) for event in a.response.path)
+        answer
+        for answer in solved
+        if answer.orbit
+        and answer.converged
+        and answer.stable is None
+        and any(isinstance(event, searches) for event in answer.response.path)
     ]
     if unsettled:
-        found.append(
+        sentences.append(
             f"A periodic motion was found at {speeds_text(unsettled)}, but a few cycles"
             " of time integration do not settle there: it may be unstable, and the"
             " engine may run in another motion (leave out --orbit for what it does)."
         )
-    found += once_alike(
-        ((a.place, note) for a in answers for note in a.train.outside_traces(a.rpm)),
-        axis,
+    outside = (
+        (answer.place, note)
+        for answer in answers
+        for note in answer.train.outside_traces(answer.rpm)
     )
-    return (
-        found
-        + torque_notes([a.balance for a in answers])
-        + _tooth_notes([answer for answer in answers if answer.known])
-    )
+    sentences += once_alike(outside, axis)
+    sentences += torque_notes([answer.balance for answer in answers])
+    return sentences + _tooth_notes([answer for answer in answers if answer.known])
 
 
-def notes_text(*answers):
+def notes_text(*answers: Answer) -> list[str]:
     """The notes on the scene and on the motions as one paragraph in a list; an empty
     list where there are none.
     """
     return remarks_text([*plausibility(answers[0].train), *notes(*answers)])
 
 
-def remarks_text(remarks, head="Notes"):
+def remarks_text(remarks: Iterable[str], head: str = "Notes") -> list[str]:
     """Sentences as one paragraph under a head in a list; an empty list where there are
     none.
     """
-    style = {
-        "initial_indent": "  ",
-        "subsequent_indent": "    ",
-        "break_on_hyphens": False,
-    }
-    lines = [textwrap.fill(remark, 116, **style) for remark in remarks]
-    return ["\n".join([head, *lines] if head else lines)] if lines else []
+    lines = [
+        textwrap.fill(
+            remark,
+            116,
+            initial_indent="  ",
+            subsequent_indent="    ",
+            break_on_hyphens=False,
+        )
+        for remark in remarks
+    ]
+    if not lines:
+        return []
+    return ["\n".join([head, *lines] if head else lines)]
 
 
-def _tooth_notes(known):
-    """Traits of the tooth laws of answers that are known."""
-    found = []
-    through = []
-    for name in known[0].topology.mesh_names if known else ():
-        law = known[0].law(name)
+def _tooth_notes(answers: Sequence[Answer]) -> list[str]:
+    """Traits of the tooth laws of answers whose motion is known."""
+    sentences = []
+    pulling_meshes = []
+    for name in answers[0].topology.mesh_names if answers else ():
+        law = answers[0].law(name)
         if law is None:
             continue
-        means = [abs(float(answer.force(name).mean)) for answer in known]
+        means = [abs(float(answer.force(name).mean)) for answer in answers]
         least = int(np.argmin(means))
         mean = means[least]
-        said = (
-            "the mean tooth force of"
-            f" {_kN(mean)}{speed_of(known, least) if max(means) > 1.05 * mean else ''}"
-        )
-        soft = "the spring in the gap carries up to"
-        knee = "the teeth are stiff only above"
-        for what, force, share, remedy in (
-            (soft, law.gap_spring_force, GAP_SPRING_SHARE, "lower epsilon"),
+        at_speed = speed_of(answers, least) if max(means) > 1.05 * mean else ""
+        mean_force = f"the mean tooth force of {_kN(mean)}{at_speed}"
+        for trait, force, share, remedy in (
             (
-                knee,
+                "the spring in the gap carries up to",
+                law.gap_spring_force,
+                GAP_SPRING_SHARE,
+                "lower epsilon",
+            ),
+            (
+                "the teeth are stiff only above",
                 law.knee_force,
                 KNEE_SHARE,
                 "a smaller transition makes contact sharper",
             ),
         ):
             if force > share * mean:
-                found.append(
-                    f"{name}: {what} {_kN(force)}, more than {100 * share:g} % of"
-                    f" {said}: {remedy}."
+                sentences.append(
+                    f"{name}: {trait} {_kN(force)}, more than {100 * share:g} % of"
+                    f" {mean_force}: {remedy}."
                 )
         pulling = [
             answer.details[name].pulling_force if answer.details else 0.0
-            for answer in known
+            for answer in answers
         ]
         hardest = int(np.argmax(pulling))
         if pulling[hardest] > GAP_SPRING_SHARE * means[hardest]:
-            through.append(
-                f"{_kN(pulling[hardest])}{speed_of(known, hardest)} in {name}"
+            pulling_meshes.append(
+                f"{_kN(pulling[hardest])}{speed_of(answers, hardest)} in {name}"
             )
-    if through:
-        law = (
+    if pulling_meshes:
+        sentences.append(
             'Damping law "always" transmits force while the teeth are apart ("contact"'
-            " does not)"
+            f" does not): up to {', '.join(pulling_meshes)}."
         )
-        found.append(f"{law}: up to {', '.join(through)}.")
-    return found
+    return sentences
 
 
-def once_alike(notes_of, axis=SPEED):
+def once_alike(notes_of: Iterable[tuple[float, str]], axis: Axis = SPEED) -> list[str]:
     """Notes (place on the axis, text), once for those that differ in values alone, as
     it stands at the lowest place.
     """
-    alike = {}
-    found = []
-    for place, note in sorted(notes_of, key=lambda told: told[0]):
-        alike.setdefault(
-            _VALUE.sub(lambda value: value["name"] or "#", note), []
-        ).append((place, note))
-    for (place, note), *told in alike.values():
-        others = {other for other, _ in told} - {place}
-        also = f" (alike at {_places(others, axis)})" if others else ""
-        found.append(f"At {axis.said(f'{place:g}')} {note}{also}.")
-    return found
+    alike: dict[str, list[tuple[float, str]]] = {}
+    sentences = []
+    for place, note in sorted(notes_of, key=lambda pair: pair[0]):
+        pattern = _VALUE.sub(lambda value: value["name"] or "#", note)
+        alike.setdefault(pattern, []).append((place, note))
+    for pairs in alike.values():
+        place, note = pairs[0]
+        elsewhere = {other for other, _ in pairs} - {place}
+        also = f" (alike at {_places(elsewhere, axis)})" if elsewhere else ""
+        sentences.append(f"At {axis.said(f'{place:g}')} {note}{also}.")
+    return sentences
 
 
-def misfire_text(worst, firing, swing=""):
-    """The sentence on a misfire, the record of which the JSON has; ``firing`` is what
-    the train is called without.
+def misfire_text(worst: Mapping[str, Any], firing: str, swing: str = "") -> str:
+    """The sentence on a misfire, the record of which the JSON has; ``firing`` is the
+    title of the train without a misfire.
     """
     factor, unit = shown_unit(worst["unit"])
-    value, normal = (
-        f"{plain_number(factor * worst[key])} {unit}" for key in ("value", "firing")
-    )
+    value = f"{plain_number(factor * worst['value'])} {unit}"
+    normal = f"{plain_number(factor * worst['firing'])} {unit}"
     normal = "no answer" if np.isnan(worst["firing"]) else normal
     share = f", {worst['share']:.2f} of {worst['limit']}" if "share" in worst else ""
     before = (
@@ -379,40 +398,40 @@ def misfire_text(worst, firing, swing=""):
     )
 
 
-def firing_lines(*trains):
+def firing_lines(*trains: DriveTrain) -> list[str]:
     """A line on what is computed of cylinders that do not fire in some of the trains,
     in a list, empty without any.
     """
-    said = "; ".join(not_firing(*trains))
-    return [f"Not firing, {said}."] * bool(said)
+    computed = "; ".join(not_firing(*trains))
+    return [f"Not firing, {computed}."] if computed else []
 
 
-def _kN(force):
+def _kN(force: float) -> str:
+    """A force in N as text in kN."""
     return f"{force / 1e3:.3g} kN"
 
 
-def warnings(answers):
-    """What stderr says of speeds without an answer, once for those that fail alike:
+def warnings(answers: Iterable[Answer]) -> list[str]:
+    """Warnings on stderr of speeds without an answer, once for those that fail alike:
     what happened, and what helps.
     """
-    failed = {}
+    failed: dict[str, list[Answer]] = {}
     for answer in answers:
-        if not answer.answered:
-            unknown = (
+        if answer.answered:
+            continue
+        if answer.status is None:
+            failure = (
                 "the kind of motion is unknown:"
                 f" {'; '.join(answer.state.notes).removesuffix('.')}"
             )
-            said = (
-                unknown
-                if answer.status is None
-                else f"{answer.status.name}, {_remedy(answer)}"
-            )
-            failed.setdefault(said, []).append(answer)
-    return [f"{speeds_text(told)}: {said}." for said, told in failed.items()]
+        else:
+            failure = f"{answer.status.name}, {_remedy(answer)}"
+        failed.setdefault(failure, []).append(answer)
+    return [f"{speeds_text(alike)}: {failure}." for failure, alike in failed.items()]
 
 
-def _remedy(answer):
-    """What a status means and what the command line can do about it."""
+def _remedy(answer: Answer) -> str:
+    """Meaning of a status, and what the command line can do about it."""
     if answer.status is Status.TOLERANCE_NOT_MET:
         most = answer.harmonics >= MOST_HARMONICS["reduced"]
         few = (
@@ -428,9 +447,9 @@ def _remedy(answer):
     if answer.status in (Status.MAX_STEPS, Status.STALLED) and any(
         answer.topology.mesh_backlash
     ):
-        own = "leave out --orbit for what the train does, " if answer.orbit else ""
+        steady = "leave out --orbit for what the train does, " if answer.orbit else ""
         return (
-            f"Newton's method found no periodic motion: {own}give --harmonics above"
+            f"Newton's method found no periodic motion: {steady}give --harmonics above"
             " those of the mesh modes (jaxhb modes), or take another speed nearby"
         )
     return answer.status.sentence

@@ -3,16 +3,36 @@ numbers.
 """
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from jaxhb._jax import Array
 from jaxhb._shown import ranges
 from jaxhb.elements.elements import RULES
-from jaxhb.linear.strength import NEAR, RULE as OF_RULE, judged
-from jaxhb.report.answer import UNCONFIRMED
+from jaxhb.linear.strength import (
+    NEAR,
+    RULE as OF_RULE,
+    BarredRange,
+    Heat,
+    Strength,
+    Stress,
+    ToothTorque,
+    judged,
+)
+from jaxhb.report.answer import UNCONFIRMED, Answer
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import DOUBT, NONE, Doubtful, from_rows, ratio
+from jaxhb.report.text.columns import (
+    DOUBT,
+    NONE,
+    Doubtful,
+    Head,
+    Table,
+    from_rows,
+    ratio,
+)
 from jaxhb.results.record import Motions
 
 AID = "evaluation aid, no class approval"
@@ -51,25 +71,30 @@ class Limited:
     title: str
     element: str
     si_unit: str
-    heads: dict
-    limits: dict
+    heads: dict[str, tuple[str, str]]
+    limits: dict[str, str]
 
-    field = property(
-        lambda self: next(iter(self.heads)), doc="Field of the number that is judged."
-    )
-    called = property(
-        lambda self: self.heads[self.field][1], doc="What is judged, in words."
-    )
-    limit = property(
-        lambda self: next(iter(self.limits.values())),
-        doc="What the first limit is called.",
-    )
-    shown = property(
-        lambda self: shown_unit(self.si_unit),
-        doc="Factor from the SI unit, and the unit for people.",
-    )
+    @property
+    def field(self) -> str:
+        """Field of the number that is judged."""
+        return next(iter(self.heads))
 
-    def worst(self, row):
+    @property
+    def called(self) -> str:
+        """Name of the number that is judged, in words."""
+        return self.heads[self.field][1]
+
+    @property
+    def limit(self) -> str:
+        """Name of the first limit."""
+        return next(iter(self.limits.values()))
+
+    @property
+    def shown(self) -> tuple[float, str]:
+        """Factor from the SI unit, and the unit for people."""
+        return shown_unit(self.si_unit)
+
+    def worst(self, row: Stress | ToothTorque | Heat) -> tuple[float, int | None]:
         """The largest share of the first limit, nan without one, and its place: without
         one that of the largest number; None where nothing is known.
         """
@@ -78,8 +103,10 @@ class Limited:
         limit = np.asarray(np.nan if limit is None else limit, float)
         shares = numbers / np.where(np.isfinite(limit), limit, np.nan)
         judged_by = shares if np.isfinite(shares).any() else numbers
-        place = int(np.nanargmax(judged_by)) if np.isfinite(judged_by).any() else None
-        return np.nan if place is None else float(shares[place]), place
+        if not np.isfinite(judged_by).any():
+            return np.nan, None
+        place = int(np.nanargmax(judged_by))
+        return float(shares[place]), place
 
 
 _STRESS = f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})"
@@ -110,7 +137,7 @@ LIMITED = {
         {"limit": "limit"},
     ),
 }
-"""By the fields of a :class:`jaxhb.Strength`."""
+"""Kinds of rows by the fields of a :class:`jaxhb.Strength`."""
 
 
 @dataclass(frozen=True)
@@ -128,43 +155,38 @@ class Share:
     value: float
 
     @property
-    def said(self):
-        """``the continuous limit``."""
+    def said(self) -> str:
+        """The limit in a sentence: ``the continuous limit``."""
         return {"limit": "its limit", "continuous limit": "the continuous limit"}.get(
             self.kind.limit, self.kind.limit
         )
 
 
-def largest_shares(judged):
+def largest_shares(
+    strengths: Mapping[str, Strength],
+) -> dict[tuple[str, str], Share]:
     """The :class:`Share` of every element with a limit over all cases and speeds, the
-    largest first, by (key of LIMITED, name); ``judged`` has the :class:`jaxhb.Strength`
-    of each case by its title.
+    largest first, by (key of LIMITED, name); ``strengths`` has the
+    :class:`jaxhb.Strength` of each case by its title.
     """
-    found = {}
-    for title, strength in judged.items():
+    shares: dict[tuple[str, str], Share] = {}
+    for title, strength in strengths.items():
         for key, limited in LIMITED.items():
             for name, row in getattr(strength, key).items() if strength else ():
-                share, place = limited.worst(row)
-                if np.isfinite(share):
-                    value = float(np.asarray(getattr(row, limited.field))[place])
-                    own = Share(
-                        limited,
-                        name,
-                        share,
-                        title,
-                        place,
-                        float(strength.rpm[place]),
-                        value,
-                    )
-                    found[key, name] = max(
-                        own, found.get((key, name), own), key=lambda one: one.share
-                    )
-    return dict(sorted(found.items(), key=lambda item: -item[1].share))
+                number, place = limited.worst(row)
+                if place is None or not np.isfinite(number):
+                    continue
+                value = float(np.asarray(getattr(row, limited.field))[place])
+                rpm = float(strength.rpm[place])
+                share = Share(limited, name, number, title, place, rpm, value)
+                largest = shares.get((key, name), share)
+                shares[key, name] = max(share, largest, key=lambda each: each.share)
+    return dict(sorted(shares.items(), key=lambda entry: -entry[1].share))
 
 
-def at_same_speed(share, key, strength):
-    """The judged number and its share of the limit of another case, where a
-    :class:`Share` stands.
+def at_same_speed(share: Share, key: str, strength: Strength) -> tuple[float, float]:
+    """The judged number and its share of the limit of another case, at the speed of a
+    :class:`Share`.
     """
     row = getattr(strength, key)[share.name]
     value = float(np.asarray(getattr(row, share.kind.field))[share.place])
@@ -174,112 +196,132 @@ def at_same_speed(share, key, strength):
     return value, value / float(limit[share.place])
 
 
-def answers_strength(answers):
+def answers_strength(answers: Sequence[Answer]) -> Strength:
     """The :class:`jaxhb.Strength` of answers of one train, at least one, with arrays
     over their speeds.
     """
     motions = Motions(
         answers[0].topology, [answer if answer.answered else None for answer in answers]
     )
-    found = judged(
+    strength = judged(
         answers[0].train, np.array([answer.rpm for answer in answers]), motions
     )
     unconfirmed = np.array([answer.unconfirmed for answer in answers])
     return (
-        dataclasses.replace(found, unconfirmed=unconfirmed)
+        dataclasses.replace(strength, unconfirmed=unconfirmed)
         if unconfirmed.any()
-        else found
+        else strength
     )
 
 
-def strength_text(judged):
+def strength_text(strengths: Mapping[str, Strength]) -> list[str]:
     """Tables of the worst of each element, of one :class:`jaxhb.Strength` or more by
     headings ("" without one).
     """
-    parts = []
-    limited = {}
-    for title, found in judged.items():
-        own = [_table(found, kind) for kind in LIMITED if getattr(found, kind)]
-        if any(row.continuous is not None for row in found.stresses.values()):
-            for rule in found.judged:
-                told = RULE if rule == RULES[0] else OTHER
-                limited[rule] = told.format(
-                    source=OF_RULE[rule].source, rated=found.rated_rpm
+    parts: list[str] = []
+    sources = {}
+    for title, strength in strengths.items():
+        blocks: list[str] = [
+            _table(strength, kind) for kind in LIMITED if getattr(strength, kind)
+        ]
+        if any(row.continuous is not None for row in strength.stresses.values()):
+            for rule in strength.judged:
+                template = RULE if rule == RULES[0] else OTHER
+                sources[rule] = template.format(
+                    source=OF_RULE[rule].source, rated=strength.rated_rpm
                 )
-            own += (
-                [_barred_text(found, rule) for rule in found.judged]
-                if len(found.rpm) > 1
-                else []
-            )
-        parts += ([f"{title}\n{own[0]}"] if title and own else own[:1]) + own[1:]
-    return parts + list(dict.fromkeys(limited.values()))
+            if len(strength.rpm) > 1:
+                blocks += [_barred_text(strength, rule) for rule in strength.judged]
+        if title and blocks:
+            parts.append(f"{title}\n{blocks[0]}")
+            parts += blocks[1:]
+        else:
+            parts += blocks
+    return parts + list(dict.fromkeys(sources.values()))
 
 
-def _table(found, kind):
+def _table(strength: Strength, kind: str) -> Table:
     """The numbers of every element at the speed at which it is worst."""
-    limited, rpm, several, rows = LIMITED[kind], found.rpm, len(found.rpm) > 1, []
+    limited = LIMITED[kind]
+    rpm = strength.rpm
+    several = len(rpm) > 1
+    rows = []
 
-    def number(values, place):
-        """Its size in the unit for people; nan where there is none and where the rule
-        has no limit.
+    def number(values: Array | None, place: int | None) -> float:
+        """Size of a number in the unit for people; nan where there is none and where
+        the rule has no limit.
         """
-        value = (
-            np.nan
-            if values is None or place is None
-            else np.broadcast_to(values, np.shape(rpm))[place]
-        )
+        if values is None or place is None:
+            return np.nan
+        value = np.broadcast_to(values, np.shape(rpm))[place]
         return limited.shown[0] * (abs(value) if np.isfinite(value) else np.nan)
 
-    for name, row in getattr(found, kind).items():
+    for name, row in getattr(strength, kind).items():
         _, place = limited.worst(row)
         doubtful = (
             place is not None
-            and found.unconfirmed is not None
-            and found.unconfirmed[place]
+            and strength.unconfirmed is not None
+            and strength.unconfirmed[place]
         )
-        first, *others = (number(getattr(row, field), place) for field in limited.heads)
-        first = Doubtful(first) if doubtful else first
-        at = [NONE if place is None else f"{rpm[place]:g}"] * several
+        cells = [number(getattr(row, field), place) for field in limited.heads]
+        if doubtful:
+            cells[0] = Doubtful(cells[0])
+        at_rpm = [NONE if place is None else f"{rpm[place]:g}"] * several
         reverses = [_where(rpm, row.reverses)] if kind == "tooth_torques" else []
-        rows.append([name, first, *at, *others, (first, others[0]), *reverses])
-    first, *others = ((head, "number") for head, _ in limited.heads.values())
-    heads = [limited.element, first, *["at rpm"] * several, *others, ("share", ratio)]
+        share = cells[0], cells[1]
+        rows.append([name, cells[0], *at_rpm, *cells[1:], share, *reverses])
+    numbers = [(head, "number") for head, _ in limited.heads.values()]
+    heads: list[Head] = [
+        limited.element,
+        numbers[0],
+        *["at rpm"] * several,
+        *numbers[1:],
+    ]
+    heads += [("share", ratio), *["reverses"] * (kind == "tooth_torques")]
     marked = any(isinstance(row[1], Doubtful) for row in rows)
     title = f"{limited.title}; {DOUBT}: {UNCONFIRMED}" if marked else limited.title
-    return from_rows(title, [*heads, *["reverses"] * (kind == "tooth_torques")], rows)
+    return from_rows(title, heads, rows)
 
 
-def _where(rpm, happens):
-    """Speeds at which something happens; of one speed whether it does."""
+def _where(rpm: np.ndarray, happens: np.ndarray) -> str:
+    """Speeds at which something happens, of ``(n,)``; of one speed whether it does."""
     if len(rpm) == 1:
         return "yes" if happens[0] else "no"
     return f"at {ranges(list(rpm), rpm[happens])} rpm" if np.any(happens) else NONE
 
 
-def _barred_text(found, rule):
-    """What a rule bars of several speeds, one range a line, from how many it was
+def _barred_text(strength: Strength, rule: str) -> str:
+    """The speeds that a rule bars, one range a line, from how many speeds it was
     judged, and where it was not.
     """
     limited = {
-        name: found.stresses[name] for name, own in found.rules.items() if own == rule
+        name: strength.stresses[name]
+        for name, shaft_rule in strength.rules.items()
+        if shaft_rule == rule
     }
-    barred = [(name, one) for name in limited for one in found.barred[name]]
+    barred = [
+        (name, barred_range)
+        for name in limited
+        for barred_range in strength.barred[name]
+    ]
     after = f" after {rule}" * (rule != RULES[0])
     share = OF_RULE[rule].highest
-    judged = found.judged[rule]
+    reach = strength.judged[rule]
     first = next(iter(limited.values()))
-    rpm = np.asarray(found.rpm)
-    rated = found.rated_rpm
+    rpm = np.asarray(strength.rpm)
+    rated = strength.rated_rpm
+    assert rated is not None  # rules are those of a rated speed
     within = np.isfinite(first.continuous)
-    said = []
+    lines = []
     if within.any():
         head = "Barred speed ranges" if barred else "No barred speed range"
-        said = [
+        lines = [
             f"{head}{after} between {rpm[within].min():g} and {rpm[within].max():g} rpm"
             f" ({AID})"
         ]
-        said += [
-            _range_text(name, one, OF_RULE[rule].passed, rated) for name, one in barred
+        lines += [
+            _range_text(name, barred_range, OF_RULE[rule].passed, rated)
+            for name, barred_range in barred
         ]
         speeds = rpm[within & np.isfinite(first.stress)]
         highest = share * rated
@@ -288,9 +330,9 @@ def _barred_text(found, rule):
             if len(speeds) < ENOUGH
             else ""
         )
-        said.append(f"Judged from {len(speeds)} speed{'s' * (len(speeds) != 1)}{few}.")
+        lines.append(f"Judged from {len(speeds)} speed{'s' * (len(speeds) != 1)}{few}.")
         if len(speeds) and speeds.max() < (1 - NEAR) * highest:
-            said[-1] += (
+            lines[-1] += (
                 f" The rule looks up to {highest:g} rpm, {share:g} of the rated speed:"
                 " NOT judged there."
             )
@@ -304,53 +346,67 @@ def _barred_text(found, rule):
             for name, stress in beyond.items()
             if np.isfinite(stress.max())
         ]
-        told = f"; largest there: {', '.join(largest)}" if largest else ""
-        said.append(
+        largest_there = f"; largest there: {', '.join(largest)}" if largest else ""
+        lines.append(
             f"Above {share * rated:g} rpm, {share:g} of the rated speed, the rule has"
-            f" no limit: NOT judged{told}."
+            f" no limit: NOT judged{largest_there}."
         )
-    if judged.asked_to_rpm > judged.limits_to_rpm and not judged.complete:
-        asked = (
-            f"{OF_RULE[rule].asked:g} of the rated speed = {judged.asked_to_rpm:g} rpm"
+    if reach.asked_to_rpm > reach.limits_to_rpm and not reach.complete:
+        speed = (
+            f"{OF_RULE[rule].asked:g} of the rated speed = {reach.asked_to_rpm:g} rpm"
         )
         ends = (
-            f"the speeds end at {judged.known_to_rpm:g} rpm"
-            if judged.known_to_rpm
+            f"the speeds end at {reach.known_to_rpm:g} rpm"
+            if reach.known_to_rpm
             else "none is known"
         )
-        said.append(f"The rule asks for stresses up to {asked}; {ends}.")
-    return "\n".join(said)
+        lines.append(f"The rule asks for stresses up to {speed}; {ends}.")
+    return "\n".join(lines)
 
 
-def _range_text(name, one, share, rated):
-    """One barred range as a line."""
-    low, high = (f"{speed:.4g}" for speed in (one.low, one.high))
-    low = f"{low} or below" if one.open_below else low
-    high = f"{high} or above" if one.open_above else high
-    said = (
-        f"  {name}: {low} to {high} rpm, {one.share:.2f} of the continuous limit at"
-        f" {one.at:g} rpm"
+def _range_text(
+    name: str, barred_range: BarredRange, share: float, rated_rpm: float
+) -> str:
+    """One barred range of a shaft as a line; above the ``share`` of the rated speed the
+    rule accepts none.
+    """
+    low = f"{barred_range.low:.4g}"
+    high = f"{barred_range.high:.4g}"
+    if barred_range.open_below:
+        low = f"{low} or below"
+    if barred_range.open_above:
+        high = f"{high} or above"
+    line = (
+        f"  {name}: {low} to {high} rpm, {barred_range.share:.2f} of the continuous"
+        f" limit at {barred_range.at:g} rpm"
     )
-    beyond = f"ABOVE THE TRANSIENT LIMIT ({one.transient_share:.2f} of it)"
+    passing = (
+        "within the transient limit"
+        if barred_range.passable
+        else f"ABOVE THE TRANSIENT LIMIT ({barred_range.transient_share:.2f} of it)"
+    )
     late = (
         f"; not accepted above {share:g} of the rated speed"
-        if one.high > share * rated
+        if barred_range.high > share * rated_rpm
         else ""
     )
-    return f"{said}, {'within the transient limit' if one.passable else beyond}{late}"
+    return f"{line}, {passing}{late}"
 
 
-def strength_record(found, *, one_speed=False):
-    """``{"strength": ...}`` of a :class:`jaxhb.Strength`, see
+def strength_record(
+    strength: Strength, *, one_speed: bool = False
+) -> dict[str, dict[str, Any]]:
+    """Record ``{"strength": ...}`` of a :class:`jaxhb.Strength`, see
     ``docs/how_to/data_and_files.md``: SI units, lists over the speeds (of ``one_speed``
     numbers, and no ranges), None where there is no limit; empty without any limits.
     """
-    if not found:
+    if not strength:
         return {}
-    record = {"note": AID, "rated_rpm": found.rated_rpm}
-    record |= {
-        "rules": found.rules,
-        "judged": {r: one._asdict() for r, one in found.judged.items()},
+    record: dict[str, Any] = {
+        "note": AID,
+        "rated_rpm": strength.rated_rpm,
+        "rules": strength.rules,
+        "judged": {rule: reach._asdict() for rule, reach in strength.judged.items()},
     }
     for kind, limited in LIMITED.items():
         ends = dict.fromkeys(limited.heads, f"_{limited.si_unit.replace(' ', '')}")
@@ -361,20 +417,21 @@ def strength_record(found, *, one_speed=False):
                 )
                 for field, values in row._asdict().items()
             }
-            for name, row in getattr(found, kind).items()
+            for name, row in getattr(strength, kind).items()
         }
-    for name, ranges_of in () if one_speed else found.barred.items():
+    for name, barred_ranges in () if one_speed else strength.barred.items():
         record["stresses"][name]["barred"] = [
-            vars(one) | {"passable": one.passable} for one in ranges_of
+            vars(barred_range) | {"passable": barred_range.passable}
+            for barred_range in barred_ranges
         ]
     return {"strength": record}
 
 
-def strength_columns(found):
+def strength_columns(strength: Strength) -> dict[str, np.ndarray]:
     """Columns of the CSV files by their heads, SI units, a value of each speed."""
     columns = {}
     for kind, limited in LIMITED.items():
-        for name, row in getattr(found, kind).items():
+        for name, row in getattr(strength, kind).items():
             for field, values in row._asdict().items():
                 head = (
                     f"{limited.heads[field][1]} {limited.si_unit}"
@@ -383,6 +440,6 @@ def strength_columns(found):
                 )
                 if values is not None:
                     columns[f"{name} {head}"] = np.broadcast_to(
-                        values, np.shape(found.rpm)
+                        values, np.shape(strength.rpm)
                     )
     return columns

@@ -3,15 +3,19 @@ downwards.
 """
 
 import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from jaxhb._shown import ranges
-from jaxhb.report.answer import SPEED, UNCONFIRMED
-from jaxhb.report.quantities import IRREGULARITY, main_quantity
+from jaxhb.report.answer import SPEED, UNCONFIRMED, Answer
+from jaxhb.report.quantities import IRREGULARITY, Quantity, main_quantity
 from jaxhb.report.selection import heaviest, most_apart
 from jaxhb.report.text.columns import (
     DOUBT,
     NONE,
+    Groups,
     Table,
+    Way,
     hit,
     irregular,
     percent,
@@ -32,23 +36,29 @@ BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 # Difference of largest tooth forces from which two motions are told as different
 APART = 0.02
 
+Spec = tuple[str, Callable[[Answer], Any], Way]
+"""Column of a table: head, reader of an answer, and its way of
+:func:`~jaxhb.report.text.columns.written`.
+"""
 
-def sweep_text(sweeps):
+
+def sweep_text(sweeps: Mapping[str, Sequence[Answer]]) -> str:
     """One row per speed: the mesh with the largest tooth force, or the shaft with the
     largest torque; by direction.
     """
-    parts = []
+    parts: list[str] = []
     several = len(sweeps) > 1
+    axis = next(iter(sweeps.values()))[0].axis
     for way, answers in sweeps.items():
         head = f"{BLOCKS[way]}: " * several
-        said = [*motion_sentences(answers), *firing_lines(answers[0].train)]
-        parts += ["\n".join([head + "\n".join(said), "", speed_table(answers)])]
+        lines = [*motion_sentences(answers), *firing_lines(answers[0].train)]
+        parts.append("\n".join([head + "\n".join(lines), "", speed_table(answers)]))
         parts += turning_table(answers)
-    if answers[0].axis == SPEED:
+    if axis == SPEED:
         parts += strength_text(
             {
-                BLOCKS[way] * several: answers_strength(own)
-                for way, own in sweeps.items()
+                BLOCKS[way] * several: answers_strength(answers)
+                for way, answers in sweeps.items()
             }
         )
     parts += _hysteresis(sweeps)
@@ -57,7 +67,7 @@ def sweep_text(sweeps):
     return "\n\n".join([*parts, *notes_text(*every.values())])
 
 
-def speed_table(answers, title=""):
+def speed_table(answers: Sequence[Answer], title: str = "") -> Table:
     """A row for every speed: what is hit hardest, and the kind of motion."""
     columns = (
         MESHES
@@ -67,7 +77,7 @@ def speed_table(answers, title=""):
     return _over_axis(title, answers, [*columns, *MOTION])
 
 
-def turning_table(answers, title=""):
+def turning_table(answers: Sequence[Answer], title: str = "") -> list[Table]:
     """Irregularity of the heaviest disk of the reference rotor and heat of the dampers
     over the speed, in a list.
     """
@@ -75,33 +85,34 @@ def turning_table(answers, title=""):
     disk = heaviest(answers[0].train)
     if not dampers:
         return []
-    specs = [(disk, lambda answer: answer.irregularity(disk), irregular)]
-    specs += [
-        (name, lambda answer, name=name: answer.power(name), "W") for name in dampers
-    ]
-    told = "of the heaviest disk (of every disk: --csv)"
+
+    def heat(name: str) -> Callable[[Answer], float]:
+        return lambda answer: answer.power(name)
+
+    specs: list[Spec] = [(disk, lambda answer: answer.irregularity(disk), irregular)]
+    specs += [(name, heat(name), "W") for name in dampers]
+    of_disk = "of the heaviest disk (of every disk: --csv)"
     groups = [("irregularity, %", 1, 1), ("heat, W", 2, len(specs))]
-    return [
-        _over_axis(
-            f"{IRREGULARITY}, {told}, and heat of dampers{title}",
-            answers,
-            specs,
-            groups,
-        )
-    ]
+    caption = f"{IRREGULARITY}, {of_disk}, and heat of dampers{title}"
+    return [_over_axis(caption, answers, specs, groups)]
 
 
-def _over_axis(title, answers, specs, groups=()):
+def _over_axis(
+    title: str,
+    answers: Sequence[Answer],
+    specs: Sequence[Spec],
+    groups: Groups = (),
+) -> Table:
     """A row for every answer; numbers to doubt are marked, and the title explains the
     mark.
     """
-    heads, reads, ways = zip(
-        (answers[0].axis.label, lambda answer: f"{answer.place:g}", str),
-        *specs,
-        strict=True,
+    first: Spec = (answers[0].axis.label, lambda answer: f"{answer.place:g}", str)
+    columns = [first, *specs]
+    cells = written(
+        [[read(answer) for answer in answers] for _, read, _ in columns],
+        [way for _, _, way in columns],
     )
-    cells = written([list(map(read, answers)) for read in reads], ways)
-    for place, (head, way) in enumerate(zip(heads, ways, strict=True)):
+    for place, (head, _, way) in enumerate(columns):
         if way is not str and head != WITHOUT:
             cells[place] = [
                 f"{cell}{DOUBT}" if answer.doubt and cell[:1].isdigit() else cell
@@ -112,36 +123,42 @@ def _over_axis(title, answers, specs, groups=()):
     )
     return Table(
         "; ".join(filter(None, [title, doubts and f"{DOUBT}: {doubts}"])),
-        heads,
+        [head for head, _, _ in columns],
         cells,
         groups,
     )
 
 
-def _peak(motion, answer):
-    """The tooth force in kN of the mesh that has the largest."""
+def _peak(motion: Answer, answer: Answer) -> float:
+    """The tooth force in kN, in a motion, of the mesh that has the largest in the
+    answer.
+    """
     return motion.force(answer.worst_mesh).peak / 1e3 if answer.worst_mesh else math.nan
 
 
 WITHOUT = "without kN"
 
-MESHES = (
+MESHES: tuple[Spec, ...] = (
     ("largest tooth force", lambda answer: answer.worst_mesh or NONE, str),
     ("with kN", lambda answer: _peak(answer, answer), "kN"),
     (WITHOUT, lambda answer: _peak(answer.without_backlash, answer), "kN"),
     ("longest apart", lambda answer: most_apart(answer) or NONE, str),
     (
         "apart %",
-        lambda a: max(one.separated_fraction for one in a.contacts.values()),
+        lambda answer: max(
+            contact.separated_fraction for contact in answer.contacts.values()
+        ),
         percent,
     ),
     (
         "hardest of all m/s",
-        lambda a: max(one.hardest_impact for one in a.contacts.values()),
+        lambda answer: max(
+            contact.hardest_impact for contact in answer.contacts.values()
+        ),
         hit,
     ),
 )
-MOTION = (
+MOTION: tuple[Spec, ...] = (
     (
         "harmonics",
         lambda answer: NONE if answer.harmonics is None else answer.harmonics,
@@ -152,33 +169,32 @@ MOTION = (
 """Columns of the table of a sweep: head, reader of an answer, and how it is written."""
 
 
-def _swings(quantity):
+def _swings(quantity: Quantity) -> tuple[Spec, ...]:
     """Columns of a train without teeth: the shaft or damper with the largest torque, or
     the disk that moves most.
     """
 
-    def read(what):
-        name_of = (
-            quantity.largest
-        )  # of a motion that is not known every element has the same: nan
-        return lambda one: (
-            quantity.factor
-            * getattr(quantity.signal(one, name_of(one) or quantity.names[0]), what)
-        )
+    def read(statistic: str) -> Callable[[Answer], float]:
+        def of_largest(answer: Answer) -> float:
+            # In a motion that is not known every element has the same: nan.
+            name = quantity.largest(answer) or quantity.names[0]
+            return quantity.factor * getattr(quantity.signal(answer, name), statistic)
 
-    what = (
+        return of_largest
+
+    head = (
         "largest shaft torque"
         if quantity.element == "shaft"
         else f"largest {quantity.called}"
     )
     return (
-        (what, lambda answer: quantity.largest(answer) or NONE, str),
+        (head, lambda answer: quantity.largest(answer) or NONE, str),
         (f"half p-p {quantity.unit}", read("half_peak_to_peak"), "swing"),
         (f"sum of amplitudes {quantity.unit}", read("sum_of_amplitudes"), "swing"),
     )
 
 
-def _verdict(answers):
+def _verdict(answers: Sequence[Answer]) -> str:
     """Where the teeth separate, in one sentence."""
     if len(answers) == 1:
         return verdict(answers[0])
@@ -196,39 +212,33 @@ def _verdict(answers):
     )
     hammering = [answer.place for answer in answered if most_apart(answer) is not None]
     if not hammering:
-        some = (
+        speeds = (
             f"{len(answered)} of {axis.span(places)}"
             if doubt
             else f"all {axis.span(places)}"
         )
-        return f"All teeth stay in contact at {some}{doubt}."
-    some = f"{len(hammering)} of {axis.span(places, 'between', 'and')}"
-    return f"Teeth separate at {some}: {_where(answers, hammering)}{doubt}."
+        return f"All teeth stay in contact at {speeds}{doubt}."
+    speeds = f"{len(hammering)} of {axis.span(places, 'between', 'and')}"
+    return f"Teeth separate at {speeds}: {_where(answers, hammering)}{doubt}."
 
 
-def _where(answers, chosen):
+def _where(answers: Sequence[Answer], chosen: list[float]) -> str:
     """Places on the axis, in ranges of those that follow each other."""
     axis = answers[0].axis
-    return axis.said(
-        ranges(
-            [answer.place for answer in answers],
-            chosen,
-            "-" if axis == SPEED else " to ",
-        )
-    )
+    places = [answer.place for answer in answers]
+    return axis.said(ranges(places, chosen, "-" if axis == SPEED else " to "))
 
 
-def motion_sentences(answers):
+def motion_sentences(answers: Sequence[Answer]) -> list[str]:
     """Where the teeth separate, and a line for each motion other than contact and one
     stable cycle or not converged.
     """
-    alike_in = {}
+    alike: dict[str, list[float]] = {}
     for answer in answers:
         if answer.unstable:
-            alike_in.setdefault(
-                "UNSTABLE, the train does not run in these motions,", []
-            ).append(answer.place)
-        said = {
+            unstable = "UNSTABLE, the train does not run in these motions,"
+            alike.setdefault(unstable, []).append(answer.place)
+        motion = {
             "subharmonic": f"The motion has a period of {answer.state.period} cycles",
             "irregular": (
                 "The motion is irregular and never repeats (numbers are the extremes"
@@ -237,27 +247,28 @@ def motion_sentences(answers):
             "unknown": "The motion is unknown",
         }.get("" if answer.orbit else answer.state.kind)
         if answer.orbit and not answer.converged:
-            said = f"NOT CONVERGED, {status_word(answer.status)},"
+            motion = f"NOT CONVERGED, {status_word(answer.status)},"
         elif answer.doubt and not answer.orbit:
             doubt = (
                 UNCONFIRMED if answer.answered else f"{answer.doubt}, WITHOUT AN ANSWER"
             )
-            said = f"{said or 'The motion has a period of one cycle'}, {doubt},"
-        if said:
-            alike_in.setdefault(said, []).append(answer.place)
-    kinds = [
-        f"{said} at {_where(answers, chosen)}." for said, chosen in alike_in.items()
+            motion = f"{motion or 'The motion has a period of one cycle'}, {doubt},"
+        if motion:
+            alike.setdefault(motion, []).append(answer.place)
+    motions = [
+        f"{motion} at {_where(answers, places)}." for motion, places in alike.items()
     ]
-    return [_verdict(answers), *kinds, *_spread(answers)]
+    return [_verdict(answers), *motions, *_spread(answers)]
 
 
-def _spread(answers):
+def _spread(answers: Sequence[Answer]) -> list[str]:
     """How far the extremes of other records of irregular motions may lie, in a list."""
-    shares = [
-        answer.state.record.spread
+    records = [
+        answer.state.record
         for answer in answers
         if answer.recorded and not answer.state.period
     ]
+    shares = [record.spread for record in records if record is not None]
     if not shares:
         return []
     share = f"{100 * max(shares):.2g} % (two standard deviations)"
@@ -267,29 +278,32 @@ def _spread(answers):
     ]
 
 
-def _hysteresis(sweeps):
+def _hysteresis(sweeps: Mapping[str, Sequence[Answer]]) -> list[str]:
     """Where the train does something else downwards than upwards: another kind of
     motion, period or largest force.
     """
     if len(sweeps) < 2:
         return []
 
-    def differ(*pair):
-        one, other = ((a.state.kind, a.state.period) for a in pair)
-        before, after = (
-            max((a.force(name).peak for name in a.topology.mesh_names), default=0.0)
-            for a in pair
-        )
-        return one != other or abs(before - after) > APART * max(before, after)
+    def largest_force(answer: Answer) -> float:
+        names = answer.topology.mesh_names
+        return max((answer.force(name).peak for name in names), default=0.0)
 
-    found = [
-        one.place
-        for one, other in zip(sweeps["up"], sweeps["down"], strict=True)
-        if differ(one, other)
+    def differ(up: Answer, down: Answer) -> bool:
+        if (up.state.kind, up.state.period) != (down.state.kind, down.state.period):
+            return True
+        before = largest_force(up)
+        after = largest_force(down)
+        return abs(before - after) > APART * max(before, after)
+
+    places = [
+        up.place
+        for up, down in zip(sweeps["up"], sweeps["down"], strict=True)
+        if differ(up, down)
     ]
-    if not found:
+    if not places:
         return ["Upwards and downwards the train does the same."]
     return [
-        f"Upwards and downwards differ at {_where(sweeps['up'], found)}: the motion"
+        f"Upwards and downwards differ at {_where(sweeps['up'], places)}: the motion"
         " depends on what came before."
     ]

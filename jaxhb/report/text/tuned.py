@@ -1,20 +1,39 @@
-"""What a tuning says: a table for people, a record for programs, and its designs beside
+"""Result of a tuning: tables for people, a record for programs, and its designs beside
 their steady states.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxhb.design.between_speeds import EXCESS, most_of
-from jaxhb.design.quantities import OF_DESIGN, label, unit_of
+from jaxhb._jax import Numbers
+from jaxhb.design.between_speeds import EXCESS, Checked, most_of
+from jaxhb.design.quantities import OF_DESIGN, Objective, Penalty, label, unit_of
 from jaxhb.report.answer import SPEED
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
+from jaxhb.report.text.columns import (
+    NONE,
+    Head,
+    Table,
+    count,
+    from_rows,
+    plain_number,
+)
 from jaxhb.report.text.sentences import remarks_text
 from jaxhb.report.text.strength import AID
+from jaxhb.results.steady import SteadyState
 from jaxhb.train.changes import declared_field, locate
+from jaxhb.train.drivetrain import DriveTrain
+
+if TYPE_CHECKING:  # Commands do not wait for what a tuning needs.
+    from jaxhb.design.descent import Step
+    from jaxhb.design.evaluation import Reading
+    from jaxhb.design.tuning import Tuning
 
 # Share by which a value between the speeds exceeds those at them before a sentence says
 # so
@@ -24,40 +43,54 @@ SAME_MOTION = 0.02
 """Difference of a force, torque or angle from which the steady state is told as another
 motion than the orbit tuned.
 """
+_HEADS = [
+    "quantity, worst over the speeds",
+    "before",
+    "at rpm",
+    "after",
+    "at rpm",
+    "limit",
+]
+"""Heads of the tables of quantities."""
 
 
-def tuned_record(train, asked, result):
-    """What ``tune --json`` writes, in SI units: of the ``train`` as it was, ``asked``
-    as its table, and a Tuning.
+def tuned_record(
+    train: DriveTrain, settings: Mapping[str, Any], result: Tuning
+) -> dict[str, Any]:
+    """The record of ``tune --json``, in SI units: of the ``train`` as it was, the
+    ``settings`` of its [tune] table, as :func:`jaxhb.design.table.read_table` gives
+    them, and the result.
     """
     before = result.before
     after = result.after
-    record = progress_record(train, asked["rpm"], result.history)
+    record = progress_record(train, settings["rpm"], result.history)
     if result.robust:
         designs = {
-            said: {
-                "nominal": one.nominal,
-                "worst": one.worst,
-                "p95": one.percentile(95),
-                "solved": one.solved,
+            title: {
+                "nominal": spread.nominal,
+                "worst": spread.worst,
+                "p95": spread.percentile(95),
+                "solved": spread.solved,
             }
-            for said, one in result.robust.spreads.items()
+            for title, spread in result.robust.spreads.items()
         }
         record["robust"] = {"kind": result.robust.kind, "designs": designs}
     return record | {
         "stopped": result.stopped,
         "interrupted": result.interrupted,
         "parameters": {
-            p.name: {
-                "before": before.parameters[p.name],
-                "after": after.parameters[p.name],
+            parameter.name: {
+                "before": before.parameters[parameter.name],
+                "after": after.parameters[parameter.name],
+                "low": parameter.low,
+                "high": parameter.high,
+                "unit": parameter_unit(train, parameter.name),
             }
-            | {"low": p.low, "high": p.high, "unit": parameter_unit(train, p.name)}
-            for p in asked["parameters"]
+            for parameter in settings["parameters"]
         },
         "readings": {
             name: {"unit": unit_of(chosen.quantity), "before": first, "after": last}
-            for chosen, name, first, last in _readings(asked, result)
+            for chosen, name, first, last in _readings(settings, result)
         },
         "solved": {"before": before.solved, "after": after.solved},
         "checked": {
@@ -65,13 +98,13 @@ def tuned_record(train, asked, result):
         },
         "followed": result.followed,
         "outcomes": [
-            {"objective": value, "parameters": own, "valid": valid}
-            for value, own, valid in result.outcomes
+            {"objective": value, "parameters": parameters, "valid": valid}
+            for value, parameters, valid in result.outcomes
         ],
     }
 
 
-def checked_record(checked):
+def checked_record(checked: Checked) -> dict[str, Any]:
     """The readings of a design at the speeds of a tuning and between them, and the
     largest of each.
     """
@@ -87,14 +120,16 @@ def checked_record(checked):
     }
 
 
-def progress_record(train, rpm, history):
-    """What is known while a tuning runs: ``scene``, ``rpm``, ``history``."""
+def progress_record(
+    train: DriveTrain, rpm: Numbers, history: Iterable[Step]
+) -> dict[str, Any]:
+    """The record while a tuning runs: ``scene``, ``rpm``, ``history``."""
     steps = [dataclasses.asdict(step) for step in history]
     return {"scene": train.topology.name, "rpm": rpm, "history": steps}
 
 
-def start_record(train, rpm, reading):
-    """What is known before the first step: of the scene as it is the parameters, and
+def start_record(train: DriveTrain, rpm: Numbers, reading: Reading) -> dict[str, Any]:
+    """The record before the first step: of the scene as it is the parameters, and
     readings over the speeds.
     """
     start = {
@@ -105,38 +140,43 @@ def start_record(train, rpm, reading):
     return progress_record(train, rpm, ()) | {"start": start, "interrupted": True}
 
 
-def tuned_parts(train, asked, result):
-    """Before and after in the words of an engineer: what was won, parameters,
-    quantities at their worst speeds.
+def tuned_parts(
+    train: DriveTrain, settings: Mapping[str, Any], result: Tuning
+) -> list[str]:
+    """Before and after in the words of an engineer: changes of the objectives,
+    parameters, quantities at their worst speeds.
     """
-    rpm = np.asarray(asked["rpm"])
+    rpm = np.asarray(settings["rpm"])
     last = result.history[-1]
-    won = []
-    rows = []
-    for chosen, name, *both in _compared(asked, result):
-        found = [_worst(rpm, values, chosen) for values in both]
-        if len(won) < len(asked["objective"]):
-            (old, old_rpm), (new, new_rpm) = found
+    changes: list[str] = []
+    rows: list[list[Any]] = []
+    for chosen, name, before, after in _compared(settings, result):
+        old, old_rpm = _worst(rpm, before, chosen)
+        new, new_rpm = _worst(rpm, after, chosen)
+        factor, _ = scaled_unit(chosen.quantity)
+        speedless = chosen.quantity in OF_DESIGN
+        rows.append(
+            [
+                with_unit(chosen),
+                count(factor * old),
+                NONE if speedless else f"{old_rpm:g}",
+                count(factor * new),
+                NONE if speedless else f"{new_rpm:g}",
+                _limit(chosen) or NONE,
+            ]
+        )
+        if len(changes) < len(settings["objective"]):
             if "before" in result.checked:
-                (old, old_rpm), (new, new_rpm) = (
-                    result.checked[when].worst(name) for when in ("before", "after")
-                )
+                old, old_rpm = result.checked["before"].worst(name)
+                new, new_rpm = result.checked["after"].worst(name)
             change = f", {100 * (new / old - 1):+.0f} %" if old else ""
-            won.append(
+            changes.append(
                 f"{name[0].upper()}{name[1:]} at its worst: {shown_value(chosen, old)}"
                 f" at {old_rpm:.5g} rpm before, {shown_value(chosen, new)} at"
                 f" {new_rpm:.5g} rpm after{change}."
             )
-        factor, _ = scaled_unit(chosen.quantity)
-        rows.append([with_unit(chosen)])
-        for value, at in found:
-            rows[-1] += [
-                count(factor * value),
-                NONE if chosen.quantity in OF_DESIGN else f"{at:g}",
-            ]
-        rows[-1].append(_limit(chosen) or NONE)
     head = [
-        *won,
+        *changes,
         "",
         (
             f"{train.topology.title} at {SPEED.span(rpm)}: {last.number} steps,"
@@ -148,14 +188,6 @@ def tuned_parts(train, asked, result):
         ),
         *_not_solved(rpm, result),
     ]
-    heads = [
-        "quantity, worst over the speeds",
-        "before",
-        "at rpm",
-        "after",
-        "at rpm",
-        "limit",
-    ]
     title = (
         "Quantities (forces, torques and angles: half peak-to-peak unless called peak"
         " or order)"
@@ -163,49 +195,54 @@ def tuned_parts(train, asked, result):
     # Quantities of rules: their table says that it is no approval.
     judged = any(
         re.match("stress|.* over limit$", chosen.quantity)
-        for chosen, *_ in _readings(asked, result)
+        for chosen, *_ in _readings(settings, result)
     )
-    quantities = from_rows(f"{title} ({AID})" if judged else title, heads, rows)
+    quantities = from_rows(f"{title} ({AID})" if judged else title, _HEADS, rows)
+    parts = ["\n".join(head), _parameter_table(train, settings, result), quantities]
+    if result.checked:
+        parts.append(_between_table(settings, result))
+    if result.robust:
+        parts.append(_robust_table(settings, result))
+    if result.followed:
+        parts.append(_followed_text(result.followed))
+    if result.checked:
+        parts += _peaks_between(settings, rpm, result)
+    return parts + _limits_exceeded(settings, rpm, result)
+
+
+def _parameter_table(
+    train: DriveTrain, settings: Mapping[str, Any], result: Tuning
+) -> Table:
+    """The parameters before and after, and their bounds."""
     rows = [
-        [p.name, result.before.parameters[p.name], result.after.parameters[p.name]]
-        + [
-            parameter_unit(train, p.name) or NONE,
-            f"{plain_number(p.low)} to {plain_number(p.high)}",
+        [
+            parameter.name,
+            result.before.parameters[parameter.name],
+            result.after.parameters[parameter.name],
+            parameter_unit(train, parameter.name) or NONE,
+            f"{plain_number(parameter.low)} to {plain_number(parameter.high)}",
         ]
-        for p in asked["parameters"]
+        for parameter in settings["parameters"]
     ]
-    heads = [
+    heads: list[Head] = [
         "parameter",
         ("before", plain_number),
         ("after", plain_number),
         "unit",
         "bounds",
     ]
-    parameters = from_rows("Parameters", heads, rows)
-    robust = [_robust_table(asked, result)] if result.robust else []
-    between = [_between_table(asked, result)] if result.checked else []
-    followed = [_followed_text(result.followed)] if result.followed else []
-    peaks = _peaks_between(asked, rpm, result) if result.checked else []
-    limits = _limits_exceeded(asked, rpm, result)
-    return [
-        "\n".join(head),
-        parameters,
-        quantities,
-        *between,
-        *robust,
-        *followed,
-        *peaks,
-        *limits,
-    ]
+    return from_rows("Parameters", heads, rows)
 
 
-def _peaks_between(asked, rpm, result):
+def _peaks_between(
+    settings: Mapping[str, Any], rpm: np.ndarray, result: Tuning
+) -> list[str]:
     """Sentences on the last design: readings that are larger between the speeds asked
     for, and speeds there without a solution.
     """
     checked = result.checked["after"]
-    said = []
-    for chosen, name, _, after in _readings(asked, result):
+    larger = []
+    for chosen, name, _, after in _readings(settings, result):
         if (
             chosen.quantity in OF_DESIGN
             or not np.isfinite(after).any()
@@ -217,88 +254,77 @@ def _peaks_between(asked, rpm, result):
         place = int(np.nanargmax(after))
         if value > (1 + LARGER) * at_grid:
             most = f"{shown_value(chosen, value)} at {speed:.4g} rpm"
-            said.append(
+            larger.append(
                 f"{name} {most}, not {shown_value(chosen, at_grid)} as at"
                 f" {rpm[place]:g} rpm"
             )
-    told = (
-        [
-            f"LARGER between the speeds asked for: {'; '.join(said)}. Give more speeds"
-            " there."
-        ]
-        if said
-        else []
-    )
+    sentences = []
+    if larger:
+        sentences.append(
+            f"LARGER between the speeds asked for: {'; '.join(larger)}. Give more"
+            " speeds there."
+        )
     lost = np.setdiff1d(checked.rpm[~checked.solved], rpm)
     if len(lost):
         speeds = ", ".join(f"{speed:.5g}" for speed in lost[:MANY])
         more = ", ..." if len(lost) > MANY else ""
-        shown = f"{speeds}{more} rpm"
-        told.append(
+        sentences.append(
             "NOT solved between the speeds, and left out of what is told of them:"
-            f" {shown}."
+            f" {speeds}{more} rpm."
         )
-    return told
+    return sentences
 
 
-def _between_table(asked, result):
+def _between_table(settings: Mapping[str, Any], result: Tuning) -> Table:
     """All readings of responses at their worst, between the speeds, too."""
     rows = []
-    for chosen, name, *_ in _readings(asked, result):
-        if chosen.quantity not in OF_DESIGN:
-            factor, _ = scaled_unit(chosen.quantity)
-            rows.append([with_unit(chosen)])
-            for when in ("before", "after"):
-                checked = result.checked.get(when)
-                value, at = checked.worst(name) if checked else (np.nan, np.nan)
-                rows[-1] += (
-                    [count(factor * value), f"{at:.4g}"] if checked else [NONE, NONE]
-                )
-            rows[-1].append(_limit(chosen) or NONE)
-    looked = len(result.checked["after"].rpm)
-    title = f"The same between the speeds, too ({looked} speeds of the last design)"
-    return from_rows(
-        title,
-        [
-            "quantity, worst over the speeds",
-            "before",
-            "at rpm",
-            "after",
-            "at rpm",
-            "limit",
-        ],
-        rows,
-    )
+    for chosen, name, *_ in _readings(settings, result):
+        if chosen.quantity in OF_DESIGN:
+            continue
+        factor, _ = scaled_unit(chosen.quantity)
+        row = [with_unit(chosen)]
+        for when in ("before", "after"):
+            checked = result.checked.get(when)
+            if checked:
+                value, speed = checked.worst(name)
+                row += [count(factor * value), f"{speed:.4g}"]
+            else:
+                row += [NONE, NONE]
+        rows.append([*row, _limit(chosen) or NONE])
+    speeds = len(result.checked["after"].rpm)
+    title = f"The same between the speeds, too ({speeds} speeds of the last design)"
+    return from_rows(title, _HEADS, rows)
 
 
-def _followed_text(followed):
+def _followed_text(followed: Iterable[str]) -> str:
     """Limits that were exceeded on the way, after which the tuning went on."""
-    told = (
+    head = (
         "Where a limit was exceeded the tuning went on at the critical speeds, which"
         " follow each design"
     )
-    return "".join(remarks_text(followed, told))
+    return "".join(remarks_text(followed, head))
 
 
-def _robust_table(asked, result):
+def _robust_table(settings: Mapping[str, Any], result: Tuning) -> Table:
     """The scene, the nominal and the robust design over the tolerances, at their worst
     speeds.
     """
+    assert result.robust is not None  # of a robust tuning
+    spreads = result.robust.spreads
     rows = []
-    for j, one in enumerate(asked["objective"]):
-        factor, _ = scaled_unit(one.quantity)
-        for said, spread in result.robust.spreads.items():
+    for j, objective in enumerate(settings["objective"]):
+        factor, _ = scaled_unit(objective.quantity)
+        for title, spread in spreads.items():
             values = (
                 spread.nominal[:, j],
                 spread.worst[:, j],
                 spread.percentile(95)[:, j],
                 spread.samples[..., j],
             )
-            numbers = [count(factor * np.nanmax(own)) for own in values]
-            rows.append(
-                [with_unit(one), said, *numbers, f"{100 * spread.solved.min():.0f}"]
-            )
-    drawn = len(next(iter(result.robust.spreads.values())).drawn)
+            numbers = [count(factor * np.nanmax(each)) for each in values]
+            solved = f"{100 * spread.solved.min():.0f}"
+            rows.append([with_unit(objective), title, *numbers, solved])
+    drawn = len(next(iter(spreads.values())).drawn)
     heads = [
         "worst over the speeds",
         "design",
@@ -315,17 +341,17 @@ def _robust_table(asked, result):
     return from_rows(title, heads, rows, left=(1,))
 
 
-def _not_solved(rpm, result):
-    """A line on the speeds without a solution, which do not count in what was made
-    small.
+def _not_solved(rpm: np.ndarray, result: Tuning) -> list[str]:
+    """A line on the speeds without a solution, which do not count in the objectives, in
+    a list.
     """
-    told = {"before": result.before.solved, "after": result.after.solved}
-    said = [
-        f"{', '.join(f'{x:g}' for x in rpm[~ok])} rpm {when}"
-        for when, ok in told.items()
-        if not ok.all()
+    solved = {"before": result.before.solved, "after": result.after.solved}
+    lost = [
+        f"{', '.join(f'{speed:g}' for speed in rpm[~of_design])} rpm {when}"
+        for when, of_design in solved.items()
+        if not of_design.all()
     ]
-    if not said:
+    if not lost:
         return []
     both = int((result.before.solved & result.after.solved).sum())
     compared = (
@@ -334,63 +360,71 @@ def _not_solved(rpm, result):
         else "do not compare"
     )
     return [
-        f"NOT solved, and left out of what was made small: {'; '.join(said)}. jaxhb"
+        f"NOT solved, and left out of what was made small: {'; '.join(lost)}. jaxhb"
         f" sweep shows what happens there. Before and after {compared}."
     ]
 
 
-def _limits_exceeded(asked, rpm, result):
+def _limits_exceeded(
+    settings: Mapping[str, Any], rpm: np.ndarray, result: Tuning
+) -> list[str]:
     """A sentence on the limits that the last design exceeds by more than what a penalty
-    lets through.
+    lets through, in a list.
     """
-    said = []
+    exceeded = []
     checked = result.checked.get("after")
-    for chosen, name, _, after in _readings(asked, result):
-        value, at = _worst(rpm, after, chosen)
+    for chosen, name, _, after in _readings(settings, result):
+        value, speed = _worst(rpm, after, chosen)
         most = most_of(chosen)
         least = getattr(chosen, "least", None)
         if checked and most is not None and name in checked.readings:
-            value, at = checked.worst(name)
-        over = most is not None and value > most + EXCESS * abs(most)
-        if over or (least is not None and value < least - EXCESS * abs(least)):
-            where = "" if chosen.quantity in OF_DESIGN else f" at {at:.4g} rpm"
-            said.append(
+            value, speed = checked.worst(name)
+        above = most is not None and value > most + EXCESS * abs(most)
+        below = least is not None and value < least - EXCESS * abs(least)
+        if above or below:
+            where = "" if chosen.quantity in OF_DESIGN else f" at {speed:.4g} rpm"
+            exceeded.append(
                 f"{name} is {shown_value(chosen, value)}{where},"
                 f" {_limit(chosen) or 'at most 1'}"
             )
-    if said:
-        return [f"NOT within its limits: {'; '.join(said)}."]
+    if exceeded:
+        return [f"NOT within its limits: {'; '.join(exceeded)}."]
     limited = any(
-        most_of(chosen) is not None for chosen, *_ in _readings(asked, result)
+        most_of(chosen) is not None for chosen, *_ in _readings(settings, result)
     )
     return ["Within its limits, between the speeds too."] if checked and limited else []
 
 
-def _readings(asked, result):
-    """(Objective or Penalty, label, before, after) of each."""
-    for chosen in (*asked["objective"], *asked["penalties"]):
+def _readings(
+    settings: Mapping[str, Any], result: Tuning
+) -> Iterator[tuple[Objective | Penalty, str, Numbers, Numbers]]:
+    """(Objective or Penalty, label, reading before, after) of each, readings ``(n,)``
+    over the speeds or one number.
+    """
+    for chosen in (*settings["objective"], *settings["penalties"]):
         name = label(chosen)
         yield chosen, name, result.before.readings[name], result.after.readings[name]
 
 
-def _compared(asked, result):
+def _compared(
+    settings: Mapping[str, Any], result: Tuning
+) -> Iterator[tuple[Objective | Penalty, str, Numbers, Numbers]]:
     """The same with NaN at speeds that only one of the designs has solved, unless no
     speed is solved in both.
     """
     both = result.before.solved & result.after.solved
-    for chosen, name, *values in _readings(asked, result):
-        masked = (
-            (
-                np.where(both, one, np.nan)
-                if np.shape(one) == both.shape and both.any()
-                else one
-            )
-            for one in values
-        )
-        yield chosen, name, *masked
+
+    def masked(values: Numbers) -> Numbers:
+        over_speeds = np.shape(values) == both.shape and both.any()
+        return np.where(both, values, np.nan) if over_speeds else values
+
+    for chosen, name, before, after in _readings(settings, result):
+        yield chosen, name, masked(before), masked(after)
 
 
-def _worst(rpm, values, chosen):
+def _worst(
+    rpm: np.ndarray, values: Numbers, chosen: Objective | Penalty
+) -> tuple[float, float]:
     """Largest value and its speed; the smallest where only a lower limit is set."""
     values = np.atleast_1d(np.asarray(values, dtype=float))
     if not np.isfinite(values).any():
@@ -399,7 +433,7 @@ def _worst(rpm, values, chosen):
     return float(values[place]), float(rpm[place])
 
 
-def _lower_alone(chosen):
+def _lower_alone(chosen: Objective | Penalty) -> bool:
     """Whether only a lower limit is set."""
     return (
         getattr(chosen, "least", None) is not None
@@ -407,13 +441,14 @@ def _lower_alone(chosen):
     )
 
 
-def shown_value(chosen, value):
-    """A value of what is read, in the unit for people."""
+def shown_value(chosen: Objective | Penalty, value: float) -> str:
+    """A value of a quantity, in the unit for people."""
     factor, unit = scaled_unit(chosen.quantity)
     return f"{count(factor * value)} {unit}".rstrip()
 
 
-def _limit(chosen):
+def _limit(chosen: Objective | Penalty) -> str:
+    """The limits of a quantity, in the unit for people; "" without."""
     limits = {name: getattr(chosen, name, None) for name in ("most", "least")}
     factor, _ = scaled_unit(chosen.quantity)
     return ", ".join(
@@ -423,25 +458,27 @@ def _limit(chosen):
     )
 
 
-def scaled_unit(quantity):
+def scaled_unit(quantity: str) -> tuple[float, str]:
     """Factor from SI, and the unit in which people read a quantity."""
     return shown_unit(unit_of(quantity))
 
 
-def with_unit(chosen):
-    """What is read, and the unit for people behind it where there is one."""
+def with_unit(chosen: Objective | Penalty) -> str:
+    """Label of a quantity, and the unit for people behind it where there is one."""
     return f"{label(chosen)}, {scaled_unit(chosen.quantity)[1]}".removesuffix(", ")
 
 
-def parameter_unit(train, name):
+def parameter_unit(train: DriveTrain, name: str) -> str:
     """Unit of a parameter ``"NAME.FIELD"``."""
     table, field, _ = locate(train.topology, name)
     return declared_field(table, field).metadata["range"].unit
 
 
-def difference(state, pairs):
-    """What a steady state does that the orbit of the tuning does not; "" for the same
-    motion.
+def difference(
+    state: SteadyState, pairs: Mapping[Objective | Penalty, tuple[float, float]]
+) -> str:
+    """Sentence on how a steady state differs from the orbit of the tuning, by the
+    values of quantities in both; "" for the same motion.
     """
     kind = {
         "subharmonic": f"has a period of {state.period} cycles",
@@ -449,10 +486,10 @@ def difference(state, pairs):
         "unknown": f"is not known ({'; '.join(state.notes)})",
     }.get(state.kind, "")
     apart = [
-        f"{label(chosen)} {shown_value(chosen, own)} instead of"
+        f"{label(chosen)} {shown_value(chosen, steady)} instead of"
         f" {shown_value(chosen, tuned)}"
-        for chosen, (own, tuned) in pairs.items()
-        if abs(own - tuned) > SAME_MOTION * max(abs(own), abs(tuned))
+        for chosen, (steady, tuned) in pairs.items()
+        if abs(steady - tuned) > SAME_MOTION * max(abs(steady), abs(tuned))
     ]
     if not kind and not apart:
         return ""
@@ -462,20 +499,17 @@ def difference(state, pairs):
     return f"at {state.rpm:g} rpm {motion}{colon}{', '.join(apart)}{about}."
 
 
-def check_text(found):
+def check_text(designs: Mapping[str, Mapping[str, Sequence]]) -> str:
     """The sentences of :func:`jaxhb.report.compute.check_designs`, or one that there is
     nothing to tell.
     """
-    differences = [said for told in found.values() for said in told["differences"]]
-    alike = (
-        "Both designs do at all speeds what was tuned: their steady states are the"
-        " periodic motions tuned."
-    )
-    return (
-        "".join(
-            remarks_text(
-                differences, "Steady states that are not the periodic motions tuned"
-            )
+    differences = [
+        sentence for design in designs.values() for sentence in design["differences"]
+    ]
+    if not differences:
+        return (
+            "Both designs do at all speeds what was tuned: their steady states are the"
+            " periodic motions tuned."
         )
-        or alike
-    )
+    head = "Steady states that are not the periodic motions tuned"
+    return "".join(remarks_text(differences, head))
