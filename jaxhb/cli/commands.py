@@ -269,8 +269,8 @@ def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet,
     )
 
     def compute(place):
-        how = {"direction": direction or "up", "kept": {"out": place, "chunk": chunk}}
-        how |= {"progress": progress.advance, "told": files.note}
+        how = {"direction": direction or "up", "out": place, "chunk": chunk}
+        how |= {"progress": progress.advance, "on_answers": files.note}
         if axis == SPEED:
             return answer_speeds(train, values, asked, say=progress.say, **how)
         progress.say(f"values of {axis.name}")
