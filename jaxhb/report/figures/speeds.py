@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxhb.design.measurements import UNITS
+from jaxhb.linear.forced import ForcedResponse
 from jaxhb.linear.strength import Strength, corners_of, strength, stress_limits
 from jaxhb.report.answer import SPEED, Answer, Case
 from jaxhb.report.figures.draw import drawn
@@ -44,7 +45,6 @@ from jaxhb.report.selection import case_title, hardest_shaft, train_name
 from jaxhb.report.text.strength import LIMITED, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
 from jaxhb.report.text.tuned import scaled_unit
-from jaxhb.results.response import Response
 from jaxhb.train.drivetrain import DriveTrain
 
 if TYPE_CHECKING:
@@ -353,7 +353,7 @@ MOST = 4  # elements, or orders, in one picture
 
 
 def plot_forced(
-    cases: Mapping[str, Response],
+    cases: Mapping[str, ForcedResponse],
     elements: Sequence[Reading],
     worst: Mapping[str, WorstMisfire] | None = None,
 ) -> Picture:
@@ -377,7 +377,7 @@ def plot_forced(
     chosen = answered if few else hardest_elements(answered)
     judged = strength(response)
 
-    def worst_misfire(name: str) -> dict[str, Response]:
+    def worst_misfire(name: str) -> dict[str, ForcedResponse]:
         """Return the response with the worst misfire of an element, by its title."""
         if not worst:
             return {}
@@ -400,9 +400,9 @@ def plot_forced(
 
 
 def orders_figure(
-    response: Response,
+    response: ForcedResponse,
     element: Reading,
-    misfires: Mapping[str, Response],
+    misfires: Mapping[str, ForcedResponse],
     title: str = "",
 ) -> Figure:
     """Make the figure of synthesis, sum and main orders of an element, a Reading, over

@@ -13,7 +13,7 @@ from jaxhb.excitation.gas import GAS_SAMPLES
 from jaxhb.excitation.mean_torques import gas_pressures, mean_torques, scale_at
 from jaxhb.report.figures.sketch import plot_train
 from jaxhb.report.orders import order_names
-from jaxhb.report.page.differences import said
+from jaxhb.report.page.differences import value_text
 from jaxhb.report.page.parts import Sketch, environment, table
 from jaxhb.report.text.columns import NONE, Table, alike, plain_number
 from jaxhb.report.text.mean_torques import mean_angles_of
@@ -143,7 +143,7 @@ def _given(report, kind):
 def _told(value, field, factor, file):
     """A number or word; of rows how many there are, their range and their file."""
     if field.metadata["kind"] != "rows":
-        return said(value if isinstance(value, str | bool) else factor * value, 6)
+        return value_text(value if isinstance(value, str | bool) else factor * value, 6)
     spans = zip(field.metadata["columns"], np.transpose(value), strict=True)
     spans = [
         f"{what} {min(own):.6g} to {max(own):.6g}"
