@@ -46,7 +46,9 @@ class Axis:
             return "rpm"
         return f"{self.name}, {self.unit}".removesuffix(", ")
 
-    def span(self, values: Sequence[float], word: str = "from", to: str = "to") -> str:
+    def span(
+        self, values: Sequence[float] | np.ndarray, word: str = "from", to: str = "to"
+    ) -> str:
         """``8 speeds from 700 to 2450 rpm``, or ``5 values of NAME.FIELD from 100 to
         400 N m s/rad``; a single value as by :meth:`said`.
         """
