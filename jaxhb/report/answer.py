@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import cast
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -96,7 +96,7 @@ class Answer(Motion):
 
     topology = property(lambda self: self.train.topology, doc="Topology of the train.")
 
-    def _read(self, quantity, index, sense=1):
+    def _read(self, quantity: str, index: int | tuple[int, int], sense: int = 1) -> Any:
         # Recorded cycles have no accelerations.
         if self.known and (quantity != "acceleration" or self.response is not None):
             return self.state._read(quantity, index, sense)

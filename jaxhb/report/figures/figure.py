@@ -53,7 +53,10 @@ LEAST = 1e-3  # largest number of an axis in a unit, below which a smaller one i
 HEADROOM = 1.08
 DIGITS = 5
 MARKED = 80  # points up to which every one is marked, or with a large mark
-WITH, WITHOUT, GREY, BAND = "#b3261e", "#1f4e79", "#6f6f6f", "#e3e3e3"
+WITH = "#b3261e"
+WITHOUT = "#1f4e79"
+GREY = "#6f6f6f"
+BAND = "#e3e3e3"
 STYLES = (
     {"color": WITH, "dash": "solid"},
     {"color": WITHOUT, "dash": "dash"},

@@ -42,7 +42,7 @@ from jaxhb.report.quantities import (
     shown_unit,
 )
 from jaxhb.report.selection import case_title, hardest_shaft, train_name
-from jaxhb.report.text.strength import LIMITED, answers_strength
+from jaxhb.report.text.strength import LIMITED, Limited, answers_strength
 from jaxhb.report.text.sweep_tables import BLOCKS
 from jaxhb.report.text.tuned import scaled_unit
 from jaxhb.train.drivetrain import DriveTrain
@@ -488,7 +488,9 @@ def judged_elements(
             if names is None or name in names
         }
 
-        def most(name: str, kind=kind, rows=rows) -> tuple[float, float]:
+        def most(
+            name: str, kind: Limited = kind, rows: dict[str, Any] = rows
+        ) -> tuple[float, float]:
             share, place = kind.worst(rows[name])
             value = 0.0 if place is None else getattr(rows[name], kind.field)[place]
             return np.nan_to_num(share, nan=-1.0), value
