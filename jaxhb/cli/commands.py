@@ -299,16 +299,31 @@ def sweep(train: DriveTrain, arguments: cli.Sweep) -> int:
     )
 
     def compute(folder):
-        options = {
-            "direction": direction or "up",
-            "kept": {"out": folder, "chunk": arguments.chunk},
-            "progress": progress.advance,
-            "told": files.note,
-        }
         if axis == SPEED:
-            return answer_speeds(train, values, question, say=progress.say, **options)
+            return answer_speeds(
+                train,
+                values,
+                question,
+                direction=direction or "up",
+                out=folder,
+                chunk=arguments.chunk,
+                progress=progress.advance,
+                say=progress.say,
+                on_answers=files.note,
+            )
         progress.say(f"values of {axis.name}")
-        return answer_values(train, rpm[0], axis, values, question, **options)
+        return answer_values(
+            train,
+            rpm[0],
+            axis,
+            values,
+            question,
+            direction=direction or "up",
+            out=folder,
+            chunk=arguments.chunk,
+            progress=progress.advance,
+            on_answers=files.note,
+        )
 
     def left():
         goes_on = f"; {GOES_ON}" if unfinished.folder else ""

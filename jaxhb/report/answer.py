@@ -1,19 +1,23 @@
-"""What is told of one speed, as every report reads it: the motion of the train, beside
-it that without backlash.
+"""The answer at one speed, as every report reads it: the motion of the train, and
+beside it the motion without backlash.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, cast
 
 import jax
 import numpy as np
 
-from jaxhb.equations.backlash import law_of
+from jaxhb.equations.backlash import Law, law_of
 from jaxhb.floquet.stability import Stability
 from jaxhb.report.selection import largest
+from jaxhb.results.bounds import Certificate
+from jaxhb.results.contact import Contact
 from jaxhb.results.motion import Motion
-from jaxhb.results.record import NO_CONTACT, NO_SIGNAL
+from jaxhb.results.record import NO_CONTACT, NO_SIGNAL, SteadyContact
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, orbit_state
@@ -21,30 +25,32 @@ from jaxhb.train.changes import in_contact
 from jaxhb.train.drivetrain import DriveTrain
 
 UNCONFIRMED = "not confirmed by harmonic balance"
-"""What is said of a motion that returns in time integration and that no harmonic
-solution repeats.
+"""Words for a motion that returns in time integration and that no harmonic solution
+repeats.
 """
 
 
 @dataclass(frozen=True)
 class Axis:
-    """What changes along a sweep: the speed in rpm, or a number of the scene by its
-    name "NAME.FIELD".
+    """The quantity that changes along a sweep: the speed in rpm, or a number of the
+    scene by its name "NAME.FIELD".
     """
 
     name: str = "rpm"
     unit: str = "rpm"
 
     @property
-    def label(self):
-        """For axes of pictures and heads of columns."""
-        return (
-            "rpm" if self == SPEED else f"{self.name}, {self.unit}".removesuffix(", ")
-        )
+    def label(self) -> str:
+        """Title of axes of pictures and of columns."""
+        if self == SPEED:
+            return "rpm"
+        return f"{self.name}, {self.unit}".removesuffix(", ")
 
-    def span(self, values, word="from", to="to"):
+    def span(
+        self, values: Sequence[float] | np.ndarray, word: str = "from", to: str = "to"
+    ) -> str:
         """``8 speeds from 700 to 2450 rpm``, or ``5 values of NAME.FIELD from 100 to
-        400 N m s/rad``; of one itself.
+        400 N m s/rad``; a single value as by :meth:`said`.
         """
         if len(values) == 1:
             return self.said(f"{values[0]:g}")
@@ -54,10 +60,10 @@ class Axis:
             f" {self.unit}".rstrip()
         )
 
-    def said(self, values):
+    def said(self, values: str) -> str:
         """Values as text: ``600, 1200 rpm``, or ``NAME.FIELD = 100, 300 N m s/rad``."""
-        told = f"{values} {self.unit}".rstrip()
-        return told if self == SPEED else f"{self.name} = {told}"
+        text = f"{values} {self.unit}".rstrip()
+        return text if self == SPEED else f"{self.name} = {text}"
 
 
 SPEED = Axis()
@@ -65,16 +71,16 @@ SPEED = Axis()
 
 @dataclass(frozen=True)
 class Answer(Motion):
-    """One speed: what the train does there, or with ``--orbit`` a periodic solution,
-    stable or not; read by name as any motion, nan where nothing is known.
+    """One speed: the steady state of the train, or with ``--orbit`` a periodic
+    solution, stable or not; read by name as any motion, nan where nothing is known.
 
-    state : SteadyState, of an orbit what the train would do if it were stable; linear :
-    Response of the linear train with all teeth in contact, which balances the mean
-    torques; closed : SteadyState with the gaps of meshes closed and all else as it is,
-    None where that is the linear motion; stability : of the motion, None where it is
-    not decided, as ``undecided`` says; certificate : Certificate, or why there is none,
-    or None: not asked for; axis, value : along which a sweep goes, and where on it the
-    answer is, None for the speed
+    state : SteadyState, of an orbit the state that it would be if it were stable;
+    linear : Response of the linear train with all teeth in contact, which balances the
+    mean torques; closed : SteadyState with the gaps of meshes closed and all else
+    unchanged, None where that is the linear motion; stability : of the motion, None
+    where it is not decided, for the reason ``undecided``; certificate : Certificate, or
+    the reason why there is none, or None where none was asked for; axis, value : the
+    quantity that a sweep changes, and its value here, None for the speed
     """
 
     train: DriveTrain
@@ -84,71 +90,87 @@ class Answer(Motion):
     closed: SteadyState | None = None
     stability: Stability | None = None
     undecided: str = ""
-    certificate: object = None
+    certificate: Certificate | str | None = None
     axis: Axis = SPEED
     value: float | None = None
 
-    def _read(self, quantity, index, sense=1):
+    topology = property(lambda self: self.train.topology, doc="Topology of the train.")
+
+    def _read(self, quantity: str, index: int | tuple[int, int], sense: int = 1) -> Any:
         # Recorded cycles have no accelerations.
         if self.known and (quantity != "acceleration" or self.response is not None):
             return self.state._read(quantity, index, sense)
         return {"contact": NO_CONTACT, "power": math.nan}.get(quantity, NO_SIGNAL)
 
-    # What is read of its parts, and where it stands.
-    stable = property(
-        lambda self: self.stability and self.stability.stable,
-        doc="None where that is not decided.",
-    )
-    multiplier = property(
-        lambda self: self.stability and self.stability.largest,
-        doc="The largest; None likewise.",
-    )
-    unstable = property(
-        lambda self: self.stable is False,
-        doc="Whether disturbances grow, as far as is known.",
-    )
-    topology = property(lambda self: self.train.topology)
-    rpm = property(lambda self: self.state.rpm)
-    known = property(
-        lambda self: self.state.known,
-        doc="Whether the kind of motion is known, so that it has numbers.",
-    )
-    recorded = property(
-        lambda self: self.known and self.response is None,
-        doc="Known from recorded cycles alone.",
-    )
-    response = property(
-        lambda self: self.state.response,
-        doc="The harmonic solution; None where there is none.",
-    )
-    balance = property(
-        lambda self: self.linear if self.response is None else self.response,
-        doc="Of mean torques.",
-    )
-    cycle_deg = property(
-        lambda self: 360.0 * self.topology.revolutions_per_cycle,
-        doc="Of the reference rotor, deg.",
-    )
-    place = property(
-        lambda self: self.rpm if self.value is None else self.value,
-        doc="Where it stands in a sweep.",
-    )
-    at = property(
-        lambda self: self.axis.said(f"{self.place:g}"), doc="The same in words."
-    )
+    @property
+    def stable(self) -> bool | None:
+        """Whether disturbances die away; None where that is not decided."""
+        return None if self.stability is None else self.stability.stable
 
     @property
-    def status(self):
+    def multiplier(self) -> float | None:
+        """The largest Floquet multiplier in modulus; None where stability is not
+        decided.
+        """
+        return None if self.stability is None else self.stability.largest
+
+    @property
+    def unstable(self) -> bool:
+        """Whether disturbances grow, as far as is known."""
+        return self.stable is False
+
+    @property
+    def rpm(self) -> float:
+        """Speed of the reference rotor, rpm."""
+        return self.state.rpm
+
+    @property
+    def known(self) -> bool:
+        """Whether the kind of motion is known, so that it has numbers."""
+        return self.state.known
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the motion is known from recorded cycles alone."""
+        return self.known and self.response is None
+
+    @property
+    def response(self) -> Response | None:
+        """The harmonic solution; None where there is none."""
+        return self.state.response
+
+    @property
+    def balance(self) -> Response:
+        """The response whose mean torques are in balance."""
+        return self.linear if self.response is None else self.response
+
+    @property
+    def cycle_deg(self) -> float:
+        """Cycle of the excitation in degrees of the reference rotor."""
+        return 360.0 * self.topology.revolutions_per_cycle
+
+    @property
+    def place(self) -> float:
+        """Value of the quantity that a sweep changes, the speed by default."""
+        return self.rpm if self.value is None else self.value
+
+    @property
+    def at(self) -> str:
+        """The place in words, as ``2000 rpm``."""
+        return self.axis.said(f"{self.place:g}")
+
+    @property
+    def status(self) -> Status | None:
         """The :class:`jaxhb.Status` of the harmonic solution; None without."""
         return None if self.response is None else Status(int(self.response.status))
 
     @property
-    def harmonics(self):
+    def harmonics(self) -> int | None:
         """Highest harmonic of the solution over its own period; None without one."""
         return None if self.response is None else int(self.response.highest_harmonic)
 
     @property
-    def converged(self):
+    def converged(self) -> bool | None:
         """Whether the harmonic solution is within its limits; None for a motion that is
         known from recorded cycles.
         """
@@ -157,56 +179,57 @@ class Answer(Motion):
         return bool(self.response.converged)
 
     @property
-    def answered(self):
+    def answered(self) -> bool:
         """Whether the kind of motion is known, with numbers of recorded cycles or of a
         solution within its limits.
         """
         return self.known and self.converged is not False
 
     @property
-    def unconfirmed(self):
+    def unconfirmed(self) -> bool:
         """Whether no harmonic solution repeats a periodic motion: its numbers are those
         of recorded cycles.
         """
         return self.recorded and self.state.kind != "irregular"
 
     @property
-    def doubt(self):
-        """What to doubt of numbers that are there, in two words; "" of those to rely
-        on.
-        """
+    def doubt(self) -> str:
+        """Why not to rely on numbers that are there, in two words; else ""."""
         if self.unconfirmed:
             return "not confirmed"
         return "not converged" if self.known and not self.answered else ""
 
     @cached_property
-    def without_backlash(self):
-        """The motion with the gaps of meshes closed and all else as it is, as an answer
-        of its own.
+    def without_backlash(self) -> "Answer":
+        """The motion with the gaps of meshes closed and all else unchanged, as an
+        answer.
         """
         topology = self.topology
         if not (topology.linear_in_contact or any(topology.mesh_backlash)):
             return self  # there is no gap to close
         if self.closed is None:
+            linear_train = self.linear.train
+            assert linear_train is not None  # which only transformations leave out
             return Answer(
-                self.linear.train, orbit_state(self.linear), self.linear, orbit=True
+                linear_train, orbit_state(self.linear), self.linear, orbit=True
             )
         train = in_contact(self.train)
         closed = self.closed
-        return Answer(train, closed, self.linear, self.orbit, closed, closed.stability)
+        stability = cast("Stability | None", closed.stability)
+        return Answer(train, closed, self.linear, self.orbit, closed, stability)
 
     @cached_property
-    def worst_mesh(self):
+    def worst_mesh(self) -> str | None:
         """The mesh with the largest tooth force; None where the motion is unknown."""
         return largest(self.topology.mesh_names, lambda name: self.force(name).peak)
 
     @cached_property
-    def contacts(self):
+    def contacts(self) -> dict[str, SteadyContact]:
         """:class:`SteadyContact` of every mesh by name."""
         return {name: self.mesh(name) for name in self.topology.mesh_names}
 
     @cached_property
-    def details(self):
+    def details(self) -> dict[str, Contact]:
         """:class:`jaxhb.results.contact.Contact` of every mesh, impact by impact; empty
         without a solution.
         """
@@ -214,7 +237,7 @@ class Answer(Motion):
             self.response.contacts() if self.known and self.response is not None else {}
         )
 
-    def law(self, mesh):
+    def law(self, mesh: str) -> Law | None:
         """The :class:`Law` of one mesh in floats; None where it has no backlash."""
         index = self.topology.mesh_names.index(mesh)
         if not self.topology.mesh_backlash[index]:

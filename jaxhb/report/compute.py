@@ -2,33 +2,47 @@
 misfires, of tuned designs.
 """
 
+from __future__ import annotations
+
 import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
 from jaxhb.certificate.certificate import certify
 from jaxhb.design.quantities import QUANTITIES, label
-from jaxhb.floquet.stability import attracts
-from jaxhb.report.answer import UNCONFIRMED, Answer, Case
+from jaxhb.floquet.stability import Stability, attracts
+from jaxhb.report.answer import UNCONFIRMED, Answer, Axis, Case
 from jaxhb.report.text.tuned import difference
 from jaxhb.results.answers import with_gaps
 from jaxhb.results.status import NotConverged, Status
-from jaxhb.results.steady import orbit_state
+from jaxhb.results.steady import SteadyState, orbit_state
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.steady.orbits import orbit_states
 from jaxhb.steady.steady_state import steady_state
 from jaxhb.train.changes import in_contact, linearised
+from jaxhb.train.drivetrain import DriveTrain
 
-WAYS = {
-    "both": ["up", "down"]
-}  # ways through the speeds, of a direction that is not one itself
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from jaxhb.design.tuning import Tuning
+    from jaxhb.design.worst_case import Spread
+    from jaxhb.results.bounds import Certificate
+
+    Direction = Literal["up", "down", "both"]
+    Answers = dict[str, list[Answer]]
+
+# Ways through the speeds, of a direction that stands for several
+WAYS = {"both": ["up", "down"]}
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What was asked of every speed: a steady state or a periodic solution, how
-    exactly, and whether with a bound.
+    """Options of every speed: a steady state or a periodic solution, how exactly, and
+    whether with a bound.
     """
 
     orbit: bool = False
@@ -37,221 +51,280 @@ class Asked:
     certify: bool = False
 
     @classmethod
-    def of(cls, arguments):
-        """As the command line says."""
+    def of(cls, arguments: Any) -> Asked:
+        """Read the options of the command line."""
         certified = getattr(arguments, "certify", False)
         return cls(arguments.orbit, arguments.harmonics, arguments.tolerance, certified)
 
-    @property
-    def accuracy(self):
-        """Of :func:`jaxhb.solve` and :func:`jaxhb.steady_state`."""
-        return {"harmonics": self.harmonics, "tolerance": self.tolerance}
 
+def answer_one(
+    train: DriveTrain,
+    rpm: float,
+    options: Asked,
+    say: Callable[[str], None] = lambda text: None,
+    *,
+    start: SteadyState | None = None,
+    out: Path | None = None,
+) -> Answer:
+    """Compute the :class:`Answer` at one speed, with a bound if asked for.
 
-def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=None):
-    """The :class:`Answer` at one speed, with a computed bound if asked for; ``start``
-    is the SteadyState of a neighbour from which the motion starts, the others are as of
-    :func:`answer_speeds`.
+    ``start`` is the SteadyState of a neighbour from which the motion starts; the other
+    arguments are those of :func:`answer_speeds`.
     """
     ((answer,),) = answer_speeds(
-        train, [rpm], asked, start=start, kept=kept, say=say
+        train, [rpm], options, start=start, out=out, say=say
     ).values()
     return (
         dataclasses.replace(answer, certificate=certificate_of(answer, say))
-        if asked.certify
+        if options.certify
         else answer
     )
 
 
 def answer_speeds(
-    train,
-    rpm,
-    asked,
+    train: DriveTrain,
+    rpm: Sequence[float],
+    options: Asked,
     *,
-    direction="up",
-    start=None,
-    kept=None,
-    progress=None,
-    say=lambda text: None,
-    told=None,
-):
-    """Answers in the order of ``rpm`` by the direction in which the sweep went,
-    ``{"up": [Answer, ...]}``, ``"down"`` or both, ``"orbit"`` for orbits.
+    direction: Direction = "up",
+    start: SteadyState | None = None,
+    out: Path | None = None,
+    chunk: int | None = None,
+    progress: Callable[[int], object] | None = None,
+    say: Callable[[str], None] = lambda text: None,
+    on_answers: Callable[[Answers], object] | None = None,
+) -> Answers:
+    """Compute answers in the order of ``rpm`` by the direction of the sweep, ``{"up":
+    [Answer, ...]}``, ``"down"`` or both, ``"orbit"`` for orbits.
 
-    kept : a dictionary with ``out`` and ``chunk`` of :func:`jaxhb.steady_state`;
-    progress : called with the number of speeds done since the last call; say : told
-    what is done; told : now and then what is returned in the end, as far as it is known
+    out, chunk : as of :func:`jaxhb.steady_state`; progress : called with the number of
+    speeds done since the last call; say : called with a sentence at every stage;
+    on_answers : called now and then with the answers so far
     """
-    rpm, about = (
-        np.array(rpm, dtype=float),
-        "the speeds" if len(rpm) > 1 else f"{rpm[0]:g} rpm",
-    )
+    speeds = np.array(rpm, dtype=float)
+    about = "the speeds" if len(rpm) > 1 else f"{rpm[0]:g} rpm"
     # A train of constant links is its own linear train, whose programs are at hand.
-    linear = solve_speeds(
-        linearised(train) if train.topology.has_law.any() else train, rpm=rpm
-    )
-    closed = [None] * len(rpm)
+    linear_train = linearised(train) if train.topology.has_law.any() else train
+    linear = solve_speeds(linear_train, rpm=speeds)
+    closed: list[SteadyState | None] = [None] * len(speeds)
     if linear[0].status != Status.UNBALANCED:
         closed = _closed_states(
-            train, rpm, asked, "down" if direction == "down" else "up", say
+            train, speeds, options, "down" if direction == "down" else "up", say
         )
-    known, made = {}, {}
+    states_so_far: dict[str, dict[int, SteadyState]] = {}
+    answer_of_state: dict[int, Answer] = {}
 
-    def answer(place, state):
+    def answer(place: int, state: SteadyState) -> Answer:
         # A speed that does the same upwards and downwards has one state and one answer.
-        if id(state) not in made:
-            both = with_gaps(linear[place]), asked.orbit, closed[place]
-            made[id(state)] = Answer(train, state, *both, *_stability_of(state))
-        return made[id(state)]
+        if id(state) not in answer_of_state:
+            stability, undecided = _stability_of(state)
+            answer_of_state[id(state)] = Answer(
+                train,
+                state,
+                with_gaps(linear[place]),
+                options.orbit,
+                closed[place],
+                stability,
+                undecided,
+            )
+        return answer_of_state[id(state)]
 
-    def tell(states, way):
-        known.setdefault(way, {}).update(states)
-        if told:
-            told(
+    def note(states: dict[int, SteadyState], way: str) -> None:
+        states_so_far.setdefault(way, {}).update(states)
+        if on_answers:
+            on_answers(
                 {
-                    one: [answer(place, own[place]) for place in sorted(own)]
-                    for one, own in known.items()
+                    way: [answer(place, states[place]) for place in sorted(states)]
+                    for way, states in states_so_far.items()
                 }
             )
 
-    if asked.orbit:
+    states_by_way: Mapping[str, Sequence[SteadyState]]
+    if options.orbit:
         say(f"solving for periodic motions at {about}")
-        given = {**asked.accuracy, **(kept or {}), "progress": progress}
-        found = {
-            "orbit": orbit_states(
-                train, rpm, **given, on_states=lambda states: tell(states, "orbit")
-            )
-        }
+        orbits = orbit_states(
+            train,
+            speeds,
+            harmonics=options.harmonics,
+            tolerance=options.tolerance,
+            out=out,
+            chunk=chunk,
+            progress=progress,
+            on_states=lambda states: note(states, "orbit"),
+        )
+        states_by_way = {"orbit": orbits}
     elif linear[0].status == Status.UNBALANCED:
         # The train gains speed, whatever its vibration: its linear motion tells that
         # there is no steady one.
-        states = [
+        unbalanced = [
             dataclasses.replace(orbit_state(linear[place]), response=None)
-            for place in range(len(rpm))
+            for place in range(len(speeds))
         ]
-        found = dict.fromkeys(WAYS.get(direction, [direction]), states)
+        states_by_way = dict.fromkeys(WAYS.get(direction, [direction]), unbalanced)
+    elif start is not None:
+        say(f"marching until the motion settles at {about}")
+        state = steady_state(
+            train,
+            rpm=speeds[0],
+            start=start,
+            harmonics=options.harmonics,
+            tolerance=options.tolerance,
+            out=out,
+            chunk=chunk,
+            progress=progress,
+            on_states=note,
+        )
+        states_by_way = {direction: [state]}
     else:
         say(f"marching until the motion settles at {about}")
-        given = {
-            **asked.accuracy,
-            **(kept or {}),
-            "progress": progress,
-            "on_states": tell,
+        sweeps = steady_state(
+            train,
+            rpm=speeds,
+            direction=direction,
+            harmonics=options.harmonics,
+            tolerance=options.tolerance,
+            out=out,
+            chunk=chunk,
+            progress=progress,
+            on_states=note,
+        )
+        states_by_way = {
+            sweep.direction: sweep.states
+            for sweep in (sweeps if isinstance(sweeps, tuple) else (sweeps,))
         }
-        if start is not None:
-            found = {direction: [steady_state(train, rpm=rpm[0], start=start, **given)]}
-        else:
-            sweeps = steady_state(train, rpm=rpm, direction=direction, **given)
-            found = {
-                one.direction: one.states
-                for one in (sweeps if direction == "both" else [sweeps])
-            }
     say(f"is the motion stable at {about}?")
     return {
         way: [answer(place, state) for place, state in enumerate(states)]
-        for way, states in found.items()
+        for way, states in states_by_way.items()
     }
 
 
-def _closed_states(train, rpm, asked, direction, say):
-    """What the train does with the gaps of its meshes closed, a SteadyState for every
-    speed; None for all where that is the linear motion, or where there is no gap.
+def _closed_states(
+    train: DriveTrain,
+    rpm: np.ndarray,
+    options: Asked,
+    direction: Literal["up", "down"],
+    say: Callable[[str], None],
+) -> list[SteadyState | None]:
+    """Compute a SteadyState for every speed with the gaps of meshes closed; None for
+    all where that is the linear motion, or where there is no gap.
     """
     if train.topology.linear_in_contact or not any(train.topology.mesh_backlash):
         return [None] * len(rpm)
     say("the same with the gaps of meshes closed")
     closed = in_contact(train)
-    if asked.orbit:
-        return orbit_states(closed, rpm, **asked.accuracy)
-    return list(
-        steady_state(closed, rpm=rpm, direction=direction, **asked.accuracy).states
+    if options.orbit:
+        return orbit_states(
+            closed, rpm, harmonics=options.harmonics, tolerance=options.tolerance
+        )
+    sweep = steady_state(
+        closed,
+        rpm=rpm,
+        direction=direction,
+        harmonics=options.harmonics,
+        tolerance=options.tolerance,
     )
+    return list(sweep.states)
 
 
-def _stability_of(state):
-    """The Stability of a steady state or orbit; None where it is not decided, and the
+def _stability_of(state: SteadyState) -> tuple[Stability | None, str]:
+    """The Stability of a steady state or orbit, None where it is not decided; and the
     sentence that says why.
     """
     if state.response is None or not state.known:
         return None, ""
-    _, found, refused = (
-        (True, state.stability, "")
-        if state.stability is not None
-        else attracts(state.response)
-    )
-    return found, "" if state.linear else refused
+    if state.stability is not None:
+        return cast(Stability, state.stability), ""
+    _, stability, refusal = attracts(state.response)
+    return stability, "" if state.linear else refusal
 
 
 def answer_values(
-    train,
-    rpm,
-    axis,
-    values,
-    asked,
+    train: DriveTrain,
+    rpm: float,
+    axis: Axis,
+    values: Sequence[float],
+    options: Asked,
     *,
-    direction="up",
-    kept=None,
-    progress=None,
-    told=None,
-):
-    """Answers at one speed for many ``values`` of an :class:`Axis`, each from the
-    motion of its neighbour.
+    direction: Direction = "up",
+    out: Path | None = None,
+    chunk: int | None = None,
+    progress: Callable[[int], object] | None = None,
+    on_answers: Callable[[Answers], object] | None = None,
+) -> Answers:
+    """Compute answers at one speed for many ``values`` of an :class:`Axis`, each from
+    the motion of its neighbour.
+
+    Arguments are those of :func:`answer_speeds`; values are computed one by one,
+    whatever the ``chunk``.
     """
     order = np.argsort(values, kind="stable")
-    found = {}
+    answers_by_way: dict[str, dict[int, Answer]] = {}
 
-    def in_order():
+    def in_order() -> Answers:
         return {
-            way: [own[place] for place in sorted(own)] for way, own in found.items()
+            way: [answers[place] for place in sorted(answers)]
+            for way, answers in answers_by_way.items()
         }
 
-    for way in ["orbit"] if asked.orbit else WAYS.get(direction, [direction]):
-        own, start = found.setdefault(way, {}), None
+    for way in ["orbit"] if options.orbit else WAYS.get(direction, [direction]):
+        answers = answers_by_way.setdefault(way, {})
+        start = None
         for place in order[::-1] if way == "down" else order:
             changed = train.replace({axis.name: values[place]})
             value = float(values[place])
-            folder = (
-                {"out": kept["out"] / f"{way} {place}"} if kept and kept["out"] else {}
-            )
-            answer = answer_one(changed, rpm, asked, start=start, kept=folder)
-            own[int(place)] = dataclasses.replace(answer, axis=axis, value=value)
+            folder = out / f"{way} {place}" if out else None
+            answer = answer_one(changed, rpm, options, start=start, out=folder)
+            answers[int(place)] = dataclasses.replace(answer, axis=axis, value=value)
             # A motion that is not known is nothing to start from.
             start = answer.state if answer.state.motion is not None else None
-            progress and progress(1)
-            if told:
-                told(in_order())
+            if progress:
+                progress(1)
+            if on_answers:
+                on_answers(in_order())
     return in_order()
 
 
 def solve_cases(
-    trains,
-    speeds,
-    asked,
+    trains: Mapping[str, DriveTrain],
+    speeds: Sequence[float],
+    options: Asked,
     *,
-    folder=None,
-    say=lambda text: None,
-    advance=lambda count: None,
-):
-    """A :class:`Case` of every train of ``{title: train}`` at every speed upwards;
-    states are kept in a ``folder``.
+    folder: Path | None = None,
+    say: Callable[[str], None] = lambda text: None,
+    advance: Callable[[int], object] = lambda count: None,
+) -> list[Case]:
+    """Compute a :class:`Case` of every train of ``{title: train}`` at every speed
+    upwards; states are stored in a ``folder``.
     """
     cases = []
     for place, (title, train) in enumerate(trains.items()):
-        how = {"kept": {"out": folder / str(place), "chunk": 1}} if folder else {}
-        how |= {
-            "progress": advance,
-            "say": lambda text, title=title: say(f"{text} ({title})"),
-        }
-        (answers,) = answer_speeds(train, speeds, asked, **how).values()
+
+        def say_with_title(text: str, title: str = title) -> None:
+            say(f"{text} ({title})")
+
+        (answers,) = answer_speeds(
+            train,
+            speeds,
+            options,
+            out=folder / str(place) if folder else None,
+            chunk=1 if folder else None,
+            progress=advance,
+            say=say_with_title,
+        ).values()
         cases.append(Case(title, answers))
     return cases
 
 
-def certificate_of(answer, say=lambda text: None):
-    """The :class:`jaxhb.Certificate` of an answer's harmonic solution; a sentence where
-    there can be none.
+def certificate_of(
+    answer: Answer, say: Callable[[str], None] = lambda text: None
+) -> Certificate | str:
+    """Compute the :class:`jaxhb.Certificate` of an answer's harmonic solution; a
+    sentence where there can be none.
     """
-    if answer.response is None and answer.known:
+    if not answer.known:
+        return "There is no solution."
+    if answer.response is None:
         why = (
             f"The motion is {UNCONFIRMED}"
             if answer.unconfirmed
@@ -260,8 +333,6 @@ def certificate_of(answer, say=lambda text: None):
         return (
             f"{why}: a computed bound needs a harmonic solution (--orbit asks for one)."
         )
-    if not answer.known:
-        return "There is no solution."
     say(f"{answer.rpm:g} rpm: how far off can it be?")
     try:
         return certify(answer.response)
@@ -269,51 +340,67 @@ def certificate_of(answer, say=lambda text: None):
         return str(refusal)
 
 
-def check_spread(spread, say=lambda text: None):
-    """What trains do where a Spread found its worst cases: kinds of motion of the train
-    as it is, ``nominal``, and in the ``worst`` case of each speed and quantity, ""
-    where there is none; ``differences``, a sentence for each that is neither in contact
-    nor periodic, or more than 2 % from what was found.
+def check_spread(
+    spread: Spread, say: Callable[[str], None] = lambda text: None
+) -> dict[str, list]:
+    """Compute the steady states of trains where a Spread found its worst cases.
+
+    Returns kinds of motion of the train as it is, ``nominal``, and in the ``worst``
+    case of each speed and quantity, "" where there is none; ``differences``, a sentence
+    for each that is neither in contact nor periodic, or more than 2 % from the response
+    of the Spread.
     """
     train = spread.train
     solved = np.isfinite(spread.nominal)
     say("what does the train do as it is?")
     kinds = [state.kind for state in steady_state(train, rpm=spread.rpm).states]
     worst = []
-    told = []
+    differences = []
     for i, rpm in enumerate(spread.rpm):
         worst.append([])
-        for j, one in enumerate(spread.of):
+        for j, objective in enumerate(spread.of):
             if not solved[i, j]:
                 worst[-1].append("")
                 continue
             say(f"{rpm:g} rpm: what does the train do in its worst cases?")
             design = train.replace(spread.values(i, j))
-            own = QUANTITIES[one.quantity]
+            quantity = QUANTITIES[objective.quantity]
             state = steady_state(design, rpm=float(rpm))
             worst[-1].append(state.kind)
             value = (
-                float(own.exact_value(state, one.of, one.order, design))
-                if state.known and own.compared
+                float(
+                    quantity.exact_value(state, objective.of, objective.order, design)
+                )
+                if state.known and quantity.compared
                 else np.nan
             )
-            said = difference(state, {one: (value, float(spread.worst[i, j]))})
-            told += (
-                [f"In the worst case of {label(one)} the train {said}"] if said else []
+            sentence = difference(
+                state, {objective: (value, float(spread.worst[i, j]))}
             )
-    return {"nominal": kinds, "worst": worst, "differences": told}
+            if sentence:
+                differences.append(
+                    f"In the worst case of {label(objective)} the train {sentence}"
+                )
+    return {"nominal": kinds, "worst": worst, "differences": differences}
 
 
-def check_designs(train, asked, result, say=lambda text: None):
-    """What the first and the last design of a Tuning do at its speeds: motions,
-    ``readings`` that can be compared, and ``differences``, a sentence for each speed at
-    which the motion is neither in contact nor periodic, or a quantity is more than 2 %
-    from that of the orbit tuned. ``train`` is as it was, ``asked`` as of
-    :func:`jaxhb.design.table.read_table`.
+def check_designs(
+    train: DriveTrain,
+    table: Mapping[str, Any],
+    result: Tuning,
+    say: Callable[[str], None] = lambda text: None,
+) -> dict[str, dict[str, Any]]:
+    """Compute the steady states of the first and the last design of a Tuning at its
+    speeds.
+
+    Returns by "before" and "after" motions, ``readings`` that can be compared, and
+    ``differences``, a sentence for each speed at which the motion is neither in contact
+    nor periodic, or a quantity is more than 2 % from that of the orbit tuned. ``train``
+    is the first design, ``table`` as of :func:`jaxhb.design.table.read_table`.
     """
-    found = {}
-    chosen = [*asked["objective"], *asked["penalties"]]
-    compared = {c: QUANTITIES[c.quantity] for c in chosen if c.quantity in QUANTITIES}
+    checked = {}
+    chosen = [*table["objective"], *table["penalties"]]
+    quantities = {c: QUANTITIES[c.quantity] for c in chosen if c.quantity in QUANTITIES}
     designs = {
         "before": ("first", train, result.before),
         "after": ("last", result.train, result.after),
@@ -321,36 +408,36 @@ def check_designs(train, asked, result, say=lambda text: None):
     for when, (which, design, tuned) in designs.items():
         say(f"what does the {which} design do?")
         states = steady_state(
-            design, rpm=np.asarray(asked["rpm"]), tolerance=asked.get("tolerance")
+            design, rpm=np.asarray(table["rpm"]), tolerance=table.get("tolerance")
         ).states
-        told = {
+        readings = {
             c: [
                 (
-                    float(own.exact_value(state, c.of, c.order, design))
+                    float(quantity.exact_value(state, c.of, c.order, design))
                     if state.known
                     else np.nan
                 )
                 for state in states
             ]
-            for c, own in compared.items()
-            if own.compared
+            for c, quantity in quantities.items()
+            if quantity.compared
         }
         differences = (
             difference(
                 state,
                 {
-                    c: (own[i], float(tuned.readings[label(c)][i]))
-                    for c, own in told.items()
+                    c: (values[i], float(tuned.readings[label(c)][i]))
+                    for c, values in readings.items()
                 },
             )
             for i, state in enumerate(states)
         )
-        found[when] = {
+        checked[when] = {
             "kind": [state.kind for state in states],
             "period": [state.period for state in states],
-            "readings": {label(chosen): values for chosen, values in told.items()},
+            "readings": {label(c): values for c, values in readings.items()},
             "differences": [
-                f"The {which} design {one}" for one in filter(None, differences)
+                f"The {which} design {sentence}" for sentence in differences if sentence
             ],
         }
-    return found
+    return checked

@@ -2,12 +2,14 @@
 that makes it, as 4 of a propeller behind a reduction of 5, which is order 0.8.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.topology import Topology
 
 # Difference of a speed ratio from 1 up to which a rotor turns as the reference rotor
 SAME = 1e-9
@@ -15,15 +17,15 @@ SAME = 1e-9
 
 @dataclass(frozen=True)
 class OrderNames:
-    """What orders are called: ``makers`` has by harmonic of the cycle the own order of
-    a geared rotor and its disk.
+    """Names of orders: ``makers`` has by harmonic of the cycle the order in revolutions
+    of the geared rotor that makes it, and its disk, ``"4 of propeller"``.
     """
 
     revolutions_per_cycle: float
     makers: dict[int, str]
 
     def number(self, order: float) -> str:
-        """The order of the reference rotor, and of whom it is: ``"0.8 (4 of
+        """Name an order of the reference rotor, and who makes it: ``"0.8 (4 of
         propeller)"``.
         """
         maker = self.makers.get(round(order * self.revolutions_per_cycle))
@@ -35,27 +37,28 @@ NUMBERS = OrderNames(1.0, {})
 
 
 def order_names(train: DriveTrain) -> OrderNames:
-    """The names of the orders that excite a train; those that the reference rotor makes
-    as well are its own.
+    """Name the orders that excite a train; those that the reference rotor makes as well
+    have their numbers alone.
     """
     topology = train.topology
     cycle = train.topology.revolutions_per_cycle
     ratios = np.asarray(speed_ratios(train))[np.array(topology.rotor, dtype=int)]
     by_reference = set()
-    makers = {}
+    makers: dict[int, dict[str, None]] = {}
     for disk, harmonics, of_own_rotor in _sources(topology):
         if not of_own_rotor or abs(ratios[disk] - 1) <= SAME:
             by_reference.update(harmonics)
             continue
         for n in harmonics:
-            makers.setdefault(n, {})[
-                f"{n / cycle / ratios[disk]:.6g} of {topology.disk_names[disk]}"
-            ] = None
-    told = {n: ", ".join(found) for n, found in makers.items() if n not in by_reference}
-    return OrderNames(cycle, told)
+            maker = f"{n / cycle / ratios[disk]:.6g} of {topology.disk_names[disk]}"
+            makers.setdefault(n, {})[maker] = None
+    by_geared_rotor = {
+        n: ", ".join(names) for n, names in makers.items() if n not in by_reference
+    }
+    return OrderNames(cycle, by_geared_rotor)
 
 
-def _sources(topology):
+def _sources(topology: Topology) -> Iterator[tuple[int, Sequence[int], bool]]:
     """Disk, harmonics of the cycle, and whether they are orders of the disk's own
     rotor, of all that excites.
     """

@@ -1,10 +1,20 @@
-"""Which elements of a train are shown: gears, shafts, and those that work hardest."""
+"""Elements of a train to show: gears, shafts, and those that work hardest."""
+
+from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxhb._jax import Number
+from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.firing import is_cut_off
+from jaxhb.train.topology import Topology
+
+if TYPE_CHECKING:
+    from jaxhb.report.answer import Answer
 
 NOT_FIRING = " not firing"
 CUT_OFF = " cut off"
@@ -12,9 +22,9 @@ ALL_FIRING = "all cylinders firing"
 AS_GIVEN = "the scene as given"
 
 
-def case_title(train, cylinder=""):
-    """What the train is called as it runs, or as one in which this cylinder does not
-    fire or is cut off.
+def case_title(train: DriveTrain, cylinder: str = "") -> str:
+    """Name a train as it runs, or as one in which this cylinder does not fire or is cut
+    off.
     """
     if cylinder:
         return f"{cylinder}{CUT_OFF if is_cut_off(train, cylinder) else NOT_FIRING}"
@@ -24,42 +34,44 @@ def case_title(train, cylinder=""):
     )
 
 
-def idle_title(topology):
-    """The cylinders that do not fire, "" where all do: ``cylinder 2 not firing,
+def idle_title(topology: Topology) -> str:
+    """Name the cylinders that do not fire, "" where all do: ``cylinder 2 not firing,
     cylinder 4 cut off``.
     """
-    each = zip(
+    cylinders = zip(
         topology.cylinder_names,
         topology.cylinder_fires,
         topology.cylinder_cut_off,
         strict=True,
     )
-    idle = {NOT_FIRING: [], CUT_OFF: []}
-    for name, fires, cut in each:
-        if cut or not fires:
-            idle[CUT_OFF if cut else NOT_FIRING].append(name)
-    return ", ".join(f"{', '.join(names)}{how}" for how, names in idle.items() if names)
+    idle: dict[str, list[str]] = {NOT_FIRING: [], CUT_OFF: []}
+    for name, fires, cut_off in cylinders:
+        if cut_off or not fires:
+            idle[CUT_OFF if cut_off else NOT_FIRING].append(name)
+    return ", ".join(
+        f"{', '.join(names)}{fault}" for fault, names in idle.items() if names
+    )
 
 
-def misfiring(title):
+def misfiring(title: str) -> bool:
     """Tell whether a title is that of a case in which some cylinder does not fire or is
     cut off.
     """
     return title.endswith((NOT_FIRING, CUT_OFF))
 
 
-def cylinder_of(title):
-    """The cylinder of such a title."""
+def cylinder_of(title: str) -> str:
+    """Return the cylinder of such a title."""
     return title.removesuffix(NOT_FIRING).removesuffix(CUT_OFF)
 
 
-def train_name(topology):
-    """The name of the train, with the cylinders that do not fire."""
+def train_name(topology: Topology) -> str:
+    """Name the train, with the cylinders that do not fire."""
     return ", ".join(filter(None, [topology.title, idle_title(topology)]))
 
 
-def meshes_of(topology, gear):
-    """Names of the meshes of a gear."""
+def meshes_of(topology: Topology, gear: str) -> tuple[str, ...]:
+    """Return the names of the meshes of a gear."""
     disk = topology.disk_index(gear)
     return tuple(
         name
@@ -68,17 +80,16 @@ def meshes_of(topology, gear):
     )
 
 
-def largest(names, value):
-    """The name with the largest value; None where none is a number."""
-    known = {
-        name: number for name in names if not math.isnan(number := float(value(name)))
-    }
-    return max(known, key=known.get, default=None)
+def largest(names: Iterable[str], value: Callable[[str], Number]) -> str | None:
+    """Find the name with the largest value; None where none is a number."""
+    numbers = {name: float(value(name)) for name in names}
+    known_names = [name for name in names if not math.isnan(numbers[name])]
+    return max(known_names, key=lambda name: numbers[name], default=None)
 
 
-def most_apart(answer):
-    """The mesh that is apart for the largest share of the time; None where all stay in
-    contact or nothing is known.
+def most_apart(answer: Answer) -> str | None:
+    """Find the mesh that is apart for the largest share of the time; None where all
+    stay in contact or nothing is known.
     """
     name = largest(
         answer.topology.mesh_names,
@@ -89,9 +100,9 @@ def most_apart(answer):
     )
 
 
-def hardest_shaft(answers):
-    """The shaft or damper whose torque has the largest half peak-to-peak in any answer;
-    None without.
+def hardest_shaft(answers: Sequence[Answer]) -> str | None:
+    """Find the shaft or damper whose torque has the largest half peak-to-peak in any
+    answer; None without.
     """
     certain = [answer for answer in answers if answer.answered] or [
         answer for answer in answers if answer.known
@@ -100,48 +111,50 @@ def hardest_shaft(answers):
     return largest(
         links,
         lambda name: max(
-            (one.torque(name).half_peak_to_peak for one in certain), default=0.0
+            (answer.torque(name).half_peak_to_peak for answer in certain), default=0.0
         ),
     )
 
 
-def heaviest(train):
-    """The disk of the reference rotor with the largest inertia, its flywheel."""
+def heaviest(train: DriveTrain) -> str:
+    """Find the disk of the reference rotor with the largest inertia, its flywheel."""
     topology = train.topology
     inertia = np.asarray(train.disks.inertia)
-    own = [
+    disks = [
         i
         for i in range(topology.n_scene_disks)
         if topology.rotor[i] == topology.reference_rotor
     ]
-    return topology.disk_names[max(own, key=lambda i: inertia[i])]
+    return topology.disk_names[max(disks, key=lambda i: inertia[i])]
 
 
-def turning_disks(train):
-    """Disks whose irregularity is told: the heaviest of the reference rotor, the gears,
-    and those with a load.
+def turning_disks(train: DriveTrain) -> tuple[str, ...]:
+    """Return the disks whose irregularity is reported: the heaviest of the reference
+    rotor, the gears, and those with a load.
     """
     topology = train.topology
     loaded = [topology.disk_names[disk] for disk in topology.load_disk]
     return tuple(dict.fromkeys([heaviest(train), *topology.gear_names, *loaded]))
 
 
-def subject_of(answer, gear=None):
-    """What is shown over the cycle, and its meshes: a gear, by default of the gears of
-    the reference rotor (of all, if it has none) the one whose torque swings most;
-    without gears the shaft or damper of which that is true, or None.
+def subject_of(
+    answer: Answer, gear: str | None = None
+) -> tuple[str | None, tuple[str, ...]]:
+    """Choose the element to show over the cycle, and its meshes: a gear, by default of
+    the gears of the reference rotor (of all, if it has none) the one whose torque
+    swings most; without gears the shaft or damper whose torque swings most, or None.
     """
     topology = answer.topology
-    swinging = answer if answer.known else answer.without_backlash
-    near = [
+    motion = answer if answer.known else answer.without_backlash
+    gears: Sequence[str] = [
         gear
         for gear in topology.gear_names
         if topology.rotor[topology.disk_index(gear)] == topology.reference_rotor
     ]
-    near = near or topology.gear_names
+    gears = gears or topology.gear_names
     gear = (
         gear
-        or largest(near, lambda name: swinging.gear_torque(name).half_peak_to_peak)
-        or next(iter(near), None)
+        or largest(gears, lambda name: motion.gear_torque(name).half_peak_to_peak)
+        or next(iter(gears), None)
     )
     return (gear, meshes_of(topology, gear)) if gear else (hardest_shaft([answer]), ())

@@ -1,16 +1,22 @@
 """Figures of a cycle, of a record and of a tuning."""
 
+from __future__ import annotations
+
 import itertools
 import math
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxhb.design.quantities import label
+from jaxhb.design.quantities import Objective, label
 from jaxhb.equations import fourier
 from jaxhb.equations.backlash import separated
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import (
+    Figure,
+    Trace,
     above,
     bands,
     bars,
@@ -23,12 +29,20 @@ from jaxhb.report.figures.figure import (
     spread_bars,
     top_of,
 )
-from jaxhb.report.quantities import forces, gear_torques, shaft_torques
+from jaxhb.report.quantities import Quantity, forces, gear_torques, shaft_torques
 from jaxhb.report.selection import meshes_of, subject_of, train_name
 from jaxhb.report.text.columns import plain_number
 from jaxhb.report.text.sentences import motion_text
 from jaxhb.report.text.tuned import scaled_unit
 from jaxhb.results.record import PERCENT
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
+
+    from jaxhb.design.tuning import Tuning
+    from jaxhb.report.answer import Answer
+    from jaxhb.results.record import SteadySignal
+    from jaxhb.train.drivetrain import DriveTrain
 
 SAMPLES = 4320
 
@@ -39,9 +53,9 @@ FOOT = 0.012  # width of a bar, as a share of the recorded cycles
 SPIKES = 3
 
 
-def plot_cycle(answer, gear=None):
-    """Torque on a gear over the period of the motion, with and without backlash; below
-    it the forces of its meshes.
+def plot_cycle(answer: Answer, gear: str | None = None) -> Picture:
+    """Draw the torque on a gear over the period of the motion, with and without
+    backlash; below it the forces of its meshes.
 
     Shaded where a mesh of the gear is in the gap. A motion of several cycles is drawn
     with all of them; one that never repeats by the extremes of every recorded cycle,
@@ -56,21 +70,16 @@ def plot_cycle(answer, gear=None):
     )
     doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
     subject, meshes = subject_of(answer, gear)
+    assert subject is not None  # trains without torques are refused before
     torque = _torque_of(answer.train, subject)
     swings = [
         plain_number(float(torque.read(motion, subject)))
         for motion in (answer, answer.without_backlash)
     ]
-    said = f" {swings[0]} N m" if answer.known else ""
-    said += f" (without backlash {swings[1]}), and tooth forces" if meshes else ","
-    figures = [
-        cycle_figure(
-            answer,
-            subject,
-            meshes,
-            f"Torque of {plain(subject)}, half peak-to-peak{said}",
-        )
-    ]
+    values = f" {swings[0]} N m" if answer.known else ""
+    values += f" (without backlash {swings[1]}), and tooth forces" if meshes else ","
+    caption = f"Torque of {plain(subject)}, half peak-to-peak{values}"
+    figures = [cycle_figure(answer, subject, meshes, caption)]
     figures += [_peaks(answer, meshes)] if meshes and answer.recorded else []
     return drawn(
         *figures,
@@ -78,8 +87,8 @@ def plot_cycle(answer, gear=None):
     )
 
 
-def _torque_of(train, subject):
-    """The quantity that is the torque of a gear, or of a shaft or damper."""
+def _torque_of(train: DriveTrain, subject: str) -> Quantity:
+    """Return the quantity that is the torque of a gear, or of a shaft or damper."""
     return (
         gear_torques(train)
         if subject in train.topology.gear_names
@@ -87,97 +96,101 @@ def _torque_of(train, subject):
     )
 
 
-def cycle_figure(answer, subject, meshes, caption):
-    """Torque of a gear and forces of meshes, or torque of a shaft, over the period, or
-    cycle by cycle where the motion never repeats.
+def cycle_figure(
+    answer: Answer, subject: str, meshes: Sequence[str], caption: str
+) -> Figure:
+    """Make the figure of the torque of a gear and forces of meshes, or of the torque of
+    a shaft, over the period, or cycle by cycle where the motion never repeats.
     """
     rows = [
         (_torque_of(answer.train, subject), subject),
         *((forces(answer.train), name) for name in meshes),
     ]
-    said, title, end, traces, shapes = (_record if answer.recorded else _period)(
-        answer, rows
-    )
+    curves = _record if answer.recorded else _period
+    remark, x_title, end, traces, shapes = curves(answer, rows)
     panels = [(f"{quantity.called}, {quantity.unit}", None) for quantity, _ in rows]
-    more = {"x_range": (0.0, end), "height": PANEL, "shapes": shapes}
-    notes = [above(plain(name), panel) for panel, (_, name) in enumerate(rows)]
-    made = figure(f"{caption}{said}", title, panels, traces, annotations=notes, **more)
-    made.layout["legend"] |= {
-        "x": 1,
-        "xanchor": "right",
-    }  # beside the name of the first panel
+    spec = figure(
+        f"{caption}{remark}",
+        x_title,
+        panels,
+        traces,
+        annotations=[above(plain(name), panel) for panel, (_, name) in enumerate(rows)],
+        x_range=(0.0, end),
+        height=PANEL,
+        shapes=shapes,
+    )
+    # The legend stands beside the name of the first panel.
+    spec.layout["legend"] |= {"x": 1, "xanchor": "right"}
     if not answer.recorded and end > answer.cycle_deg:
         cycles = math.ceil(end / answer.cycle_deg / MOST_TICKS)
-        made.layout["xaxis"] |= {
+        spec.layout["xaxis"] |= {
             "dtick": answer.cycle_deg * cycles,
             "gridcolor": "black",
         }
     elif not answer.recorded and answer.cycle_deg % 90 == 0:
-        made.layout["xaxis"] |= {
+        spec.layout["xaxis"] |= {
             "dtick": next(step for step in _quarters() if end <= MOST_TICKS * step)
         }
-    return made
+    return spec
 
 
-def _quarters():
-    """Steps of an axis of angles: a quarter of a revolution and so many times it that
-    whole revolutions are met.
+def _quarters() -> Iterator[int]:
+    """Yield steps of an axis of angles: a quarter of a revolution, times powers of 2 so
+    that whole revolutions are met.
     """
     return (90 * 2**k for k in itertools.count())
 
 
-def _period(answer, rows):
-    """Signals over the period of the motion, with and without backlash; grey where the
-    teeth are apart.
+Curves = tuple[str, str, float, list[Trace], Sequence[dict[str, Any]]]
+"""Remark in the caption, title and end of the axis, traces and shapes."""
+
+
+def _period(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
+    """Draw signals over the period of the motion, with and without backlash; grey where
+    the teeth are apart.
     """
     backlash = any(answer.topology.mesh_backlash)
     traces = []
     shapes = []
-    beside = answer.without_backlash
+    without = answer.without_backlash
     # A motion that never repeats has no samples, one that is not known nothing at all.
-    compared = (backlash or not answer.known) and beside.known and not beside.recorded
-    motions = [(answer, 0)] * answer.known + [(beside, 1)] * compared
+    compared = (backlash or not answer.known) and without.known and not without.recorded
+    motions = [(answer, 0)] * answer.known + [(without, 1)] * compared
     periods = math.lcm(*(max(motion.state.period, 1) for motion, _ in motions))
     step = max(1, periods // SPIKES)
     end = answer.cycle_deg * periods
     for panel, (quantity, name) in enumerate(rows):
         for motion, style in motions:
-            said = (
-                "without backlash"
-                if style
-                else "with backlash"
-                if backlash
-                else plain(name)
-            )
+            if style:
+                words = "without backlash"
+            else:
+                words = "with backlash" if backlash else plain(name)
             signal = quantity.signal_for_people(answer, motion, name)
             values = quantity.factor * _repeated(motion, signal, periods)[::step]
-            more = {
-                "panel": panel,
-                "showlegend": backlash and not panel,
-                "look": {"width": 1.1},
-            }
             # Equal steps: a start and a step in place of all angles keep the page
             # small.
-            traces.append(
-                line(
-                    [],
-                    values,
-                    said,
-                    style,
-                    x0=0.0,
-                    dx=end / (SAMPLES * periods) * step,
-                    **more,
-                )
+            trace = line(
+                [],
+                values,
+                words,
+                style,
+                x0=0.0,
+                dx=end / (SAMPLES * periods) * step,
+                panel=panel,
+                showlegend=backlash and not panel,
+                look={"width": 1.1},
             )
-            del traces[-1]["x"]
-        meshes = {"gear": meshes_of, "mesh": lambda _, mesh: (mesh,)}.get(
-            quantity.element, lambda *_: ()
-        )
-        own = meshes(answer.topology, name) if answer.known else ()
+            del trace["x"]
+            traces.append(trace)
+        meshes: Sequence[str] = ()
+        if answer.known and quantity.element == "gear":
+            meshes = meshes_of(answer.topology, name)
+        elif answer.known and quantity.element == "mesh":
+            meshes = (name,)
         times = periods // max(answer.state.period, 1)
         apart = [
             np.tile(in_the_gap(answer, mesh, SAMPLES * periods // times), times)
-            for mesh in own
+            for mesh in meshes
         ]
         if apart:
             steps = np.flatnonzero(
@@ -189,26 +202,24 @@ def _period(answer, rows):
         if answer.topology.cylinder_names
         else ""
     )
-    said = " over the period" + (
-        ", without backlash alone" if compared and not answer.known else ""
-    )
-    said += "; grey: its teeth are apart" if shapes else ""
-    return said, f"angle of the reference rotor, deg{zero}", end, traces, shapes
+    remark = " over the period"
+    remark += ", without backlash alone" if compared and not answer.known else ""
+    remark += "; grey: its teeth are apart" if shapes else ""
+    return remark, f"angle of the reference rotor, deg{zero}", end, traces, shapes
 
 
-def _record(answer, rows):
-    """A motion that never repeats: extremes of every recorded cycle, and those without
-    backlash.
+def _record(answer: Answer, rows: Sequence[tuple[Quantity, str]]) -> Curves:
+    """Draw a motion that never repeats: extremes of every recorded cycle, and those
+    without backlash.
     """
     traces = []
     for panel, (quantity, name) in enumerate(rows):
-        after, before = (
-            quantity.signal_for_people(answer, one, name)
-            for one in (answer, answer.without_backlash)
-        )
+        after = quantity.signal_for_people(answer, answer, name)
+        before = quantity.signal_for_people(answer, answer.without_backlash, name)
         factor = quantity.factor
-        cycles = np.arange(1, len(after.highest) + 1)
-        more = {"panel": panel, "showlegend": not panel}
+        count = len(after.highest)
+        cycles = np.arange(1, count + 1)
+        in_legend = not panel
         traces.append(
             marks(
                 cycles,
@@ -216,7 +227,8 @@ def _record(answer, rows):
                 "largest of a cycle",
                 "triangle-up",
                 size=5,
-                **more,
+                panel=panel,
+                showlegend=in_legend,
             )
         )
         traces.append(
@@ -226,51 +238,70 @@ def _record(answer, rows):
                 "smallest of a cycle",
                 "triangle-down-open",
                 size=5,
-                **more,
+                panel=panel,
+                showlegend=in_legend,
             )
         )
-        of_cycles = f"{', '.join(map(str, PERCENT))} % of the cycles"
-        levels = (
-            (of_cycles, np.ravel([after.per_cycle.max, after.per_cycle.min]), 0.8),
+        percentiles = f"{', '.join(map(str, PERCENT))} % of the cycles"
+        levels: Sequence[tuple[str, Sequence[float] | np.ndarray, float]] = (
+            (percentiles, np.ravel([after.per_cycle.max, after.per_cycle.min]), 0.8),
             ("without backlash", (before.max, before.min), 1.6),
         )
-        for style, (said, values, width) in enumerate(levels):
-            x = np.tile([1, len(cycles), np.nan], len(values))
-            y = np.repeat(factor * np.array(values, float), 3)
-            traces.append(line(x, y, said, style, look={"width": width}, **more))
-        extremes = np.array([after.max, after.min])
-        spread = np.array([after.spread.max, after.spread.min])
-        at = np.array([np.argmax(after.highest), np.argmin(after.lowest)]) + 1
+        for style, (words, values, width) in enumerate(levels):
+            traces.append(
+                line(
+                    np.tile([1, count, np.nan], len(values)),
+                    np.repeat(factor * np.array(values, float), 3),
+                    words,
+                    style,
+                    look={"width": width},
+                    panel=panel,
+                    showlegend=in_legend,
+                )
+            )
         traces += spread_bars(
-            at, factor * extremes, factor * spread, FOOT * len(cycles), **more
+            np.array([np.argmax(after.highest), np.argmin(after.lowest)]) + 1,
+            factor * np.array([after.max, after.min]),
+            factor * np.array([after.spread.max, after.spread.min]),
+            FOOT * count,
+            panel=panel,
+            showlegend=in_legend,
         )
-    said = ", extremes of every recorded cycle; the motion never repeats"
-    return said, "recorded cycle", len(cycles) + 1.0, traces, ()
+    remark = ", extremes of every recorded cycle; the motion never repeats"
+    return remark, "recorded cycle", count + 1.0, traces, ()
 
 
-def _peaks(answer, names):
-    """Share of the recorded cycles whose largest tooth force stays below a value."""
+def _peaks(answer: Answer, names: Sequence[str]) -> Figure:
+    """Make the figure of the share of the recorded cycles whose largest tooth force
+    stays below a value.
+    """
     quantity = forces(answer.train)
     traces = []
     for number, name in enumerate(names):
         peaks = quantity.factor * np.sort(answer.force(name).peaks)
         shares = 100 * np.arange(1, len(peaks) + 1) / len(peaks)
         traces.append(line(peaks, shares, plain(name), number, look={"shape": "hv"}))
-        before = [quantity.factor * float(answer.without_backlash.force(name).peak)] * 2
-        more = {"look": {"width": 0.8}, "showlegend": not number}
-        traces.append(line(before, [0.0, 100.0], "without backlash", number, **more))
-    caption = "Cycles whose largest tooth force stays below a value"
-    title = "largest tooth force of a cycle"
+        before = quantity.factor * float(answer.without_backlash.force(name).peak)
+        traces.append(
+            line(
+                [before, before],
+                [0.0, 100.0],
+                "without backlash",
+                number,
+                look={"width": 0.8},
+                showlegend=not number,
+            )
+        )
     return figure(
-        caption,
-        f"{title}, {quantity.unit}",
+        "Cycles whose largest tooth force stays below a value",
+        f"largest tooth force of a cycle, {quantity.unit}",
         [("cycles below it, %", (0.0, 103.0))],
         traces,
     )
 
 
-def plot_tuning(objectives, result):
-    """What was made small over the speed, before and after, and the history of the
+def plot_tuning(objectives: Sequence[Objective], result: Tuning) -> Picture:
+    """Draw the objectives over the speed, before and after, and the history of the
     tuning below.
 
     A panel for each objective, with crosses at speeds that were never solved; in the
@@ -284,36 +315,30 @@ def plot_tuning(objectives, result):
         (factor, unit) = scaled_unit(objective.quantity)
         designs = {"before": result.before, "after": result.after}
         traces = []
-        for style, (said, design) in enumerate(designs.items()):
-            checked = result.checked.get(said)  # between the speeds, too
-            rpm, readings = (
-                (checked.rpm, checked.readings)
-                if checked
-                else (result.rpm, design.readings)
-            )
-            traces.append(
-                line(rpm, factor * readings[name], said, style, mode="lines+markers")
-            )
-        said = f"{objective.quantity}, {unit}".removesuffix(", ")
+        for style, (when, design) in enumerate(designs.items()):
+            checked = result.checked.get(when)  # between the speeds, too
+            rpm = checked.rpm if checked else result.rpm
+            readings = checked.readings if checked else design.readings
+            values = factor * readings[name]
+            traces.append(line(rpm, values, when, style, mode="lines+markers"))
+        y_title = f"{objective.quantity}, {unit}".removesuffix(", ")
         traces += crosses(result.rpm[~(result.before.solved | result.after.solved)])
-        figures.append(figure(plain(name), "speed, rpm", said, traces, x_range=axis))
-    steps, values = zip(
-        *((step.number, step.objective) for step in result.history), strict=True
-    )
-    traces = [line(steps, values, "objective", 1, mode="lines+markers")]
-    panels = [("objective", top_of(traces))]
+        figures.append(figure(plain(name), "speed, rpm", y_title, traces, x_range=axis))
+    numbers = [step.number for step in result.history]
+    values = [step.objective for step in result.history]
+    traces = [line(numbers, values, "objective", 1, mode="lines+markers")]
+    low, high = top_of(traces)
     sharper = [
-        one.number + 0.5
-        for one, after in pairwise(result.history)
-        if after.width != one.width
+        step.number + 0.5
+        for step, after in pairwise(result.history)
+        if after.width != step.width
     ]
     if sharper:
-        low, high = np.broadcast_to(panels[0][1], (len(sharper), 2)).T
         traces.append(
             bars(
                 sharper,
-                low,
-                high,
+                [low] * len(sharper),
+                [high] * len(sharper),
                 "smooth maximum sharpened",
                 look={"color": "grey", "dash": "dot"},
             )
@@ -322,24 +347,26 @@ def plot_tuning(objectives, result):
         figure(
             "History of the tuning: the objective, 1 at the start",
             "step",
-            panels,
+            [("objective", (low, high))],
             traces,
         )
     )
     return drawn(*figures, title=result.train.topology.title)
 
 
-def in_the_gap(answer, mesh, count):
-    """Whether the teeth are apart at ``count`` time samples of the period."""
-    apart = separated(
-        answer.response.law.expand(), answer.response.deflection_samples(count)
-    )
+def in_the_gap(answer: Answer, mesh: str, count: int) -> np.ndarray:
+    """Tell whether the teeth are apart at ``count`` time samples of the period
+    ``(count,)``.
+    """
+    response = answer.response
+    assert response is not None  # recorded cycles have no samples
+    apart = separated(response.law.expand(), response.deflection_samples(count))
     return np.asarray(apart)[answer.topology.mesh_names.index(mesh)]
 
 
-def _repeated(answer, signal, cycles):
-    """Samples of a signal over some cycles, as often as its period fits into them, the
-    first again at the end.
+def _repeated(answer: Answer, signal: SteadySignal, cycles: int) -> np.ndarray:
+    """Sample a signal over some cycles, as often as its period fits into them, the
+    first sample again at the end.
     """
     times = round(
         cycles * answer.topology.revolutions_per_cycle / signal.revolutions_per_cycle

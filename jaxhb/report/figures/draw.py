@@ -3,25 +3,31 @@ draws on the page. The only importer of matplotlib, inside functions: it takes l
 import than many commands take; without pyplot.
 """
 
+from __future__ import annotations
+
 import textwrap
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from jaxhb.report.figures.figure import legend_columns
+from jaxhb.report.figures.figure import Figure, Trace, legend_columns
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Picture
 
 PIXELS = 75  # of the page in an inch of the height, as in its width
 POINTS = 0.8  # of a line or marker, for a pixel of the page
-KEYS = {
-    "fontsize": 7.5,
-    "handlelength": 3.8,
-    "handletextpad": 0.6,
-    "columnspacing": 1.3,
-    "labelspacing": 0.3,
-}
-"""Sizes of the legend, in which as many names find room as on the page."""
 LETTERS = 112  # of a line of a caption
-DASHES: dict = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":"}
-DASHES |= {"longdash": (0, (9, 2.5)), "longdashdot": (0, (9, 2, 1.5, 2))}
+DASHES: dict = {
+    "solid": "-",
+    "dash": "--",
+    "dashdot": "-.",
+    "dot": ":",
+    "longdash": (0, (9, 2.5)),
+    "longdashdot": (0, (9, 2, 1.5, 2)),
+}
 MARKERS = {
     "circle": "o",
     "square": "s",
@@ -29,68 +35,66 @@ MARKERS = {
     "star": "*",
     "triangle-down": "v",
     "triangle-up": "^",
-}
-MARKERS |= {
     "cross": "P",
     "x-thin": "x",
     "cross-thin": "+",
     "line-ew": "_",
     "pentagon": "p",
     "hexagon": "h",
+    "triangle-left": "<",
+    "triangle-right": ">",
 }
-MARKERS |= {"triangle-left": "<", "triangle-right": ">"}
 
 
-def empty(width, height, **more):
-    """A picture of so many inches with nothing in it."""
+def empty(
+    width: float, height: float, layout: Literal["constrained"] | None = None
+) -> Picture:
+    """Make an empty picture of so many inches."""
     from matplotlib.figure import Figure as Picture
 
-    return Picture(figsize=(width, height), **more)
+    return Picture(figsize=(width, height), layout=layout)
 
 
-def drawn(*figures, title=""):
-    """A matplotlib figure of specifications one below the other, with axes for every
-    panel from the top.
+def drawn(*figures: Figure, title: str = "") -> Picture:
+    """Draw specifications one below the other by matplotlib, with axes for every panel
+    from the top.
     """
     height = sum(figure.layout["height"] for figure in figures)
     picture = empty(9.0, height / PIXELS, layout="constrained")
     picture.suptitle(_wrapped(title), fontsize="medium")
-    axes = [
+    panels = [
         (figure, name)
         for figure in figures
         for name in figure.layout
         if name.startswith("yaxis")
     ]
     # A panel takes its share of what is between the margins.
-    inside = [
-        own.layout["height"] - own.layout["margin"]["t"] - own.layout["margin"]["b"]
-        for own, _ in axes
-    ]
-    rows = [
-        np.ptp(own.layout[name]["domain"]) * room
-        for (own, name), room in zip(axes, inside, strict=True)
-    ]
-    every = iter(
-        picture.subplots(len(rows), 1, squeeze=False, height_ratios=rows)[:, 0]
+    height_ratios = []
+    for figure, name in panels:
+        margin = figure.layout["margin"]
+        inside = figure.layout["height"] - margin["t"] - margin["b"]
+        height_ratios.append(np.ptp(figure.layout[name]["domain"]) * inside)
+    subplots = iter(
+        picture.subplots(
+            len(height_ratios), 1, squeeze=False, height_ratios=height_ratios
+        )[:, 0]
     )
     for figure in figures:
-        _draw(
-            figure,
-            {
-                name.replace("axis", ""): next(every)
-                for own, name in axes
-                if own is figure
-            },
-        )
+        axes_by_name = {
+            name.replace("axis", ""): next(subplots)
+            for owner, name in panels
+            if owner is figure
+        }
+        _draw(figure, axes_by_name)
     return picture
 
 
-def _wrapped(text):
-    return "\n".join(textwrap.fill(one, LETTERS) for one in text.split("\n"))
+def _wrapped(text: str) -> str:
+    return "\n".join(textwrap.fill(line, LETTERS) for line in text.split("\n"))
 
 
-def _draw(figure, panels):
-    """Everything of one figure, by the names of its axes."""
+def _draw(figure: Figure, panels: Mapping[str, Axes]) -> None:
+    """Draw everything of one figure, in axes by their names."""
     x = figure.layout["xaxis"]
     top = next(iter(panels.values()))
     _draw_axis(top, "x", x)
@@ -100,17 +104,14 @@ def _draw(figure, panels):
         axes.tick_params(
             "x", labelbottom=name == x["anchor"], labelrotation=-x.get("tickangle", 0)
         )
-        axes.set_ylabel(
-            figure.layout[name.replace("y", "yaxis")]["title"]["text"].replace(
-                "<br>", "\n"
-            )
-        )
+        title = figure.layout[name.replace("y", "yaxis")]["title"]["text"]
+        axes.set_ylabel(title.replace("<br>", "\n"))
     panels[x["anchor"]].set_xlabel(x["title"]["text"])
     for trace in figure.traces:
         _draw_trace(panels[trace["yaxis"]], trace)
     for shape in figure.layout["shapes"]:
-        named = shape["yref"].removesuffix(" domain")
-        for axes in panels.values() if named == "paper" else [panels[named]]:
+        name = shape["yref"].removesuffix(" domain")
+        for axes in panels.values() if name == "paper" else [panels[name]]:
             axes.axvspan(
                 shape["x0"],
                 shape["x1"],
@@ -130,8 +131,8 @@ def _draw(figure, panels):
     _draw_legend(top, figure)
 
 
-def _draw_axis(axes, which, axis):
-    """Scale, range, ticks and grid of an axis."""
+def _draw_axis(axes: Axes, which: Literal["x", "y"], axis: Mapping[str, Any]) -> None:
+    """Set scale, range, ticks and grid of an axis."""
     limits = axis.get("range")
     if axis.get("type") == "log":
         axes.set(**{f"{which}scale": "log"})
@@ -142,23 +143,19 @@ def _draw_axis(axes, which, axis):
     if limits:
         axes.set(**{f"{which}lim": limits})
     if "dtick" in axis:
-        axes.set(
-            **{
-                f"{which}ticks": np.arange(
-                    limits[0], limits[1] * (1 + 1e-9), axis["dtick"]
-                )
-            }
-        )
+        assert limits  # steps of ticks come with a range
+        ticks = np.arange(limits[0], limits[1] * (1 + 1e-9), axis["dtick"])
+        axes.set(**{f"{which}ticks": ticks})
     if "tickvals" in axis:
-        said = [text.replace("<br>", "\n") for text in axis["ticktext"]]
-        axes.set(**{f"{which}ticks": axis["tickvals"], f"{which}ticklabels": said})
-        axes.tick_params(which, labelsize="small" if len(said) <= 25 else "x-small")
+        labels = [text.replace("<br>", "\n") for text in axis["ticktext"]]
+        axes.set(**{f"{which}ticks": axis["tickvals"], f"{which}ticklabels": labels})
+        axes.tick_params(which, labelsize="small" if len(labels) <= 25 else "x-small")
     axes.grid(axis=which, color=axis["gridcolor"], linewidth=0.6)
     axes.set_axisbelow(True)
 
 
-def _draw_trace(axes, trace):
-    """A line with gaps where there is no number, and its markers, which may be of
+def _draw_trace(axes: Axes, trace: Trace) -> None:
+    """Draw a line with gaps where there is no number, and its markers, which may be of
     several kinds.
     """
     y = np.array(trace["y"], float)
@@ -177,65 +174,49 @@ def _draw_trace(axes, trace):
         axes.plot(x[there], y[there], **_look(trace, symbol) | {"linestyle": "none"})
 
 
-def _symbol(trace):
-    """The symbol of a trace or of every point; "" without."""
-    return (
-        trace.get("marker", {}).get("symbol", "circle")
-        if "markers" in trace["mode"]
-        else ""
-    )
+def _symbol(trace: Trace) -> str | list[str]:
+    """Return the symbol of a trace or of every point; "" without."""
+    if "markers" not in trace["mode"]:
+        return ""
+    return trace.get("marker", {}).get("symbol", "circle")
 
 
-def _look(trace, symbol):
-    """Line and marker as matplotlib calls them."""
+def _look(trace: Trace, symbol: str) -> dict[str, Any]:
+    """Return line and marker as matplotlib calls them."""
     line = trace.get("line", {})
     marker = trace.get("marker", {})
     colour = marker.get("color", line.get("color"))
+    dash = DASHES[line.get("dash", "solid")]
     look = {
         "color": line.get("color", colour),
         "alpha": trace.get("opacity"),
         "clip_on": trace.get("cliponaxis", True),
+        "linewidth": POINTS * line.get("width", 2),
+        "linestyle": dash if "lines" in trace["mode"] else "none",
+        "drawstyle": "steps-post" if line.get("shape") == "hv" else "default",
     }
-    look["linewidth"] = POINTS * line.get("width", 2)
-    look["linestyle"] = (
-        DASHES[line.get("dash", "solid")] if "lines" in trace["mode"] else "none"
-    )
-    look["drawstyle"] = "steps-post" if line.get("shape") == "hv" else "default"
     if symbol:
         name = symbol.removesuffix("-open")
+        count = len(trace["y"])
+        enlarged = 1.5 if name == "star" else 1.0
         look |= {
             "marker": MARKERS[name],
             "markerfacecolor": colour if name == symbol else "none",
-        }
-        look |= {
-            "markersize": (
-                POINTS * marker.get("size", 6) * (1.5 if name == "star" else 1.0)
-            )
-        }
-        look |= {
+            "markersize": POINTS * marker.get("size", 6) * enlarged,
             "markeredgecolor": colour,
             "markeredgewidth": POINTS * (marker.get("line", {}).get("width") or 1.2),
+            "markevery": max(1, count // marker.get("maxdisplayed", count or 1)),
         }
-        look["markevery"] = max(
-            1, len(trace["y"]) // marker.get("maxdisplayed", len(trace["y"]) or 1)
-        )
     return look
 
 
-def _draw_note(panels, note):
-    """A text: at a place of the axes or of the data, moved by pixels."""
+def _draw_note(panels: Mapping[str, Axes], note: Mapping[str, Any]) -> None:
+    """Draw a text: at a place of the axes or of the data, moved by pixels."""
     across = note.get("yref", "y")
     along = note.get("xref", "x")
-    style = {
-        "fontsize": POINTS * note["font"]["size"],
-        "ha": note.get("xanchor", "center"),
-    }
-    style |= {
-        "va": note.get("yanchor", "middle").replace("middle", "center"),
-        "annotation_clip": False,
-    }
+    box = None
     if "bgcolor" in note:
-        style["bbox"] = {"facecolor": note["bgcolor"], "edgecolor": "none", "pad": 0.5}
+        box = {"facecolor": note["bgcolor"], "edgecolor": "none", "pad": 0.5}
     panels[across.removesuffix(" domain")].annotate(
         note["text"].replace("<br>", "\n"),
         (note["x"], note["y"]),
@@ -245,12 +226,16 @@ def _draw_note(panels, note):
             "axes fraction" if "domain" in across else "data",
         ),
         textcoords="offset points",
-        **style,
+        fontsize=POINTS * note["font"]["size"],
+        ha=note.get("xanchor", "center"),
+        va=note.get("yanchor", "middle").replace("middle", "center"),
+        annotation_clip=False,
+        bbox=box,
     )
 
 
-def _draw_legend(axes, figure):
-    """Caption and legend above a panel."""
+def _draw_legend(axes: Axes, figure: Figure) -> None:
+    """Draw caption and legend above a panel."""
     from matplotlib.lines import Line2D
     from matplotlib.transforms import ScaledTranslation
 
@@ -258,28 +243,31 @@ def _draw_legend(axes, figure):
         trace for trace in figure.traces if trace.get("showlegend", True)
     ] * figure.layout["showlegend"]
     # Texts above a panel stand between it and the caption.
-    room = (
-        13
-        if any(note.get("yanchor") == "bottom" for note in figure.layout["annotations"])
-        else 3
+    notes_above = any(
+        note.get("yanchor") == "bottom" for note in figure.layout["annotations"]
     )
+    room = 13 if notes_above else 3
+    handles = [
+        Line2D([], [], label=trace["name"], **_look(trace, np.ravel(_symbol(trace))[0]))
+        for trace in shown
+    ]
+    offset = ScaledTranslation(0, room / 72, axes.figure.dpi_scale_trans)
+    # Sizes with which as many names find room as on the page.
     axes.legend(
-        handles=[
-            Line2D(
-                [], [], label=trace["name"], **_look(trace, np.ravel(_symbol(trace))[0])
-            )
-            for trace in shown
-        ],
+        handles=handles,
         ncols=legend_columns(figure.traces),
         title=_wrapped(figure.caption),
         title_fontsize=9,
         alignment="left",
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        bbox_transform=axes.transAxes
-        + ScaledTranslation(0, room / 72, axes.figure.dpi_scale_trans),
+        bbox_transform=axes.transAxes + offset,
         borderaxespad=0.0,
         borderpad=0.0,
         frameon=False,
-        **KEYS,
+        fontsize=7.5,
+        handlelength=3.8,
+        handletextpad=0.6,
+        columnspacing=1.3,
+        labelspacing=0.3,
     )

@@ -3,18 +3,34 @@ marks, bands and panels as plain dictionaries. Dashes, symbols and words tell wh
 colours tell too.
 """
 
+from __future__ import annotations
+
 import math
 import re
 import textwrap
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxhb.report.answer import Answer
+
+Trace = dict[str, Any]
+"""A trace of plotly.js, of plain numbers and words."""
+
+Column = Sequence[float] | np.ndarray
+"""Numbers of a trace, nan where there is none."""
+
+Limits = tuple[float, float]
+"""Range of an axis."""
 
 WIDTH = 680
 PANEL = 155
 BOTTOM = 46
-"""Pixels: what an A4 page has between its margins, the height of a panel, and what the
-axis below takes.
+"""Pixels: the width of an A4 page between its margins, the height of a panel, and that
+of the axis below.
 """
 
 LEGEND_ROW = 19
@@ -31,20 +47,16 @@ THOUSANDS = {"N m": "kN m", "kN m": "MN m", "kN": "MN", "W": "kW", "kW": "MW"}
 # Largest number of an axis in a unit; above it the next of THOUSANDS is taken
 MOST = 2000.0
 THOUSANDTHS = {"kN": "N", "MPa": "kPa"}
-SMALL = (
-    "N",
-    "kPa",
-    "N m",
-    "W",
-    "deg",
-    "rpm",
-    "%",
-)  # units that powers of ten stand before where numbers are tiny
+# Units that powers of ten stand before where numbers are tiny
+SMALL = ("N", "kPa", "N m", "W", "deg", "rpm", "%")
 LEAST = 1e-3  # largest number of an axis in a unit, below which a smaller one is taken
 HEADROOM = 1.08
 DIGITS = 5
 MARKED = 80  # points up to which every one is marked, or with a large mark
-WITH, WITHOUT, GREY, BAND = "#b3261e", "#1f4e79", "#6f6f6f", "#e3e3e3"
+WITH = "#b3261e"
+WITHOUT = "#1f4e79"
+GREY = "#6f6f6f"
+BAND = "#e3e3e3"
 STYLES = (
     {"color": WITH, "dash": "solid"},
     {"color": WITHOUT, "dash": "dash"},
@@ -56,7 +68,7 @@ STYLES = (
 """Lines that differ without colour."""
 
 SYMBOLS = "circle", "square", "diamond", "triangle-up", "cross", "star"
-"""Of marked lines, by their style."""
+"""Symbols of marked lines, by their style."""
 
 ALONE = (
     "cross-thin-open",
@@ -66,8 +78,8 @@ ALONE = (
     "pentagon",
     "hexagon",
 )
-"""Of lines of one point, which nothing else would show, by their style; none of them is
-a kind of motion.
+"""Symbols of lines of one point, which nothing else would show, by their style; none of
+them is a kind of motion.
 """
 
 MOTIONS = {
@@ -101,34 +113,33 @@ class Figure:
     """
 
     caption: str
-    traces: list
-    layout: dict
+    traces: list[Trace]
+    layout: dict[str, Any]
 
 
 def figure(
-    caption,
-    x_title,
-    panels,
-    traces,
+    caption: str,
+    x_title: str,
+    panels: str | Sequence[tuple[str, Limits | None]],
+    traces: Sequence[Trace],
     *,
-    x_range=None,
-    height=PANEL,
-    shapes=(),
-    annotations=(),
-):
-    """A :class:`Figure` of panels above one another, each a (title, range or None) from
-    the top, over one axis; or of one panel, given by its title, which begins at zero
-    and holds all numbers.
+    x_range: Limits | None = None,
+    height: int = PANEL,
+    shapes: Sequence[dict[str, Any]] = (),
+    annotations: Sequence[dict[str, Any]] = (),
+) -> Figure:
+    """Make a :class:`Figure` of panels above one another, each a (title, range or None)
+    from the top, over one axis; or of one panel, given by its title, which begins at
+    zero and holds all numbers.
     """
     caption, panels, traces = _readable_units(caption, panels, traces)
     panels = [(panels, top_of(traces))] if isinstance(panels, str) else panels
     panels = [(_wrapped(title, height), limits) for title, limits in panels]
     rows_of_title = max(title.count("<br>") for title, _ in panels)
     keys = sum(trace.get("showlegend", True) for trace in traces)
-    rows = (
-        -(-keys // legend_columns(traces)) if keys > 1 else 0
-    )  # one name needs no legend
-    above = 12 + LEGEND_ROW * rows
+    # One name needs no legend.
+    rows = -(-keys // legend_columns(traces)) if keys > 1 else 0
+    top_margin = 12 + LEGEND_ROW * rows
     gap = 26
     inside = height * len(panels) + gap * (len(panels) - 1)
     axis = {
@@ -137,15 +148,15 @@ def figure(
         "linecolor": "black",
         "ticks": "outside",
         "gridcolor": "#e4e4e4",
+        "exponentformat": "none",
     }
-    axis["exponentformat"] = "none"
-    made = {
+    layout: dict[str, Any] = {
         "width": WIDTH,
-        "height": round(inside + above + BOTTOM + 9),
+        "height": round(inside + top_margin + BOTTOM + 9),
         "margin": {
             "l": AXIS + ROW * rows_of_title,
             "r": 14,
-            "t": above,
+            "t": top_margin,
             "b": BOTTOM,
             "autoexpand": False,
         },
@@ -180,45 +191,47 @@ def figure(
         "shapes": list(shapes),
         "annotations": list(annotations),
     }
-    for panel, (title, _) in enumerate(panels):
+    if x_range is not None:
+        layout["xaxis"]["range"] = [float(limit) for limit in x_range]
+    for panel, (title, limits) in enumerate(panels):
         top = inside - panel * (height + gap)
-        own = {
+        panel_axis = axis | {
             "title": {"text": title, "standoff": 6},
             "domain": [max(0.0, (top - height) / inside), top / inside],
+            "zerolinecolor": "#9a9a9a",
         }
-        made[_numbered("yaxis", panel)] = axis | own | {"zerolinecolor": "#9a9a9a"}
-    for name, limits in [
-        ("xaxis", x_range),
-        *((_numbered("yaxis", k), own) for k, (_, own) in enumerate(panels)),
-    ]:
-        made[name] |= (
-            {} if limits is None else {"range": [float(limit) for limit in limits]}
-        )
-    return Figure(caption, traces, made)
+        if limits is not None:
+            panel_axis["range"] = [float(limit) for limit in limits]
+        layout[_numbered("yaxis", panel)] = panel_axis
+    return Figure(caption, list(traces), layout)
 
 
-def _readable_units(caption, panels, traces):
-    """Caption, panels and traces with numbers of thousands in the next larger unit, 12
-    kN m in place of 12000 N m, and tiny ones in a smaller unit.
+def _readable_units(
+    caption: str,
+    panels: str | Sequence[tuple[str, Limits | None]],
+    traces: Sequence[Trace],
+) -> tuple[str, str | list[tuple[str, Limits | None]], list[Trace]]:
+    """Write numbers of thousands in the next larger unit, 12 kN m in place of 12000 N
+    m, and tiny ones in a smaller unit: caption, panels and traces.
     """
     single = isinstance(panels, str)
-    titles, ranges = (
-        ([panels], [None]) if single else map(list, zip(*panels, strict=True))
-    )
+    pairs = [(panels, None)] if isinstance(panels, str) else panels
+    titles = [title for title, _ in pairs]
+    ranges = [limits for _, limits in pairs]
     for panel, title in enumerate(titles):
-        _, behind, unit = title.rpartition(", ")
+        _, comma, unit = title.rpartition(", ")
         shown = [trace for trace in traces if trace["yaxis"] == _numbered("y", panel)]
         largest = max(
             (abs(y) for trace in shown for y in trace["y"] if y is not None),
             default=0.0,
         )
-        factor, readable = _readable(unit, largest) if behind else (1.0, unit)
+        factor, readable = _readable(unit, largest) if comma else (1.0, unit)
         if readable == unit:
             continue
         titles[panel] = f"{title.removesuffix(unit)}{readable}"
-        ranges[panel] = ranges[panel] and tuple(
-            factor * limit for limit in ranges[panel]
-        )
+        limits = ranges[panel]
+        if limits:
+            ranges[panel] = (factor * limits[0], factor * limits[1])
         scaled = {
             id(trace): trace | {"y": _scaled(trace["y"], factor)} for trace in shown
         }
@@ -232,9 +245,9 @@ def _readable_units(caption, panels, traces):
     )
 
 
-def _readable(unit, largest):
-    """Factor from a unit, and the unit in which an axis up to ``largest`` has short
-    numbers.
+def _readable(unit: str, largest: float) -> tuple[float, str]:
+    """Return the factor from a unit, and the unit in which an axis up to ``largest``
+    has short numbers.
 
     >>> _readable("N m", 12000.0), _readable("kN", 4e-7), _readable("deg", 2e-8)
     ((0.001, 'kN m'), (1000000000.0, '1e-6 N'), (1000000000.0, '1e-9 deg'))
@@ -252,24 +265,24 @@ def _readable(unit, largest):
     return factor, unit
 
 
-def _scaled(values, factor):
-    """Numbers of a trace times a factor."""
+def _scaled(values: Iterable[float | None], factor: float) -> list[float | None]:
+    """Multiply the numbers of a trace by a factor."""
     return numbers(math.nan if value is None else factor * value for value in values)
 
 
-def _wrapped(title, height):
-    """The title of a panel in rows that are no longer than the panel is high."""
+def _wrapped(title: str, height: int) -> str:
+    """Wrap the title of a panel in rows that are no longer than the panel is high."""
     return "<br>".join(
         textwrap.wrap(title, max(8, int(height / TITLE_LETTER)), break_long_words=False)
     )
 
 
-def _numbered(name, panel):
+def _numbered(name: str, panel: int) -> str:
     return f"{name}{panel + 1}" if panel else name
 
 
-def legend_columns(traces):
-    """Columns of the legend, from the lengths of its names."""
+def legend_columns(traces: Iterable[Trace]) -> int:
+    """Count the columns of the legend, from the lengths of its names."""
     widths = [
         KEY + LETTER * len(trace["name"])
         for trace in traces
@@ -277,83 +290,107 @@ def legend_columns(traces):
     ]
     if sum(widths) <= WIDTH - 76:
         return max(1, len(widths))
-    return max(
-        1, int((WIDTH - 76) // max(widths))
-    )  # plotly gives every entry the width of the longest
+    # plotly gives every entry the width of the longest.
+    return max(1, int((WIDTH - 76) // max(widths)))
 
 
-def numbers(values):
-    """Numbers as they go into the page: five digits, None where there is none."""
+def numbers(values: Iterable[float]) -> list[float | None]:
+    """Round numbers to five digits, as they go into the page; None where there is
+    none.
+    """
     return [
         float(f"{value:.{DIGITS}g}") + 0.0 if math.isfinite(value) else None
         for value in map(float, values)
     ]
 
 
-def line(x, y, name, style=0, *, panel=0, look=None, alone=None, **more):
-    """A line over x; ``style`` numbers one of STYLES, ``look`` is what differs from it.
+def line(
+    x: Column,
+    y: Column,
+    name: str,
+    style: int = 0,
+    *,
+    panel: int = 0,
+    look: dict[str, Any] | None = None,
+    alone: int | None = None,
+    **more: Any,
+) -> Trace:
+    """Make a line over x; ``style`` numbers one of STYLES, ``look`` is what differs
+    from it, ``more`` are further attributes of the trace.
 
     Where a point has none beside it the line has marks: the symbol of its style, or
     number ``alone`` of ALONE.
     """
     turn, place = divmod(style, len(STYLES))
-    own = {
+    trace = {
         "type": "scatter",
         "mode": "lines",
         "x": numbers(x),
         "y": numbers(y),
         "name": name,
     } | more
-    if "markers" in own["mode"]:
-        own.setdefault("marker", {"symbol": SYMBOLS[place], "size": 6})
-    elif _stands_alone(own["y"]):
+    if "markers" in trace["mode"]:
+        trace.setdefault("marker", {"symbol": SYMBOLS[place], "size": 6})
+    elif _stands_alone(trace["y"]):
         symbol = ALONE[place if alone is None else alone]
         edge = {"width": 2 * symbol.endswith("-open")}
-        own |= {
+        trace |= {
             "mode": "lines+markers",
             "marker": {"symbol": symbol, "size": 9, "line": edge},
         }
-    # What has a colour once more has another dash than before.
-    drawn = (
-        STYLES[place]
-        | {"dash": STYLES[(place + turn) % len(STYLES)]["dash"], "width": 1.6}
-        | (look or {})
-    )
-    return own | {"yaxis": _numbered("y", panel), "line": drawn}
+    # A colour that comes once more has another dash than before.
+    dash = STYLES[(place + turn) % len(STYLES)]["dash"]
+    full_look = STYLES[place] | {"dash": dash, "width": 1.6} | (look or {})
+    return trace | {"yaxis": _numbered("y", panel), "line": full_look}
 
 
-def _stands_alone(values):
-    """Whether a number has none beside it, so that no line reaches it."""
-    known = [False, *(value is not None for value in values), False]
+def _stands_alone(values: Sequence[float | None]) -> bool:
+    """Tell whether a number has none beside it, so that no line reaches it."""
+    present = [False, *(value is not None for value in values), False]
     return any(
-        at and not before and not after
-        for before, at, after in zip(known, known[1:], known[2:], strict=False)
+        here and not before and not after
+        for before, here, after in zip(present, present[1:], present[2:], strict=False)
     )
 
 
-def bars(x, low, high, name, *, panel=0, look=None, **more):
-    """Upright bars, all in one line: nan ends each."""
+def bars(
+    x: Column,
+    low: Column,
+    high: Column,
+    name: str,
+    *,
+    panel: int = 0,
+    look: dict[str, Any] | None = None,
+    **more: Any,
+) -> Trace:
+    """Make upright bars, all in one line: nan ends each."""
     gaps = np.full(len(x), np.nan)
-    ends = (
-        np.stack(columns, axis=-1).ravel()
-        for columns in ((x, x, gaps), (low, high, gaps))
+    return line(
+        np.stack((x, x, gaps), axis=-1).ravel(),
+        np.stack((low, high, gaps), axis=-1).ravel(),
+        name,
+        panel=panel,
+        look=look,
+        **more,
     )
-    return line(*ends, name, panel=panel, look=look, **more)
 
 
 OTHER_RECORDS = "other records, +- 2 deviations"
 
 
-def spread_bars(x, values, spread, width, **more):
-    """Bars with feet of ``width`` at values of irregular motions, to where those of
-    other records as long may lie, in a list; none where no spread is known.
+def spread_bars(
+    x: Column, values: Column, spread: Column, width: float, **more: Any
+) -> list[Trace]:
+    """Make bars with feet of ``width`` at values of irregular motions, to where those
+    of other records as long may lie, in a list; none where no spread is known.
     """
-    known = np.flatnonzero(np.asarray(spread) > 0)
-    if not len(known):
+    spread = np.asarray(spread, float)
+    spreading = np.flatnonzero(spread > 0)
+    if not len(spreading):
         return []
-    x, values, spread = (
-        np.asarray(column, float)[known] for column in (x, values, spread)
-    )
+    x = np.asarray(x, float)[spreading]
+    values = np.asarray(values, float)[spreading]
+    spread = spread[spreading]
     gap = np.full(len(x), np.nan)
     left = x - width / 2
     right = x + width / 2
@@ -361,39 +398,49 @@ def spread_bars(x, values, spread, width, **more):
     low = values - spread
     across = np.stack([left, right, gap, x, x, gap, left, right, gap], axis=-1)
     up = np.stack([high, high, gap, high, low, gap, low, low, gap], axis=-1)
-    look = {"color": "#ef6c00", "dash": "solid", "width": 2.2}
     return [
         line(
             across.ravel(),
             up.ravel(),
             OTHER_RECORDS,
-            look=look,
+            look={"color": "#ef6c00", "dash": "solid", "width": 2.2},
             hoverinfo="skip",
             **more,
         )
     ]
 
 
-def marks(x, y, name, symbol, *, panel=0, size=8, color="black", **more):
-    """Points over x."""
-    own = {
+def marks(
+    x: Column,
+    y: Column,
+    name: str,
+    symbol: str,
+    *,
+    panel: int = 0,
+    size: float = 8,
+    color: str = "black",
+    **more: Any,
+) -> Trace:
+    """Make points over x; ``more`` are further attributes of the trace."""
+    trace = {
         "type": "scatter",
         "mode": "markers",
         "x": numbers(x),
         "y": numbers(y),
         "name": name,
+        "yaxis": _numbered("y", panel),
+        "marker": {
+            "symbol": symbol,
+            "size": size,
+            "color": color,
+            "line": {"width": 2 * ("thin" in symbol), "color": color},
+        },
     }
-    marker = {
-        "symbol": symbol,
-        "size": size,
-        "color": color,
-        "line": {"width": 2 * ("thin" in symbol), "color": color},
-    }
-    return own | {"yaxis": _numbered("y", panel), "marker": marker} | more
+    return trace | more
 
 
-def kind_of(answer):
-    """Key of MOTIONS."""
+def kind_of(answer: Answer) -> str | None:
+    """Return the key of MOTIONS of an answer."""
     if not answer.answered:
         return None
     if answer.unstable:
@@ -401,92 +448,87 @@ def kind_of(answer):
     return answer.state.kind
 
 
-def motion_line(answers, values, name, style=0, *, hollow=False):
-    """A line over the speed with the symbol of the kind of motion at every speed; a gap
-    where there is no answer.
+def motion_line(
+    answers: Sequence[Answer],
+    values: Column,
+    name: str,
+    style: int = 0,
+    *,
+    hollow: bool = False,
+) -> Trace:
+    """Make a line over the speed with the symbol of the kind of motion at every speed;
+    a gap where there is no answer.
     """
     kinds = [kind_of(answer) for answer in answers]
     symbols = [
         (MOTIONS[kind][0] if kind else "circle") + "-open" * hollow for kind in kinds
     ]
-    more = {"mode": "lines+markers", "text": [MOTIONS[kind][1] for kind in kinds]}
-    more["hovertemplate"] = f"%{{x}} {answers[0].axis.unit}: %{{y}}, %{{text}}"
-    more["marker"] = {
-        "symbol": symbols,
-        "size": (6 if len(answers) <= MARKED else 4) + 3 * hollow,
-    }
-    return line([answer.place for answer in answers], values, name, style, **more)
+    size = 6 if len(answers) <= MARKED else 4
+    return line(
+        [answer.place for answer in answers],
+        values,
+        name,
+        style,
+        mode="lines+markers",
+        text=[MOTIONS[kind][1] for kind in kinds],
+        hovertemplate=f"%{{x}} {answers[0].axis.unit}: %{{y}}, %{{text}}",
+        marker={"symbol": symbols, "size": size + 3 * hollow},
+    )
 
 
-def kind_keys(*lists):
-    """Entries of the legend for the kinds of motion that occur, and crosses at the
+def kind_keys(*lists: Sequence[Answer]) -> list[Trace]:
+    """Make entries of the legend for the kinds of motion that occur, and crosses at the
     bottom where there is no answer.
     """
-    met = {kind_of(answer) for answers in lists for answer in answers}
+    answers = [answer for answers in lists for answer in answers]
+    kinds = {kind_of(answer) for answer in answers}
     keys = [
-        marks([np.nan], [np.nan], said, symbol)
-        for kind, (symbol, said) in MOTIONS.items()
-        if kind in met - {None}
+        marks([np.nan], [np.nan], words, symbol)
+        for kind, (symbol, words) in MOTIONS.items()
+        if kind in kinds - {None}
     ]
-    return keys + crosses(
-        sorted(
-            {
-                answer.place
-                for answers in lists
-                for answer in answers
-                if not answer.answered
-            }
-        )
-    )
+    places = {answer.place for answer in answers if not answer.answered}
+    return keys + crosses(sorted(places))
 
 
 UNCONFIRMED = "ringed: not confirmed by harmonic balance, ? in tables"
 
 
-def rings(speeds, values):
-    """Rings round numbers that harmonic balance did not confirm, in a list."""
-    return (
-        [marks(speeds, values, UNCONFIRMED, "circle-open", size=14)]
-        if len(speeds)
-        else []
-    )
+def rings(speeds: Column, values: Column) -> list[Trace]:
+    """Make rings round numbers that harmonic balance did not confirm, in a list."""
+    if not len(speeds):
+        return []
+    return [marks(speeds, values, UNCONFIRMED, "circle-open", size=14)]
 
 
-def crosses(speeds, bottom=0.0):
-    """Crosses at the bottom where there is no answer, in a list."""
-    return (
-        [
-            marks(
-                speeds,
-                [bottom] * len(speeds),
-                NO_ANSWER,
-                "x-thin-open",
-                cliponaxis=False,
-            )
-        ]
-        if len(speeds)
-        else []
-    )
+def crosses(speeds: Column, bottom: float = 0.0) -> list[Trace]:
+    """Make crosses at the bottom where there is no answer, in a list."""
+    if not len(speeds):
+        return []
+    heights = [bottom] * len(speeds)
+    return [marks(speeds, heights, NO_ANSWER, "x-thin-open", cliponaxis=False)]
 
 
-def top_of(traces):
-    """Range of an axis from zero that holds all numbers of some lines."""
+def top_of(traces: Iterable[Trace]) -> Limits:
+    """Return the range of an axis from zero that holds all numbers of some lines."""
     highest = max(
         (y for trace in traces for y in trace["y"] if y is not None), default=0.0
     )
     return (0.0, HEADROOM * highest if highest > 0 else 1.0)
 
 
-def speed_range(rpm):
-    """Range of the axis of speeds, a little wider than they are."""
+def speed_range(rpm: Column) -> Limits:
+    """Return the range of the axis of speeds, a little wider than they are."""
     low = min(rpm)
     high = max(rpm)
     edge = 0.02 * (high - low) or 0.05 * high
     return (low - edge, high + edge)
 
 
-def bands(edges, panel=None):
-    """Grey bands between pairs of x, over the whole height or that of a panel."""
+def bands(
+    edges: Iterable[Sequence[float]] | np.ndarray, panel: int | None = None
+) -> list[dict[str, Any]]:
+    """Make grey bands between pairs of x, over the whole height or that of a panel."""
     rows = "paper" if panel is None else f"{_numbered('y', panel)} domain"
     return [
         ALONG | {"yref": rows, "x0": float(low), "x1": float(high)}
@@ -494,8 +536,10 @@ def bands(edges, panel=None):
     ]
 
 
-def note(text, x, y, *, size=10, **more):
-    """A text at a place."""
+def note(
+    text: str, x: float, y: float, *, size: float = 10, **more: Any
+) -> dict[str, Any]:
+    """Make a text at a place; ``more`` are further attributes of the annotation."""
     return {
         "text": text,
         "x": x,
@@ -505,17 +549,19 @@ def note(text, x, y, *, size=10, **more):
     } | more
 
 
-def above(text, panel):
-    """A text above a panel, at the left."""
-    more = {
-        "xref": "paper",
-        "yref": f"{_numbered('y', panel)} domain",
-        "xanchor": "left",
-        "yanchor": "bottom",
-    }
-    return note(text, 0.0, 1.0, **more)
+def above(text: str, panel: int) -> dict[str, Any]:
+    """Make a text above a panel, at the left."""
+    return note(
+        text,
+        0.0,
+        1.0,
+        xref="paper",
+        yref=f"{_numbered('y', panel)} domain",
+        xanchor="left",
+        yanchor="bottom",
+    )
 
 
-def plain(name):
-    """``a|b`` as a label."""
+def plain(name: str) -> str:
+    """Write ``a|b`` as a label."""
     return name.replace("|", " - ")

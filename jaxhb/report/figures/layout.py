@@ -1,5 +1,5 @@
-"""Where everything lies in a sketch of the train: rotors as horizontal lines of disks,
-gears in mesh touching.
+"""Layout of a sketch of the train: rotors as horizontal lines of disks, gears in mesh
+touching.
 
 Lengths are in units of a shaft between two small disks. The longest line of the
 reference rotor comes first; branches of shafts and rotors in mesh are put where they
@@ -8,21 +8,24 @@ a row of circles.
 """
 
 import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxhb.report.figures.ways import joined, ways
+from jaxhb.train.drivetrain import DriveTrain
 
-DISK, LEAST, MASSLESS = (
-    0.42,
-    0.12,
-    0.07,
-)  # radius of the largest disk, of the smallest with inertia, and of one without
-GEAR, RIM = (
-    1.4,
-    0.32,
-)  # pitch radius of the largest gear, and of any at least beyond its disk
-LETTER, LINE = 0.155, 0.3  # width of a letter and height of a line of text
+# Radius of the largest disk, of the smallest with inertia, and of one without
+DISK = 0.42
+LEAST = 0.12
+MASSLESS = 0.07
+# Pitch radius of the largest gear, and of any at least beyond its disk
+GEAR = 1.4
+RIM = 0.32
+# Width of a letter and height of a line of text
+LETTER = 0.155
+LINE = 0.3
 GAP = 0.5  # least length of a shaft that can be seen between two disks
 APART = 0.06  # least distance between things that do not touch
 ANGLES = (
@@ -48,16 +51,15 @@ ANGLES = (
     120,
 )
 """Directions from a gear to one in mesh with it, deg, as they are tried."""
-REACH, SLANTS = (
-    12,
-    (0.0, 1.0, -1.0, 2.0, -2.0),
-)  # distances at which a branch is tried, and how far to the side
+# Distances at which a branch is tried, and how far to the side
+REACH = 12
+SLANTS = (0.0, 1.0, -1.0, 2.0, -2.0)
 
 
-def disk_radii(train):
-    """Drawn radii ``(S,)`` of the disks, as if all had one thickness and density, and
-    of the pitch circles, which have the sizes of the gears to one another; 0 where
-    there is none.
+def disk_radii(train: DriveTrain) -> tuple[np.ndarray, np.ndarray]:
+    """Return drawn radii ``(S,)`` of the disks, as if all had one thickness and
+    density, and of the pitch circles, in proportion to one another; 0 where there is
+    none.
     """
     inertia = np.concatenate(
         [
@@ -75,6 +77,19 @@ def disk_radii(train):
     return disk, pitch
 
 
+class _Line(NamedTuple):
+    """A horizontal line of n disks.
+
+    x ``(n,)``, y : places; names : disk -> (x, y, text, whether it is upright); circles
+    ``(c, 3)`` : x, y and radius of all that takes room, first those of the disks
+    """
+
+    x: np.ndarray
+    y: float
+    names: dict[int, tuple[float, float, str, bool]]
+    circles: np.ndarray
+
+
 class Layout:
     """Places of the parts of a train, ``named`` with room for names.
 
@@ -83,20 +98,23 @@ class Layout:
     ``(2,)``: corners
     """
 
-    def __init__(self, train, named=True):
+    def __init__(self, train: DriveTrain, named: bool = True):
         self.topology = train.topology
         self.named = named
         self.disk, self.pitch = disk_radii(train)
-        self.x, self.y = np.full((2, len(self.disk)), np.nan)
-        self.names, self.touching = {}, set()
+        self.x = np.full(len(self.disk), np.nan)
+        self.y = np.full(len(self.disk), np.nan)
+        self.names: dict[int, tuple[float, float, str, bool]] = {}
+        self.touching: set[int] = set()
         self.circles = np.zeros((0, 3))  # x, y and radius of what is placed
         self._place()
         places = self.circles[:, :2]
         radii = self.circles[:, 2:]
-        self.low, self.high = (places - radii).min(0), (places + radii).max(0)
+        self.low = (places - radii).min(0)
+        self.high = (places + radii).max(0)
 
-    def _place(self):
-        """Rotor by rotor from the reference rotor on."""
+    def _place(self) -> None:
+        """Place rotor by rotor from the reference rotor on."""
         topology = self.topology
         elastic = len(topology.link_names) - len(topology.mesh_names)
         shafts = joined(topology, range(elastic))
@@ -107,18 +125,26 @@ class Layout:
         for rotor in rotors:
             for disk, *branch in rotor[1:]:
                 self._branch(disk, branch)
-            for gear in [
+            # Every branch begins with a disk of an earlier way.
+            gears = [
                 disk for number, way in enumerate(rotor) for disk in way[number > 0 :]
-            ]:
-                for other, link in mates[gear]:
-                    if np.isnan(self.x[other]):
-                        rotors.append(ways(shafts, other, through=True))
-                        if self._mesh(gear, other, rotors[-1][0]):
+            ]
+            for gear in gears:
+                for mate, link in mates[gear]:
+                    if np.isnan(self.x[mate]):
+                        rotors.append(ways(shafts, mate, through=True))
+                        if self._mesh(gear, mate, rotors[-1][0]):
                             self.touching.add(link)
 
-    def _line(self, way, anchor, at, direction, side):
-        """A line of disks, that with the number ``anchor`` at a place: the others' x,
-        the line's y, names, and circles, first those of the disks.
+    def _line(
+        self,
+        way: list[int],
+        anchor: int,
+        point: Sequence[float] | np.ndarray,
+        direction: int,
+        side: int,
+    ) -> _Line:
+        """Make a line of disks, that with the number ``anchor`` at a point ``(2,)``.
 
         direction : 1 to the right, -1 to the left; side : -1 with names below, 1 above
         """
@@ -129,8 +155,8 @@ class Layout:
         gear = pitch > 0
         half = np.maximum.reduce([disk, pitch, np.where(gear, length, LINE) / 2])
         along = np.concatenate([[0.0], np.cumsum(half[:-1] + half[1:] + GAP)])
-        x = at[0] + direction * (along - along[anchor])
-        y = at[1]
+        x = point[0] + direction * (along - along[anchor])
+        y = point[1]
         circles = [
             np.column_stack([x, np.full(len(way), y), np.maximum(disk, pitch)]),
             _row((x[0], y), (x[-1], y)),
@@ -139,82 +165,93 @@ class Layout:
         above = y + side * (disk + np.where(gear, LINE / 2 + 0.03, length / 2 + 0.08))
         for k in range(len(way)) if self.named else ():
             names[way[k]] = (float(x[k]), float(above[k]), text[k], not gear[k])
-            ends = np.outer(
-                (-0.5, 0.5), np.where(gear[k], (1.0, 0.0), (0.0, 1.0))
-            ) * max(length[k] - LINE, 0.0)
-            circles.append(_row(*(ends + (x[k], above[k])), LINE / 2))
-        return x, y, names, np.concatenate(circles)
+            reading = np.where(gear[k], (1.0, 0.0), (0.0, 1.0))
+            ends = np.outer((-0.5, 0.5), reading) * max(length[k] - LINE, 0.0)
+            start, end = ends + (x[k], above[k])
+            circles.append(_row(start, end, LINE / 2))
+        return _Line(x, y, names, np.concatenate(circles))
 
-    def _take(self, way, line):
-        self.x[way], self.y[way], names, circles = line
-        self.names |= names
-        self.circles = np.concatenate([self.circles, circles])
+    def _take(self, way: list[int], line: _Line) -> None:
+        """Put a line of disks where it is."""
+        self.x[way] = line.x
+        self.y[way] = line.y
+        self.names |= line.names
+        self.circles = np.concatenate([self.circles, line.circles])
 
-    def _branch(self, disk, way):
+    def _branch(self, disk: int, way: list[int]) -> None:
         """Put a branch of shafts below or above its disk, straight or slanting, as near
         as it goes.
         """
         start = np.array([self.x[disk], self.y[disk]])
-        both = np.maximum(self.disk, self.pitch)
+        radius = np.maximum(self.disk, self.pitch)
         places = []
         for away, side, slant in itertools.product(range(REACH), (-1, 1), SLANTS):
-            link = np.array(
-                [slant, side * (both[disk] + both[way[0]] + GAP + 0.5 * away)]
-            )
-            places.append(
-                (
-                    start + link,
-                    side,
-                    _row(
-                        start + link * (both[disk] + 0.2) / np.hypot(*link),
-                        start + link,
-                    ),
-                )
-            )
+            rise = radius[disk] + radius[way[0]] + GAP + 0.5 * away
+            link = np.array([slant, side * rise])
+            edge = start + link * (radius[disk] + 0.2) / np.hypot(link[0], link[1])
+            places.append((start + link, side, _row(edge, start + link)))
         self._put(way, 0, places)
 
-    def _mesh(self, gear, other, way):
-        """Put the line of a gear so that it touches its mate; whether there is room."""
+    def _mesh(self, gear: int, mate: int, way: list[int]) -> bool:
+        """Put the line of a gear so that it touches its mate; return whether there is
+        room.
+        """
         centre = np.array([self.x[gear], self.y[gear]])
-        reach = self.pitch[gear] + self.pitch[other]
-        own = np.argmax((self.circles == (*centre, self.pitch[gear])).all(axis=1))
+        reach = self.pitch[gear] + self.pitch[mate]
+        gear_circle = np.array([*centre, self.pitch[gear]])
+        touched = int(np.argmax((self.circles == gear_circle).all(axis=1)))
         around = np.round(
             [(np.cos(angle), np.sin(angle)) for angle in np.deg2rad(ANGLES)], 12
         )
         places = [
-            (centre + reach * way, 1 if way[1] > 0.1 else -1, np.zeros((0, 3)))
-            for way in around
-        ]
-        return self._put(way, way.index(other), places, (way.index(other), own))
-
-    def _put(self, way, anchor, places, touching=None):
-        """Put a line of disks at the first of some places, each with a side for names
-        and the circles of a link to it, where it hits nothing but the circle that it
-        may touch, else below everything; whether one was free.
-        """
-        for (at, side, link), direction in itertools.product(places, (1, -1)):
-            *line, circles = self._line(way, anchor, at, direction, side)
-            circles = np.concatenate([circles, link])
-            gaps = np.hypot(
-                *(circles[:, None, :2] - self.circles[:, :2]).transpose(2, 0, 1)
+            (
+                centre + reach * direction,
+                1 if direction[1] > 0.1 else -1,
+                np.zeros((0, 3)),
             )
-            gaps -= circles[:, None, 2] + self.circles[:, 2]
+            for direction in around
+        ]
+        return self._put(way, way.index(mate), places, (way.index(mate), touched))
+
+    def _put(
+        self,
+        way: list[int],
+        anchor: int,
+        places: Sequence[tuple[np.ndarray, int, np.ndarray]],
+        touching: tuple[int, int] | None = None,
+    ) -> bool:
+        """Put a line of disks at the first of some places, each with a side for names
+        and the circles ``(c, 3)`` of a link to it, where it hits nothing but the circle
+        that it may touch, else below everything; return whether one was free.
+
+        touching : number of the circle of the line that may touch, and of the circle
+        placed that it may touch
+        """
+        for (point, side, link), direction in itertools.product(places, (1, -1)):
+            line = self._line(way, anchor, point, direction, side)
+            line = line._replace(circles=np.concatenate([line.circles, link]))
+            apart = line.circles[:, None, :2] - self.circles[:, :2]
+            gaps = np.hypot(apart[..., 0], apart[..., 1])
+            gaps -= line.circles[:, None, 2] + self.circles[:, 2]
             if touching is not None:
                 gaps[touching] = np.inf
             if (gaps > APART).all():
-                self._take(way, (*line, circles))
+                self._take(way, line)
                 return True
-        below = (
-            (self.circles[:, 1] - self.circles[:, 2]).min()
-            - 0.6
-            - max(*self.disk[way], *self.pitch[way])
-        )
+        lowest = (self.circles[:, 1] - self.circles[:, 2]).min()
+        below = lowest - 0.6 - max(self.disk[way].max(), self.pitch[way].max())
         self._take(way, self._line(way, anchor, (places[0][0][0], below), 1, -1))
         return False
 
 
-def _row(start, end, radius=APART):
-    """Circles in a row from one point to another, near enough to leave no gap."""
+def _row(
+    start: Sequence[float] | np.ndarray,
+    end: Sequence[float] | np.ndarray,
+    radius: float = APART,
+) -> np.ndarray:
+    """Make circles ``(c, 3)`` in a row from one point to another, near enough to leave
+    no gap.
+    """
     length = np.hypot(end[0] - start[0], end[1] - start[1])
     points = np.linspace(start, end, 2 + int(length / max(radius, 0.1)))
     return np.column_stack([points, np.full(len(points), radius)])

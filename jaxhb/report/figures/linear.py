@@ -2,17 +2,23 @@
 Campbell diagram.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from jaxhb.equations.kinematics import speed_ratios
-from jaxhb.linear.critical import ELASTIC, shares_in_mode
-from jaxhb.linear.holzer import holzer_residual
-from jaxhb.linear.modal import AT_REST
+from jaxhb.linear.critical import ELASTIC, Campbell, Critical, shares_in_mode
+from jaxhb.linear.holzer import HolzerTable, holzer_residual
+from jaxhb.linear.modal import AT_REST, Modes
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import (
     GREY,
     WITH,
     WITHOUT,
+    Figure,
     above,
     bars,
     figure,
@@ -21,8 +27,12 @@ from jaxhb.report.figures.figure import (
     note,
 )
 from jaxhb.report.figures.ways import train_lines
-from jaxhb.report.orders import NUMBERS
+from jaxhb.report.orders import NUMBERS, OrderNames
 from jaxhb.report.text.columns import plain_number
+from jaxhb.train.drivetrain import DriveTrain
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
 
 POINTS = 2000
 # Modal torque over the largest of the mode from which a critical speed is filled
@@ -32,9 +42,13 @@ MOST_DECADES = 5  # on either side of 0
 LINEAR = 1e-3  # residual over its median below which the scale is linear
 
 
-def plot_holzer(train, tables, natural):
-    """Holzer's residual over the frequency, natural frequencies as circles, frequencies
-    asked for as dotted lines.
+def plot_holzer(
+    train: DriveTrain,
+    tables: Sequence[tuple[int | None, HolzerTable]],
+    natural: Mapping[int, float],
+) -> Picture:
+    """Draw Holzer's residual over the frequency, natural frequencies as circles,
+    frequencies asked for as dotted lines.
 
     The scale is logarithmic on both sides of 0: the residual grows with a high power of
     the frequency. Every branch begins with ordinate 1 at its free end; a table of a
@@ -43,12 +57,13 @@ def plot_holzer(train, tables, natural):
     tables : list of (int or None, HolzerTable); natural : dict, number of the mode: Hz,
     of those that strain links
     """
-    highest = 1.15 * max(table.hz for _, table in tables)
+    highest = 1.15 * max(float(table.hz) for _, table in tables)
     hz = highest * np.arange(1, POINTS + 1) / POINTS
-    values = holzer_residual(train, hz=hz)
-    zeros = {mode: own for mode, own in natural.items() if own <= highest}
-    asked = [table.hz for mode, table in tables if mode is None]
-    ends = np.nanmin(values), np.nanmax(values)
+    values = np.asarray(holzer_residual(train, hz=hz))
+    zeros = {mode: zero for mode, zero in natural.items() if zero <= highest}
+    asked_for = [float(table.hz) for mode, table in tables if mode is None]
+    low = np.nanmin(values)
+    high = np.nanmax(values)
     traces = [line(hz, values, "residual", 1, look={"dash": "solid"})]
     if zeros:
         traces.append(
@@ -60,183 +75,214 @@ def plot_holzer(train, tables, natural):
                 color=WITH,
             )
         )
-    if asked:
-        low, high = (np.full(len(asked), end) for end in ends)
+    if asked_for:
         traces.append(
             bars(
-                asked,
-                low,
-                high,
+                asked_for,
+                np.full(len(asked_for), low),
+                np.full(len(asked_for), high),
                 "frequency asked for",
                 look={"color": "black", "dash": "dot"},
             )
         )
-    style = {"xshift": 5, "yshift": 14, "xanchor": "left"}
     notes = [
-        note(f"mode {mode}<br>{own:.4g} Hz", own, 0.0, **style)
-        for mode, own in zeros.items()
+        note(
+            f"mode {mode}<br>{zero:.4g} Hz",
+            zero,
+            0.0,
+            xshift=5,
+            yshift=14,
+            xanchor="left",
+        )
+        for mode, zero in zeros.items()
     ]
-    caption = "Holzer's residual, zero at natural frequencies"
-    panels = [("residual, N m, from ordinates 1", None)]
-    more = {"x_range": (0.0, highest), "height": 220, "annotations": notes}
-    picture = drawn(
-        figure(caption, "frequency, Hz", panels, traces, **more),
-        title=train.topology.title,
+    spec = figure(
+        "Holzer's residual, zero at natural frequencies",
+        "frequency, Hz",
+        [("residual, N m, from ordinates 1", None)],
+        traces,
+        x_range=(0.0, highest),
+        height=220,
+        annotations=notes,
     )
+    picture = drawn(spec, title=train.topology.title)
     small = LINEAR * float(np.median(np.abs(values[np.isfinite(values)])))
     linear = 10 ** np.ceil(np.log10(small)) if small else 1.0
     picture.axes[0].set_yscale("symlog", linthresh=linear)
-    picture.axes[0].set_yticks(_decades(ends, linear))
+    picture.axes[0].set_yticks(_decades(low, high, linear))
     return picture
 
 
-def _decades(ends, linear):
-    """Ticks of a scale that is logarithmic beyond ``linear`` on both sides of 0: of the
-    decades so many as have room, none within the linear part but 0.
+def _decades(low: float, high: float, linear: float) -> list[float]:
+    """Choose ticks of a scale that is logarithmic beyond ``linear`` on both sides of 0:
+    as many decades as have room, none within the linear part but 0.
     """
     first = int(np.log10(linear)) + 1
-    last = int(np.floor(np.log10(max(np.abs(ends).max(), 10.0**first))))
+    last = int(np.floor(np.log10(max(abs(low), abs(high), 10.0**first))))
     step = -(-(last - first + 1) // MOST_DECADES)
     decades = 10.0 ** np.arange(first, last + 1, step)
-    return [*(-decades[decades <= -ends[0]][::-1]), 0.0, *decades[decades <= ends[1]]]
+    return [*(-decades[decades <= -low][::-1]), 0.0, *decades[decades <= high]]
 
 
-def plot_campbell(found, count, name, names=NUMBERS):
-    """Natural frequencies over the speed, orders as rays, critical speeds as circles.
+def plot_campbell(
+    campbell: Campbell, count: int, name: str, names: OrderNames = NUMBERS
+) -> Picture:
+    """Draw natural frequencies over the speed, orders as rays, critical speeds as
+    circles.
 
     Full lines are modes, dotted ones those of rigid bodies or rings; ``count`` elastic
     modes were taken; ``names`` are those of the orders.
     """
-    return drawn(campbell_figure(found, count, name, names))
+    return drawn(campbell_figure(campbell, count, name, names))
 
 
-def campbell_figure(found, count, title, names):
-    """The figure of :func:`plot_campbell`; its title is that of the scene or case."""
-    low = float(found.rpm[0])
-    high = float(found.rpm[-1])
-    elastic = found.elastic(count)
+def campbell_figure(
+    campbell: Campbell, count: int, title: str, names: OrderNames
+) -> Figure:
+    """Make the figure of :func:`plot_campbell`; its title is that of the scene or
+    case.
+    """
+    low = float(campbell.rpm[0])
+    high = float(campbell.rpm[-1])
+    elastic = campbell.elastic(count)
     # Where modes or orders end, and at least the lowest mode.
-    modes = found.frequencies_hz[:, elastic].max(axis=0)
-    rays = found.orders * high / 60
+    modes = campbell.frequencies_hz[:, elastic].max(axis=0)
+    rays = campbell.orders * high / 60
     top = max(
         min(modes.max(initial=0.0), rays.max(initial=0.0)), modes[:1].max(initial=0.0)
     )
     top = 1.08 * (top or 1.0)
     traces = []
-    for order in found.orders:
-        look = {"color": GREY, "dash": "dash", "width": 0.8}
-        own = [order * low / 60, order * high / 60]
+    for order in campbell.orders:
         traces.append(
             line(
                 [low, high],
-                own,
+                [order * low / 60, order * high / 60],
                 f"order {names.number(order)}",
-                look=look,
+                look={"color": GREY, "dash": "dash", "width": 0.8},
                 showlegend=False,
             )
         )
-    shown = [k for k in found.shown(count) if found.frequencies_hz[-1, k] <= top]
+    shown = [k for k in campbell.shown(count) if campbell.frequencies_hz[-1, k] <= top]
     for k in shown:
         look = (
             {"color": WITHOUT, "dash": "solid"}
             if k in elastic
             else {"color": "grey", "dash": "dot"}
         )
-        own = found.frequencies_hz[:, k]
         traces.append(
             line(
-                found.rpm,
-                own,
+                campbell.rpm,
+                campbell.frequencies_hz[:, k],
                 f"mode {k}",
                 look=look | {"width": 1.8},
                 showlegend=False,
             )
         )
-    filled = counting(found)
-    for symbol, own in {
+    filled = counting(campbell)
+    critical_speeds = {
         "circle": filled,
-        "circle-open": [c for c in found.critical if c not in filled],
-    }.items():
+        "circle-open": [c for c in campbell.critical if c not in filled],
+    }
+    for symbol, critical in critical_speeds.items():
         text = [
             f"order {names.number(c.order)}, mode {c.mode}, modal torque"
             f" {plain_number(c.torque)} N m"
-            for c in own
+            for c in critical
         ]
-        more = {
-            "text": text,
-            "hovertemplate": "%{x} rpm, %{y} Hz: %{text}<extra></extra>",
-            "showlegend": False,
-        }
-        points = [c.rpm for c in own], [c.hz for c in own]
-        traces.append(marks(*points, "critical speed", symbol, color=WITH, **more))
+        traces.append(
+            marks(
+                [c.rpm for c in critical],
+                [c.hz for c in critical],
+                "critical speed",
+                symbol,
+                color=WITH,
+                text=text,
+                hovertemplate="%{x} rpm, %{y} Hz: %{text}<extra></extra>",
+                showlegend=False,
+            )
+        )
     caption = (
         f"Campbell diagram, {title}: modes full, orders dashed (named at their ends),"
         " critical speeds circled, filled where the modal torque is above"
         f" {100 * COUNTS:g} % of the largest of the mode"
     )
-    rays = [
+    ray_names = [
         _ray_name(order, high, top, names)
-        for order in found.orders
+        for order in campbell.orders
         if order * low / 60 < top
     ]
-    more = {
-        "x_range": (low, high),
-        "height": 400,
-        "annotations": rays + _mode_names(found, shown, top),
-    }
-    made = figure(
-        caption, "speed, rpm", [("frequency, Hz", (0.0, top))], traces, **more
+    spec = figure(
+        caption,
+        "speed, rpm",
+        [("frequency, Hz", (0.0, top))],
+        traces,
+        x_range=(low, high),
+        height=400,
+        annotations=ray_names + _mode_names(campbell, shown, top),
     )
-    made.layout["margin"] |= {"r": 125, "t": 24}
-    made.layout["height"] += 12
-    return made
+    spec.layout["margin"] |= {"r": 125, "t": 24}
+    spec.layout["height"] += 12
+    return spec
 
 
-def counting(found):
-    """Critical speeds whose modal torque counts beside the largest of their mode."""
-    shares = shares_in_mode(found.critical, [c.torque for c in found.critical])
+def counting(campbell: Campbell) -> list[Critical]:
+    """Return the critical speeds whose modal torque counts beside the largest of their
+    mode.
+    """
+    shares = shares_in_mode(campbell.critical, [c.torque for c in campbell.critical])
     return [
-        c for c, share in zip(found.critical, shares, strict=True) if share > COUNTS
+        c for c, share in zip(campbell.critical, shares, strict=True) if share > COUNTS
     ]
 
 
-def _mode_names(found, shown, top):
-    """Names of the modes at the right, moved up where they would lie on one another."""
+def _mode_names(
+    campbell: Campbell, shown: Sequence[int], top: float
+) -> list[dict[str, Any]]:
+    """Name the modes at the right, moved up where they would lie on one another."""
     notes = []
     lowest = 0.0
     for k in shown:
-        hz = float(found.frequencies_hz[-1, k])
-        what = f"{hz:.4g} Hz" if found.kinds[k] == ELASTIC else found.kinds[k]
+        hz = float(campbell.frequencies_hz[-1, k])
+        kind = campbell.kinds[k]
+        words = f"{hz:.4g} Hz" if kind == ELASTIC else kind
         notes.append(
             note(
-                f" mode {k}: {what}", 1.0, max(hz, lowest), xref="paper", xanchor="left"
+                f" mode {k}: {words}",
+                1.0,
+                max(hz, lowest),
+                xref="paper",
+                xanchor="left",
             )
         )
         lowest = notes[-1]["y"] + APART * top
     return notes
 
 
-def _ray_name(order, high, top, names):
-    """The order where its ray leaves the picture."""
+def _ray_name(
+    order: float, high: float, top: float, names: OrderNames
+) -> dict[str, Any]:
+    """Name the order where its ray leaves the picture."""
     hz = order * high / 60
-    style = {"size": 9, "bgcolor": "white", "borderpad": 0}
+    name = names.number(order)
     if hz > top:
-        return note(
-            names.number(order), 60 * top / order, top, yanchor="bottom", **style
-        )
-    # A long name stands below its ray, where it hides no mode.
-    under = {} if names.number(order) == f"{order:g}" else {"yanchor": "top"}
-    return note(
-        names.number(order), high, hz, xanchor="right", xshift=-4, **under, **style
-    )
+        place: dict[str, Any] = {"x": 60 * top / order, "y": top, "yanchor": "bottom"}
+    else:
+        place = {"x": high, "y": hz, "xanchor": "right", "xshift": -4}
+        # A long name stands below its ray, where it hides no mode.
+        if name != f"{order:g}":
+            place["yanchor"] = "top"
+    return note(name, **place, size=9, bgcolor="white", borderpad=0)
 
 
 MOST = 6  # modes in one picture
 NAMES = 80  # names of disks that have room
 
 
-def plot_modes(train, modes, chosen, ratios):
-    """Shapes of up to six modes along the train, angles referred to the reference
+def plot_modes(
+    train: DriveTrain, modes: Modes, chosen: Sequence[int], ratios: np.ndarray
+) -> Picture:
+    """Draw shapes of up to six modes along the train, angles referred to the reference
     rotor, nodes as crosses.
 
     chosen : numbers of the modes; ratios : damping ratios of all modes, nan where there
@@ -247,8 +293,10 @@ def plot_modes(train, modes, chosen, ratios):
     )
 
 
-def shapes_figure(train, modes, chosen, ratios):
-    """The figure of :func:`plot_modes`."""
+def shapes_figure(
+    train: DriveTrain, modes: Modes, chosen: Sequence[int], ratios: np.ndarray
+) -> Figure:
+    """Make the figure of :func:`plot_modes`."""
     lines = train_lines(train.topology)
     starts = np.cumsum([0, *(len(way) + 1 for way in lines)]).tolist()
     # Referred to one rotor angles do not jump at meshes.
@@ -259,28 +307,32 @@ def shapes_figure(train, modes, chosen, ratios):
     traces = []
     notes = []
     for panel, k in enumerate(chosen):
-        own = {"panel": panel, "showlegend": False}
         for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
-            names = [modes.names[disk] for disk in way]
-            style = {
-                "mode": "lines+markers",
-                "text": names,
-                "hovertemplate": "%{text}: %{y}<extra></extra>",
-            }
             traces.append(
                 line(
                     start + np.arange(len(way)),
                     shapes[k][way],
                     "",
                     min(number, 1),
-                    **style,
-                    **own,
+                    mode="lines+markers",
+                    text=[modes.names[disk] for disk in way],
+                    hovertemplate="%{text}: %{y}<extra></extra>",
+                    panel=panel,
+                    showlegend=False,
                 )
             )
-        nodes = mode_nodes(
-            lines, starts, np.where(np.abs(modes.shapes[k]) <= AT_REST, 0.0, shapes[k])
+        at_rest = np.abs(modes.shapes[k]) <= AT_REST
+        nodes = mode_nodes(lines, starts, np.where(at_rest, 0.0, shapes[k]))
+        traces.append(
+            marks(
+                nodes,
+                np.zeros(len(nodes)),
+                "node",
+                "x-thin-open",
+                panel=panel,
+                showlegend=False,
+            )
         )
-        traces.append(marks(nodes, np.zeros(len(nodes)), "node", "x-thin-open", **own))
         damping = "" if np.isnan(ratios[k]) else f", damping ratio {ratios[k]:.3g}"
         notes.append(
             above(f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz{damping}", panel)
@@ -292,42 +344,52 @@ def shapes_figure(train, modes, chosen, ratios):
     caption += "Dashed: branches, each begins at the disk named in brackets." * (
         len(lines) > 1
     )
-    panels = [("", (-1.15, 1.15))] * len(chosen)
-    more = {"annotations": notes, "x_range": (-0.5, starts[-1] - 1.5)}
-    made = figure(caption, "", panels, traces, height=95, **more)
-    said = {}  # of a branch the disk on which it hangs is in brackets
+    spec = figure(
+        caption,
+        "",
+        [("", (-1.15, 1.15))] * len(chosen),
+        traces,
+        height=95,
+        annotations=notes,
+        x_range=(-0.5, starts[-1] - 1.5),
+    )
+    names = {}  # the disk on which a branch hangs is in brackets
     for number, (start, way) in enumerate(zip(starts, lines, strict=False)):
-        said |= {start + i: modes.names[disk] for i, disk in enumerate(way)}
-        said |= {start: f"({said[start]})"} if number else {}
-    said = dict(list(said.items())[:: -(-len(said) // NAMES)])
-    room = round(5.4 * max(map(len, said.values())))
-    ticks = {
-        "tickvals": list(said),
-        "ticktext": list(said.values()),
+        names |= {start + i: modes.names[disk] for i, disk in enumerate(way)}
+        if number:
+            names[start] = f"({names[start]})"
+    names = dict(list(names.items())[:: -(-len(names) // NAMES)])
+    room = round(5.4 * max(map(len, names.values())))
+    spec.layout["xaxis"] |= {
+        "tickvals": list(names),
+        "ticktext": list(names.values()),
         "tickangle": -90,
         "tickfont": {"size": 9},
     }
-    made.layout["xaxis"] |= ticks
-    made.layout["margin"] |= {"t": 22, "b": 16 + room}
-    made.layout["height"] += room - 20
-    return made
+    spec.layout["margin"] |= {"t": 22, "b": 16 + room}
+    spec.layout["height"] += room - 20
+    return spec
 
 
-def mode_nodes(lines, starts, shape):
-    """Places of the nodes: between disks that move against each other, and disks at
-    rest between such.
+def mode_nodes(
+    lines: Sequence[Sequence[int]], starts: Sequence[int], shape: np.ndarray
+) -> list[float]:
+    """Find the places of the nodes: between disks that move against each other, and
+    disks at rest between such.
     """
-    found = []
-    place = {}
-    signs = {}
+    nodes = []
+    place_of_disk: dict[int, int] = {}
+    signs: dict[int, set] = {}
     for start, way in zip(starts, lines, strict=False):
         for i, (a, b) in enumerate(zip(way, way[1:], strict=False)):
             if shape[a] * shape[b] < 0:
-                found.append(start + i + shape[a] / (shape[a] - shape[b]))
-            for disk, other, at in ((a, b, start + i), (b, a, start + i + 1)):
-                place.setdefault(disk, at)
+                nodes.append(start + i + shape[a] / (shape[a] - shape[b]))
+            for disk, other, place in ((a, b, start + i), (b, a, start + i + 1)):
+                place_of_disk.setdefault(disk, place)
                 signs.setdefault(disk, set()).add(np.sign(shape[other]))
-    found += [
-        place[disk] for disk in place if shape[disk] == 0 and {-1.0, 1.0} <= signs[disk]
+    nodes += [
+        place
+        for disk, place in place_of_disk.items()
+        if shape[disk] == 0 and {-1.0, 1.0} <= signs[disk]
     ]
-    return [float(at) for at in found]
+    return [float(node) for node in nodes]

@@ -2,13 +2,19 @@
 then branches.
 """
 
+from collections.abc import Collection, Iterable
+
 from jaxhb.train.chain import span
 from jaxhb.train.connections import breadth_first, neighbours
+from jaxhb.train.topology import Topology
+
+Neighbours = list[list[tuple[int, int]]]
+"""Neighbours of every disk: (other, link)."""
 
 
-def joined(topology, links):
-    """Neighbours of every disk by some links of the train, without those that close a
-    loop: (other, link).
+def joined(topology: Topology, links: Iterable[int]) -> Neighbours:
+    """Find the neighbours of every disk by some links of the train, without those that
+    close a loop.
     """
     every = range(len(topology.link_ends))
     return neighbours(
@@ -18,34 +24,36 @@ def joined(topology, links):
     )
 
 
-def ways(near, start, *, through=False):
-    """Ways through the disks that hang on ``start``, on which every link lies once: the
-    longest, or the longest from ``start`` if it has to lie on the first; then branches,
-    each from a disk of an earlier way.
+def ways(near: Neighbours, start: int, *, through: bool = False) -> list[list[int]]:
+    """Find ways through the disks that hang on ``start``, on which every link lies
+    once: the longest, or the longest from ``start`` if it has to lie on the first; then
+    branches, each from a disk of an earlier way.
     """
-    first = _longest(
-        near, _longest(near, start)[-1]
-    )  # in a tree what is farthest from any is an end of a longest way
+    # In a tree the disk farthest from any is an end of a longest way.
+    first = _longest(near, _longest(near, start)[-1])
     if through and start not in first:
         first = _longest(near, start)
     # As the scene runs, whichever end the search began at.
-    found = [first if first[0] < first[-1] else first[::-1]]
+    all_ways = [first if first[0] < first[-1] else first[::-1]]
     placed = set(first)
-    for way in found:
+    for way in all_ways:
         for disk in way:
             while branches := [
                 _longest(near, other, placed)
                 for other, _ in near[disk]
                 if other not in placed
             ]:
-                found.append([disk, *max(branches, key=len)])
-                placed.update(found[-1])
-    return found
+                branch = [disk, *max(branches, key=len)]
+                all_ways.append(branch)
+                placed.update(branch)
+    return all_ways
 
 
-def _longest(near, start, taken=()):
-    """Disks from ``start`` to the one farthest from it, without those taken."""
-    free = [[pair for pair in pairs if pair[0] not in taken] for pairs in near]
+def _longest(near: Neighbours, start: int, placed: Collection[int] = ()) -> list[int]:
+    """Find the disks from ``start`` to the one farthest from it, without those that are
+    placed.
+    """
+    free = [[pair for pair in pairs if pair[0] not in placed] for pairs in near]
     outward = breadth_first(free, start)
     before = {disk: other for disk, other, _ in outward}
     path = [outward[-1][0]]
@@ -54,18 +62,16 @@ def _longest(near, start, taken=()):
     return path[::-1]
 
 
-def train_lines(topology):
-    """Ways along the train, lists of disks, on which every link lies once: the longest,
-    then branches from where they leave, then links that close a loop.
+def train_lines(topology: Topology) -> list[list[int]]:
+    """Find ways along the train, lists of disks, on which every link lies once: the
+    longest, then branches from where they leave, then links that close a loop.
 
     >>> import jaxhb
     >>> topology = jaxhb.load_scene("engine_with_damper").topology
-    >>> [[topology.disk_names[disk] for disk in way] for way in train_lines(topology)][
-    ...     2:
-    ... ]
+    >>> lines = train_lines(topology)
+    >>> [[topology.disk_names[disk] for disk in way] for way in lines][2:]
     [['idler', 'cam gear', 'camshaft'], ['hub', 'viscous damper']]
     """
-    found = ways(joined(topology, range(len(topology.link_ends))), 0)
-    return found + [
-        list(topology.link_ends[link]) for link in span(topology).loops.tolist()
-    ]
+    in_tree = ways(joined(topology, range(len(topology.link_ends))), 0)
+    closing = [list(topology.link_ends[link]) for link in span(topology).loops.tolist()]
+    return in_tree + closing

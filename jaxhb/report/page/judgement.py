@@ -1,11 +1,15 @@
-"""Parts of the page on what was found and how far it can be trusted: result, limits,
+"""Parts of the page on the answers and how far they can be trusted: result, limits,
 computed bounds, notes.
 """
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import numpy as np
 
+from jaxhb.report.answer import Answer, Case
 from jaxhb.report.figures.speeds import judged_elements, limit_figure
-from jaxhb.report.page.parts import Heading, flowing, table
+from jaxhb.report.page.parts import Block, Heading, Report, flowing, table
 from jaxhb.report.text.cases import (
     governing_misfires,
     governing_table,
@@ -18,6 +22,7 @@ from jaxhb.report.text.sentences import firing_lines, misfire_text, notes, warni
 from jaxhb.report.text.strength import (
     AID,
     LIMITED,
+    Share,
     answers_strength,
     largest_shares,
     strength_text,
@@ -28,11 +33,11 @@ from jaxhb.train.plausible import plausibility
 ROUNDING = 1e-9  # share of the power that is lost by rounding
 
 
-def result(report):
-    """What an engineer reads first: do the teeth hammer, how hard, and what of it is in
-    doubt.
+def result(report: Report) -> list[Block]:
+    """Say what an engineer reads first: do the teeth hammer, how hard, and what of it
+    is in doubt.
     """
-    blocks = [f"With {_largest(case)}" for case in report.shown]
+    blocks: list[Block] = [f"With {_largest(case)}" for case in report.shown]
     worst = worst_misfire(report.cases)
     blocks += firing_lines(*(case.answers[0].train for case in report.cases))
     if len(report.cases) > 2 and worst:
@@ -41,11 +46,10 @@ def result(report):
             f" {misfire_text(worst, report.cases[0].title)}"
         )
     blocks += [f"With the {_largest(case)}" for case in report.seconds]
-    blocks += judged(report.cases, "Against the limits of the scene") + judged(
-        report.seconds, SECOND_LIMITS
-    )
+    blocks += judged(report.cases, "Against the limits of the scene")
+    blocks += judged(report.seconds, SECOND_LIMITS)
     missing = {
-        case.title: sum(not a.answered for a in case.answers)
+        case.title: sum(not answer.answered for answer in case.answers)
         for case in [*report.cases, *report.seconds]
     }
     doubts = ", ".join(
@@ -53,23 +57,25 @@ def result(report):
         for title, count in missing.items()
         if count
     )
-    return blocks + [
-        f"Speeds WITHOUT AN ANSWER, left out of all largest values: {doubts}."
-    ] * bool(doubts)
+    if doubts:
+        blocks.append(
+            f"Speeds WITHOUT AN ANSWER, left out of all largest values: {doubts}."
+        )
+    return blocks
 
 
-def _largest(case):
-    """What a case does over the speeds, and the largest number of all elements, in
-    sentences.
+def _largest(case: Case) -> str:
+    """Say in sentences what a case does over the speeds, and the largest number of all
+    elements.
     """
-    found = hardest_of([case])
-    said = " ".join(motion_sentences(case.answers))
-    if found is None:
-        return f"{case.title}: {said} No speed has an answer."
-    quantity = found.quantity
+    hardest = hardest_of([case])
+    motions = " ".join(motion_sentences(case.answers))
+    if hardest is None:
+        return f"{case.title}: {motions} No speed has an answer."
+    quantity = hardest.quantity
     before = (
-        quantity.without([found.answer], found.name)[0]
-        if any(found.answer.topology.mesh_backlash)
+        quantity.without([hardest.answer], hardest.name)[0]
+        if any(hardest.answer.topology.mesh_backlash)
         else np.nan
     )
     without = (
@@ -77,11 +83,11 @@ def _largest(case):
         if np.isfinite(before)
         else ""
     )
-    return f"{case.title}: {said} {quantity.title}: {found.said}{without}."
+    return f"{case.title}: {motions} {quantity.title}: {hardest.said}{without}."
 
 
-def accuracy(report):
-    """How far the numbers can be trusted: residuals, truncation, power, computed
+def accuracy(report: Report) -> list[Block]:
+    """Tell how far the numbers can be trusted: residuals, truncation, power, computed
     bounds.
     """
     title = (
@@ -98,53 +104,56 @@ def accuracy(report):
         "power lost %",
     ]
     rows = [[case.title, *_accuracy(case.answers)] for case in report.cases]
-    chosen = {case.title: case.answers[report.place] for case in report.shown}
-    certified = {
-        title: answer
-        for title, answer in chosen.items()
-        if answer.certificate is not None
-    }
-    blocks = [table(title, rows, heads)]
-    for title, answer in certified.items():
-        said, *more = certificate_parts(answer, answer.certificate)
-        blocks += [f"{answer.rpm:g} rpm, {title}. {flowing(said)}", *more]
-    none = (
-        "No computed bound was asked for: --certify adds one at the speed that is shown"
-        " in full."
-    )
-    return blocks if certified else [*blocks, none]
+    blocks: list[Block] = [table(title, rows, heads)]
+    certified = False
+    for case in report.shown:
+        answer = case.answers[report.place]
+        if answer.certificate is not None:
+            certified = True
+            text, *more = certificate_parts(answer, answer.certificate)
+            blocks += [f"{answer.rpm:g} rpm, {case.title}. {flowing(text)}", *more]
+    if not certified:
+        blocks.append(
+            "No computed bound was asked for: --certify adds one at the speed that is"
+            " shown in full."
+        )
+    return blocks
 
 
-def _accuracy(answers):
-    """Cells of one case."""
-    solved = [
-        answer for answer in answers if answer.answered and answer.response is not None
+def _accuracy(answers: Sequence[Answer]) -> list[str]:
+    """Write the cells of one case."""
+    responses = [
+        (answer.rpm, answer.response)
+        for answer in answers
+        if answer.answered and answer.response is not None
     ]
     count = f"{sum(answer.answered for answer in answers)} of {len(answers)}"
-    if not solved:
-        return [count, *[NONE] * 4]
-    residual = max(float(answer.response.residual) for answer in solved)
-    lost = max(abs(float(answer.response.power_defect)) for answer in solved)
+    if not responses:
+        return [count, NONE, NONE, NONE, NONE]
+    residual = max(float(response.residual) for _, response in responses)
+    lost = max(abs(float(response.power_defect)) for _, response in responses)
     error, rpm = max(
-        (float(answer.response.truncation_error), answer.rpm) for answer in solved
+        (float(response.truncation_error), rpm) for rpm, response in responses
     )
-    error, at = plain_number(100 * error, 2), f"{rpm:g}" if error else NONE
-    lost = plain_number(100 * lost, 2) if lost > ROUNDING else "0"
-    return [count, f"{residual:.1e}" if residual else "0", error, at, lost]
+    return [
+        count,
+        f"{residual:.1e}" if residual else "0",
+        plain_number(100 * error, 2),
+        f"{rpm:g}" if error else NONE,
+        plain_number(100 * lost, 2) if lost > ROUNDING else "0",
+    ]
 
 
-def notes_of(report):
-    """What to be careful about, and speeds without an answer."""
-    every = [*report.cases, *report.seconds]
-    said = [
+def notes_of(report: Report) -> list[Block]:
+    """List what to be careful about, and speeds without an answer."""
+    sentences: list[Block] = [
         f"{case.title}: {sentence}"
-        for case in every
+        for case in [*report.cases, *report.seconds]
         for sentence in warnings(case.answers)
     ]
-    own = plausibility(report.train) + notes(
-        *(answer for case in report.cases for answer in case.answers)
-    )
-    return [*said, *own] or ["Nothing to note."]
+    sentences += plausibility(report.train)
+    sentences += notes(*(answer for case in report.cases for answer in case.answers))
+    return sentences or ["Nothing to note."]
 
 
 SHOWN = 6  # shares of limits in a sentence
@@ -152,101 +161,107 @@ SECOND_LIMITS = "Second design, against the limits of its scene"
 MOST = 4  # elements whose limits are drawn, of each of two kinds
 
 
-def shares_of(cases):
-    """The :class:`~jaxhb.report.text.strength.Share` of every element over all cases
-    that are judged.
+def shares_of(cases: Sequence[Case]) -> dict[tuple[str, str], Share]:
+    """Find the :class:`~jaxhb.report.text.strength.Share` of every element over all
+    cases that are judged.
     """
     return largest_shares(
         {case.title: answers_strength(case.answers) for case in cases}
     )
 
 
-def judged(cases, against):
-    """How cases stand against their limits, in sentences: the largest shares, and where
-    stresses may not even be passed through or the torque of teeth changes its sign.
+def judged(cases: Sequence[Case], against: str) -> list[str]:
+    """Judge cases by their limits, in sentences: the largest shares, and where stresses
+    may not even be passed through or the torque of teeth changes its sign.
     """
     shares = list(shares_of(cases).values())
     if not shares:
         return []
 
-    def where(key, is_so):
-        found = {}
+    def where(key: str, holds: Callable[[Any], bool | np.bool_]) -> str:
+        """Name the elements and cases where something holds of a row of ``key``."""
+        titles_by_name: dict[str, list[str]] = {}
         for case in cases:
             for name, row in getattr(answers_strength(case.answers), key).items():
-                if is_so(row):
-                    found.setdefault(name, []).append(case.title)
+                if holds(row):
+                    titles_by_name.setdefault(name, []).append(case.title)
         return "; ".join(
-            f"{name} ({', '.join(titles)})" for name, titles in found.items()
+            f"{name} ({', '.join(titles)})" for name, titles in titles_by_name.items()
         )
 
-    over = sum(one.share > 1 for one in shares)
+    over = sum(share.share > 1 for share in shares)
     count = "one case" if len(cases) == 1 else f"{len(cases)} cases"
-    how = (
+    verdict = (
         f"{over} of {len(shares)} ABOVE A LIMIT"
         if over
         else "within the limits at all speeds that are judged"
     )
-    told = [
-        f"{one.kind.called} of {one.name} {one.share:.2f} of {one.said} ({one.case},"
-        f" {one.rpm:g} rpm)"
-        for one in shares[:SHOWN]
+    listed = [
+        f"{share.kind.called} of {share.name} {share.share:.2f} of {share.said}"
+        f" ({share.case}, {share.rpm:g} rpm)"
+        for share in shares[:SHOWN]
     ]
-    told += [f"{len(shares) - SHOWN} more have smaller shares"] * (len(shares) > SHOWN)
-    said = [
-        f"{against} ({AID}), {count}: {how}. Shares, the largest first:"
-        f" {'; '.join(told)}."
+    if len(shares) > SHOWN:
+        listed.append(f"{len(shares) - SHOWN} more have smaller shares")
+    sentences = [
+        f"{against} ({AID}), {count}: {verdict}. Shares, the largest first:"
+        f" {'; '.join(listed)}."
     ]
     above = where(
         "stresses",
         lambda row: row.transient is not None and np.any(row.stress > row.transient),
     )
     reversing = where("tooth_torques", lambda row: np.any(row.reverses))
-    said += [f"ABOVE THE TRANSIENT LIMIT of stress: {above}."] * bool(above)
-    return said + [
-        f"Teeth with a rated torque whose torque changes its sign: {reversing}."
-    ] * bool(reversing)
+    if above:
+        sentences.append(f"ABOVE THE TRANSIENT LIMIT of stress: {above}.")
+    if reversing:
+        sentences.append(
+            f"Teeth with a rated torque whose torque changes its sign: {reversing}."
+        )
+    return sentences
 
 
-def shares_table(title, cases):
-    """Shares of limits of every element, case by case; cases may be of two designs;
-    None without a limit.
+def shares_table(title: str, cases: Sequence[Case]) -> Table | None:
+    """Make a table of the shares of limits of every element, case by case; cases may be
+    of two designs; None without a limit.
     """
     columns = [shares_of([case]) for case in cases]
     rows = []
     for key, name in dict.fromkeys(key for column in columns for key in column):
-        rows.append([name, LIMITED[key].called, LIMITED[key].limit])
+        row = [name, LIMITED[key].called, LIMITED[key].limit]
         for column in columns:
-            own = column.get((key, name))
-            rows[-1] += [f"{own.share:.2f}", f"{own.rpm:g}"] if own else [NONE, NONE]
+            share = column.get((key, name))
+            row += [f"{share.share:.2f}", f"{share.rpm:g}"] if share else [NONE, NONE]
+        rows.append(row)
     heads = ["element", "judged", "limit", *["share", "at rpm"] * len(cases)]
     groups = [(case.title, 3 + 2 * i, 4 + 2 * i) for i, case in enumerate(cases)]
     return from_rows(title, heads, rows, groups) if rows else None
 
 
-def limits(report):
-    """Stresses, tooth torques and heat against the limits of the scene; of misfires
+def limits(report: Report) -> list[Block]:
+    """Judge stresses, tooth torques and heat by the limits of the scene; of misfires
     that which governs each element.
     """
-    every = {case.title: answers_strength(case.answers) for case in report.cases}
+    strengths = {case.title: answers_strength(case.answers) for case in report.cases}
     normal = report.cases[0].title
-    if not every[normal]:
+    if not strengths[normal]:
         return [
             "The scene gives no limits: no diameter of a shaft, no rated_torque of a"
             " mesh, no power_limit."
         ]
-    blocks = []
+    blocks: list[Block] = []
     for case in report.shown:
-        parts = strength_text({"": every[case.title]})
-        parts = [part if isinstance(part, Table) else flowing(part) for part in parts]
-        blocks += [
-            Heading(f"With {case.title}"),
-            *(part for part in parts if part not in blocks),
+        parts = [
+            part if isinstance(part, Table) else flowing(part)
+            for part in strength_text({"": strengths[case.title]})
         ]
+        new_parts = [part for part in parts if part not in blocks]
+        blocks += [Heading(f"With {case.title}"), *new_parts]
     governing = governing_misfires(report.cases)
     if len(report.cases) > 2 and governing:
         blocks += [Heading("Of all misfires"), governing_table(report.cases)]
     chosen = (
-        judged_elements(every[normal], each=True)[: 2 * MOST]
+        judged_elements(strengths[normal], each=True)[: 2 * MOST]
         if len(report.rpm) > 1
         else []
     )
@@ -255,7 +270,7 @@ def limits(report):
         drawn = [normal, worst.case] if worst else [case.title for case in report.shown]
         blocks.append(
             limit_figure(
-                {title: every[title] for title in drawn}, key, name, report.train
+                {title: strengths[title] for title in drawn}, key, name, report.train
             )
         )
     return blocks

@@ -3,6 +3,7 @@ diagram, forced orders.
 """
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,15 +14,17 @@ from jaxhb.linear.critical import (
     modes_of,
     shares_in_mode,
 )
-from jaxhb.linear.forced import forced_response
+from jaxhb.linear.forced import ForcedResponse, forced_response
 from jaxhb.linear.strength import strength
 from jaxhb.report.answer import SPEED
 from jaxhb.report.figures.linear import MOST, campbell_figure, shapes_figure
 from jaxhb.report.figures.speeds import hardest_elements, orders_figure
 from jaxhb.report.orders import order_names
-from jaxhb.report.page.parts import Heading
+from jaxhb.report.page.parts import Block, Heading, Report
 from jaxhb.report.selection import cylinder_of, misfiring
 from jaxhb.report.text.forced import (
+    Reading,
+    WorstMisfire,
     forced_failures,
     misfire_tables,
     readings,
@@ -44,34 +47,33 @@ to the second number.
 ONE_SPEED = 0.5
 LOWEST = 60  # natural frequencies of a train of many disks
 TOGETHER = 3  # mode shapes in a figure: what does not fit on a sheet leaves it empty
-# Modal torque over the largest of the mode below which a critical speed is not in the
-# table
+# Modal torque over the largest of the mode below which no table has a critical speed
 NEGLIGIBLE = 0.01
 # Speeds of the linear forced response at least: it costs little and has sharp peaks
 SPEEDS = 201
 
 
-def modes(report):
-    """Natural frequencies and the shapes of the first ones that strain links."""
+def modes(report: Report) -> list[Block]:
+    """Show natural frequencies and the shapes of the first ones that strain links."""
     train = report.train
-    found, kinds, ratios = modes_of(train, LOWEST)
-    table = modes_text(found, train.topology.title, kinds, ratios, in_contact(train))
+    natural, kinds, ratios = modes_of(train, LOWEST)
+    table = modes_text(natural, train.topology.title, kinds, ratios, in_contact(train))
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:MOST]
-    shapes = [elastic[i : i + TOGETHER] for i in range(0, len(elastic), TOGETHER)]
+    sheets = [elastic[i : i + TOGETHER] for i in range(0, len(elastic), TOGETHER)]
     return [
         table,
         *approximations(train),
-        *(shapes_figure(train, found, some, ratios) for some in shapes),
+        *(shapes_figure(train, natural, sheet, ratios) for sheet in sheets),
     ]
 
 
-def campbell(report):
-    """Natural frequencies over the speed, orders, critical speeds."""
+def campbell(report: Report) -> list[Block]:
+    """Show natural frequencies over the speed, orders, critical speeds."""
     low = min(report.rpm)
     high = max(report.rpm)
-    low, high = (
-        (low * (1 - ONE_SPEED), high * (1 + ONE_SPEED)) if low == high else (low, high)
-    )
+    if low == high:
+        low = low * (1 - ONE_SPEED)
+        high = high * (1 + ONE_SPEED)
     speeds = np.linspace(low, high, 33)
     trains = {cylinder_of(case.title): case.answers[0].train for case in report.cases}
     orders = sorted(
@@ -81,42 +83,48 @@ def campbell(report):
             for order in excited_orders(train, rpm=speeds)
         }
     )
-    asked = {"rpm": speeds, "orders": orders, "count": CAMPBELL_MODES[1]}
-    found = [campbell_of(train, **asked) for train in trains.values()]
-    count = min(max(found[0].reached(), CAMPBELL_MODES[0]), CAMPBELL_MODES[1])
+    diagrams = [
+        campbell_of(train, rpm=speeds, orders=orders, count=CAMPBELL_MODES[1])
+        for train in trains.values()
+    ]
+    normal = diagrams[0]
+    count = min(max(normal.reached(), CAMPBELL_MODES[0]), CAMPBELL_MODES[1])
     torques = [
-        max(c.torque for c in same)
-        for same in zip(*(one.critical for one in found), strict=True)
+        max(critical.torque for critical in in_all_cases)
+        for in_all_cases in zip(
+            *(diagram.critical for diagram in diagrams), strict=True
+        )
     ]
     chosen = [
         place
-        for place, share in enumerate(shares_in_mode(found[0].critical, torques))
+        for place, share in enumerate(shares_in_mode(normal.critical, torques))
         if share >= NEGLIGIBLE
     ]
-    main, *others = (
+    main, *with_misfire = (
         dataclasses.replace(
-            one, critical=tuple(one.critical[place] for place in chosen)
+            diagram, critical=tuple(diagram.critical[place] for place in chosen)
         )
-        for one in found
+        for diagram in diagrams
     )
-    misfires = dict(zip(list(trains)[1:], others, strict=True))
+    misfires = dict(zip(list(trains)[1:], with_misfire, strict=True))
     names = order_names(report.train)
-    blocks = campbell_parts(main, count, misfires, names)
-    left = len(torques) - len(chosen)
-    said = (
-        f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of"
-        " the largest of their mode"
-    )
-    return [
-        campbell_figure(found[0], count, report.cases[0].title, names),
-        *blocks,
-        *[f"{said}: left out here."] * bool(left),
+    blocks: list[Block] = [
+        campbell_figure(normal, count, report.cases[0].title, names),
+        *campbell_parts(main, count, misfires, names),
     ]
+    left = len(torques) - len(chosen)
+    if left:
+        blocks.append(
+            f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} %"
+            " of the largest of their mode: left out here."
+        )
+    return blocks
 
 
-def forced(report):
-    """The linear forced response over the speeds: the worst of every element, orders of
-    what swings most; of several misfires that which governs each element.
+def forced(report: Report) -> list[Block]:
+    """Show the linear forced response over the speeds: the worst of every element,
+    orders of those that swing most; of several misfires that which governs each
+    element.
     """
     low = min(report.rpm)
     high = max(report.rpm)
@@ -127,53 +135,55 @@ def forced(report):
         case.title: forced_response(case.answers[0].train, rpm=speeds)
         for case in report.cases
     }
-    title, first = next(iter(responses.items()))
-    found = readings(first)
-    good = np.asarray(first.converged)
+    normal, first = next(iter(responses.items()))
+    elements = readings(first)
+    converged = np.asarray(first.converged)
     chosen = (
-        hardest_elements([one.at(good) for one in found])
-        if len(speeds) > 1 and good.any()
+        hardest_elements([element.at(converged) for element in elements])
+        if len(speeds) > 1 and converged.any()
         else []
     )
     misfires = {
-        other: response for other, response in responses.items() if misfiring(other)
+        title: response for title, response in responses.items() if misfiring(title)
     }
-    worst = _worst(first, misfires, found) if len(misfires) > 1 else None
-    said = f"Linear, teeth in contact, at {SPEED.span(speeds)}."
+    worst = _worst(first, misfires, elements) if len(misfires) > 1 else None
+    remark = f"Linear, teeth in contact, at {SPEED.span(speeds)}."
     if chosen:
-        said += f" Sums and orders in the figures: {title}."
-        said += " Lines of a misfire are its half peak-to-peak." if misfires else ""
-    blocks = [said, *approximations(report.train, report.rpm)]
-    for one in chosen:
-        governing = (
-            {worst[one.name].cylinder: misfires[worst[one.name].cylinder]}
-            if worst
-            else misfires
-        )
-        blocks.append(orders_figure(first, one, governing, title))
-    for other, response in responses.items():
-        if other == title or not worst:
+        remark += f" Sums and orders in the figures: {normal}."
+        remark += " Lines of a misfire are its half peak-to-peak." if misfires else ""
+    blocks: list[Block] = [remark, *approximations(report.train, report.rpm)]
+    for element in chosen:
+        governing = misfires
+        if worst:
+            title = worst[element.name].cylinder
+            governing = {title: misfires[title]}
+        blocks.append(orders_figure(first, element, governing, normal))
+    for title, response in responses.items():
+        if title == normal or not worst:
             blocks += [
-                Heading(f"Largest values, {other}"),
+                Heading(f"Largest values, {title}"),
                 *worst_tables(response, readings(response)),
             ]
-        blocks += forced_failures(response, other if other in misfires else "")
+        blocks += forced_failures(response, title if title in misfires else "")
     if not worst:
         return blocks
     return [
         *blocks,
         Heading("The worst misfire of every element"),
-        *misfire_tables(found, worst, title),
+        *misfire_tables(elements, worst, normal),
     ]
 
 
-def _worst(first, misfires, found):
-    """The worst misfire of every element by the titles of cases, as :func:`worst_of`;
-    None where none has an answer.
+def _worst(
+    first: ForcedResponse,
+    misfires: Mapping[str, ForcedResponse],
+    elements: Sequence[Reading],
+) -> dict[str, WorstMisfire] | None:
+    """Find the worst misfire of every element by the titles of cases, as
+    :func:`worst_of`; None where none has an answer.
     """
     if not any(np.asarray(response.converged).any() for response in misfires.values()):
         return None
-    cases = {"": first} | misfires
-    return worst_of(
-        cases, found, {title: strength(response) for title, response in cases.items()}
-    )
+    cases = {"": first, **misfires}
+    judged = {title: strength(response) for title, response in cases.items()}
+    return worst_of(cases, elements, judged)

@@ -3,23 +3,25 @@ at one speed in full, and in a second design.
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from jaxhb.report import quantities
-from jaxhb.report.answer import UNCONFIRMED
+from jaxhb.report.answer import UNCONFIRMED, Case
 from jaxhb.report.figures.cycle import cycle_figure
 from jaxhb.report.figures.figure import plain
 from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page.differences import differences
 from jaxhb.report.page.judgement import SECOND_LIMITS, judged, shares_table
-from jaxhb.report.page.parts import Heading
+from jaxhb.report.page.parts import Block, Heading, Report
 from jaxhb.report.selection import subject_of
 from jaxhb.report.text.cases import hardest_of, speed_tables
 from jaxhb.report.text.columns import (
     DOUBT,
     NONE,
     Doubtful,
+    Table,
     from_rows,
     hit,
     percent,
@@ -28,45 +30,43 @@ from jaxhb.report.text.columns import (
 from jaxhb.report.text.sentences import status_lines, verdict
 from jaxhb.report.text.sweep_tables import speed_table, turning_table
 
-MOST, BESIDE = (
-    6,
-    4,
-    # Elements with a figure, of a kind and of two designs: those with the largest
-    # numbers
-)
+# Elements with a figure, of a kind and of two designs: those with the largest numbers
+MOST = 6
+BESIDE = 4
 # Meshes of the gear that are drawn over the cycle beside the one with the largest force
 MESHES = 3
 
 
-def motions(report):
-    """The largest number of all elements and the kind of motion, a row for every speed,
-    irregularity.
+def motions(report: Report) -> list[Block]:
+    """Show the largest number of all elements and the kind of motion, a row for every
+    speed, irregularity.
     """
     cases = report.shown
     quantity = quantities.main_quantity(report.train)
-    blocks = []
+    blocks: list[Block] = []
     if len(report.rpm) > 1:
         caption = f"{quantity.title} of all, {quantity.unit}, and the kind of motion"
         blocks.append(over_speed(quantity, [""], cases, caption))
-    blocks += [_misfires(report)] if len(report.cases) > 2 else []
-    blocks += [
-        speed_table(case.answers, f"Speed by speed, {case.title}") for case in cases
-    ]
-    blocks += [
-        one for case in cases for one in turning_table(case.answers, f", {case.title}")
-    ]
+    if len(report.cases) > 2:
+        blocks.append(_misfires(report))
+    for case in cases:
+        blocks.append(speed_table(case.answers, f"Speed by speed, {case.title}"))
+    for case in cases:
+        blocks += turning_table(case.answers, f", {case.title}")
     return [*blocks, maxima(quantities.irregularity(report.train), cases)]
 
 
-def _misfires(report):
-    """Every misfire: the largest number of all elements over the speeds."""
+def _misfires(report: Report) -> Table:
+    """Make a table of every misfire: the largest number of all elements over the
+    speeds.
+    """
     quantity = quantities.main_quantity(report.train)
     rows = []
     for case in report.cases:
-        found = hardest_of([case])
+        hardest = hardest_of([case])
         cells = (
-            [quantity.factor * found.value, f"{found.answer.rpm:g}", found.name]
-            if found
+            [quantity.factor * hardest.value, f"{hardest.answer.rpm:g}", hardest.name]
+            if hardest
             else [np.nan, NONE, NONE]
         )
         rows.append([case.title, *cells])
@@ -74,8 +74,8 @@ def _misfires(report):
     return from_rows(title, ["", (quantity.unit, "number"), "at rpm", "in"], rows)
 
 
-def forces_over_speed(report):
-    """Tooth forces and how long teeth are apart."""
+def forces_over_speed(report: Report) -> list[Block]:
+    """Show tooth forces and how long teeth are apart."""
     blocks = swings(quantities.forces(report.train), report.shown)
     apart = quantities.separation(report.train)
     if any(report.train.topology.mesh_backlash) and len(report.rpm) > 1:
@@ -86,61 +86,56 @@ def forces_over_speed(report):
     return blocks
 
 
-def swings(quantity, cases, most=MOST):
-    """The largest numbers of all elements in a table, and the hardest worked over the
-    speed; a list, empty without.
+def swings(
+    quantity: quantities.Quantity, cases: Sequence[Case], most: int = MOST
+) -> list[Block]:
+    """Show the largest numbers of all elements in a table, and the hardest worked over
+    the speed; a list, empty without.
     """
     names = quantity.hardest(cases)[:most] if len(cases[0].answers) > 1 else []
-    said = (
-        f"Figures show the {len(names)} with the largest numbers; the table lists all"
-        f" {len(quantity.names)}."
-    )
-    blocks = [said] * (0 < len(names) < len(quantity.names)) + [
-        maxima(quantity, cases)
-    ] * bool(quantity.names)
+    blocks: list[Block] = []
+    if 0 < len(names) < len(quantity.names):
+        blocks.append(
+            f"Figures show the {len(names)} with the largest numbers; the table lists"
+            f" all {len(quantity.names)}."
+        )
+    if quantity.names:
+        blocks.append(maxima(quantity, cases))
     return blocks + [over_speed(quantity, [name], cases) for name in names]
 
 
-def maxima(quantity, cases):
-    """The largest number of every element over the speeds that have an answer, with and
-    without backlash; of tooth forces the worst contact too.
+def maxima(quantity: quantities.Quantity, cases: Sequence[Case]) -> Table:
+    """Make a table of the largest number of every element over the speeds that have an
+    answer, with and without backlash; of tooth forces the worst contact too.
     """
     rpm = [answer.rpm for answer in cases[0].answers]
     backlash = any(cases[0].answers[0].topology.mesh_backlash)
     contact = backlash and quantity.called == "tooth force"
     marked = False
-    heads = [quantity.element]
-    rows = [[name] for name in quantity.names]
+    heads: list = [quantity.element]
+    rows: list[list] = [[name] for name in quantity.names]
     for case in cases:
         heads += [("with" if backlash else quantity.unit, case.title), "at rpm"]
         heads += [("without", case.title), ("ratio", ratio)] * backlash
         heads += [("apart %", percent), ("hit m/s", hit)] * contact
-        known = [answer for answer in case.answers if answer.answered]
+        answered = [answer for answer in case.answers if answer.answered]
         for row, name in zip(rows, quantity.names, strict=True):
             values = quantity.of(case.answers, name)
+            finite = np.isfinite(values)
+            without = quantity.without(case.answers, name)
+            largest = max(values[finite], default=np.nan)
             # Both go over the same speeds: those that have an answer with backlash.
-            both = (
-                values,
-                np.where(
-                    np.isfinite(values), quantity.without(case.answers, name), np.nan
-                ),
-            )
-            largest, before = (
-                max(own[np.isfinite(own)], default=np.nan) for own in both
-            )
+            before = max(without[finite & np.isfinite(without)], default=np.nan)
             place = values.tolist().index(largest) if np.isfinite(largest) else None
-            at = NONE if place is None else f"{rpm[place]:g}"
             doubtful = place is not None and case.answers[place].unconfirmed
             marked |= doubtful
-            row += [
-                Doubtful(largest) if doubtful else largest,
-                at,
-                *[before, (largest, before)] * backlash,
-            ]
+            row.append(Doubtful(largest) if doubtful else largest)
+            row.append(NONE if place is None else f"{rpm[place]:g}")
+            row += [before, (largest, before)] * backlash
             for field in ("separated_fraction", "hardest_impact") if contact else ():
                 row.append(
                     max(
-                        (getattr(answer.contacts[name], field) for answer in known),
+                        (getattr(answer.contacts[name], field) for answer in answered),
                         default=np.nan,
                     )
                 )
@@ -148,17 +143,15 @@ def maxima(quantity, cases):
     groups = [
         (case.title, 1 + i * width, (i + 1) * width) for i, case in enumerate(cases)
     ]
-    said = (
-        ", with and without backlash" * backlash + f"; {DOUBT}: {UNCONFIRMED}" * marked
-    )
-    return from_rows(
-        f"{quantity.title} over the speeds, {quantity.unit}{said}", heads, rows, groups
-    )
+    remark = ", with and without backlash" if backlash else ""
+    remark += f"; {DOUBT}: {UNCONFIRMED}" if marked else ""
+    title = f"{quantity.title} over the speeds, {quantity.unit}{remark}"
+    return from_rows(title, heads, rows, groups)
 
 
-def one_speed(report):
-    """One speed in full: verdicts, the cycle, tables of forces and torques, normal and
-    misfiring.
+def one_speed(report: Report) -> list[Block]:
+    """Show one speed in full: verdicts, the cycle, tables of forces and torques, normal
+    and misfiring.
     """
     answers = {case.title: case.answers[report.place] for case in report.shown}
     first = report.cases[0].answers[report.place]
@@ -167,43 +160,38 @@ def one_speed(report):
         f" {report.cases[0].title}"
     )
     why = "as asked for" if report.asked else why
-    subject, own = subject_of(first, report.gear)
+    subject, subject_meshes = subject_of(first, report.gear)
     meshes = (
-        list(dict.fromkeys([*own[:MESHES], first.worst_mesh or own[0]])) if own else ()
+        list(
+            dict.fromkeys(
+                [*subject_meshes[:MESHES], first.worst_mesh or subject_meshes[0]]
+            )
+        )
+        if subject_meshes
+        else ()
     )
-    blocks = [f"Shown is {first.rpm:g} rpm, {why}."]
+    blocks: list[Block] = [f"Shown is {first.rpm:g} rpm, {why}."]
     for title, answer in answers.items():
-        lines = [f"{said[0].upper()}{said[1:]}." for said in status_lines(answer)]
-        caption = (
-            f"{answer.rpm:g} rpm, {plain(title)}: torque of {plain(subject or '')}"
-        )
-        caption += " and tooth forces" * bool(meshes)
+        lines = [f"{line[0].upper()}{line[1:]}." for line in status_lines(answer)]
         blocks += [Heading(f"With {title}"), "\n".join([verdict(answer), *lines])]
-        blocks += (
-            [cycle_figure(answer, subject, meshes, caption)]
-            if subject and answer.answered
-            else []
-        )
+        if subject and answer.answered:
+            caption = f"{answer.rpm:g} rpm, {plain(title)}: torque of {plain(subject)}"
+            caption += " and tooth forces" if meshes else ""
+            blocks.append(cycle_figure(answer, subject, meshes, caption))
     return blocks + speed_tables(report.shown, report.place)
 
 
-def second_design(report):
-    """Another design beside the first: what differs, what it does at the same speeds,
-    and its shares of limits.
+def second_design(report: Report) -> list[Block]:
+    """Show another design beside the first: what differs, what it does at the same
+    speeds, and its shares of limits.
     """
     if not report.seconds:
         return []
-    title = "first design"
-    pairs = [
-        [
-            dataclasses.replace(
-                first,
-                title=title if first is report.cases[0] else f"{title}, {first.title}",
-            ),
-            second,
-        ]
-        for first, second in zip(report.shown, report.seconds, strict=False)
-    ]
+    pairs = []
+    for first, second in zip(report.shown, report.seconds, strict=False):
+        normal = first is report.cases[0]
+        title = "first design" if normal else f"first design, {first.title}"
+        pairs.append([dataclasses.replace(first, title=title), second])
     trains = (report.train, report.seconds[0].answers[0].train)
     designs = (report.elements, report.second_elements)
     blocks = [
@@ -218,28 +206,25 @@ def second_design(report):
             " misfire does to it."
         )
     shares = shares_table(
-        "Largest shares of the limits that each design gives", sum(pairs, [])
+        "Largest shares of the limits that each design gives",
+        [case for pair in pairs for case in pair],
     )
-    limits = [
-        Heading("Limits of both designs"),
-        *judged(report.seconds, SECOND_LIMITS),
-        shares,
-    ]
-    return blocks + limits * (shares is not None)
+    if shares is None:
+        return blocks
+    sentences = judged(report.seconds, SECOND_LIMITS)
+    return [*blocks, Heading("Limits of both designs"), *sentences, shares]
 
 
-def _beside(cases, most):
-    """What two designs do, element by element that both have."""
+def _beside(cases: Sequence[Case], most: int) -> list[Block]:
+    """Show two designs, element by element that both have."""
     trains = [case.answers[0].train for case in cases]
-    told = [quantities.forces, quantities.gear_torques, quantities.shaft_torques]
+    links = [quantities.forces, quantities.gear_torques, quantities.shaft_torques]
     blocks = []
     for quantity in (
-        *(told if trains[0].topology.link_names else [quantities.angles]),
+        *(links if trains[0].topology.link_names else [quantities.angles]),
         quantities.heat,
     ):
-        mine, its = map(quantity, trains)
-        shared = dataclasses.replace(
-            mine, names=tuple(name for name in mine.names if name in its.names)
-        )
-        blocks += swings(shared, cases, most)
+        first, second = map(quantity, trains)
+        names = tuple(name for name in first.names if name in second.names)
+        blocks += swings(dataclasses.replace(first, names=names), cases, most)
     return blocks

@@ -3,7 +3,8 @@ only importer of plotly.
 """
 
 import sys
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 from jaxhb.report.page.judgement import accuracy, limits, notes_of, result
 from jaxhb.report.page.linear import campbell, forced, modes
@@ -14,11 +15,11 @@ from jaxhb.report.page.motion import (
     second_design,
     swings,
 )
-from jaxhb.report.page.parts import environment
+from jaxhb.report.page.parts import Block, Report, environment
 from jaxhb.report.page.train import assumptions, train_data
 from jaxhb.report.quantities import angles, gear_torques, heat, shaft_torques
 
-PARTS = {
+PARTS: dict[str, Callable[[Report], list[Block]]] = {
     "Result": result,
     "Train and data": train_data,
     "Assumptions and versions": assumptions,
@@ -47,18 +48,20 @@ concern the train.
 
 
 class Part(NamedTuple):
-    """A part of the page: its HTML, and the blocks that it is made of."""
+    """A part of the page: its HTML, the blocks that it is made of, and whether it could
+    not be made.
+    """
 
     title: str
     html: str
-    blocks: list
+    blocks: list[Block]
     failed: bool
 
 
-def as_page(report):
-    """The page of a :class:`Report` as the bytes of a file, and whether every part of
-    it could be made; scripts, styles and numbers are inside, nothing is loaded when it
-    is opened.
+def as_page(report: Report) -> tuple[list[bytes], bool]:
+    """Write the page of a :class:`Report` as the bytes of a file, and tell whether
+    every part of it could be made; scripts, styles and numbers are inside, nothing is
+    loaded when it is opened.
     """
     from plotly.offline import get_plotlyjs
 
@@ -71,12 +74,15 @@ def as_page(report):
     return [text.encode()], not any(part.failed for part in parts)
 
 
-def parts_of(report, sources):
-    """All parts that concern the train; what fails is a sentence in the part, and on
-    stderr.
+def parts_of(
+    report: Report, sources: Mapping[str, Callable[[Report], list[Block]]]
+) -> list[Part]:
+    """Make all parts that concern the train; a failure is a sentence in the part, and
+    on stderr.
     """
-    found = []
-    show = environment().get_template("show.html").module.show
+    parts = []
+    macros: Any = environment().get_template("show.html").module
+    show = macros.show
     for title, gather in sources.items():
         try:
             blocks = gather(report)
@@ -84,12 +90,13 @@ def parts_of(report, sources):
             html = "".join(map(show, blocks))
         except Exception as error:  # whatever it is, the other parts are of use
             kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
-            said = f"{kind}{error or 'no reason given'}"
+            reason = f"{kind}{error}"
             print(
-                f"--html: {title!r} is missing from the page: {said}", file=sys.stderr
+                f"--html: {title!r} is missing from the page: {reason}", file=sys.stderr
             )
-            blocks = [f"This part could not be made: {said}"]
+            blocks = [f"This part could not be made: {reason}"]
             failed = True
             html = show(blocks[0])
-        found += [Part(title, html, blocks, failed)] if blocks else []
-    return found
+        if blocks:
+            parts.append(Part(title, html, blocks, failed))
+    return parts

@@ -1,10 +1,13 @@
-"""Parts of the page on what was computed: the train, what excites and loads it,
-assumptions, versions.
+"""Parts of the page on the subject: the train, what excites and loads it, assumptions,
+versions.
 """
 
+import dataclasses
 import io
 import re
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,24 +16,29 @@ from jaxhb.excitation.gas import GAS_SAMPLES
 from jaxhb.excitation.mean_torques import gas_pressures, mean_torques, scale_at
 from jaxhb.report.figures.sketch import plot_train
 from jaxhb.report.orders import order_names
-from jaxhb.report.page.differences import said
-from jaxhb.report.page.parts import Sketch, environment, table
+from jaxhb.report.page.differences import value_text
+from jaxhb.report.page.parts import Block, Report, Sketch, environment, table
 from jaxhb.report.text.columns import NONE, Table, alike, plain_number
 from jaxhb.report.text.mean_torques import mean_angles_of
 from jaxhb.report.text.scene_check import charges_of, referred_tables, torque_rows
+from jaxhb.train.drivetrain import DriveTrain
 
-UNITS = {
-    "m": (1e3, "mm"),
-    "Pa": (1e-5, "bar"),
-}  # in which numbers of a scene are told, as engineers read them
-OWN = ("disk", "firing_angle")  # in what cylinders differ that are told together
+# Units in which engineers read numbers of a scene
+UNITS = {"m": (1e3, "mm"), "Pa": (1e-5, "bar")}
+OWN = (
+    "disk",
+    "firing_angle",
+)  # fields in which cylinders that are told together differ
 SPEEDS = 8  # speeds of a table, of more those that are spread evenly over them
 
+Value = TypeVar("Value")
 
-def train_data(report):
-    """Sketch, numbers as they are and referred, meshes, what excites and what loads the
-    train.
+
+def train_data(report: Report) -> list[Block]:
+    """Show the sketch, numbers as they are and referred, meshes, excitation and loads
+    of the train.
     """
+    sketch: str
     try:
         content = io.StringIO()
         # The page has a date of its own.
@@ -49,24 +57,26 @@ def train_data(report):
     return [sketch, *filter(None, tables)]
 
 
-def _meshes(train):
+def _meshes(train: DriveTrain) -> Table | None:
+    """Make a table of the meshes; None without."""
     topology = train.topology
     meshes = train.meshes
     radius = 1e3 * np.asarray(train.disks.radius)
     rows = []
     for i, ends in enumerate(topology.mesh_ends):
         teeth = [topology.teeth[disk] for disk in ends]
-        row = [
-            topology.mesh_names[i],
-            "internal" if topology.mesh_internal[i] else "external",
-        ]
-        row += [" : ".join(plain_number(radius[disk], 6) for disk in ends)]
-        row += [" : ".join(map(str, teeth)) if all(teeth) else NONE]
-        law = 1e3 * meshes.backlash[i], meshes.epsilon[i], meshes.transition[i]
+        law = (
+            [1e3 * meshes.backlash[i], meshes.epsilon[i], meshes.transition[i]]
+            if topology.mesh_backlash[i]
+            else [np.nan, np.nan, np.nan]
+        )
         rows.append(
             [
-                *row,
-                *(law if topology.mesh_backlash[i] else [np.nan] * 3),
+                topology.mesh_names[i],
+                "internal" if topology.mesh_internal[i] else "external",
+                " : ".join(plain_number(radius[disk], 6) for disk in ends),
+                " : ".join(map(str, teeth)) if all(teeth) else NONE,
+                *law,
                 topology.mesh_damping_law[i],
             ]
         )
@@ -87,14 +97,14 @@ def _meshes(train):
     return table(title, rows, heads)
 
 
-def excitation_tables(report):
-    """What excites and loads the train: as the scene has it, gas and mean torques over
-    the speed, orders: a list of Table. Cylinders that differ in nothing but their
-    firing angle and their throw are told by the first of them.
+def excitation_tables(report: Report) -> list[Table]:
+    """Make tables of excitation and loads of the train: as the scene has them, gas and
+    mean torques over the speed, orders. Of cylinders that differ in nothing but their
+    firing angle and their throw the first stands for all.
     """
     names = report.train.topology.cylinder_names
-    first = {}
-    seen = {}
+    first: dict[str, str] = {}
+    first_of_facts: dict[tuple, str] = {}
     for name, files in zip(
         names, report.files.get("cylinder") or [{}] * len(names), strict=True
     ):
@@ -103,7 +113,8 @@ def excitation_tables(report):
             for key, (value, _) in facts_of(report.elements[name]).items()
             if key not in OWN
         }
-        first[name] = seen.setdefault((*facts.items(), *files.items()), name)
+        alike_in = (*facts.items(), *files.items())
+        first[name] = first_of_facts.setdefault(alike_in, name)
     tables = [
         *_cylinders(report, first),
         _rows_of(
@@ -117,15 +128,15 @@ def excitation_tables(report):
         _means(report, first),
         *_orders(report, first),
     ]
-    return [one for one in tables if one is not None]
+    return [table for table in tables if table is not None]
 
 
-def _given(report, kind):
-    """What the scene says of the elements of a kind: cells by name, by heads; without
-    what it says of none.
+def _columns_of(report: Report, kind: str) -> dict[str, dict[str, str]]:
+    """Write the facts that the scene gives of the elements of a kind: cells by name, by
+    heads; without facts that it gives of none.
     """
     names = getattr(report.train.topology, f"{kind}_names")
-    columns = defaultdict(dict)
+    columns: dict[str, dict[str, str]] = defaultdict(dict)
     for name, files in zip(
         names, report.files.get(kind) or [{}] * len(names), strict=True
     ):
@@ -134,28 +145,32 @@ def _given(report, kind):
             if value not in (None, "", ()) and not value == 0 == field.default:
                 factor, unit = UNITS.get(unit_of(field), (1.0, unit_of(field)))
                 head = f"{key.replace('_', ' ')} {unit}".rstrip()
-                columns[head][name] = _told(value, field, factor, files.get(key))
+                columns[head][name] = _cell(value, field, factor, files.get(key))
         for key in files.keys() - facts.keys():
             columns[f"files of {key}"][name] = files[key]
     return columns
 
 
-def _told(value, field, factor, file):
-    """A number or word; of rows how many there are, their range and their file."""
+def _cell(value: Any, field: dataclasses.Field, factor: float, file: str | None) -> str:
+    """Write a number or word; of rows how many there are, their range and their
+    file.
+    """
     if field.metadata["kind"] != "rows":
-        return said(value if isinstance(value, str | bool) else factor * value, 6)
-    spans = zip(field.metadata["columns"], np.transpose(value), strict=True)
+        shown = value if isinstance(value, str | bool) else factor * value
+        return value_text(shown, 6)
     spans = [
-        f"{what} {min(own):.6g} to {max(own):.6g}"
-        for what, own in spans
-        if what not in ("Re", "Im")
+        f"{column} {min(numbers):.6g} to {max(numbers):.6g}"
+        for column, numbers in zip(
+            field.metadata["columns"], np.transpose(value), strict=True
+        )
+        if column not in ("Re", "Im")
     ]
     return ", ".join(filter(None, [f"{len(value)} rows", *spans, file]))
 
 
-def _rows_of(report, kind, title):
-    """A row for each element of a kind."""
-    columns = _given(report, kind)
+def _rows_of(report: Report, kind: str, title: str) -> Table | None:
+    """Make a table with a row for each element of a kind; None without."""
+    columns = _columns_of(report, kind)
     names = getattr(report.train.topology, f"{kind}_names")
     rows = [
         (name, *(cells.get(name, NONE) for cells in columns.values())) for name in names
@@ -163,17 +178,19 @@ def _rows_of(report, kind, title):
     return table(title, rows, [kind, *columns])
 
 
-def _cylinders(report, first):
-    """Where the cylinders sit and fire, and their numbers, a column for those that have
-    the same.
+def _cylinders(
+    report: Report, first: Mapping[str, str]
+) -> tuple[Table | None, Table | None]:
+    """Make tables of where the cylinders sit and fire, and of their numbers, a column
+    for those that have the same.
+
+    first : of every cylinder the first one alike
     """
-    columns = _given(report, "cylinder")
+    columns = _columns_of(report, "cylinder")
     different = list(dict.fromkeys(first.values()))
     disks = columns.pop("disk", {})
     angles = columns.pop("firing angle deg", {})
-    rows = [
-        (name, disks[name], angles.get(name, "0"), own) for name, own in first.items()
-    ]
+    rows = [(name, disks[name], angles.get(name, "0"), first[name]) for name in first]
     title = (
         "Numbers of the cylinders; combustion counts from firing top dead centre, rows"
         " are in SI units and deg"
@@ -188,30 +205,28 @@ def _cylinders(report, first):
     return placed, table(title, numbers, ["", *different])
 
 
-def _some(values):
-    """So many of a list, its ends among them."""
-    return [
-        values[k]
-        for k in np.unique(
-            np.round(np.linspace(0, len(values) - 1, SPEEDS)).astype(int)
-        )
-    ]
+def _some(values: Sequence[Value]) -> list[Value]:
+    """Take SPEEDS of a list, its ends among them."""
+    places = np.round(np.linspace(0, len(values) - 1, SPEEDS)).astype(int)
+    return [values[place] for place in np.unique(places)]
 
 
-def _gas(report, first):
-    """Load, charge and peak pressure, its angle, mean effective pressure and mean
-    torque of the cylinders over the speed.
+def _gas(report: Report, first: Mapping[str, str]) -> Table | None:
+    """Make a table of load, charge and peak pressure, its angle, mean effective
+    pressure and mean torque of the cylinders over the speed.
     """
     topology = report.train.topology
     cylinders = report.train.cylinders
     speeds = np.array(_some(report.rpm))
-    own = (
+    gas_factor = (
         np.ones(len(first))
         if cylinders.gas_factor is None
         else np.asarray(cylinders.gas_factor)
     )
-    factors = own * scale_at(cylinders, speeds)
-    pressures = own[:, None] * gas_pressures(cylinders, topology.gas_cycles, speeds)
+    factors = gas_factor * scale_at(cylinders, speeds)
+    pressures = gas_factor[:, None] * gas_pressures(
+        cylinders, topology.gas_cycles, speeds
+    )
     rows = []
     charges = charges_of(report.train, speeds)
     means = mean_torques(report.train.torques, cylinders, topology.gas_cycles, speeds)[
@@ -221,17 +236,13 @@ def _gas(report, first):
         turns = topology.cylinder_gas_revolutions[i]
         swept = np.pi / 4 * cylinders.bore[i] ** 2 * cylinders.stroke[i]
         for k, speed in enumerate(speeds):
-            cells = [NONE] * 3
+            pressure_cells = [NONE, NONE, NONE]
             if topology.gas_cycles.computed[i]:
                 place = int(np.argmax(pressures[k, i]))
                 period = 360.0 * turns
                 angle = place * period / GAS_SAMPLES
-                cells = [
-                    1e-5 * pressures[k, i, place],
-                    f"{angle - period * (angle > period / 2):.1f}",
-                ]
                 # Work of a gas cycle over the swept volume.
-                cells.append(
+                imep = (
                     1e-5
                     * 2
                     * np.pi
@@ -240,6 +251,11 @@ def _gas(report, first):
                     * means[k, i]
                     / swept
                 )
+                pressure_cells = [
+                    1e-5 * pressures[k, i, place],
+                    f"{angle - period * (angle > period / 2):.1f}",
+                    imep,
+                ]
             name = topology.cylinder_names[i]
             load, charge = (
                 (column[k] for column in charges[name])
@@ -247,37 +263,49 @@ def _gas(report, first):
                 else (NONE, NONE)
             )
             rows.append(
-                [name, f"{speed:g}", factors[k, i], load, charge, *cells, means[k, i]]
+                [
+                    name,
+                    f"{speed:g}",
+                    factors[k, i],
+                    load,
+                    charge,
+                    *pressure_cells,
+                    means[k, i],
+                ]
             )
-    of_pressure = ["largest pressure bar", "deg after firing TDC", "imep bar"]
     heads = [
         "cylinder",
         "rpm",
         "factor",
         "load",
         "charge bar",
-        *of_pressure,
+        "largest pressure bar",
+        "deg after firing TDC",
+        "imep bar",
         "mean torque N m",
     ]
-    empty = [place for place in range(3, 8) if all(row[place] == NONE for row in rows)]
-    rows, heads = (
-        [[x for i, x in enumerate(row) if i not in empty] for row in both]
-        for both in (rows, [heads])
-    )
-    said = "; load: share of the mean effective pressure at full load" * (
-        "load" in heads[0]
+    optional = range(3, 8)
+    columns = [
+        place
+        for place in range(len(heads))
+        if place not in optional or not all(row[place] == NONE for row in rows)
+    ]
+    heads = [heads[place] for place in columns]
+    rows = [[row[place] for place in columns] for row in rows]
+    remark = "; load: share of the mean effective pressure at full load" * (
+        "load" in heads
     )
     return table(
-        f"Gas over the speed, of cylinders with the same numbers the first{said}",
+        f"Gas over the speed, of cylinders with the same numbers the first{remark}",
         rows,
-        heads[0],
+        heads,
         digits=4,
     )
 
 
-def _means(report, first):
-    """Mean torques of everything that drives and takes power, and the power of the
-    loads, over the speed.
+def _means(report: Report, first: Mapping[str, str]) -> Table | None:
+    """Make a table of the mean torques of everything that drives and takes power, and
+    of the power of the loads, over the speed.
     """
     answers = _some(report.cases[0].answers)
     rows = torque_rows(report.train, [answer.linear for answer in answers])
@@ -287,12 +315,14 @@ def _means(report, first):
     names, disks, means = zip(*rows, strict=True)
     columns = [names, disks, *alike(*zip(*means, strict=True))]
     if report.train.topology.load_names:
-        last = [
+        load_row = [
             "power of the loads, kW",
             NONE,
             *(plain_number(answer.balance.load_kW) for answer in answers),
         ]
-        columns = [[*column, own] for column, own in zip(columns, last, strict=True)]
+        columns = [
+            [*column, cell] for column, cell in zip(columns, load_row, strict=True)
+        ]
     title = (
         "Mean torques over the speed, N m on the disk's own shaft (positive: drives),"
         " of cylinders alike the first"
@@ -304,93 +334,84 @@ def _means(report, first):
     )
 
 
-def _orders(report, first):
-    """Orders that the scene gives: of torques, of gas torques, of loads; those with the
-    same amplitudes in a table.
+def _orders(report: Report, first: Mapping[str, str]) -> list[Table]:
+    """Make tables of the orders that the scene gives: of torques, of gas torques, of
+    loads; those with the same amplitudes in a table.
     """
     train = report.train
-    topology = report.train.topology
-    found = defaultdict(dict)
+    topology = train.topology
     number_of = order_names(train).number
-    own = zip(
-        topology.torque_names,
-        topology.torque_harmonics,
-        train.torques.harmonics,
-        strict=True,
-    )
-    told = [(name, "N m", *rows) for name, *rows in own]
-    own = zip(
-        topology.cylinder_names,
-        topology.cylinder_harmonics,
-        train.cylinders.gas_torque,
-        strict=True,
-    )
-    told += [
-        (f"gas torque of {name}, firing at 0", "N m", *rows)
-        for name, *rows in own
+    sources = [
+        (name, "N m", harmonics, values)
+        for name, harmonics, values in zip(
+            topology.torque_names,
+            topology.torque_harmonics,
+            train.torques.harmonics,
+            strict=True,
+        )
+    ]
+    sources += [
+        (f"gas torque of {name}, firing at 0", "N m", harmonics, values)
+        for name, harmonics, values in zip(
+            topology.cylinder_names,
+            topology.cylinder_harmonics,
+            train.cylinders.gas_torque,
+            strict=True,
+        )
         if first[name] == name
     ]
     if train.loads.harmonics is not None:
-        own = zip(
-            topology.load_names,
-            topology.load_harmonics,
-            train.loads.harmonics,
-            strict=True,
-        )
-        told += [(name, "over the mean", *rows) for name, *rows in own]
-    for name, unit, harmonics, values in told:
-        values = [complex(*value) for value in values[: len(harmonics)]]
-        rows = sorted(
-            zip(
-                np.divide(harmonics, topology.revolutions_per_cycle),
-                values,
+        sources += [
+            (name, "over the mean", harmonics, values)
+            for name, harmonics, values in zip(
+                topology.load_names,
+                topology.load_harmonics,
+                train.loads.harmonics,
                 strict=True,
-            ),
-            key=lambda row: row[0],
-        )
-        found[unit, tuple((order, f"{abs(value):.6g}") for order, value in rows)][
-            name
-        ] = rows
+            )
+        ]
+    # Sources of the same orders and amplitudes: (order, complex amplitude) by name.
+    groups: dict[tuple, dict[str, list[tuple[float, complex]]]] = defaultdict(dict)
+    for name, unit, harmonics, values in sources:
+        amplitudes = [complex(*value) for value in values[: len(harmonics)]]
+        orders = np.divide(harmonics, topology.revolutions_per_cycle)
+        rows = sorted(zip(orders, amplitudes, strict=True), key=lambda row: row[0])
+        same = tuple((order, f"{abs(value):.6g}") for order, value in rows)
+        groups[unit, same][name] = rows
     tables = []
-    for (unit, same), own in found.items():
-        if same:
-            rows = next(iter(own.values()))
-            names = list(own)
-            cells = [
-                [number_of(order) for order, _ in rows],
-                *alike([abs(value) for _, value in rows]),
-            ]
-            cells += [
-                [f"{np.degrees(np.angle(x)):.1f}" if x else NONE for _, x in one]
-                for one in own.values()
-            ]
-            heads = ["order", f"A {unit}", *(["p deg"] if len(own) == 1 else names)]
-            called = (
-                names[0]
-                if len(names) == 1
-                else f"{len(names)} torques with the same amplitudes"
-            )
-            title = (
-                f"Orders of {called}: A cos(order x angle + p), angle of the reference"
-                " rotor"
-            )
-            tables.append(
-                Table(
-                    title, heads, cells, [("p deg", 2, len(own) + 1)] * (len(own) > 1)
-                )
-            )
+    for (unit, same), rows_by_name in groups.items():
+        if not same:
+            continue
+        rows = next(iter(rows_by_name.values()))
+        names = list(rows_by_name)
+        several = len(names) > 1
+        cells = [
+            [number_of(order) for order, _ in rows],
+            *alike([abs(value) for _, value in rows]),
+        ]
+        cells += [
+            [f"{np.degrees(np.angle(x)):.1f}" if x else NONE for _, x in of_source]
+            for of_source in rows_by_name.values()
+        ]
+        heads = ["order", f"A {unit}", *(names if several else ["p deg"])]
+        called = (
+            f"{len(names)} torques with the same amplitudes" if several else names[0]
+        )
+        title = (
+            f"Orders of {called}: A cos(order x angle + p), angle of the reference"
+            " rotor"
+        )
+        groups_of_heads = [("p deg", 2, len(names) + 1)] if several else []
+        tables.append(Table(title, heads, cells, groups_of_heads))
     return tables
 
 
-def assumptions(report):
-    """What holds for every number of the page, and what made it."""
-    said = (
-        environment()
-        .get_template("assumptions.txt")
-        .render(report=report, means=mean_angles_of)
-    )
+def assumptions(report: Report) -> list[Block]:
+    """Say what holds for every number of the page, and where it comes from."""
+    template = environment().get_template("assumptions.txt")
+    text = template.render(report=report, means=mean_angles_of)
     return [
-        *said.splitlines(),
+        *text.splitlines(),
         Table(
             "Where this page comes from",
             ["", ""],
