@@ -1,10 +1,10 @@
-"""Which numbers are best, and what do numbers do that nobody knows exactly? A train,
-parameters or tolerances, and objectives go in; a tuned train and its history, or the
-worst case and its place, come out.
+"""The best numbers of a train, and the effects of numbers that nobody knows exactly. A
+train, parameters or tolerances, and objectives go in; a tuned train and its history, or
+the worst case and its place, come out.
 """
 
 import importlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from jaxhb._jax import load
 
@@ -24,7 +24,8 @@ LATER = {"tune": "tuning", "tolerance": "worst_case", "worst_phase": "phases"}
 LATER |= dict.fromkeys(("Tolerance", "read_tolerances"), "tolerances")
 LATER |= dict.fromkeys(("identify", "weak_cylinder"), "identification")
 LATER |= dict.fromkeys(("Measured", "read_measured"), "measurements")
-"""Where names are whose import takes optax or scipy."""
+"""Modules of the names whose import takes optax or scipy."""
+
 __all__ = [
     "Measured",
     "Objective",
@@ -37,7 +38,7 @@ __all__ = [
 __all__ += ["read_tolerances", "tolerance", "tune", "weak_cylinder", "worst_phase"]
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
     if name in LATER:
         return getattr(importlib.import_module(f".{LATER[name]}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -218,12 +218,12 @@ class _Speed:
             dict.fromkeys(number.element for number in numbers if number.element)
         )
         pairs = itertools.product(numbers, repeat=2)
-        both = [
+        coupled = [
             (a, b)
             for a, b in pairs
             if a.element == b.element and (a.field, b.field) == OF_LINKS[:2]
         ]
-        self.products = sorted({(a.share, b.share) for a, b in both})
+        self.products = sorted({(a.share, b.share) for a, b in coupled})
         self.nominal_shares = box.unbounded(train)
         self.flank = np.zeros(len(train.topology.mesh_names))
         self._solve()
@@ -463,8 +463,8 @@ class _Speed:
         regular = (positive > 0).all(-1) & solved & contracting
         beyond = (size @ (change * v)[..., None])[..., 0]
         left = np.where(regular, (g[..., 0, :] * change * beyond).sum(-1), np.inf)
-        # A number takes part as the first or the second change of what is left, or in
-        # what keeps the train irregular.
+        # A number takes part as the first or the second change of the remainder, or in
+        # an irregular train.
         participation = g @ (parts * beyond[..., None]) + (
             g * change[..., None, :]
         ) @ size @ (parts * v[..., None])
@@ -568,7 +568,7 @@ class _Speed:
                 highest = centre_values.argmax()
                 largest = centre_values.max()
                 place = new_low[highest] / 2 + new_high[highest] / 2
-            # What holds of the whole holds of its halves.
+            # A bound of the whole is one of its halves.
             pairs = (
                 (low, new_low),
                 (high, new_high),
@@ -778,10 +778,10 @@ def _power(
     Y1 = np.abs(y1).sum(2)
     Y2 = np.abs(y2).sum((2, 3))
     conjugate = np.conj(y)[..., None]
-    both = (np.conj(y1)[..., None] * y1[..., None, :]).real
+    squares_of_y1 = (np.conj(y1)[..., None] * y1[..., None, :]).real
     square = Y**2
     square1 = 2 * (conjugate * y1).real
-    square2 = both + 2 * (conjugate[..., None] * y2).real
+    square2 = squares_of_y1 + 2 * (conjugate[..., None] * y2).real
     c = damping[..., None]
     values = (damping * square).sum(1)
     slopes = (c * square1 + damping1 * square[..., None]).sum(1)

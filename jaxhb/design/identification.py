@@ -187,11 +187,11 @@ def identify(
         raise SceneError([f"{title}: {sentence}" for sentence in faults])
     fit = Fit(train, measured, parameters, noise, priors)
     fit.refuse_too_few(len(parameters))
-    every = np.arange(len(parameters))
-    u, residuals, slopes = fit.solve(fit.begin, every)
+    all_numbers = np.arange(len(parameters))
+    u, residuals, slopes = fit.solve(fit.begin, all_numbers)
     # Numbers that lose an answer are no step, but they may win some.
     if fit.add_solved(u):
-        u, residuals, slopes = fit.solve(u, every)
+        u, residuals, slopes = fit.solve(u, all_numbers)
     return fit.result(u, residuals, slopes)
 
 
@@ -352,14 +352,14 @@ class Fit:
         """Raise :class:`NotConverged` where fewer than ``needed`` measured numbers and
         priors have an answer.
         """
-        if self.data < needed:
+        if self.n_data < needed:
             raise NotConverged(
-                f"{self.data} of the measured numbers and priors are left for {needed}"
-                f" parameters, as the others have no answer: {' '.join(self.left_out)}"
+                f"{self.n_data} of the measured numbers and priors are left for"
+                f" {needed} parameters, as the others have no answer: {' '.join(self.left_out)}"
             )
 
     @property
-    def data(self) -> int:
+    def n_data(self) -> int:
         """How many measured numbers and priors are fitted."""
         return int(
             self.fitted.sum()
@@ -371,7 +371,7 @@ class Fit:
         """Root mean square of residuals over their deviations, of a fit of ``free``
         parameters.
         """
-        return float(np.sqrt((residuals**2).sum() / max(self.data - free, 1)))
+        return float(np.sqrt((residuals**2).sum() / max(self.n_data - free, 1)))
 
     def explained(self, u: np.ndarray) -> float:
         """Share of the measured amplitudes that the numbers of shares u explain."""

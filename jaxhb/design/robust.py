@@ -155,9 +155,9 @@ def tune_robust(
     scatter)`` makes a Tuning with lanes at indices ``speeds`` of ``rpm``, and the
     largest response to each objective ``(Q,)`` of all its lanes.
     """
-    every = np.arange(len(rpm))
+    all_speeds = np.arange(len(rpm))
     box = box_of(train, tolerances, objectives)
-    shares = np.repeat(box.unbounded(train)[None], len(every), axis=0)
+    shares = np.repeat(box.unbounded(train)[None], len(all_speeds), axis=0)
     searches = itertools.count()
 
     def spread_of(design: DriveTrain, samples: int = 0) -> Spread:
@@ -174,18 +174,18 @@ def tune_robust(
             out=place_in(out, f"search {next(searches)}"),
         )
 
-    nominal, largest = tune_lanes(train, every, None)
+    nominal, largest = tune_lanes(train, all_speeds, None)
     if nominal.interrupted:
         return nominal
     design = best = nominal
     if kind == "p95":
-        speeds = np.concatenate([every, np.repeat(every, SAMPLE)])
-        drawn = np.tile(box.sample(SAMPLE, seed), (len(every), 1))
+        speeds = np.concatenate([all_speeds, np.repeat(all_speeds, SAMPLE)])
+        drawn = np.tile(box.sample(SAMPLE, seed), (len(all_speeds), 1))
         scatter = Scatter(box, np.concatenate([shares, drawn]))
         design, _ = tune_lanes(nominal.train, speeds, scatter)
         best = design
     else:
-        speeds = every
+        speeds = all_speeds
         weights = np.array([objective.weight for objective in objectives])
         least = np.inf
         sizes = None

@@ -25,7 +25,7 @@ NUMBERS_ONLY = "give tolerances of numbers only."
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerance:
-    """How far a number of the train may be from what the scene says.
+    """The range of a number of the train about its value in the scene.
 
     Parameters
     ----------
@@ -272,8 +272,8 @@ class Box(Task):
         """
         rng = np.random.default_rng(seed)
         columns = hadamard(EXPLORED)[:, 1:]
-        more = -(-len(self.parameters) // columns.shape[1]) - 1
-        shuffled = [rng.permuted(columns, axis=0) for _ in range(more)]
+        repeats = -(-len(self.parameters) // columns.shape[1]) - 1
+        shuffled = [rng.permuted(columns, axis=0) for _ in range(repeats)]
         return np.concatenate([columns, *shuffled], axis=1)[
             :, : len(self.parameters)
         ].astype(float)

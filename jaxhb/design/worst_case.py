@@ -706,13 +706,16 @@ class _Search:
             )
             starts += [(i, j, place) for place in places]
         by_speed = [i for i in np.argsort(self.rpm) if self.point.solved[i, 0]]
-        beside = [*itertools.pairwise(by_speed), *itertools.pairwise(by_speed[::-1])]
+        neighbours = [
+            *itertools.pairwise(by_speed),
+            *itertools.pairwise(by_speed[::-1]),
+        ]
         for _ in range(ROUNDS):
             if not starts:
                 return
             self._in_parts(starts, ascend)
             worst, shares = self.worst()
-            lanes = [(i, u) for other, i in beside for u in shares[other]]
+            lanes = [(i, u) for other, i in neighbours for u in shares[other]]
             self._visit([i for i, _ in lanes], [u for _, u in lanes])
             after, shares = self.worst()
             starts = [
@@ -793,7 +796,7 @@ class _Search:
             for _ in range(TRIALS):
                 trial = np.clip(u + length[:, None] * direction, -1.0, 1.0)
                 rise = ((trial - u) * slope).sum(axis=1)
-                # What is known to be lost or no larger is not solved again.
+                # A train known to be lost or no larger is not solved again.
                 places = zip(speed, quantity, map(tuple, trial.tolist()), strict=True)
                 known_value = np.array(
                     [self.tried[i].get(shares, unknown)[j] for i, j, shares in places]
