@@ -355,7 +355,8 @@ class Fit:
         if self.n_data < needed:
             raise NotConverged(
                 f"{self.n_data} of the measured numbers and priors are left for"
-                f" {needed} parameters, as the others have no answer: {' '.join(self.left_out)}"
+                f" {needed} parameters, as the others have no answer:"
+                f" {' '.join(self.left_out)}"
             )
 
     @property
