@@ -65,10 +65,10 @@ class LinearTrain:
 
     modes: MarchModes
     weights: StepWeights
-    free: jax.Array
-    closing: jax.Array
-    frequency: jax.Array
-    visibility: jax.Array
+    free: Array
+    closing: Array
+    frequency: Array
+    visibility: Array
     steps: int = field(metadata={"static": True})
 
     @property
@@ -117,9 +117,9 @@ class LinearMarch:
     """
 
     train: LinearTrain
-    gain: jax.Array
+    gain: Array
 
-    def cycle(self, linear: jax.Array, state: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def cycle(self, linear: Array, state: Array) -> tuple[Array, Array]:
         """Deflections ``(G, N+1)`` m and jump ``(2m,)`` of the cycle from ``state``
         under ``linear`` ``(G, N+1)``, whose harmonics above the marched ones pass
         unchanged.
@@ -134,7 +134,7 @@ class LinearMarch:
             end - state,
         )
 
-    def _march(self, state: jax.Array, rows: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def _march(self, state: Array, rows: Array) -> tuple[Array, Array]:
         modes = self.train.modes
         weights = self.train.weights
         meshes = modes.forcing.shape[1]
@@ -163,7 +163,7 @@ def march_at(train: LinearTrain, slopes: Array) -> LinearMarch:
     return LinearMarch(train, _gain(by_deflection, by_rate, train.weights.at_once))
 
 
-def _gain(slope: jax.Array, rate_slope: jax.Array, at_once: Array) -> jax.Array:
+def _gain(slope: Array, rate_slope: Array, at_once: Array) -> Array:
     """Forces u = S (w + at_once u) of the meshes per w, ``(K, G, 2G)``, with S of the
     slopes ``(G, K)``.
     """
@@ -181,7 +181,7 @@ def _gain(slope: jax.Array, rate_slope: jax.Array, at_once: Array) -> jax.Array:
     return rows[:, len(slope) :].transpose(2, 0, 1)
 
 
-def slopes_at(reduced: CondensedEquation, deflection: Array, samples: int) -> jax.Array:
+def slopes_at(reduced: CondensedEquation, deflection: Array, samples: int) -> Array:
     """Coefficients ``(2, G, 2N+1)`` of the slopes of phi in l and l' at ``deflection``
     ``(G, N+1)``: as many as enter a Galerkin product; law sampled at ``samples`` time
     samples or integrated exactly.
@@ -189,9 +189,7 @@ def slopes_at(reduced: CondensedEquation, deflection: Array, samples: int) -> ja
     return reduced.nonlinear_slopes(deflection, samples, 2 * (deflection.shape[-1] - 1))
 
 
-def force_change(
-    reduced: CondensedEquation, slopes: Array
-) -> Callable[[Array], jax.Array]:
+def force_change(reduced: CondensedEquation, slopes: Array) -> Callable[[Array], Array]:
     """The change of phi by one of the deflections: the product ``delta -> w delta + s
     delta'``, coefficients ``(G, N+1)``, with :func:`slopes_at`.
 
@@ -203,7 +201,7 @@ def force_change(
     time_samples = (9 * harmonics + 1) // 2
     slope, rate_slope = fourier.synthesize(slopes, time_samples)
 
-    def product(delta: Array) -> jax.Array:
+    def product(delta: Array) -> Array:
         change, rate = reduced.sampled(delta, time_samples)
         return fourier.analyze(slope * change + rate_slope * rate, harmonics)
 
@@ -211,8 +209,8 @@ def force_change(
 
 
 def tangent(
-    reduced: CondensedEquation, forces: Callable[[Array], jax.Array]
-) -> Callable[[Array], jax.Array]:
+    reduced: CondensedEquation, forces: Callable[[Array], Array]
+) -> Callable[[Array], Array]:
     """The product ``delta -> J delta``; forces : the product with the slopes of phi
     (:func:`force_change`).
     """
@@ -226,7 +224,7 @@ def correct(
     value: Array,
     forcing: Number,
     steps: int,
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+) -> tuple[Array, Array, Array]:
     """Solve ``J change = value`` at a motion with :func:`slopes_at`: the change, share
     of the residual that is left, Krylov steps.
 
@@ -241,13 +239,13 @@ def correct(
 
 def correct_product(
     march: LinearMarch,
-    product: Callable[[Array], jax.Array],
+    product: Callable[[Array], Array],
     value: Array,
     *,
     transposed: bool,
     tolerance: float,
     steps: int,
-) -> tuple[jax.Array, jax.Array]:
+) -> tuple[Array, Array]:
     """Solve like :func:`correct` with any ``product`` ``(G, n+1) -> (G, n+1)`` with J,
     or with its transpose in packed coordinates: change and share of the residual that
     is left.
@@ -260,10 +258,10 @@ def correct_product(
 
 def invert(
     march: LinearMarch,
-    product: Callable[[Array], jax.Array],
-    frozen_product: Callable[[Array], jax.Array],
+    product: Callable[[Array], Array],
+    frozen_product: Callable[[Array], Array],
     value: Array,
-) -> jax.Array:
+) -> Array:
     """Solve ``J change = value`` for the change; differentiable, its transpose solves
     with the transpose of J.
 
@@ -294,7 +292,7 @@ def correct_bordered(
     border: tuple[Array, Array],
     right: Sequence[Array],
     steps: int,
-) -> list[jax.Array]:
+) -> list[Array]:
     """Solve ``J x + column p = f,  row . (x, p) = g`` for each array of ``right``.
 
     Regular at a fold, too. right : arrays ``(n+1,)`` of (f, g); border : column
@@ -335,7 +333,7 @@ class _Mapped:
     def __init__(
         self,
         march: LinearMarch,
-        product: Callable[[Array], jax.Array],
+        product: Callable[[Array], Array],
         shape: tuple[int, ...],
     ):
         self.march = march
@@ -344,17 +342,17 @@ class _Mapped:
         self.count = shape[0] * (2 * shape[1] - 1)
         self.states = len(march.train.visibility)
 
-    def cycle(self, vector: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def cycle(self, vector: Array) -> tuple[Array, Array]:
         """Deflections ``(G, n+1)`` and jump of the states."""
         train = self.march.train
         linear = unpack(vector[: self.count], self.shape)
         return self.march.cycle(linear, vector[self.count :] / train.visibility)
 
-    def deflection(self, vector: jax.Array) -> jax.Array:
+    def deflection(self, vector: Array) -> Array:
         """Packed deflections ``(n,)``."""
         return pack(self.cycle(vector)[0])
 
-    def apply(self, vector: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def apply(self, vector: Array) -> tuple[Array, Array]:
         """The left sides, and the packed deflections."""
         train = self.march.train
         deflection, jump = self.cycle(vector)
@@ -371,7 +369,7 @@ class _Mapped:
 
     def solve(
         self, b: Array, tolerance: Number, steps: int
-    ) -> tuple[jax.Array, jax.Array, jax.Array]:
+    ) -> tuple[Array, Array, Array]:
         """Solve for the packed dl of a packed right side: dl, the share of the right
         side that is left, and Krylov steps.
         """
@@ -387,7 +385,7 @@ class _Mapped:
 
     def solve_transposed(
         self, b: Array, tolerance: Number, steps: int
-    ) -> tuple[jax.Array, jax.Array, jax.Array]:
+    ) -> tuple[Array, Array, Array]:
         """Solve like :meth:`solve` with the transpose of J."""
         zeros = jnp.zeros(self.count + self.states)
         _, pull_back = jax.vjp(lambda v: self.apply(v)[0], zeros)
@@ -403,11 +401,11 @@ class _Mapped:
         return vector[: self.count], left, used
 
 
-def pack(coefficients: Array) -> jax.Array:
+def pack(coefficients: Array) -> Array:
     """Coefficients ``(G, N+1)`` as a real vector ``(n,)``, orthonormal."""
     return fourier.pack(coefficients).reshape(-1)
 
 
-def unpack(packed: Array, shape: tuple[int, ...]) -> jax.Array:
+def unpack(packed: Array, shape: tuple[int, ...]) -> Array:
     """Coefficients ``(G, N+1)`` of a real vector."""
     return fourier.unpack(packed.reshape(shape[0], -1))

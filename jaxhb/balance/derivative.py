@@ -197,7 +197,7 @@ def _attach_jvp(plan: Plan, primals: tuple, tangents: tuple):
     )
 
 
-def all_finite(tree: Any) -> jax.Array:
+def all_finite(tree: Any) -> Array:
     """Whether every number is finite: an infinite knot of a table may give a finite
     problem, but not the intended one.
     """

@@ -155,7 +155,7 @@ def modes_of_model(model: ReducedOrderModel) -> MarchModes:
     is_still = jnp.abs(rates) <= STILL * jnp.max(jnp.abs(rates))
     half = len(first_rate)
 
-    def as_modes(first: Array, second: Array) -> jax.Array:
+    def as_modes(first: Array, second: Array) -> Array:
         return jnp.concatenate(
             [
                 jnp.where(is_turning, first + 1j * second, first),
@@ -221,7 +221,7 @@ class StepWeights:
     at_once: Array
     late: Array
 
-    def onward(self, state: Array, force: Array) -> jax.Array:
+    def onward(self, state: Array, force: Array) -> Array:
         """States ``(2m,)`` a step later, under phi ``(G,)`` N."""
         decay_real, decay_imag = self.decay
         real, imag = jnp.split(state, 2)
@@ -235,7 +235,7 @@ class StepWeights:
         return turned + sum(self.push[g] * force[g] for g in range(len(force)))
 
 
-def step_weights(modes: MarchModes, dt: jax.Array) -> StepWeights:
+def step_weights(modes: MarchModes, dt: Array) -> StepWeights:
     """The weights of steps of ``dt`` seconds."""
     turned = modes.rates * dt
     decay = jnp.exp(turned)
@@ -269,8 +269,8 @@ class TeethLaw:
     """
 
     law: backlash.Law
-    viscous: jax.Array
-    contact_damping: jax.Array
+    viscous: Array
+    contact_damping: Array
 
     def at_instant(self, variation: Array | None) -> TeethLaw:
         """The law at an instant where the stiffness is 1 + ``variation`` ``(G,)`` times
@@ -338,11 +338,11 @@ def march_cycle(
     diagonal_l = jnp.diagonal(by_deflection)
     diagonal_rate = jnp.diagonal(by_rate)
 
-    def with_force(free: jax.Array, force: jax.Array) -> jax.Array:
+    def with_force(free: Array, force: Array) -> Array:
         # A written-out sum of columns is faster than a product inside a scan.
         return free + sum(at_once[:, g] * force[g] for g in range(meshes))
 
-    def improved(teeth: TeethLaw, free: jax.Array, force: jax.Array) -> jax.Array:
+    def improved(teeth: TeethLaw, free: Array, force: Array) -> Array:
         moved = with_force(free, force)
         deflection = moved[:meshes]
         rate = moved[meshes:] if len(moved) > meshes else jnp.zeros_like(deflection)

@@ -48,7 +48,7 @@ class Problem:
     load_torque: Array
     load_power: Array
 
-    def links(self, active_meshes: ActiveMeshes) -> jax.Array:
+    def links(self, active_meshes: ActiveMeshes) -> Array:
         """Links ``(G,)`` of the active meshes."""
         return jnp.asarray(self.meshes.link)[active_meshes.index]
 

@@ -135,9 +135,9 @@ class SweepEquation:
     modes: MarchModes
     weights: StepWeights
     teeth: TeethLaw
-    free: jax.Array
-    closing: jax.Array
-    variation: jax.Array | None
+    free: Array
+    closing: Array
+    variation: Array | None
 
     def rows(self, deflection: Array, steps: int) -> Array:
         """(l, l') ``(steps, 2G)`` of coefficients ``(G, N+1)``."""
@@ -154,7 +154,7 @@ class SweepEquation:
         return even - 1j * odd, even + 1j * odd
 
 
-def free_motion(train, jump: Array) -> jax.Array:
+def free_motion(train, jump: Array) -> Array:
     """Free motion ``J jump`` ``(G, N+1)`` m of a cycle whose state ends off by ``jump``
     ``(2m,)``; train : anything with ``modes`` and ``free``.
     """
@@ -190,7 +190,7 @@ def sweep_equation(
     )
 
 
-def closing_of(modes: MarchModes, law: Law, frequency: Number) -> jax.Array:
+def closing_of(modes: MarchModes, law: Law, frequency: Number) -> Array:
     """Multiples, complex ``(m,)``, of the jump in its cycle by which each mode goes on
     to the next cycle.
 
@@ -275,7 +275,7 @@ def point_of(sweeps: SweepEquation, deflection: Array, plan: SweepPlan) -> Sweep
 
 def marched(
     sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan
-) -> tuple[SweepPoint, jax.Array]:
+) -> tuple[SweepPoint, Array]:
     """The :class:`SweepPoint` at the end of the cycle marched from a point, and its
     deflections ``(G, N+1)`` m.
     """
@@ -301,7 +301,7 @@ def marched(
 
 def sweep(
     sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan
-) -> tuple[SweepPoint, jax.Array]:
+) -> tuple[SweepPoint, Array]:
     """The next :class:`SweepPoint`, and the deflections ``(G, N+1)`` m of the cycle
     marched.
     """
@@ -311,7 +311,7 @@ def sweep(
 
 def _sweep(
     sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan
-) -> tuple[SweepPoint, jax.Array, jax.Array]:
+) -> tuple[SweepPoint, Array, Array]:
     """The results of :func:`sweep`, and F ``(G, N+1)`` m of the deflections."""
     end, deflection = marched(sweeps, point, plan)
     residual = sweeps.equation.residual(deflection, plan.samples)
@@ -363,7 +363,7 @@ def vibration_size(equation: CondensedEquation, deflection: Array) -> Array:
     return force_size(equation, vibration) + rounding
 
 
-def changes_to_come(change: jax.Array, before_last: jax.Array) -> jax.Array:
+def changes_to_come(change: Array, before_last: Array) -> Array:
     """Multiple of its last change by which a sequence may still change, from the size
     of that change and of the one two before: a geometric series, at least 1; inf where
     changes do not shrink.
@@ -444,7 +444,7 @@ def settle(
 
 def visited(
     sweeps: SweepEquation, point: SweepPoint, plan: SweepPlan, cycles: int
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+) -> tuple[Array, Array, Array]:
     """The points at which so many cycles begin that are marched from a point one after
     another, uncorrected: states ``(cycles, 2m)`` and forces ``(cycles, G)``, and how
     far each cycle misses its beginning, as meshes see it, m.

@@ -26,7 +26,6 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import eigvalsh
@@ -132,7 +131,7 @@ def highest_frequency(system: chain.System) -> float:
 @partial(Program, static_argnames="sizes")
 def _linear_response(
     problem: Problem, chosen: np.ndarray, sizes: CertificateSizes
-) -> tuple[jax.Array, jax.Array, CondensedEquation, correction.LinearTrain]:
+) -> tuple[Array, Array, CondensedEquation, correction.LinearTrain]:
     """Receptances and linear deflections up to ``reach``, the equation of the low
     harmonics, and the train that marches in linear solves: all that does not depend on
     the motion.
@@ -153,7 +152,7 @@ def _expand(
     train: correction.LinearTrain,
     deflection: Array,
     sizes: CertificateSizes,
-) -> tuple[correction.LinearMarch, jax.Array, jax.Array, jax.Array]:
+) -> tuple[correction.LinearMarch, Array, Array, Array]:
     """March of linear solves around a motion ``(G, low+1)`` m; harmonics ``(G, 2
     high+1)`` of the integral of (engagement - 1), and of (engagement - 1); and whether
     all crossings of the law are found.
@@ -188,12 +187,12 @@ def _solve(
     march: correction.LinearMarch,
     right: Array,
     transposed: bool,
-) -> tuple[jax.Array, jax.Array]:
+) -> tuple[Array, Array]:
     """Solve ``x + gain (share x) = right``, coefficients ``(G, n+1)`` m, or with the
     transpose, and return x with its relative residual.
     """
 
-    def product(x: jax.Array) -> jax.Array:
+    def product(x: Array) -> Array:
         pushed = fourier.analyze(
             share * fourier.synthesize(x, share.shape[-1]), x.shape[-1] - 1
         )

@@ -68,7 +68,7 @@ class CondensedEquation:
 
     linear: Array
     receptance: Array
-    frequency: jax.Array
+    frequency: Array
     law: backlash.Law
     viscous: Array
     contact_damping: Array
@@ -185,7 +185,7 @@ class CondensedTrain:
     """
 
     system: Any
-    frequency: jax.Array
+    frequency: Array
     load: Array
     columns: Array
     balance: tuple[Array, Array, Array]
@@ -291,9 +291,7 @@ def bends_of(
 
 
 @Program
-def _by_chunks(
-    system, omega: jax.Array, load: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+def _by_chunks(system, omega: Array, load: Array) -> tuple[Array, Array]:
     """Compute :func:`motion_under` for MOTION_CHUNK frequencies at a time."""
     count = len(omega)
     size = -(-count // -(-count // MOTION_CHUNK))
@@ -321,7 +319,7 @@ def _by_chunks(
     return lax.fori_loop(0, -(-count // size), swept, zeros)
 
 
-def _cut(values: Array) -> jax.Array:
+def _cut(values: Array) -> Array:
     """Cut values ``(..., N+1)`` of harmonics into chunks ``(chunks, ..., size)``, each
     to be swept at once; the last repeats.
     """
@@ -350,7 +348,7 @@ def with_receptances(
 
 def linear_motion(
     system,
-    frequency: jax.Array,
+    frequency: Array,
     load: Array,
     harmonics: int,
     every: backlash.MeshParameters,

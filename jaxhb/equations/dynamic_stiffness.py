@@ -94,8 +94,8 @@ def solve_linear(
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))
 def _solve_linear(
-    system, omega: jax.Array, load: jax.Array, forces: int | None
-) -> tuple[jax.Array, jax.Array]:
+    system, omega: Array, load: Array, forces: int | None
+) -> tuple[Array, Array]:
     """Solve as :func:`solve_linear`, in a program, with implicit derivatives."""
     C = link_stiffness(system, omega)
     node = node_stiffness(system, omega)
@@ -261,7 +261,7 @@ def _solve_small(matrices: Array, right: Array) -> Array:
     return jax.scipy.linalg.lu_solve((factors, swaps), right)
 
 
-def condensed_chains(system, omega: jax.Array) -> tuple[Any, jax.Array, jax.Array]:
+def condensed_chains(system, omega: Array) -> tuple[Any, Array, Array]:
     """The train with its chains of disks without teeth as single links
     (:class:`~jaxhb.train.chain.Condensation`): a System whose tree and arms alone are
     those of the K disks that remain, links ``(L, H)`` and nodes ``(K, H)`` N/m.
@@ -272,7 +272,7 @@ def condensed_chains(system, omega: jax.Array) -> tuple[Any, jax.Array, jax.Arra
     """
     condensation = system.tree.condensation
 
-    def fields(names: Sequence[str], index: Array) -> tuple[jax.Array, ...]:
+    def fields(names: Sequence[str], index: Array) -> tuple[Array, ...]:
         return tuple(jnp.asarray(getattr(system, name))[index] for name in names)
 
     of_links = ("stiffness", "loss", "viscous")
@@ -338,7 +338,7 @@ def condensed_chains(system, omega: jax.Array) -> tuple[Any, jax.Array, jax.Arra
 
 
 @jax.custom_jvp
-def receptance(system, omega: jax.Array, columns: jax.Array) -> jax.Array:
+def receptance(system, omega: Array, columns: Array) -> Array:
     """Deflections per unit force ``(H, G, G)`` m/N, ``D Z^{-1} D^T``, of meshes with
     ``columns`` ``(S, G)`` of D^T.
     """
@@ -348,7 +348,7 @@ def receptance(system, omega: jax.Array, columns: jax.Array) -> jax.Array:
     return jnp.einsum("sg,srh->hgr", mesh_columns, motion)
 
 
-def _receptance_of_all_disks(system, omega: jax.Array, columns: jax.Array) -> jax.Array:
+def _receptance_of_all_disks(system, omega: Array, columns: Array) -> Array:
     """Receptances as of :func:`receptance` by a sweep over all disks, whose derivative
     is defined.
     """

@@ -70,12 +70,12 @@ class Quadrature:
     cycle.
     """
 
-    cell: jax.Array
-    at: jax.Array
-    weight: jax.Array
+    cell: Array
+    at: Array
+    weight: Array
     cells: int = field(metadata={"static": True})
 
-    def synthesize(self, coefficients: Array) -> jax.Array:
+    def synthesize(self, coefficients: Array) -> Array:
         """Values ``(G, time_steps)``, those of all cells and then those of the arcs,
         from coefficients ``(G, N+1)``.
         """
@@ -85,7 +85,7 @@ class Quadrature:
             [smooth.reshape(len(smooth), -1), arcs.reshape(len(arcs), -1)], axis=-1
         )
 
-    def analyze(self, values: Array, harmonics: int) -> jax.Array:
+    def analyze(self, values: Array, harmonics: int) -> Array:
         """Complex coefficients ``(G, harmonics+1)`` of values at the time samples, of
         at most ``cells`` harmonics.
         """
@@ -133,7 +133,7 @@ def _in_cells(coefficients: Array, cells: int) -> Array:
     return fourier.synthesize(shifted, cells)
 
 
-def _modes(smooth: Array, cell: jax.Array) -> jax.Array:
+def _modes(smooth: Array, cell: Array) -> Array:
     """Coefficients ``(G, POINTS, K)`` of Legendre polynomials in the cells
     ``(G, K)``.
     """
@@ -155,13 +155,13 @@ class Crossings:
     complete : whether there was room for all.
     """
 
-    cell: jax.Array
-    low: jax.Array
-    high: jax.Array
-    time: jax.Array
-    inverse_rate: jax.Array
-    rising: jax.Array
-    complete: jax.Array
+    cell: Array
+    low: Array
+    high: Array
+    time: Array
+    inverse_rate: Array
+    rising: Array
+    complete: Array
 
 
 def find_crossings(
@@ -348,7 +348,7 @@ def _horner(powers: AnyArray, x: AnyArray) -> AnyArray:
     return value
 
 
-def _polynomials(x: jax.Array) -> list[jax.Array]:
+def _polynomials(x: Array) -> list[Array]:
     """Legendre polynomials of degree 0 .. POINTS-1 at x."""
     polynomials = [jnp.ones_like(x), x]
     for k in range(1, POINTS - 1):
@@ -357,7 +357,7 @@ def _polynomials(x: jax.Array) -> list[jax.Array]:
     return polynomials
 
 
-def _value(modes: jax.Array, x: jax.Array) -> jax.Array:
+def _value(modes: Array, x: Array) -> Array:
     """Value at x ``(G, ..., K)`` of the Legendre series ``(G, POINTS, ..., K)``."""
     terms = (modes[:, m] * values for m, values in enumerate(_polynomials(x)))
-    return cast(jax.Array, sum(terms))
+    return cast(Array, sum(terms))

@@ -30,7 +30,7 @@ import numpy as np
 
 from jaxhb._jax import Array, Number, namespace
 
-AnyArray = TypeVar("AnyArray", jax.Array, np.ndarray, Array)
+AnyArray = TypeVar("AnyArray", Array, np.ndarray, Array)
 """Arrays of numpy, or of jax: each function gives the kind that it gets."""
 
 SQRT2 = 2.0**0.5
@@ -162,7 +162,7 @@ def resize(coefficients: AnyArray, harmonics: int) -> AnyArray:
     return xp.concatenate([coefficients, xp.zeros(beyond, coefficients.dtype)], axis=-1)
 
 
-def packed_diagonal(gain: jax.Array) -> jax.Array:
+def packed_diagonal(gain: Array) -> Array:
     """Real packed matrix ``(..., 2N+1, 2N+1)`` of the harmonic-wise product with
     complex ``gain`` ``(..., N+1)``.
     """
@@ -189,7 +189,7 @@ def packed_diagonal(gain: jax.Array) -> jax.Array:
     )
 
 
-def product_matrix(coefficients: jax.Array) -> jax.Array:
+def product_matrix(coefficients: Array) -> Array:
     """Packed matrix ``(..., 2N+1, 2N+1)`` of the product with a function c, of which
     the coefficients go to 2N harmonics ``(..., 2N+1)``.
 

@@ -12,25 +12,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Number
+from jaxhb._jax import Array, Number
 
 ROWS = 10  # directions against which a new one is made orthogonal at once
 SHORTEST = 1e-3  # length below which there is no step
 
 
 def gcr(
-    apply: Callable[[jax.Array], jax.Array],
-    precondition: Callable[[jax.Array], jax.Array],
-    b: jax.Array,
+    apply: Callable[[Array], Array],
+    precondition: Callable[[Array], Array],
+    b: Array,
     *,
     tolerance: Number,
     steps: int,
-) -> tuple[jax.Array, jax.Array, Number]:
+) -> tuple[Array, Array, Number]:
     """Solve ``apply(x) = b`` over the Krylov space of ``apply(precondition(.))``, on
     real arrays ``(n,)``, until the residual norm has fallen to ``tolerance * |b|``, in
     at most ``steps`` (static): x, ``|b - apply(x)| / |b|``, and how many steps were
@@ -141,7 +140,7 @@ def lowers_level(simplified: Number, correction: Number, length: Number) -> Numb
     return simplified < (1 - length / 4) * correction
 
 
-def predicted_length(gain: Number, difference: Number, correction: Number) -> jax.Array:
+def predicted_length(gain: Number, difference: Number, correction: Number) -> Array:
     """Length to try first at an iterate, from how much the Jacobian changed on the way
     there: ``gain`` of the step before, its length times its correction times its
     simplified correction; ``difference`` of the simplified correction and the
@@ -150,7 +149,7 @@ def predicted_length(gain: Number, difference: Number, correction: Number) -> ja
     return jnp.clip(gain / (difference * correction + 1e-300), SHORTEST, 1.0)
 
 
-def shorter_length(length: Number, correction: Number, curvature: Number) -> jax.Array:
+def shorter_length(length: Number, correction: Number, curvature: Number) -> Array:
     """Length to try after a trial that failed: where the ``curvature`` met on it, of
     the simplified correction less (1 - length) times the correction, lets the level
     fall most; half the length where that is not finite.

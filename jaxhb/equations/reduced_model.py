@@ -56,9 +56,9 @@ class ReducedOrderModel:
     """
 
     space: StateSpace
-    residual_flexibility: jax.Array
-    motion: jax.Array
-    at_rest: jax.Array
+    residual_flexibility: Array
+    motion: Array
+    at_rest: Array
 
 
 def states_of(disks: int) -> int:
@@ -168,8 +168,8 @@ def reduced_model(
 
 
 def _basis(
-    system, mass: jax.Array, links: Array, frequency: Number, time_steps: int
-) -> jax.Array:
+    system, mass: Array, links: Array, frequency: Number, time_steps: int
+) -> Array:
     """Columns ``(S, r)`` with ``basis^T M basis = 1``: all motions, or those that mesh
     forces excite.
     """

@@ -91,7 +91,7 @@ class StateSpace:
     in_modes: bool = field(default=False, metadata={"static": True})
 
 
-def paired(matrix: Array) -> jax.Array:
+def paired(matrix: Array) -> Array:
     """Blocks ``(2, 2, n/2)`` of a matrix ``(n, n)`` that couples states k and n/2 + k
     alone.
     """
@@ -100,7 +100,7 @@ def paired(matrix: Array) -> jax.Array:
     return jnp.diagonal(quarters, axis1=1, axis2=3)
 
 
-def paired_matrix(blocks: Array) -> jax.Array:
+def paired_matrix(blocks: Array) -> Array:
     """Matrix ``(n, n)`` of the blocks that :func:`paired` gives."""
     return jnp.block([[jnp.diag(block) for block in row] for row in blocks])
 
@@ -116,7 +116,7 @@ def propagated(propagator: Array, state: Array) -> Array:
     return jnp.concatenate([row[0] * pairs[0] + row[1] * pairs[1] for row in blocks])
 
 
-def modal_basis(transition: jax.Array) -> jax.Array:
+def modal_basis(transition: Array) -> Array:
     """Real basis ``(n, n)`` in which a transition matrix couples states k and n/2 + k
     alone, for even n.
 

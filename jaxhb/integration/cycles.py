@@ -226,8 +226,8 @@ def harmonics_of(steps: int) -> int:
 
 
 def _statistics(
-    stepper: Stepper, outputs, w: jax.Array, states: jax.Array
-) -> tuple[dict[str, jax.Array], jax.Array]:
+    stepper: Stepper, outputs, w: Array, states: Array
+) -> tuple[dict[str, Array], Array]:
     """Numbers and power of one cycle: w ``(steps + 1, 2G)``, states ``(steps + 1,
     2m)``.
     """
@@ -263,14 +263,12 @@ def _statistics(
     return numbers | _contacts(law, deflection, rate), power
 
 
-def _closed(values: Array) -> jax.Array:
+def _closed(values: Array) -> Array:
     """Samples ``(Q, samples + 1)`` of a cycle, the first one repeated at its end."""
     return jnp.concatenate([values, values[:, :1]], axis=1)
 
 
-def _numbers(
-    values: jax.Array, harmonics: int
-) -> tuple[dict[str, jax.Array], jax.Array]:
+def _numbers(values: Array, harmonics: int) -> tuple[dict[str, Array], Array]:
     """Numbers ``(Q,)`` and power ``(Q, H+1)`` of samples ``(Q, samples + 1)``."""
     spectrum = fourier.analyze(values[:, :-1], harmonics)
     numbers = {
@@ -282,7 +280,7 @@ def _numbers(
     return numbers, spectrum.real**2 + spectrum.imag**2
 
 
-def _highest(values: jax.Array) -> jax.Array:
+def _highest(values: Array) -> Array:
     """Largest value of each row, on parabolas through neighbouring samples."""
     before = values[:, :-2]
     here = values[:, 1:-1]
@@ -297,7 +295,7 @@ def _highest(values: jax.Array) -> jax.Array:
     )
 
 
-def _contacts(law: Law, deflection: jax.Array, rate: jax.Array) -> dict[str, jax.Array]:
+def _contacts(law: Law, deflection: Array, rate: Array) -> dict[str, Array]:
     """Contact over one cycle, from (l, l') ``(G, steps + 1)``."""
     distance = jnp.abs(deflection) - law.gap
     entry = (distance[:, :-1] < 0) & (distance[:, 1:] >= 0)

@@ -57,7 +57,7 @@ def _close(
     load: Array,
     coefficients: Array,
     tolerance: float | Array,
-) -> tuple[jax.Array, Trace, jax.Array]:
+) -> tuple[Array, Trace, Array]:
     """First state ``(n,)``, cycle and Newton steps of the motion that closes next to
     displacements ``(S, N+1)`` m.
     """
@@ -261,7 +261,7 @@ def _between(l: np.ndarray, rate: np.ndarray, dt: float) -> np.ndarray:
 
 def equations_of(
     train: DriveTrain, rpm: float
-) -> tuple[System, MeshParameters, float, jax.Array]:
+) -> tuple[System, MeshParameters, float, Array]:
     """System, meshes that have a law, Omega and load of a train at a speed."""
     check_speed(train, rpm)
     system = chain.assemble(train)

@@ -99,7 +99,7 @@ class Stepper:
         """Steps of a cycle; traced where there is room for more."""
         return self.capacity if self.count is None else self.count
 
-    def variation_at(self, row: int | Array) -> jax.Array:
+    def variation_at(self, row: int | Array) -> Array:
         """Stiffness over its mean, less 1, ``(G,)`` at half step ``row`` of the
         cycle.
         """
@@ -107,7 +107,7 @@ class Stepper:
 
     def nonlinear_force(
         self, deflection: Array, rate: Array, row: int | Array
-    ) -> jax.Array:
+    ) -> Array:
         """Force ``(G,)`` N of the meshes at half step ``row`` of the cycle, less its
         linear part.
         """
@@ -120,7 +120,7 @@ class Stepper:
             law, self.viscous, self.contact_damping, deflection, rate
         )
 
-    def nonlinear_force_at(self, w: Array, row: int | Array) -> jax.Array:
+    def nonlinear_force_at(self, w: Array, row: int | Array) -> Array:
         """phi ``(G,)`` N at ``w`` ``(2G,)``, deflections and rates of the states at
         half step ``row`` of the cycle.
         """
@@ -128,7 +128,7 @@ class Stepper:
             self.with_fast_modes(w, row), jnp.split(w, 2)[1], row
         )
 
-    def with_fast_modes(self, w: Array, row: int | Array) -> jax.Array:
+    def with_fast_modes(self, w: Array, row: int | Array) -> Array:
         """Deflections ``(G,)`` at w and ``row`` with the static response of the fast
         modes, R the residual flexibility: ``l + R phi(l) = l of the states``.
 
@@ -151,9 +151,7 @@ class Stepper:
             ) / (1 + flexibility * slope)
         return deflection
 
-    def advance(
-        self, state: Array, w: Array, k: int | Array
-    ) -> tuple[jax.Array, jax.Array]:
+    def advance(self, state: Array, w: Array, k: int | Array) -> tuple[Array, Array]:
         """Deviation and w one step after step ``k`` of the cycle."""
         # Rows of the linear train now, half a step ahead and one step ahead
         rows = (
@@ -334,7 +332,7 @@ def with_rate(deflection: Array, frequency: Number) -> Array:
     )
 
 
-def _weights(space: StateSpace, dt: Number) -> dict[str, jax.Array]:
+def _weights(space: StateSpace, dt: Number) -> dict[str, Array]:
     """Propagators and stage weights of Krogstad's scheme for steps of ``dt``
     seconds.
     """
@@ -368,7 +366,7 @@ def _weights(space: StateSpace, dt: Number) -> dict[str, jax.Array]:
     }
 
 
-def exponential(matrix: jax.Array) -> jax.Array:
+def exponential(matrix: Array) -> Array:
     """Exponential of a matrix by its Taylor series of degree 16 with squaring: an
     eighth of the time of jax.scipy in a batch, half to compile.
     """
@@ -396,9 +394,9 @@ class Trace:
     count.
     """
 
-    deflection: jax.Array
-    rate: jax.Array
-    periodicity_error: jax.Array
+    deflection: Array
+    rate: Array
+    periodicity_error: Array
 
 
 def run(
@@ -443,7 +441,7 @@ def _whole(stepper: Stepper, state: Array, keep: Callable[..., Any], seen: Any):
     return end, w - (stepper.linear[0] + stepper.observation @ state), seen
 
 
-def cycle(stepper: Stepper, state: Array) -> tuple[jax.Array, Trace]:
+def cycle(stepper: Stepper, state: Array) -> tuple[Array, Trace]:
     """State ``(n,)`` after one cycle from the deviation ``state`` at t = 0, and its
     :class:`Trace`.
     """
@@ -453,7 +451,7 @@ def cycle(stepper: Stepper, state: Array) -> tuple[jax.Array, Trace]:
     return end, trace_of(stepper, samples, change)
 
 
-def cycle_error(stepper: Stepper, state: Array) -> tuple[jax.Array, jax.Array]:
+def cycle_error(stepper: Stepper, state: Array) -> tuple[Array, Array]:
     """State after one cycle from ``state``, and the periodicity error of its
     :class:`Trace`; no samples are kept.
     """
@@ -461,17 +459,17 @@ def cycle_error(stepper: Stepper, state: Array) -> tuple[jax.Array, jax.Array]:
     return end, periodicity_error(stepper, change, largest)
 
 
-def put(samples: jax.Array, k: int | Array, w: jax.Array, _: Array) -> jax.Array:
+def put(samples: Array, k: int | Array, w: Array, _: Array) -> Array:
     """Write a row of samples ``(capacity, 2G)``, as ``keep`` of :func:`run`."""
     return lax.dynamic_update_index_in_dim(samples, w, k, axis=0)
 
 
-def no_samples(stepper: Stepper, capacity: int) -> jax.Array:
+def no_samples(stepper: Stepper, capacity: int) -> Array:
     """Zeros ``(capacity, 2G)``, into which samples are :func:`put`."""
     return jnp.zeros((capacity, stepper.linear.shape[1]))
 
 
-def watch(stepper: Stepper) -> tuple[Callable[..., jax.Array], jax.Array]:
+def watch(stepper: Stepper) -> tuple[Callable[..., Array], Array]:
     """``keep`` and ``seen`` of :func:`run` for the largest deflections and rates
     ``(2G,)``.
     """
@@ -485,7 +483,7 @@ def watch(stepper: Stepper) -> tuple[Callable[..., jax.Array], jax.Array]:
     return keep, jnp.zeros(stepper.linear.shape[1])
 
 
-def periodicity_error(stepper: Stepper, change: Array, largest: Array) -> jax.Array:
+def periodicity_error(stepper: Stepper, change: Array, largest: Array) -> Array:
     """Periodicity error, see :class:`Trace`, of a change and the largest of deflections
     and rates, ``(2G,)`` each.
     """
@@ -511,11 +509,11 @@ def trace_of(stepper: Stepper, samples: Array, change: Array) -> Trace:
 
 def march(
     stepper: Stepper,
-    state: jax.Array,
+    state: Array,
     *,
     tolerance: float | Array = 1e-6,
     max_cycles: int | Array = 200,
-) -> tuple[jax.Array, Trace, jax.Array]:
+) -> tuple[Array, Trace, Array]:
     """March from a deviation ``(n,)`` until a cycle closes to ``tolerance``, a
     ``trace.periodicity_error``, is not finite, or ``max_cycles`` have passed: state
     ``(n,)``, Trace of the last cycle, cycles; valid under jit and vmap.

@@ -108,7 +108,7 @@ def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
 
 
 @partial(Program, static_argnames="heavy")
-def _frequencies(train: DriveTrain, heavy: tuple[bool, ...]) -> jax.Array:
+def _frequencies(train: DriveTrain, heavy: tuple[bool, ...]) -> Array:
     squares, _ = mode_squares(train, heavy)
     moving = squares > 0
     return jnp.where(moving, jnp.sqrt(jnp.where(moving, squares, 1.0)), 0.0) / (
@@ -191,7 +191,7 @@ def clusters_of(
 
 def mode_squares(
     train: DriveTrain, heavy: Sequence[bool] | np.ndarray
-) -> tuple[jax.Array, jax.Array]:
+) -> tuple[Array, Array]:
     """omega^2 ``(m,)`` in 1/s2, rising, and mass-normalised displacements ``(S, m)`` in
     kg^(-1/2), differentiable.
     """
@@ -233,9 +233,7 @@ def _heavy(train: DriveTrain, heavy: Array | None) -> tuple[bool, ...]:
 
 
 @jax.custom_jvp
-def modal_basis(
-    stiffness: jax.Array, rows: jax.Array, mass: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+def modal_basis(stiffness: Array, rows: Array, mass: Array) -> tuple[Array, Array]:
     """omega^2 ``(H,)`` in 1/s2, rising, and mass-normalised shapes ``(H, H)`` in
     kg^(-1/2) of disks ``mass`` ``(H,)`` kg joined by links of ``stiffness`` ``(L,)``
     N/m with deflections ``rows @ x``.
@@ -253,9 +251,9 @@ def modal_basis(
 
 @modal_basis.defjvp
 def _modal_basis_jvp(
-    primals: tuple[jax.Array, jax.Array, jax.Array],
-    tangents: tuple[jax.Array, jax.Array, jax.Array],
-) -> tuple[tuple[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]:
+    primals: tuple[Array, Array, Array],
+    tangents: tuple[Array, Array, Array],
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     stiffness, rows, mass = primals
     stiffness_dot, rows_dot, mass_dot = tangents
     squares, shapes = modal_basis(stiffness, rows, mass)

@@ -104,15 +104,15 @@ class System:
     """
 
     tree: Tree
-    radius: jax.Array
-    mass: jax.Array
-    damping: jax.Array
-    ground: jax.Array
-    stiffness: jax.Array
-    viscous: jax.Array
-    loss: jax.Array
-    arm_a: jax.Array
-    arm_b: jax.Array
+    radius: Array
+    mass: Array
+    damping: Array
+    ground: Array
+    stiffness: Array
+    viscous: Array
+    loss: Array
+    arm_a: Array
+    arm_b: Array
     floating: np.ndarray
 
     def _arms(self, links: slice | np.ndarray, ndim: int) -> tuple[Array, Array]:

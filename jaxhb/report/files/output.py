@@ -203,8 +203,9 @@ def deliver(arguments: Any, text: str, makers: Mapping[str, Callable[[], Any]]) 
     """Make all that was asked for, then write it, then print, unless a file is standard
     output; all or nothing.
 
-    ``arguments`` are those of a command; ``makers`` are by its options. A record, made by ``json``, gets the changes of the scene
-    in its file; ``plot`` makes a matplotlib figure.
+    ``arguments`` are those of a command; ``makers`` are by its options. A record, made
+    by ``json``, gets the changes of the scene in its file; ``plot`` makes a matplotlib
+    figure.
     """
     options = vars(arguments)
     contents = {
