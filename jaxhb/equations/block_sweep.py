@@ -180,12 +180,14 @@ class _TracedRows:
         return quotient(1.0, pivot), pivot == 0
 
     @staticmethod
-    def moved(array: Array, row: Array, parent_row: Array, values: Array) -> Array:
+    def moved(
+        array: jax.Array, row: Array, parent_row: Array, values: Array
+    ) -> jax.Array:
         """Clear ``row``, and add ``values`` to ``parent_row``."""
         return array.at[row].set(0.0, unique_indices=True).at[parent_row].add(values)
 
     @staticmethod
-    def replaced(array: Array, row: Array, values: Array) -> Array:
+    def replaced(array: jax.Array, row: Array, values: Array) -> jax.Array:
         """Put ``values`` into ``row``."""
         return array.at[row].set(values, unique_indices=True)
 
@@ -235,10 +237,10 @@ def matrix_sweep(
     parent: Array,
     near: Array,
     far: Array,
-    link: Array,
-    node: Array,
-    load: Array,
-) -> tuple[Array, Array, Array]:
+    link: jax.Array,
+    node: jax.Array,
+    load: jax.Array,
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Eliminate a tree in the same way with matrices C and P: ``parent`` as of
     :func:`slots`, ``link`` and ``node`` ``(S, P, P)``.
 

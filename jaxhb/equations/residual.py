@@ -47,9 +47,9 @@ class ForceBalance:
 
     system: Any
     meshes: MeshParameters
-    frequency: Array
-    load: Array
-    rigid: Array
+    frequency: jax.Array
+    load: jax.Array
+    rigid: jax.Array
     samples: int = field(metadata={"static": True})
 
     @property
@@ -57,17 +57,17 @@ class ForceBalance:
         """Number N of harmonics."""
         return self.load.shape[-1] - 1
 
-    def residual(self, packed: Array) -> Array:
+    def residual(self, packed: jax.Array) -> jax.Array:
         """Residual A(x) ``(S, P)`` N at ``packed`` displacements ``(S, P)`` m."""
         return self.residual_at(packed, self.deflections(packed))
 
-    def deflections(self, packed: Array) -> Array:
+    def deflections(self, packed: jax.Array) -> jax.Array:
         """Packed deflections D x ``(L, P)`` m of all links, from displacements ``(S,
         P)`` m.
         """
         return fourier.pack(self.system.deflections(fourier.unpack(packed)))
 
-    def residual_at(self, displacement: Array, deflection: Array) -> Array:
+    def residual_at(self, displacement: jax.Array, deflection: jax.Array) -> jax.Array:
         """Residual A(x) ``(S, P)`` N at packed displacements ``(S, P)`` m and the
         deflections ``(L, P)`` m of all links between them, which the differences of
         displacements lose where a train turns far as one.
@@ -92,7 +92,7 @@ class ForceBalance:
         left = fourier.pack(self._disks() * x - self.load + self.system.spread(force))
         return left.at[:, 0].add(self._hold(mean))
 
-    def link_blocks(self, packed: Array) -> Array:
+    def link_blocks(self, packed: jax.Array) -> jax.Array:
         """Tangent blocks ``(L, P, P)`` of all links at ``packed`` deflections ``(L,
         P)`` m: diagonal for linear links, for those with a law Toeplitz, ``T[df/dl] +
         T[df/dl'] d/dt``, with the slopes of the law written out by hand.
@@ -118,13 +118,13 @@ class ForceBalance:
         linear = self._linear_beside()[:, :, None] * jnp.eye(packed.shape[-1])
         return blocks.at[meshes.link[count:]].add(of_law[count:] - linear)
 
-    def node_blocks(self) -> Array:
+    def node_blocks(self) -> jax.Array:
         """Diagonal blocks ``(S, P, P)`` of the disks: inertia, damping to ground and
         ground.
         """
         return fourier.packed_diagonal(self._disks() + 0j)
 
-    def jacobian(self, packed: Array) -> Array:
+    def jacobian(self, packed: jax.Array) -> jax.Array:
         """The dense Jacobian ``(S, P, S, P)`` of the residual, assembled from the
         blocks of disks and links.
         """
@@ -154,7 +154,7 @@ class ForceBalance:
         )
         return matrix.transpose(0, 2, 1, 3)
 
-    def solve(self, packed: Array, right_side: Array) -> Array:
+    def solve(self, packed: jax.Array, right_side: jax.Array) -> jax.Array:
         """Solve J(x) y = ``right_side``, both ``(S, P)``, by :meth:`sweep`, with its
         derivative.
         """
@@ -174,7 +174,9 @@ class ForceBalance:
         transposed = by(node.transpose(0, 2, 1), link.transpose(0, 2, 1))
         return lax.custom_linear_solve(product, right_side, by(node, link), transposed)
 
-    def sweep(self, deflection: Array, right_side: Array) -> tuple[Array, Array]:
+    def sweep(
+        self, deflection: jax.Array, right_side: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
         """Solve with the Jacobian at packed deflections ``(L, P)`` m for a
         ``right_side`` ``(S, P)`` by one block sweep over the tree: the solution, and
         the deflections ``(L, P)`` of its links; without links outside the tree.
@@ -182,8 +184,8 @@ class ForceBalance:
         return self._swept(self.node_blocks(), self.link_blocks(deflection), right_side)
 
     def _swept(
-        self, node: Array, link: Array, right_side: Array
-    ) -> tuple[Array, Array]:
+        self, node: jax.Array, link: jax.Array, right_side: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
         """Solution and deflections by elimination with blocks of disks and links."""
         system = self.system
         tree = self.system.tree
@@ -227,11 +229,11 @@ class ForceBalance:
         """Number of laws that are those of meshes; the others act beside shafts."""
         return len(self.meshes.link) - self.meshes.springs
 
-    def _omega(self) -> Array:
+    def _omega(self) -> jax.Array:
         """Frequencies ``(N+1,)`` rad/s of the harmonics."""
         return frequencies(self.frequency, self.harmonics)
 
-    def _link_stiffness(self) -> Array:
+    def _link_stiffness(self) -> jax.Array:
         """Complex stiffness ``(L, N+1)`` N/m of the linear links, with the springs that
         hold rings at the mean.
         """
@@ -246,7 +248,7 @@ class ForceBalance:
         """
         return self.meshes.law.linear_stiffness[self._meshes_proper :, None]
 
-    def _disks(self) -> Array:
+    def _disks(self) -> jax.Array:
         """Dynamic stiffness ``(S, N+1)`` N/m of the disks."""
         system = self.system
         mass, damping, ground = (
@@ -255,25 +257,25 @@ class ForceBalance:
         )
         return disk_stiffness(self._omega(), mass, damping, ground)
 
-    def _turned(self) -> tuple[Array, Array]:
+    def _turned(self) -> tuple[jax.Array, jax.Array]:
         """Inertia times the rigid rotation of each disk ``(S,)`` kg m, and the inertia
         of that rotation.
         """
         turned = jnp.asarray(self.system.mass) * self.rigid
         return turned, jnp.where(self.system.floating, turned @ self.rigid, 1.0)
 
-    def _hold_per_drift(self) -> Array:
+    def _hold_per_drift(self) -> jax.Array:
         """Square Omega^2 of a floating train, 0 of one that a ground holds."""
         return jnp.where(self.system.floating, self.frequency**2, 0.0)
 
-    def _hold(self, mean: Array) -> Array:
+    def _hold(self, mean: jax.Array) -> jax.Array:
         """Forces ``(S,)`` N that hold the mean rotation of a floating train, from mean
         displacements ``(S,)``.
         """
         turned, inertia = self._turned()
         return self._hold_per_drift() * turned * (turned @ mean) / inertia
 
-    def _at_samples(self, function: Callable, deflection: Array):
+    def _at_samples(self, function: Callable, deflection: jax.Array):
         """Evaluate a function of the laws at time samples, along the motion with
         deflections ``(L, N+1)`` m of the links.
         """

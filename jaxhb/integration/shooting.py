@@ -42,13 +42,15 @@ LENGTHS = (1.0, 0.5, 0.2, 0.05, 0.01)
 SEARCH_LENGTHS = (1.0, 0.6, 0.36, 0.2, 0.1, 0.03)
 
 
-def _end(stepper: Stepper, state: Array, segment: int | Array, segments: int) -> Array:
+def _end(
+    stepper: Stepper, state: jax.Array, segment: int | jax.Array, segments: int
+) -> jax.Array:
     """State at the end of one of ``segments`` from that at its beginning."""
     count = stepper.steps // segments
     return run(stepper, state, segment * count, count)[0]
 
 
-def moving(space: StateSpace) -> Array:
+def moving(space: StateSpace) -> jax.Array:
     """Mask ``(n,)``: 1, or 0 for states that return from any value: those that move
     nothing (free rotation, modes left out), and those that move only these (the
     undamped rate of a free rotation).
@@ -58,7 +60,9 @@ def moving(space: StateSpace) -> Array:
     return 1.0 - jnp.all(zero | moves_nothing[:, None], axis=0)
 
 
-def beginnings(stepper: Stepper, state: Array, segments: int = SEGMENTS) -> Array:
+def beginnings(
+    stepper: Stepper, state: jax.Array, segments: int = SEGMENTS
+) -> jax.Array:
     """States ``(segments, n)`` of a cycle from ``state`` at the beginnings of its
     segments.
     """
@@ -69,13 +73,13 @@ def beginnings(stepper: Stepper, state: Array, segments: int = SEGMENTS) -> Arra
     return lax.scan(through, state, jnp.arange(segments))[1]
 
 
-def gaps_and_error(stepper: Stepper, nodes: Array) -> tuple[Array, Array]:
+def gaps_and_error(stepper: Stepper, nodes: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Gaps ``(K, n)``, and the periodicity error of :func:`motion`."""
     gap, largest = gaps(stepper, nodes, *watch(stepper))
     return gap, periodicity_error(stepper, _widest(stepper, gap), largest.max(axis=0))
 
 
-def motion(stepper: Stepper, nodes: Array) -> Trace:
+def motion(stepper: Stepper, nodes: jax.Array) -> Trace:
     """The :class:`~jaxhb.integration.step.Trace` of a cycle in segments; its
     periodicity error is that of the widest gap.
     """
@@ -93,7 +97,7 @@ def motion(stepper: Stepper, nodes: Array) -> Trace:
     )
 
 
-def gaps(stepper: Stepper, nodes: Array, *observer):
+def gaps(stepper: Stepper, nodes: jax.Array, *observer):
     """End of each segment less the beginning of the next, ``(K, n)``, of nodes ``(K,
     n)``, and what was seen on the way; observer : ``keep`` and ``seen`` of
     :func:`~jaxhb.integration.step.run`.
@@ -108,17 +112,17 @@ def gaps(stepper: Stepper, nodes: Array, *observer):
     return _gaps(stepper, nodes, end), observed
 
 
-def _gaps(stepper: Stepper, nodes: Array, end: Array) -> Array:
+def _gaps(stepper: Stepper, nodes: jax.Array, end: jax.Array) -> jax.Array:
     assert stepper.space is not None  # a stepper of one speed
     return (end - jnp.roll(nodes, -1, axis=0)) * moving(stepper.space)
 
 
-def _widest(stepper: Stepper, gap: Array) -> Array:
+def _widest(stepper: Stepper, gap: jax.Array) -> jax.Array:
     """Largest of the gaps ``(K, n)`` in deflections and rates, ``(2G,)``."""
     return jnp.max(jnp.abs(gap @ stepper.observation.T), axis=0)
 
 
-def linearize(stepper: Stepper, nodes: Array) -> tuple[Array, Array]:
+def linearize(stepper: Stepper, nodes: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Gaps ``(K, n)``, and the derivatives ``(K, n, n)`` of each end in its
     beginning.
     """
@@ -128,7 +132,7 @@ def linearize(stepper: Stepper, nodes: Array) -> tuple[Array, Array]:
     return _gaps(stepper, nodes, end), slope * is_moving[:, None] * is_moving
 
 
-def ends(stepper: Stepper, nodes: Array) -> tuple[Array, Array]:
+def ends(stepper: Stepper, nodes: jax.Array) -> tuple[jax.Array, jax.Array]:
     """End ``(K, n)`` of each segment and its derivatives, as in :func:`linearize`, of
     all states.
     """
@@ -143,7 +147,7 @@ def ends(stepper: Stepper, nodes: Array) -> tuple[Array, Array]:
     return reached, slopes
 
 
-def condense(slope: Array):
+def condense(slope: jax.Array):
     """Condense a cycle on its first node, as :func:`closing` needs it: its slope
     ``(K, n, n)``, and the singular value decomposition of the condensed equations
     ``(n, n)``.
@@ -151,7 +155,7 @@ def condense(slope: Array):
     return slope, *jnp.linalg.svd(_over_cycle(slope) - jnp.eye(slope.shape[1]))
 
 
-def _over_cycle(slope: Array) -> Array:
+def _over_cycle(slope: jax.Array) -> jax.Array:
     """Derivative ``(n, n)`` of the state after a cycle in that before it, from those
     ``(K, n, n)`` of its segments.
     """
@@ -160,7 +164,7 @@ def _over_cycle(slope: Array) -> Array:
     )[0]
 
 
-def closing(condensed, gap: Array) -> Array:
+def closing(condensed, gap: jax.Array) -> jax.Array:
     """Change ``(K, n)`` of the nodes, shortest at the first, that closes all gaps
     ``(K, n)`` to first order; condensed : of :func:`condense`.
     """
@@ -187,8 +191,8 @@ def closing(condensed, gap: Array) -> Array:
 
 
 def close(
-    stepper: Stepper, nodes: Array, *, tolerance: float | Array, most: int
-) -> tuple[Array, Trace, Array]:
+    stepper: Stepper, nodes: jax.Array, *, tolerance: float | Array, most: int
+) -> tuple[jax.Array, Trace, jax.Array]:
     """Newton's method on the nodes ``(K, n)`` of one train until the periodicity error
     of their :func:`motion` is at most ``tolerance``: the nodes, their motion, and
     Newton steps taken, ``most`` at most; valid under jit and vmap.
@@ -210,7 +214,7 @@ def close(
         def change(gap):
             return closing(condensed, gap)
 
-        def try_length(length: Array):
+        def try_length(length: jax.Array):
             gap, periodicity_error = gaps_and_error(
                 stepper, nodes + length * full_change
             )
@@ -239,7 +243,7 @@ def close(
     return nodes, motion(stepper, nodes), done
 
 
-def monodromy(stepper: Stepper, state: Array) -> tuple[Array, Array]:
+def monodromy(stepper: Stepper, state: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Derivative ``(n, n)`` of the state after one cycle with respect to the state
     before, and the state after it ``(n,)``.
 
@@ -254,12 +258,12 @@ def monodromy(stepper: Stepper, state: Array) -> tuple[Array, Array]:
 
 def shoot(
     stepper: Stepper,
-    state: Array,
+    state: jax.Array,
     *,
     most: int = 20,
     tolerance: float = 1e-11,
     cutoff: float = 1e-10,
-) -> tuple[Array, Array, Array]:
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Correct a state until the cycle closes, ``z(T; z) = z``; valid under jit and
     vmap.
 

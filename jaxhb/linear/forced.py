@@ -93,7 +93,7 @@ def varied(
     width = len(omega) // len(rpm)
     shafts = len(train.topology.shaft_names)
 
-    def per_frequency(values: Array) -> Array:
+    def per_frequency(values: Array) -> jax.Array:
         return jnp.repeat(values.T, width, axis=-1)
 
     links, stiffer, damped = factors(
@@ -117,7 +117,7 @@ def varied(
 
 def twist_amplitude(
     train: DriveTrain, system: chain.System, deflection: Array, speeds: int
-) -> Array:
+) -> jax.Array:
     """Amplitudes ``(m, A)`` in rad of the links that depend on them, from deflections
     ``(L, H)`` in m at m ``speeds``.
     """
@@ -132,14 +132,14 @@ def twist_amplitude(
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
-def is_settled(amplitude: Array, resulting: Array) -> Array:
+def is_settled(amplitude: Array, resulting: Array) -> jax.Array:
     """Whether all amplitudes ``(m, A)`` of a speed equal the ``resulting`` ones of the
     response with them, ``(m,)``.
     """
     return jnp.all(jnp.abs(resulting - amplitude) <= ACCEPTED * resulting, axis=-1)
 
 
-def _resulting(equations: AmplitudeEquations, amplitude: Array) -> Array:
+def _resulting(equations: AmplitudeEquations, amplitude: jax.Array) -> jax.Array:
     """g ``(m, A)``: the amplitudes of the response with links at ``amplitude``."""
     train, system, rpm, omega, load = equations
     system = varied(train, system, rpm, omega, amplitude)
@@ -149,7 +149,9 @@ def _resulting(equations: AmplitudeEquations, amplitude: Array) -> Array:
     return twist_amplitude(train, system, deflection, len(rpm))
 
 
-def _linearised(equations: AmplitudeEquations, amplitude: Array) -> tuple[Array, Array]:
+def _linearised(
+    equations: AmplitudeEquations, amplitude: jax.Array
+) -> tuple[jax.Array, jax.Array]:
     """g - A ``(m, A)``, and 1 - dg/dA ``(m, A, A)``."""
     resulting, push = jax.linearize(lambda a: _resulting(equations, a), amplitude)
     basis = jnp.eye(amplitude.shape[1])
@@ -160,19 +162,19 @@ def _linearised(equations: AmplitudeEquations, amplitude: Array) -> tuple[Array,
 
 
 @jax.custom_jvp
-def settled_amplitudes(equations: AmplitudeEquations) -> Array:
+def settled_amplitudes(equations: AmplitudeEquations) -> jax.Array:
     """Amplitudes ``(m, A)`` in rad that lead to themselves; see :func:`is_settled`."""
     train, _, rpm, _, _ = equations
     start = jnp.zeros((len(rpm), len(train.topology.amplitude_links)))
     change, matrix = _linearised(equations, start)
     scale = jnp.where(change > 0, change, 1.0)
 
-    State = tuple[Array, Array, Array, Array, int]
+    State = tuple[jax.Array, jax.Array, jax.Array, jax.Array, int]
 
-    def size(change: Array) -> Array:
+    def size(change: jax.Array) -> jax.Array:
         return jnp.max(jnp.abs(change) / scale, axis=-1, initial=0.0)
 
-    def unsettled(state: State) -> Array:
+    def unsettled(state: State) -> jax.Array:
         _, change, _, _, steps = state
         return (steps < STEPS) & jnp.any(size(change) > SETTLED)
 
@@ -208,7 +210,7 @@ def settled_amplitudes(equations: AmplitudeEquations) -> Array:
 @settled_amplitudes.defjvp
 def _settled_jvp(
     primals: tuple[AmplitudeEquations], tangents: tuple[AmplitudeEquations]
-) -> tuple[Array, Array]:
+) -> tuple[jax.Array, jax.Array]:
     (equations,) = primals
     (equations_dot,) = tangents
     amplitude = settled_amplitudes(equations)
@@ -322,7 +324,7 @@ def forced_response(
 
 
 def _at_mean_loads(
-    train: DriveTrain, speeds: Array, harmonics: int
+    train: DriveTrain, speeds: jax.Array, harmonics: int
 ) -> tuple[DriveTrain, ForcedResponse]:
     """The train linearised at the mean load of the first speed, and the ForcedResponse
     at ``speeds`` ``(n,)`` of a train whose shafts or dampers have stages, stops or
@@ -349,7 +351,9 @@ def _at_mean_loads(
     return linearised(loads[0].train), response
 
 
-def _respond_padded(train: DriveTrain, speeds: Array, harmonics: int) -> ForcedResponse:
+def _respond_padded(
+    train: DriveTrain, speeds: jax.Array, harmonics: int
+) -> ForcedResponse:
     """The ForcedResponse at ``speeds`` ``(n,)``, padded to the next of SIZES: every
     number of speeds is a program.
     """
@@ -377,7 +381,7 @@ def _respond(train: DriveTrain, rpm: Array, harmonics: int) -> ForcedResponse:
     together = _together(topology.n_disks, harmonics, len(rpm))
     groups = -(-len(rpm) // together)
 
-    def grouped(values: Array) -> Array:
+    def grouped(values: Array) -> jax.Array:
         # The last speed again: a speed of 0 could make nan, which derivatives would
         # spread.
         padding = jnp.repeat(values[-1:], groups * together - len(rpm), axis=0)
@@ -474,13 +478,13 @@ def _fields_of_group(
         status = jnp.where(settled, status, jnp.maximum(status, Status.MAX_STEPS))
     ends = system.radius[system.tree.end_a][:, None]
 
-    def by_speed(values: Array) -> Array:
+    def by_speed(values: jax.Array) -> jax.Array:
         return values.reshape(len(values), *shape).transpose(1, 0, 2)
 
-    def power(values: Array) -> Array:
+    def power(values: Array) -> jax.Array:
         return (2 * omega * values).reshape(len(values), *shape).sum(-1).T
 
-    def work_rate(force: Array, displacement: Array) -> Array:
+    def work_rate(force: Array, displacement: Array) -> jax.Array:
         return power((force * jnp.conj(1j * displacement)).real.sum(0)[None])[:, 0]
 
     disk_power = power(omega * system.damping[:, None] * _square(displacement))
@@ -507,7 +511,7 @@ def _fields_of_group(
     }
 
 
-def _square(values: Array) -> Array:
+def _square(values: jax.Array) -> jax.Array:
     """Square of the modulus, whose derivative at 0 is 0."""
     return values.real**2 + values.imag**2
 

@@ -61,8 +61,8 @@ class Doubled:
     as for arrays.
     """
 
-    high: Array
-    low: Array
+    high: jax.Array
+    low: jax.Array
 
     def __add__(self, other: Doubled | Array) -> Doubled:
         return _total(self, doubled(other))
@@ -135,14 +135,14 @@ def _product_jvp(
     return _product(a, b), doubled(a.high * db.high + da.high * b.high)
 
 
-def _sum(a: Array, b: Array) -> tuple[Array, Array]:
+def _sum(a: jax.Array, b: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Rounded sum and its rounding error."""
     total = a + b
     shown = total - a
     return total, (a - (total - shown)) + (b - shown)
 
 
-def _joined(high: Array, low: Array) -> Doubled:
+def _joined(high: jax.Array, low: jax.Array) -> Doubled:
     """Sum of a number and a much smaller one."""
     total = high + low
     # Without the barrier compilers compute every number again wherever it is used,
@@ -151,7 +151,7 @@ def _joined(high: Array, low: Array) -> Doubled:
     return Doubled(total, error)
 
 
-def _leading(a: Array) -> Array:
+def _leading(a: jax.Array) -> jax.Array:
     """Leading half of the digits of real and imaginary part."""
     # The 11 bits of the exponent are those of float64: only digits are cut.
     return lax.complex(
@@ -159,7 +159,7 @@ def _leading(a: Array) -> Array:
     )
 
 
-DoubledOrArray = TypeVar("DoubledOrArray", Doubled, Array)
+DoubledOrArray = TypeVar("DoubledOrArray", Doubled, jax.Array)
 
 
 @jax.tree_util.register_dataclass
@@ -169,20 +169,20 @@ class Scaled:
     are whole numbers as floats.
     """
 
-    mantissa: Array
-    exponent: Array
+    mantissa: jax.Array
+    exponent: jax.Array
 
     @property
-    def log_modulus(self) -> Array:
+    def log_modulus(self) -> jax.Array:
         """Natural logarithm of the modulus."""
         return jnp.log(jnp.abs(self.mantissa)) + self.exponent * np.log(2.0)
 
     @property
-    def phase(self) -> Array:
+    def phase(self) -> jax.Array:
         """Phase in rad, -pi to pi."""
         return jnp.angle(self.mantissa)
 
-    def value(self) -> Array:
+    def value(self) -> jax.Array:
         """Convert to complex numbers, infinite or zero where they leave the range of
         float64.
         """
@@ -208,7 +208,7 @@ class Scaled:
 
 def shifted(
     numbers: Sequence[DoubledOrArray],
-) -> tuple[tuple[DoubledOrArray, ...], Array]:
+) -> tuple[tuple[DoubledOrArray, ...], jax.Array]:
     """Divide numbers by the power of two that brings their largest modulus between 1/2
     and 1, and return its exponent with them.
     """
@@ -222,7 +222,7 @@ def shifted(
     return jax.tree.map(lambda z: z * factor, tuple(numbers)), shift.astype(float)
 
 
-def rescaled(number: Array, exponent: Array) -> Scaled:
+def rescaled(number: jax.Array, exponent: jax.Array) -> Scaled:
     """``number 2^exponent`` as :class:`Scaled`."""
     (number,), shift = shifted((number,))
     return Scaled(number, exponent + shift)
@@ -312,7 +312,7 @@ def characteristic(train: DriveTrain, p: Array) -> Scaled:
 
 
 @Program
-def _characteristic(train: DriveTrain, p: Array) -> Scaled:
+def _characteristic(train: DriveTrain, p: jax.Array) -> Scaled:
     system = chain.assemble(train)
     (determinant,) = _determinants(system, train.topology, p, [{}])
     return _over_inertias(system, determinant)
@@ -347,7 +347,7 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
 
 
 @partial(Program, static_argnames="ends")
-def _receptance(train: DriveTrain, p: Array, ends: tuple[int, int]) -> Array:
+def _receptance(train: DriveTrain, p: jax.Array, ends: tuple[int, int]) -> jax.Array:
     """Receptance ``(n,)`` in rad/(N m) between two disks."""
     system = chain.assemble(train)
     a, b = ends
@@ -358,7 +358,7 @@ def _receptance(train: DriveTrain, p: Array, ends: tuple[int, int]) -> Array:
 
 
 def _determinants(
-    system: chain.System, topology: Topology, p: Array, ways: Sequence[Way]
+    system: chain.System, topology: Topology, p: jax.Array, ways: Sequence[Way]
 ) -> Iterator[Scaled]:
     """``det(p^2 M + p B + K)`` ``(n,)`` in displacements for each way: with its disks
     held, times k a b of its links.
@@ -412,7 +412,7 @@ class DampedApproximation:
 
     exact: Scaled
     approximate: Scaled
-    relative_error: Array
+    relative_error: jax.Array
 
 
 def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation:
@@ -442,11 +442,11 @@ def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation
 
 
 @Program
-def _approximation(train: DriveTrain, omega: Array) -> DampedApproximation:
+def _approximation(train: DriveTrain, omega: jax.Array) -> DampedApproximation:
     system = chain.assemble(train)
     zeros = jnp.zeros_like(jnp.asarray(system.viscous))
 
-    def determinant(stiffness: Array, viscous: Array) -> Scaled:
+    def determinant(stiffness: jax.Array, viscous: jax.Array) -> Scaled:
         changed = dataclasses.replace(
             system, stiffness=stiffness, viscous=viscous, loss=zeros
         )
@@ -512,7 +512,7 @@ def _determinant(
         held[above], 0.0, jnp.where(tree.from_a[:-1], arm_b[link], arm_a[link])
     )
 
-    State = tuple[Doubled, Doubled, Array]
+    State = tuple[Doubled, Doubled, jax.Array]
 
     def hang(state: State, link: tuple[Any, ...]) -> tuple[State, None]:
         A, G, exponent = state
@@ -538,7 +538,7 @@ def _over_inertias(system: chain.System, determinant: Scaled) -> Scaled:
     heavy = mass > 0
     factors = jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2)
 
-    def multiplied(value: Scaled, factor: Array) -> tuple[Scaled, None]:
+    def multiplied(value: Scaled, factor: jax.Array) -> tuple[Scaled, None]:
         return rescaled(value.mantissa * factor, value.exponent), None
 
     product, _ = lax.scan(multiplied, determinant, factors)
