@@ -11,6 +11,7 @@ from typing import Any, cast
 import jax
 import numpy as np
 
+from jaxhb._jax import Array
 from jaxhb.equations.backlash import Law, law_of
 from jaxhb.floquet.stability import Stability
 from jaxhb.report.selection import largest
@@ -47,7 +48,7 @@ class Axis:
         return f"{self.name}, {self.unit}".removesuffix(", ")
 
     def span(
-        self, values: Sequence[float] | np.ndarray, word: str = "from", to: str = "to"
+        self, values: Sequence[float] | Array, word: str = "from", to: str = "to"
     ) -> str:
         """``8 speeds from 700 to 2450 rpm``, or ``5 values of NAME.FIELD from 100 to
         400 N m s/rad``; a single value as by :meth:`said`.

@@ -37,10 +37,9 @@ from jaxhb.report.text.tuned import scaled_unit
 from jaxhb.results.record import PERCENT
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
-
     from jaxhb.design.tuning import Tuning
     from jaxhb.report.answer import Answer
+    from jaxhb.report.figures.draw import Picture
     from jaxhb.results.record import SteadySignal
     from jaxhb.train.drivetrain import DriveTrain
 

@@ -32,7 +32,7 @@ from jaxhb.report.text.columns import plain_number
 from jaxhb.train.drivetrain import DriveTrain
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
+    from jaxhb.report.figures.draw import Picture
 
 POINTS = 2000
 # Modal torque over the largest of the mode from which a critical speed is filled

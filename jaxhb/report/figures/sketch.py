@@ -16,8 +16,7 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.topology import Topology
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Picture
+    from jaxhb.report.figures.draw import Axes, Picture
 
 MOST = 400  # disks of a sketch
 # Inches of a unit of the layout, and of a picture, at most

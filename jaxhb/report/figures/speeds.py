@@ -48,10 +48,9 @@ from jaxhb.report.text.tuned import scaled_unit
 from jaxhb.train.drivetrain import DriveTrain
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Picture
-
     from jaxhb.design.identification import Identification
     from jaxhb.design.worst_case import Spread
+    from jaxhb.report.figures.draw import Picture
     from jaxhb.report.text.forced import Reading, WorstMisfire
 
 ASTRIDE = 1e-9  # share of a speed by which it is left or right of a step

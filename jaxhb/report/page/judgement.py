@@ -72,6 +72,7 @@ def _largest(case: Case) -> str:
     motions = " ".join(motion_sentences(case.answers))
     if hardest is None:
         return f"{case.title}: {motions} No speed has an answer."
+    assert hardest.name is not None  # it leaves out speeds without an answer
     quantity = hardest.quantity
     before = (
         quantity.without([hardest.answer], hardest.name)[0]

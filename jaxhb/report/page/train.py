@@ -217,7 +217,8 @@ def _gas(report: Report, first: Mapping[str, str]) -> Table | None:
     """
     topology = report.train.topology
     cylinders = report.train.cylinders
-    speeds = np.array(_some(report.rpm))
+    rpm = _some(report.rpm)
+    speeds = np.array(rpm)
     gas_factor = (
         np.ones(len(first))
         if cylinders.gas_factor is None
@@ -228,7 +229,7 @@ def _gas(report: Report, first: Mapping[str, str]) -> Table | None:
         cylinders, topology.gas_cycles, speeds
     )
     rows = []
-    charges = charges_of(report.train, speeds)
+    charges = charges_of(report.train, rpm)
     means = mean_torques(report.train.torques, cylinders, topology.gas_cycles, speeds)[
         :, len(topology.torque_names) :
     ]
@@ -318,7 +319,7 @@ def _means(report: Report, first: Mapping[str, str]) -> Table | None:
         load_row = [
             "power of the loads, kW",
             NONE,
-            *(plain_number(answer.balance.load_kW) for answer in answers),
+            *(plain_number(float(answer.balance.load_kW)) for answer in answers),
         ]
         columns = [
             [*column, cell] for column, cell in zip(columns, load_row, strict=True)
