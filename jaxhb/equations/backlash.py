@@ -18,7 +18,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
@@ -26,9 +25,6 @@ import numpy as np
 from jaxhb._jax import Array, Number, added, namespace
 from jaxhb.equations import fourier
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, displacement_radii
-
-if TYPE_CHECKING:
-    from jaxhb.equations.condensation import CondensedEquation
 
 # Share of a play in which stiffness sets in
 SMOOTH = 0.04
@@ -430,13 +426,14 @@ def nonlinear_slopes(
 
 
 def at_samples(
-    meshes: MeshParameters | CondensedEquation, synthesize: Callable[[Array], Array]
+    meshes, synthesize: Callable[[Array], Array]
 ) -> tuple[Law, Array, Array]:
     """Law, viscous N s/m and contact damping of meshes with a trailing axis, to meet
     samples ``(G, samples)``.
 
-    ``synthesize`` : gives values at these samples from coefficients ``(G, K+1)``;
-    called only where a stiffness varies.
+    meshes : MeshParameters, a CondensedEquation, or whatever else has their law,
+    damping and variation; synthesize : gives values at these samples from coefficients
+    ``(G, K+1)``, called only where a stiffness varies.
     """
     law = meshes.law.expand()
     if meshes.variation is not None:

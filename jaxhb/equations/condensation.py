@@ -19,7 +19,6 @@ meshes alone; every other node is condensed by scalar sweeps, one for all harmon
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -118,15 +117,16 @@ class CondensedEquation:
         nonlinear_force = self.nonlinear_force(values, rates, rule)
         return rule.analyze(nonlinear_force, deflection.shape[-1] - 1)
 
-    def _values(self, deflection: Array, rule: Rule) -> Sequence[Array] | Array:
+    def _values(self, deflection: Array, rule: Rule) -> tuple[Array, Array]:
         """Values of l and l' at the samples of a rule."""
         if not self.by_rate:
             values = rule.synthesize(deflection)
             return values, namespace(values).zeros_like(values)
         rate = fourier.derivative(deflection, self.frequency)
-        return fourier.each(rule.synthesize, deflection, rate)
+        values, rates = fourier.each(rule.synthesize, deflection, rate)
+        return values, rates
 
-    def sampled(self, deflection: Array, samples: int) -> Sequence[Array] | Array:
+    def sampled(self, deflection: Array, samples: int) -> tuple[Array, Array]:
         """Values of l and l' at ``samples`` equidistant time samples; l' is 0 where phi
         does not depend on it.
         """

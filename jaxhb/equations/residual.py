@@ -47,9 +47,9 @@ class ForceBalance:
 
     system: Any
     meshes: MeshParameters
-    frequency: jax.Array
-    load: jax.Array
-    rigid: jax.Array
+    frequency: Array
+    load: Array
+    rigid: Array
     samples: int = field(metadata={"static": True})
 
     @property
@@ -57,17 +57,17 @@ class ForceBalance:
         """Number N of harmonics."""
         return self.load.shape[-1] - 1
 
-    def residual(self, packed: jax.Array) -> jax.Array:
+    def residual(self, packed: Array) -> jax.Array:
         """Residual A(x) ``(S, P)`` N at ``packed`` displacements ``(S, P)`` m."""
         return self.residual_at(packed, self.deflections(packed))
 
-    def deflections(self, packed: jax.Array) -> jax.Array:
+    def deflections(self, packed: Array) -> jax.Array:
         """Packed deflections D x ``(L, P)`` m of all links, from displacements ``(S,
         P)`` m.
         """
         return fourier.pack(self.system.deflections(fourier.unpack(packed)))
 
-    def residual_at(self, displacement: jax.Array, deflection: jax.Array) -> jax.Array:
+    def residual_at(self, displacement: Array, deflection: Array) -> jax.Array:
         """Residual A(x) ``(S, P)`` N at packed displacements ``(S, P)`` m and the
         deflections ``(L, P)`` m of all links between them, which the differences of
         displacements lose where a train turns far as one.
@@ -92,7 +92,7 @@ class ForceBalance:
         left = fourier.pack(self._disks() * x - self.load + self.system.spread(force))
         return left.at[:, 0].add(self._hold(mean))
 
-    def link_blocks(self, packed: jax.Array) -> jax.Array:
+    def link_blocks(self, packed: Array) -> jax.Array:
         """Tangent blocks ``(L, P, P)`` of all links at ``packed`` deflections ``(L,
         P)`` m: diagonal for linear links, for those with a law Toeplitz, ``T[df/dl] +
         T[df/dl'] d/dt``, with the slopes of the law written out by hand.
@@ -124,7 +124,7 @@ class ForceBalance:
         """
         return fourier.packed_diagonal(self._disks() + 0j)
 
-    def jacobian(self, packed: jax.Array) -> jax.Array:
+    def jacobian(self, packed: Array) -> jax.Array:
         """The dense Jacobian ``(S, P, S, P)`` of the residual, assembled from the
         blocks of disks and links.
         """
@@ -154,7 +154,7 @@ class ForceBalance:
         )
         return matrix.transpose(0, 2, 1, 3)
 
-    def solve(self, packed: jax.Array, right_side: jax.Array) -> jax.Array:
+    def solve(self, packed: Array, right_side: jax.Array) -> jax.Array:
         """Solve J(x) y = ``right_side``, both ``(S, P)``, by :meth:`sweep`, with its
         derivative.
         """
@@ -231,7 +231,7 @@ class ForceBalance:
 
     def _omega(self) -> jax.Array:
         """Frequencies ``(N+1,)`` rad/s of the harmonics."""
-        return frequencies(self.frequency, self.harmonics)
+        return jnp.asarray(frequencies(self.frequency, self.harmonics))
 
     def _link_stiffness(self) -> jax.Array:
         """Complex stiffness ``(L, N+1)`` N/m of the linear links, with the springs that
@@ -268,14 +268,14 @@ class ForceBalance:
         """Square Omega^2 of a floating train, 0 of one that a ground holds."""
         return jnp.where(self.system.floating, self.frequency**2, 0.0)
 
-    def _hold(self, mean: jax.Array) -> jax.Array:
+    def _hold(self, mean: Array) -> jax.Array:
         """Forces ``(S,)`` N that hold the mean rotation of a floating train, from mean
         displacements ``(S,)``.
         """
         turned, inertia = self._turned()
         return self._hold_per_drift() * turned * (turned @ mean) / inertia
 
-    def _at_samples(self, function: Callable, deflection: jax.Array):
+    def _at_samples(self, function: Callable, deflection: Array):
         """Evaluate a function of the laws at time samples, along the motion with
         deflections ``(L, N+1)`` m of the links.
         """

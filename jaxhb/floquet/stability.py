@@ -249,7 +249,8 @@ def train_of(response: Response) -> DriveTrain:
             f"{name}: the response comes out of a transformation without its train:"
             " solve outside of it."
         )
-    return need_solved(response).train
+    need_solved(response)
+    return response.train
 
 
 def _constant_transition(
