@@ -58,11 +58,11 @@ def one_norm(
     process. ``columns`` vectors are multiplied at a time.
     """
 
-    def each(function: Map, vectors: np.ndarray) -> np.ndarray:
+    def map_rows(function: Map, vectors: np.ndarray) -> np.ndarray:
         return np.stack([function(vector) for vector in vectors])
 
     if size <= 2 * columns:
-        return float(np.abs(each(product, np.eye(size))).sum(1).max())
+        return float(np.abs(map_rows(product, np.eye(size))).sum(1).max())
     generator = np.random.default_rng(0)
     random_signs = generator.choice([-1.0, 1.0], (columns - 1, size))
     vectors = np.concatenate([np.ones((1, size)), random_signs]) / size
@@ -70,7 +70,7 @@ def one_norm(
     signs = np.empty((0, size))
     visited = np.empty(0, int)
     for _ in range(steps):
-        images = each(product, vectors)
+        images = map_rows(product, vectors)
         reached = np.abs(images).sum(1).max()
         if not np.isfinite(reached):
             return np.inf
@@ -86,7 +86,7 @@ def one_norm(
                 np.abs(np.concatenate([signs[:i], before]) @ signs[i]) == size
             ).any():
                 signs[i] = generator.choice([-1.0, 1.0], size)
-        promising = np.argsort(-np.abs(each(transposed, signs)).max(0))
+        promising = np.argsort(-np.abs(map_rows(transposed, signs)).max(0))
         if np.isin(promising[:columns], visited).all():
             break
         chosen = promising[~np.isin(promising, visited)][:columns]

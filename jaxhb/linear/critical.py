@@ -212,9 +212,9 @@ def campbell(
             f"{title}: a Campbell diagram needs at least two speeds, in rising order."
         )
     listed = () if orders is None else orders
-    wrong = [order for order in listed if not (np.isfinite(order) and order > 0)]
+    invalid = [order for order in listed if not (np.isfinite(order) and order > 0)]
     errors += [
-        f"{title}: the order is {order}, must be greater than 0." for order in wrong
+        f"{title}: the order is {order}, must be greater than 0." for order in invalid
     ]
     if errors:
         raise SceneError(errors)

@@ -256,13 +256,13 @@ def _scaled(
     """Displacements ``(S,)`` m and forces ``(S,)`` N of the elimination, every branch
     scaled by the ordinates that the others need where they meet.
     """
-    balance, ordinate, beside = _eliminate(tree, system, omega)
+    balance, ordinate, sibling_factor = _eliminate(tree, system, omega)
     xp = namespace(system, omega)
     scales = [xp.ones(())] * len(tree.node)
     for s in range(len(tree.node) - 2, -1, -1):
         # Backwards: the factor at a joint scales a branch, and all that hangs on it
         # further out.
-        scales[s] = scales[tree.parent[s]] * beside[s]
+        scales[s] = scales[tree.parent[s]] * sibling_factor[s]
     scale = xp.stack(scales)
     return scale * ordinate, -scale * balance
 
@@ -359,7 +359,7 @@ def _eliminate(
         for ground, mass in zip(system.ground[node], system.mass[node], strict=True)
     ]
     ordinate = [xp.ones_like(omega)] * len(node)
-    beside = [xp.ones_like(omega)] * len(node)
+    sibling_factor = [xp.ones_like(omega)] * len(node)
     hung = {}
     for s, up in enumerate(tree.parent[:-1].tolist()):
         alpha = system.arm_a[tree.link[s]]
@@ -370,12 +370,12 @@ def _eliminate(
         loose = stiffness == 0  # the branch rests and leaves the joint free
         bent = balance[s] / (alpha * xp.where(loose, 1.0, stiffness))
         needed = xp.where(loose, 1.0, (alpha * ordinate[s] + bent) / beta)
-        beside[s] = xp.where(loose, 0.0, ordinate[up])
+        sibling_factor[s] = xp.where(loose, 0.0, ordinate[up])
         for earlier in hung.setdefault(up, []):
-            beside[earlier] = beside[earlier] * needed
+            sibling_factor[earlier] = sibling_factor[earlier] * needed
         hung[up].append(s)
         balance[up] = balance[up] * needed + xp.where(
             loose, 0.0, ordinate[up] * beta / alpha * balance[s]
         )
         ordinate[up] = ordinate[up] * needed
-    return xp.stack(balance), xp.stack(ordinate), beside
+    return xp.stack(balance), xp.stack(ordinate), sibling_factor

@@ -255,7 +255,7 @@ def singular_vectors(
     else:
         off, disks = _golub_kahan(factor, path)
         first = len(off) + 1 - len(factor.stiffness)
-        values, both = eigh_tridiagonal(
+        values, eigenvectors = eigh_tridiagonal(
             np.zeros(len(off) + 1),
             off,
             lapack_driver="stebz",
@@ -266,7 +266,7 @@ def singular_vectors(
         vectors = np.zeros((len(factor.heavy), len(values)))
         # A unit eigenvector holds a right vector, at even places, and a left one, each
         # of length 1 / sqrt 2.
-        vectors[disks] = np.sqrt(2) * both[::2]
+        vectors[disks] = np.sqrt(2) * eigenvectors[::2]
     return (
         _with_zeros(factor, values)[:modes],
         np.concatenate([factor.rigid, vectors], axis=1)[:, :modes],

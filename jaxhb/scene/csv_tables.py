@@ -234,12 +234,12 @@ def _places(heads: list[Line], columns: Sequence[str], source: str) -> list[int]
             places = [matches[0] for matches in named]
     for line in heads:
         for column, place in zip(columns, places, strict=True):
-            wrong = sorted(_words(line.cells[place]) & set(_FOREIGN.get(column, ())))
-            if wrong:
+            foreign = sorted(_words(line.cells[place]) & set(_FOREIGN.get(column, ())))
+            if foreign:
                 raise SceneError(
                     f"{source}, line {line.number}: the head of {column} names"
-                    f" {wrong[0]}, must be in {_UNIT[column]}. Convert the numbers and"
-                    " correct the head."
+                    f" {foreign[0]}, must be in {_UNIT[column]}. Convert the numbers"
+                    " and correct the head."
                 )
     return places
 

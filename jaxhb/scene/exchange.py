@@ -593,10 +593,10 @@ def _heads(heads: list[str], source: str, errors: list[str]) -> list[str | None]
         )
         link_keys.pop("between")
         keys = ["from", "to", "link", *link_keys]
-    wrong = [head for head in heads if head not in keys]
+    unknown = [head for head in heads if head not in keys]
     errors += [
         f"{source}: unknown column {shown(head)}.{suggestion(head, keys)}"
-        for head in wrong
+        for head in unknown
     ]
     errors += [
         f"{source}: two columns are called {key!r}. Keep one."
@@ -606,7 +606,7 @@ def _heads(heads: list[str], source: str, errors: list[str]) -> list[str | None]
     free = [key for key in keys if key not in heads]
     meant = {
         head: next(iter(difflib.get_close_matches(head, free, n=1)), None)
-        for head in wrong
+        for head in unknown
     }
     return [meant.get(head, head) for head in heads]
 
