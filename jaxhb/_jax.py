@@ -218,7 +218,7 @@ def on_host(tree: Tree) -> Tree:
     return jax.tree.map(moved, tree) if jax else tree
 
 
-def kept(function: Callable) -> Callable:
+def remembered(function: Callable) -> Callable:
     """Make ``function(tree, *static)`` remember its results for the numbers of the last
     trees of host arrays.
 

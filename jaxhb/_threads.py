@@ -1,7 +1,7 @@
 """Work for many speeds, in some threads side by side."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import Context, copy_context
 from typing import TypeVar
@@ -17,7 +17,7 @@ Made = TypeVar("Made")
 
 def side_by_side(
     function: Callable[[Item], Made], items: Sequence[Item], devices: Sequence = ()
-) -> Iterator[Made]:
+) -> Generator[Made]:
     """Yield the result of a function for each of a list of items, in order; across
     several devices one after another.
     """

@@ -129,10 +129,9 @@ class LinearMarch:
         low = fourier.resize(linear, harmonics)
         motion_rows = fourier.synthesize(with_rate(low, train.frequency), train.steps).T
         end, deflection = self._march(state, motion_rows)
-        return (
-            linear.at[:, : harmonics + 1].set(fourier.analyze(deflection.T, harmonics)),
-            end - state,
-        )
+        coefficients = fourier.analyze(deflection.T, harmonics)
+        corrected = jnp.asarray(linear).at[:, : harmonics + 1].set(coefficients)
+        return corrected, end - state
 
     def _march(self, state: Array, rows: Array) -> tuple[Array, Array]:
         modes = self.train.modes
@@ -224,7 +223,7 @@ def correct(
     value: Array,
     forcing: Number,
     steps: int,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Number, Number]:
     """Solve ``J change = value`` at a motion with :func:`slopes_at`: the change, share
     of the residual that is left, Krylov steps.
 
@@ -245,7 +244,7 @@ def correct_product(
     transposed: bool,
     tolerance: float,
     steps: int,
-) -> tuple[Array, Array]:
+) -> tuple[Array, Number]:
     """Solve like :func:`correct` with any ``product`` ``(G, n+1) -> (G, n+1)`` with J,
     or with its transpose in packed coordinates: change and share of the residual that
     is left.
@@ -358,7 +357,7 @@ class _Mapped:
         deflection, jump = self.cycle(vector)
         marched = min(self.shape[1] - 1, train.harmonics) + 1
         left = (
-            self.product(deflection)
+            jnp.asarray(self.product(deflection))
             .at[:, :marched]
             .add(-free_motion(train, jump)[:, :marched])
         )
@@ -369,7 +368,7 @@ class _Mapped:
 
     def solve(
         self, b: Array, tolerance: Number, steps: int
-    ) -> tuple[Array, Array, Array]:
+    ) -> tuple[Array, Number, Number]:
         """Solve for the packed dl of a packed right side: dl, the share of the right
         side that is left, and Krylov steps.
         """
@@ -385,7 +384,7 @@ class _Mapped:
 
     def solve_transposed(
         self, b: Array, tolerance: Number, steps: int
-    ) -> tuple[Array, Array, Array]:
+    ) -> tuple[Array, Number, Number]:
         """Solve like :meth:`solve` with the transpose of J."""
         zeros = jnp.zeros(self.count + self.states)
         _, pull_back = jax.vjp(lambda v: self.apply(v)[0], zeros)

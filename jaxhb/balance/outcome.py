@@ -233,7 +233,7 @@ def _failure_of(
 
 
 def relative_force_change(
-    equation: CondensedEquation, motion: tuple[Array, Array], changes: Sequence[Array]
+    equation: CondensedEquation, motion: Sequence[Array], changes: Sequence[Array]
 ) -> Array:
     """Sum of the sup-norms of the changes of the elastic forces of a motion under each
     of several changes ``(G, N+1)`` m, over the largest force; motion : deflections and

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._jax import Array, Number, added, kept, namespace
+from jaxhb._jax import Array, Number, added, namespace, remembered
 from jaxhb.equations import (
     backlash,
     condensation,
@@ -92,7 +92,7 @@ def problem_at(train: DriveTrain, rpm: Number, excited: int) -> Problem:
     )
 
 
-@kept
+@remembered
 def _at_any_speed(train: DriveTrain) -> tuple[chain.System, MeshParameters, Array]:
     """Linear system, meshes and rigid rotation of a train."""
     system = chain.assemble(train)
@@ -277,7 +277,7 @@ def power_defect(
     )
     meshes_proper = len(tooth_forces) - problem.meshes.springs
     links = xp.asarray(problem.meshes.link)
-    at_teeth = added(xp.zeros(len(force)), links[:meshes_proper], 1.0) > 0
+    at_teeth = added(xp.zeros(len(force)), links[:meshes_proper], xp.asarray(1.0)) > 0
     force = added(
         xp.where(at_teeth[:, None], 0.0, force),
         links[:meshes_proper],

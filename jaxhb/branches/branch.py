@@ -54,6 +54,7 @@ class SpecialPoint:
 def train_at(train: DriveTrain, rpm: float | None, parameter: str, value: float):
     """Train and speed in rpm with a value of the parameter, checked."""
     speed = value if parameter == "rpm" else rpm
+    assert speed is not None  # a parameter other than the speed has one
     check_speed(train, speed)
     return train if parameter == "rpm" else train.replace({parameter: value}), speed
 

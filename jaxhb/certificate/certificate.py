@@ -12,7 +12,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 
-from jaxhb._jax import refuse_tracers
+from jaxhb._jax import Array, refuse_tracers
 from jaxhb.balance.plan import time_steps_of
 from jaxhb.balance.problem import problem_at
 from jaxhb.certificate.linearization import (
@@ -211,7 +211,7 @@ def _of_response(
     )
 
 
-def _distance(signals: Sequence[Signal], values: np.ndarray) -> np.ndarray:
+def _distance(signals: Sequence[Signal], values: Array) -> np.ndarray:
     """Distance ``(G,)`` of Signals from samples ``(G, M)`` over the cycle: at any
     instant, as series, and of their extremes, which are read from time samples that may
     miss them.

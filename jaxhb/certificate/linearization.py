@@ -30,7 +30,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import eigvalsh
 
-from jaxhb._jax import Array, on_host
+from jaxhb._jax import Array, Number, on_host
 from jaxhb._program import Program
 from jaxhb.balance import correction
 from jaxhb.balance.problem import ActiveMeshes, Problem, model_of, reduced_equation
@@ -187,7 +187,7 @@ def _solve(
     march: correction.LinearMarch,
     right: Array,
     transposed: bool,
-) -> tuple[Array, Array]:
+) -> tuple[Array, Number]:
     """Solve ``x + gain (share x) = right``, coefficients ``(G, n+1)`` m, or with the
     transpose, and return x with its relative residual.
     """

@@ -158,8 +158,8 @@ def bounds_at(lin: Linearization, train: DriveTrain, gaps: np.ndarray) -> Certif
     total = elastic + lin.meshes.viscous * drag
     return replace(
         certificate,
-        deflection_bound=law.backlash * apart,
-        elastic_bound=elastic,
+        deflection_bound=np.asarray(law.backlash * apart),
+        elastic_bound=np.asarray(elastic),
         force_bound=total,
     )
 

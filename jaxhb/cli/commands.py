@@ -145,7 +145,10 @@ class _TunedFiles:
         self.start: Reading | None = None
         assert arguments.output is not None  # named where it was not given
         _, tables = changed_scene(arguments.scene, {})
-        self.copies = copies_beside(tables, Path(arguments.output).parent)
+        assert arguments.json is not None
+        self.output = arguments.output
+        self.json = arguments.json
+        self.copies = copies_beside(tables, Path(self.output).parent)
         output.make_folders(self.copies.files)
 
     def begin(self, reading: Reading) -> None:
@@ -162,13 +165,15 @@ class _TunedFiles:
         """
         if self.history:
             return f"the best design so far is {self.arguments.output!r}"
-        solved = 0 if self.start is None else int(self.start.solved.sum())
+        solved = 0
         place = ""
-        if solved:
+        if self.start is not None:
+            solved = int(self.start.solved.sum())
+        if self.start is not None and solved:
             record = output.changes(self.arguments) | start_record(
                 self.train, self.rpm, self.start
             )
-            output.write_files({self.arguments.json: output.as_json(record)})
+            output.write_files({self.json: output.as_json(record)})
             place = f", and their numbers are in {self.arguments.json!r}"
         return (
             f"no design is there yet and no scene is written; {solved} of"
@@ -199,9 +204,7 @@ class _TunedFiles:
         )
         scene = self.copies.renamed(text).encode()
         json = output.as_json(output.changes(arguments) | record)
-        output.write_files(
-            self.copies.files | {arguments.output: scene, arguments.json: json}
-        )
+        output.write_files(self.copies.files | {self.output: scene, self.json: json})
 
 
 def check_files(

@@ -5,6 +5,7 @@ anything heavy is imported.
 import dataclasses
 import importlib.util
 import shlex
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -100,7 +101,7 @@ def scene(arguments: cli.Scene) -> int:
     plot = arguments.plot
     out = arguments.out
     text, tables = scene_text(arguments.scene, expand=arguments.expand)
-    files = {}
+    files: dict[str, Iterable[bytes] | bytes] = {}
     if plot:
         # Loads jax, which a scene that is printed does not need.
         from jaxhb.report.figures.sketch import plot_train

@@ -16,7 +16,7 @@ from jaxhb.linear.critical import (
     modes_of,
 )
 from jaxhb.linear.forced import ForcedResponse, forced_response
-from jaxhb.linear.holzer import holzer_table
+from jaxhb.linear.holzer import HolzerTable, holzer_table
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load, with_slopes
@@ -92,7 +92,7 @@ def modes(train: DriveTrain, arguments: cli.Modes) -> int:
         raise OutputError(
             "--plot: no mode strains a link, so there is no shape to draw."
         )
-    parts = [
+    parts: list[str] = [
         linear_text.modes_text(modes, train.topology.name, kinds, ratios, teeth.title)
     ]
     if len(span(train.topology).loops):
@@ -115,12 +115,14 @@ def holzer(train: DriveTrain, arguments: cli.Holzer) -> int:
     modes = natural_frequencies(train)
     kinds = mode_kinds(modes, train.topology.damper_names)
     natural_hz = {k: float(hz) for k, hz in enumerate(modes.frequencies_hz)}
-    tables = [(None, holzer_table(train, hz=hz)) for hz in arguments.hz]
+    tables: list[tuple[int | None, HolzerTable]] = [
+        (None, holzer_table(train, hz=hz)) for hz in arguments.hz
+    ]
     if not tables:
         chosen = linear_text.chosen_modes(kinds, name, arguments.mode)
         tables = [(k, holzer_table(train, hz=natural_hz[k])) for k in chosen]
     zeros = {k: hz for k, hz in natural_hz.items() if kinds[k] == ELASTIC}
-    parts = [linear_text.holzer_text(tables, name, teeth.title)]
+    parts: list[str] = [linear_text.holzer_text(tables, name, teeth.title)]
     parts += [*teeth.notes, *remarks_text(train.topology.notes)]
     makers = {
         "json": lambda: linear_text.holzer_record(tables, name) | teeth.record,

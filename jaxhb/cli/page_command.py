@@ -304,7 +304,8 @@ def second_text(cases: list[Case], seconds: list[Case]) -> str:
     force (torque, angle).
     """
     lines = []
-    for case, first in zip(seconds, [cases[0], shown_misfire(cases)], strict=False):
+    firsts = [cases[0], *filter(None, [shown_misfire(cases)])]
+    for case, first in zip(seconds, firsts, strict=False):
         after = case_text.hardest_of([case])
         before = case_text.hardest_of([first])
         if after is None or before is None:

@@ -30,6 +30,7 @@ from jaxhb.balance.plan import RESIDUAL, Plan, Request
 from jaxhb.balance.problem import ActiveMeshes, Problem, problem_at
 from jaxhb.balance.program import (
     START_SETTLED,
+    Start,
     active_deflections,
     differentiable,
     estimate,
@@ -709,8 +710,9 @@ class Lanes:
         """
         point = self.point
         evaluator = self.evaluator
-        motion = np.zeros((len(from_motion), 0, plan.harmonics + 1), complex)
-        motion = of_active_meshes(point.motion[places], plan) if plan.active else motion
+        motion: Array = np.zeros((len(from_motion), 0, plan.harmonics + 1), complex)
+        if plan.active:
+            motion = of_active_meshes(point.motion[places], plan)
         start = (
             motion,
             from_motion,
@@ -866,7 +868,7 @@ def batches(lanes: np.ndarray, plan: Plan) -> Iterator[tuple[np.ndarray, np.ndar
         yield chunk, np.concatenate([chunk, padding])
 
 
-def of_active_meshes(motion: np.ndarray, plan: Plan) -> np.ndarray:
+def of_active_meshes(motion: Array, plan: Plan) -> Array:
     """Deflections ``(c, G, N+1)`` of the active meshes of a plan from those of all
     ``(c, M, N+1)``.
     """
@@ -956,9 +958,7 @@ def read_lanes(
     deflections of all meshes ``(c, M, N+1)``, exact readings.
     """
 
-    def lane(
-        numbers: list[Array], speed: Array, start: tuple[Array, ...], goals: Array
-    ) -> Any:
+    def lane(numbers: list[Array], speed: Array, start: Start, goals: Array) -> Any:
         train, problem = train_and_problem(form, numbers, held)
         solution = find(problem, active_meshes, start, goals, sizes)
         response = respond(train, speed, problem, solution[0], sizes)

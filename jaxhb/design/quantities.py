@@ -289,6 +289,7 @@ def judged(train: DriveTrain, criterion: Criterion, rpm: Array) -> np.ndarray:
     """
     if not criterion.quantity.startswith("stress over "):
         return np.ones(len(rpm), dtype=bool)
+    assert criterion.of is not None  # a share of a limit is that of a shaft
     return np.isfinite(
         np.asarray(stress_limits(train, criterion.of, np.asarray(rpm))[0])
     )

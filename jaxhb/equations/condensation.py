@@ -27,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array, Numbers, added, kept, namespace
+from jaxhb._jax import Array, Numbers, added, namespace, remembered
 from jaxhb._program import Program
 from jaxhb.equations import backlash, cell_forces, exact_integrals, fourier
 from jaxhb.equations.dynamic_stiffness import (
@@ -236,7 +236,7 @@ def motion_under(system, omega: Array, load: Array) -> tuple[Array, Array]:
     return displacement[:, 0], force[:, 0]
 
 
-@kept
+@remembered
 def _cached_motion(arguments):
     """Motion of :func:`motion_under`, whose arguments are a tuple: the plan and the
     solve of a speed both need it.

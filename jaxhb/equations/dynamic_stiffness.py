@@ -50,7 +50,7 @@ def complex_stiffness(
     return stiffness * (1 + 1j * loss * (omega > 0)) + 1j * omega * viscous
 
 
-def node_stiffness(system, omega: AnyArray) -> AnyArray:
+def node_stiffness(system, omega: Array) -> Array:
     """Dynamic stiffness ``(S, N+1)`` N/m of every disk. A floating train is held at its
     root for the mean; without mean imbalance nothing flows through that support.
     """

@@ -108,17 +108,14 @@ class ForceBalance:
             fourier.analyze(rate_slope, 2 * self.harmonics)
         )
         of_law = stiffness + damping @ fourier.packed_diagonal(1j * self._omega())
-        blocks = (
-            fourier.packed_diagonal(self._link_stiffness())
-            .at[meshes.link[:count]]
-            .set(of_law[:count])
-        )
+        linear_blocks = fourier.packed_diagonal(self._link_stiffness())
+        blocks = jnp.asarray(linear_blocks).at[meshes.link[:count]].set(of_law[:count])
         if not meshes.springs:
             return blocks
         linear = self._linear_beside()[:, :, None] * jnp.eye(packed.shape[-1])
         return blocks.at[meshes.link[count:]].add(of_law[count:] - linear)
 
-    def node_blocks(self) -> jax.Array:
+    def node_blocks(self) -> Array:
         """Diagonal blocks ``(S, P, P)`` of the disks: inertia, damping to ground and
         ground.
         """
@@ -181,7 +178,8 @@ class ForceBalance:
         ``right_side`` ``(S, P)`` by one block sweep over the tree: the solution, and
         the deflections ``(L, P)`` of its links; without links outside the tree.
         """
-        return self._swept(self.node_blocks(), self.link_blocks(deflection), right_side)
+        node = jnp.asarray(self.node_blocks())
+        return self._swept(node, self.link_blocks(deflection), right_side)
 
     def _swept(
         self, node: jax.Array, link: jax.Array, right_side: jax.Array
@@ -240,7 +238,8 @@ class ForceBalance:
         system = self.system
         ring = self.frequency**2 * system.mass[system.tree.end_b]
         hold = jnp.where(system.tree.pinned & (system.stiffness == 0), ring, 0.0)
-        return link_stiffness(system, self._omega()).at[:, 0].add(hold)
+        stiffness = jnp.asarray(link_stiffness(system, self._omega()))
+        return stiffness.at[:, 0].add(hold)
 
     def _linear_beside(self) -> Array:
         """Stiffness ``(n, 1)`` N/m of the laws beside shafts that the linear links
@@ -248,7 +247,7 @@ class ForceBalance:
         """
         return self.meshes.law.linear_stiffness[self._meshes_proper :, None]
 
-    def _disks(self) -> jax.Array:
+    def _disks(self) -> Array:
         """Dynamic stiffness ``(S, N+1)`` N/m of the disks."""
         system = self.system
         mass, damping, ground = (

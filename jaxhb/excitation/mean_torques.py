@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxhb._jax import Array, Number, kept, namespace
+from jaxhb._jax import Array, Number, namespace, remembered
 from jaxhb.excitation import gas
 from jaxhb.excitation.crank import gas_torque
 
@@ -83,7 +83,7 @@ def mean_torques(
     return namespace(parts).concatenate(parts, axis=-1)
 
 
-@kept
+@remembered
 def _computed_means(cylinders: Cylinders, cycles: GasCycles) -> Array:
     """Mean torque [J, nc], N m, of each component of the gas pressure: speeds differ in
     its weights alone.

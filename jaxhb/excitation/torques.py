@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxhb._jax import Array, Number, added, kept, namespace
+from jaxhb._jax import Array, Number, added, namespace, remembered
 from jaxhb.equations import fourier
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, speed_ratios
 from jaxhb.excitation.crank import CRANK_SAMPLES, gas_torque, inertia_torque
@@ -46,7 +46,7 @@ the largest.
 NEGLIGIBLE_GAS = 1e-6
 
 
-@kept
+@remembered
 def _pressure_harmonics(
     table, cylinders: Sequence[int], cycles: GasCycles
 ) -> tuple[Array, Array]:
@@ -110,7 +110,7 @@ def _over_several_cycles(
     return harmonics[:-1], harmonics[-1]
 
 
-@kept
+@remembered
 def _unit_inertia_harmonics(table, short_series: Sequence[bool]) -> Array:
     """Harmonics [..., 257] of the torque of 1 kg at 1 rad/s over a revolution of each
     cylinder's crank, m2.
@@ -162,7 +162,7 @@ def excitation(
     )
 
 
-@kept
+@remembered
 def _cached_excitation(train, rpm, harmonics):
     """Remember :func:`_excitation` at a speed, as read-only arrays of the host."""
     torque, load_torque, imbalance = _excitation(train, rpm, harmonics)

@@ -61,6 +61,8 @@ def _close(
     """First state ``(n,)``, cycle and Newton steps of the motion that closes next to
     displacements ``(S, N+1)`` m.
     """
+    assert stepper.space is not None  # a stepper of one speed
+    assert stepper.frequency is not None
     system, load = jax.tree.map(jnp.asarray, (system, load))
     linear = dense_linear_motion(system, stepper.frequency, load)
     harmonics = max(coefficients.shape[-1], linear.shape[-1]) - 1
@@ -70,7 +72,6 @@ def _close(
     motion = jnp.concatenate(
         [deviation, fourier.derivative(deviation, stepper.frequency)]
     )
-    assert stepper.space is not None  # a stepper of one speed
     nodes = (stepper.space.coordinates @ fourier.sample(motion, shooting.SEGMENTS)).T
     nodes, trace, steps = shooting.close(
         stepper, nodes, tolerance=tolerance, most=CORRECTIONS
@@ -101,13 +102,13 @@ class Orbit:
     stepper : Stepper
     """
 
-    deflection: np.ndarray
-    rate: np.ndarray
-    elastic: np.ndarray
-    transmitted: np.ndarray
-    smallest: np.ndarray
-    largest: np.ndarray
-    separated: np.ndarray
+    deflection: Array
+    rate: Array
+    elastic: Array
+    transmitted: Array
+    smallest: Array
+    largest: Array
+    separated: Array
     periodicity_error: float
     settled: bool
     cycles: int

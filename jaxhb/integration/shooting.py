@@ -42,15 +42,13 @@ LENGTHS = (1.0, 0.5, 0.2, 0.05, 0.01)
 SEARCH_LENGTHS = (1.0, 0.6, 0.36, 0.2, 0.1, 0.03)
 
 
-def _end(
-    stepper: Stepper, state: jax.Array, segment: int | jax.Array, segments: int
-) -> jax.Array:
+def _end(stepper: Stepper, state: Array, segment: int | Array, segments: int) -> Array:
     """State at the end of one of ``segments`` from that at its beginning."""
     count = stepper.steps // segments
     return run(stepper, state, segment * count, count)[0]
 
 
-def moving(space: StateSpace) -> jax.Array:
+def moving(space: StateSpace) -> Array:
     """Mask ``(n,)``: 1, or 0 for states that return from any value: those that move
     nothing (free rotation, modes left out), and those that move only these (the
     undamped rate of a free rotation).
@@ -60,9 +58,7 @@ def moving(space: StateSpace) -> jax.Array:
     return 1.0 - jnp.all(zero | moves_nothing[:, None], axis=0)
 
 
-def beginnings(
-    stepper: Stepper, state: jax.Array, segments: int = SEGMENTS
-) -> jax.Array:
+def beginnings(stepper: Stepper, state: Array, segments: int = SEGMENTS) -> Array:
     """States ``(segments, n)`` of a cycle from ``state`` at the beginnings of its
     segments.
     """
@@ -73,13 +69,13 @@ def beginnings(
     return lax.scan(through, state, jnp.arange(segments))[1]
 
 
-def gaps_and_error(stepper: Stepper, nodes: jax.Array) -> tuple[jax.Array, jax.Array]:
+def gaps_and_error(stepper: Stepper, nodes: Array) -> tuple[Array, Array]:
     """Gaps ``(K, n)``, and the periodicity error of :func:`motion`."""
     gap, largest = gaps(stepper, nodes, *watch(stepper))
     return gap, periodicity_error(stepper, _widest(stepper, gap), largest.max(axis=0))
 
 
-def motion(stepper: Stepper, nodes: jax.Array) -> Trace:
+def motion(stepper: Stepper, nodes: Array) -> Trace:
     """The :class:`~jaxhb.integration.step.Trace` of a cycle in segments; its
     periodicity error is that of the widest gap.
     """
@@ -97,7 +93,7 @@ def motion(stepper: Stepper, nodes: jax.Array) -> Trace:
     )
 
 
-def gaps(stepper: Stepper, nodes: jax.Array, *observer):
+def gaps(stepper: Stepper, nodes: Array, *observer):
     """End of each segment less the beginning of the next, ``(K, n)``, of nodes ``(K,
     n)``, and what was seen on the way; observer : ``keep`` and ``seen`` of
     :func:`~jaxhb.integration.step.run`.
@@ -112,17 +108,17 @@ def gaps(stepper: Stepper, nodes: jax.Array, *observer):
     return _gaps(stepper, nodes, end), observed
 
 
-def _gaps(stepper: Stepper, nodes: jax.Array, end: jax.Array) -> jax.Array:
+def _gaps(stepper: Stepper, nodes: Array, end: Array) -> Array:
     assert stepper.space is not None  # a stepper of one speed
     return (end - jnp.roll(nodes, -1, axis=0)) * moving(stepper.space)
 
 
-def _widest(stepper: Stepper, gap: jax.Array) -> jax.Array:
+def _widest(stepper: Stepper, gap: Array) -> Array:
     """Largest of the gaps ``(K, n)`` in deflections and rates, ``(2G,)``."""
     return jnp.max(jnp.abs(gap @ stepper.observation.T), axis=0)
 
 
-def linearize(stepper: Stepper, nodes: jax.Array) -> tuple[jax.Array, jax.Array]:
+def linearize(stepper: Stepper, nodes: Array) -> tuple[Array, Array]:
     """Gaps ``(K, n)``, and the derivatives ``(K, n, n)`` of each end in its
     beginning.
     """
@@ -132,7 +128,7 @@ def linearize(stepper: Stepper, nodes: jax.Array) -> tuple[jax.Array, jax.Array]
     return _gaps(stepper, nodes, end), slope * is_moving[:, None] * is_moving
 
 
-def ends(stepper: Stepper, nodes: jax.Array) -> tuple[jax.Array, jax.Array]:
+def ends(stepper: Stepper, nodes: Array) -> tuple[Array, Array]:
     """End ``(K, n)`` of each segment and its derivatives, as in :func:`linearize`, of
     all states.
     """
@@ -147,7 +143,7 @@ def ends(stepper: Stepper, nodes: jax.Array) -> tuple[jax.Array, jax.Array]:
     return reached, slopes
 
 
-def condense(slope: jax.Array):
+def condense(slope: Array):
     """Condense a cycle on its first node, as :func:`closing` needs it: its slope
     ``(K, n, n)``, and the singular value decomposition of the condensed equations
     ``(n, n)``.
@@ -155,16 +151,18 @@ def condense(slope: jax.Array):
     return slope, *jnp.linalg.svd(_over_cycle(slope) - jnp.eye(slope.shape[1]))
 
 
-def _over_cycle(slope: jax.Array) -> jax.Array:
+def _over_cycle(slope: Array) -> Array:
     """Derivative ``(n, n)`` of the state after a cycle in that before it, from those
     ``(K, n, n)`` of its segments.
     """
-    return lax.scan(
-        lambda whole, slope: (slope @ whole, None), jnp.eye(slope.shape[1]), slope
-    )[0]
+
+    def through(whole: jax.Array, segment: jax.Array) -> tuple[jax.Array, None]:
+        return segment @ whole, None
+
+    return lax.scan(through, jnp.eye(slope.shape[1]), slope)[0]
 
 
-def closing(condensed, gap: jax.Array) -> jax.Array:
+def closing(condensed, gap: Array) -> Array:
     """Change ``(K, n)`` of the nodes, shortest at the first, that closes all gaps
     ``(K, n)`` to first order; condensed : of :func:`condense`.
     """
@@ -191,8 +189,8 @@ def closing(condensed, gap: jax.Array) -> jax.Array:
 
 
 def close(
-    stepper: Stepper, nodes: jax.Array, *, tolerance: float | Array, most: int
-) -> tuple[jax.Array, Trace, jax.Array]:
+    stepper: Stepper, nodes: Array, *, tolerance: float | Array, most: int
+) -> tuple[Array, Trace, Array]:
     """Newton's method on the nodes ``(K, n)`` of one train until the periodicity error
     of their :func:`motion` is at most ``tolerance``: the nodes, their motion, and
     Newton steps taken, ``most`` at most; valid under jit and vmap.
@@ -214,7 +212,7 @@ def close(
         def change(gap):
             return closing(condensed, gap)
 
-        def try_length(length: jax.Array):
+        def try_length(length: Array):
             gap, periodicity_error = gaps_and_error(
                 stepper, nodes + length * full_change
             )
@@ -243,7 +241,7 @@ def close(
     return nodes, motion(stepper, nodes), done
 
 
-def monodromy(stepper: Stepper, state: jax.Array) -> tuple[jax.Array, jax.Array]:
+def monodromy(stepper: Stepper, state: Array) -> tuple[Array, Array]:
     """Derivative ``(n, n)`` of the state after one cycle with respect to the state
     before, and the state after it ``(n,)``.
 
@@ -258,12 +256,12 @@ def monodromy(stepper: Stepper, state: jax.Array) -> tuple[jax.Array, jax.Array]
 
 def shoot(
     stepper: Stepper,
-    state: jax.Array,
+    state: Array,
     *,
     most: int = 20,
     tolerance: float = 1e-11,
     cutoff: float = 1e-10,
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+) -> tuple[Array, Array, Array]:
     """Correct a state until the cycle closes, ``z(T; z) = z``; valid under jit and
     vmap.
 

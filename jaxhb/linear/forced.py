@@ -467,7 +467,7 @@ def _fields_of_group(
     angle = chain.to_angles(system, displacement - mean)
 
     if error is not None:
-        force = force.at[shafts:].add(-C[shafts:] * error)
+        force = jnp.asarray(force).at[shafts:].add(-C[shafts:] * error)
     # From the forces: differences of displacements lose the digits of stiff links.
     deflection = force / jnp.where(C == 0, 1.0, C)
     elastic = C.real * deflection
@@ -478,13 +478,13 @@ def _fields_of_group(
         status = jnp.where(settled, status, jnp.maximum(status, Status.MAX_STEPS))
     ends = system.radius[system.tree.end_a][:, None]
 
-    def by_speed(values: jax.Array) -> jax.Array:
+    def by_speed(values: Array) -> Array:
         return values.reshape(len(values), *shape).transpose(1, 0, 2)
 
-    def power(values: Array) -> jax.Array:
+    def power(values: Array) -> Array:
         return (2 * omega * values).reshape(len(values), *shape).sum(-1).T
 
-    def work_rate(force: Array, displacement: Array) -> jax.Array:
+    def work_rate(force: Array, displacement: Array) -> Array:
         return power((force * jnp.conj(1j * displacement)).real.sum(0)[None])[:, 0]
 
     disk_power = power(omega * system.damping[:, None] * _square(displacement))
@@ -511,7 +511,7 @@ def _fields_of_group(
     }
 
 
-def _square(values: jax.Array) -> jax.Array:
+def _square(values: Array) -> Array:
     """Square of the modulus, whose derivative at 0 is 0."""
     return values.real**2 + values.imag**2
 

@@ -269,7 +269,7 @@ def _scaled(
 
 def _forces_left(
     tree: chain.Tree, system: chain.System, omega: Array, displacement: Array
-) -> tuple[np.ndarray, float]:
+) -> tuple[Array, float]:
     """Forces ``(S,)`` N left on the disks by links and inertia, in the order of the
     tree, and the largest of the forces of both.
     """

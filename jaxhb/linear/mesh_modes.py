@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxhb._jax import Number, kept
+from jaxhb._jax import Number, remembered
 from jaxhb.equations.backlash import all_meshes
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.train import chain
@@ -36,7 +36,7 @@ def mesh_mode_harmonics(train: DriveTrain, frequency: Number) -> np.ndarray:
     return _mesh_modes_hz(train) / (frequency / (2 * np.pi))
 
 
-@kept
+@remembered
 def _mesh_modes_hz(train: DriveTrain) -> np.ndarray:
     """Frequencies ``(2,)`` in Hz of :func:`mesh_mode_harmonics`."""
     if train.topology.n_disks > MODAL_DISKS:

@@ -138,7 +138,7 @@ def factor(train: DriveTrain) -> tuple[chain.System, Factor]:
         for disk, stiffness in zip(held, system.ground[held], strict=True)
     ]
     heavy = np.flatnonzero(system.mass)
-    mass = system.mass[heavy]
+    mass = np.asarray(system.mass)[heavy]
     root = np.sqrt(mass) * rigid[heavy]
     piece = np.array(pieces(disks + 1, [(a, b) for a, b, *_ in links]))
     loose = [

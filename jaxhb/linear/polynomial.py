@@ -446,7 +446,7 @@ def _approximation(train: DriveTrain, omega: jax.Array) -> DampedApproximation:
     system = chain.assemble(train)
     zeros = jnp.zeros_like(jnp.asarray(system.viscous))
 
-    def determinant(stiffness: jax.Array, viscous: jax.Array) -> Scaled:
+    def determinant(stiffness: Array, viscous: Array) -> Scaled:
         changed = dataclasses.replace(
             system, stiffness=stiffness, viscous=viscous, loss=zeros
         )

@@ -215,7 +215,8 @@ def _mean_load(
         angle=chain.to_angles(system, displacement),
     )
     linear = linearised(with_slopes(train, load))
-    meshes = dataclasses.replace(linear.meshes, stiffness=state.link_slope[first:])
+    meshes: Any = linear.meshes  # a dataclass made of the fields of the elements
+    meshes = dataclasses.replace(meshes, stiffness=state.link_slope[first:])
     return dataclasses.replace(load, train=dataclasses.replace(linear, meshes=meshes))
 
 

@@ -17,6 +17,7 @@ from jaxhb.floquet.stability import Stability, attracts
 from jaxhb.report.answer import UNCONFIRMED, Answer, Axis, Case
 from jaxhb.report.text.tuned import difference
 from jaxhb.results.answers import with_gaps
+from jaxhb.results.checkpoint import Cached
 from jaxhb.results.status import NotConverged, Status
 from jaxhb.results.steady import SteadyState, orbit_state
 from jaxhb.solutions.speeds import solve_speeds
@@ -64,7 +65,7 @@ def answer_one(
     say: Callable[[str], None] = lambda text: None,
     *,
     start: SteadyState | None = None,
-    out: Path | None = None,
+    out: Path | Cached | None = None,
 ) -> Answer:
     """Compute the :class:`Answer` at one speed, with a bound if asked for.
 
@@ -88,7 +89,7 @@ def answer_speeds(
     *,
     direction: Direction = "up",
     start: SteadyState | None = None,
-    out: Path | None = None,
+    out: Path | Cached | None = None,
     chunk: int | None = None,
     progress: Callable[[int], object] | None = None,
     say: Callable[[str], None] = lambda text: None,
@@ -214,9 +215,10 @@ def _closed_states(
     say("the same with the gaps of meshes closed")
     closed = in_contact(train)
     if options.orbit:
-        return orbit_states(
+        states = orbit_states(
             closed, rpm, harmonics=options.harmonics, tolerance=options.tolerance
         )
+        return list(states)
     sweep = steady_state(
         closed,
         rpm=rpm,
@@ -247,7 +249,7 @@ def answer_values(
     options: Asked,
     *,
     direction: Direction = "up",
-    out: Path | None = None,
+    out: Path | Cached | None = None,
     chunk: int | None = None,
     progress: Callable[[int], object] | None = None,
     on_answers: Callable[[Answers], object] | None = None,
@@ -290,7 +292,7 @@ def solve_cases(
     speeds: Sequence[float],
     options: Asked,
     *,
-    folder: Path | None = None,
+    folder: Path | Cached | None = None,
     say: Callable[[str], None] = lambda text: None,
     advance: Callable[[int], object] = lambda count: None,
 ) -> list[Case]:

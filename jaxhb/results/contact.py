@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxhb._equal import by_value
+from jaxhb._jax import Array, Number
 from jaxhb.equations import backlash, fourier
 
 
@@ -86,13 +87,13 @@ def contact_of(
         reverse_contact_fraction=_fraction_below(side * l, -gap) + unknown,
         impacts=_impacts(l, speed, gap),
         drive_side=drive,
-        gap_spring_force=law.gap_spring_force,
-        knee_force=law.knee_force,
+        gap_spring_force=float(law.gap_spring_force),
+        knee_force=float(law.knee_force),
         pulling_force=float(pull.max(initial=0.0)) + unknown,
     )
 
 
-def _fraction_below(values: np.ndarray, level: float) -> float:
+def _fraction_below(values: Array, level: Number) -> float:
     """Share of the cycle with values < level, the crossings interpolated linearly."""
     here = values - level
     ahead = np.roll(values, -1) - level
@@ -104,7 +105,7 @@ def _fraction_below(values: np.ndarray, level: float) -> float:
     return float((both + np.where(crossing, below, 0.0)).mean())
 
 
-def _impacts(l: np.ndarray, speed: np.ndarray, gap: float) -> list[dict[str, float]]:
+def _impacts(l: Array, speed: Array, gap: Number) -> list[dict[str, float]]:
     """Entries into contact: |l| rises through ``gap``."""
     distance = np.abs(l)
     ahead = np.abs(np.roll(l, -1))

@@ -31,7 +31,7 @@ def response_line(response: Response) -> str:
         )
     many = np.ndim(response.rpm) == 1
     speeds = (
-        span(response.rpm, "rpm")
+        span(np.asarray(response.rpm), "rpm")
         if many
         else f"{' x '.join(map(str, np.shape(response.rpm)))} motions"
     )
@@ -181,7 +181,7 @@ def signal_line(signal: Signal) -> str:
             f"<{kind} of {batch} motions, {orders} harmonics: {number(low)} to"
             f" {number(high)}>"
         )
-    mean, low, high = (
+    mean, smallest, largest = (
         number(float(value)) for value in (signal.mean, signal.min, signal.max)
     )
-    return f"<{kind}, {orders} harmonics: mean {mean}, min {low}, max {high}>"
+    return f"<{kind}, {orders} harmonics: mean {mean}, min {smallest}, max {largest}>"

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxhb._jax import kept, on_host
+from jaxhb._jax import on_host, remembered
 from jaxhb.balance.plan import (
     MOST_HARMONICS,
     Plan,
@@ -273,7 +273,7 @@ def _mesh_forces_of_host(
     return np.concatenate(forces)
 
 
-@kept
+@remembered
 def _linear_parts(train: DriveTrain) -> tuple[chain.System, MeshParameters]:
     """System and meshes of the linear train, for any speed."""
     train = linearised(train)  # without springs beside shafts, which are no meshes

@@ -21,6 +21,7 @@ from functools import cached_property
 
 import numpy as np
 
+from jaxhb._jax import Array
 from jaxhb.balance.plan import (
     MOST_HARMONICS,
     TIME_STEPS,
@@ -174,7 +175,7 @@ def first_solved(case: Case, strategies: Iterable[Strategy]) -> Case:
 def refine(
     case: Case,
     plan: Plan,
-    initial_guess: np.ndarray | None = None,
+    initial_guess: Array | None = None,
     event: March | Shooting | None = None,
 ) -> None:
     """Make an attempt: Newton's method with more and more harmonics until the tolerance

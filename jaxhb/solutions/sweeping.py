@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from jaxhb._jax import Array, kept
+from jaxhb._jax import Array, remembered
 from jaxhb.balance.march import InstantSolve, MarchModes, modes_for_march
 from jaxhb.balance.plan import Plan, Request, excited_harmonic
 from jaxhb.balance.problem import ActiveMeshes, problem_at
@@ -50,7 +50,7 @@ def swept_train(train: DriveTrain, plan: Plan, request: Request) -> SweptTrain |
     )
 
 
-@kept
+@remembered
 def _modes_of(train_and_meshes: tuple[DriveTrain, ActiveMeshes]) -> MarchModes:
     """The modes of a train that some meshes of it notice."""
     train, active_meshes = train_and_meshes

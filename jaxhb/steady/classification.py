@@ -216,7 +216,10 @@ class Classifier:
         if not response.solved:
             return None
         attracted, stability, _ = attracts(response)
-        if not attracted or (neutral and stability.largest < 1 - NEUTRAL):
+        if not attracted:
+            return None
+        assert stability is not None  # it attracts
+        if neutral and stability.largest < 1 - NEUTRAL:
             return None
         notes = (
             (
@@ -442,7 +445,7 @@ class _Classification:
             return self._passed_by()
         earlier = classifier.states.get(self.index)
         if earlier is not None and earlier.response is response:
-            attracted = True
+            attracted: bool | None = True
             stability = earlier.stability
             undecided = ""
         else:

@@ -162,7 +162,7 @@ def _plan(
         ~train.topology.mesh_varies, np.zeros(len(train.topology.springs), bool)
     )
     stays = (least > law.knee + MARGIN * law.backlash) & held[train.topology.law_index]
-    apart = (np.abs(deflection) < law.gap[:, None]).any()
+    apart = bool((np.abs(deflection) < law.gap[:, None]).any())
     return _plan_of(train, rpm, request, np.where(stays, side, 0), apart, period)
 
 

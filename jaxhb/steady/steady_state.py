@@ -16,7 +16,7 @@ import numpy as np
 from jaxhb._jax import Array, Numbers, refuse_tracers
 from jaxhb.balance.plan import Request
 from jaxhb.balance.program import solve_batches
-from jaxhb.results.checkpoint import CHUNK, Checkpoint
+from jaxhb.results.checkpoint import CHUNK, Cached, Checkpoint
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, SteadySweep, kind_of_one_cycle
@@ -49,7 +49,7 @@ class _Options(TypedDict, total=False):
     exact: bool
     cycles: Cycles | None
     progress: Callable[[int], object] | None
-    out: str | Path | None
+    out: str | Path | Cached | None
     chunk: int | None
     on_states: OnStates | None
     devices: Sequence[Any]
@@ -79,6 +79,14 @@ def steady_state(
     direction: Literal["both"],
     **options: Unpack[_Options],
 ) -> tuple[SteadySweep, SteadySweep]: ...
+@overload
+def steady_state(
+    train: DriveTrain,
+    *,
+    rpm: Sequence[float] | Array,
+    direction: str,
+    **options: Unpack[_Options],
+) -> SteadySweep | tuple[SteadySweep, SteadySweep]: ...
 
 
 def steady_state(
@@ -92,7 +100,7 @@ def steady_state(
     exact: bool = True,
     cycles: Cycles | None = None,
     progress: Callable[[int], object] | None = None,
-    out: str | Path | None = None,
+    out: str | Path | Cached | None = None,
     chunk: int | None = None,
     on_states: OnStates | None = None,
     devices: Sequence[Any] = (),

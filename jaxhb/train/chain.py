@@ -115,12 +115,12 @@ class System:
     arm_b: Array
     floating: np.ndarray
 
-    def _arms(self, links: slice | np.ndarray, ndim: int) -> tuple[Array, Array]:
+    def _arms(self, links: slice | Array, ndim: int) -> tuple[Array, Array]:
         """Arms a and b of links, shaped to multiply arrays of ``ndim`` dimensions."""
         shape = (-1,) + (1,) * (ndim - 1)
         return self.arm_a[links].reshape(shape), self.arm_b[links].reshape(shape)
 
-    def _at_ends(self, links: slice | np.ndarray, at_a: Array, at_b: Array) -> Array:
+    def _at_ends(self, links: slice | Array, at_a: Array, at_b: Array) -> Array:
         """Sums ``(S, ...)`` on the disks of numbers ``(n, ...)`` at the two ends of
         links.
         """
@@ -130,9 +130,7 @@ class System:
             added(sums, self.tree.end_a[links], at_a), self.tree.end_b[links], at_b
         )
 
-    def deflections(
-        self, displacement: Array, links: slice | np.ndarray = ALL
-    ) -> Array:
+    def deflections(self, displacement: Array, links: slice | Array = ALL) -> Array:
         """Deflections D x ``(n, ...)``, ``a x_a - b x_b`` of each link, from
         displacements ``(S, ...)``.
         """
@@ -142,14 +140,14 @@ class System:
             - arm_b * displacement[self.tree.end_b[links]]
         )
 
-    def spread(self, force: Array, links: slice | np.ndarray = ALL) -> Array:
+    def spread(self, force: Array, links: slice | Array = ALL) -> Array:
         """Forces D^T f ``(S, ...)`` on the disks, a f and -b f at the ends of each
         link, from forces ``(n, ...)``.
         """
         arm_a, arm_b = self._arms(links, force.ndim)
         return self._at_ends(links, arm_a * force, -arm_b * force)
 
-    def incidence(self, links: slice | np.ndarray = ALL) -> Array:
+    def incidence(self, links: slice | Array = ALL) -> Array:
         """Columns of D^T ``(S, n)``: a at the first end of each link and -b at the
         second.
         """

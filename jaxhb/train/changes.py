@@ -526,7 +526,7 @@ def _has_no_effect_on_cylinder(train: DriveTrain, field: str, index: int) -> str
     return ""
 
 
-def _periods(topology: Topology, ratios: np.ndarray, index: int) -> float:
+def _periods(topology: Topology, ratios: Array, index: int) -> float:
     """Mesh periods of a mesh in a revolution of the reference rotor; 1 where no gear
     has teeth.
     """
@@ -535,9 +535,8 @@ def _periods(topology: Topology, ratios: np.ndarray, index: int) -> float:
         for disk in topology.mesh_ends[index]
         if disk < len(topology.teeth) and topology.teeth[disk]
     ]
-    return next(
-        (topology.teeth[disk] * ratios[topology.rotor[disk]] for disk in gears), 1.0
-    )
+    periods = (topology.teeth[disk] * ratios[topology.rotor[disk]] for disk in gears)
+    return float(next(periods, 1.0))
 
 
 def _check_ratios(before: DriveTrain, after: DriveTrain) -> None:

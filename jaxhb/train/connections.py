@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxhb._jax import on_host, traced
+from jaxhb._jax import Array, on_host, traced
 from jaxhb.elements.elements import shown
 from jaxhb.excitation.gas import FAR
 from jaxhb.excitation.mean_torques import mean_torques
@@ -317,7 +317,7 @@ def train_errors(train: DriveTrain) -> list[str]:
     )
 
 
-def on_disks(disks: int, seats: Sequence[int], torques: np.ndarray) -> np.ndarray:
+def on_disks(disks: int, seats: Sequence[int], torques: Array) -> np.ndarray:
     """Sum torques [..., n] that act on the disks ``seats`` [n]: [..., disks]."""
     total = np.zeros((*torques.shape[:-1], disks))
     places = np.array(seats, dtype=int)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxhb._jax import on_host, refuse_tracers
+from jaxhb._jax import Number, on_host, refuse_tracers
 from jaxhb.elements.elements import RULES
 from jaxhb.equations.kinematics import OF_GEARS, OF_PERIOD, tooth_damping_ratios
 from jaxhb.excitation import gas
@@ -160,13 +160,13 @@ def plausibility(train: DriveTrain) -> list[str]:
     return [*train.topology.notes, *notes]
 
 
-def _far(value: float, limits: tuple[float, float] | Usual) -> bool:
+def _far(value: Number, limits: tuple[float, float] | Usual) -> bool:
     """Whether a value is outside of limits."""
     return not limits[0] <= value <= limits[1]
 
 
 def _unusual(
-    table: str, name: str, quantity: str, value: float, usual: Usual | None = None
+    table: str, name: str, quantity: str, value: Number, usual: Usual | None = None
 ) -> Iterator[Note]:
     """The note, or none, on a number of an element outside of its usual range, by
     default that of :data:`USUAL`.

@@ -317,7 +317,7 @@ def mean_torques(parts: Parts, speeds: Sequence[float]) -> np.ndarray:
     )
     torque_table = tables.torque_table(sound_elements["torque"])
     cylinder_table = tables.cylinder_table(cylinders)
-    means = mean_torques_at(torque_table, cylinder_table, cycles, speeds)
+    means = mean_torques_at(torque_table, cylinder_table, cycles, np.asarray(speeds))
     return connections.on_disks(len(parts.disk_names), seats, means)
 
 

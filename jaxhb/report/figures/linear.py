@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxhb._jax import Array
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.linear.critical import ELASTIC, Campbell, Critical, shares_in_mode
 from jaxhb.linear.holzer import HolzerTable, holzer_residual
@@ -280,7 +281,7 @@ NAMES = 80  # names of disks that have room
 
 
 def plot_modes(
-    train: DriveTrain, modes: Modes, chosen: Sequence[int], ratios: np.ndarray
+    train: DriveTrain, modes: Modes, chosen: Sequence[int], ratios: Array
 ) -> Picture:
     """Draw shapes of up to six modes along the train, angles referred to the reference
     rotor, nodes as crosses.
@@ -294,7 +295,7 @@ def plot_modes(
 
 
 def shapes_figure(
-    train: DriveTrain, modes: Modes, chosen: Sequence[int], ratios: np.ndarray
+    train: DriveTrain, modes: Modes, chosen: Sequence[int], ratios: Array
 ) -> Figure:
     """Make the figure of :func:`plot_modes`."""
     lines = train_lines(train.topology)

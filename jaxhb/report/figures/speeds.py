@@ -521,7 +521,7 @@ def limit_figure(
         values = factor * np.asarray(getattr(row, kind.field), float)
         traces.append(
             line(
-                case.rpm,
+                np.asarray(case.rpm),
                 values,
                 f"{called}, {plain(title)}".removesuffix(", "),
                 number,
@@ -557,7 +557,7 @@ def limit_figure(
         "speed, rpm",
         f"{called}, {unit}",
         traces,
-        x_range=speed_range(first.rpm),
+        x_range=speed_range(np.asarray(first.rpm)),
         height=180,
         shapes=bands([(band.low, band.high) for band in barred]),
     )
@@ -573,7 +573,7 @@ def _limits(
     row = getattr(judged, key)[name]
     kind = LIMITED[key]
     if key != "stresses" or row.continuous is None:
-        return judged.rpm, [getattr(row, limit) for limit in kind.limits]
+        return np.asarray(judged.rpm), [getattr(row, limit) for limit in kind.limits]
     corners = judged.rated_rpm * np.array(corners_of(judged.rules[name]))
     corners = np.concatenate([corners * (1 - ASTRIDE), corners * (1 + ASTRIDE)])
     within = corners[(corners > np.min(judged.rpm)) & (corners < np.max(judged.rpm))]

@@ -76,7 +76,7 @@ def answer_record(answer: Answer, *, orders: float | None = None) -> dict[str, A
         "load_kW": float(answer.balance.load_kW) + 0.0,
         "verdict": verdict(answer),
         "notes": notes(answer),
-        "status": None if response is None else answer.status.name,
+        "status": None if answer.status is None else answer.status.name,
         "residual": None if response is None else float(response.residual),
         "truncation_error": (
             None if response is None else float(response.truncation_error)
@@ -256,7 +256,7 @@ def answer_row(answer: Answer, **first: Any) -> dict[str, Any]:
         "started from rpm": answer.state.started_from,
         "stable": answer.stable,
         "largest multiplier": answer.multiplier,
-        "status": None if response is None else answer.status.name,
+        "status": None if answer.status is None else answer.status.name,
         "harmonics": answer.harmonics,
         "residual": None if response is None else float(response.residual),
         "truncation error": (
@@ -359,7 +359,9 @@ def trace_csv(answer: Answer) -> list[bytes]:
     """The motion over its period as a CSV file, of an answer that :func:`untraceable`
     has nothing to say about; SI units.
     """
-    turns = answer.response.topology.revolutions_per_cycle
+    response = answer.response
+    assert response is not None  # others are untraceable
+    turns = response.topology.revolutions_per_cycle
     signals = {
         f"{name} {head}": getattr(answer.state, reader)(name)
         for element, head, reader in TRACES
@@ -367,7 +369,7 @@ def trace_csv(answer: Answer) -> list[bytes]:
     }
     # At least four time samples for each harmonic of the motion, and so many that no
     # tooth force loses its peak.
-    count = TRACED * max(1, -(-4 * answer.response.harmonics // TRACED))
+    count = TRACED * max(1, -(-4 * response.harmonics // TRACED))
     forces = [answer.force(name) for name in answer.topology.mesh_names]
     while any(
         np.abs(_samples(force, count)).max() < (1 - MISSED) * force.peak

@@ -84,7 +84,7 @@ def write_files(contents: Mapping[str, bytes | Iterable[bytes]]) -> None:
     """Write all files of ``{name: bytes or an iterable of them}`` or none; the content
     named "-" goes to standard output, after them.
     """
-    chunks = {
+    chunks: dict[str | Path, Iterable[bytes]] = {
         name: [content] if isinstance(content, bytes) else content
         for name, content in contents.items()
     }

@@ -244,12 +244,12 @@ def meshing_table(answer: Answer) -> list[Table]:
         return []
 
     def whine(k: int) -> Callable[[Answer, str], float]:
-        return lambda answer, name: answer.whine(name)[k] / 1e3
+        return lambda answer, name: float(answer.whine(name)[k]) / 1e3
 
     def error(_: Answer, name: str) -> float:
         if response is None:
             return math.nan
-        return 2e6 * response.transmission_error(name).half_peak_to_peak
+        return 2e6 * float(response.transmission_error(name).half_peak_to_peak)
 
     def impacts(_: Answer, name: str) -> float:
         return math.nan if response is None else 1e3 * response.impact_energy(name)
@@ -456,6 +456,7 @@ def worst_misfire(cases: Sequence[Case]) -> dict[str, Any] | None:
     hardest = hardest_of(cases[1:])
     if hardest is None:
         return None
+    assert hardest.name is not None  # speeds without an answer are left out
     quantity = hardest.quantity
     return {
         "cylinder": cylinder_of(hardest.case.title),

@@ -30,6 +30,7 @@ from jaxhb.report.text.strength import (
 )
 from jaxhb.results.answers import left_out, with_gaps
 from jaxhb.results.dataset import SIGNALS, names_of
+from jaxhb.results.response import Response
 from jaxhb.results.signal import Signal
 from jaxhb.results.status import Status
 from jaxhb.solutions.misfires import Misfires, Worst
@@ -66,7 +67,7 @@ class Reading:
     unit of that, and the heat.
     """
 
-    response: ForcedResponse
+    response: Response
     name: str
     kind: str
 
@@ -122,7 +123,7 @@ class Reading:
             else self.name
         )
 
-    def of(self, response: ForcedResponse) -> Reading:
+    def of(self, response: Response) -> Reading:
         """The same element of another response."""
         return Reading(response, self.name, self.kind)
 
@@ -370,7 +371,7 @@ def _record(
             record["elastic"] = summary(reading.signal.elastic)
         return record
 
-    record = {
+    record: dict[str, Any] = {
         "scene": response.topology.name,
         "rpm": response.rpm,
         "status": [Status(int(status)).name for status in response.status],

@@ -46,7 +46,7 @@ def modes_text(
     modes: Modes,
     name: str,
     kinds: Sequence[str],
-    ratios: Sequence[float] | np.ndarray,
+    ratios: Sequence[float] | Array,
     teeth: str = "",
 ) -> Table:
     """Natural frequencies, nodes, damping ratios (nan: none), disks that move;
@@ -69,7 +69,7 @@ def modes_text(
                 f"one of {loose} rigid-body modes" if loose > 1 else "rigid-body mode"
             )
             moving += " on the ground's spring" if hz else ""
-        damping = fixed(ratios[k], 4)
+        damping = fixed(float(ratios[k]), 4)
         nodes = modes.node_count[k] if kinds[k] == ELASTIC else NONE
         in_teeth = [f"{100 * modes.mesh_energy_share[k]:.0f}"] * bool(teeth)
         rows.append(
@@ -109,7 +109,7 @@ def energies_text(modes: Modes, kinds: Sequence[str]) -> list[Table]:
 
 
 def modes_record(
-    modes: Modes, kinds: Sequence[str], ratios: Sequence[float] | np.ndarray
+    modes: Modes, kinds: Sequence[str], ratios: Sequence[float] | Array
 ) -> dict[str, Any]:
     """The record of ``modes --json``: lists over the modes, by name of disks and links;
     the largest angle is 1.
@@ -162,6 +162,7 @@ def approximations(
             )
     variation = all_meshes(train).variation
     for mesh in np.flatnonzero(topology.mesh_varies):
+        assert variation is not None  # a mesh varies
         most = 200 * np.abs(np.asarray(variation[mesh])).sum()
         varies = (
             f"its stiffness varies over the mesh period, by up to {most:.3g} % of its"

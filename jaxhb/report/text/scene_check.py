@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxhb._jax import Array
 from jaxhb.design.quantities import check_all
 from jaxhb.design.table import read_table
 from jaxhb.design.tolerances import read_tolerances
@@ -94,7 +95,7 @@ def referred_tables(train: DriveTrain) -> list[Table]:
 
 
 def _numbers(
-    title: str, columns: Mapping[str, Sequence[Any]], left: tuple[int, ...] = ()
+    title: str, columns: Mapping[str, Sequence[Any] | Array], left: tuple[int, ...] = ()
 ) -> Table:
     """A table of columns by their heads: names, and numbers of six digits."""
     cells = [
@@ -303,7 +304,7 @@ def check_text(
                 *(1e-3 * abs(mean) for mean in _means(responses, name)),
                 _drivers(responses, i),
                 backlash,
-                fixed(ratios[i], 4),
+                fixed(float(ratios[i]), 4),
             ]
         )
     if rows:

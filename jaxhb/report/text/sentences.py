@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxhb._jax import Number
 from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.floquet.stability import fall_text
 from jaxhb.report.answer import SPEED, UNCONFIRMED, Answer, Axis
@@ -91,21 +92,22 @@ def motion_word(answer: Answer) -> str:
     """The kind of motion in a word or two, for a column of a table."""
     state = answer.state
     if answer.orbit:
-        words = [status_word(answer.status)]
+        words = [status_word(answer)]
     elif state.kind == "subharmonic":
         words = [f"period {state.period}"]
     else:
         words = [state.kind]
     if answer.doubt and not answer.orbit:
-        words.append(answer.doubt if answer.answered else status_word(answer.status))
+        words.append(answer.doubt if answer.answered else status_word(answer))
     if answer.unstable:
         words.append("UNSTABLE")
     return ", ".join(words)
 
 
-def status_word(status: Status) -> str:
-    """A Status in small letters."""
-    return status.name.lower().replace("_", " ")
+def status_word(answer: Answer) -> str:
+    """The Status of the harmonic solution of an answer in small letters."""
+    assert answer.status is not None  # only solutions have one
+    return answer.status.name.lower().replace("_", " ")
 
 
 def solution_text(answer: Answer) -> str:
@@ -117,9 +119,7 @@ def solution_text(answer: Answer) -> str:
     if response is None:
         return ""
     status = (
-        "converged"
-        if answer.converged
-        else f"NOT CONVERGED: {status_word(answer.status)}"
+        "converged" if answer.converged else f"NOT CONVERGED: {status_word(answer)}"
     )
     span = "the cycle" if period <= 1 else f"{period} cycles"
     line = f"{status}; {answer.harmonics} harmonics of {span}"
@@ -227,7 +227,7 @@ def notes(*answers: Answer) -> list[str]:
     sentences = []
     unstable = [answer for answer in answers if answer.unstable]
     if unstable:
-        worst = max(unstable, key=lambda answer: answer.multiplier)
+        worst = max(unstable, key=lambda answer: answer.multiplier or 0.0)
         instead = (
             "leave out --orbit for what it does"
             if worst.orbit
@@ -239,12 +239,17 @@ def notes(*answers: Answer) -> list[str]:
             f" not run in it; {instead}."
         )
     solved = [
-        answer for answer in answers if answer.known and answer.response is not None
+        (answer, answer.response)
+        for answer in answers
+        if answer.known and answer.response is not None
     ]
-    lossy = [answer for answer in solved if abs(answer.response.power_defect) > LOST]
+    defects = [
+        (answer, abs(float(response.power_defect))) for answer, response in solved
+    ]
+    lossy = [(answer, defect) for answer, defect in defects if defect > LOST]
     if lossy:
-        worst = max(lossy, key=lambda answer: abs(answer.response.power_defect))
-        share = f"{100 * abs(float(worst.response.power_defect)):.2g} %"
+        worst, defect = max(lossy, key=lambda pair: pair[1])
+        share = f"{100 * defect:.2g} %"
         sentences.append(
             f"At {worst.at} {share} of the power of the torques is not accounted for:"
             " use more harmonics."
@@ -263,11 +268,11 @@ def notes(*answers: Answer) -> list[str]:
     searches = Shooting | Homotopy | NewtonOnSweeps
     unsettled = [
         answer
-        for answer in solved
+        for answer, response in solved
         if answer.orbit
         and answer.converged
         and answer.stable is None
-        and any(isinstance(event, searches) for event in answer.response.path)
+        and any(isinstance(event, searches) for event in response.path)
     ]
     if unsettled:
         sentences.append(
@@ -406,7 +411,7 @@ def firing_lines(*trains: DriveTrain) -> list[str]:
     return [f"Not firing, {computed}."] if computed else []
 
 
-def _kN(force: float) -> str:
+def _kN(force: Number) -> str:
     """A force in N as text in kN."""
     return f"{force / 1e3:.3g} kN"
 
@@ -432,8 +437,9 @@ def warnings(answers: Iterable[Answer]) -> list[str]:
 
 def _remedy(answer: Answer) -> str:
     """Meaning of a status, and what the command line can do about it."""
+    assert answer.status is not None  # only solutions have one
     if answer.status is Status.TOLERANCE_NOT_MET:
-        most = answer.harmonics >= MOST_HARMONICS["reduced"]
+        most = (answer.harmonics or 0) >= MOST_HARMONICS["reduced"]
         few = (
             f"{answer.harmonics} harmonics, the most that are taken, are"
             if most

@@ -267,7 +267,9 @@ def _table(strength: Strength, kind: str) -> Table:
         if doubtful:
             cells[0] = Doubtful(cells[0])
         at_rpm = [NONE if place is None else f"{rpm[place]:g}"] * several
-        reverses = [_where(rpm, row.reverses)] if kind == "tooth_torques" else []
+        reverses = []
+        if kind == "tooth_torques":
+            reverses.append(_where(np.asarray(rpm), row.reverses))
         share = cells[0], cells[1]
         rows.append([name, cells[0], *at_rpm, *cells[1:], share, *reverses])
     numbers = [(head, "number") for head, _ in limited.heads.values()]

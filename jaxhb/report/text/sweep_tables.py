@@ -247,7 +247,7 @@ def motion_sentences(answers: Sequence[Answer]) -> list[str]:
             "unknown": "The motion is unknown",
         }.get("" if answer.orbit else answer.state.kind)
         if answer.orbit and not answer.converged:
-            motion = f"NOT CONVERGED, {status_word(answer.status)},"
+            motion = f"NOT CONVERGED, {status_word(answer)},"
         elif answer.doubt and not answer.orbit:
             doubt = (
                 UNCONFIRMED if answer.answered else f"{answer.doubt}, WITHOUT AN ANSWER"

@@ -470,8 +470,10 @@ def with_unit(chosen: Objective | Penalty) -> str:
 
 def parameter_unit(train: DriveTrain, name: str) -> str:
     """Unit of a parameter ``"NAME.FIELD"``."""
-    table, field, _ = locate(train.topology, name)
-    return declared_field(table, field).metadata["range"].unit
+    table, field_name, _ = locate(train.topology, name)
+    field = declared_field(table, field_name)
+    assert field is not None  # it was located
+    return field.metadata["range"].unit
 
 
 def difference(
