@@ -95,9 +95,8 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
     assert (shaded["x0"], shaded["x1"]) == (one.low, one.high)
     # Thousands of N m are told in kN m, in the caption and in the title of the axis
     # too.
-    assert told(tooth, "vibratory torque", 1e-3 * rated.vibratory) and told(
-        tooth, "a third of the rated torque", 0.5
-    )
+    assert told(tooth, "vibratory torque", 1e-3 * rated.vibratory)
+    assert told(tooth, "a third of the rated torque", 0.5)
     assert tooth.caption == "pinion - wheel: vibratory torque against its limit, kN m"
     assert (
         heat.caption == "ring: heat against its limit, W"
@@ -108,9 +107,8 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
         response_of, limit_of = figures_of(
             plot_forced, {"": response}, readings(response, names)
         )
-        assert response_of.caption.startswith(
-            "coupling: linear"
-        ) and limit_of.caption.startswith("coupling: heat")
+        assert response_of.caption.startswith("coupling: linear")
+        assert limit_of.caption.startswith("coupling: heat")
     axes = plot_forced({"": response}, readings(response)).axes
     assert [one.get_ylabel() for one in axes[-3:]] == [
         "stress, MPa",
@@ -119,7 +117,8 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
     ]
     # Speeds stand below one another in all panels.
     assert len({axis.get_xlim() for axis in axes}) == 1
-    assert len(axes) == len(found) and axes[-3].patches
+    assert len(axes) == len(found)
+    assert axes[-3].patches
 
 
 def test_the_picture_of_a_sweep_has_the_limits_of_the_motion(scene):
@@ -130,7 +129,8 @@ def test_the_picture_of_a_sweep_has_the_limits_of_the_motion(scene):
         jaxhb.strength(jaxhb.solve_speeds(train, rpm=rpm)).stresses["line shaft"].stress
     )
     assert told(figures[2], "stress", 1e-6 * np.asarray(found))
-    assert len(figures) == 5 and figures[2].layout["shapes"]
+    assert len(figures) == 5
+    assert figures[2].layout["shapes"]
 
 
 def test_a_limit_that_steps_between_two_speeds_is_drawn_upright(tmp_path):

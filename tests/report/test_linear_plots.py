@@ -77,7 +77,8 @@ def test_angles_are_referred_to_the_reference_rotor_so_that_teeth_in_contact_do_
     modes = jaxhb.natural_frequencies(train)
     (axes,) = plot_modes(train, modes, [1], np.full(3, np.nan)).axes
     a, b, c = axes.get_lines()[0].get_ydata()
-    assert a == pytest.approx(b, rel=1e-6) and b * c < 0
+    assert a == pytest.approx(b, rel=1e-6)
+    assert b * c < 0
     assert axes.texts[0].get_text() == f"mode 1: {modes.frequencies_hz[1]:.4g} Hz"
 
 
@@ -115,9 +116,8 @@ def test_the_picture_has_the_residual_and_its_zeros():
     figure = plot_holzer(train, tables, {1: hz, 2: 592.7})
     curve, zero, asked, _ = figure.axes[0].get_lines()
     changes = curve.get_xdata()[:-1][np.diff(np.sign(curve.get_ydata())) != 0]
-    assert zero.get_xdata() == pytest.approx(
-        [hz], rel=1e-4
-    ) and changes == pytest.approx([hz], abs=1.0)
+    assert zero.get_xdata() == pytest.approx([hz], rel=1e-4)
+    assert changes == pytest.approx([hz], abs=1.0)
     assert asked.get_xdata()[0] == 400.0
     below = plot_holzer(train, [(None, jaxhb.holzer_table(train, hz=100.0))], {1: hz})
     assert [text.get_text() for text in below.axes[0].get_legend().get_texts()] == [
@@ -136,4 +136,6 @@ def test_ticks_of_holzers_residual_are_decades_beyond_the_linear_part_and_0():
     decades = np.log10(np.abs(ticks[ticks != 0]))
     np.testing.assert_allclose(decades, np.round(decades))
     linear = axes.yaxis.get_transform().linthresh
-    assert 0.0 in ticks and np.abs(ticks[ticks != 0]).min() > linear and len(ticks) >= 3
+    assert 0.0 in ticks
+    assert np.abs(ticks[ticks != 0]).min() > linear
+    assert len(ticks) >= 3

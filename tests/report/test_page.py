@@ -107,7 +107,8 @@ def test_tables_tell_the_numbers_of_the_answers(made):
             table.columns[first + 1][row] == f"{report.rpm[int(np.argmax(swings))]:g}"
         )
     heat = tables(parts["Heat of dampers"])[0]
-    assert heat.columns[0] == ["Dämpfer"] and float(heat.columns[1][0]) > 0
+    assert heat.columns[0] == ["Dämpfer"]
+    assert float(heat.columns[1][0]) > 0
 
 
 def test_irregularity_of_the_heaviest_disk_the_gears_and_the_loads_is_in_per_cent_in_all_tables(
@@ -166,7 +167,8 @@ def test_the_result_judges_every_case_and_names_limit_element_case_and_speed_the
     _, report, parts = made
     found = list(shares_of(report.cases).values())
     shares = [one.share for one in found]
-    assert len(shares) == 3 and shares == sorted(shares, reverse=True)
+    assert len(shares) == 3
+    assert shares == sorted(shares, reverse=True)
     reads = {"Dämpfer": lambda a: a.power("Dämpfer") / 500.0}
     reads["Kurbel|Räder"] = lambda a: (
         0.05 * float(a.force("Kurbel|Räder").half_peak_to_peak) / 300.0
@@ -176,14 +178,11 @@ def test_the_result_judges_every_case_and_names_limit_element_case_and_speed_the
             (read(a), case.title, a.rpm) for case in report.cases for a in case.answers
         )
         (one,) = [one for one in found if one.name == name]
-        assert (one.case, one.rpm) == (case, rpm) and one.share == pytest.approx(
-            share, rel=1e-9
-        )
+        assert (one.case, one.rpm) == (case, rpm)
+        assert one.share == pytest.approx(share, rel=1e-9)
         assert f"{one.kind.called} of {name} {share:.2f} of " in parts["Result"].html
-    assert (
-        "of a third of the rated torque (" in parts["Result"].html
-        and "of its limit (" in parts["Result"].html
-    )
+    assert "of a third of the rated torque (" in parts["Result"].html
+    assert "of its limit (" in parts["Result"].html
 
 
 def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
@@ -218,10 +217,8 @@ def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
     assert told[0].startswith(
         f"The {second}: largest tooth force {force / 1e3:.4g} kN in Kurbel|Räder at "
     )
-    assert (
-        told[0].endswith(f" rpm ({100 * (force / first - 1):+.1f} %).")
-        and "two not firing" in told[1]
-    )
+    assert told[0].endswith(f" rpm ({100 * (force / first - 1):+.1f} %).")
+    assert "two not firing" in told[1]
 
 
 def test_a_second_design_without_the_cylinder_is_told_as_run_without_a_misfire(made):
@@ -268,7 +265,8 @@ def test_the_verdict_names_the_hardest_impact_of_all_where_it_is_at_another_mesh
     answer = made[1].cases[0].answers[2]
     own = answer.contacts["Kurbel|Räder"]
     other = dataclasses.replace
-    assert own.impacts_per_cycle and "of all" not in verdict(answer)
+    assert own.impacts_per_cycle
+    assert "of all" not in verdict(answer)
     longest = other(own, separated_fraction=0.5, hardest_impact=0.1)
     elsewhere = other(own, separated_fraction=0.1, hardest_impact=0.7)
     told = {"Kurbel|Räder": longest, "other": elsewhere}
@@ -325,18 +323,18 @@ def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the
         over_speed(forces(report.train), ["Kurbel|Räder"], [one]) for one in (good, bad)
     )
     values = after.traces[0]["y"]
-    assert values[1] is None and values[::2] == before.traces[0]["y"][::2]
+    assert values[1] is None
+    assert values[::2] == before.traces[0]["y"][::2]
     assert after.layout["yaxis"]["range"][1] <= before.layout["yaxis"]["range"][1]
     (crosses,) = [trace for trace in after.traces if trace["name"] == NO_ANSWER]
-    assert crosses["x"] == [3000.0] and crosses["y"] == [0.0]
+    assert crosses["x"] == [3000.0]
+    assert crosses["y"] == [0.0]
     parts = {
         part.title: part
         for part in parts_of(dataclasses.replace(report, cases=[bad]), page.PARTS)
     }
-    assert (
-        "WITHOUT AN ANSWER" in parts["Result"].html
-        and "MAX_STEPS" in parts["Notes"].html
-    )
+    assert "WITHOUT AN ANSWER" in parts["Result"].html
+    assert "MAX_STEPS" in parts["Notes"].html
     assert tables(parts["Accuracy and computed bounds"])[0].columns[1] == ["2 of 3"]
     largest = tables(parts["Tooth forces"])[0]
     row = tables(parts["Motion over the speed"])[0]
@@ -347,7 +345,8 @@ def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the
         without, rel=1e-3
     )
     doubted = [cell.endswith("?") for cell in row.columns[row.heads.index("with kN")]]
-    assert doubted == [False, True, False] and row.title.endswith("?: not converged")
+    assert doubted == [False, True, False]
+    assert row.title.endswith("?: not converged")
 
 
 def test_linear_speeds_without_an_answer_are_gaps_with_a_cross_too(made, monkeypatch):
@@ -363,9 +362,8 @@ def test_linear_speeds_without_an_answer_are_gaps_with_a_cross_too(made, monkeyp
     monkeypatch.setattr(linear, "forced_response", failing)
     drawn = linear.forced(report)[1]
     assert [i for i, y in enumerate(drawn.traces[0]["y"]) if y is None] == [3]
-    assert drawn.traces[-1]["name"] == NO_ANSWER and drawn.traces[-1]["x"] == [
-        drawn.traces[0]["x"][3]
-    ]
+    assert drawn.traces[-1]["name"] == NO_ANSWER
+    assert drawn.traces[-1]["x"] == [drawn.traces[0]["x"][3]]
 
 
 def test_a_train_without_a_single_answer_has_a_page_that_says_so(made):
@@ -389,10 +387,8 @@ def test_a_train_without_a_single_answer_has_a_page_that_says_so(made):
     alone = dataclasses.replace(report, cases=cases, seconds=[])
     parts = {part.title: part for part in parts_of(alone, page.PARTS)}
     assert [title for title, part in parts.items() if part.failed] == []
-    assert (
-        "No speed has an answer." in parts["Result"].html
-        and "it gains speed" in parts["Notes"].html
-    )
+    assert "No speed has an answer." in parts["Result"].html
+    assert "it gains speed" in parts["Notes"].html
     for figure in figures(
         {title: parts[title] for title in ("Motion over the speed", "Tooth forces")}
     ):
@@ -426,10 +422,8 @@ def test_a_part_that_fails_is_a_sentence_leaves_the_others_and_exits_1(
         == 1
     )
     text = file.read_text(encoding="utf-8")
-    assert (
-        "This part could not be made: KeyError: " in text
-        and "&ensp;Accuracy and computed bounds</h2>" in text
-    )
+    assert "This part could not be made: KeyError: " in text
+    assert "&ensp;Accuracy and computed bounds</h2>" in text
     assert "Second design" not in text  # no second design was asked for
     assert (
         "--html: 'Limits' is missing from the page: KeyError" in capsys.readouterr().err
@@ -445,7 +439,8 @@ def test_heads_of_groups_stand_above_their_columns(made):
     wide = [
         [int(n) for n in re.findall(r'colspan="(\d+)"', groups)] for groups, _ in rows
     ]
-    assert len(wide) > 10 and all(
+    assert len(wide) > 10
+    assert all(
         sum(row) <= heads.count("</th>")
         for row, (_, heads) in zip(wide, rows, strict=True)
     )
@@ -483,7 +478,8 @@ def test_lines_differ_without_colour(made):
 def test_the_page_escapes_names_and_forbids_the_browser_to_load_anything(made):
     text = made[0].read_text(encoding="utf-8")
     (policy,) = re.findall(r'Content-Security-Policy" content="([^"]*)"', text)
-    assert policy.startswith("default-src 'none';") and "http" not in policy
+    assert policy.startswith("default-src 'none';")
+    assert "http" not in policy
     assert "<h1>Prüfstand &lt;Süd&gt; &amp; Nord</h1>" in text
     outside = re.sub(r"<script>.*?</script>|<svg.*?</svg>", "", text, flags=re.DOTALL)
     assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//|@import|url\(", outside)

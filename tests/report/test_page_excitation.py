@@ -53,13 +53,11 @@ def test_pressure_tables_are_told_by_file_peak_angle_and_what_changes_them_over_
     tables = told("six_cylinder_diesel", [1000.0, 2000.0])
     assert column(tables["Cylinders"], "numbers as of") == ["cylinder 1"] * 6
     given = dict(zip(*tables["Numbers"].columns, strict=True))
-    assert given["bore mm"] == "105" and given["pressure"].endswith(
-        ", six_cylinder_diesel_pressure.csv"
-    )
+    assert given["bore mm"] == "105"
+    assert given["pressure"].endswith(", six_cylinder_diesel_pressure.csv")
     said = "16 rows, rpm 997.847 to 2550.55, factor 0."
-    assert given["scale"].startswith(said) and given["scale"].endswith(
-        ", six_cylinder_diesel_peak_pressure.csv"
-    )
+    assert given["scale"].startswith(said)
+    assert given["scale"].endswith(", six_cylinder_diesel_peak_pressure.csv")
     over_speed = tables["Gas"]
     means = tables["Mean torques"]
     factor = np.loadtxt(FOLDER + "six_cylinder_diesel_peak_pressure.csv", delimiter=",")
@@ -111,9 +109,8 @@ def test_given_orders_are_amplitudes_and_phases_of_the_reference_rotor_the_same_
     for order, amplitude, phase, (wanted, real, imaginary) in zip(
         *gas.columns, given, strict=True
     ):
-        assert float(order) == wanted and float(amplitude) == pytest.approx(
-            abs(real + 1j * imaginary), abs=0.6
-        )
+        assert float(order) == wanted
+        assert float(amplitude) == pytest.approx(abs(real + 1j * imaginary), abs=0.6)
         assert float(phase) == pytest.approx(
             np.degrees(np.arctan2(imaginary, real)), abs=0.06
         )
@@ -143,10 +140,8 @@ def test_a_torque_tells_how_it_changes_over_the_speed():
 
 def test_a_combustion_model_is_told_by_its_numbers():
     given = dict(zip(*told("first_scene", [2000.0])["Numbers"].columns, strict=True))
-    assert (
-        given["combustion.imep bar"] == "8"
-        and given["combustion.compression ratio"] == "17"
-    )
+    assert given["combustion.imep bar"] == "8"
+    assert given["combustion.compression ratio"] == "17"
 
 
 def test_the_assumptions_tell_what_is_left_of_a_cylinder_that_does_not_fire():
@@ -171,13 +166,13 @@ def test_the_assumptions_tell_what_is_left_of_a_cylinder_that_does_not_fire():
         [Case("", [SimpleNamespace(train=train, orbit=False)])], facts={"date": "today"}
     )
     (part,) = parts_of(report, {"": assumptions})
-    assert (
-        "has no injection: its compression stays" in part.html
-        and "cut off has no gas torque at all" in part.html
-    )
+    assert "has no injection: its compression stays" in part.html
+    assert "cut off has no gas torque at all" in part.html
     each = [
         jaxhb.forced_response(t, rpm=1000.0)
         for t in (train, train.misfire("x"), train.cut_off("x"))
     ]
     swings = [float(one.torque("a|b").half_peak_to_peak) for one in each]
-    assert swings[0] > 1.05 * swings[1] and swings[1] > 10.0 and swings[2] < 1e-9
+    assert swings[0] > 1.05 * swings[1]
+    assert swings[1] > 10.0
+    assert swings[2] < 1e-9

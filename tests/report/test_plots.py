@@ -96,7 +96,8 @@ def test_an_unknown_motion_has_its_reason_in_the_picture_and_the_line_without_ba
     assert figure.get_suptitle() == "spur_pair, 5000 rpm: unknown: it gains speed"
     for axes in figure.axes:
         curves = [one for one in axes.get_lines() if len(one.get_xdata()) > 2]
-        assert [one.get_linestyle() for one in curves] == ["--"] and not axes.patches
+        assert [one.get_linestyle() for one in curves] == ["--"]
+        assert not axes.patches
 
 
 def test_the_picture_shows_the_gear_of_the_reference_rotor():
@@ -237,7 +238,8 @@ def test_a_specification_is_drawn_with_its_lines_gaps_marks_bands_ticks_and_text
         assert [
             (band.get_x(), band.get_x() + band.get_width()) for band in axes.patches
         ] == wanted
-        assert axes.get_xlim() == (0.0, 3.0) and axes.get_xticks().tolist() == [
+        assert axes.get_xlim() == (0.0, 3.0)
+        assert axes.get_xticks().tolist() == [
             0.0,
             1.5,
             3.0,
@@ -296,7 +298,8 @@ def test_thousands_are_told_in_the_next_larger_unit_panel_by_panel():
         traces,
     )
     titles = [made.layout[name]["title"]["text"] for name in ("yaxis", "yaxis2")]
-    assert titles == ["torque, kN m", "heat, W"] and made.layout["yaxis"]["range"] == [
+    assert titles == ["torque, kN m", "heat, W"]
+    assert made.layout["yaxis"]["range"] == [
         0.0,
         13.0,
     ]
@@ -339,13 +342,11 @@ def test_numbers_of_one_speed_are_marked_and_told_apart_without_colour():
         [line([500.0], [1.0 + k], name, k) for k, name in enumerate(names)],
     )
     symbols = {trace["marker"]["symbol"] for trace in made.traces}
-    assert len(symbols) == len(names) and not symbols & {
-        symbol for symbol, _ in MOTIONS.values()
-    }
+    assert len(symbols) == len(names)
+    assert not symbols & {symbol for symbol, _ in MOTIONS.values()}
     shown = drawn(made).axes[0].get_lines()
-    assert len({one.get_marker() for one in shown}) == len(names) and "None" not in {
-        one.get_marker() for one in shown
-    }
+    assert len({one.get_marker() for one in shown}) == len(names)
+    assert "None" not in {one.get_marker() for one in shown}
     # A point between gaps is reached by no line either; where every point has another
     # beside it there are no marks.
     assert line([1.0, 2.0, 3.0], [1.0, np.nan, 2.0], "gap")["mode"] == "lines+markers"
@@ -356,7 +357,8 @@ def test_a_title_longer_than_its_panel_is_high_stands_in_rows_with_room_beside_t
     made = figure("", "rpm", "stress over continuous limit", [line([0.0], [1.0], "a")])
     title = made.layout["yaxis"]["title"]
     plainer = figure("", "rpm", "stress, MPa", [line([0.0], [1.0], "a")])
-    assert title["text"] == "stress over continuous<br>limit" and title["standoff"] > 0
+    assert title["text"] == "stress over continuous<br>limit"
+    assert title["standoff"] > 0
     assert made.layout["margin"]["l"] > plainer.layout["margin"]["l"]
     assert drawn(made).axes[0].get_ylabel() == "stress over continuous\nlimit"
 
@@ -393,7 +395,5 @@ def test_the_middle_of_the_sample_is_called_its_median():
     (median,) = [
         trace for trace in made.traces if trace["name"] == "median of the sample"
     ]
-    assert (
-        median["y"] == [50.0, 50.0]
-        and made.layout["yaxis"]["title"]["text"] == "shaft torque, N m"
-    )
+    assert median["y"] == [50.0, 50.0]
+    assert made.layout["yaxis"]["title"]["text"] == "shaft torque, N m"

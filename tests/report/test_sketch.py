@@ -88,7 +88,8 @@ def test_radii_grow_with_the_fourth_root_of_inertias_and_in_proportion_to_gears(
     assert pitch[names.index("gear 1")] / pitch[names.index("gear 3")] == pytest.approx(
         1 / 3
     )
-    assert disk.argmin() == names.index("wheel") and not pitch[names.index("crank")]
+    assert disk.argmin() == names.index("wheel")
+    assert not pitch[names.index("crank")]
 
 
 def test_a_shaft_that_closes_a_loop_passes_the_disks_between_its_ends():
@@ -129,6 +130,5 @@ def test_scene_draws_the_train_and_prints_it_only_if_asked_and_refuses_what_nobo
         )
         == 2
     )
-    assert (
-        "401 disks" in capsys.readouterr().err and not (tmp_path / "long.png").exists()
-    )
+    assert "401 disks" in capsys.readouterr().err
+    assert not (tmp_path / "long.png").exists()

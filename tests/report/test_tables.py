@@ -102,7 +102,9 @@ def test_an_orbit_found_by_newtons_method_whose_stability_is_not_known_is_said_t
         sharp, path=(NewtonOnSweeps(40, 1024, 1e-6), *sharp.path)
     )
     (note,) = notes(as_orbit(searched))
-    assert "2000 rpm" in note and "may be" in note and "unstable" in note
+    assert "2000 rpm" in note
+    assert "may be" in note
+    assert "unstable" in note
     assert (
         notes(
             as_orbit(
@@ -183,7 +185,8 @@ def test_a_sweep_tells_where_teeth_separate_and_what_did_not_converge(sweep):
     assert lines[3] == "?: not converged"
     assert [line.split()[-1] for line in lines[5:7]] == ["converged", "met"]
     certain, doubted = (line.split() for line in lines[5:7])
-    assert doubted[4] == f"{certain[4]}?" and "?" not in "".join(certain)
+    assert doubted[4] == f"{certain[4]}?"
+    assert "?" not in "".join(certain)
 
 
 def test_an_unknown_motion_is_dashes_in_a_table_and_a_gap_with_a_cross_in_a_picture(
@@ -252,7 +255,8 @@ def test_progress_that_cannot_be_written_ends_no_computation(failure, monkeypatc
     with Progress(2, Terminal()) as progress:
         progress.ended.wait(0.05)
         lines = len(tried)
-    assert lines and len(tried) > lines  # while it went on, and at its end
+    assert lines
+    assert len(tried) > lines  # while it went on, and at its end
 
 
 def test_a_quick_command_leaves_a_log_clean_and_a_quiet_one_a_terminal(monkeypatch):
@@ -283,9 +287,11 @@ def test_no_number_is_minus_zero_and_what_is_not_zero_is_not_told_as_zero(
 
 
 def test_minus_zero_is_in_no_file_and_in_no_other_words():
-    assert plain_number(-0.0) == "0" and hit(0.0031) == "0.0031"
+    assert plain_number(-0.0) == "0"
+    assert hit(0.0031) == "0.0031"
     assert as_bytes({"a": -0.0, "b": [-0.0, 1.5]}) == b'{"a": 0.0, "b": [0.0, 1.5]}'
-    assert numbers([-0.0, -2.0]) == [0.0, -2.0] and str(numbers([-0.0])[0]) == "0.0"
+    assert numbers([-0.0, -2.0]) == [0.0, -2.0]
+    assert str(numbers([-0.0])[0]) == "0.0"
     disks = {"a": 1.0, "b": -0.0}
     modes = SimpleNamespace(
         frequencies_hz=[3.0],
@@ -294,7 +300,9 @@ def test_minus_zero_is_in_no_file_and_in_no_other_words():
         mesh_energy_share=[0.0],
     )
     table = modes_text(modes, "pair", ["elastic"], [-1e-17])
-    assert "-0.0" not in table and "0.0000" in table and "b" not in table.columns[-1][0]
+    assert "-0.0" not in table
+    assert "0.0000" in table
+    assert "b" not in table.columns[-1][0]
 
 
 def test_progress_that_has_nothing_to_say_yet_says_that_it_computes(monkeypatch):

@@ -85,7 +85,9 @@ def test_the_page_has_one_worst_misfire_and_draws_what_governs(report, wanted):
         "cylinder 1 cut off",
     ]
     said = [block for block in result(report) if "worst misfire" in block]
-    assert len(said) == 1 and "is that of cylinder 1" in said[0] and share in said[0]
+    assert len(said) == 1
+    assert "is that of cylinder 1" in said[0]
+    assert share in said[0]
     assert any(
         f"stress of {SHAFT} {share} (cylinder 1 cut off, 120 rpm)" in block
         for block in result(report)
@@ -148,7 +150,8 @@ def test_the_misfire_that_governs_each_element_is_told_in_words_and_files(
     report, wanted
 ):
     records = worst_misfires(report.cases)
-    assert records[SHAFT] == worst_misfire(report.cases) and list(records) == [
+    assert records[SHAFT] == worst_misfire(report.cases)
+    assert list(records) == [
         SHAFT,
         CRANK,
     ]
@@ -169,4 +172,5 @@ def test_the_misfire_that_governs_each_element_is_told_in_words_and_files(
             for row in misfires_text(report.cases).splitlines()
             if row.split()[:2] == [name, "stress"]
         )
-        assert line.endswith(f"{cylinder} cut off") and f" {shares[0]:.2f} " in line
+        assert line.endswith(f"{cylinder} cut off")
+        assert f" {shares[0]:.2f} " in line

@@ -82,7 +82,8 @@ def test_solved_is_where_the_equations_are_solved_and_converged_where_the_trunca
     coarse = dataclasses.replace(
         response, status=np.where(ANSWERED, Status.TOLERANCE_NOT_MET, response.status)
     )
-    assert coarse.solved.tolist() == ANSWERED.tolist() and not coarse.converged.any()
+    assert coarse.solved.tolist() == ANSWERED.tolist()
+    assert not coarse.converged.any()
     assert np.isnan(with_gaps(coarse).torque("a|b").max).all()
     assert (
         np.isfinite(with_gaps(coarse, doubtful=True).torque("a|b").max).tolist()
@@ -99,9 +100,8 @@ def test_gaps_and_zeros_stand_in_place_of_what_is_not_solved_and_nothing_else_ch
         np.testing.assert_array_equal(
             swing[ANSWERED], response.torque("a|b").half_peak_to_peak[ANSWERED]
         )
-    assert with_gaps(response[0]) is not None and with_gaps(
-        response[:2]
-    ).status.tolist() == [0, 0]
+    assert with_gaps(response[0]) is not None
+    assert with_gaps(response[:2]).status.tolist() == [0, 0]
 
 
 def test_what_is_left_out_is_told_once_for_each_status():
@@ -134,15 +134,11 @@ def test_a_fit_leaves_out_a_speed_without_an_answer_and_says_so(train):
         "noise": 1e-3,
     }
     found = identify(train, measured(train), **asked)
-    assert (
-        found.values[0] == pytest.approx(1.3, rel=1e-6)
-        and found.misfit < 1e-6
-        and not found.open
-    )
-    assert (
-        found.kept.tolist() == ANSWERED.tolist()
-        and found.explained == pytest.approx(1.0)
-    )
+    assert found.values[0] == pytest.approx(1.3, rel=1e-6)
+    assert found.misfit < 1e-6
+    assert not found.open
+    assert found.kept.tolist() == ANSWERED.tolist()
+    assert found.explained == pytest.approx(1.0)
     (sentence,) = found.left_out
     assert sentence.startswith("undamped at 95.493 rpm: NEAR_SINGULAR")
 
@@ -169,7 +165,8 @@ def test_the_worst_phase_is_that_of_the_speeds_with_an_answer(train):
         values = getattr(found, name)
         assert np.isnan(values[~ANSWERED]).all()
         np.testing.assert_allclose(values[ANSWERED], getattr(alone, name), rtol=1e-12)
-    assert "NEAR_SINGULAR" in found.left_out[0] and not alone.left_out
+    assert "NEAR_SINGULAR" in found.left_out[0]
+    assert not alone.left_out
 
 
 def test_tolerances_judge_the_speeds_with_an_answer(train):
@@ -180,13 +177,10 @@ def test_tolerances_judge_the_speeds_with_an_answer(train):
         tolerances=[Tolerance(name="b.inertia", low=0.9, high=1.1)],
     )
     known = ANSWERED[1:]
-    assert (
-        np.isfinite(found.worst[known]).all() and np.isnan(found.nominal[~known]).all()
-    )
-    assert (
-        np.isnan(found.worst[~known]).all()
-        and found.no_bound[1, 0] == "the scene as it is was not solved"
-    )
+    assert np.isfinite(found.worst[known]).all()
+    assert np.isnan(found.nominal[~known]).all()
+    assert np.isnan(found.worst[~known]).all()
+    assert found.no_bound[1, 0] == "the scene as it is was not solved"
 
 
 def test_quantities_are_not_chosen_where_no_speed_has_an_answer(train):
@@ -211,13 +205,15 @@ def test_objectives_count_no_speed_without_an_answer(response):
     values = objectives.shaft_torque(response, "a", "b")
     assert (np.asarray(values) > 0).tolist() == ANSWERED.tolist()
     largest, count = objectives.worst(values, response, width=1e-9)
-    assert count == 3 and float(largest) == pytest.approx(float(np.max(values)))
+    assert count == 3
+    assert float(largest) == pytest.approx(float(np.max(values)))
 
 
 def test_the_worst_misfire_is_that_of_speeds_with_an_answer(response):
     found = Misfires(response, {"one": response})
     worst = found.worst(lambda r: r.torque("a|b").half_peak_to_peak)
-    assert worst.rpm == 60.0 and worst.firing == worst.value
+    assert worst.rpm == 60.0
+    assert worst.firing == worst.value
     lost = dataclasses.replace(
         response, status=np.where(RPM == 60.0, Status.STALLED, response.status)
     )
@@ -255,10 +251,8 @@ def test_data_sets_and_tables_have_no_number_without_an_answer(response):
     pytest.importorskip("xarray")
     swing = response.to_xarray().torque_half_peak_to_peak.sel(shaft="a|b")
     assert np.isfinite(swing.values).tolist() == ANSWERED.tolist()
-    assert (
-        "<td>a|b</td>" not in response[2]._repr_html_()
-        and "<td>a|b</td>" in response[0]._repr_html_()
-    )
+    assert "<td>a|b</td>" not in response[2]._repr_html_()
+    assert "<td>a|b</td>" in response[0]._repr_html_()
 
 
 def gears(balanced=True):
@@ -289,7 +283,8 @@ def test_lift_off_leaves_out_a_resonance_and_refuses_a_train_that_does_not_balan
     np.testing.assert_allclose(
         found.rpm, unit * np.sqrt([1 - 0.15, 1 + 0.15]), rtol=1e-6
     )
-    assert len(found.left_out) == 1 and "NEAR_SINGULAR" in found.left_out[0]
+    assert len(found.left_out) == 1
+    assert "NEAR_SINGULAR" in found.left_out[0]
     with pytest.raises(
         NotConverged,
         match=r"two speeds with an answer.*UNBALANCED: the mean torques do not balance",

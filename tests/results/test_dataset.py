@@ -32,10 +32,8 @@ def test_the_numbers_are_those_that_are_read_by_name(sweep):
     data = sweep.to_xarray()
     state = sweep[1]
     one = data.sel(rpm=5000.0)
-    assert (
-        data.kind.values.tolist() == ["contact", "periodic"]
-        and one.status.item() == "CONVERGED"
-    )
+    assert data.kind.values.tolist() == ["contact", "periodic"]
+    assert one.status.item() == "CONVERGED"
     force = state.force(MESH)
     for name in ("mean", "min", "max", "half_peak_to_peak", "sum_of_amplitudes"):
         assert one[f"tooth_force_{name}"].sel(mesh=MESH).item() == pytest.approx(
@@ -53,9 +51,8 @@ def test_the_numbers_are_those_that_are_read_by_name(sweep):
     contact = state.mesh(MESH)
     assert one.separated_fraction.item() == contact.separated_fraction
     assert one.hardest_impact.item() == contact.hardest_impact > 0
-    assert (
-        data.tooth_force_max.attrs["units"] == "N" and data.order.attrs["units"] == "1"
-    )
+    assert data.tooth_force_max.attrs["units"] == "N"
+    assert data.order.attrs["units"] == "1"
 
 
 def test_orders_that_a_motion_does_not_have_are_zero_without_a_phase(sweep):
@@ -72,7 +69,8 @@ def test_a_response_and_a_sweep_of_responses_have_the_same_labels(pair, sweep):
     assert (
         set(alone) == set(both) == set(sweep.to_xarray()) == set(sweep[0].to_xarray())
     )
-    assert alone.rpm.item() == 5000.0 and "rpm" not in alone.tooth_force_max.dims
+    assert alone.rpm.item() == 5000.0
+    assert "rpm" not in alone.tooth_force_max.dims
     assert alone.tooth_force_max.item() == pytest.approx(
         sweep[1].force(MESH).max, rel=1e-2
     )
@@ -102,9 +100,8 @@ def test_an_irregular_motion_has_the_extremes_of_its_record_and_no_phases(pair):
         "",
     )
     assert data.tooth_force_max.item() == float(state.force(MESH).max)
-    assert (
-        np.isnan(data.tooth_force_phase).all() and np.isnan(data.acceleration_max).all()
-    )
+    assert np.isnan(data.tooth_force_phase).all()
+    assert np.isnan(data.acceleration_max).all()
     assert data.speed_max.sel(disk="gear a").item() == float(state.speed("gear a").max)
     assert data.tooth_force_amplitude.sel(order=32).item() == float(
         state.force(MESH).order(32.0)

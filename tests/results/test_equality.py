@@ -41,16 +41,21 @@ ONCE, AGAIN = made(), made()
 def test_what_is_made_twice_is_equal_and_has_one_hash(name):
     first = ONCE[name]
     second = AGAIN[name]
-    assert first is not second and first == second and (first == second) is True
-    assert hash(first) == hash(second) and len({first, second}) == 1
-    assert first == copy.copy(first) and first != "another thing"
+    assert first is not second
+    assert first == second
+    assert (first == second) is True
+    assert hash(first) == hash(second)
+    assert len({first, second}) == 1
+    assert first == copy.copy(first)
+    assert first != "another thing"
 
 
 def test_another_number_makes_another_train_and_another_response():
     stiffer = TRAIN.replace(
         {"gear a|gear b.stiffness": 1.01 * TRAIN.value("gear a|gear b.stiffness")}
     )
-    assert stiffer != TRAIN and hash(stiffer) != hash(TRAIN)
+    assert stiffer != TRAIN
+    assert hash(stiffer) != hash(TRAIN)
     response = ONCE["response"]
     assert dataclasses.replace(response, status=np.asarray(4)) != response
     # Neither the log nor the train that a response was made from is part of what is

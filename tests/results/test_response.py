@@ -94,11 +94,9 @@ def test_force_is_positive_when_the_first_gear_drives(geared):
         geared.torque("wheel", "machine").mean, 7.5, rtol=ALGEBRAIC
     )
     contact = geared.mesh("pinion", "wheel")  # a linear mesh
-    assert (
-        contact.separated_fraction == 0.0
-        and contact.impacts == []
-        and contact.drive_side == 1
-    )
+    assert contact.separated_fraction == 0.0
+    assert contact.impacts == []
+    assert contact.drive_side == 1
 
 
 def test_gear_torque_is_what_a_gear_passes_on(geared):

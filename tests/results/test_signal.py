@@ -45,7 +45,8 @@ def values_at(signal, theta_deg):
 @pytest.mark.parametrize("count", [3, 7, 19, 720])
 def test_samples_are_values_of_the_signal_at_their_angles_however_few(signal, count):
     angles = signal.angles_deg(count)
-    assert angles[0] == 0.0 and angles[-1] < 720.0
+    assert angles[0] == 0.0
+    assert angles[-1] < 720.0
     np.testing.assert_allclose(
         signal.samples(count), values_at(signal, angles), rtol=0, atol=30 * ALGEBRAIC
     )
@@ -65,7 +66,8 @@ def test_extremes_belong_together_and_the_sum_of_amplitudes_is_never_below_half_
     np.testing.assert_allclose(
         signal.peak, np.maximum(signal.max, -signal.min), rtol=ALGEBRAIC
     )
-    assert np.all(signal.min < signal.mean) and np.all(signal.mean < signal.max)
+    assert np.all(signal.min < signal.mean)
+    assert np.all(signal.mean < signal.max)
 
 
 def test_extremes_are_found_to_the_square_of_the_resolution(signal):
@@ -111,7 +113,8 @@ def test_nothing_is_read_of_a_signal_that_is_nan(array):
         unknown.order(1.0),
         unknown.order(99.0),
     ]
-    assert np.isnan(read).all() and np.isnan(list(unknown.extremes().values())).all()
+    assert np.isnan(read).all()
+    assert np.isnan(list(unknown.extremes().values())).all()
 
 
 def test_derivatives_of_amplitudes_and_smooth_peak_are_those_of_differences_and_zero_for_absent_orders():
@@ -249,23 +252,21 @@ def test_signals_of_hammering_teeth_warn_and_those_of_teeth_in_contact_do_not():
             .max
         )
 
-    assert plans[3000.0].active == () and plans[5625.0].active == (0,)
+    assert plans[3000.0].active == ()
+    assert plans[5625.0].active == (0,)
     assert np.isfinite(jax.grad(largest)(1.0, 3000.0))
     with pytest.warns(UserWarning, match=SLOPE_WARNING):
         assert np.isfinite(jax.grad(largest)(1.0, 5625.0))
     calm, hammering = (
         jaxhb.solve(pair, rpm=rpm, plan=plan) for rpm, plan in plans.items()
     )
-    assert (
-        not calm.sharp
-        and hammering.sharp
-        and pickle.loads(pickle.dumps(hammering)) == hammering
-    )
-    assert stack([calm, hammering]).sharp and not stack([calm, calm]).sharp
+    assert not calm.sharp
+    assert hammering.sharp
+    assert pickle.loads(pickle.dumps(hammering)) == hammering
+    assert stack([calm, hammering]).sharp
+    assert not stack([calm, calm]).sharp
     state = jaxhb.SteadyState(
         3000.0, "periodic", 1, hammering, None, 0, (), None, pair.topology
     )
-    assert (
-        state.force("gear a", "gear b").sharp
-        and not jaxhb.linear_response(pair, rpm=5625.0).sharp
-    )
+    assert state.force("gear a", "gear b").sharp
+    assert not jaxhb.linear_response(pair, rpm=5625.0).sharp
