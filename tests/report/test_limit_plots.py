@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from limited_line import SCENE, strength_of, written
+from limited_line import SCENE, strength_of, write_scene
 from reference_data import text_of
 
 import jaxhb
@@ -28,7 +28,7 @@ ENGINE = "\n" + text_of("line_engine.toml")
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    return written(tmp_path_factory.mktemp("line"))
+    return write_scene(tmp_path_factory.mktemp("line"))
 
 
 @pytest.fixture(scope="module")
