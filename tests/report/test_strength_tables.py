@@ -180,9 +180,9 @@ def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):
     assert max(stress["after"]) < between["value"] < 1.6
     assert between["value"] == pytest.approx(peak, rel=1e-4)
     assert record["parameters"]["ring.damping"]["after"] > 0.99 * 400.0
-    judged = jaxhb.strength(
-        jaxhb.forced_response(tuned, rpm=record["rpm"])
-    ).stresses["line shaft"]
+    judged = jaxhb.strength(jaxhb.forced_response(tuned, rpm=record["rpm"])).stresses[
+        "line shaft"
+    ]
     np.testing.assert_allclose(
         judged.stress / judged.continuous, stress["after"], rtol=1e-5
     )
