@@ -15,9 +15,7 @@ from jaxhb.report.text.linear import campbell_text
 
 @pytest.fixture(scope="module")
 def train():
-    """An engine with a propeller of four blades behind a reduction of 5; a pump on the
-    engine's rotor.
-    """
+    """An engine with a propeller of four blades behind a reduction of 5."""
     parts = [
         jaxhb.Disk(name="engine", inertia=60.0),
         jaxhb.Disk(name="propeller", inertia=900.0),

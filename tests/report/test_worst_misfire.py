@@ -47,8 +47,8 @@ def trains(train):
 
 @pytest.fixture(scope="module")
 def expected(trains):
-    """By case, over the speeds: shares of the continuous limit and torques of the
-    shaft, and shares of the crank.
+    """Shares of the continuous limit and torques of the shaft, and shares of the crank,
+    over the speeds by case.
     """
     readings = {}
     for name, case in trains.items():

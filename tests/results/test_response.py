@@ -1,6 +1,4 @@
-"""Linear responses at the border: amplitudes, signs, names, and a published table of
-forced vibration.
-"""
+"""Linear responses at the border: amplitudes, signs and names."""
 
 import dataclasses
 
