@@ -1,4 +1,4 @@
-"""A line of shafts with limits: of stresses, tooth torques and heat."""
+"""A line of shafts with limits of stresses, tooth torques and heat."""
 
 import numpy as np
 from reference_data import text_of
@@ -8,17 +8,14 @@ import jaxhb
 SCENE = text_of("limited_line.toml")
 
 
-def written(folder):
-    """The scene as a file in a folder of its own."""
+def write_scene(folder):
+    """Write the scene to a file of a folder."""
     path = folder / "line.toml"
     path.write_text(SCENE)
     return path
 
 
 def strength_of(scene):
-    """What the linear forced response does beside the limits, at 23 speeds."""
-    return jaxhb.strength(
-        jaxhb.forced_response(
-            jaxhb.load_scene(scene), rpm=np.linspace(300.0, 960.0, 23)
-        )
-    )
+    """The linear forced response at 23 speeds beside its limits."""
+    rpm = np.linspace(300.0, 960.0, 23)
+    return jaxhb.strength(jaxhb.forced_response(jaxhb.load_scene(scene), rpm=rpm))

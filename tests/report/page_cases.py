@@ -1,5 +1,5 @@
-"""A scene with umlauts whose page is looked at, and how tests and a browser read the
-parts of a page.
+"""A scene with umlauts for a page, and readers of the parts of a page for tests and a
+browser.
 """
 
 import dataclasses
@@ -21,28 +21,29 @@ CHROMIUM = next(
     None,
 )
 WIDE = """
-const wide = [...document.querySelectorAll(".scroll")].filter(one => one.scrollWidth > one.clientWidth + 1);
-document.body.dataset.wide = wide.map(one => one.textContent.trim().slice(0, 60)).join("; ");
+const wide = [...document.querySelectorAll(".scroll")]
+  .filter(table => table.scrollWidth > table.clientWidth + 1);
+document.body.dataset.wide =
+  wide.map(table => table.textContent.trim().slice(0, 60)).join("; ");
 """
-"""Tables wider than the sheet, for which a browser would print the whole page
-smaller.
+"""Script that lists tables wider than the sheet, for which a browser would print the
+whole page smaller.
 """
-
 
 WIDER = (
     "<style>th, td, p, h1, h2, h3, .caption, figcaption { letter-spacing: 0.25em;"
     " }</style>"
 )
-"""Makes the letters of every font half as wide again."""
+"""Style that makes the letters of every font half as wide again."""
 
 
 def blocks(data, kind):
-    """Blocks of a kind, in their order."""
+    """Blocks of a kind, in order."""
     return [block for block in data if isinstance(block, kind)]
 
 
 def figures(parts):
-    """Every figure, in the order of the page."""
+    """All figures, in the order of the page."""
     return [block for part in parts.values() for block in blocks(part.blocks, Figure)]
 
 
@@ -54,33 +55,33 @@ def tables(part):
 def without_an_answer(answer):
     """The same speed with numbers a thousand times as large that have not converged."""
     response = answer.response
-    wrong = {
-        name: 1e3 * getattr(response, name)
-        for name in ("forces", "torques", "elastic_forces")
-    }
-    response = dataclasses.replace(response, status=np.int32(Status.MAX_STEPS), **wrong)
+    wrong = dataclasses.replace(
+        response,
+        status=np.int32(Status.MAX_STEPS),
+        forces=1e3 * response.forces,
+        torques=1e3 * response.torques,
+        elastic_forces=1e3 * response.elastic_forces,
+    )
     return Answer(
-        answer.train,
-        dataclasses.replace(answer.state, response=response),
-        answer.linear,
+        answer.train, dataclasses.replace(answer.state, response=wrong), answer.linear
     )
 
 
 def browse(file, *options):
-    """What Chromium makes of a page without a network."""
+    """Open a page in Chromium without a network."""
     command = [
         CHROMIUM,
         "--headless",
         "--no-sandbox",
         "--disable-gpu",
         "--disable-dev-shm-usage",
-    ]
-    command += [
         "--host-resolver-rules=MAP * ~NOTFOUND",
         "--virtual-time-budget=120000",
         "--enable-logging=stderr",
+        f"--user-data-dir={file.parent / 'profile'}",
+        *options,
+        file.as_uri(),
     ]
-    command += [f"--user-data-dir={file.parent / 'profile'}", *options, file.as_uri()]
     return subprocess.run(
         command,
         capture_output=True,

@@ -1,4 +1,4 @@
-"""Limits in pictures: panels of stresses, tooth torques and heat, with barred ranges
+"""Panels of stresses, tooth torques and heat beside their limits, with barred ranges
 shaded.
 """
 
@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from limited_line import SCENE, strength_of, written
+from limited_line import SCENE, strength_of, write_scene
 from reference_data import text_of
 
 import jaxhb
@@ -28,30 +28,30 @@ ENGINE = "\n" + text_of("line_engine.toml")
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    return written(tmp_path_factory.mktemp("line"))
+    return write_scene(tmp_path_factory.mktemp("line"))
 
 
 @pytest.fixture(scope="module")
-def wanted(scene):
+def strength(scene):
     return strength_of(scene)
 
 
-def figures_of(plot, *given):
-    """Specifications of the figures of a picture."""
+def figures_of(plot, *arguments):
+    """Specifications of the figures that a function of pictures draws."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(speeds, "drawn", lambda *figures, title: figures)
-        return plot(*given)
+        return plot(*arguments)
 
 
-def told(figure, name, wanted):
-    """Whether a line of a figure has the values, to the digits of its numbers."""
+def assert_line(figure, name, expected):
+    """A line of a figure has the values, to the digits of its numbers."""
     (values,) = [trace["y"] for trace in figure.traces if trace["name"] == name]
-    wanted = np.where(np.isfinite(wanted), wanted, np.nan)  # no limit is a gap
+    # No limit is a gap.
+    expected = np.where(np.isfinite(expected), expected, np.nan)
     values = np.array(values, float)
     np.testing.assert_allclose(
-        values, np.broadcast_to(wanted, len(values)), rtol=0.5 * 10 ** (1 - DIGITS)
+        values, np.broadcast_to(expected, len(values)), rtol=0.5 * 10 ** (1 - DIGITS)
     )
-    return True
 
 
 def test_a_misfire_stands_beside_normal_running_in_the_panels_of_limits(tmp_path):
@@ -60,77 +60,76 @@ def test_a_misfire_stands_beside_normal_running_in_the_panels_of_limits(tmp_path
     misfires = jaxhb.misfire_each(
         jaxhb.load_scene(tmp_path / "e.toml"), rpm=rpm, solve=jaxhb.forced_response
     )
-    found = readings(misfires.firing)
+    shown = readings(misfires.firing)
     cases = {"": misfires.firing} | misfires.responses
-    worst = worst_of(
-        cases, found, {name: jaxhb.strength(one) for name, one in cases.items()}
-    )
-    stress = figures_of(plot_forced, cases, found, worst)[2]
+    strengths = {name: jaxhb.strength(response) for name, response in cases.items()}
+    worst = worst_of(cases, shown, strengths)
+    stress = figures_of(plot_forced, cases, shown, worst)[2]
     cylinder = worst["line shaft"].cylinder
-    wanted = jaxhb.strength(misfires.responses[cylinder]).stresses["line shaft"].stress
-    assert told(stress, f"stress, {cylinder} not firing", 1e-6 * wanted)
+    expected = (
+        jaxhb.strength(misfires.responses[cylinder]).stresses["line shaft"].stress
+    )
+    assert_line(stress, f"stress, {cylinder} not firing", 1e-6 * expected)
 
 
-def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shades_barred_ranges(
-    scene, wanted
+def test_the_picture_has_loads_beside_their_limits_and_shades_barred_ranges(
+    scene, strength
 ):
-    response = jaxhb.forced_response(jaxhb.load_scene(scene), rpm=wanted.rpm)
-    found = figures_of(plot_forced, {"": response}, readings(response))
-    stress, tooth, heat = found[-3:]
-    row = wanted.stresses["line shaft"]
-    rated = wanted.tooth_torques["pinion|wheel"]
-    assert told(stress, "stress", 1e-6 * row.stress)
+    response = jaxhb.forced_response(jaxhb.load_scene(scene), rpm=strength.rpm)
+    panels = figures_of(plot_forced, {"": response}, readings(response))
+    stress, tooth, heat = panels[-3:]
+    stresses = strength.stresses["line shaft"]
+    torques = strength.tooth_torques["pinion|wheel"]
+    assert_line(stress, "stress", 1e-6 * stresses.stress)
     # Above 810 rpm the limits are constant, above 945 rpm there is none.
     steps = [810.0, 810.0, 945.0, 945.1]
     limits = jaxhb.permissible_stress(
         diameter=0.11,
         stress_concentration=0.45,
         tensile_strength=5e8,
-        speed_ratio=np.sort([*wanted.rpm, *steps]) / 900.0,
+        speed_ratio=np.sort([*strength.rpm, *steps]) / 900.0,
     )
-    assert told(stress, "continuous limit", 1e-6 * limits[0])
-    assert told(stress, "transient limit", 1e-6 * limits[1])
+    assert_line(stress, "continuous limit", 1e-6 * limits[0])
+    assert_line(stress, "transient limit", 1e-6 * limits[1])
     (shaded,) = stress.layout["shapes"]
-    (one,) = wanted.barred["line shaft"]
-    assert (shaded["x0"], shaded["x1"]) == (one.low, one.high)
-    # Thousands of N m are told in kN m, in the caption and in the title of the axis
+    (barred,) = strength.barred["line shaft"]
+    assert (shaded["x0"], shaded["x1"]) == (barred.low, barred.high)
+    # Thousands of N m are given in kN m, in the caption and in the title of the axis
     # too.
-    assert told(tooth, "vibratory torque", 1e-3 * rated.vibratory) and told(
-        tooth, "a third of the rated torque", 0.5
-    )
+    assert_line(tooth, "vibratory torque", 1e-3 * torques.vibratory)
+    assert_line(tooth, "a third of the rated torque", 0.5)
     assert tooth.caption == "pinion - wheel: vibratory torque against its limit, kN m"
-    assert (
-        heat.caption == "ring: heat against its limit, W"
-    )  # nearer to its limit than the coupling
-    assert told(heat, "heat", wanted.heat["ring"].power)
-    # Of more elements than have room: those with limits.
+    # The ring is nearer to its limit than the coupling.
+    assert heat.caption == "ring: heat against its limit, W"
+    assert_line(heat, "heat", strength.heat["ring"].power)
+    # Elements with limits are shown where more are named than have room.
     for names in (["coupling"], ["coupling", "engine", "pinion", "wheel", "propeller"]):
-        response_of, limit_of = figures_of(
+        torque, limit = figures_of(
             plot_forced, {"": response}, readings(response, names)
         )
-        assert response_of.caption.startswith(
-            "coupling: linear"
-        ) and limit_of.caption.startswith("coupling: heat")
+        assert torque.caption.startswith("coupling: linear")
+        assert limit.caption.startswith("coupling: heat")
     axes = plot_forced({"": response}, readings(response)).axes
-    assert [one.get_ylabel() for one in axes[-3:]] == [
+    assert [panel.get_ylabel() for panel in axes[-3:]] == [
         "stress, MPa",
         "vibratory torque, kN m",
         "heat, W",
     ]
     # Speeds stand below one another in all panels.
-    assert len({axis.get_xlim() for axis in axes}) == 1
-    assert len(axes) == len(found) and axes[-3].patches
+    assert len({panel.get_xlim() for panel in axes}) == 1
+    assert len(axes) == len(panels)
+    assert axes[-3].patches
 
 
 def test_the_picture_of_a_sweep_has_the_limits_of_the_motion(scene):
     train = jaxhb.load_scene(scene)
     rpm = [360.0, 420.0, 480.0]
     figures = figures_of(plot_sweep, answer_speeds(train, rpm, Asked()))
-    found = (
-        jaxhb.strength(jaxhb.solve_speeds(train, rpm=rpm)).stresses["line shaft"].stress
-    )
-    assert told(figures[2], "stress", 1e-6 * np.asarray(found))
-    assert len(figures) == 5 and figures[2].layout["shapes"]
+    strength = jaxhb.strength(jaxhb.solve_speeds(train, rpm=rpm))
+    expected = np.asarray(strength.stresses["line shaft"].stress)
+    assert_line(figures[2], "stress", 1e-6 * expected)
+    assert len(figures) == 5
+    assert figures[2].layout["shapes"]
 
 
 def test_a_limit_that_steps_between_two_speeds_is_drawn_upright(tmp_path):
@@ -150,10 +149,10 @@ def test_a_limit_that_steps_between_two_speeds_is_drawn_upright(tmp_path):
 def test_numbers_that_harmonic_balance_did_not_confirm_are_ringed_and_marked(scene):
     train = jaxhb.load_scene(scene)
     response = jaxhb.forced_response(train, rpm=[360.0, 420.0])
-    found = dataclasses.replace(
+    strength = dataclasses.replace(
         jaxhb.strength(response), unconfirmed=np.array([False, True])
     )
-    figure = limit_figure({"": found}, "tooth_torques", "pinion|wheel", train)
+    figure = limit_figure({"": strength}, "tooth_torques", "pinion|wheel", train)
     (ring,) = [
         trace
         for trace in figure.traces
@@ -161,11 +160,11 @@ def test_numbers_that_harmonic_balance_did_not_confirm_are_ringed_and_marked(sce
     ]
     assert ring["x"] == [420.0]
     assert ring["y"] == pytest.approx(
-        [1e-3 * found.tooth_torques["pinion|wheel"].vibratory[1]], rel=1e-4
+        [1e-3 * strength.tooth_torques["pinion|wheel"].vibratory[1]], rel=1e-4
     )
     table = next(
         part
-        for part in strength_text({"": found})
+        for part in strength_text({"": strength})
         if part.startswith("Torque of meshes")
     )
     assert "?: not confirmed by harmonic balance" in table.splitlines()[0]
@@ -178,7 +177,7 @@ def test_the_shaft_with_the_largest_stress_has_the_panel_where_no_shaft_has_a_li
         name: SimpleNamespace(stress=[1e6, top], continuous=None)
         for name, top in {"a": 3e6, "b": 9e6}.items()
     }
-    found = SimpleNamespace(stresses=rows, tooth_torques={}, heat={})
-    assert judged_elements(found) == [("stresses", "b")]
+    strength = SimpleNamespace(stresses=rows, tooth_torques={}, heat={})
+    assert judged_elements(strength) == [("stresses", "b")]
     rows["a"].continuous = [4e7, 4e7]
-    assert judged_elements(found) == [("stresses", "a")]
+    assert judged_elements(strength) == [("stresses", "a")]

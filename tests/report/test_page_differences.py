@@ -1,4 +1,4 @@
-"""What the page says of two designs that differ."""
+"""Differences of two designs on the page."""
 
 import pytest
 from page_cases import SCENE
@@ -13,37 +13,37 @@ TWO = SCENE + BURNING
 CHANGES = reference("cases")["differences of two designs"]
 
 
-def told(tmp_path, *texts):
-    """What the page tells of two designs."""
-    designs = []
-    for text in texts:
-        (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
-        designs.append(
-            (
-                jaxhb.load_scene(tmp_path / "scene.toml"),
-                elements_of(tmp_path / "scene.toml"),
-            )
-        )
-    return differences(*zip(*designs, strict=True))
+def differences_of(tmp_path, first, second):
+    """Differences of two designs that the page shows."""
+    trains = []
+    elements = []
+    for text in (first, second):
+        path = tmp_path / "scene.toml"
+        path.write_text(text, encoding="utf-8")
+        trains.append(jaxhb.load_scene(path))
+        elements.append(elements_of(path))
+    return differences(trains, elements)
 
 
 @pytest.mark.parametrize(
     ("before", "after", "row"), CHANGES, ids=[row[0] for *_, row in CHANGES]
 )
-def test_whatever_differs_between_two_designs_is_told(tmp_path, before, after, row):
+def test_every_difference_of_two_designs_is_a_row(tmp_path, before, after, row):
     assert before in TWO
-    (table,) = told(tmp_path, TWO, TWO.replace(before, after, 1))
+    (table,) = differences_of(tmp_path, TWO, TWO.replace(before, after, 1))
     assert [list(cells) for cells in zip(*table.columns, strict=True)] == [row]
 
 
 def test_nothing_differs_only_where_everything_is_equal(tmp_path):
-    assert told(tmp_path, TWO, TWO.replace("Prüfstand", "Anlage"))[0].startswith(
-        "Nothing differs"
+    assert differences_of(tmp_path, TWO, TWO.replace("Prüfstand", "Anlage"))[
+        0
+    ].startswith("Nothing differs")
+    first = BURNING.replace("three", "four")
+    second = BURNING
+    (sentence,) = differences_of(
+        tmp_path, SCENE + first + second, SCENE + second + first
     )
-    one = BURNING.replace("three", "four")
-    two = BURNING
-    (said,) = told(tmp_path, SCENE + one + two, SCENE + two + one)
-    assert said.startswith(
+    assert sentence.startswith(
         "Same numbers, tables and words of the elements, in another order or with other"
         " cylinder "
     )

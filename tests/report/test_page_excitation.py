@@ -1,4 +1,4 @@
-"""What the page tells of what excites the train: the scene's numbers, files, pressures,
+"""Excitation of the train on the page: numbers and files of the scene, pressures,
 orders and loads.
 """
 
@@ -20,53 +20,60 @@ from jaxhb.train.changes import scene_values
 FOLDER = jaxhb.__path__[0] + "/scene/scenes/"
 
 
-def told(scene, speeds, **settings):
-    """Tables of a scene, by the first word of their titles; of orders all."""
+def tables_of(scene, speeds, settings=None):
+    """Tables of a scene by the first word of their titles, all tables of orders."""
     train = jaxhb.load_scene(scene)
-    elements = elements_of(scene, scene_values(train, settings))
-    train = train.replace(settings)
+    elements = elements_of(scene, scene_values(train, settings or {}))
+    train = train.replace(settings or {})
     responses = [jaxhb.linear_response(train, rpm=rpm) for rpm in speeds]
     answers = [
-        SimpleNamespace(linear=one, balance=one, rpm=float(one.rpm))
-        for one in responses
+        SimpleNamespace(linear=response, balance=response, rpm=float(response.rpm))
+        for response in responses
     ]
     report = SimpleNamespace(
         train=train,
         rpm=speeds,
         cases=[SimpleNamespace(answers=answers)],
         elements=elements,
+        files=element_files(scene),
     )
-    report.files = element_files(scene)
-    found = {}
+    tables = {}
     for table in excitation_tables(report):
-        found.setdefault(
-            re.split(" of |[:,] | given | over ", table.title)[0], []
-        ).append(table)
-    return {title: own if title == "Orders" else own[0] for title, own in found.items()}
+        title = re.split(" of |[:,] | given | over ", table.title)[0]
+        tables.setdefault(title, []).append(table)
+    orders = {"Orders": tables["Orders"]} if "Orders" in tables else {}
+    return {title: alike[0] for title, alike in tables.items()} | orders
+
+
+def numbers_of(tables):
+    """Numbers of the elements by their names."""
+    names, values = tables["Numbers"].columns
+    return dict(zip(names, values, strict=True))
 
 
 def column(table, head):
+    """Cells of a table below a head."""
     return table.columns[table.heads.index(head)]
 
 
-def test_pressure_tables_are_told_by_file_peak_angle_and_what_changes_them_over_the_speed():
-    tables = told("six_cylinder_diesel", [1000.0, 2000.0])
+def test_pressure_tables_are_told_by_file_peak_angle_and_scale_over_the_speed():
+    tables = tables_of("six_cylinder_diesel", [1000.0, 2000.0])
     assert column(tables["Cylinders"], "numbers as of") == ["cylinder 1"] * 6
-    given = dict(zip(*tables["Numbers"].columns, strict=True))
-    assert given["bore mm"] == "105" and given["pressure"].endswith(
-        ", six_cylinder_diesel_pressure.csv"
-    )
-    said = "16 rows, rpm 997.847 to 2550.55, factor 0."
-    assert given["scale"].startswith(said) and given["scale"].endswith(
-        ", six_cylinder_diesel_peak_pressure.csv"
-    )
+    numbers = numbers_of(tables)
+    assert numbers["bore mm"] == "105"
+    assert numbers["pressure"].endswith(", six_cylinder_diesel_pressure.csv")
+    beginning = "16 rows, rpm 997.847 to 2550.55, factor 0."
+    assert numbers["scale"].startswith(beginning)
+    assert numbers["scale"].endswith(", six_cylinder_diesel_peak_pressure.csv")
     over_speed = tables["Gas"]
     means = tables["Mean torques"]
-    factor = np.loadtxt(FOLDER + "six_cylinder_diesel_peak_pressure.csv", delimiter=",")
+    speeds, factors = np.loadtxt(
+        FOLDER + "six_cylinder_diesel_peak_pressure.csv", delimiter=",", unpack=True
+    )
     pressure = np.loadtxt(FOLDER + "six_cylinder_diesel_pressure.csv", delimiter=",")
     place = pressure[:, 1].argmax()
     for row, rpm in enumerate((1000.0, 2000.0)):
-        peak = 1e-5 * pressure[place, 1] * np.interp(rpm, *factor.T)
+        peak = 1e-5 * pressure[place, 1] * np.interp(rpm, speeds, factors)
         assert float(column(over_speed, "largest pressure bar")[row]) == pytest.approx(
             peak, rel=1e-3
         )
@@ -83,57 +90,47 @@ def test_pressure_tables_are_told_by_file_peak_angle_and_what_changes_them_over_
 
 
 def test_a_cylinder_whose_gas_differs_has_numbers_and_rows_of_its_own():
-    tables = told("six_cylinder_diesel", [1000.0], **{"cylinder 2.gas_factor": 0.5})
-    assert column(tables["Cylinders"], "numbers as of")[:3] == [
-        "cylinder 1",
-        "cylinder 2",
-        "cylinder 1",
-    ]
-    assert (
-        column(tables["Numbers"], "cylinder 2")[
-            tables["Numbers"].columns[0].index("gas factor")
-        ]
-        == "0.5"
-    )
+    tables = tables_of("six_cylinder_diesel", [1000.0], {"cylinder 2.gas_factor": 0.5})
+    sources = column(tables["Cylinders"], "numbers as of")
+    assert sources[:3] == ["cylinder 1", "cylinder 2", "cylinder 1"]
+    row = tables["Numbers"].columns[0].index("gas factor")
+    assert column(tables["Numbers"], "cylinder 2")[row] == "0.5"
     assert tables["Gas"].columns[0] == ["cylinder 1", "cylinder 2"]
     whole, half = map(float, column(tables["Gas"], "largest pressure bar"))
     assert half == pytest.approx(whole / 2, rel=1e-3)
 
 
-def test_given_orders_are_amplitudes_and_phases_of_the_reference_rotor_the_same_amplitudes_in_one_table():
-    valves, pump, gas = told("gear_train_30", [1200.0])["Orders"]
+def test_orders_of_torques_with_the_same_amplitudes_stand_in_one_table():
+    valves, pump, gas = tables_of("gear_train_30", [1200.0])["Orders"]
     assert valves.title.startswith("Orders of 10 torques with the same amplitudes: ")
     assert valves.heads[2:] == [
         f"valves {bank}{k}" for bank in "AB" for k in range(1, 6)
     ]
     assert pump.columns[0] == ["3", "6"]
-    given = np.loadtxt(FOLDER + "gear_train_30_gas_torque.csv", delimiter=",")
-    for order, amplitude, phase, (wanted, real, imaginary) in zip(
-        *gas.columns, given, strict=True
+    gas_torque = np.loadtxt(FOLDER + "gear_train_30_gas_torque.csv", delimiter=",")
+    orders, amplitudes, phases = gas.columns
+    for order, amplitude, phase, (expected, real, imaginary) in zip(
+        orders, amplitudes, phases, gas_torque, strict=True
     ):
-        assert float(order) == wanted and float(amplitude) == pytest.approx(
-            abs(real + 1j * imaginary), abs=0.6
-        )
+        assert float(order) == expected
+        assert float(amplitude) == pytest.approx(abs(real + 1j * imaginary), abs=0.6)
         assert float(phase) == pytest.approx(
             np.degrees(np.arctan2(imaginary, real)), abs=0.06
         )
 
 
-def test_orders_of_a_shaft_of_its_own_are_counted_in_revolutions_of_the_reference_rotor():
-    tables = told("inline_four_timing_drive", [900.0])
-    # Of the pump, 3, 6 and 9 of its own at half the speed.
+def test_orders_of_another_rotor_count_revolutions_of_the_reference_rotor():
+    tables = tables_of("inline_four_timing_drive", [900.0])
+    # Orders 3, 6 and 9 of the pump, which turns at half the speed.
     assert tables["Orders"][-1].columns[0] == ["1.5", "3", "4.5"]
-    assert (
-        dict(zip(*tables["Numbers"].columns, strict=True))["ambient pressure bar"]
-        == "1"
-    )
+    assert numbers_of(tables)["ambient pressure bar"] == "1"
 
 
 def test_a_torque_tells_how_it_changes_over_the_speed():
     scale = (
         "60 rows, rpm 281.25 to 16875, factor 0.0025 to 9, spur_pair_omega_squared.csv"
     )
-    assert column(told("spur_pair", [900.0])["Torques"], "scale") == [
+    assert column(tables_of("spur_pair", [900.0])["Torques"], "scale") == [
         NONE,
         NONE,
         scale,
@@ -142,42 +139,39 @@ def test_a_torque_tells_how_it_changes_over_the_speed():
 
 
 def test_a_combustion_model_is_told_by_its_numbers():
-    given = dict(zip(*told("first_scene", [2000.0])["Numbers"].columns, strict=True))
-    assert (
-        given["combustion.imep bar"] == "8"
-        and given["combustion.compression ratio"] == "17"
-    )
+    numbers = numbers_of(tables_of("first_scene", [2000.0]))
+    assert numbers["combustion.imep bar"] == "8"
+    assert numbers["combustion.compression ratio"] == "17"
 
 
 def test_the_assumptions_tell_what_is_left_of_a_cylinder_that_does_not_fire():
-    row = {"disk": "a", "bore": 0.1, "stroke": 0.1, "rod": 0.2, "name": "x"}
-    given = {
-        "compression_ratio": 16.0,
-        "charge_pressure": 2e5,
-        "start": -5.0,
-        "duration": 60.0,
-        "imep": 1e6,
-    }
+    combustion = jaxhb.Combustion(
+        compression_ratio=16.0,
+        charge_pressure=2e5,
+        start=-5.0,
+        duration=60.0,
+        imep=1e6,
+    )
     parts = [
         jaxhb.Disk(name="a", inertia=1.0, damping=1.0),
         jaxhb.Disk(name="b", inertia=1.0),
+        jaxhb.Load(disk="b"),
+        jaxhb.Shaft(between=("a", "b"), stiffness=1e4),
+        jaxhb.Cylinder(
+            name="x", disk="a", bore=0.1, stroke=0.1, rod=0.2, combustion=combustion
+        ),
     ]
-    parts += [jaxhb.Load(disk="b"), jaxhb.Shaft(between=("a", "b"), stiffness=1e4)]
-    train = jaxhb.build(
-        [*parts, jaxhb.Cylinder(**row, combustion=jaxhb.Combustion(**given))],
-        revolutions_per_cycle=2,
-    )
+    train = jaxhb.build(parts, revolutions_per_cycle=2)
     report = Report(
         [Case("", [SimpleNamespace(train=train, orbit=False)])], facts={"date": "today"}
     )
     (part,) = parts_of(report, {"": assumptions})
-    assert (
-        "has no injection: its compression stays" in part.html
-        and "cut off has no gas torque at all" in part.html
+    assert "has no injection: its compression stays" in part.html
+    assert "cut off has no gas torque at all" in part.html
+    firing, misfiring, cut_off = (
+        float(jaxhb.forced_response(case, rpm=1000.0).torque("a|b").half_peak_to_peak)
+        for case in (train, train.misfire("x"), train.cut_off("x"))
     )
-    each = [
-        jaxhb.forced_response(t, rpm=1000.0)
-        for t in (train, train.misfire("x"), train.cut_off("x"))
-    ]
-    swings = [float(one.torque("a|b").half_peak_to_peak) for one in each]
-    assert swings[0] > 1.05 * swings[1] and swings[1] > 10.0 and swings[2] < 1e-9
+    assert firing > 1.05 * misfiring
+    assert misfiring > 10.0
+    assert cut_off < 1e-9

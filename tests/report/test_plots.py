@@ -1,4 +1,4 @@
-"""Pictures, by what their axes hold."""
+"""Axes of the pictures of a cycle and of several speeds."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -42,8 +42,8 @@ def test_torque_and_force_are_drawn_with_gap_contact_shaded_for_its_share_of_the
 ):
     response = pair.response
     linear = pair.linear
-    above, below = plot_cycle(pair, "gear b").axes
-    after, before = above.get_lines()[:2]
+    top, below = plot_cycle(pair, "gear b").axes
+    after, before = top.get_lines()[:2]
     assert after.get_ydata().max() == pytest.approx(
         float(response.gear_torque("gear b").max), rel=1e-3
     )
@@ -56,22 +56,14 @@ def test_torque_and_force_are_drawn_with_gap_contact_shaded_for_its_share_of_the
     force = float(response.force("gear a", "gear b").max) / 1e3
     assert below.get_lines()[0].get_ydata().max() == pytest.approx(force, rel=1e-3)
     share = response.mesh("gear a", "gear b").separated_fraction
-    for axes in (above, below):
-        shaded = sum(band.get_width() for band in axes.patches) / np.ptp(
-            axes.get_xlim()
-        )
-        assert shaded == pytest.approx(share, abs=2e-3)
-    legend = above.get_legend()
-    assert [text.get_text() for text in legend.get_texts()] == [
-        "with backlash",
-        "without backlash",
-    ]
-    assert (
-        legend.get_title()
-        .get_text()
-        .replace("\n", " ")
-        .endswith("grey: its teeth are apart")
-    )
+    for axes in (top, below):
+        widths = [band.get_width() for band in axes.patches]
+        assert sum(widths) / np.ptp(axes.get_xlim()) == pytest.approx(share, abs=2e-3)
+    legend = top.get_legend()
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert labels == ["with backlash", "without backlash"]
+    title = legend.get_title().get_text().replace("\n", " ")
+    assert title.endswith("grey: its teeth are apart")
 
 
 def test_nothing_is_shaded_where_all_teeth_stay_in_contact(pair):
@@ -80,35 +72,26 @@ def test_nothing_is_shaded_where_all_teeth_stay_in_contact(pair):
     assert not in_the_gap(linear, "gear a|gear b", 64).any()
 
 
-def test_an_unknown_motion_has_its_reason_in_the_picture_and_the_line_without_backlash_alone(
-    pair,
-):
-    nothing = {
-        "kind": "unknown",
-        "period": 0,
-        "response": None,
-        "notes": ("it gains speed",),
-    }
-    unknown = Answer(
-        pair.train, dataclasses.replace(pair.state, **nothing), pair.linear
+def test_the_picture_of_an_unknown_motion_has_its_reason_and_the_linear_motion(pair):
+    state = dataclasses.replace(
+        pair.state, kind="unknown", period=0, response=None, notes=("it gains speed",)
     )
-    figure = plot_cycle(unknown)
+    figure = plot_cycle(Answer(pair.train, state, pair.linear))
     assert figure.get_suptitle() == "spur_pair, 5000 rpm: unknown: it gains speed"
     for axes in figure.axes:
-        curves = [one for one in axes.get_lines() if len(one.get_xdata()) > 2]
-        assert [one.get_linestyle() for one in curves] == ["--"] and not axes.patches
+        curves = [curve for curve in axes.get_lines() if len(curve.get_xdata()) > 2]
+        assert [curve.get_linestyle() for curve in curves] == ["--"]
+        assert not axes.patches
 
 
 def test_the_picture_shows_the_gear_of_the_reference_rotor():
     train = jaxhb.load_scene("gear_train_30")
     linear = jaxhb.linear_response(train, rpm=1800.0)
-    assert (
-        subject_of(Answer(train, orbit_state(linear), linear, orbit=True))[0]
-        == "crank gear"
-    )
+    answer = Answer(train, orbit_state(linear), linear, orbit=True)
+    assert subject_of(answer)[0] == "crank gear"
 
 
-def test_a_train_without_teeth_shows_its_hardest_shaft_and_over_the_speed_both_measures_of_its_torque():
+def test_a_train_without_teeth_shows_its_hardest_shaft_and_two_measures_of_torque():
     answers = answer_speeds(
         jaxhb.load_scene("six_cylinder_diesel"), [1000.0, 1500.0], Asked()
     )
@@ -119,10 +102,8 @@ def test_a_train_without_teeth_shows_its_hardest_shaft_and_over_the_speed_both_m
         1e-3 * max(peaks), rel=1e-3
     )
     assert axes.get_ylabel() == "torque, kN m"
-    swing, total, _ = (
-        line.get_ydata() for line in plot_sweep(answers).axes[0].get_lines()
-    )
-    assert (total > swing).all()
+    swing, total, _ = plot_sweep(answers).axes[0].get_lines()
+    assert (total.get_ydata() > swing.get_ydata()).all()
 
 
 def test_the_bars_of_several_meshes_stand_beside_each_other():
@@ -133,20 +114,23 @@ def test_the_bars_of_several_meshes_stand_beside_each_other():
         spread=spread,
     )
     topology = SimpleNamespace(mesh_names=("a|b", "b|c"), mesh_backlash=(0.0, 0.0))
-    irregular = {
-        "state": SimpleNamespace(kind="irregular"),
-        "answered": True,
-        "force": lambda mesh: cycles,
-    }
-    irregular |= {
-        "axis": SPEED,
-        "train": SimpleNamespace(topology=topology),
-        "topology": topology,
-    }
-    irregular |= {"unstable": False, "linear": None, "unconfirmed": False}
-    answers = [
-        SimpleNamespace(place=rpm, rpm=rpm, **irregular) for rpm in (1800.0, 2000.0)
-    ]
+
+    def irregular(rpm):
+        return SimpleNamespace(
+            place=rpm,
+            rpm=rpm,
+            axis=SPEED,
+            train=SimpleNamespace(topology=topology),
+            topology=topology,
+            state=SimpleNamespace(kind="irregular"),
+            force=lambda mesh: cycles,
+            linear=None,
+            answered=True,
+            unstable=False,
+            unconfirmed=False,
+        )
+
+    answers = [irregular(1800.0), irregular(2000.0)]
     quantity = Quantity(
         "tooth_force_peak", "mesh", "tooth force", "Force", topology.mesh_names
     )
@@ -156,27 +140,20 @@ def test_the_bars_of_several_meshes_stand_beside_each_other():
     ]
     width = np.ptp(figure.layout["xaxis"]["range"])
     beside = 1800.0 + BESIDE * width
-    wanted = [
-        1800,
-        1800,
-        None,
-        2000,
-        2000,
-        None,
-        *[beside] * 2,
-        None,
-        *[beside + 200] * 2,
-        None,
-    ]
-    found, wanted = (np.array(values, float) for values in (bars["x"], wanted))
-    np.testing.assert_allclose(found, wanted, rtol=0.5 * 10 ** (1 - DIGITS))
+    expected = [1800, 1800, None, 2000, 2000, None]
+    expected += [beside, beside, None, beside + 200, beside + 200, None]
+    np.testing.assert_allclose(
+        np.array(bars["x"], float),
+        np.array(expected, float),
+        rtol=0.5 * 10 ** (1 - DIGITS),
+    )
     assert bars["y"] == [1.0, 3.0, None] * 4
 
 
 @pytest.fixture(scope="module")
 def specification():
-    """Two panels: a dashed line with a gap and a mark of every kind; bars and a text in
-    the second.
+    """Two panels: a dashed line with a gap and several marks in the first, a stepped
+    line, a cross, bands and a text in the second.
     """
     dashed = line(
         [0.0, 1.0, 2.0, 3.0],
@@ -189,7 +166,7 @@ def specification():
         "symbol": ["circle", "circle", "square-open", "star"],
         "size": 10,
     }
-    other = line(
+    stepped = line(
         [],
         [2.0, 4.0, 6.0],
         "stepped",
@@ -198,21 +175,27 @@ def specification():
         x0=0.0,
         dx=1.5,
     )
-    del other["x"]
+    del stepped["x"]
     traces = [
         dashed,
-        other,
+        stepped,
         marks([2.0], [3.0], "cross", "x-thin-open", panel=1, showlegend=False),
     ]
-    more = {
-        "shapes": [*bands([(0.5, 1.0)]), *bands([(2.0, 2.5)], 1)],
-        "annotations": [above("name", 1)],
+    picture = figure(
+        "What is drawn",
+        "angle",
+        [("first", (-4.0, 4.0)), ("second", None)],
+        traces,
+        x_range=(0.0, 3.0),
+        shapes=[*bands([(0.5, 1.0)]), *bands([(2.0, 2.5)], 1)],
+        annotations=[above("name", 1)],
+    )
+    picture.layout["xaxis"] |= {"dtick": 1.5}
+    picture.layout["yaxis"] |= {
+        "tickvals": [-4, 4],
+        "ticktext": ["low", "very<br>high"],
     }
-    panels = [("first", (-4.0, 4.0)), ("second", None)]
-    made = figure("What is drawn", "angle", panels, traces, x_range=(0.0, 3.0), **more)
-    made.layout["xaxis"] |= {"dtick": 1.5}
-    made.layout["yaxis"] |= {"tickvals": [-4, 4], "ticktext": ["low", "very<br>high"]}
-    return made
+    return picture
 
 
 def test_a_specification_is_drawn_with_its_lines_gaps_marks_bands_ticks_and_texts(
@@ -220,34 +203,28 @@ def test_a_specification_is_drawn_with_its_lines_gaps_marks_bands_ticks_and_text
 ):
     top, below = drawn(specification, title="scene").axes
     dashed, round_, square, star = top.get_lines()[:4]
-    assert (dashed.get_linestyle(), dashed.get_marker()) == ("--", "None")
+    assert dashed.get_linestyle() == "--"
+    assert dashed.get_marker() == "None"
     np.testing.assert_array_equal(dashed.get_ydata(), [1.0, np.nan, 3.0, -2.0])
-    assert [one.get_marker() for one in (round_, square, star)] == ["o", "s", "*"]
-    assert (square.get_xydata().tolist(), square.get_markerfacecolor()) == (
-        [[2.0, 3.0]],
-        "none",
-    )
+    assert [curve.get_marker() for curve in (round_, square, star)] == ["o", "s", "*"]
+    assert square.get_xydata().tolist() == [[2.0, 3.0]]
+    assert square.get_markerfacecolor() == "none"
     stepped, cross = below.get_lines()[:2]
-    assert (stepped.get_drawstyle(), stepped.get_xdata().tolist()) == (
-        "steps-post",
-        [0.0, 1.5, 3.0],
-    )
-    assert (cross.get_marker(), cross.get_linestyle()) == ("x", "None")
-    for axes, wanted in ((top, [(0.5, 1.0)]), (below, [(0.5, 1.0), (2.0, 2.5)])):
-        assert [
+    assert stepped.get_drawstyle() == "steps-post"
+    assert stepped.get_xdata().tolist() == [0.0, 1.5, 3.0]
+    assert cross.get_marker() == "x"
+    assert cross.get_linestyle() == "None"
+    for axes, expected in ((top, [(0.5, 1.0)]), (below, [(0.5, 1.0), (2.0, 2.5)])):
+        shaded = [
             (band.get_x(), band.get_x() + band.get_width()) for band in axes.patches
-        ] == wanted
-        assert axes.get_xlim() == (0.0, 3.0) and axes.get_xticks().tolist() == [
-            0.0,
-            1.5,
-            3.0,
         ]
-    assert (top.get_ylim(), top.get_ylabel(), below.get_xlabel(), top.get_xlabel()) == (
-        (-4, 4),
-        "first",
-        "angle",
-        "",
-    )
+        assert shaded == expected
+        assert axes.get_xlim() == (0.0, 3.0)
+        assert axes.get_xticks().tolist() == [0.0, 1.5, 3.0]
+    assert top.get_ylim() == (-4, 4)
+    assert top.get_ylabel() == "first"
+    assert below.get_xlabel() == "angle"
+    assert top.get_xlabel() == ""
     assert [label.get_text() for label in top.get_yticklabels()] == [
         "low",
         "very\nhigh",
@@ -259,141 +236,131 @@ def test_a_specification_is_drawn_with_its_lines_gaps_marks_bands_ticks_and_text
 
 
 def test_figures_stand_one_below_the_other_each_with_its_axis_and_legend(specification):
-    across = {
-        "xaxis": (
-            specification.layout["xaxis"]
-            | {
-                "title": {"text": "force"},
-                "range": [0.0, 9.0],
-            }
-        )
+    axis = specification.layout["xaxis"] | {
+        "title": {"text": "force"},
+        "range": [0.0, 9.0],
     }
-    other = dataclasses.replace(
-        specification, caption="Other", layout=specification.layout | across
+    second = dataclasses.replace(
+        specification, caption="Other", layout=specification.layout | {"xaxis": axis}
     )
-    axes = drawn(specification, other).axes
-    assert [(one.get_xlabel(), one.get_xlim()[1]) for one in axes] == [
+    axes = drawn(specification, second).axes
+    assert [(panel.get_xlabel(), panel.get_xlim()[1]) for panel in axes] == [
         ("", 3),
         ("angle", 3),
         ("", 9),
         ("force", 9),
     ]
-    assert [one.get_legend().get_title().get_text() for one in axes[::2]] == [
+    assert [panel.get_legend().get_title().get_text() for panel in axes[::2]] == [
         "What is drawn",
         "Other",
     ]
 
 
-def test_thousands_are_told_in_the_next_larger_unit_panel_by_panel():
+def test_thousands_are_shown_in_the_next_larger_unit_panel_by_panel():
     traces = [
         line([0.0, 1.0], [12000.0, -3.0], "torque"),
         line([0.0, 1.0], [900.0, np.nan], "heat", panel=1),
     ]
-    made = figure(
+    rescaled = figure(
         "two panels, N m",
         "rpm",
         [("torque, N m", (0.0, 13000.0)), ("heat, W", None)],
         traces,
     )
-    titles = [made.layout[name]["title"]["text"] for name in ("yaxis", "yaxis2")]
-    assert titles == ["torque, kN m", "heat, W"] and made.layout["yaxis"]["range"] == [
-        0.0,
-        13.0,
-    ]
-    assert [trace["y"] for trace in made.traces] == [[12.0, -0.003], [900.0, None]]
-    assert (
-        figure("the panel, N m; grey: barred", "rpm", "torque, N m", traces[:1]).caption
-        == "the panel, kN m; grey: barred"
-    )
-    # The traces that were given stay as they are.
+    titles = [rescaled.layout[name]["title"]["text"] for name in ("yaxis", "yaxis2")]
+    assert titles == ["torque, kN m", "heat, W"]
+    assert rescaled.layout["yaxis"]["range"] == [0.0, 13.0]
+    assert [trace["y"] for trace in rescaled.traces] == [[12.0, -0.003], [900.0, None]]
+    single = figure("the panel, N m; grey: barred", "rpm", "torque, N m", traces[:1])
+    assert single.caption == "the panel, kN m; grey: barred"
+    # The traces themselves stay as they are.
     assert traces[0]["y"] == [12000.0, -3.0]
 
 
-def test_tiny_numbers_are_told_in_a_smaller_unit_so_that_an_axis_shows_more_than_zeros():
+def test_tiny_numbers_have_a_smaller_unit_so_that_an_axis_shows_more_than_zeros():
     tiny = (
         line([0.0, 1.0], [8.7e-9, 3e-9], "force"),
         line([0.0, 1.0], [2e-8, 0.0], "angle", panel=1),
     )
-    made = figure(
+    rescaled = figure(
         "two panels", "rpm", [("force, kN", (0.0, 1e-8)), ("angle, deg", None)], tiny
     )
-    titles = [made.layout[name]["title"]["text"] for name in ("yaxis", "yaxis2")]
+    titles = [rescaled.layout[name]["title"]["text"] for name in ("yaxis", "yaxis2")]
     assert titles == ["force, 1e-6 N", "angle, 1e-9 deg"]
-    assert [trace["y"] for trace in made.traces] == [[8.7, 3.0], [20.0, 0.0]]
-    assert made.layout["yaxis"]["range"] == pytest.approx([0.0, 10.0])
+    assert [trace["y"] for trace in rescaled.traces] == [[8.7, 3.0], [20.0, 0.0]]
+    assert rescaled.layout["yaxis"]["range"] == pytest.approx([0.0, 10.0])
     assert figure("a - b, kN", "rpm", "force, kN", tiny[:1]).caption == "a - b, 1e-6 N"
-    picture = drawn(made)
+    picture = drawn(rescaled)
     picture.canvas.draw()
     for axes in picture.axes:
-        assert len({text.get_text() for text in axes.get_yticklabels()}) == len(
-            axes.get_yticklabels()
-        )
+        labels = [label.get_text() for label in axes.get_yticklabels()]
+        assert len(set(labels)) == len(labels)
 
 
-def test_numbers_of_one_speed_are_marked_and_told_apart_without_colour():
-    names = "half peak-to-peak", "limit", "sum of amplitudes"
-    made = figure(
+def test_numbers_of_one_speed_are_marked_and_differ_without_colour():
+    names = ("half peak-to-peak", "limit", "sum of amplitudes")
+    single = figure(
         "",
         "rpm",
         "torque, N m",
         [line([500.0], [1.0 + k], name, k) for k, name in enumerate(names)],
     )
-    symbols = {trace["marker"]["symbol"] for trace in made.traces}
-    assert len(symbols) == len(names) and not symbols & {
-        symbol for symbol, _ in MOTIONS.values()
-    }
-    shown = drawn(made).axes[0].get_lines()
-    assert len({one.get_marker() for one in shown}) == len(names) and "None" not in {
-        one.get_marker() for one in shown
-    }
-    # A point between gaps is reached by no line either; where every point has another
-    # beside it there are no marks.
+    symbols = {trace["marker"]["symbol"] for trace in single.traces}
+    assert len(symbols) == len(names)
+    assert not symbols & {symbol for symbol, _ in MOTIONS.values()}
+    markers = {curve.get_marker() for curve in drawn(single).axes[0].get_lines()}
+    assert len(markers) == len(names)
+    assert "None" not in markers
+    # No line reaches a point between gaps either; where every point has another beside
+    # it there are no marks.
     assert line([1.0, 2.0, 3.0], [1.0, np.nan, 2.0], "gap")["mode"] == "lines+markers"
     assert line([1.0, 2.0, 3.0], [1.0, 2.0, np.nan], "line")["mode"] == "lines"
 
 
-def test_a_title_longer_than_its_panel_is_high_stands_in_rows_with_room_beside_the_numbers():
-    made = figure("", "rpm", "stress over continuous limit", [line([0.0], [1.0], "a")])
-    title = made.layout["yaxis"]["title"]
+def test_a_title_longer_than_its_panel_is_high_stands_in_rows_beside_the_numbers():
+    titled = figure(
+        "", "rpm", "stress over continuous limit", [line([0.0], [1.0], "a")]
+    )
+    title = titled.layout["yaxis"]["title"]
     plainer = figure("", "rpm", "stress, MPa", [line([0.0], [1.0], "a")])
-    assert title["text"] == "stress over continuous<br>limit" and title["standoff"] > 0
-    assert made.layout["margin"]["l"] > plainer.layout["margin"]["l"]
-    assert drawn(made).axes[0].get_ylabel() == "stress over continuous\nlimit"
+    assert title["text"] == "stress over continuous<br>limit"
+    assert title["standoff"] > 0
+    assert titled.layout["margin"]["l"] > plainer.layout["margin"]["l"]
+    assert drawn(titled).axes[0].get_ylabel() == "stress over continuous\nlimit"
 
 
 @pytest.mark.parametrize(("revolutions", "step"), [(2, 90), (5, 180), (10, 360)])
 def test_the_angles_of_a_long_cycle_have_few_ticks_at_quarters_or_whole_revolutions(
     revolutions, step
 ):
-    parts = [jaxhb.Disk(name=name, inertia=1.0) for name in "ab"]
-    parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e3, damping=1.0)]
-    parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)])]
+    parts = [
+        jaxhb.Disk(name="a", inertia=1.0),
+        jaxhb.Disk(name="b", inertia=1.0),
+        jaxhb.Shaft(between=("a", "b"), stiffness=1e3, damping=1.0),
+        jaxhb.Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)]),
+    ]
     train = jaxhb.build(parts, revolutions_per_cycle=revolutions)
     linear = jaxhb.linear_response(train, rpm=100.0)
-    made = cycle_figure(
-        Answer(train, orbit_state(linear), linear, orbit=True), "a|b", (), ""
-    )
-    assert made.layout["xaxis"]["dtick"] == step
+    answer = Answer(train, orbit_state(linear), linear, orbit=True)
+    picture = cycle_figure(answer, "a|b", (), "")
+    assert picture.layout["xaxis"]["dtick"] == step
 
 
 def test_the_middle_of_the_sample_is_called_its_median():
     ones = np.ones((2, 1))
-    spread = {
-        "rpm": np.array([100.0, 200.0]),
-        "labels": ["shaft torque of a|b"],
-        "drawn": [1.0],
-    }
-    spread |= {
-        "of": [SimpleNamespace(quantity="shaft torque")],
-        "percentile": lambda percent: percent * ones,
-    }
-    (made,) = tolerance_figures(
-        SimpleNamespace(**spread, nominal=ones, worst=2 * ones, bound=np.nan * ones)
+    spread = SimpleNamespace(
+        rpm=np.array([100.0, 200.0]),
+        labels=["shaft torque of a|b"],
+        drawn=[1.0],
+        of=[SimpleNamespace(quantity="shaft torque")],
+        percentile=lambda percent: percent * ones,
+        nominal=ones,
+        worst=2 * ones,
+        bound=np.nan * ones,
     )
+    (picture,) = tolerance_figures(spread)
     (median,) = [
-        trace for trace in made.traces if trace["name"] == "median of the sample"
+        trace for trace in picture.traces if trace["name"] == "median of the sample"
     ]
-    assert (
-        median["y"] == [50.0, 50.0]
-        and made.layout["yaxis"]["title"]["text"] == "shaft torque, N m"
-    )
+    assert median["y"] == [50.0, 50.0]
+    assert picture.layout["yaxis"]["title"]["text"] == "shaft torque, N m"

@@ -5,7 +5,7 @@ rotor.
 import math
 
 import pytest
-from limited_line import written
+from limited_line import write_scene
 from reference_data import text_of
 
 from jaxhb.cli.main import main
@@ -14,7 +14,7 @@ VARYING = text_of("links_that_vary.toml")
 
 
 def test_referred_numbers_are_printed_beside_the_actual_ones(tmp_path, capsys):
-    assert main(["scene", str(written(tmp_path)), "--referred"]) == 0
+    assert main(["scene", str(write_scene(tmp_path)), "--referred"]) == 0
     rows = {
         line.split("  ")[1].strip(): line.split()
         for line in capsys.readouterr().out.splitlines()
@@ -27,7 +27,7 @@ def test_referred_numbers_are_printed_beside_the_actual_ones(tmp_path, capsys):
     assert rows["pinion|wheel"][-5:-2] == ["0.1", "5e+08", "5e+06"]
 
 
-def test_referred_numbers_have_loss_factors_orders_and_the_rows_of_links_that_vary(
+def test_referred_numbers_have_loss_factors_orders_and_rows_of_links_that_vary(
     tmp_path, capsys
 ):
     (tmp_path / "v.toml").write_text(VARYING)
@@ -41,13 +41,13 @@ def test_referred_numbers_have_loss_factors_orders_and_the_rows_of_links_that_va
         "  ".join(links.split("coupling")[1].split()[:7])
         == "shaft  2  20000  80000  3  12  0.1"
     )
-    own = 0.05 * (9.0 * 2.0 * math.pi / 60.0) ** 2
+    stiffness = 0.05 * (9.0 * 2.0 * math.pi / 60.0) ** 2
     assert orders.splitlines()[-1].split() == [
         "pendulum",
         "4.5",
         "9",
-        f"{own:.6g}",
-        f"{4 * own:.6g}",
+        f"{stiffness:.6g}",
+        f"{4 * stiffness:.6g}",
     ]
     assert [" ".join(line.split()) for line in rows.splitlines()[2:]] == [
         "coupling over_hz 0 0 20000 80000 3 12 0.1",

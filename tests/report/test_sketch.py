@@ -1,6 +1,4 @@
-"""The sketch of a train: gears in mesh touch, nothing lies on anything else, names can
-be read.
-"""
+"""The sketch of a train: gears in mesh touch, nothing overlaps, names can be read."""
 
 import itertools
 
@@ -18,36 +16,32 @@ SCENES = ["gear_train_30", "engine_with_damper", "six_cylinder_diesel", "spur_pa
 
 
 def branched():
-    """A crankshaft with branches of shafts at one disk, two rotors in mesh with
-    branches of their own, and a ring.
+    """A crankshaft with branches of shafts at one disk, a ring, and two rotors in mesh,
+    which have branches too.
     """
     return jaxhb.load_scene(DATA / "scenes" / "branched.toml")
 
 
 @pytest.fixture(scope="module", params=[*SCENES, "branched", "loop"])
 def train(request):
-    made = {
-        "branched": branched,
-        "loop": lambda: build(gearbox_parts(), reference="motor"),
-    }
-    return (
-        made[request.param]()
-        if request.param in made
-        else jaxhb.load_scene(request.param)
-    )
+    if request.param == "branched":
+        return branched()
+    if request.param == "loop":
+        return build(gearbox_parts(), reference="motor")
+    return jaxhb.load_scene(request.param)
 
 
 def test_gears_in_mesh_touch_and_other_circles_lie_apart(train):
-    found = Layout(train)
+    layout = Layout(train)
     topology = train.topology
-    mates = {frozenset(topology.link_ends[link]) for link in found.touching}
+    mates = {frozenset(topology.link_ends[link]) for link in layout.touching}
     assert len(mates) == len(topology.mesh_names) or topology.name not in SCENES
-    size = np.maximum(found.disk, found.pitch)
+    size = np.maximum(layout.disk, layout.pitch)
     for a, b in itertools.combinations(range(topology.n_disks), 2):
-        distance = np.hypot(found.x[a] - found.x[b], found.y[a] - found.y[b])
+        distance = np.hypot(layout.x[a] - layout.x[b], layout.y[a] - layout.y[b])
         if frozenset((a, b)) in mates:
             np.testing.assert_allclose(
-                distance, found.pitch[a] + found.pitch[b], rtol=1e-9
+                distance, layout.pitch[a] + layout.pitch[b], rtol=1e-9
             )
         else:
             assert distance > size[a] + size[b]
@@ -59,24 +53,20 @@ def test_every_disk_has_its_name_and_no_name_lies_on_another_or_on_a_disk(train)
     figure = plot_train(train)
     renderer = FigureCanvasAgg(figure).get_renderer()
     (axes,) = figure.axes
-    assert sorted(t.get_text() for t in axes.texts) == sorted(
+    assert sorted(text.get_text() for text in axes.texts) == sorted(
         [*train.topology.disk_names, train.topology.name]
     )
-    boxes = [text.get_window_extent(renderer) for text in axes.texts] + [
-        axes.get_legend().get_window_extent(renderer)
-    ]
+    boxes = [text.get_window_extent(renderer) for text in axes.texts]
+    boxes.append(axes.get_legend().get_window_extent(renderer))
     assert not [(a, b) for a, b in itertools.combinations(boxes, 2) if a.overlaps(b)]
     disks = [patch.get_window_extent(renderer) for patch in axes.patches]
     assert len(disks) == train.topology.n_disks
-    assert not [(a, b) for a in boxes for b in disks if a.overlaps(b)]
-    inside = figure.bbox
-    assert all(
-        inside.x0 <= b.x0
-        and b.x1 <= inside.x1
-        and inside.y0 <= b.y0
-        and b.y1 <= inside.y1
-        for b in boxes
-    )
+    assert not [(box, disk) for box in boxes for disk in disks if box.overlaps(disk)]
+    for box in boxes:
+        assert figure.bbox.x0 <= box.x0
+        assert box.x1 <= figure.bbox.x1
+        assert figure.bbox.y0 <= box.y0
+        assert box.y1 <= figure.bbox.y1
 
 
 def test_radii_grow_with_the_fourth_root_of_inertias_and_in_proportion_to_gears():
@@ -88,7 +78,8 @@ def test_radii_grow_with_the_fourth_root_of_inertias_and_in_proportion_to_gears(
     assert pitch[names.index("gear 1")] / pitch[names.index("gear 3")] == pytest.approx(
         1 / 3
     )
-    assert disk.argmin() == names.index("wheel") and not pitch[names.index("crank")]
+    assert disk.argmin() == names.index("wheel")
+    assert not pitch[names.index("crank")]
 
 
 def test_a_shaft_that_closes_a_loop_passes_the_disks_between_its_ends():
@@ -98,18 +89,14 @@ def test_a_shaft_that_closes_a_loop_passes_the_disks_between_its_ends():
         for ends in (("a", "b"), ("b", "c"), ("c", "a"))
     ]
     train = jaxhb.build(parts, revolutions_per_cycle=1)
-    found = Layout(train)
-    lines = plot_train(train).axes[0].lines
-    points = np.concatenate(
-        [line.get_xydata() for line in lines if len(line.get_xydata()) > 2]
-    )
-    assert (
-        np.hypot(points[:, 0] - found.x[1], points[:, 1] - found.y[1]).min()
-        > found.disk[1]
-    )
+    layout = Layout(train)
+    curves = [line.get_xydata() for line in plot_train(train).axes[0].lines]
+    points = np.concatenate([curve for curve in curves if len(curve) > 2])
+    distances = np.hypot(points[:, 0] - layout.x[1], points[:, 1] - layout.y[1])
+    assert distances.min() > layout.disk[1]
 
 
-def test_scene_draws_the_train_and_prints_it_only_if_asked_and_refuses_what_nobody_can_read(
+def test_scene_draws_the_train_prints_it_on_request_and_refuses_401_disks(
     tmp_path, capsys
 ):
     picture = tmp_path / "train.png"
@@ -120,15 +107,9 @@ def test_scene_draws_the_train_and_prints_it_only_if_asked_and_refuses_what_nobo
     assert "[[mesh]]" in capsys.readouterr().out
     rows = "".join(f"d{i},1\n" for i in range(401))
     links = "".join(f"d{i},d{i + 1},1e5\n" for i in range(400))
-    (tmp_path / "long.csv").write_text(
-        f"name,inertia\n{rows}\nfrom,to,stiffness\n{links}"
-    )
-    assert (
-        main(
-            ["scene", str(tmp_path / "long.csv"), "--plot", str(tmp_path / "long.png")]
-        )
-        == 2
-    )
-    assert (
-        "401 disks" in capsys.readouterr().err and not (tmp_path / "long.png").exists()
-    )
+    long = tmp_path / "long.csv"
+    long.write_text(f"name,inertia\n{rows}\nfrom,to,stiffness\n{links}")
+    unreadable = tmp_path / "long.png"
+    assert main(["scene", str(long), "--plot", str(unreadable)]) == 2
+    assert "401 disks" in capsys.readouterr().err
+    assert not unreadable.exists()

@@ -1,5 +1,5 @@
-"""Limits in what the commands print and write: forced, solve, sweep, report, tune;
-nothing where a scene has none.
+"""Limits in the text and files of the commands forced, solve, sweep, report and tune;
+none where a scene has none.
 """
 
 import csv
@@ -8,7 +8,7 @@ import re
 
 import numpy as np
 import pytest
-from limited_line import SCENE, strength_of, written
+from limited_line import SCENE, strength_of, write_scene
 from reference_data import text_of
 
 import jaxhb
@@ -20,139 +20,117 @@ SPEEDS = "300:960:23"
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    return written(tmp_path_factory.mktemp("line"))
+    return write_scene(tmp_path_factory.mktemp("line"))
 
 
 @pytest.fixture(scope="module")
-def wanted(scene):
+def strength(scene):
     return strength_of(scene)
 
 
 def run(scene, capsys, command, *options):
+    """The text that a command prints, and the record that it writes."""
     file = scene.with_name("r.json")
     assert main([command, str(scene), *options, "--json", str(file)]) == 0
     return capsys.readouterr().out, json.loads(file.read_text())
 
 
-def test_forced_lists_what_is_worst_over_the_speeds_and_bars_ranges(
-    scene, wanted, capsys
+def test_forced_lists_the_worst_over_the_speeds_and_bars_ranges(
+    scene, strength, capsys
 ):
-    said, record = run(scene, capsys, "forced", "--rpm", SPEEDS)
-    assert (
-        said.count(AID) == 4
-        and "IACS UR M68" in said
-        and "to be checked\nagainst its current text" in said
-    )
+    text, record = run(scene, capsys, "forced", "--rpm", SPEEDS)
+    assert text.count(AID) == 4
+    assert "IACS UR M68" in text
+    assert "to be checked\nagainst its current text" in text
     assert (
         "They do NOT hold for crankshafts: these have a rule of their own, IACS UR M53"
-        in said
+        in text
     )
-    found = record["strength"]
-    stress = wanted.stresses["line shaft"]
-    line = found["stresses"]["line shaft"]
-    assert (
-        line["stress_Pa"] == stress.stress.tolist()
-        and line["continuous_Pa"][0] == stress.continuous[0]
-    )
-    assert (
-        line["continuous_Pa"][-1] is None and found["rated_rpm"] == 900
-    )  # above 1.05 of the rated speed
-    (barred,) = wanted.barred["line shaft"]
-    assert line["barred"] == [vars(barred) | {"passable": barred.passable}]
+    limits = record["strength"]
+    stress = strength.stresses["line shaft"]
+    stresses = limits["stresses"]["line shaft"]
+    assert stresses["stress_Pa"] == stress.stress.tolist()
+    assert stresses["continuous_Pa"][0] == stress.continuous[0]
+    # The last speed is above 1.05 of the rated speed.
+    assert stresses["continuous_Pa"][-1] is None
+    assert limits["rated_rpm"] == 900
+    (barred,) = strength.barred["line shaft"]
+    assert stresses["barred"] == [vars(barred) | {"passable": barred.passable}]
     assert (
         f"line shaft: {barred.low:.4g} to {barred.high:.4g} rpm, {barred.share:.2f} of"
-        " the continuous limit" in said
+        " the continuous limit" in text
     )
-    tooth = wanted.tooth_torques["pinion|wheel"]
-    assert (
-        found["tooth_torques"]["pinion|wheel"]["vibratory_Nm"]
-        == tooth.vibratory.tolist()
-    )
-    assert found["tooth_torques"]["pinion|wheel"]["limit_Nm"] == pytest.approx(500.0)
-    assert found["tooth_torques"]["pinion|wheel"]["reverses"] == tooth.reverses.tolist()
-    assert (
-        list(found["heat"]) == ["coupling", "ring"]
-        and found["heat"]["ring"]["limit_W"] == 40.0
-    )
-    worst = int(
-        np.argmax(
-            np.where(
-                np.isfinite(stress.continuous), stress.stress / stress.continuous, 0
-            )
-        )
-    )
-    table = said[said.index("Torsional stress") :].split("\n\n")[0].splitlines()
+    tooth = strength.tooth_torques["pinion|wheel"]
+    mesh = limits["tooth_torques"]["pinion|wheel"]
+    assert mesh["vibratory_Nm"] == tooth.vibratory.tolist()
+    assert mesh["limit_Nm"] == pytest.approx(500.0)
+    assert mesh["reverses"] == tooth.reverses.tolist()
+    assert list(limits["heat"]) == ["coupling", "ring"]
+    assert limits["heat"]["ring"]["limit_W"] == 40.0
+    shares = stress.stress / stress.continuous
+    worst = int(np.argmax(np.where(np.isfinite(stress.continuous), shares, 0)))
+    table = text[text.index("Torsional stress") :].split("\n\n")[0].splitlines()
     cells = table[2].split()
     assert float(cells[2]) == pytest.approx(stress.stress[worst] / 1e6, abs=0.01)
     assert float(cells[3]) == np.linspace(300.0, 960.0, 23)[worst]
-    assert float(cells[6]) == pytest.approx(
-        stress.stress[worst] / stress.continuous[worst], abs=0.006
-    )
+    assert float(cells[6]) == pytest.approx(shares[worst], abs=0.006)
 
 
-def test_one_speed_has_its_limits_and_no_ranges(scene, wanted, capsys):
-    assert (
-        "pinion|wheel       3873    500   624   7.75       yes"
-        in run(scene, capsys, "solve", "--rpm", "420")[0]
+def test_one_speed_has_its_limits_and_no_ranges(scene, strength, capsys):
+    text, _ = run(scene, capsys, "solve", "--rpm", "420")
+    assert "pinion|wheel       3873    500   624   7.75       yes" in text
+    text, record = run(scene, capsys, "solve", "--rpm", "600")
+    assert text.count(AID) == 3
+    assert "Barred" not in text
+    assert "barred" not in record["strength"]["stresses"]["line shaft"]
+    shaft = record["strength"]["stresses"]["line shaft"]
+    place = int(np.argmin(np.abs(strength.rpm - 600.0)))
+    assert shaft["stress_Pa"] == pytest.approx(
+        strength.stresses["line shaft"].stress[place], rel=1e-6
     )
-    said, record = run(scene, capsys, "solve", "--rpm", "600")
-    assert (
-        said.count(AID) == 3
-        and "Barred" not in said
-        and "barred" not in record["strength"]["stresses"]["line shaft"]
-    )
-    found = record["strength"]["stresses"]["line shaft"]
-    at = int(np.argmin(np.abs(wanted.rpm - 600.0)))
-    assert found["stress_Pa"] == pytest.approx(
-        wanted.stresses["line shaft"].stress[at], rel=1e-6
-    )
-    assert found["continuous_Pa"] == pytest.approx(
-        wanted.stresses["line shaft"].continuous[at], rel=1e-12
+    assert shaft["continuous_Pa"] == pytest.approx(
+        strength.stresses["line shaft"].continuous[place], rel=1e-12
     )
     heat = record["strength"]["heat"]["ring"]["power_W"]
-    assert heat == pytest.approx(wanted.heat["ring"].power[at], rel=1e-6)
+    assert heat == pytest.approx(strength.heat["ring"].power[place], rel=1e-6)
 
 
-def test_a_sweep_and_a_report_bar_ranges_too(scene, wanted, capsys):
-    (barred,) = wanted.barred["line shaft"]
-    for command, read in (
-        ("sweep", lambda r: r["strength"]),
-        ("report", lambda r: r["cases"][0]["strength"]),
-    ):
-        said, record = run(scene, capsys, command, "--rpm", SPEEDS)
-        (found,) = read(record)["stresses"]["line shaft"]["barred"]
-        assert (found["low"], found["high"]) == pytest.approx(
+def test_a_sweep_and_a_report_bar_ranges_too(scene, strength, capsys):
+    (barred,) = strength.barred["line shaft"]
+    for command in ("sweep", "report"):
+        text, record = run(scene, capsys, command, "--rpm", SPEEDS)
+        case = record["cases"][0] if command == "report" else record
+        (listed,) = case["strength"]["stresses"]["line shaft"]["barred"]
+        assert (listed["low"], listed["high"]) == pytest.approx(
             (barred.low, barred.high), rel=1e-6
         )
-        assert (
-            "Barred speed ranges between 300 and 930 rpm" in said
-            and f"{barred.low:.4g} to {barred.high:.4g}" in said
-        )
+        assert "Barred speed ranges between 300 and 930 rpm" in text
+        assert f"{barred.low:.4g} to {barred.high:.4g}" in text
 
 
 @pytest.mark.parametrize("command", ["forced", "sweep"])
-def test_the_csv_has_columns_of_the_limits(scene, wanted, command):
+def test_the_csv_has_columns_of_the_limits(scene, strength, command):
     file = scene.with_name("r.csv")
     assert main([command, str(scene), "--rpm", "420,600", "--csv", str(file)]) == 0
     with file.open() as text:
         rows = list(csv.DictReader(text))
-    stress = wanted.stresses["line shaft"]
-    tooth = wanted.tooth_torques["pinion|wheel"]
-    for row, at in zip(rows, (4, 10), strict=True):
-        found = [
-            float(row[f"line shaft {what} Pa"])
-            for what in ("stress", "continuous limit", "transient limit")
+    stress = strength.stresses["line shaft"]
+    tooth = strength.tooth_torques["pinion|wheel"]
+    for row, place in zip(rows, (4, 10), strict=True):
+        stresses = [
+            float(row[f"line shaft {quantity} Pa"])
+            for quantity in ("stress", "continuous limit", "transient limit")
         ]
-        assert found == pytest.approx([values[at] for values in stress], rel=1e-5)
+        assert stresses == pytest.approx([values[place] for values in stress], rel=1e-5)
         assert float(row["pinion|wheel vibratory torque N m"]) == pytest.approx(
-            tooth.vibratory[at], rel=1e-5
+            tooth.vibratory[place], rel=1e-5
         )
-        assert row["pinion|wheel reverses"] == str(bool(tooth.reverses[at]))
+        assert row["pinion|wheel reverses"] == str(bool(tooth.reverses[place]))
         assert float(row["ring limit of heat W"]) == 40.0
 
 
 @pytest.mark.parametrize("command", ["forced", "solve"])
-def test_a_scene_without_limits_tells_of_none(tmp_path, capsys, command):
+def test_a_scene_without_limits_mentions_none(tmp_path, capsys, command):
     path = tmp_path / "plain.toml"
     keys = (
         "rated",
@@ -166,12 +144,13 @@ def test_a_scene_without_limits_tells_of_none(tmp_path, capsys, command):
         "damping_",
     )
     lines = [line for line in SCENE.splitlines() if not line.startswith(keys)]
-    text = "\n".join(lines).replace(
+    scene_text = "\n".join(lines).replace(
         '["wheel", "propeller"]', '["wheel", "propeller"]\nstiffness = 3e5'
     )
-    path.write_text(text)
-    said, record = run(path, capsys, command, "--rpm", "600")
-    assert AID not in said and "strength" not in record
+    path.write_text(scene_text)
+    text, record = run(path, capsys, command, "--rpm", "600")
+    assert AID not in text
+    assert "strength" not in record
 
 
 TUNE = "\n" + text_of("line_tune.toml")
@@ -184,11 +163,10 @@ def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):
     out.mkdir()
     assert main(["tune", str(path), "--output", str(out / "tuned.toml")]) == 0
     record = json.loads((out / "tuned.json").read_text())
-    found = record["readings"]["stress over continuous limit of line shaft"]
+    stress = record["readings"]["stress over continuous limit of line shaft"]
     heat = record["readings"]["power over limit of ring"]
-    assert max(found["before"]) < 1.5 and max(heat["after"]) < 0.96 * max(
-        heat["before"]
-    )
+    assert max(stress["before"]) < 1.5
+    assert max(heat["after"]) < 0.96 * max(heat["before"])
     between = record["checked"]["after"]["worst"][
         "stress over continuous limit of line shaft"
     ]
@@ -197,66 +175,60 @@ def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):
         jaxhb.forced_response(tuned, rpm=np.linspace(390.0, 450.0, 1201))
     ).stresses["line shaft"]
     peak = (fine.stress / fine.continuous).max()
-    # It lies between the speeds asked for; the ring, with all the damping that it may
-    # have, leaves room to the limit.
-    assert max(found["after"]) < between["value"] < 1.6 and between[
-        "value"
-    ] == pytest.approx(peak, rel=1e-4)
+    # The peak lies between the speeds of the tuning; the ring, with all the damping
+    # that it may have, leaves room to the limit.
+    assert max(stress["after"]) < between["value"] < 1.6
+    assert between["value"] == pytest.approx(peak, rel=1e-4)
     assert record["parameters"]["ring.damping"]["after"] > 0.99 * 400.0
     judged = jaxhb.strength(jaxhb.forced_response(tuned, rpm=record["rpm"])).stresses[
         "line shaft"
     ]
     np.testing.assert_allclose(
-        judged.stress / judged.continuous, found["after"], rtol=1e-5
+        judged.stress / judged.continuous, stress["after"], rtol=1e-5
     )
-    said = capsys.readouterr().out
-    assert (
-        "stress over continuous limit of line shaft" in said and "at most 1.6" in said
-    )
+    text = capsys.readouterr().out
+    assert "stress over continuous limit of line shaft" in text
+    assert "at most 1.6" in text
     # Without the limit between the speeds the tuning would end beyond it.
     assert re.search(
         r"limit of line shaft 1\.0\d+ of its limit at .* rpm, between the speeds"
         r" asked for",
-        said,
+        text,
     )
 
 
-def test_speeds_for_which_the_rule_has_no_limit_are_not_called_free_of_barred_ranges(
-    scene, capsys
-):
+def test_speeds_for_which_the_rule_has_no_limit_are_not_judged(scene, capsys):
     beyond = (
         "Above 945 rpm, 1.05 of the rated speed, the rule has no limit: NOT judged;"
         " largest there: line shaft "
     )
     assert main(["forced", str(scene), "--rpm", "900:1200:4"]) == 0
-    said = capsys.readouterr().out
-    stress = jaxhb.strength(
-        jaxhb.forced_response(
-            jaxhb.load_scene(scene), rpm=np.linspace(900.0, 1200.0, 4)
-        )
-    )
-    largest = stress.stresses["line shaft"].stress[1:]
-    at = 1000 + 100 * int(largest.argmax())
-    assert "No barred speed range between 900 and 900 rpm" in said
+    text = capsys.readouterr().out
+    rpm = np.linspace(900.0, 1200.0, 4)
+    response = jaxhb.forced_response(jaxhb.load_scene(scene), rpm=rpm)
+    above = jaxhb.strength(response).stresses["line shaft"].stress[1:]
+    speed = 1000 + 100 * int(above.argmax())
+    assert "No barred speed range between 900 and 900 rpm" in text
     assert (
         "Judged from 1 speed: resonances between them are NOT seen, take 50 or more."
-        " The rule looks up to 945" in said
+        " The rule looks up to 945" in text
     )
-    assert f"{beyond}{largest.max() / 1e6:.4g} MPa at {at} rpm." in said
+    assert f"{beyond}{above.max() / 1e6:.4g} MPa at {speed} rpm." in text
     assert main(["forced", str(scene), "--rpm", "1000:1200:3"]) == 0
-    said = capsys.readouterr().out
-    assert "arred speed range" not in said and beyond in said
+    text = capsys.readouterr().out
+    assert "arred speed range" not in text
+    assert beyond in text
 
 
 @pytest.mark.parametrize(
-    ("speeds", "said"),
+    ("speeds", "sentence"),
     [
         ("500:945:60", "Judged from 60 speeds.\n"),
         ("500:800:4", "Judged from 4 speeds: resonances between them are NOT"),
     ],
 )
 def test_barred_ranges_say_from_how_many_speeds_they_were_judged(
-    scene, capsys, speeds, said
+    scene, capsys, speeds, sentence
 ):
     assert main(["forced", str(scene), "--rpm", speeds]) == 0
-    assert said in capsys.readouterr().out
+    assert sentence in capsys.readouterr().out

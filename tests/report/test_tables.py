@@ -48,7 +48,8 @@ def test_a_short_separation_is_not_shown_as_none():
 
 
 def test_nothing_is_divided_by_zero():
-    assert [ratio((1.0, 0.0)), ratio((3.0, 2.0))] == ["-", "1.50"]
+    assert ratio((1.0, 0.0)) == "-"
+    assert ratio((3.0, 2.0)) == "1.50"
 
 
 def test_columns_line_up_under_their_groups():
@@ -75,53 +76,46 @@ def test_a_soft_gap_and_a_high_knee_are_noted():
     soft = train.replace(
         {"gear a|gear b.epsilon": 0.03, "gear a|gear b.transition": 0.2}
     )
-    found = notes(answer_one(soft, 2000.0, Asked()))
+    soft_notes = notes(answer_one(soft, 2000.0, Asked()))
     assert any(
         "the spring in the gap carries up to" in note and "lower epsilon" in note
-        for note in found
+        for note in soft_notes
     )
     assert any(
-        "stiff only above" in note and "smaller transition" in note for note in found
+        "stiff only above" in note and "smaller transition" in note
+        for note in soft_notes
     )
-    assert (
-        notes(*(answer_one(soft, rpm, Asked()) for rpm in (1500.0, 2000.0))) == found
-    )  # the same mean at all speeds
+    # The mean is the same at all speeds.
+    slow = answer_one(soft, 1500.0, Asked())
+    fast = answer_one(soft, 2000.0, Asked())
+    assert notes(slow, fast) == soft_notes
 
 
-def as_orbit(response, **stability):
+def as_orbit(response, stability=None):
     """A response as the answer of --orbit."""
     linear = jaxhb.linear_response(response.train, rpm=response.rpm)
     return Answer(
-        response.train, orbit_state(response), linear, orbit=True, **stability
+        response.train,
+        orbit_state(response),
+        linear,
+        orbit=True,
+        stability=stability,
     )
 
 
-def test_an_orbit_found_by_newtons_method_whose_stability_is_not_known_is_said_to_be_perhaps_unstable():
+def test_an_orbit_of_newtons_method_with_unknown_stability_may_be_unstable():
     sharp = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0)
     searched = dataclasses.replace(
         sharp, path=(NewtonOnSweeps(40, 1024, 1e-6), *sharp.path)
     )
     (note,) = notes(as_orbit(searched))
-    assert "2000 rpm" in note and "may be" in note and "unstable" in note
-    assert (
-        notes(
-            as_orbit(
-                searched,
-                stability=SimpleNamespace(largest=0.5, stable=True, loses_by=None),
-            )
-        )
-        == []
-    )
-    assert (
-        notes(
-            as_orbit(
-                dataclasses.replace(
-                    searched, status=np.array(int(jaxhb.Status.STALLED))
-                )
-            )
-        )
-        == []
-    )
+    assert "2000 rpm" in note
+    assert "may be" in note
+    assert "unstable" in note
+    stable = SimpleNamespace(largest=0.5, stable=True, loses_by=None)
+    assert notes(as_orbit(searched, stability=stable)) == []
+    stalled = dataclasses.replace(searched, status=np.array(int(jaxhb.Status.STALLED)))
+    assert notes(as_orbit(stalled)) == []
 
 
 def test_no_unstable_motion_goes_without_the_word():
@@ -129,18 +123,16 @@ def test_no_unstable_motion_goes_without_the_word():
     orbit = as_orbit(
         jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0), stability=grows
     )
-    said = solve_text(orbit).splitlines()
-    assert said[0].startswith(
+    lines = solve_text(orbit).splitlines()
+    assert lines[0].startswith(
         "Unstable, the train does not run in this motion: the teeth hammer at 5000 rpm"
     )
-    assert "UNSTABLE (fold): a disturbance grows 2.5 times in a cycle" in said[3]
+    assert "UNSTABLE (fold): a disturbance grows 2.5 times in a cycle" in lines[3]
     assert any(
         "The periodic motion at 5000 rpm is UNSTABLE" in note for note in notes(orbit)
     )
-    assert sweep_text({"orbit": [orbit]}).splitlines()[4].split()[-2:] == [
-        "converged,",
-        "UNSTABLE",
-    ]
+    row = sweep_text({"orbit": [orbit]}).splitlines()[4].split()
+    assert row[-2:] == ["converged,", "UNSTABLE"]
     massless = dataclasses.replace(orbit, stability=None, undecided="a massless disk")
     assert (
         "stability not decided: a massless disk" in solve_text(massless).splitlines()[3]
@@ -149,14 +141,12 @@ def test_no_unstable_motion_goes_without_the_word():
 
 @pytest.fixture(scope="module")
 def sweep():
-    """Two periodic solutions: a hammering one, and the same as if its truncation error
-    were too large.
+    """A hammering periodic solution, and the same as if its truncation error were too
+    large.
     """
-    one = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0)
-    return [
-        as_orbit(one),
-        as_orbit(dataclasses.replace(one, rpm=np.array(5100.0), status=np.array(1))),
-    ]
+    hammering = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0)
+    doubtful = dataclasses.replace(hammering, rpm=np.array(5100.0), status=np.array(1))
+    return [as_orbit(hammering), as_orbit(doubtful)]
 
 
 def test_irregularity_is_in_per_cent_for_people_and_a_share_for_programs(sweep):
@@ -183,7 +173,8 @@ def test_a_sweep_tells_where_teeth_separate_and_what_did_not_converge(sweep):
     assert lines[3] == "?: not converged"
     assert [line.split()[-1] for line in lines[5:7]] == ["converged", "met"]
     certain, doubted = (line.split() for line in lines[5:7])
-    assert doubted[4] == f"{certain[4]}?" and "?" not in "".join(certain)
+    assert doubted[4] == f"{certain[4]}?"
+    assert "?" not in "".join(certain)
 
 
 def test_an_unknown_motion_is_dashes_in_a_table_and_a_gap_with_a_cross_in_a_picture(
@@ -230,11 +221,10 @@ def test_progress_is_one_line_on_a_terminal_and_a_line_now_and_then_in_a_log(
         progress.say("600 rpm")
         progress.advance(1)
         progress.ended.wait(0.1)
-    said = stream.getvalue()
-    assert "1 of 2: 600 rpm" in said
-    assert (said.endswith("\r"), "\n" in said) == (
-        (True, False) if stream.isatty() else (False, True)
-    )
+    log = stream.getvalue()
+    assert "1 of 2: 600 rpm" in log
+    assert log.endswith("\r") == stream.isatty()
+    assert ("\n" in log) != stream.isatty()
 
 
 @pytest.mark.parametrize(
@@ -252,7 +242,9 @@ def test_progress_that_cannot_be_written_ends_no_computation(failure, monkeypatc
     with Progress(2, Terminal()) as progress:
         progress.ended.wait(0.05)
         lines = len(tried)
-    assert lines and len(tried) > lines  # while it went on, and at its end
+    # Progress was written while it went on, and at its end.
+    assert lines
+    assert len(tried) > lines
 
 
 def test_a_quick_command_leaves_a_log_clean_and_a_quiet_one_a_terminal(monkeypatch):
@@ -263,11 +255,12 @@ def test_a_quick_command_leaves_a_log_clean_and_a_quiet_one_a_terminal(monkeypat
     monkeypatch.setattr("jaxhb.cli.progress.INTERVAL", 0.01)
     with Progress(2, terminal, quiet=True) as progress:
         progress.ended.wait(0.05)
-    assert (log.getvalue(), terminal.getvalue()) == ("", "")
+    assert log.getvalue() == ""
+    assert terminal.getvalue() == ""
 
 
 @pytest.mark.parametrize(
-    ("value", "places", "wanted"),
+    ("value", "places", "expected"),
     [
         (-3e-18, 4, "0.0000"),
         (-0.0, 2, "0.00"),
@@ -276,28 +269,32 @@ def test_a_quick_command_leaves_a_log_clean_and_a_quiet_one_a_terminal(monkeypat
         (np.nan, 2, "-"),
     ],
 )
-def test_no_number_is_minus_zero_and_what_is_not_zero_is_not_told_as_zero(
-    value, places, wanted
+def test_no_number_is_minus_zero_and_no_small_number_reads_as_zero(
+    value, places, expected
 ):
-    assert fixed(value, places) == wanted
+    assert fixed(value, places) == expected
 
 
 def test_minus_zero_is_in_no_file_and_in_no_other_words():
-    assert plain_number(-0.0) == "0" and hit(0.0031) == "0.0031"
+    assert plain_number(-0.0) == "0"
+    assert hit(0.0031) == "0.0031"
     assert as_bytes({"a": -0.0, "b": [-0.0, 1.5]}) == b'{"a": 0.0, "b": [0.0, 1.5]}'
-    assert numbers([-0.0, -2.0]) == [0.0, -2.0] and str(numbers([-0.0])[0]) == "0.0"
-    disks = {"a": 1.0, "b": -0.0}
+    assert numbers([-0.0, -2.0]) == [0.0, -2.0]
+    assert str(numbers([-0.0])[0]) == "0.0"
+    angles = {"a": 1.0, "b": -0.0}
     modes = SimpleNamespace(
         frequencies_hz=[3.0],
-        shape=lambda k: disks,
+        shape=lambda k: angles,
         node_count=[0],
         mesh_energy_share=[0.0],
     )
     table = modes_text(modes, "pair", ["elastic"], [-1e-17])
-    assert "-0.0" not in table and "0.0000" in table and "b" not in table.columns[-1][0]
+    assert "-0.0" not in table
+    assert "0.0000" in table
+    assert "b" not in table.columns[-1][0]
 
 
-def test_progress_that_has_nothing_to_say_yet_says_that_it_computes(monkeypatch):
+def test_progress_without_words_yet_says_that_it_computes(monkeypatch):
     monkeypatch.setattr("jaxhb.cli.progress.LOGGED", 0.01)
     log = io.StringIO()
     with Progress(2, log):

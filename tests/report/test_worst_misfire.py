@@ -1,9 +1,9 @@
-"""The misfire that governs: with the largest share of a limit, element by element, in
+"""The misfire that governs has the largest share of a limit, element by element, in
 tables and on the page.
 
 In the scene the torque of the intermediate shaft is largest with cylinder 4 cut off, at
 85 rpm, but its stress comes nearest to its limit, which falls over the speed, with
-cylinder 1 cut off, at 120 rpm. What a crank of the engine has to bear is largest with
+cylinder 1 cut off, at 120 rpm. The load of a crank of the engine is largest with
 cylinder 2 cut off.
 """
 
@@ -46,46 +46,47 @@ def trains(train):
 
 
 @pytest.fixture(scope="module")
-def wanted(trains):
-    """Of each case shares of the continuous limit and torque of the shaft over the
-    speeds, and shares of the crank.
+def expected(trains):
+    """Shares of the continuous limit and torques of the shaft, and shares of the crank,
+    over the speeds by case.
     """
-    found = {}
-    for name, one in trains.items():
-        response = jaxhb.forced_response(one, rpm=SPEEDS)
+    readings = {}
+    for name, case in trains.items():
+        response = jaxhb.forced_response(case, rpm=SPEEDS)
         stresses = jaxhb.strength(response).stresses
-        own, crank = (
+        shares, crank_shares = (
             stresses[shaft].stress / stresses[shaft].continuous
             for shaft in (SHAFT, CRANK)
         )
-        found[name] = own, np.asarray(response.torque(SHAFT).half_peak_to_peak), crank
-    return found
+        torques = np.asarray(response.torque(SHAFT).half_peak_to_peak)
+        readings[name] = shares, torques, crank_shares
+    return readings
 
 
 @pytest.fixture(scope="module")
 def report(train, trains):
-    titled = {case_title(one, name): one for name, one in trains.items()}
+    titled = {case_title(case, name): case for name, case in trains.items()}
     return Report(solve_cases(titled, SPEEDS, Asked()), facts={"date": "today"})
 
 
 def test_the_largest_torque_and_the_largest_share_have_other_cylinders_and_speeds(
-    wanted,
+    expected,
 ):
-    shares, torques = (
-        np.array([wanted[f"cylinder {k}"][i] for k in range(1, 5)]) for i in (0, 1)
-    )
+    cut_off = [expected[f"cylinder {k}"] for k in range(1, 5)]
+    shares = np.array([shares for shares, _, _ in cut_off])
+    torques = np.array([torques for _, torques, _ in cut_off])
     assert np.unravel_index(shares.argmax(), shares.shape) == (0, 2)
     assert np.unravel_index(torques.argmax(), torques.shape) == (3, 1)
 
 
-def test_the_page_has_one_worst_misfire_and_draws_what_governs(report, wanted):
-    share = f"{wanted['cylinder 1'][0][2]:.2f} of the continuous limit"
-    assert [case.title for case in report.shown] == [
-        "all cylinders firing",
-        "cylinder 1 cut off",
-    ]
-    said = [block for block in result(report) if "worst misfire" in block]
-    assert len(said) == 1 and "is that of cylinder 1" in said[0] and share in said[0]
+def test_the_page_has_one_worst_misfire_and_draws_what_governs(report, expected):
+    share = f"{expected['cylinder 1'][0][2]:.2f} of the continuous limit"
+    titles = [case.title for case in report.shown]
+    assert titles == ["all cylinders firing", "cylinder 1 cut off"]
+    sentences = [block for block in result(report) if "worst misfire" in block]
+    assert len(sentences) == 1
+    assert "is that of cylinder 1" in sentences[0]
+    assert share in sentences[0]
     assert any(
         f"stress of {SHAFT} {share} (cylinder 1 cut off, 120 rpm)" in block
         for block in result(report)
@@ -104,69 +105,62 @@ def test_the_page_has_one_worst_misfire_and_draws_what_governs(report, wanted):
         if hasattr(block, "traces")
         for trace in block.traces
     ]
-    assert {"stress, cylinder 1 cut off", "stress, cylinder 2 cut off"}.issubset(names)
-    assert not {
-        "stress, cylinder 3 cut off",
-        "stress, cylinder 4 cut off",
-    }.intersection(names)
+    assert {"stress, cylinder 1 cut off", "stress, cylinder 2 cut off"} <= set(names)
+    assert not {"stress, cylinder 3 cut off", "stress, cylinder 4 cut off"} & set(names)
 
 
 def test_the_tables_of_the_page_name_the_worst_cylinder_row_by_row(report, trains):
     (table,) = (
-        b
-        for b in campbell_part(report)
-        if isinstance(b, Table) and "worst misfire N m" in b.heads
+        block
+        for block in campbell_part(report)
+        if isinstance(block, Table) and "worst misfire N m" in block.heads
     )
     orders, modes, named = (
         table.columns[table.heads.index(head)] for head in ("order", "mode", "that of")
     )
-    asked = {
-        "rpm": np.linspace(80.0, 120.0, 33),
-        "orders": sorted(set(map(float, orders))),
-        "count": 12,
-    }
-    torques = {
-        name: {(c.order, c.mode): c.torque for c in campbell(one, **asked).critical}
-        for name, one in trains.items()
-        if name
-    }
+    rpm = np.linspace(80.0, 120.0, 33)
+    numbers = sorted(set(map(float, orders)))
+    torques = {}
+    for name, case in trains.items():
+        if name:
+            critical = campbell(case, rpm=rpm, orders=numbers, count=12).critical
+            torques[name] = {(c.order, c.mode): c.torque for c in critical}
     for order, mode, name in zip(orders, modes, named, strict=True):
         place = float(order), int(mode)
-        assert torques[name][place] == max(own[place] for own in torques.values())
+        largest = max(torques_at[place] for torques_at in torques.values())
+        assert torques[name][place] == largest
     (table,) = (
-        b
-        for b in forced_part(report)
-        if isinstance(b, Table) and "Vibratory torque" in b and "that of" in b.heads
+        block
+        for block in forced_part(report)
+        if isinstance(block, Table)
+        and "Vibratory torque" in block
+        and "that of" in block.heads
     )
-    rows = dict(
-        zip(table.columns[0], table.columns[table.heads.index("that of")], strict=True)
-    )
+    cylinders = table.columns[table.heads.index("that of")]
+    rows = dict(zip(table.columns[0], cylinders, strict=True))
     assert rows[SHAFT] == "cylinder 1 cut off"
 
 
 def test_the_misfire_that_governs_each_element_is_told_in_words_and_files(
-    report, wanted
+    report, expected
 ):
     records = worst_misfires(report.cases)
-    assert records[SHAFT] == worst_misfire(report.cases) and list(records) == [
-        SHAFT,
-        CRANK,
-    ]
+    assert records[SHAFT] == worst_misfire(report.cases)
+    assert list(records) == [SHAFT, CRANK]
     for name, place in ((SHAFT, 0), (CRANK, 2)):
-        cases = {case: values[place] for case, values in wanted.items() if case}
+        cases = {case: values[place] for case, values in expected.items() if case}
         cylinder = max(cases, key=lambda case: cases[case].max())
         speed = int(cases[cylinder].argmax())
-        assert (records[name]["cylinder"], records[name]["rpm"]) == (
-            cylinder,
-            SPEEDS[speed],
-        )
+        assert records[name]["cylinder"] == cylinder
+        assert records[name]["rpm"] == SPEEDS[speed]
         shares = records[name]["share"], records[name]["firing_share"]
         np.testing.assert_allclose(
-            shares, [cases[cylinder][speed], wanted[""][place][speed]], rtol=1e-3
+            shares, [cases[cylinder][speed], expected[""][place][speed]], rtol=1e-3
         )
         (line,) = (
             row
             for row in misfires_text(report.cases).splitlines()
             if row.split()[:2] == [name, "stress"]
         )
-        assert line.endswith(f"{cylinder} cut off") and f" {shares[0]:.2f} " in line
+        assert line.endswith(f"{cylinder} cut off")
+        assert f" {shares[0]:.2f} " in line

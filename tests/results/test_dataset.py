@@ -1,5 +1,5 @@
-"""Labelled arrays: the numbers of Python under names, units, nan where nothing
-converged, and back from a file.
+"""Labelled arrays: the numbers under names with units, nan where nothing converged, and
+back from a file.
 """
 
 import io
@@ -24,38 +24,37 @@ def pair():
 
 @pytest.fixture(scope="module")
 def sweep(pair):
-    """In contact and hammering."""
+    """A speed in contact and a speed at which the teeth hammer."""
     return jaxhb.steady_state(pair, rpm=[2000.0, 5000.0])
 
 
-def test_the_numbers_are_those_that_are_read_by_name(sweep):
+def test_the_numbers_equal_those_read_by_name(sweep):
     data = sweep.to_xarray()
     state = sweep[1]
-    one = data.sel(rpm=5000.0)
-    assert (
-        data.kind.values.tolist() == ["contact", "periodic"]
-        and one.status.item() == "CONVERGED"
-    )
+    hammering = data.sel(rpm=5000.0)
+    assert data.kind.values.tolist() == ["contact", "periodic"]
+    assert hammering.status.item() == "CONVERGED"
     force = state.force(MESH)
     for name in ("mean", "min", "max", "half_peak_to_peak", "sum_of_amplitudes"):
-        assert one[f"tooth_force_{name}"].sel(mesh=MESH).item() == pytest.approx(
+        assert hammering[f"tooth_force_{name}"].sel(mesh=MESH).item() == pytest.approx(
             float(getattr(force, name)), rel=1e-12
         )
-    amplitudes = one.tooth_force_amplitude.sel(mesh=MESH)
+    amplitudes = hammering.tooth_force_amplitude.sel(mesh=MESH)
     assert amplitudes.sel(order=64).item() == pytest.approx(
         float(force.order(64.0)), rel=1e-12
     )
-    assert one.gear_torque_max.sel(gear="gear b").item() == float(
+    assert hammering.gear_torque_max.sel(gear="gear b").item() == float(
         state.gear_torque("gear b").max
     )
-    assert one.irregularity.sel(disk="gear a").item() == state.irregularity("gear a")
-    assert one.mesh_heat.sel(mesh=MESH).item() == state.power(MESH)
-    contact = state.mesh(MESH)
-    assert one.separated_fraction.item() == contact.separated_fraction
-    assert one.hardest_impact.item() == contact.hardest_impact > 0
-    assert (
-        data.tooth_force_max.attrs["units"] == "N" and data.order.attrs["units"] == "1"
+    assert hammering.irregularity.sel(disk="gear a").item() == state.irregularity(
+        "gear a"
     )
+    assert hammering.mesh_heat.sel(mesh=MESH).item() == state.power(MESH)
+    contact = state.mesh(MESH)
+    assert hammering.separated_fraction.item() == contact.separated_fraction
+    assert hammering.hardest_impact.item() == contact.hardest_impact > 0
+    assert data.tooth_force_max.attrs["units"] == "N"
+    assert data.order.attrs["units"] == "1"
 
 
 def test_orders_that_a_motion_does_not_have_are_zero_without_a_phase(sweep):
@@ -67,27 +66,23 @@ def test_orders_that_a_motion_does_not_have_are_zero_without_a_phase(sweep):
 
 
 def test_a_response_and_a_sweep_of_responses_have_the_same_labels(pair, sweep):
-    alone = jaxhb.solve(pair, rpm=5000.0).to_xarray()
-    both = jaxhb.linear_response(pair, rpm=2000.0).to_xarray()
-    assert (
-        set(alone) == set(both) == set(sweep.to_xarray()) == set(sweep[0].to_xarray())
-    )
-    assert alone.rpm.item() == 5000.0 and "rpm" not in alone.tooth_force_max.dims
-    assert alone.tooth_force_max.item() == pytest.approx(
+    solved = jaxhb.solve(pair, rpm=5000.0).to_xarray()
+    linear = jaxhb.linear_response(pair, rpm=2000.0).to_xarray()
+    labels = set(solved)
+    assert labels == set(linear) == set(sweep.to_xarray()) == set(sweep[0].to_xarray())
+    assert solved.rpm.item() == 5000.0
+    assert "rpm" not in solved.tooth_force_max.dims
+    assert solved.tooth_force_max.item() == pytest.approx(
         sweep[1].force(MESH).max, rel=1e-2
     )
 
 
-def test_what_did_not_converge_is_nan_and_its_status_says_why(pair):
+def test_numbers_that_did_not_converge_are_nan_and_the_status_says_why(pair):
     data = jaxhb.solve(pair, rpm=5000.0, harmonics=16, tolerance=1e-12).to_xarray()
-    assert (data.status.item(), data.source.item()) == ("TOLERANCE_NOT_MET", "nothing")
-    numbers = [
-        name
-        for name in data
-        if name.startswith(
-            ("tooth", "gear", "angle", "speed", "mesh", "irreg", "separ")
-        )
-    ]
+    assert data.status.item() == "TOLERANCE_NOT_MET"
+    assert data.source.item() == "nothing"
+    beginnings = ("tooth", "gear", "angle", "speed", "mesh", "irreg", "separ")
+    numbers = [name for name in data if name.startswith(beginnings)]
     assert len(numbers) > 20
     assert all(np.isnan(data[name]).all() for name in numbers)
 
@@ -96,38 +91,33 @@ def test_an_irregular_motion_has_the_extremes_of_its_record_and_no_phases(pair):
     light = pair.replace(LIGHTER)
     state = jaxhb.steady_state(light, rpm=6000.0)
     data = state.to_xarray()
-    assert (data.kind.item(), data.source.item(), data.status.item()) == (
-        "irregular",
-        "record",
-        "",
-    )
+    assert data.kind.item() == "irregular"
+    assert data.source.item() == "record"
+    assert data.status.item() == ""
     assert data.tooth_force_max.item() == float(state.force(MESH).max)
-    assert (
-        np.isnan(data.tooth_force_phase).all() and np.isnan(data.acceleration_max).all()
-    )
+    assert np.isnan(data.tooth_force_phase).all()
+    assert np.isnan(data.acceleration_max).all()
     assert data.speed_max.sel(disk="gear a").item() == float(state.speed("gear a").max)
     assert data.tooth_force_amplitude.sel(order=32).item() == float(
         state.force(MESH).order(32.0)
     )
 
 
-def test_a_netcdf_file_gives_it_back(sweep, tmp_path):
+def test_a_netcdf_file_gives_the_arrays_back(sweep, tmp_path):
     data = sweep.to_xarray()
     file = tmp_path / "sweep.nc"
     file.write_bytes(as_netcdf(data))
-    with xarray.open_dataset(file, engine="scipy") as found:
-        assert found.kind.values.tolist() == ["contact", "periodic"]
-        np.testing.assert_array_equal(found.tooth_force_max, data.tooth_force_max)
-        assert found.tooth_force_max.attrs["units"] == "N"
+    with xarray.open_dataset(file, engine="scipy") as restored:
+        assert restored.kind.values.tolist() == ["contact", "periodic"]
+        np.testing.assert_array_equal(restored.tooth_force_max, data.tooth_force_max)
+        assert restored.tooth_force_max.attrs["units"] == "N"
         assert (
-            found.sel(mesh=MESH, rpm=5000.0).tooth_force_max.item()
+            restored.sel(mesh=MESH, rpm=5000.0).tooth_force_max.item()
             == sweep[1].force(MESH).max
         )
     assert isinstance(as_netcdf(sweep[0].to_xarray()), bytes)
-    assert (
-        xarray.open_dataset(io.BytesIO(as_netcdf(sweep[0].to_xarray()))).rpm.item()
-        == 2000.0
-    )
+    single = xarray.open_dataset(io.BytesIO(as_netcdf(sweep[0].to_xarray())))
+    assert single.rpm.item() == 2000.0
 
 
 def test_without_xarray_the_sentence_names_the_extra(sweep, monkeypatch):

@@ -1,5 +1,5 @@
-"""Trains and results are equal by their numbers, whoever made them, and may be keys of
-dictionaries.
+"""Trains and results are equal by their numbers, whoever computed them, and may be keys
+of dictionaries.
 """
 
 import copy
@@ -14,8 +14,8 @@ import jaxhb
 TRAIN = jaxhb.load_scene("spur_pair")
 
 
-def made():
-    """Results of every kind, made anew."""
+def results_of_every_kind():
+    """Results by their kind, computed anew."""
     train = jaxhb.load_scene("spur_pair")
     response = jaxhb.solve(train, rpm=3000.0)
     forced = jaxhb.forced_response(train, rpm=[1000.0, 2000.0])
@@ -34,27 +34,32 @@ def made():
     }
 
 
-ONCE, AGAIN = made(), made()
+ONCE = results_of_every_kind()
+AGAIN = results_of_every_kind()
 
 
 @pytest.mark.parametrize("name", ONCE)
-def test_what_is_made_twice_is_equal_and_has_one_hash(name):
+def test_results_computed_twice_are_equal_and_have_one_hash(name):
     first = ONCE[name]
     second = AGAIN[name]
-    assert first is not second and first == second and (first == second) is True
-    assert hash(first) == hash(second) and len({first, second}) == 1
-    assert first == copy.copy(first) and first != "another thing"
+    assert first is not second
+    assert first == second
+    assert (first == second) is True
+    assert hash(first) == hash(second)
+    assert len({first, second}) == 1
+    assert first == copy.copy(first)
+    assert first != "another thing"
 
 
 def test_another_number_makes_another_train_and_another_response():
     stiffer = TRAIN.replace(
         {"gear a|gear b.stiffness": 1.01 * TRAIN.value("gear a|gear b.stiffness")}
     )
-    assert stiffer != TRAIN and hash(stiffer) != hash(TRAIN)
+    assert stiffer != TRAIN
+    assert hash(stiffer) != hash(TRAIN)
     response = ONCE["response"]
     assert dataclasses.replace(response, status=np.asarray(4)) != response
-    # Neither the log nor the train that a response was made from is part of what is
-    # compared.
+    # Neither the log nor the train of a response is compared.
     assert dataclasses.replace(response, train=None, path=()) == response
 
 

@@ -1,6 +1,4 @@
-"""Linear responses at the border: amplitudes, signs, names, and a published table of
-forced vibration.
-"""
+"""Linear responses at the border: amplitudes, signs and names."""
 
 import dataclasses
 
@@ -18,7 +16,7 @@ RPM = 900.0
 
 @pytest.fixture(scope="module")
 def geared():
-    """A massless gear, driven by 3 N m and 10 N m cos(2 theta + 50 deg): all of it
+    """A massless gear driven by 3 N m and 10 N m cos(2 theta + 50 deg), all of which
     passes the links.
     """
     amplitude = 10.0 * np.exp(1j * np.deg2rad(50.0))
@@ -46,8 +44,7 @@ def test_one_cosine_of_ten_newton_metres_reads_ten_at_the_border(geared):
     assert not any(torque.order(order) for order in (0.5, 1.0, 1.5, 2.5, 3.0))
     np.testing.assert_allclose(torque.sum_of_amplitudes, 10.0, rtol=ALGEBRAIC)
     np.testing.assert_allclose(torque.mean, 3.0, rtol=ALGEBRAIC)
-    # the extremes of a cosine of phase 50 deg lie between the instants at which they
-    # are looked for
+    # The extremes of a cosine of phase 50 deg lie between the time samples.
     np.testing.assert_allclose(torque.half_peak_to_peak, 10.0, rtol=1e-5)
     np.testing.assert_allclose(torque.max, 13.0, rtol=1e-5)
     np.testing.assert_allclose(torque.phases_deg[3], 50.0, rtol=ALGEBRAIC)
@@ -58,24 +55,25 @@ def test_one_cosine_of_ten_newton_metres_reads_ten_at_the_border(geared):
 
 
 @pytest.mark.filterwarnings("ignore:.* samples miss the peak")
-def test_torque_between_a_and_b_is_minus_that_between_b_and_a_and_that_of_the_link(
+def test_torque_between_a_and_b_is_minus_that_from_b_to_a_and_that_of_the_link(
     geared,
 ):
     for pair, method in (
         (("sleeve", "pinion"), geared.torque),
         (("pinion", "wheel"), geared.force),
     ):
-        one = method(*pair)
-        other = method(*pair[::-1])
-        named = method("|".join(pair))
-        for a, b, same in (
-            (one, other, named),
-            (one.elastic, other.elastic, named.elastic),
+        first, second = pair
+        forward = method(first, second)
+        backward = method(second, first)
+        named = method(f"{first}|{second}")
+        for ahead, back, by_name in (
+            (forward, backward, named),
+            (forward.elastic, backward.elastic, named.elastic),
         ):
             np.testing.assert_array_equal(
-                a.samples(a.resolution), -b.samples(b.resolution)
+                ahead.samples(ahead.resolution), -back.samples(back.resolution)
             )
-            np.testing.assert_array_equal(a.coefficients, same.coefficients)
+            np.testing.assert_array_equal(ahead.coefficients, by_name.coefficients)
     np.testing.assert_array_equal(
         geared.deflection("wheel", "pinion").mean,
         -geared.deflection("pinion", "wheel").mean,
@@ -94,11 +92,9 @@ def test_force_is_positive_when_the_first_gear_drives(geared):
         geared.torque("wheel", "machine").mean, 7.5, rtol=ALGEBRAIC
     )
     contact = geared.mesh("pinion", "wheel")  # a linear mesh
-    assert (
-        contact.separated_fraction == 0.0
-        and contact.impacts == []
-        and contact.drive_side == 1
-    )
+    assert contact.separated_fraction == 0.0
+    assert contact.impacts == []
+    assert contact.drive_side == 1
 
 
 def test_gear_torque_is_what_a_gear_passes_on(geared):
@@ -110,11 +106,14 @@ def test_gear_torque_is_what_a_gear_passes_on(geared):
 
 
 def test_twist_is_the_difference_of_the_angles_and_carries_the_elastic_torque(geared):
-    a = geared.disk("sleeve").coefficients
-    b = geared.disk("pinion").coefficients
+    sleeve = geared.disk("sleeve").coefficients
+    pinion = geared.disk("pinion").coefficients
     twist = geared.twist("sleeve", "pinion")
     np.testing.assert_allclose(
-        twist.coefficients, a - b, rtol=0, atol=ALGEBRAIC * np.abs(a).max()
+        twist.coefficients,
+        sleeve - pinion,
+        rtol=0,
+        atol=ALGEBRAIC * np.abs(sleeve).max(),
     )
     elastic = geared.torque("sleeve", "pinion").elastic.coefficients
     np.testing.assert_allclose(
@@ -157,12 +156,10 @@ def test_asking_for_the_wrong_kind_of_link_says_what_to_use(geared):
 
 def test_a_response_is_true_where_it_converged_and_a_sweep_is_neither(geared):
     assert bool(geared) is True
-    assert (
-        bool(
-            dataclasses.replace(geared, status=np.array(jaxhb.Status.TOLERANCE_NOT_MET))
-        )
-        is False
+    unconverged = dataclasses.replace(
+        geared, status=np.array(jaxhb.Status.TOLERANCE_NOT_MET)
     )
+    assert bool(unconverged) is False
     refused(
         lambda: bool(jaxhb.solve_speeds(geared.train, rpm=[RPM])),
         r"read \.converged",
@@ -170,9 +167,7 @@ def test_a_response_is_true_where_it_converged_and_a_sweep_is_neither(geared):
     )
 
 
-def test_speed_and_acceleration_are_the_derivatives_of_the_angle_and_turn_with_the_rotor(
-    geared,
-):
+def test_speed_and_acceleration_are_derivatives_of_the_angle_of_a_rotor(geared):
     count = 720
     omega = 2 * np.pi * RPM / 60
     step = 2 * 2 * np.pi / omega / count  # s, of two revolutions
@@ -190,8 +185,10 @@ def test_speed_and_acceleration_are_the_derivatives_of_the_angle_and_turn_with_t
             bend,
             atol=1e-3 * np.abs(bend).max(),
         )
-        found = (speed.max - speed.min) / speed.mean
-        np.testing.assert_allclose(geared.irregularity(name), found, rtol=ALGEBRAIC)
+        irregularity = (speed.max - speed.min) / speed.mean
+        np.testing.assert_allclose(
+            geared.irregularity(name), irregularity, rtol=ALGEBRAIC
+        )
 
 
 def test_heat_of_links_is_what_the_torques_bring_in(geared):

@@ -25,13 +25,14 @@ SLOPE_WARNING = (
 def signal():
     """Three random signals, two revolutions a cycle."""
     draw = np.random.default_rng(18)
-    x = draw.normal(size=(3, HARMONICS + 1)) + 1j * draw.normal(size=(3, HARMONICS + 1))
-    x[:, 0] = x[:, 0].real
-    return Signal(x, None, 2.0, RESOLUTION)
+    size = (3, HARMONICS + 1)
+    coefficients = draw.normal(size=size) + 1j * draw.normal(size=size)
+    coefficients[:, 0] = coefficients[:, 0].real
+    return Signal(coefficients, None, 2.0, RESOLUTION)
 
 
 def values_at(signal, theta_deg):
-    """mean + sum A cos(order theta + phase), as the docstring says it."""
+    """Values of mean + sum A cos(order theta + phase), the definition of a signal."""
     total = np.zeros((3, len(theta_deg))) + np.asarray(signal.mean)[:, None]
     for k, order in enumerate(signal.orders):
         phase = np.deg2rad(signal.phases_deg[:, k, None])
@@ -45,15 +46,14 @@ def values_at(signal, theta_deg):
 @pytest.mark.parametrize("count", [3, 7, 19, 720])
 def test_samples_are_values_of_the_signal_at_their_angles_however_few(signal, count):
     angles = signal.angles_deg(count)
-    assert angles[0] == 0.0 and angles[-1] < 720.0
+    assert angles[0] == 0.0
+    assert angles[-1] < 720.0
     np.testing.assert_allclose(
         signal.samples(count), values_at(signal, angles), rtol=0, atol=30 * ALGEBRAIC
     )
 
 
-def test_extremes_belong_together_and_the_sum_of_amplitudes_is_never_below_half_peak_to_peak(
-    signal,
-):
+def test_extremes_belong_together_and_lie_within_the_sum_of_amplitudes(signal):
     assert np.all(signal.sum_of_amplitudes >= signal.half_peak_to_peak)
     in_step = Signal(np.array([0.5, 1.0, 0.25, 0.125]) + 0j, None, 1.0, RESOLUTION)
     np.testing.assert_allclose(
@@ -65,7 +65,8 @@ def test_extremes_belong_together_and_the_sum_of_amplitudes_is_never_below_half_
     np.testing.assert_allclose(
         signal.peak, np.maximum(signal.max, -signal.min), rtol=ALGEBRAIC
     )
-    assert np.all(signal.min < signal.mean) and np.all(signal.mean < signal.max)
+    assert np.all(signal.min < signal.mean)
+    assert np.all(signal.mean < signal.max)
 
 
 def test_extremes_are_found_to_the_square_of_the_resolution(signal):
@@ -95,7 +96,7 @@ def test_smooth_peak_lies_between_its_bounds(signal, p):
 
 @pytest.mark.parametrize("array", [np.asarray, jnp.asarray])
 def test_nothing_is_read_of_a_signal_that_is_nan(array):
-    """Many samples: the largest of a few nan is nan in jax 0.12, that of many -inf."""
+    """Many samples: in jax 0.12 the largest of a few nan is nan, and of many -inf."""
     unknown = Signal(array(np.full(HARMONICS + 1, np.nan + 0j)), None, 2.0, RESOLUTION)
     names = (
         "max",
@@ -106,34 +107,34 @@ def test_nothing_is_read_of_a_signal_that_is_nan(array):
         "rms",
         "sum_of_amplitudes",
     )
-    read = [getattr(unknown, name) for name in names] + [
+    readings = [getattr(unknown, name) for name in names] + [
         unknown.smooth_peak(),
         unknown.order(1.0),
         unknown.order(99.0),
     ]
-    assert np.isnan(read).all() and np.isnan(list(unknown.extremes().values())).all()
+    assert np.isnan(readings).all()
+    assert np.isnan(list(unknown.extremes().values())).all()
 
 
-def test_derivatives_of_amplitudes_and_smooth_peak_are_those_of_differences_and_zero_for_absent_orders():
+def test_derivatives_are_those_of_differences_and_zero_for_absent_orders():
     start = jnp.array([0.3, 1.0, 0.0, -0.4])
     turn = jnp.array([1.0, 0.6 + 0.8j, 1.0, 1j])
 
-    def of(function):
-        return lambda a: function(Signal(turn * a, None, 1.0, 64))
+    def of_sizes(function):
+        return lambda sizes: function(Signal(turn * sizes, None, 1.0, 64))
 
     for function in (
         lambda s: s.sum_of_amplitudes,
         lambda s: s.smooth_peak(16),
         lambda s: s.rms,
     ):
-        slope = jax.jit(jax.grad(of(function)))(start)
+        slope = jax.jit(jax.grad(of_sizes(function)))(start)
         assert np.isfinite(slope).all()
-        way = np.array([0.3, -0.8, 0.0, 0.5])
-        ahead, behind = (
-            of(function)(np.asarray(start) + step * way) for step in (1e-6, -1e-6)
-        )
+        direction = np.array([0.3, -0.8, 0.0, 0.5])
+        ahead = of_sizes(function)(np.asarray(start) + 1e-6 * direction)
+        behind = of_sizes(function)(np.asarray(start) - 1e-6 * direction)
         np.testing.assert_allclose(
-            slope @ way, (ahead - behind) / 2e-6, rtol=0, atol=GRADIENT
+            slope @ direction, (ahead - behind) / 2e-6, rtol=0, atol=GRADIENT
         )
 
 
@@ -150,10 +151,10 @@ def test_an_order_is_read_and_one_that_is_no_harmonic_of_the_cycle_is_refused(
 
 
 def test_summary_is_plain_numbers_and_the_spectrum_gives_the_signal_back():
-    s = Signal(np.array([1.0, 2.0 - 1.0j, 0.0, 0.25j]), None, 2.0, RESOLUTION)
+    signal = Signal(np.array([1.0, 2.0 - 1.0j, 0.0, 0.25j]), None, 2.0, RESOLUTION)
     with pytest.raises(AttributeError, match="not a force or torque"):
-        _ = s.elastic
-    summary = s.summary()
+        _ = signal.elastic
+    summary = signal.summary()
     assert set(summary) == {
         "mean",
         "min",
@@ -163,24 +164,23 @@ def test_summary_is_plain_numbers_and_the_spectrum_gives_the_signal_back():
         "sum_of_amplitudes",
         "amplitudes",
     }
-    assert all(
-        isinstance(v, float) for key, v in summary.items() if key != "amplitudes"
-    )
+    values = [value for key, value in summary.items() if key != "amplitudes"]
+    assert all(isinstance(value, float) for value in values)
     assert [row[0] for row in summary["amplitudes"]] == [0.5, 1.0, 1.5]
-    theta = np.deg2rad(s.angles_deg(50))
+    theta = np.deg2rad(signal.angles_deg(50))
     rebuilt = 1.0 + sum(
-        A * np.cos(order * theta + np.deg2rad(phase))
-        for order, A, phase in summary["amplitudes"]
+        amplitude * np.cos(order * theta + np.deg2rad(phase))
+        for order, amplitude, phase in summary["amplitudes"]
     )
-    np.testing.assert_allclose(s.samples(50), rebuilt, rtol=0, atol=30 * ALGEBRAIC)
+    np.testing.assert_allclose(signal.samples(50), rebuilt, rtol=0, atol=30 * ALGEBRAIC)
 
 
 EXTREMES = ("max", "min", "peak", "half_peak_to_peak")
 
 
 def extreme_of(name, sharp):
-    """An extreme of a signal as a function of its size; ``elastic`` and ``reversed``
-    are to hand the flag on.
+    """An extreme of a signal as a function of its size, read through ``reversed`` and
+    ``elastic``, which are to hand the flag on.
     """
     coefficients = jnp.array([1.0, 2.0 - 1.0j, 0.0, 0.25j])
 
@@ -192,80 +192,74 @@ def extreme_of(name, sharp):
 
 
 @pytest.mark.parametrize("name", EXTREMES)
-def test_the_derivative_of_an_extreme_comes_with_a_warning_where_contact_was_an_unknown(
-    name,
-):
-    sharp, calm = (extreme_of(name, flag) for flag in (True, False))
-    ways = {
+def test_the_derivative_of_an_extreme_warns_where_contact_was_an_unknown(name):
+    sharp = extreme_of(name, True)
+    calm = extreme_of(name, False)
+    transforms = {
         "reverse": jax.grad,
         "forward": jax.jacfwd,
         "staged": lambda f: jax.jit(jax.grad(f)),
-    }
-    ways |= {
         "inside": lambda f: jax.grad(jax.jit(f)),
         "in a batch": lambda f: jax.vmap(jax.grad(f)),
     }
-    for way, differentiated in ways.items():
-        at = jnp.array([1.5]) if way == "in a batch" else 1.5
+    for transform, differentiated in transforms.items():
+        at = jnp.array([1.5]) if transform == "in a batch" else 1.5
         with pytest.warns(
             UserWarning,
             match=rf"^\.{name} is {SLOPE_WARNING}: differentiate .smooth_peak\(\)",
         ):
             slope = differentiated(sharp)(at)
-        assert slope == differentiated(calm)(at), (
-            way
-        )  # without a warning, which would be an error
+        # The calm signal gives no warning, which would be an error.
+        assert slope == differentiated(calm)(at), transform
 
 
 @pytest.mark.parametrize("name", EXTREMES)
 def test_an_extreme_that_is_not_differentiated_is_read_without_a_warning(name):
-    sharp, calm = (extreme_of(name, flag) for flag in (True, False))
+    sharp = extreme_of(name, True)
+    calm = extreme_of(name, False)
     assert sharp(1.5) == calm(1.5)
     assert jax.jit(sharp)(1.5) == jax.jit(calm)(1.5)
     assert jax.vmap(sharp)(jnp.array([1.5])) == jax.vmap(calm)(jnp.array([1.5]))
-    held = jax.value_and_grad(lambda size: size * sharp(jax.lax.stop_gradient(size)))
-    assert held(1.5) == (1.5 * sharp(1.5), sharp(1.5))
+    weighted = jax.value_and_grad(
+        lambda size: size * sharp(jax.lax.stop_gradient(size))
+    )
+    assert weighted(1.5) == (1.5 * sharp(1.5), sharp(1.5))
 
 
 @pytest.mark.parametrize("smooth", [Signal.smooth_peak, half_peak_to_peak])
-def test_what_is_to_be_differentiated_instead_has_no_warning(smooth):
-    def read(size):
+def test_smooth_measures_are_differentiated_without_a_warning(smooth):
+    def measure(size):
         return smooth(Signal(size * jnp.array([1.0, 2.0 - 1.0j]), None, 2.0, 64, True))
 
-    assert jax.grad(read)(1.5) == pytest.approx(
-        float(read(1.0))
-    )  # proportional to the size
+    # The measure is proportional to the size.
+    assert jax.grad(measure)(1.5) == pytest.approx(float(measure(1.0)))
 
 
 def test_signals_of_hammering_teeth_warn_and_those_of_teeth_in_contact_do_not():
-    pair, key = jaxhb.load_scene("spur_pair"), "gear a|gear b.damping"
-    own = float(pair.value(key))
+    pair = jaxhb.load_scene("spur_pair")
+    key = "gear a|gear b.damping"
+    damping = float(pair.value(key))
     plans = {rpm: jaxhb.plan(pair, rpm=rpm, harmonics=50) for rpm in (3000.0, 5625.0)}
 
     def largest(share, rpm):
-        return (
-            jaxhb.solve(pair.replace({key: own * share}), rpm=rpm, plan=plans[rpm])
-            .force("gear a", "gear b")
-            .max
-        )
+        damped = pair.replace({key: damping * share})
+        response = jaxhb.solve(damped, rpm=rpm, plan=plans[rpm])
+        return response.force("gear a", "gear b").max
 
-    assert plans[3000.0].active == () and plans[5625.0].active == (0,)
+    assert plans[3000.0].active == ()
+    assert plans[5625.0].active == (0,)
     assert np.isfinite(jax.grad(largest)(1.0, 3000.0))
     with pytest.warns(UserWarning, match=SLOPE_WARNING):
         assert np.isfinite(jax.grad(largest)(1.0, 5625.0))
-    calm, hammering = (
-        jaxhb.solve(pair, rpm=rpm, plan=plan) for rpm, plan in plans.items()
-    )
-    assert (
-        not calm.sharp
-        and hammering.sharp
-        and pickle.loads(pickle.dumps(hammering)) == hammering
-    )
-    assert stack([calm, hammering]).sharp and not stack([calm, calm]).sharp
+    calm = jaxhb.solve(pair, rpm=3000.0, plan=plans[3000.0])
+    hammering = jaxhb.solve(pair, rpm=5625.0, plan=plans[5625.0])
+    assert not calm.sharp
+    assert hammering.sharp
+    assert pickle.loads(pickle.dumps(hammering)) == hammering
+    assert stack([calm, hammering]).sharp
+    assert not stack([calm, calm]).sharp
     state = jaxhb.SteadyState(
         3000.0, "periodic", 1, hammering, None, 0, (), None, pair.topology
     )
-    assert (
-        state.force("gear a", "gear b").sharp
-        and not jaxhb.linear_response(pair, rpm=5625.0).sharp
-    )
+    assert state.force("gear a", "gear b").sharp
+    assert not jaxhb.linear_response(pair, rpm=5625.0).sharp
