@@ -8,6 +8,7 @@ whole, and the segments run side by side.
 """
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -156,7 +157,7 @@ def _over_cycle(slope: Array) -> Array:
     ``(K, n, n)`` of its segments.
     """
 
-    def through(whole: jax.Array, segment: jax.Array) -> tuple[jax.Array, None]:
+    def through(whole: jax.Array, segment: Any) -> tuple[jax.Array, None]:
         return segment @ whole, None
 
     return lax.scan(through, jnp.eye(slope.shape[1]), slope)[0]
