@@ -174,7 +174,7 @@ def test_programs_not_used_for_longest_give_way(store):
 
 
 def test_no_file_but_programs_is_ever_removed(store, tmp_path):
-    """Foreign files are older than the program, and in its way: the limit is 0 bytes."""
+    """Foreign files are older than the program and in its way: the limit is 0 bytes."""
     user_folder = Path(store.folder)
     folder = store.own_folder
     name = "0" * 64 + ".program"

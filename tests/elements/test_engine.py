@@ -64,8 +64,8 @@ def six(tmp_path):
         (tmp_path / table).write_bytes((SCENES / table).read_bytes())
     path = tmp_path / "six.toml"
     parts = re.split(r"(?m)^(?=\[)", text)
-    others_than_cylinders = [part for part in parts if "[[cylinder]]" not in part]
-    path.write_text("".join(others_than_cylinders) + SIX)
+    remaining = [part for part in parts if "[[cylinder]]" not in part]
+    path.write_text("".join(remaining) + SIX)
     return path
 
 

@@ -130,15 +130,13 @@ def test_two_engines_of_a_train_may_fire_together():
         train, topology=dataclasses.replace(train.topology, rotor=rotor)
     )
     same = {f"{name}.firing_angle": 0.0 for name in ("cylinder A1", "cylinder A2")}
-    together = [
-        [
-            note
-            for note in plausibility(engines.replace(same))
-            if "fire together" in note
-        ]
-        for engines in (train, apart)
-    ]
-    assert len(together[0]) == 1 and together[1] == []
+
+    def together(engines):
+        notes = plausibility(engines.replace(same))
+        return [note for note in notes if "fire together" in note]
+
+    assert len(together(train)) == 1
+    assert together(apart) == []
 
 
 def test_a_pump_that_drives_is_noted(scene):
