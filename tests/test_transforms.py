@@ -265,7 +265,7 @@ def test_the_linear_response_has_derivatives_by_the_excitation_and_the_speed():
 
 
 @pytest.mark.parametrize(
-    ("rpm", "said"),
+    ("rpm", "sentence"),
     [
         ("4000", "the speed is '4000', must be a number"),
         (True, "the speed is True, must be a number"),
